@@ -1,0 +1,1 @@
+"""CAN databases and the signal maps that lie beside them."""

@@ -1,0 +1,46 @@
+"""The canonical signals: name, unit, plausible range and role."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+Role = Literal["input", "output", "candidate", "context", "enable"]
+
+
+@dataclass(frozen=True, slots=True)
+class Signal:
+    """One canonical signal."""
+
+    name: str
+    unit: str
+    minimum: float  # plausible range, in the unit
+    maximum: float
+    role: Role
+
+
+SIGNALS: tuple[Signal, ...] = (
+    Signal("air_mass_mg", "mg/stroke", 0.0, 2000.0, "input"),
+    Signal("fuel_mass_mg", "mg/stroke", 0.0, 250.0, "input"),
+    Signal("maf_kg_h", "kg/h", 0.0, 1200.0, "input"),
+    Signal("rail_pressure_mpa", "MPa", 0.0, 40.0, "input"),
+    Signal("manifold_pressure_kpa", "kPa", 5.0, 350.0, "input"),
+    Signal("manifold_temperature_degc", "degC", -40.0, 150.0, "input"),
+    Signal("lambda_controller", "-", 0.5, 1.5, "input"),
+    Signal("lambda_measured", "-", 0.5, 16.0, "output"),
+    Signal("vehicle_speed_km_h", "km/h", 0.0, 300.0, "candidate"),
+    Signal("engine_speed_rpm", "1/min", 0.0, 9000.0, "candidate"),
+    Signal("engine_torque_nm", "Nm", -200.0, 1000.0, "candidate"),
+    Signal("throttle_percent", "%", 0.0, 100.0, "candidate"),
+    Signal("lambda_target", "-", 0.5, 16.0, "context"),
+    Signal("coolant_temperature_degc", "degC", -40.0, 150.0, "context"),
+    Signal("ambient_temperature_degc", "degC", -50.0, 80.0, "context"),
+    Signal("ambient_pressure_kpa", "kPa", 40.0, 115.0, "context"),
+    Signal("battery_voltage_v", "V", 5.0, 18.0, "context"),
+    Signal("purge_duty_percent", "%", 0.0, 100.0, "context"),
+    Signal("closed_loop", "-", 0.0, 1.0, "enable"),
+    Signal("fuel_cut", "-", 0.0, 1.0, "enable"),
+    Signal("sensor_ready", "-", 0.0, 1.0, "enable"),
+)
+
+BY_NAME: dict[str, Signal] = {signal.name: signal for signal in SIGNALS}
+NARX_INPUTS: tuple[str, ...] = tuple(s.name for s in SIGNALS if s.role == "input")
+OUTPUT = "lambda_measured"

@@ -1,0 +1,1 @@
+"""Offline part: recordings, the simulated dynamometer, the NARX and its training."""
