@@ -1,11 +1,14 @@
 """Values that travel through the monitor, in the order in which they are made."""
 
+from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+QualityArray = NDArray[np.uint8]
 
 
 class Frame(NamedTuple):
@@ -17,9 +20,35 @@ class Frame(NamedTuple):
     data: bytes
 
 
+class Update(NamedTuple):
+    """What one frame says: values of some channels; NaN is not valid, +inf is out of range."""
+
+    indices: tuple[int, ...]  # into the decoder's channels
+    values: tuple[float, ...]  # same length, canonical units
+
+
+class Quality(IntEnum):
+    """How good one value of a sample is; anything but GOOD comes with the value NaN."""
+
+    GOOD = 0
+    STALE = 1  # nothing received for longer than the signal's timeout
+    INVALID = 2  # the sender says: not available
+    OUT_OF_RANGE = 3  # outside the plausible range
+
+
 class Sample(NamedTuple):
     """All signals on one tick of the sample grid."""
 
     index: int  # tick number k, t_ns = t0 + k * period
     t_ns: int
-    values: FloatArray  # (n_signals,) in the order of the assembler's names; NaN if not valid
+    values: FloatArray  # (n_signals,) in the order of the assembler's names; NaN if not GOOD
+    quality: QualityArray  # (n_signals,) a Quality for each value
+
+
+class SampleBlock(NamedTuple):
+    """The samples of a whole recording side by side; row i is one Sample."""
+
+    index: IntArray  # (n,)
+    t_ns: IntArray  # (n,)
+    values: FloatArray  # (n, n_signals)
+    quality: QualityArray  # (n, n_signals)
