@@ -1,0 +1,241 @@
+"""Second half of the plant: fuel, mixture, exhaust, wideband sensor and lambda control.
+
+The sensor, healthy or faulty, sits inside the control loop, as in a car.
+"""
+
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from monitor import faults
+from monitor.faults import Fault
+from monitor.types import FloatArray
+from training.dyno.cycles import STEP_S
+from training.dyno.drive import Drive
+from training.dyno.effects import Effects
+from training.dyno.vehicle import STOICHIOMETRIC_AIR_FUEL, Conditions, Piece
+
+LAMBDA_MAX = 15.9  # what the ECU sends at most, in fuel cut
+HISTORY = 512  # samples of 10 ms that delays may look back
+TRIM_LIMIT = 0.30
+SENSOR_WARM_UP_S = 15.0
+
+_lag_step = numba.njit(cache=True)(faults.lag_step)
+_one_sided = numba.njit(cache=True)(faults.one_sided)
+
+
+class SensorParameters(NamedTuple):
+    """A fault as the compiled loop takes it."""
+
+    tau_rising_s: float
+    tau_falling_s: float
+    delay_s: float
+    delay_direction: int
+    gain: float
+    offset_lambda: float
+    stuck_lambda: float
+    not_ready: float
+    start_s: float
+
+
+class Mixture(NamedTuple):
+    """Fuel and lambda on the 10 ms grid, every field (n,)."""
+
+    fuel_ecu_mg: FloatArray  # per stroke, as the ECU commands it
+    lambda_measured: FloatArray
+    lambda_target: FloatArray
+    lambda_controller: FloatArray
+    closed_loop: FloatArray
+    sensor_ready: FloatArray
+    phi_sensor: FloatArray  # what a healthy sensor of this piece would read
+
+
+@numba.njit(cache=True)
+def _target_phi(
+    t_s: float, coolant: float, rpm: float, air_mg: float, since_cut_s: float, modulation: float
+) -> float:
+    """Commanded mixture: cold and component protection rich, rich after overrun, modulated."""
+    phi = 1.0 + modulation
+    phi += 0.06 * min(max((45.0 - coolant) / 60.0, 0.0), 1.0)
+    phi += 0.05 * min(max((12.0 - t_s) / 12.0, 0.0), 1.0)
+    if rpm > 2600.0:
+        phi += 0.07 * min(max((air_mg - 620.0) / 200.0, 0.0), 1.0)
+    if since_cut_s < 1.2:
+        phi += 0.04
+    return phi
+
+
+@numba.njit(cache=True)
+def _triangle(phase: float) -> float:
+    """Trapezoid between -1 and 1 with short ramps, as a forced modulation is made."""
+    x = np.sin(2.0 * np.pi * phase) * 2.5
+    return min(max(x, -1.0), 1.0)
+
+
+@numba.njit(cache=True)
+def _look_back(history: FloatArray, k: int, delay_s: float) -> float:
+    """Return the value ``delay_s`` ago from a ring, linear between its samples."""
+    steps = min(max(delay_s / STEP_S, 0.0), HISTORY - 2.0)
+    whole = int(steps)
+    part = steps - whole
+    return history[(k - whole) % HISTORY] * (1 - part) + history[(k - whole - 1) % HISTORY] * part
+
+
+@numba.njit(cache=True)
+def simulate(  # noqa: PLR0915  one loop over time, closed by the controller
+    d: Drive,
+    p: Piece,
+    c: Conditions,
+    e: Effects,
+    f: SensorParameters,
+    noise: FloatArray,
+    forced_trim: FloatArray,
+) -> Mixture:
+    """Integrate mixture and control over the drive.
+
+    noise : (n, 3) standard normal: mixture, sensor electronics, drift of the disturbance line
+    forced_trim : (n,) lambda controller to follow instead of the own one, or of length 0
+    """
+    n = len(d.engine_rpm)
+    out = np.empty((7, n))
+    cylinder, sensed, expected = np.ones(HISTORY), np.ones(HISTORY), np.ones(HISTORY)
+    advected = np.zeros(n + 1)  # exhaust volume that has passed the valves, in litres
+    entered = np.ones(n)  # phi when it entered the pipe
+    behind = 0
+    film_mg, vapour, oil, tail = 0.0, 0.0, 1.0, 0.0
+    mixed, pipe, uego, slow, model = 1.0, 1.0, 1.0, 1.0, 1.0
+    integral, proportional, phase, line_phase, mixture_noise = 0.0, 0.0, 0.0, 0.0, 0.0
+    since_cut = 10.0
+    stoichiometric = STOICHIOMETRIC_AIR_FUEL - 5.7 * e.ethanol
+    for k in range(n):
+        t_s = k * STEP_S
+        rpm, air_ecu, coolant = d.engine_rpm[k], d.air_ecu_mg[k], d.coolant_degc[k]
+        strokes_per_s, flow = rpm / 30.0, max(d.exhaust_kg_h[k], 3.0)
+        cut = d.fuel_cut[k] > 0.5
+        since_cut = 0.0 if cut else since_cut + STEP_S
+        faulty = t_s >= f.start_s
+        ready = t_s > SENSOR_WARM_UP_S and not (faulty and f.not_ready > 0.0)
+        closed = ready and coolant > 30.0 and since_cut > 0.8 and t_s > 20.0
+
+        # command
+        phase += STEP_S / (1.1 + 2.2 / (1.0 + flow / 25.0))
+        modulation = 0.028 * _triangle(phase) if closed else 0.0
+        target = _target_phi(t_s, coolant, rpm, air_ecu, since_cut, modulation)
+        trim = 1.0 + integral + proportional
+        if len(forced_trim) > 0:
+            trim = forced_trim[k]
+        fuel_ecu = 0.0 if cut else air_ecu / STOICHIOMETRIC_AIR_FUEL * target * trim
+
+        # fuel that reaches the cylinder
+        injected = 0.0
+        if not cut:
+            short = np.exp(-fuel_ecu / 9.0)
+            injected = fuel_ecu * p.injector_gain * (d.rail_mpa[k] / 10.0) ** e.rail_exponent
+            injected += p.injector_curve_mg * short - 0.12 * e.battery_voltage * (
+                d.battery_v[k] - 13.9
+            ) * 8.0
+            injected += e.injector_offset * (0.6 + 0.9 * np.exp(-fuel_ecu / 15.0))
+            injected = max(injected, 0.0)
+        cold = max(88.0 - coolant, 0.0) / 60.0
+        share = min((e.wall_film + 0.02 * e.ethanol) * (1.0 + 1.5 * cold), 0.6)
+        film_tau = (0.35 + 0.5 * cold) * (1.0 + 0.4 * 40.0 / (d.manifold_kpa[k] + 20.0))
+        evaporated = film_mg / film_tau  # mg/s
+        film_mg += STEP_S * (share * injected * strokes_per_s - evaporated)
+        vapour += STEP_S / 0.7 * (
+            e.purge * c.canister_load * np.exp(-t_s / 2500.0)
+            * d.purge_duty[k] * max(c.ambient_kpa - d.manifold_kpa[k], 0.0) * 0.9 - vapour
+        )  # fmt: skip
+        oil_mg_s = e.oil_dilution * oil * np.exp((min(coolant, 90.0) - 90.0) / 25.0)
+        oil -= STEP_S * oil * oil_mg_s * 2e-4
+        extra = (evaporated + vapour + oil_mg_s) / strokes_per_s
+        fuel = (1.0 - share) * injected + (extra if not cut else 0.3 * extra)
+
+        # mixture at the exhaust valve
+        scavenged = e.scavenging * max(d.manifold_kpa[k] / c.ambient_kpa - 0.9, 0.0) * 2.5
+        scavenged *= 1.0 / (1.0 + np.exp((rpm - 2200.0) / 200.0))
+        phi = fuel * stoichiometric / (d.air_true_mg[k] * (1.0 + min(scavenged, 0.3)))
+        mixture_noise += -mixture_noise * STEP_S / 0.06 + noise[k, 0] * np.sqrt(2 * STEP_S / 0.06)
+        line_phase += STEP_S * (c.line_hz + 0.03 * noise[k, 2])
+        if not cut:
+            phi += c.combustion_noise_phi * mixture_noise
+            phi += c.line_phi * np.sin(2 * np.pi * line_phase)
+        phi *= 1.0 - min(e.exhaust_leak * np.exp(-(flow - 10.0) / 30.0) * 1.4, 0.5)
+        cylinder[k % HISTORY] = max(phi, 0.0)
+
+        # transport: the engine's own revolutions, a pipe of fixed time, then a volume
+        delayed = _look_back(cylinder, k, 90.0 / rpm + p.transport_delay_s)
+        entered[k] = delayed
+        advected[k + 1] = advected[k] + flow / 3600.0 / 0.45 * 1e3 * STEP_S
+        while behind < k and advected[behind + 1] < advected[k + 1] - e.delay_flow:
+            behind += 1
+        delayed = entered[behind]
+        mixed += (delayed - mixed) * (1.0 - np.exp(-STEP_S / p.mixing_tau_s))
+        pipe_tau = e.mix_flow / (flow / 3600.0 / 0.45 * 1e3)
+        pipe += (mixed - pipe) * (1.0 - np.exp(-STEP_S / (pipe_tau + 1e-6)))
+        tail += STEP_S * ((1.0 - tail) / 1.2 if cut else -tail / (0.5 + 12.0 / flow))
+        gas = pipe - (0.0 if cut else e.fuel_cut_tail * tail)
+
+        # sensor: diffusion, its own pressure and direction dependence
+        pressure_bar = (flow / 220.0) ** 2 + (c.ambient_kpa - 98.5) / 100.0
+        gas = 1.0 + (gas - 1.0) * (1.0 + e.back_pressure * pressure_bar * (1.2 if gas < 1 else 0.8))
+        skew = e.sensor_asymmetry * np.tanh((gas - uego) / 0.01)
+        uego += (gas - uego) * (1.0 - np.exp(-STEP_S / (p.sensor_tau_s * (1.0 + skew))))
+        healthy = 1.0 + p.sensor_gain * (uego - 1.0) + p.sensor_offset + 0.0008 * noise[k, 1]
+        sensed[k % HISTORY] = healthy
+        phi_read, lambda_read = healthy, 0.0
+        if faulty:
+            then = _look_back(sensed, k, f.delay_s)
+            phi_read = _one_sided(healthy, then, f.delay_direction)
+        slow = _lag_step(
+            slow, phi_read,
+            f.tau_rising_s if faulty else 0.0, f.tau_falling_s if faulty else 0.0, STEP_S,
+        )  # fmt: skip
+        phi_read = 1.0 + (f.gain if faulty else 1.0) * (slow - 1.0)
+        lambda_read = min(1.0 / max(phi_read, 1.0 / LAMBDA_MAX), LAMBDA_MAX)
+        if faulty:
+            lambda_read = f.stuck_lambda if f.stuck_lambda > 0.0 else lambda_read + f.offset_lambda
+
+        # control: the command seen through the nominal plant, against the reading
+        expected[k % HISTORY] = target if not cut else 0.0
+        model += (_look_back(expected, k, 90.0 / rpm + 0.12 + 0.06) - model) * STEP_S / 0.10
+        error = model - min(max(1.0 / max(lambda_read, 0.05), 0.0), 1.6)
+        if closed and since_cut > 1.6:
+            error = min(max(error, -0.15), 0.15)
+            integral = min(max(integral + 0.45 * error * STEP_S, -TRIM_LIMIT), TRIM_LIMIT)
+            proportional += (0.12 * error - proportional) * STEP_S / 0.05
+        else:
+            proportional *= 1.0 - STEP_S / 0.3
+
+        out[0, k], out[1, k], out[2, k] = fuel_ecu, lambda_read, 1.0 / target
+        out[3, k], out[4, k] = trim, 1.0 if closed else 0.0
+        out[5, k], out[6, k] = 1.0 if ready else 0.0, healthy
+    return Mixture(out[0], out[1], out[2], out[3], out[4], out[5], out[6])
+
+
+def run(
+    drive: Drive,
+    p: Piece,
+    c: Conditions,
+    e: Effects,
+    fault: Fault | None,
+    start_s: float,
+    rng: np.random.Generator,
+    forced_trim: FloatArray | None = None,
+) -> Mixture:
+    """Return the mixture side of a drive with an optional sensor fault from ``start_s`` on."""
+    noise = rng.standard_normal((len(drive.engine_rpm), 3))
+    f = fault or Fault("healthy", 0.0)
+    sensor = SensorParameters(
+        f.tau_rising_s,
+        f.tau_falling_s,
+        f.delay_s,
+        f.delay_direction,
+        f.gain,
+        f.offset_lambda,
+        f.stuck_lambda,
+        float(f.not_ready or f.missing),
+        start_s if fault else np.inf,
+    )
+    trim = np.empty(0) if forced_trim is None else forced_trim
+    return simulate(drive, p, c, e, sensor, noise, trim)  # type: ignore[no-any-return]
