@@ -10,6 +10,10 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 QualityArray = NDArray[np.uint8]
 
+# What one frame says: channel numbers, and as many values in canonical units; NaN stands for not
+# available, +inf for out of range. A plain tuple, because one is made for every needed frame.
+Update = tuple[tuple[int, ...], tuple[float, ...]]
+
 
 class Frame(NamedTuple):
     """One CAN frame. A tuple, because one is made for every frame on the bus."""
@@ -18,13 +22,6 @@ class Frame(NamedTuple):
     can_id: int  # 11 or 29 bit identifier, without flags
     is_extended: bool
     data: bytes
-
-
-class Update(NamedTuple):
-    """What one frame says: values of some channels; NaN is not valid, +inf is out of range."""
-
-    indices: tuple[int, ...]  # into the decoder's channels
-    values: tuple[float, ...]  # same length, canonical units
 
 
 class Quality(IntEnum):
@@ -39,7 +36,7 @@ class Quality(IntEnum):
 class Sample(NamedTuple):
     """All signals on one tick of the sample grid."""
 
-    index: int  # tick number k, t_ns = t0 + k * period
+    index: int  # type: ignore[assignment]  # tuple.index is not used; tick number k, t_ns = t0 + k * period
     t_ns: int
     values: FloatArray  # (n_signals,) in the order of the assembler's names; NaN if not GOOD
     quality: QualityArray  # (n_signals,) a Quality for each value
@@ -48,7 +45,7 @@ class Sample(NamedTuple):
 class SampleBlock(NamedTuple):
     """The samples of a whole recording side by side; row i is one Sample."""
 
-    index: IntArray  # (n,)
+    index: IntArray  # type: ignore[assignment]  # (n,)
     t_ns: IntArray  # (n,)
     values: FloatArray  # (n, n_signals)
     quality: QualityArray  # (n, n_signals)

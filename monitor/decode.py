@@ -1,0 +1,101 @@
+"""Frames to values: one decoder per message, its source generated once from the DBC.
+
+Checks, in this order: length, checksum, counter, multiplexer, not available, plausible range. A
+frame that fails one of the first three is counted and dropped; a value that fails one of the last
+two is counted and marked. Nothing here is ever fatal.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+
+from monitor.bus_map import BusMap, Channel
+from monitor.decoder_source import Reason, build_decoder
+from monitor.signal_map import Derived
+from monitor.types import Frame, Update
+
+EXTENDED = 1 << 31  # set in the key of a 29-bit identifier
+
+
+@dataclass(frozen=True, slots=True)
+class MessageCounters:
+    """What became of the frames of one message."""
+
+    received: int = 0
+    length: int = 0  # dropped: wrong number of bytes
+    checksum: int = 0  # dropped: checksum does not hold
+    stuck: int = 0  # dropped: counter did not advance
+    other: int = 0  # not used: multiplexed to signals nobody asked for
+    lost: int = 0  # frames that the counter says are missing
+    not_available: int = 0  # values that the sender marks as not available
+    out_of_range: int = 0  # values outside the plausible range
+
+    @property
+    def used(self) -> int:
+        """Return the number of frames whose values were used."""
+        return self.received - self.length - self.checksum - self.stuck - self.other
+
+
+class Decoder:
+    """Decodes the frames that carry ``names``; everything else is skipped and counted.
+
+    bus_map : what the bus provides
+    names : canonical signals wanted, any subset of ``bus_map.names``
+    Raises SignalMapError if a name is not provided or a protected signal does not fit.
+    """
+
+    def __init__(self, bus_map: BusMap, names: Sequence[str]) -> None:
+        self.names: tuple[str, ...] = tuple(names)
+        self.channels: tuple[str, ...] = bus_map.sources(self.names)
+        self.derived: tuple[Derived, ...] = tuple(
+            bus_map.derived[name] for name in self.names if name in bus_map.derived
+        )
+        self.timeouts_ns: tuple[int, ...] = tuple(
+            round(bus_map.channels[name].mapped.timeout_s * 1e9) for name in self.channels
+        )
+        self.unmapped = 0  # frames under identifiers nobody asked for
+        self._handlers: dict[int, Callable[[bytes], Update | None]] = {}
+        self._resets: list[Callable[[], None]] = []
+        self._counts: dict[str, list[int]] = {}
+        for key, members in self._by_message(bus_map).items():
+            counts = [0] * len(Reason)
+            decode, reset = build_decoder(members, counts)
+            self._handlers[key] = decode
+            self._resets.append(reset)
+            self._counts[members[0][1].message.name] = counts
+
+    def push(self, frame: Frame) -> Update | None:
+        """Return what the frame says, None if it says nothing that is wanted or is not sound."""
+        key = frame[1] | EXTENDED if frame[2] else frame[1]
+        handler = self._handlers.get(key)
+        if handler is None:
+            self.unmapped += 1
+            return None
+        return handler(frame[3])
+
+    def reset(self) -> None:
+        """Forget the last counters of all messages; the statistics stay."""
+        for reset in self._resets:
+            reset()
+
+    @property
+    def identifiers(self) -> tuple[tuple[int, bool], ...]:
+        """Return (identifier, is_extended) of every needed message, for filters on the bus."""
+        return tuple((key & (EXTENDED - 1), key >= EXTENDED) for key in self._handlers)
+
+    @property
+    def counters(self) -> dict[str, MessageCounters]:
+        """Return the counters by message name."""
+        order = [Reason[each.name.upper()] for each in fields(MessageCounters)]
+        return {
+            name: MessageCounters(*(counts[reason] for reason in order))
+            for name, counts in self._counts.items()
+        }
+
+    def _by_message(self, bus_map: BusMap) -> dict[int, list[tuple[int, Channel]]]:
+        groups: dict[int, list[tuple[int, Channel]]] = {}
+        for index, name in enumerate(self.channels):
+            channel = bus_map.channels[name]
+            message = channel.message
+            key = message.frame_id | (EXTENDED if message.is_extended_frame else 0)
+            groups.setdefault(key, []).append((index, channel))
+        return groups

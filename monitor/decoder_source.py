@@ -1,0 +1,282 @@
+"""The source text of a message's decoder, and its compilation.
+
+Generated code decodes a frame about five times as fast as walking the DBC's objects each time.
+"""
+
+import math
+import struct
+from collections.abc import Callable, Sequence
+from enum import IntEnum
+from typing import Any
+
+from cantools.database.can import Message, Signal
+
+from monitor.bus_map import Channel
+from monitor.checksum import CRC8_TABLE, FINAL_XOR, start_value
+from monitor.errors import SignalMapError
+from monitor.signals import BY_NAME
+from monitor.types import Update
+
+Member = tuple[int, Channel]  # channel number, channel
+
+
+class Reason(IntEnum):
+    """Places in a message's list of counts."""
+
+    RECEIVED = 0
+    LENGTH = 1
+    CHECKSUM = 2
+    STUCK = 3
+    OTHER = 4
+    LOST = 5
+    NOT_AVAILABLE = 6
+    OUT_OF_RANGE = 7
+
+
+def build_decoder(
+    members: Sequence[Member], counts: list[int]
+) -> tuple[Callable[[bytes], Update | None], Callable[[], None]]:
+    """Return the decoder of one message and a function that forgets its last counter.
+
+    members : the wanted channels of that message with their numbers
+    counts : one place per Reason, raised by the decoder
+    """
+    scope: dict[str, Any] = {
+        "counts": counts,
+        "CRC": CRC8_TABLE,
+        "NAN": math.nan,
+        "INF": math.inf,
+        "from_bytes": int.from_bytes,
+        "FLOATS": {16: struct.Struct("<e"), 32: struct.Struct("<f"), 64: struct.Struct("<d")},
+    }
+    text = decoder_source(members)
+    exec(compile(text, f"<decoder of {members[0][1].message.name}>", "exec"), scope)
+    decode, reset = scope["build"]()
+    return decode, reset
+
+
+def decoder_source(members: Sequence[Member]) -> str:
+    """Return the Python text of a message's decoder; see ``build_decoder``."""
+    channel = members[0][1]
+    message = channel.message
+    lines = [f"counts[{Reason.RECEIVED:d}] += 1", *_length_check(message)]
+    if channel.integrity.checksum:
+        lines += _checksum_check(channel)
+    signals = [each.signal for _, each in members]
+    if channel.integrity.counter:
+        signals.append(_named(channel, channel.integrity.counter))
+    signals += [message.get_signal_by_name(name) for name in _multiplexers(members)]
+    for order, variable in (("little_endian", "low"), ("big_endian", "high")):
+        if any(signal.byte_order == order for signal in signals):
+            lines.append(f'{variable} = from_bytes(data, "{order.split("_")[0]}")')
+    if channel.integrity.counter:
+        lines += _counter_check(channel)
+    lines += _branches(members)
+    body = "\n".join(f"        {line}" for line in lines)
+    return (
+        "def build():\n    last = -1\n"
+        f"    def decode(data):\n        nonlocal last\n{body}\n"
+        "    def reset():\n        nonlocal last\n        last = -1\n"
+        "    return decode, reset\n"
+    )
+
+
+def _reject(reason: Reason) -> list[str]:
+    return [f"    counts[{reason:d}] += 1", "    return None"]
+
+
+def _length_check(message: Message) -> list[str]:
+    """A multiplexed message may be shorter: OBD responses come with and without padding."""
+    if not message.is_multiplexed():
+        return [f"if len(data) != {message.length}:", *_reject(Reason.LENGTH)]
+    return [
+        "size = len(data)",
+        f"if size > {message.length}:",
+        *_reject(Reason.LENGTH),
+        f'data = data.ljust({message.length}, b"\\0")',
+    ]
+
+
+def _checksum_check(channel: Channel) -> list[str]:
+    message, integrity = channel.message, channel.integrity
+    signal = _named(channel, integrity.checksum)
+    offset = _position(message, signal)
+    if signal.length != 8 or offset % 8 or signal.is_signed:
+        raise SignalMapError(
+            f"{channel.map_path}: checksum {message.name}.{signal.name} of {channel.dbc} "
+            "must be an unsigned byte of its own"
+        )
+    place = signal.start // 8
+    expression = str(start_value(integrity.algorithm, message.frame_id))
+    for byte in range(message.length):
+        if byte != place:
+            expression = f"CRC[{expression} ^ b{byte}]"
+    names = ", ".join(f"b{byte}" for byte in range(message.length))
+    return [
+        f"{names}, = data",
+        f"if {expression} ^ {FINAL_XOR} != b{place}:",
+        *_reject(Reason.CHECKSUM),
+    ]
+
+
+def _counter_check(channel: Channel) -> list[str]:
+    """A counter that stands still is rejected; one that jumps tells how many frames are lost."""
+    signal = _named(channel, channel.integrity.counter)
+    mask = (1 << signal.length) - 1
+    return [
+        f"count = {_raw(channel.message, signal)}",
+        "if count == last:",
+        *_reject(Reason.STUCK),
+        "if last >= 0:",
+        f"    counts[{Reason.LOST:d}] += (count - last - 1) & {mask}",
+        "last = count",
+    ]
+
+
+def _branches(members: Sequence[Member]) -> list[str]:
+    """Return the code that decodes and returns the values, one branch per multiplexer value."""
+    groups: dict[tuple[tuple[str, tuple[int, ...]], ...], list[Member]] = {}
+    for member in members:
+        groups.setdefault(_conditions(member[1]), []).append(member)
+    if list(groups) == [()]:
+        return _values(groups[()])
+    message = members[0][1].message
+    lines = ["indices = ()", "values = ()"]
+    for conditions, group in sorted(groups.items(), key=lambda item: len(item[0])):
+        tests = [
+            f"{_raw(message, message.get_signal_by_name(name))} in {ids!r}"
+            for name, ids in conditions
+        ]
+        needed = max(_last_byte(message, channel.signal) for _, channel in group) + 1
+        code = _values(group)
+        code[-1] = code[-1].replace("return ", "more = ")
+        if tests:
+            lines.append(f"if {' and '.join(tests)}:")
+        else:
+            lines.append("if True:")
+        lines += [
+            f"    if size < {needed}:",
+            *(f"    {line}" for line in _reject(Reason.LENGTH)),
+            *(f"    {line}" for line in code),
+            "    indices += more[0]",
+            "    values += more[1]",
+        ]
+    return [*lines, "if not indices:", *_reject(Reason.OTHER), "return indices, values"]
+
+
+def _values(members: Sequence[Member]) -> list[str]:
+    lines: list[str] = []
+    for index, channel in members:
+        lines += _value(f"x{index}", channel)
+    indices = ", ".join(str(index) for index, _ in members)
+    values = ", ".join(f"x{index}" for index, _ in members)
+    return [*lines, f"return ({indices},), ({values},)"]
+
+
+def _value(name: str, channel: Channel) -> list[str]:
+    """Return the code that sets ``name`` to the value of one channel."""
+    signal, mapped = channel.signal, channel.mapped
+    expression = "raw"
+    for factor, offset in ((signal.scale, signal.offset), (mapped.factor, mapped.offset)):
+        expression = f"{expression} * {float(factor)!r}" if factor != 1 else expression
+        expression = f"({expression} + {float(offset)!r})" if offset != 0 else expression
+    lines = [f"raw = {_raw(channel.message, signal)}"]
+    missing = not_available_raw(channel)
+    convert = [f"{name} = {expression}" if expression != "raw" else f"{name} = float(raw)"]
+    minimum, maximum = plausible_range(channel)
+    if minimum > -math.inf or maximum < math.inf or signal.is_float:
+        bounds = f"{minimum!r} <= {name} <= {maximum!r}".replace("inf", "INF")
+        convert += [
+            f"if not {bounds}:",
+            f"    {name} = INF",
+            f"    counts[{Reason.OUT_OF_RANGE:d}] += 1",
+        ]
+    if missing is None:
+        return lines + convert
+    return [
+        *lines,
+        f"if raw == {missing}:",
+        f"    {name} = NAN",
+        f"    counts[{Reason.NOT_AVAILABLE:d}] += 1",
+        "else:",
+        *(f"    {line}" for line in convert),
+    ]
+
+
+def not_available_raw(channel: Channel) -> int | None:
+    """Return the raw value that says not available, None if the signal has none."""
+    signal = channel.signal
+    if not channel.integrity.not_available or signal.length < 2 or signal.is_float:
+        return None
+    if signal.is_signed:
+        return int(-(1 << (signal.length - 1)))
+    return int((1 << signal.length) - 1)
+
+
+def plausible_range(channel: Channel) -> tuple[float, float]:
+    """Return the range of plausible values in the map's unit, widened by rounding errors.
+
+    A canonical signal has the range of ``signals``, any other that of the DBC, if it has one.
+    """
+    known = BY_NAME.get(channel.mapped.name)
+    low, high = -math.inf, math.inf
+    if known is not None:
+        low, high = known.minimum, known.maximum
+    elif channel.signal.minimum is not None and channel.signal.maximum is not None:
+        limits = [
+            limit * channel.mapped.factor + channel.mapped.offset
+            for limit in (channel.signal.minimum, channel.signal.maximum)
+        ]
+        if limits[0] != limits[1]:
+            low, high = float(min(limits)), float(max(limits))
+    margin = 1e-9 * (high - low) if high < math.inf else 0.0
+    return low - margin, high + margin
+
+
+def _named(channel: Channel, name: str) -> Signal:
+    return channel.message.get_signal_by_name(name)
+
+
+def _conditions(channel: Channel) -> tuple[tuple[str, tuple[int, ...]], ...]:
+    """Return the multiplexer values under which the frame carries the channel, outermost first."""
+    found: list[tuple[str, tuple[int, ...]]] = []
+    signal = channel.signal
+    while signal.multiplexer_signal is not None:
+        found.append((signal.multiplexer_signal, tuple(signal.multiplexer_ids or ())))
+        signal = _named(channel, signal.multiplexer_signal)
+    return tuple(reversed(found))
+
+
+def _multiplexers(members: Sequence[Member]) -> list[str]:
+    return [name for _, channel in members for name, _ in _conditions(channel)]
+
+
+def _position(message: Message, signal: Signal) -> int:
+    """Return how far the signal's lowest bit lies above that of the payload's integer."""
+    if signal.byte_order == "little_endian":
+        return int(signal.start)
+    first = 8 * (signal.start // 8) + 7 - signal.start % 8
+    return int(8 * message.length - first - signal.length)
+
+
+def _last_byte(message: Message, signal: Signal) -> int:
+    position = _position(message, signal)
+    if signal.byte_order == "little_endian":
+        return (position + signal.length - 1) // 8
+    return message.length - 1 - position // 8
+
+
+def _raw(message: Message, signal: Signal) -> str:
+    """Return the expression of the signal's raw value."""
+    variable = "low" if signal.byte_order == "little_endian" else "high"
+    position = _position(message, signal)
+    shifted = f"({variable} >> {position})" if position else variable
+    value = f"({shifted} & {(1 << signal.length) - 1:#x})"
+    if signal.is_float:
+        return (
+            f"FLOATS[{signal.length}].unpack({value}.to_bytes({signal.length // 8}, 'little'))[0]"
+        )
+    if signal.is_signed:
+        sign = 1 << (signal.length - 1)
+        return f"(({value} ^ {sign:#x}) - {sign:#x})"
+    return value
