@@ -2,13 +2,14 @@
 
 import os
 
-for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ[_threads] = "1"  # before numpy is imported: more are slower on small matrices
-
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
+
+# Before any test imports numpy: one thread is the fastest on small matrices.
+for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ[_threads] = "1"
 
 ROOT = Path(__file__).resolve().parent.parent
 
