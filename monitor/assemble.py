@@ -1,0 +1,193 @@
+"""Values to samples: everything that arrives, brought onto one fixed grid.
+
+Tick k stands at t0 + k * period in integer nanoseconds, t0 being the time of the first frame.
+Sample k >= 1 holds for each signal the mean of the good values received in (t_(k-1), t_k], the
+first frames' own time included in sample 1; averaging keeps fast signals from folding back. If
+only bad values came, the sample says so; if none came, the last tick's value is held until it is
+older than the signal's timeout, then it is stale. Sample k leaves when the first frame after t_k
+arrives; any frame moves time, whether its signals are wanted or not.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from monitor.decode import Decoder
+from monitor.derived import Output
+from monitor.errors import SignalMapError
+from monitor.signal_map import Derived
+from monitor.types import Quality, Sample, Update
+
+MAX_JUMP_NS = 60_000_000_000  # a longer pause is a break in the recording, not a gap
+MAX_LATE = 100  # so many late frames in a row mean that the clock went backwards
+
+_NAN, _INF = math.nan, math.inf
+_GOOD, _STALE, _INVALID, _OUT_OF_RANGE = (int(quality) for quality in Quality)
+
+
+@dataclass(slots=True)
+class AssemblerCounters:
+    """What became of the frames as far as their time goes."""
+
+    late: int = 0  # dropped: older than the open tick
+    discontinuities: int = 0  # times the grid was anchored anew
+
+
+class Assembler:
+    """Collects the values of frames into samples on a grid.
+
+    channels : names of what the updates carry, in the order of their indices
+    names : what a sample holds, each a channel or a derived signal
+    period_ns : grid period, above 0 and at most MAX_JUMP_NS
+    timeouts_ns : how long the value of each channel may be held
+    """
+
+    def __init__(
+        self,
+        channels: Sequence[str],
+        names: Sequence[str],
+        period_ns: int,
+        timeouts_ns: Sequence[int],
+        derived: Sequence[Derived] = (),
+    ) -> None:
+        check_grid(period_ns)
+        n = len(channels)
+        if len(timeouts_ns) != n:
+            raise SignalMapError(f"{n} channels have {len(timeouts_ns)} timeouts")
+        self.names = tuple(names)
+        self.period_ns = period_ns
+        self.counters = AssemblerCounters()
+        self._timeouts_ns = list(timeouts_ns)
+        self._output = Output(channels, names, derived)
+        self._sums = [0.0] * n
+        self._goods = [0] * n
+        self._bads = [_GOOD] * n  # worst bad value of the open tick
+        self._times_ns = [0] * n  # of the last value received
+        self._held = [_NAN] * n
+        self._held_quality = [_STALE] * n
+        self._index = 1  # of the open tick
+        self._start_ns: int | None = None  # the open tick is (start, end]
+        self._end_ns = 0
+        self._last_ns = 0
+        self._late_in_a_row = 0
+
+    @classmethod
+    def of(cls, decoder: Decoder, period_ns: int) -> "Assembler":
+        """Return an assembler for what ``decoder`` yields."""
+        return cls(decoder.channels, decoder.names, period_ns, decoder.timeouts_ns, decoder.derived)
+
+    def push(self, t_ns: int, update: Update | None) -> Sequence[Sample]:
+        """Take one frame's time and values, return the samples that are complete before it.
+
+        t_ns : time of the frame
+        update : its values, None if it has none of interest; it moves time all the same
+        """
+        samples: Sequence[Sample] = ()
+        if t_ns > self._end_ns or self._start_ns is None:
+            samples = self._advance(t_ns)
+        elif t_ns <= self._start_ns and self._is_late(t_ns):
+            self.counters.late += 1
+            self._late_in_a_row += 1
+            if self._late_in_a_row < MAX_LATE:
+                return ()
+            samples = [self._break(t_ns)]
+        self._late_in_a_row = 0
+        self._last_ns = max(self._last_ns, t_ns)
+        if update is not None:
+            self._add(t_ns, update)
+        return samples
+
+    def reset(self) -> None:
+        """Forget everything but the statistics; the next frame starts a new grid at tick 1."""
+        self._clear()
+        self._index = 1
+        self._start_ns = None
+        self._end_ns = 0
+        self._late_in_a_row = 0
+
+    def _is_late(self, t_ns: int) -> bool:
+        """The first tick after an anchor includes the anchor's own time."""
+        return t_ns < self._anchor_ns or self._start_ns != self._anchor_ns
+
+    def _advance(self, t_ns: int) -> Sequence[Sample]:
+        """Close every tick that ends before ``t_ns``."""
+        if self._start_ns is None:
+            self._anchor(t_ns)
+            return ()
+        samples = []
+        if t_ns - self._last_ns > MAX_JUMP_NS:
+            samples.append(self._close())
+            samples.append(self._break(t_ns))
+            return samples
+        while t_ns > self._end_ns:
+            samples.append(self._close())
+        return samples
+
+    def _anchor(self, t_ns: int) -> None:
+        self._anchor_ns = self._start_ns = self._last_ns = t_ns
+        self._end_ns = t_ns + self.period_ns
+
+    def _break(self, t_ns: int) -> Sample:
+        """Anchor the grid at ``t_ns`` and return the all-stale sample that marks the break."""
+        self.counters.discontinuities += 1
+        self._clear()
+        self._anchor(t_ns)
+        n = len(self.names)
+        sample = Sample(self._index, t_ns, np.full(n, np.nan), np.full(n, _STALE, dtype=np.uint8))
+        self._index += 1
+        return sample
+
+    def _clear(self) -> None:
+        n = len(self._sums)
+        self._sums[:] = [0.0] * n
+        self._goods[:] = [0] * n
+        self._bads[:] = [_GOOD] * n
+        self._held[:] = [_NAN] * n
+        self._held_quality[:] = [_STALE] * n
+
+    def _add(self, t_ns: int, update: Update) -> None:
+        sums, goods, times_ns = self._sums, self._goods, self._times_ns
+        for channel, value in zip(*update, strict=True):
+            if -_INF < value < _INF:
+                sums[channel] += value
+                goods[channel] += 1
+            elif math.isnan(value):
+                self._bads[channel] = max(self._bads[channel], _INVALID)
+            else:
+                self._bads[channel] = _OUT_OF_RANGE
+            times_ns[channel] = t_ns
+
+    def _close(self) -> Sample:
+        """Return the open tick's sample and open the next."""
+        values, quality = self._held, self._held_quality
+        end_ns = self._end_ns
+        for channel, good in enumerate(self._goods):
+            if good:
+                values[channel] = self._sums[channel] / good
+                quality[channel] = _GOOD
+                self._sums[channel] = 0.0
+                self._goods[channel] = 0
+                self._bads[channel] = _GOOD
+            elif self._bads[channel]:
+                values[channel] = _NAN
+                quality[channel] = self._bads[channel]
+                self._bads[channel] = _GOOD
+            elif end_ns - self._times_ns[channel] > self._timeouts_ns[channel]:
+                values[channel] = _NAN
+                quality[channel] = _STALE
+        sample = Sample(self._index, end_ns, *self._output.of(values, quality))
+        self._index += 1
+        self._start_ns = end_ns
+        self._end_ns = end_ns + self.period_ns
+        return sample
+
+
+def check_grid(period_ns: int) -> None:
+    """Raise SignalMapError if ``period_ns`` cannot be the period of a grid."""
+    if not 0 < period_ns <= MAX_JUMP_NS:
+        raise SignalMapError(
+            f"a sample period of {period_ns / 1e9:g} s, above 0 and at most "
+            f"{MAX_JUMP_NS / 1e9:g} s is wanted"
+        )
