@@ -1,0 +1,170 @@
+"""Levenberg–Marquardt as the reference toolbox runs it, and the series-parallel objective.
+
+Source: Hagan and Menhaj, Training feedforward networks with the Marquardt algorithm, IEEE TNN 5
+(1994); the defaults are those of the reference toolbox (1,000 epochs, six validation failures,
+minimum gradient 1e-7, mu 1e-3, x0.1, x10, at most 1e10).
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
+
+from monitor.types import FloatArray
+from training.narx import Spec, forward, jacobian
+
+CHUNK = 1500
+
+
+class Objective(Protocol):
+    """A sum of squares: its value, and the normal equations of its linearisation."""
+
+    def cost(self, weights: FloatArray) -> float:
+        """Return the mean squared error."""
+
+    def normal(self, weights: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+        """Return the cost, J'J and J'e."""
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """Settings of the minimiser."""
+
+    epochs: int = 1000
+    max_fail: int = 6  # epochs in a row in which the validation score does not improve
+    min_gradient: float = 1e-7
+    mu: float = 1e-3
+    mu_down: float = 0.1
+    mu_up: float = 10.0
+    mu_max: float = 1e10
+
+
+@dataclass(slots=True)
+class Outcome:
+    """What a run of the minimiser returned."""
+
+    weights: FloatArray  # best by validation, or the last ones without validation
+    score: float  # validation score of these weights, or their cost
+    stop: str  # why the run ended
+    costs: list[float] = field(default_factory=list)  # after every epoch, first the initial one
+    scores: list[float] = field(default_factory=list)
+
+
+class OneStep:
+    """Series-parallel objective: every sample predicted from measured outputs.
+
+    regressors, target, weight : shapes (n, n_regressors), (n,), (n,); weight defaults to one
+    """
+
+    def __init__(
+        self,
+        spec: Spec,
+        regressors: FloatArray,
+        target: FloatArray,
+        weight: FloatArray | None = None,
+    ) -> None:
+        self.spec, self.regressors, self.target = spec, regressors, target
+        self.weight = np.ones(len(target)) if weight is None else weight
+        self._root = np.sqrt(self.weight)
+        self._total = float(self.weight.sum())
+        if self._total <= 0:
+            raise ValueError("no sample is scored")
+
+    def cost(self, weights: FloatArray) -> float:
+        """Return the weighted mean squared one-step error."""
+        error = forward(self.spec, weights, self.regressors) - self.target
+        return float(self.weight @ error**2) / self._total
+
+    def normal(self, weights: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+        """Return the cost, J'J and J'e, all divided by the total weight."""
+        n = self.spec.n_weights
+        hessian, gradient, total = np.zeros((n, n)), np.zeros(n), 0.0
+        for at in range(0, len(self.target), CHUNK):
+            rows = slice(at, at + CHUNK)
+            predicted, J = jacobian(self.spec, weights, self.regressors[rows])
+            J *= self._root[rows, None]
+            error = (predicted - self.target[rows]) * self._root[rows]
+            hessian += J.T @ J
+            gradient += J.T @ error
+            total += float(error @ error)
+        return total / self._total, hessian / self._total, gradient / self._total
+
+
+def minimise(
+    objective: Objective,
+    weights: FloatArray,
+    options: Options | None = None,
+    validate: Callable[[FloatArray], float] | None = None,
+    deadline_s: float = np.inf,
+    progress: Callable[[int, float], None] | None = None,
+) -> Outcome:
+    """Return the best weights found from ``weights`` on; the cost never rises.
+
+    validate : score of weights, lower is better; the best by it is kept
+    deadline_s : ``time.monotonic()`` after which no further epoch begins
+    progress : called with the epoch and the cost after every epoch
+    Raises ValueError if the objective is not finite at the start.
+    """
+    options = options or Options()
+    current = weights.copy()
+    cost = objective.cost(current)
+    if not np.isfinite(cost):
+        raise ValueError(f"the error is {cost} at the initial weights")
+    score = validate(current) if validate else cost
+    outcome = Outcome(current, score, "epochs", [cost], [score])
+    mu, failures = options.mu, 0
+    for epoch in range(options.epochs):
+        if time.monotonic() > deadline_s:
+            outcome.stop = "budget"
+            break
+        _, hessian, gradient = objective.normal(current)
+        if float(np.linalg.norm(gradient)) < options.min_gradient:
+            outcome.stop = "gradient"
+            break
+        step = _step(objective, current, cost, hessian, gradient, mu, options)
+        if step is None:
+            outcome.stop = "mu"
+            break
+        current, cost, mu = step
+        score = validate(current) if validate else cost
+        outcome.costs.append(cost)
+        outcome.scores.append(score)
+        if progress:
+            progress(epoch, cost)
+        if score < outcome.score:
+            outcome.weights, outcome.score, failures = current, score, 0
+        else:
+            failures += 1
+            if validate and failures >= options.max_fail:
+                outcome.stop = "validation"
+                break
+    return outcome
+
+
+def _step(
+    objective: Objective,
+    weights: FloatArray,
+    cost: float,
+    hessian: FloatArray,
+    gradient: FloatArray,
+    mu: float,
+    options: Options,
+) -> tuple[FloatArray, float, float] | None:
+    """Return weights, cost and mu after one step that lowers the cost, or None if none does."""
+    diagonal = np.arange(len(weights))
+    while mu <= options.mu_max:
+        damped = hessian.copy()
+        damped[diagonal, diagonal] += mu
+        try:
+            trial = weights - cho_solve(cho_factor(damped, check_finite=False), gradient)
+        except LinAlgError:
+            mu *= options.mu_up
+            continue
+        trial_cost = objective.cost(trial)
+        if trial_cost < cost:  # False for NaN
+            return trial, trial_cost, max(mu * options.mu_down, 1e-20)
+        mu *= options.mu_up
+    return None
