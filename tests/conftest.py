@@ -1,7 +1,6 @@
 """What all tests share: one thread per numeric library, property test profile, shared data."""
 
 import os
-
 from pathlib import Path
 
 import pytest

@@ -1,0 +1,64 @@
+# One command per purpose, the same on a laptop and in CI.
+
+PYTHON  ?= python3
+VENV    := .venv
+DEMO    := .venv-demo
+HEALTHY  = $(firstword $(sort $(wildcard replay_logs/healthy_*)))
+FAULTY   = $(firstword $(sort $(wildcard replay_logs/delay_rich_to_lean_*)))
+
+.PHONY: help demo test lint venv system bench clean python
+
+help: ## list the targets
+	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-7s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+demo: $(DEMO)/.installed ## replay a healthy and a faulty drive, write demo/report.html
+	@test -n "$(HEALTHY)" -a -n "$(FAULTY)" || { echo "replay_logs/ has no healthy_* and delay_rich_to_lean_* log" >&2; exit 2; }
+	@mkdir -p demo
+	@echo "== $(HEALTHY)"
+	@$(DEMO)/bin/o2mon replay $(HEALTHY) || { echo "make demo: the healthy drive was not judged healthy (exit $$?, wanted 0)" >&2; exit 1; }
+	@echo "== $(FAULTY)"
+	@$(DEMO)/bin/o2mon replay $(FAULTY) --html demo/report.html; code=$$?; \
+	  test $$code -eq 1 || { echo "make demo: the faulty drive was not judged faulty (exit $$code, wanted 1)" >&2; exit 1; }
+	@echo
+	@echo "Healthy drive: no fault. Faulty drive: fault found, see demo/report.html"
+
+test: lint system ## every check: style, types, imports, all tests
+	$(VENV)/bin/python -m pytest -n 2 --dist worksteal
+
+lint: venv ## style, types and the direction of imports
+	$(VENV)/bin/ruff check .
+	$(VENV)/bin/ruff format --check .
+	$(VENV)/bin/mypy
+	$(VENV)/bin/lint-imports
+
+venv: $(VENV)/.installed ## the development environment in .venv
+
+bench: venv ## the benchmarks
+	@for script in benchmarks/*.py; do echo "== $$script"; $(VENV)/bin/python "$$script" || exit 1; done
+
+clean: ## remove environments, caches and everything built
+	rm -rf $(VENV) $(DEMO) demo build dist *.egg-info
+	rm -rf .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+$(VENV)/.installed: pyproject.toml constraints.txt | python
+	$(PYTHON) -m venv $(VENV)
+	$(VENV)/bin/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	@touch $@
+
+# Not editable: the demo runs what a user installs, and nothing of training's libraries.
+$(DEMO)/.installed: pyproject.toml constraints.txt $(shell find monitor dbc training/dyno/cycles -type f -not -name '*.pyc') | python
+	$(PYTHON) -m venv $(DEMO)
+	$(DEMO)/bin/pip install --quiet --disable-pip-version-check -c constraints.txt .
+	@touch $@
+
+python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "o2-monitor needs Python 3.11 or newer; say which with make PYTHON=python3.12" >&2; exit 2; }
+	@$(PYTHON) -c 'import ensurepip, venv' || \
+	  { echo "$(PYTHON) cannot make environments; apt-get install python3-venv" >&2; exit 2; }
+
+# The tests on a CAN bus need a kernel with vcan, or User-Mode Linux as one. Without either they
+# are skipped, or fail if O2_REQUIRE_VCAN=1.
+system:
+	@sh tests/vcan/install.sh

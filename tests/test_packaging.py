@@ -1,0 +1,104 @@
+"""What a user installs is complete, works outside the tree and needs only the runtime's libraries."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+SOURCES = ("pyproject.toml", "README.md", "LICENSE", "NOTICE", "monitor", "training", "dbc")
+OFFLINE_LIBRARIES = ("torch", "scipy", "numba", "polars", "pandas", "matplotlib", "onnx", "joblib")
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Give a folder outside the tree in which the built wheel is installed."""
+    work = tmp_path_factory.mktemp("wheel")
+    tree = work / "tree"  # a copy: a build leaves files behind, and takes old ones in
+    for name in SOURCES:
+        copy = shutil.copytree if (ROOT / name).is_dir() else shutil.copy2
+        tree.mkdir(exist_ok=True)
+        copy(ROOT / name, tree / name)
+    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet"]
+    build = ["wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", str(work), str(tree)]
+    run([*pip, *build], cwd=work)
+    (wheel,) = work.glob("o2_monitor-*.whl")
+    target = work / "installed"
+    run([*pip, "install", "--no-deps", "--no-index", "--target", str(target), str(wheel)], cwd=work)
+    return target
+
+
+def test_the_installed_packages_are_imported_from_where_they_were_installed(
+    installed: Path, tmp_path: Path
+) -> None:
+    script = "import dbc, monitor, training; print(monitor.__file__, training.__file__)"
+    places = python(installed, ["-c", script], cwd=tmp_path).stdout.split()
+    assert len(places) == 2
+    assert all(Path(place).is_relative_to(installed) for place in places)
+
+
+@pytest.mark.parametrize(
+    ("folder", "pattern"),
+    [
+        ("dbc", "*.dbc"),
+        ("dbc", "*.toml"),
+        ("monitor", "*.toml"),
+        ("monitor", "py.typed"),
+        ("monitor/models", "*.onnx"),
+        ("training/dyno/cycles", "*.csv"),
+    ],
+)
+def test_every_data_file_is_installed(installed: Path, folder: str, pattern: str) -> None:
+    wanted = {path.name for path in (ROOT / folder).glob(pattern)}
+    assert wanted, f"{folder} has no {pattern}"
+    assert {path.name for path in (installed / folder).glob(pattern)} == wanted
+
+
+def test_every_package_and_module_of_the_tree_is_installed(installed: Path) -> None:
+    for package in ("monitor", "training", "dbc"):
+        wanted = {path.relative_to(ROOT) for path in (ROOT / package).rglob("*.py")}
+        have = {path.relative_to(installed) for path in (installed / package).rglob("*.py")}
+        assert have == wanted, "packages in pyproject.toml must name every package"
+
+
+def test_an_installed_monitor_replays_a_log_with_all_defaults(
+    installed: Path, tmp_path: Path
+) -> None:
+    logs = sorted((ROOT / "replay_logs").glob("healthy_*"))
+    assert logs, "replay_logs/ has no healthy drive"
+    finished = python(installed, ["-m", "monitor.cli", "replay", str(logs[0])], cwd=tmp_path)
+    assert finished.stdout
+
+
+def test_the_runtime_imports_no_library_of_training(tmp_path: Path) -> None:
+    # GIVEN every module of the runtime imported in one process
+    script = (
+        "import importlib, pkgutil, sys, monitor, dbc\n"
+        "for module in pkgutil.walk_packages(monitor.__path__, 'monitor.'):\n"
+        "    if not module.name.endswith('__main__'):\n"
+        "        importlib.import_module(module.name)\n"
+        "print(*sorted({name.partition('.')[0] for name in sys.modules}))"
+    )
+    # WHEN the loaded libraries are counted
+    loaded = set(python(ROOT, ["-c", script], cwd=tmp_path).stdout.split())
+    # THEN the runtime's own are among them, and none of training's
+    assert {"monitor", "numpy", "cantools"} <= loaded
+    assert not loaded & {*OFFLINE_LIBRARIES, "training"}
+
+
+def python(path: Path, arguments: list[str], cwd: Path) -> subprocess.CompletedProcess[str]:
+    """Run Python with ``path`` before all others; a non-zero exit fails the test."""
+    return run([sys.executable, *arguments], cwd=cwd, env={**os.environ, "PYTHONPATH": str(path)})
+
+
+def run(
+    command: list[str], cwd: Path, env: dict[str, str] | None = None
+) -> subprocess.CompletedProcess[str]:
+    finished = subprocess.run(
+        command, cwd=cwd, env=env, capture_output=True, text=True, check=False
+    )
+    assert finished.returncode == 0, finished.stdout + finished.stderr
+    return finished
