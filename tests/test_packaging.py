@@ -1,4 +1,4 @@
-"""What a user installs is complete, works outside the tree and needs only the runtime's libraries."""
+"""The installed wheel is complete, works outside the tree and needs no library of training."""
 
 import os
 import shutil

@@ -155,7 +155,7 @@ def _run_in_guest(
             "env",
             f"PATH={SYSTEM_PATH}",
             f"TMPDIR={_memory_folder(scratch)}",
-            # First among all, to keep pace with the real time; who may not ask for it goes on as is.
+            # First of all processes, to keep pace in real time; without the right it is as others.
             *("nice", "-n", "-20"),
             *("linux.uml", f"mem={GUEST_MEMORY >> 20}M", f"uml_dir={scratch}", "quiet"),
             *("rootfstype=hostfs", "hostfs=/", "rw", f"init={init}", "con=null", "con0=null,fd:1"),
