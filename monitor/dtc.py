@@ -118,9 +118,13 @@ class DtcStore:
         return self._update({c: self._dtcs[c].fail(fault, also, t_ns) for c in CODES[fault]})
 
     def complete(self, faults: tuple[str, ...]) -> list[Dtc]:
-        """Note that the test of these faults has completed and passed; return what changed."""
-        codes = {code for fault in faults for code in CODES[fault]}
-        return self._update({c: self._dtcs[c].complete() for c in sorted(codes)})
+        """Note that the test of these faults has completed and passed; return what changed.
+
+        A code that another test's fault has set keeps its status.
+        """
+        codes = sorted({code for fault in faults for code in CODES[fault]})
+        mine = [c for c in codes if self._dtcs[c].fault in ("", *faults)]
+        return self._update({c: self._dtcs[c].complete() for c in mine})
 
     def start_driving_cycle(self) -> None:
         """Begin the next driving cycle."""

@@ -65,8 +65,8 @@ class ResponseRule:
         self._sxy = np.zeros(n)
         self._windows = 0
 
-    def judge(self, measured: FloatArray, bank: FloatArray) -> Response:
-        """Return the verdict after one more window.
+    def judge(self, measured: FloatArray, bank: FloatArray, *, ignore: bool = False) -> Response:
+        """Return the verdict after one more window; an ignored one is inconclusive.
 
         measured : (n,) phi, or the output oriented like it
         bank : (n, n_hypotheses) what each hypothesis reads, column 0 the prediction itself
@@ -75,7 +75,7 @@ class ResponseRule:
         y = measured - measured.mean()
         x = bank - bank.mean(axis=0)
         excitation = float(np.sqrt(np.mean(x[:, 0] ** 2)))
-        if excitation < self._excitation_min:
+        if ignore or excitation < self._excitation_min:
             return self._report("inconclusive", None, (), excitation)
         sxx = np.einsum("ij,ij->j", x, x)
         sxy = y @ x
@@ -117,7 +117,7 @@ class ResponseRule:
 
     def _alike(self, best: int) -> tuple[str, ...]:
         close = self._evidence[best] - self._evidence < self._config.evidence_alike
-        names = {self._name(i) for i in np.flatnonzero(close & self._faulty)}
+        names = {self._name(int(i)) for i in np.flatnonzero(close & self._faulty)}
         return tuple(sorted(names - {self._name(best)}))
 
     def _report(
@@ -141,24 +141,35 @@ class ResponseRule:
         return Response(outcome, fault, also, statistics)
 
 
-class BiasRule:
-    """Mean residual over several windows against a limit."""
+@dataclass(frozen=True, slots=True)
+class Bias:
+    """What the bias rule says after a window."""
 
-    def __init__(self, config: BiasConfig, limit: float, lean_is_positive: bool) -> None:
+    outcome: Outcome
+    fault: str | None
+    also: tuple[str, ...]
+    offset: float  # mean residual over the last windows, output's unit
+
+
+class BiasRule:
+    """Mean residual over several windows against a limit, in the output's unit."""
+
+    def __init__(self, config: BiasConfig, limit: float) -> None:
         self._limit = limit
-        self._sign = 1.0 if lean_is_positive else -1.0
+        self._needed = config.n_windows
         self._means: deque[float] = deque(maxlen=config.n_windows)
 
     def reset(self) -> None:
         """Forget the windows seen."""
         self._means.clear()
 
-    def judge(self, mean: float) -> tuple[Outcome, str | None, float]:
-        """Return outcome, fault and the offset in the output's unit after one more window."""
-        self._means.append(mean)
-        offset = sum(self._means) / len(self._means)
-        if len(self._means) < (self._means.maxlen or 1):
-            return "inconclusive", None, offset
+    def judge(self, mean: float, *, ignore: bool = False) -> Bias:
+        """Return the verdict after one more window; an ignored one is inconclusive."""
+        if not ignore:
+            self._means.append(mean)
+        offset = sum(self._means) / max(len(self._means), 1)
+        if ignore or len(self._means) < self._needed:
+            return Bias("inconclusive", None, (), offset)
         if abs(offset) < self._limit:
-            return "passed", None, offset
-        return "failed", "biased_lean" if offset * self._sign > 0 else "biased_rich", offset
+            return Bias("passed", None, (), offset)
+        return Bias("failed", "biased_lean" if offset > 0.0 else "biased_rich", (), offset)

@@ -80,7 +80,8 @@ class SensorBank:
         self._x += step * np.where(step > 0.0, self._rising, self._falling)
         then = self._history[self._at - self._whole]
         if self._interpolated:
-            then = then * (1.0 - self._part) + self._history[self._at - self._whole - 1] * self._part
+            before = self._history[self._at - self._whole - 1]
+            then = then * (1.0 - self._part) + before * self._part
         # a one-sided dead time holds the old value only against its own edge direction
         late = np.where(self._keep_lower & (then < value), then, value)
         late = np.where(self._keep_upper & (then > value), then, late)

@@ -1,0 +1,112 @@
+"""Enable conditions: named booleans that say whether a sample may be judged, and if not, why.
+
+A condition whose signal the recording does not provide is unavailable: listed, never blocking.
+A provided signal that is not valid blocks.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from monitor.config import EnableConfig
+from monitor.types import FloatArray, Sample
+
+SIGNALS: Final = (
+    "closed_loop",
+    "fuel_cut",
+    "sensor_ready",
+    "coolant_temperature_degc",
+    "engine_speed_rpm",
+    "manifold_pressure_kpa",
+)
+CONDITIONS: Final = (
+    "inputs_valid",
+    "measured_valid",
+    "model_settled",
+    "trained_range",
+    "closed_loop",
+    "fuel_cut_recovered",
+    "sensor_ready",
+    "coolant_warm",
+    "engine_speed",
+    "engine_load",
+)
+_NEEDS: Final = {
+    "closed_loop": "closed_loop",
+    "fuel_cut_recovered": "fuel_cut",
+    "sensor_ready": "sensor_ready",
+    "coolant_warm": "coolant_temperature_degc",
+    "engine_speed": "engine_speed_rpm",
+    "engine_load": "manifold_pressure_kpa",
+}
+
+
+class Enable:
+    """Checks every condition on each sample; recovery times count samples.
+
+    names : what a sample holds
+    inputs, output : names of the model's signals among them
+    trained_low, trained_high : (n_inputs,) range of each input in training
+    """
+
+    def __init__(
+        self,
+        config: EnableConfig,
+        names: Sequence[str],
+        inputs: Sequence[str],
+        output: str,
+        trained_low: FloatArray,
+        trained_high: FloatArray,
+        period_s: float,
+    ) -> None:
+        self._config = config
+        at = {name: i for i, name in enumerate(names)}
+        self._at: dict[str, int] = {need: at[need] for need in SIGNALS if need in at}
+        self.unavailable = tuple(c for c in CONDITIONS if c in _NEEDS and _NEEDS[c] not in at)
+        self._inputs = np.array([at[name] for name in inputs])
+        self._output = at[output]
+        margin = config.range_margin * (trained_high - trained_low)
+        self._low, self._high = trained_low - margin, trained_high + margin
+        self._settle = round(config.model_settle_s / period_s)
+        self._recovery = round(config.fuel_cut_recovery_s / period_s)
+        self._range_recovery = round(config.range_recovery_s / period_s)
+        self._since_start = self._since_cut = self._since_range = 0
+        self.reset()
+
+    def reset(self) -> None:
+        """Start as after switching on."""
+        self._since_start = 0
+        self._since_cut = self._recovery
+        self._since_range = self._range_recovery
+
+    def step(self, sample: Sample) -> tuple[bool, ...]:
+        """Return the conditions in the order of CONDITIONS; the sample is enabled if all hold."""
+        config, values = self._config, sample.values
+        inputs = values[self._inputs]
+        inputs_valid = not np.isnan(inputs).any()
+        self._since_start = self._since_start + 1 if inputs_valid else 0
+        inside = bool(((inputs >= self._low) & (inputs <= self._high)).all())
+        self._since_range = self._since_range + 1 if inside else 0
+        cut = self._read(values, "fuel_cut", 0.0)
+        self._since_cut = self._since_cut + 1 if cut == 0.0 else 0
+        speed_rpm = self._read(values, "engine_speed_rpm", config.engine_speed_min_rpm)
+        coolant_degc = self._read(values, "coolant_temperature_degc", config.coolant_min_degc)
+        load_kpa = self._read(values, "manifold_pressure_kpa", config.manifold_pressure_min_kpa)
+        return (
+            inputs_valid,
+            not math.isnan(values[self._output]),
+            self._since_start > self._settle,
+            self._since_range >= self._range_recovery,
+            self._read(values, "closed_loop", 1.0) >= 1.0,
+            self._since_cut >= self._recovery,
+            self._read(values, "sensor_ready", 1.0) >= 1.0,
+            coolant_degc >= config.coolant_min_degc,
+            config.engine_speed_min_rpm <= speed_rpm <= config.engine_speed_max_rpm,
+            load_kpa >= config.manifold_pressure_min_kpa,
+        )
+
+    def _read(self, values: FloatArray, name: str, when_unavailable: float) -> float:
+        at = self._at.get(name)
+        return when_unavailable if at is None else float(values[at])

@@ -1,0 +1,28 @@
+"""Decision limits that depend on the vehicle, as they stand in the model card."""
+
+from dataclasses import dataclass, fields
+
+from monitor.errors import ModelError
+from monitor.model_card import ModelCard
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Limits of one model; ``noise`` and ``excitation`` are oriented like phi."""
+
+    j_mu: float  # paper's rule, mean of the residual, output's unit
+    j_sigma: float  # paper's rule, standard deviation of the residual, output's unit
+    noise: float  # healthy residual in enabled windows, standard deviation
+    excitation: float  # least standard deviation of the prediction that makes a window judgeable
+    offset: float  # bias, output's unit
+
+    @classmethod
+    def from_card(cls, card: ModelCard, where: str) -> "Limits":
+        """Return the limits of a card.
+
+        Raises ModelError naming the file if a limit is missing.
+        """
+        missing = [f.name for f in fields(cls) if f.name not in card.limits]
+        if missing:
+            raise ModelError(f"{where}: the model card has no limit {', '.join(missing)}")
+        return cls(**{f.name: card.limits[f.name].value for f in fields(cls)})

@@ -1,0 +1,89 @@
+"""The fault memory on disk: trouble codes that outlive the process.
+
+SQLite in WAL mode with full synchronisation: what ``save`` has returned from survives a kill.
+"""
+
+import sqlite3
+from collections.abc import Iterable
+from contextlib import closing
+from pathlib import Path
+
+from monitor.dtc import CODES, Dtc, Status
+from monitor.errors import RecordingError
+
+SCHEMA_VERSION = 1
+_CREATE = """
+CREATE TABLE dtc (
+    code TEXT PRIMARY KEY,
+    fault TEXT NOT NULL,
+    also TEXT NOT NULL,
+    status INTEGER NOT NULL,
+    t_ns INTEGER NOT NULL,
+    failed_before INTEGER NOT NULL,
+    passed_cycles INTEGER NOT NULL
+) STRICT
+"""
+
+
+class Memory:
+    """Stores trouble codes in an SQLite file, made when it does not exist.
+
+    Raises RecordingError if the file is no fault memory or of another schema version.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        try:
+            self._db = sqlite3.connect(path, isolation_level=None)
+            self._db.execute("PRAGMA journal_mode=WAL")
+            self._db.execute("PRAGMA synchronous=FULL")
+            self._migrate()
+        except sqlite3.Error as error:
+            raise RecordingError(f"{path}: not a fault memory: {error}") from None
+
+    def _migrate(self) -> None:
+        with closing(self._db.execute("PRAGMA user_version")) as rows:
+            version = rows.fetchone()[0]
+        if version == 0:
+            self._db.execute("BEGIN IMMEDIATE")
+            self._db.execute(_CREATE)
+            self._db.execute(f"PRAGMA user_version={SCHEMA_VERSION}")
+            self._db.execute("COMMIT")
+        elif version != SCHEMA_VERSION:
+            raise RecordingError(
+                f"{self._path}: fault memory of schema {version}, wanted {SCHEMA_VERSION}"
+            )
+
+    def load(self) -> tuple[Dtc, ...]:
+        """Return the stored codes; one this version does not know is an error."""
+        found = []
+        known = {code for group in CODES.values() for code in group}
+        for code, fault, also, status, t_ns, before, passed in self._db.execute(
+            "SELECT code, fault, also, status, t_ns, failed_before, passed_cycles FROM dtc"
+        ):
+            if code not in known:
+                raise RecordingError(f"{self._path}: unknown trouble code {code!r}")
+            names = tuple(name for name in also.split(",") if name)
+            found.append(Dtc(code, fault, names, Status(status), t_ns, bool(before), passed))
+        return tuple(found)
+
+    def save(self, dtcs: Iterable[Dtc]) -> None:
+        """Store codes in one transaction.
+
+        Raises RecordingError if the file cannot be written.
+        """
+        rows = [
+            (d.code, d.fault, ",".join(d.also), int(d.status), d.t_ns, d.failed_before,
+             d.passed_cycles)
+            for d in dtcs
+        ]  # fmt: skip
+        try:
+            self._db.execute("BEGIN IMMEDIATE")
+            self._db.executemany("INSERT OR REPLACE INTO dtc VALUES (?, ?, ?, ?, ?, ?, ?)", rows)
+            self._db.execute("COMMIT")
+        except sqlite3.Error as error:
+            raise RecordingError(f"{self._path}: cannot store the fault memory: {error}") from None
+
+    def close(self) -> None:
+        """Close the file."""
+        self._db.close()

@@ -1,0 +1,110 @@
+"""Tests that need no model: the signal is missing, implausible, not ready or frozen."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from monitor.config import PlausibilityConfig
+from monitor.types import Quality, Sample
+
+
+@dataclass(frozen=True, slots=True)
+class TickResult:
+    """One result of one test on one sample."""
+
+    test: str  # "communication", "range" or "ready"
+    failed: bool
+    fault: str
+
+
+class Plausibility:
+    """Judges the quality of the measured signal, sample by sample.
+
+    names : what a sample holds
+    output : name of the measured signal among them
+    """
+
+    def __init__(
+        self, config: PlausibilityConfig, names: Sequence[str], output: str, period_s: float
+    ) -> None:
+        at = {name: i for i, name in enumerate(names)}
+        self._output = at[output]
+        self._ready = at.get("sensor_ready")
+        self._speed = at.get("engine_speed_rpm")
+        self._running_rpm = config.engine_running_rpm
+        self._patience = round(config.not_ready_s / period_s)
+        self._not_ready = 0  # samples in a row with the engine running
+
+    def reset(self) -> None:
+        """Start as after switching on."""
+        self._not_ready = 0
+
+    def step(self, sample: Sample) -> list[TickResult]:
+        """Return the results this sample allows."""
+        quality = sample.quality[self._output]
+        ready = self._is_ready(sample)
+        waiting = not ready and self._is_running(sample)
+        self._not_ready = self._not_ready + 1 if waiting else 0
+        missing = bool(quality == Quality.STALE)
+        invalid = bool(quality == Quality.INVALID and ready)
+        absence = "signal_invalid" if invalid else "signal_missing"
+        results = [
+            TickResult("communication", missing or invalid, absence),
+            TickResult("ready", self._not_ready > self._patience, "not_ready"),
+        ]
+        if quality in (Quality.GOOD, Quality.OUT_OF_RANGE):
+            results.append(TickResult("range", quality == Quality.OUT_OF_RANGE, "out_of_range"))
+        return results
+
+    def _is_ready(self, sample: Sample) -> bool:
+        if self._ready is None or np.isnan(sample.values[self._ready]):
+            return bool(sample.quality[self._output] != Quality.INVALID)
+        return bool(sample.values[self._ready] > 0.0)
+
+    def _is_running(self, sample: Sample) -> bool:
+        return self._speed is None or bool(sample.values[self._speed] >= self._running_rpm)
+
+
+class ActivityTest:
+    """Finds a frozen signal: no change over so many enabled samples though phi should move."""
+
+    def __init__(self, config: PlausibilityConfig, n_samples: int, excitation_min: float) -> None:
+        self._config = config
+        self._n = n_samples
+        self._excitation_min = excitation_min
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin anew."""
+        self._count = 0
+        self._low = self._high = 0.0
+        self._sum = self._sum_of_squares = 0.0
+
+    def push(self, measured: float, predicted: float) -> tuple[bool, str] | None:
+        """Take one sample; return (failed, fault) when the stretch is judged.
+
+        measured : output's unit
+        predicted : oriented like phi
+        """
+        if self._count == 0:
+            self.reset()
+            self._low = self._high = measured
+        self._low, self._high = min(self._low, measured), max(self._high, measured)
+        self._sum += predicted
+        self._sum_of_squares += predicted * predicted
+        self._count += 1
+        if self._count < self._n:
+            return None
+        mean = self._sum / self._n
+        variance = self._sum_of_squares / self._n - mean * mean
+        self._count = 0
+        frozen = self._high - self._low <= self._config.stuck_range
+        if frozen and variance < self._excitation_min**2:
+            return None
+        return frozen, self._name(measured)
+
+    def _name(self, measured: float) -> str:
+        if abs(measured - 1.0) <= self._config.stuck_band_at_one:
+            return "stuck_at_one"
+        return "stuck_lean" if measured > 1.0 else "stuck_rich"

@@ -1,0 +1,183 @@
+"""Where events go: collected into the result of a recording, printed, written as JSON."""
+
+import json
+import math
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from monitor.dtc import Dtc
+from monitor.enable import CONDITIONS
+from monitor.pipeline import Event, Monitor, Tick, WindowJudged
+from monitor.report import Trace
+
+SCHEMA = "o2mon.replay/1"
+
+
+class Collector:
+    """Gathers the events of one recording into the fields of ``o2mon.replay/1``."""
+
+    def __init__(self, monitor: Monitor, *, trace: bool = False) -> None:
+        self._monitor = monitor
+        self._t0_ns: int | None = None
+        self._held = np.zeros(len(CONDITIONS), dtype=np.int64)
+        self._windows: list[dict[str, Any]] = []
+        self._t_s: list[float] = []
+        self._series: list[tuple[float, float, bool, bool]] | None = [] if trace else None
+        self._output = monitor.names.index(monitor.output)
+        self._flag = monitor.store.fault_flag
+
+    def push(self, event: Event) -> None:
+        """Take one event."""
+        if isinstance(event, Tick):
+            self._tick(event)
+        elif isinstance(event, WindowJudged):
+            self._windows.append(self._window(event))
+        else:
+            self._flag = self._monitor.store.fault_flag
+
+    def seconds(self, t_ns: int) -> float:
+        """Return a time in seconds since the recording's first sample."""
+        return (t_ns - (self._t0_ns or 0)) / 1e9
+
+    def _tick(self, tick: Tick) -> None:
+        if self._t0_ns is None:
+            self._t0_ns = tick.sample.t_ns
+        self._held += tick.conditions
+        if self._series is not None:
+            self._t_s.append(self.seconds(tick.sample.t_ns))
+            measured = float(tick.sample.values[self._output])
+            self._series.append((measured, tick.predicted, tick.enabled, self._flag))
+
+    def _window(self, event: WindowJudged) -> dict[str, Any]:
+        return {
+            "index": event.window.index,
+            "t_start_s": self.seconds(event.window.t_start_ns),
+            "t_end_s": self.seconds(event.window.t_end_ns),
+            "mean": event.mean,
+            "std": event.std,
+            "paper_failed": event.paper_failed,
+            "verdict": event.outcome,
+            "fault": event.fault,
+            "also": list(event.also),
+            "statistics": event.statistics,
+        }
+
+    def result(self, path: str, sha256: str | None, counters: Mapping[str, int]) -> dict[str, Any]:
+        """Return the recording's entry of the JSON."""
+        monitor = self._monitor
+        n = max(monitor.samples, 1)
+        shares: dict[str, float | str] = {
+            name: "unavailable" if name in monitor.unavailable else round(int(held) / n, 6)
+            for name, held in zip(CONDITIONS, self._held, strict=True)
+        }
+        limits = monitor.limits
+        return {
+            "path": path,
+            "sha256": sha256,
+            "samples": monitor.samples,
+            "enabled_samples": monitor.enabled_samples,
+            "windows": self._windows,
+            "dtcs": [self._dtc(dtc) for dtc in monitor.store.active],
+            "fault_flag": monitor.store.fault_flag,
+            "completed": monitor.completed,
+            "enable": shares,
+            "limits": {"j_mu": limits.j_mu, "j_sigma": limits.j_sigma},
+            "counters": dict(counters),
+        }
+
+    def _dtc(self, dtc: Dtc) -> dict[str, Any]:
+        entry: dict[str, Any] = {
+            "code": dtc.code,
+            "fault": dtc.fault,
+            "status": int(dtc.status),
+            "state": dtc.state,
+            "t_s": self.seconds(dtc.t_ns) if dtc.t_ns else None,
+        }
+        if dtc.also:
+            entry["also"] = list(dtc.also)
+        return entry
+
+    def trace(self) -> Trace:
+        """Return the series on the sample grid, for the report."""
+        series = self._series or []
+        columns = np.array([(m, p) for m, p, _, _ in series]).reshape(-1, 2)
+        return Trace(
+            np.array(self._t_s),
+            columns[:, 0],
+            columns[:, 1],
+            np.array([enabled for _, _, enabled, _ in series], dtype=np.bool_),
+            np.array([flag for _, _, _, flag in series], dtype=np.bool_),
+        )
+
+
+def verdict_text(recording: Mapping[str, Any]) -> str:
+    """Return the verdict on one recording in words."""
+    if recording["fault_flag"]:
+        codes = ", ".join(
+            f"{d['code']} {d['fault']}{' or ' + ' or '.join(d['also']) if 'also' in d else ''}"
+            f" ({d['state']}{_when(d)})"
+            for d in recording["dtcs"]
+        )
+        return f"FAULT: {codes}"
+    if recording["completed"]:
+        return "no fault"
+    return f"not judged: {reason(recording)}"
+
+
+def _when(dtc: Mapping[str, Any]) -> str:
+    return "" if dtc["t_s"] is None else f", {dtc['t_s']:.0f} s"
+
+
+def reason(recording: Mapping[str, Any]) -> str:
+    """Return in words why a recording was not judged."""
+    windows = len(recording["windows"])
+    if windows:
+        return f"{windows} windows, not enough evidence in them"
+    shares = {k: v for k, v in recording["enable"].items() if v != "unavailable"}
+    worst = sorted(shares, key=lambda name: float(shares[name]))[:2]
+    held = ", ".join(f"{name} held {100 * float(shares[name]):.0f} % of the time" for name in worst)
+    return f"no window of enabled samples was filled ({held})"
+
+
+def print_recording(recording: Mapping[str, Any], *, windows: bool = False) -> Iterable[str]:
+    """Yield the lines that a command prints about one recording."""
+    counts = {"passed": 0, "failed": 0, "inconclusive": 0}
+    for window in recording["windows"]:
+        counts[window["verdict"]] += 1
+    if windows:
+        for w in recording["windows"]:
+            yield (
+                f"  {w['t_start_s']:8.1f} s  mean {w['mean']:+.4f}  std {w['std']:.4f}  "
+                f"{w['verdict']:<12} {w['fault'] or ''}{'  paper: failed' * w['paper_failed']}"
+            )
+    judged = ", ".join(f"{n} {name}" for name, n in counts.items())
+    paper = sum(w["paper_failed"] for w in recording["windows"])
+    yield f"{recording['path']}: {verdict_text(recording)}"
+    yield (
+        f"  {recording['enabled_samples']} of {recording['samples']} samples enabled; windows: "
+        f"{judged}; paper's rule failed {paper}"
+    )
+    bad = {name: n for name, n in recording["counters"].items() if n}
+    if bad:
+        yield "  counted: " + ", ".join(f"{name} {n}" for name, n in bad.items())
+
+
+def write_json(path: Path, result: Mapping[str, Any]) -> None:
+    """Write a result as JSON; the same result gives the same bytes."""
+    path.write_text(json.dumps(_rounded(result), indent=1, allow_nan=False) + "\n")
+
+
+def _rounded(value: Any) -> Any:
+    """Round floats to nine decimals; what is not finite becomes null."""
+    if isinstance(value, bool | np.bool_):
+        return bool(value)
+    if isinstance(value, float):
+        return round(value, 9) if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {k: _rounded(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_rounded(v) for v in value]
+    return value
