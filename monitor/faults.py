@@ -139,9 +139,7 @@ class SensorFault:
         phi = one_sided(phi, self._history[0], fault.delay_direction)
         if math.isnan(self._x):
             self._x = phi
-        self._x = lag_step(
-            self._x, phi, fault.tau_rising_s, fault.tau_falling_s, self._period_s
-        )
+        self._x = lag_step(self._x, phi, fault.tau_rising_s, fault.tau_falling_s, self._period_s)
         phi = max(1.0 + fault.gain * (self._x - 1.0), 1.0 / 16.0)
         return 1.0 / phi + fault.offset_lambda
 

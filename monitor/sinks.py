@@ -10,7 +10,7 @@ import numpy as np
 
 from monitor.dtc import Dtc
 from monitor.enable import CONDITIONS
-from monitor.pipeline import Event, Monitor, Tick, WindowJudged
+from monitor.pipeline import DtcChanged, Event, Monitor, Tick, WindowJudged
 from monitor.report import Trace
 
 SCHEMA = "o2mon.replay/1"
@@ -140,6 +140,19 @@ def reason(recording: Mapping[str, Any]) -> str:
     worst = sorted(shares, key=lambda name: float(shares[name]))[:2]
     held = ", ".join(f"{name} held {100 * float(shares[name]):.0f} % of the time" for name in worst)
     return f"no window of enabled samples was filled ({held})"
+
+
+def event_line(event: WindowJudged | DtcChanged, collector: Collector) -> str:
+    """Return one line about a window or a trouble code."""
+    if isinstance(event, DtcChanged):
+        dtc = event.dtc
+        state = dtc.state or "not set"
+        return f"{collector.seconds(event.t_ns):8.1f} s  {dtc.code} {dtc.fault} {state}"
+    paper = "  paper: failed" if event.paper_failed else ""
+    return (
+        f"{collector.seconds(event.window.t_end_ns):8.1f} s  window {event.window.index}  "
+        f"mean {event.mean:+.4f}  std {event.std:.4f}  {event.outcome} {event.fault or ''}{paper}"
+    )
 
 
 def print_recording(recording: Mapping[str, Any], *, windows: bool = False) -> Iterable[str]:

@@ -171,7 +171,9 @@ def simulate(  # noqa: PLR0915  one loop over time, split where the signals allo
         flow_in = area * p_up * speed_factor * _psi(p_man / p_up)
         stiff = area * speed_factor * 7.53 + air * 1e-6 * strokes_per_s / max(p_man, 10.0)
         gain = R_AIR * t_k / MANIFOLD_M3 * 1e-3
-        p_man += STEP_S * gain * (flow_in - air * 1e-6 * strokes_per_s) / (1 + STEP_S * gain * stiff)
+        p_man += (
+            STEP_S * gain * (flow_in - air * 1e-6 * strokes_per_s) / (1 + STEP_S * gain * stiff)
+        )
         p_man = min(max(p_man, 12.0), 260.0)
 
         # sensors of the air path and the ECU's charge
@@ -211,7 +213,12 @@ def simulate(  # noqa: PLR0915  one loop over time, split where the signals allo
         out[0, k], out[1, k], out[2, k], out[3, k] = v, rpm, torque, 100 * (area / THROTTLE_MAX)
         out[4, k], out[5, k], out[6, k] = map_kpa, t_man, air
         out[7, k] = charge_sd * correction
-        out[8, k], out[9, k], out[10, k], out[11, k] = maf, air * strokes_per_s * 3.6e-3, coolant, cut
+        out[8, k], out[9, k], out[10, k], out[11, k] = (
+            maf,
+            air * strokes_per_s * 3.6e-3,
+            coolant,
+            cut,
+        )
         out[12, k], out[13, k], out[14, k] = rail, battery, duty
     return Drive(
         out[0], out[1], out[2], out[3], out[4], out[5], out[6], out[7],

@@ -132,9 +132,10 @@ def simulate(  # noqa: PLR0915  one loop over time, closed by the controller
         if not cut:
             short = np.exp(-fuel_ecu / 9.0)
             injected = fuel_ecu * p.injector_gain * (d.rail_mpa[k] / 10.0) ** e.rail_exponent
-            injected += p.injector_curve_mg * short - 0.12 * e.battery_voltage * (
-                d.battery_v[k] - 13.9
-            ) * 8.0
+            injected += (
+                p.injector_curve_mg * short
+                - 0.12 * e.battery_voltage * (d.battery_v[k] - 13.9) * 8.0
+            )
             injected += e.injector_offset * (0.6 + 0.9 * np.exp(-fuel_ecu / 15.0))
             injected = max(injected, 0.0)
         cold = max(88.0 - coolant, 0.0) / 60.0

@@ -1,6 +1,5 @@
 """One simulated drive: the canonical signals as the ECU knows them, on a 10 ms grid."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np

@@ -1,0 +1,180 @@
+"""Replays recordings through the pipeline as fast as possible."""
+
+import hashlib
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import dbc
+from monitor import __version__
+from monitor.bus_map import BusMap, load_pairs
+from monitor.config import Config
+from monitor.dtc import DtcStore
+from monitor.errors import RecordingError
+from monitor.limits import Limits
+from monitor.memory import Memory
+from monitor.model import Model
+from monitor.pipeline import Event, FramePipeline, Monitor
+from monitor.report import Trace
+from monitor.sinks import SCHEMA, Collector
+from monitor.sources import LogCounters, Table, is_table, read_frames, read_table, table_samples
+
+SHIPPED_MODEL = "shipped.onnx"
+
+
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """What every recording of a call is judged with."""
+
+    model_path: Path
+    model: Model
+    limits: Limits
+    config: Config
+    bus_map: BusMap
+    columns: Path | None = None
+
+
+def shipped_model() -> Path:
+    """Return the path of the model that comes with the package."""
+    return Path(str(files("monitor"))) / "models" / SHIPPED_MODEL
+
+
+def set_up(
+    model: Path | None,
+    pairs: Sequence[tuple[Path, Path]],
+    config: Config,
+    columns: Path | None = None,
+) -> Setup:
+    """Return the setup; without a model the shipped one, without pairs the project's own ECU.
+
+    Raises ModelError or SignalMapError.
+    """
+    path = model or shipped_model()
+    loaded = Model.load(path)
+    own = [(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))]
+    bus_map = load_pairs(pairs or own)
+    limits = Limits.from_card(loaded.card, str(path))
+    return Setup(path, loaded, limits, config, bus_map, columns)
+
+
+def sha256_of(path: Path) -> str:
+    """Return the sha256 of a file.
+
+    Raises RecordingError if it cannot be read.
+    """
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise RecordingError(f"{path}: {error.strerror}") from None
+
+
+class _Source:
+    """One recording as events: through the frame pipeline, or sample by sample for a table."""
+
+    def __init__(self, path: Path, setup: Setup, store: DtcStore) -> None:
+        self._path = path
+        if is_table(path):
+            self._table: Table | None = read_table(path, setup.columns)
+            self.monitor = Monitor(
+                setup.model, setup.limits, setup.config, self._table.names, store
+            )
+        else:
+            self._table = None
+            self._pipeline = FramePipeline(
+                setup.bus_map, setup.model, setup.limits, setup.config, store
+            )
+            self._log = LogCounters()
+            self._frames = read_frames(path, self._log)
+            self.monitor = self._pipeline.monitor
+
+    def events(self) -> Iterator[Event]:
+        if self._table is not None:
+            for sample in table_samples(self._table, self.monitor.names, None):
+                yield from self.monitor.push(sample)
+            return
+        for frame in self._frames:
+            yield from self._pipeline.push(frame)
+
+    def counters(self) -> dict[str, int]:
+        if self._table is not None:
+            return {}
+        return frame_counters(self._pipeline) | {"skipped": self._log.skipped}
+
+
+def frame_counters(pipeline: FramePipeline) -> dict[str, int]:
+    """Return what became of frames that could not be used, by reason."""
+    total: dict[str, int] = {}
+    for counters in pipeline.decoder.counters.values():
+        for name, count in asdict(counters).items():
+            if name not in ("received", "other"):
+                total[name] = total.get(name, 0) + count
+    total |= asdict(pipeline.assembler.counters)
+    never = [m for m, c in pipeline.decoder.counters.items() if c.received == 0]
+    return total | {f"never_received_{message}": 1 for message in never}
+
+
+def replay(
+    path: Path, setup: Setup, memory: Memory | None = None, *, trace: bool = False
+) -> tuple[dict[str, Any], Trace]:
+    """Judge one recording as one driving cycle.
+
+    memory : fault memory to go on from; without one the memory is empty
+    Returns the recording's entry of ``o2mon.replay/1`` and its series (empty without ``trace``).
+    Raises RecordingError, SignalMapError or ModelError.
+    """
+    sha256 = sha256_of(path)
+    store = DtcStore(memory.load() if memory else ())
+    store.start_driving_cycle()
+    source = _Source(path, setup, store)
+    collector = Collector(source.monitor, trace=trace)
+    for event in source.events():
+        collector.push(event)
+    if source.monitor.samples == 0:
+        raise RecordingError(f"{path}: shorter than one sample of the model's grid")
+    if memory:
+        memory.save(store.all)
+    return collector.result(str(path), sha256, source.counters()), collector.trace()
+
+
+def replay_all(
+    paths: Iterable[Path], setup: Setup, memory: Memory | None = None, *, trace: bool = False
+) -> Iterator[tuple[dict[str, Any], Trace]]:
+    """Judge recordings one after the other, each with the model reset."""
+    for path in paths:
+        yield replay(path, setup, memory, trace=trace)
+
+
+def exit_code(recordings: Sequence[dict[str, Any]]) -> int:
+    """Return 1 if a fault was found, else 3 if a recording was not judged, else 0."""
+    if any(r["fault_flag"] for r in recordings):
+        return 1
+    return 0 if all(r["completed"] for r in recordings) else 3
+
+
+def result_of(recordings: list[dict[str, Any]], setup: Setup) -> dict[str, Any]:
+    """Return the whole of ``o2mon.replay/1``, with what the verdicts rest on."""
+    return {
+        "schema": SCHEMA,
+        "o2mon_version": __version__,
+        "model": {"path": setup.model_path.name, "sha256": sha256_of(setup.model_path)},
+        "recordings": recordings,
+    }
+
+
+def model_info(setup: Setup) -> dict[str, str]:
+    """Return what the report says of the model."""
+    card = setup.model.card
+    layers = " and ".join(str(n) for n in card.layers)
+    return {
+        "model": setup.model_path.name,
+        "sha256": sha256_of(setup.model_path),
+        "kind": f"{card.kind}, lags {card.lags}, hidden layers {layers}",
+        "inputs": ", ".join(card.input_names),
+        "output": card.output.name,
+        "sample period": f"{card.period_ns / 1e6:g} ms",
+        "healthy residual": f"mean {card.residual_mean:+.4f}, std {card.residual_std:.4f}",
+        "limits": ", ".join(f"{k} {v.value:.4g} {v.unit}" for k, v in card.limits.items()),
+    }
