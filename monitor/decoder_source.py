@@ -11,10 +11,10 @@ from typing import Any
 
 from cantools.database.can import Message, Signal
 
+from monitor import signals as canonical
 from monitor.bus_map import Channel
 from monitor.checksum import CRC8_TABLE, FINAL_XOR, start_value
 from monitor.errors import SignalMapError
-from monitor.signals import BY_NAME
 from monitor.types import Update
 
 Member = tuple[int, Channel]  # channel number, channel
@@ -218,19 +218,14 @@ def plausible_range(channel: Channel) -> tuple[float, float]:
 
     A canonical signal has the range of ``signals``, any other that of the DBC, if it has one.
     """
-    known = BY_NAME.get(channel.mapped.name)
-    low, high = -math.inf, math.inf
-    if known is not None:
-        low, high = known.minimum, known.maximum
-    elif channel.signal.minimum is not None and channel.signal.maximum is not None:
-        limits = [
-            limit * channel.mapped.factor + channel.mapped.offset
-            for limit in (channel.signal.minimum, channel.signal.maximum)
-        ]
-        if limits[0] != limits[1]:
-            low, high = float(min(limits)), float(max(limits))
-    margin = 1e-9 * (high - low) if high < math.inf else 0.0
-    return low - margin, high + margin
+    signal, mapped = channel.signal, channel.mapped
+    if mapped.name in canonical.BY_NAME or signal.minimum is None or signal.maximum is None:
+        return canonical.plausible_range(mapped.name)
+    low, high = sorted(
+        limit * mapped.factor + mapped.offset for limit in (signal.minimum, signal.maximum)
+    )
+    margin = 1e-9 * (high - low)
+    return (low - margin, high + margin) if low < high else (-math.inf, math.inf)
 
 
 def _named(channel: Channel, name: str) -> Signal:

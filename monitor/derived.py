@@ -7,7 +7,7 @@ import numpy as np
 
 from monitor.errors import SignalMapError
 from monitor.signal_map import Derived
-from monitor.signals import BY_NAME
+from monitor.signals import plausible_range
 from monitor.types import FloatArray, Quality, QualityArray
 
 _NAN = math.nan
@@ -89,8 +89,8 @@ def derive(recipe: Derived, sources: Sequence[float]) -> tuple[float, int]:
         if source == 0.0:
             return _NAN, _INVALID
         value /= source
-    known = BY_NAME.get(recipe.name)
-    if known is not None and not known.minimum <= value <= known.maximum:
+    low, high = plausible_range(recipe.name)
+    if not low <= value <= high:
         return _NAN, _OUT_OF_RANGE
     return value, _GOOD
 
@@ -108,9 +108,8 @@ def derive_arrays(
         for source in sources[n:]:
             quality[source == 0.0] = _INVALID
             value = value / source
-    known = BY_NAME.get(recipe.name)
-    if known is not None:
-        plausible = (value >= known.minimum) & (value <= known.maximum)
-        quality[~plausible & (quality == _GOOD)] = _OUT_OF_RANGE
+    low, high = plausible_range(recipe.name)
+    plausible = (value >= low) & (value <= high)
+    quality[~plausible & (quality == _GOOD)] = _OUT_OF_RANGE
     value[quality != _GOOD] = _NAN
     return value, quality

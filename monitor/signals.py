@@ -1,6 +1,7 @@
 """The canonical signals: name, unit, plausible range and role."""
 
 from dataclasses import dataclass
+from math import inf
 from typing import Literal
 
 Role = Literal["input", "output", "candidate", "context", "enable"]
@@ -44,3 +45,18 @@ SIGNALS: tuple[Signal, ...] = (
 BY_NAME: dict[str, Signal] = {signal.name: signal for signal in SIGNALS}
 NARX_INPUTS: tuple[str, ...] = tuple(s.name for s in SIGNALS if s.role == "input")
 OUTPUT = "lambda_measured"
+
+
+def plausible_range(name: str) -> tuple[float, float]:
+    """Return the plausible range of ``name``, widened by rounding errors.
+
+    Names that are not canonical have the range from -inf to +inf.
+
+    >>> plausible_range("own_signal")
+    (-inf, inf)
+    """
+    known = BY_NAME.get(name)
+    if known is None:
+        return -inf, inf
+    margin = 1e-9 * (known.maximum - known.minimum)
+    return known.minimum - margin, known.maximum + margin

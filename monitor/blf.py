@@ -1,0 +1,44 @@
+"""The outer structure of Vector's BLF files, to notice one that was cut short.
+
+python-can reads a BLF as far as it goes and says nothing when it ends too early.
+"""
+
+import struct
+from typing import IO, Final
+
+_FILE_HEADER: Final = struct.Struct("<4sLBBBBBBBBQQLL")
+_OBJECT_HEADER: Final = struct.Struct("<4sHHLL")
+
+
+def check(file: IO[bytes]) -> int | None:
+    """Return the number of objects that the header announces, None if it announces none.
+
+    Raises ValueError if this is no BLF file, or not a whole one.
+    """
+    head = file.read(_FILE_HEADER.size)
+    if len(head) < _FILE_HEADER.size or head[:4] != b"LOGG":
+        raise ValueError("not a BLF file")
+    fields = _FILE_HEADER.unpack(head)
+    header_size, file_size, objects = fields[1], fields[10], fields[12]
+    if len(file.read(header_size - _FILE_HEADER.size)) < header_size - _FILE_HEADER.size:
+        raise ValueError("the file ends inside its header")
+    position = header_size
+    while True:
+        start = file.read(_OBJECT_HEADER.size)
+        if not start:
+            break
+        if len(start) < _OBJECT_HEADER.size:
+            raise ValueError(f"the file ends inside a header at byte {position}")
+        signature, _, _, size, _ = _OBJECT_HEADER.unpack(start)
+        if signature != b"LOBJ" or size < _OBJECT_HEADER.size:
+            raise ValueError(f"no log object at byte {position}")
+        body = size - _OBJECT_HEADER.size
+        if len(file.read(body)) < body:
+            raise ValueError(f"the log object at byte {position} ends too early")
+        file.read(size % 4)  # padding, missing behind the last object of some writers
+        position += size + size % 4
+    if position < file_size:
+        raise ValueError(f"the file has {position} bytes, its header announces {file_size}")
+    if file_size <= header_size and position > header_size:
+        raise ValueError("the file was never finished: its header announces no data")
+    return objects or None

@@ -1,0 +1,168 @@
+"""Frames from a log.
+
+Formats: candump ``.log``, Vector ``.asc`` and ``.blf``, PEAK ``.trc``, python-can's ``.csv`` and,
+with the extra [mdf], ``.mf4``; each may be gzipped (``.log.gz``). Time is rounded to microseconds,
+the resolution of every format, so that a log recorded from a bus replays to the same bytes.
+"""
+
+import gzip
+import logging
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import IO, Final, cast
+
+import can
+
+from monitor import blf
+from monitor.candump import LogCounters, read_candump
+from monitor.errors import RecordingError
+from monitor.tables import Table, is_table, read_table, table_samples
+from monitor.types import Frame
+
+LOG_SUFFIXES: Final = (".log", ".asc", ".blf", ".csv", ".trc", ".mf4")
+_TEXT: Final = (".log", ".asc", ".csv", ".trc")
+_CSV_HEADER: Final = "timestamp,arbitration_id,"
+
+
+__all__ = [
+    "LogCounters",
+    "Table",
+    "frame_of",
+    "is_table",
+    "log_kind",
+    "read_frames",
+    "read_table",
+    "table_samples",
+]
+
+
+def read_frames(path: str | Path, counters: LogCounters | None = None) -> Iterator[Frame]:
+    """Return the frames of the log ``path`` in the order of the file.
+
+    counters : is kept up to date while the frames are read
+    Raises RecordingError naming the file, how many frames came before and the reason, if the log
+    is missing, empty, unknown, damaged or cut short; what is known at once is raised at once.
+    """
+    path = Path(path)
+    counters = LogCounters() if counters is None else counters
+    kind = log_kind(path)
+    try:
+        size = path.stat().st_size
+        with path.open("rb"):
+            pass
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot read the log: {error.strerror}") from error
+    if size == 0:
+        raise RecordingError(f"{path}: the log is empty")
+    if kind == ".mf4":
+        _require_mdf(path)
+    return _guarded(path, kind, counters)
+
+
+def frame_of(message: can.Message) -> Frame:
+    """Return a python-can message as a frame, its time rounded to microseconds."""
+    return Frame(
+        round(message.timestamp * 1e6) * 1000,
+        message.arbitration_id,
+        message.is_extended_id,
+        bytes(message.data),
+    )
+
+
+def log_kind(path: Path) -> str:
+    """Return the format's suffix, without .gz; raises RecordingError if it is unknown."""
+    suffixes = [suffix.lower() for suffix in path.suffixes]
+    is_gzip = bool(suffixes) and suffixes[-1] == ".gz"
+    kind = suffixes[-2] if is_gzip and len(suffixes) > 1 else suffixes[-1] if suffixes else ""
+    if kind not in LOG_SUFFIXES:
+        known = " ".join(LOG_SUFFIXES)
+        raise RecordingError(f"{path}: unknown log format {kind!r}, known are {known} and .gz")
+    return kind
+
+
+def _require_mdf(path: Path) -> None:
+    try:
+        import asammdf  # noqa: F401, PLC0415
+    except ImportError as error:
+        raise RecordingError(
+            f"{path}: reading .mf4 needs asammdf: pip install 'o2-monitor[mdf]'"
+        ) from error
+
+
+def _guarded(path: Path, kind: str, counters: LogCounters) -> Iterator[Frame]:
+    """Yield the frames and turn everything that the readers raise into RecordingError."""
+    logging.getLogger("can").setLevel(logging.ERROR)
+    try:
+        if kind == ".log":
+            with open_text(path) as file:
+                yield from read_candump(file, counters)
+        else:
+            yield from _through_python_can(path, kind, counters)
+        if kind in _TEXT and not _ends_with_newline(path):
+            raise ValueError("the last line is cut short; remove it to use the rest")
+    except GeneratorExit:
+        raise
+    except Exception as error:  # the readers raise whatever their parsers raise
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise RecordingError(
+            f"{path}: damaged or cut short after {counters.frames} frames: {reason}"
+        ) from error
+    if counters.frames == 0:
+        raise RecordingError(f"{path}: no CAN frames in the log")
+
+
+def _through_python_can(path: Path, kind: str, counters: LogCounters) -> Iterator[Frame]:
+    expected: int | None = None
+    if kind == ".blf":
+        with open_binary(path) as file:
+            expected = blf.check(file)
+    elif kind == ".csv":
+        _check_csv_header(path)
+    elif kind == ".mf4":
+        with open_binary(path) as file:
+            if file.read(8) != b"MDF     ":
+                raise ValueError("not an MDF file, or one that was never finished")
+    with can.LogReader(path) as reader:
+        for message in reader:
+            if message.is_error_frame or message.is_remote_frame:
+                counters.skipped += 1
+                continue
+            if len(message.data) != message.dlc:
+                raise ValueError(f"a frame of {message.dlc} bytes holds only {len(message.data)}")
+            counters.frames += 1
+            yield frame_of(message)
+    if expected is not None and expected > counters.frames + counters.skipped:
+        raise ValueError(f"its header announces {expected} objects")
+
+
+def open_binary(path: Path) -> IO[bytes]:
+    """Return the file for reading, decompressed if its name ends in .gz."""
+    if path.suffix.lower() == ".gz":
+        return cast(IO[bytes], gzip.open(path, "rb"))
+    return path.open("rb")
+
+
+def open_text(path: Path) -> IO[str]:
+    """Return the text file for reading, decompressed if its name ends in .gz."""
+    if path.suffix.lower() == ".gz":
+        return gzip.open(path, "rt", encoding="utf-8")
+    return path.open(encoding="utf-8")
+
+
+def _check_csv_header(path: Path) -> None:
+    with open_text(path) as file:
+        header = file.readline().strip()
+    if not header.startswith(_CSV_HEADER):
+        raise ValueError(f"its first line is {header[:40]!r}, python-can's log header is wanted")
+
+
+def _ends_with_newline(path: Path) -> bool:
+    with open_binary(path) as file:
+        last = b""
+        if path.suffix.lower() != ".gz":
+            file.seek(-1, 2)
+            return file.read(1) == b"\n"
+        read: Callable[[], bytes] = lambda: file.read(1 << 20)  # noqa: E731
+        for chunk in iter(read, b""):
+            last = chunk[-1:]
+        return last == b"\n"
