@@ -1,0 +1,207 @@
+"""The NARX as an ONNX graph with its card, and the proof that graph, torch and numpy agree.
+
+State: for every lag, newest first, the scaled inputs and then the output in model units, so that
+one slice shifts it. The matrix products are Gemm with the batch as rows: of the formulations
+tried (batch as columns, batched products, sums) this and the doubled batch gave the same bits
+for every batch size on onnxruntime's CPU provider.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+from onnx import TensorProto, helper, numpy_helper
+
+from monitor.errors import ModelError
+from monitor.model import LAMBDA_MAX, PHI_MAX, Model, open_session
+from monitor.model_card import METADATA_KEY, ModelCard, StateLayout
+from monitor.types import FloatArray
+from training.narx import Spec, layers
+from training.prepare import Scaling
+
+OPSET = 17
+IR_VERSION = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Network:
+    """A trained NARX with everything that its graph contains."""
+
+    spec: Spec
+    weights: FloatArray
+    scaling: Scaling
+    transform: str
+    transforms: tuple[Mapping[str, Any], ...]
+    inputs: tuple[str, ...]
+
+    @property
+    def state_layout(self) -> StateLayout:
+        """Where the output history lies in the state."""
+        k, lags = self.spec.n_inputs, self.spec.lags
+        return StateLayout((k + 1) * lags, k, k + 1, lags)
+
+    def folded_layers(self) -> list[tuple[FloatArray, FloatArray]]:
+        """Return the layers over the graph's regressor, output in model units.
+
+        The regressor is the state, before it the newest scaled inputs if lag 0 is used. Scaled
+        inputs of the graph run from -1 to 1 over the clipping range.
+        """
+        spec, scale = self.spec, self.scaling
+        stack = [(w.copy(), b.copy()) for w, b in layers(spec, self.weights)]
+        first, bias = stack[0]
+        k, taps = spec.n_inputs, spec.input_lags
+        inputs = first[:, : taps * k].reshape(-1, taps, k)
+        outputs = first[:, taps * k :]
+        middle, half = (scale.u_high + scale.u_low) / 2, (scale.u_high - scale.u_low) / 2
+        bias += (inputs * ((middle - scale.u_mean) / scale.u_std)).sum(axis=(1, 2))
+        bias -= outputs.sum(axis=1) * scale.y_mean / scale.y_std
+        inputs = inputs * (half / scale.u_std)
+        extra = 1 - spec.input_lag_start
+        past = np.concatenate([inputs[:, extra:], (outputs / scale.y_std)[:, :, None]], axis=2)
+        newest = inputs[:, :extra].reshape(len(first), -1)
+        stack[0] = (np.concatenate([newest, past.reshape(len(first), -1)], axis=1), bias)
+        last, offset = stack[-1]
+        stack[-1] = (last * scale.y_std, offset * scale.y_std + scale.y_mean)
+        return stack
+
+    def input_map(self) -> tuple[FloatArray, FloatArray]:
+        """Return gain and offset (k,) that bring transformed inputs to -1 .. 1."""
+        s = self.scaling
+        half = (s.u_high - s.u_low) / 2
+        return 1.0 / half, -(s.u_high + s.u_low) / 2 / half
+
+
+class _Graph:
+    """Nodes and constants under construction."""
+
+    def __init__(self) -> None:
+        self.nodes: list[onnx.NodeProto] = []
+        self.constants: list[onnx.TensorProto] = []
+
+    def constant(self, name: str, value: Any, dtype: type = np.float32) -> str:
+        self.constants.append(numpy_helper.from_array(np.asarray(value, dtype), name))
+        return name
+
+    def add(self, kind: str, inputs: list[str], output: str, **attributes: Any) -> str:
+        self.nodes.append(helper.make_node(kind, inputs, [output], **attributes))
+        return output
+
+    def take(self, source: str, start: int, stop: int, output: str) -> str:
+        bounds = [
+            self.constant(f"{output}_{name}", [value], np.int64)
+            for name, value in (("start", start), ("stop", stop), ("axis", 1))
+        ]
+        return self.add("Slice", [source, *bounds], output)
+
+
+def build(network: Network) -> onnx.ModelProto:
+    """Return the graph ``step``, float32, without a card."""
+    graph, spec = _Graph(), network.spec
+    k, size = spec.n_inputs, network.state_layout.size
+    gain, offset = network.input_map()
+    u = _transformed(graph, network)
+    graph.add("Gemm", [u, graph.constant("u_gain", np.diag(gain)),
+                       graph.constant("u_offset", offset)], "u_mapped", transB=1)  # fmt: skip
+    limits = [graph.constant("u_low", -1.0), graph.constant("u_high", 1.0)]
+    graph.add("Clip", ["u_mapped", *limits], "u_scaled")
+    x = "state"
+    if spec.input_lag_start == 0:
+        x = graph.add("Concat", ["u_scaled", "state"], "regressor", axis=1)
+    stack = network.folded_layers()
+    for i, (w, b) in enumerate(stack):
+        names = [graph.constant(f"w{i}", w), graph.constant(f"b{i}", b)]
+        x = graph.add("Gemm", [x, *names], f"sum{i}", transB=1)
+        if i < len(stack) - 1:
+            x = graph.add("Tanh", [x], f"tanh{i}")
+    low, high = network.scaling.y_low, network.scaling.y_high
+    names = [graph.constant("y_low", low), graph.constant("y_high", high)]
+    phi = network.transform == "phi"
+    y = graph.add("Clip", [x, *names], "phi" if phi else "lambda_hat")
+    if phi:
+        names = [graph.constant("phi_low", 1.0 / LAMBDA_MAX), graph.constant("phi_high", PHI_MAX)]
+        graph.add("Reciprocal", [graph.add("Clip", [y, *names], "phi_readable")], "lambda_hat")
+    kept = graph.take("state", 0, size - k - 1, "kept")
+    graph.add("Concat", ["u_scaled", y, kept], "next_state", axis=1)
+    return _model(graph, k, size)
+
+
+def _transformed(graph: _Graph, network: Network) -> str:
+    source = "u"
+    for index, t in enumerate(network.transforms):
+        i = network.inputs.index(t["numerator"])
+        j = network.inputs.index(t["denominator"])
+        k = len(network.inputs)
+        name = f"ratio{index}"
+        top = graph.take("u", i, i + 1, f"{name}_top")
+        bottom = graph.take("u", j, j + 1, f"{name}_bottom")
+        least = graph.constant(f"{name}_least", t["denominator_minimum"])
+        graph.add("Max", [bottom, least], f"{name}_safe")
+        graph.add("Div", [top, f"{name}_safe"], f"{name}_quotient")
+        graph.add("Mul", [f"{name}_quotient", graph.constant(f"{name}_factor", t["factor"])],
+                  f"{name}_free")  # fmt: skip
+        limits = [graph.constant(f"{name}_low", 0.0), graph.constant(f"{name}_high", t["maximum"])]
+        middle = graph.add("Clip", [f"{name}_free", *limits], f"{name}_value")
+        parts = [middle]
+        if i > 0:
+            parts.insert(0, graph.take(source, 0, i, f"{name}_before"))
+        if i < k - 1:
+            parts.append(graph.take(source, i + 1, k, f"{name}_after"))
+        source = graph.add("Concat", parts, f"{name}_inputs", axis=1)
+    return source
+
+
+def _model(graph: _Graph, n_inputs: int, size: int) -> onnx.ModelProto:
+    def array(name: str, width: int) -> onnx.ValueInfoProto:
+        return helper.make_tensor_value_info(name, TensorProto.FLOAT, ["batch", width])
+
+    step = helper.make_graph(
+        graph.nodes,
+        "step",
+        [array("u", n_inputs), array("state", size)],
+        [array("lambda_hat", 1), array("next_state", size)],
+        graph.constants,
+    )
+    model = helper.make_model(
+        step,
+        opset_imports=[helper.make_opsetid("", OPSET)],
+        ir_version=IR_VERSION,
+        producer_name="o2-monitor",
+    )
+    onnx.checker.check_model(model)
+    return model
+
+
+def save(path: Path | str, network: Network, card: ModelCard) -> None:
+    """Write graph and card to one file."""
+    model = build(network)
+    helper.set_model_props(model, {METADATA_KEY: card.to_json()})
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    Path(path).write_bytes(model.SerializeToString())
+
+
+def update_card(path: Path | str, card: ModelCard) -> None:
+    """Rewrite the card of a model file, nothing else; it is replaced in one step.
+
+    Raises ModelError if the file is not ONNX or the card does not fit its graph.
+    """
+    Model.load(path)  # says what is wrong with the file
+    model = onnx.load(str(path))
+    helper.set_model_props(model, {METADATA_KEY: card.to_json()})
+    temporary = Path(path).with_suffix(".partial")
+    temporary.write_bytes(model.SerializeToString())
+    try:
+        Model.load(temporary)
+    except ModelError as error:
+        temporary.unlink()
+        raise ModelError(f"{path}: the new card does not fit: {error}") from None
+    temporary.replace(path)
+
+
+def session_for(model: onnx.ModelProto, directory: Path) -> Any:
+    """Return a runtime session of a graph that is not yet a file."""
+    path = directory / "step.onnx"
+    path.write_bytes(model.SerializeToString())
+    return open_session(path)
