@@ -100,7 +100,7 @@ def _length_check(message: Message) -> list[str]:
 def _checksum_check(channel: Channel) -> list[str]:
     message, integrity = channel.message, channel.integrity
     signal = _named(channel, integrity.checksum)
-    offset = _position(message, signal)
+    offset = bit_position(message, signal)
     if signal.length != 8 or offset % 8 or signal.is_signed:
         raise SignalMapError(
             f"{channel.map_path}: checksum {message.name}.{signal.name} of {channel.dbc} "
@@ -246,7 +246,7 @@ def _multiplexers(members: Sequence[Member]) -> list[str]:
     return [name for _, channel in members for name, _ in _conditions(channel)]
 
 
-def _position(message: Message, signal: Signal) -> int:
+def bit_position(message: Message, signal: Signal) -> int:
     """Return how far the signal's lowest bit lies above that of the payload's integer."""
     if signal.byte_order == "little_endian":
         return int(signal.start)
@@ -255,7 +255,7 @@ def _position(message: Message, signal: Signal) -> int:
 
 
 def _last_byte(message: Message, signal: Signal) -> int:
-    position = _position(message, signal)
+    position = bit_position(message, signal)
     if signal.byte_order == "little_endian":
         return (position + signal.length - 1) // 8
     return message.length - 1 - position // 8
@@ -264,7 +264,7 @@ def _last_byte(message: Message, signal: Signal) -> int:
 def _raw(message: Message, signal: Signal) -> str:
     """Return the expression of the signal's raw value."""
     variable = "low" if signal.byte_order == "little_endian" else "high"
-    position = _position(message, signal)
+    position = bit_position(message, signal)
     shifted = f"({variable} >> {position})" if position else variable
     value = f"({shifted} & {(1 << signal.length) - 1:#x})"
     if signal.is_float:
