@@ -98,7 +98,7 @@ def check(frames: Iterable[Frame], bus_map: BusMap) -> CheckResult:
         end_ns = max(end_ns, frame.t_ns)
         update = decoder.push(frame)
         if update is not None:
-            for index, value in zip(update.indices, update.values, strict=True):
+            for index, value in zip(*update, strict=True):
                 seen[index].take(frame.t_ns, value)
     rejected: dict[str, int] = {}
     for counters in decoder.counters.values():

@@ -14,8 +14,8 @@ into its control loop; ``SensorFault`` applies them to a stream.
 
 import math
 from collections import deque
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields
 
 from monitor.errors import UsageError
 
@@ -113,6 +113,23 @@ def resolve(name: str, severity: float | None = None) -> Fault:
         "out_of_range": Fault(name, s, stuck_lambda=s),
         "signal_missing": Fault(name, s, missing=True),
     }[name]
+
+
+def combine(parts: Sequence[Fault]) -> Fault | None:
+    """Return one fault that does what all parts do, None for no part.
+
+    Raises UsageError if two parts set the same thing.
+    """
+    if len(parts) < 2:
+        return parts[0] if parts else None
+    healthy, values = Fault("", 0.0), {}
+    for part in parts:
+        for field in fields(Fault)[2:]:
+            value = getattr(part, field.name)
+            if value != getattr(healthy, field.name):
+                if values.setdefault(field.name, value) != value:
+                    raise UsageError(f"faults {[p.name for p in parts]} both set {field.name}")
+    return Fault("+".join(p.name for p in parts), parts[0].severity, **values)
 
 
 class SensorFault:

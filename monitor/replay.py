@@ -78,6 +78,7 @@ class _Source:
         self._path = path
         if is_table(path):
             self._table: Table | None = read_table(path, setup.columns)
+            self._period_ns = setup.model.card.period_ns
             self.monitor = Monitor(
                 setup.model, setup.limits, setup.config, self._table.names, store
             )
@@ -92,7 +93,7 @@ class _Source:
 
     def events(self) -> Iterator[Event]:
         if self._table is not None:
-            for sample in table_samples(self._table, self.monitor.names, None):
+            for sample in table_samples(self._table, self.monitor.names, self._period_ns):
                 yield from self.monitor.push(sample)
             return
         for frame in self._frames:

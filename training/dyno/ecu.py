@@ -1,0 +1,105 @@
+"""The simulated ECU on the bus: messages at their own cycle times, with jitter and quantisation.
+
+Log and table of a drive come from the same values: what the table holds is what the runtime's
+grid makes of the frames.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+import dbc
+from monitor.assemble_arrays import assemble_arrays
+from monitor.bus_map import BusMap, Channel, load_pairs
+from monitor.faults import Fault
+from monitor.signals import plausible_range
+from monitor.types import FloatArray, IntArray, SampleBlock
+from training.canlog import FrameBlock, Outgoing, block_of, merge, outgoing
+from training.dyno.cycles import STEP_S
+
+STEP_NS: Final = round(STEP_S * 1e9)
+JITTER_NS: Final = 400_000  # standard deviation of a frame's time on the bus
+LAMBDA_MESSAGE: Final = "ECU_Lambda"
+
+
+@dataclass(frozen=True, slots=True)
+class Broadcast:
+    """One message over a whole drive."""
+
+    outgoing: Outgoing
+    times_ns: IntArray  # (n,) rising, whole microseconds
+    values: dict[str, FloatArray]  # canonical name → (n,) before quantisation
+
+
+def own_bus() -> BusMap:
+    """Return the map of the project's own ECU."""
+    return load_pairs([(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))])
+
+
+def broadcast(
+    signals: Mapping[str, FloatArray],
+    bus_map: BusMap,
+    rng: np.random.Generator,
+    fault: Fault | None = None,
+    fault_start_s: float = 0.0,
+) -> list[Broadcast]:
+    """Return every message of the drive.
+
+    signals : canonical name → (n,) at 100 Hz
+    fault : ``signal_missing`` stops the message that carries lambda
+    """
+    n = len(next(iter(signals.values())))
+    sent = []
+    for each in outgoing(bus_map):
+        start_ns = int(rng.integers(0, each.cycle_ns // 1000)) * 1000
+        times_ns = np.arange(start_ns, (n - 1) * STEP_NS, each.cycle_ns)
+        jitter_ns = np.clip(rng.standard_normal(len(times_ns)), -5.0, 5.0) * JITTER_NS
+        times_ns = np.maximum(times_ns + np.rint(jitter_ns / 1000).astype(np.int64) * 1000, 0)
+        if fault is not None and fault.missing and each.message.name == LAMBDA_MESSAGE:
+            times_ns = times_ns[times_ns < fault_start_s * 1e9]
+        names = [channel.mapped.name for channel in each.channels]
+        values = {name: signals[name][times_ns // STEP_NS] for name in names}
+        sent.append(Broadcast(each, times_ns, values))
+    return sent
+
+
+def frames(sent: list[Broadcast]) -> FrameBlock:
+    """Return the drive's frames in the order of time."""
+    return merge(
+        [
+            block_of(b.outgoing.message, b.times_ns, b.outgoing.encode(b.values, len(b.times_ns)))
+            for b in sent
+        ]
+    )
+
+
+def samples(sent: list[Broadcast], bus_map: BusMap, period_ns: int) -> SampleBlock:
+    """Return the drive on the sample grid, as the runtime makes it of the frames.
+
+    The columns stand in the order of ``bus_map.names``.
+    """
+    names = bus_map.names
+    series = {
+        channel.mapped.name: (b.times_ns, _as_read(channel, b.values[channel.mapped.name]))
+        for b in sent
+        for channel in b.outgoing.channels
+    }
+    return assemble_arrays(
+        np.sort(np.concatenate([b.times_ns for b in sent])),
+        [series[name] for name in names],
+        names,
+        names,
+        period_ns=period_ns,
+        timeouts_ns=[round(bus_map.channels[n].mapped.timeout_s * 1e9) for n in names],
+    )
+
+
+def _as_read(channel: Channel, values: FloatArray) -> FloatArray:
+    """Return values after quantisation; infinite where the decoder finds them implausible."""
+    scale, offset = float(channel.signal.scale), float(channel.signal.offset)
+    read = np.rint((values - offset) / scale) * scale + offset
+    low, high = plausible_range(channel.mapped.name)
+    read[(read < low) | (read > high)] = np.inf
+    return read

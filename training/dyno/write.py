@@ -1,0 +1,34 @@
+"""Simulated drives as files, named after what was driven."""
+
+from pathlib import Path
+
+import numpy as np
+
+from training.canlog import write_log
+from training.dyno import ecu
+from training.dyno.simulate import Experiment, simulate
+from training.recordings import write_table
+
+TABLES = ("parquet", "csv", "csv.gz")
+
+
+def write(experiment: Experiment, folder: Path, suffix: str, period_s: float = 0.1) -> Path:
+    """Simulate one drive and write it into ``folder``; return the path.
+
+    suffix : "log", "blf", "asc", "trc" or "mf4" for a CAN log of the project's own ECU, or
+        "parquet", "csv", "csv.gz" for a table on a grid of ``period_s``
+    Raises UsageError for an unknown cycle, RecordingError if the file cannot be written.
+    """
+    path = folder / f"{experiment.name}.{suffix}"
+    bus_map = ecu.own_bus()
+    rng = np.random.default_rng([0x0_2, 5, experiment.seed, experiment.vehicle])
+    sent = ecu.broadcast(
+        simulate(experiment), bus_map, rng, experiment.fault, experiment.fault_start_s
+    )
+    if suffix in TABLES:
+        block = ecu.samples(sent, bus_map, round(period_s * 1e9))
+        t_s = block.t_ns / 1e9
+        write_table(path, t_s, bus_map.names, block.values)
+    else:
+        write_log(path, ecu.frames(sent))
+    return path
