@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from monitor.signals import BY_NAME
+from monitor.signals import BY_NAME, OUTPUT
 from monitor.types import FloatArray
 
 SPIKE_SIGMA = 12.0  # a lone sample this many robust deviations off its neighbours is an outlier
@@ -14,13 +14,12 @@ def outlier_mask(name: str, values: FloatArray) -> np.ndarray:
     A spike differs from the median of its neighbourhood by more than 12 robust deviations of the
     sample-to-sample change and by half of the signal's range, and both neighbours agree.
     """
-    bad = np.isinf(values)
+    bad = np.isneginf(values) if name == OUTPUT else np.isinf(values)
     signal = BY_NAME.get(name)
     if signal is not None:
-        low, high = signal.minimum, signal.maximum
-        bad |= (values < low - 1e-9 * abs(low)) | ((values > high) & ~name.startswith("lambda"))
-        if name.startswith("lambda"):
-            bad &= ~np.isposinf(values)
+        # a lambda above its range is lean air like any other
+        high = np.inf if name == OUTPUT else signal.maximum
+        bad |= (values < signal.minimum) | (values > high)
     if len(values) < 3:
         return bad
     left, middle, right = values[:-2], values[1:-1], values[2:]
