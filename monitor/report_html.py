@@ -1,0 +1,371 @@
+"""The report's text as HTML: summary, verdicts, codes, windows, enable conditions, model.
+
+Every value from outside goes through ``text``. The plots are drawn by ``static/report.js``.
+"""
+
+import html
+import math
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import PurePath
+from typing import Any
+
+OPEN_AT_FIRST = 4  # so many recordings, or fewer, are shown unfolded
+
+MEANINGS = {
+    "slow_rich_to_lean": "slow on rich-to-lean edges",
+    "slow_lean_to_rich": "slow on lean-to-rich edges",
+    "slow_symmetric": "slow on both edges",
+    "delay_rich_to_lean": "late on rich-to-lean edges",
+    "delay_lean_to_rich": "late on lean-to-rich edges",
+    "delay_symmetric": "late on both edges",
+    "transient": "slow and of reduced amplitude",
+    "gain_low": "of reduced amplitude",
+    "biased_lean": "reads too lean",
+    "biased_rich": "reads too rich",
+    "stuck_lean": "stuck at a lean value",
+    "stuck_rich": "stuck at a rich value",
+    "stuck_at_one": "stuck at 1",
+    "not_ready": "does not become ready",
+    "out_of_range": "outside the plausible range",
+    "signal_missing": "signal is not received",
+    "signal_invalid": "signal is sent as invalid",
+}
+_VERDICTS = {  # class: symbol, words
+    "failed": ("✕", "fault found"),
+    "passed": ("✓", "no fault"),
+    "inconclusive": ("?", "not judged"),
+}
+_STATISTICS = {
+    "evidence": "evidence",
+    "hypothesis": "best hypothesis",
+    "dead_time_s": "dead time, s",
+    "lag_s": "lag, s",
+    "gain": "gain",
+    "gain_std": "gain std",
+    "offset": "offset",
+    "excitation": "excitation",
+}
+
+
+def text(value: object) -> str:
+    """Return any value as text that is safe in HTML."""
+    return html.escape(str(value))
+
+
+def body(
+    title: str, recordings: Sequence[Mapping[str, Any]], model_info: Mapping[str, str], output: str
+) -> str:
+    """Return the page's body without data and script."""
+    simulated = [r for r in recordings if _is_simulated(r)]
+    note = ""
+    if simulated:
+        which = "All" if len(simulated) == len(recordings) else f"{len(simulated)} of the"
+        note = (
+            f'<p class="note"><strong>Simulated.</strong> {which} {len(recordings)} recordings '
+            "here come from a simulation, not from a vehicle; they are marked.</p>"
+        )
+    opened = len(recordings) <= OPEN_AT_FIRST
+    sections = "\n".join(
+        _recording(i, recording, output, opened) for i, recording in enumerate(recordings)
+    )
+    return (
+        f"<header><h1>{text(title)}</h1>{note}</header>\n<main>\n{_summary(recordings)}\n"
+        f"{sections}\n{_model(model_info)}\n</main>"
+    )
+
+
+def verdict_of(recording: Mapping[str, Any]) -> str:
+    """Return the verdict on a recording in the terms of a window's."""
+    if recording["fault_flag"]:
+        return "failed"
+    return "passed" if recording["completed"] else "inconclusive"
+
+
+def _summary(recordings: Sequence[Mapping[str, Any]]) -> str:
+    names = [PurePath(str(r["path"])).name for r in recordings]
+    alike = len(set(names)) < len(names)
+    rows = []
+    for i, recording in enumerate(recordings):
+        name = recording["path"] if alike else names[i]
+        n = _counts(recording)
+        rows.append(
+            _row(
+                ("Recording", f'<a href="#recording-{i}">{_path(name)}</a>{_tag(recording)}'),
+                ("Verdict", _badge(recording)),
+                ("Codes", _codes(recording)),
+                ("Passed", _count("passed", n["passed"])),
+                ("Failed", _count("failed", n["failed"])),
+                ("Inconclusive", _count("inconclusive", n["inconclusive"])),
+                ("Paper’s rule failed", str(n["paper"])),
+                ("Enabled", _enabled(recording)),
+            )
+        )
+    head = (
+        '<tr><th rowspan="2">Recording</th><th rowspan="2">Verdict</th><th rowspan="2">Codes</th>'
+        '<th colspan="4" class="group">Windows</th><th rowspan="2">Enabled</th></tr>'
+        "<tr><th>passed</th><th>failed</th><th>inconclusive</th><th>paper’s rule failed</th></tr>"
+    )
+    words = " · ".join(
+        f"{sum(verdict_of(r) == verdict for r in recordings)} {label}"
+        for verdict, (_, label) in _VERDICTS.items()
+    )
+    return (
+        f'<section><h2>Summary</h2><p class="quiet">{_many(len(recordings), "recording")}: {words}'
+        f'</p><table class="summary cards"><thead>{head}</thead>'
+        f"<tbody>{''.join(rows)}</tbody></table></section>"
+    )
+
+
+def _recording(i: int, recording: Mapping[str, Any], output: str, opened: bool) -> str:
+    n = _counts(recording)
+    limits = recording.get("limits", {})
+    facts = [
+        ("Samples", f"{recording['samples']:,}".replace(",", " ")),
+        ("Enabled", _enabled(recording)),
+        (
+            "Windows",
+            f"{n['passed']} passed, {n['failed']} failed, {n['inconclusive']} inconclusive",
+        ),
+        ("Paper’s rule", f"failed in {_many(n['paper'], 'window')}"),
+        *((f"Limit {_limit_name(k)}", _number(v)) for k, v in limits.items()),
+        ("File", _path(recording["path"])),
+        ("sha256", f'<code class="hash">{text(recording["sha256"])}</code>'),
+    ]
+    verdict = verdict_of(recording)
+    name = PurePath(str(recording["path"])).name
+    simulated = " (simulated)" if _is_simulated(recording) else ""
+    return (
+        f'<details class="recording" id="recording-{i}"{" open" if opened else ""}>'
+        f"<summary><h2>{_path(name)}</h2>{_tag(recording)}{_badge(recording)}</summary>"
+        f'<div class="verdict {verdict}"><p><strong>{_VERDICTS[verdict][1].capitalize()}'
+        f"{simulated}.</strong> {_sentence(recording)}</p>{_list(facts)}</div>"
+        f"{_dtcs(recording)}"
+        f'<section class="plots" data-series="series-{i}" data-name="{text(name)}{simulated}" '
+        f'aria-label="Measured and predicted {text(output)} over time"></section>'
+        f'<noscript><p class="quiet">The plots need JavaScript.</p></noscript>'
+        f"{_windows(recording)}"
+        f'<div class="columns">{_enable(recording)}{_counters(recording)}</div></details>'
+    )
+
+
+def _sentence(recording: Mapping[str, Any]) -> str:
+    words = recording.get("verdict_text")
+    if words:
+        return text(re.sub(r"^(FAULT: |not judged: |no fault$)", "", str(words)))
+    if recording["dtcs"]:
+        return "; ".join(
+            f"{text(d['code'])} {text(_fault(d))} ({', '.join(filter(None, _state(d)))})"
+            for d in recording["dtcs"]
+        )
+    return ""
+
+
+def _dtcs(recording: Mapping[str, Any]) -> str:
+    if not recording["dtcs"]:
+        return '<h3>Trouble codes</h3><p class="quiet">None is pending or confirmed.</p>'
+    rows = []
+    for dtc in recording["dtcs"]:
+        show = ""
+        if dtc.get("t_s") is not None:
+            show = f'<button type="button" data-show="{float(dtc["t_s"])!r}">show</button>'
+        rows.append(
+            _row(
+                ("Code", f'<strong class="code">{text(dtc["code"])}</strong>'),
+                ("Fault", f"<code>{text(_fault(dtc))}</code>"),
+                ("Meaning", text(_meaning(dtc))),
+                ("State", text(dtc["state"])),
+                ("Set at", (_seconds(dtc) or "earlier driving cycle") + show),
+                (
+                    "Status byte",
+                    f"<code>0x{int(dtc['status']):02X}</code>" if "status" in dtc else "",
+                ),
+            )
+        )
+    return "<h3>Trouble codes</h3>" + _table(
+        ("Code", "Fault", "Meaning", "State", "Set at", "Status byte"), rows, "cards"
+    )
+
+
+def _windows(recording: Mapping[str, Any]) -> str:
+    windows = recording["windows"]
+    if not windows:
+        return '<p class="quiet">No window of enabled samples was filled.</p>'
+    present = {key for w in windows for key in w.get("statistics", {})}
+    keys = [k for k in _STATISTICS if k in present] + sorted(present - _STATISTICS.keys())
+    rows = [
+        _row(
+            ("", text(w["index"])),
+            ("", f"{w['t_start_s']:.1f}–{w['t_end_s']:.1f}"),
+            ("", _number(w["mean"])),
+            ("", _number(w["std"])),
+            ("", _window_verdict(w)),
+            ("", "failed" if w["paper_failed"] else "–"),
+            *(("", _number(w.get("statistics", {}).get(key))) for key in keys),
+        )
+        for w in windows
+    ]
+    head = ("#", "time, s", "mean", "std", "verdict", "paper’s rule")
+    return (
+        f'<details class="windows"><summary>All {_many(len(windows), "window")} as a table'
+        f'</summary><div class="scroll">'
+        f"{_table((*head, *(_STATISTICS.get(k, k) for k in keys)), rows)}</div></details>"
+    )
+
+
+def _enable(recording: Mapping[str, Any]) -> str:
+    conditions = recording.get("enable", {})
+    if not conditions:
+        return ""
+    rows = []
+    for name, share in conditions.items():
+        if isinstance(share, str):
+            rows.append(_row(("", f"<code>{text(name)}</code>"), ("", ""), ("", text(share))))
+            continue
+        percent = 100.0 * float(share)
+        bar = (
+            '<svg class="bar" viewBox="0 0 100 8" preserveAspectRatio="none" aria-hidden="true">'
+            f'<rect class="all" width="100" height="8"/><rect width="{percent:.1f}" height="8"/>'
+            "</svg>"
+        )
+        rows.append(_row(("", f"<code>{text(name)}</code>"), ("", bar), ("", f"{percent:.1f} %")))
+    return (
+        "<section><h3>Enable conditions</h3>"
+        '<p class="quiet">Share of samples in which each held. A sample is judged when all hold; '
+        "one that is unavailable does not block.</p>"
+        f"{_table((), rows, 'conditions')}</section>"
+    )
+
+
+def _counters(recording: Mapping[str, Any]) -> str:
+    counters = recording.get("counters", {})
+    if not counters:
+        return ""
+    rows = [
+        f'<tr class="{"some" if count else "none"}"><td><code>{text(name)}</code></td>'
+        f"<td>{text(count)}</td></tr>"
+        for name, count in counters.items()
+    ]
+    return (
+        "<section><h3>Frames</h3>"
+        '<p class="quiet">What was rejected, was late or never came.</p>'
+        f"{_table((), rows, 'counters')}</section>"
+    )
+
+
+def _model(model_info: Mapping[str, str]) -> str:
+    if not model_info:
+        return ""
+    facts = [(text(key), text(value)) for key, value in model_info.items()]
+    return f'<section class="model"><h2>Model</h2>{_list(facts)}</section>'
+
+
+def _badge(recording: Mapping[str, Any]) -> str:
+    verdict = verdict_of(recording)
+    symbol, words = _VERDICTS[verdict]
+    return f'<span class="badge {verdict}"><span aria-hidden="true">{symbol}</span> {words}</span>'
+
+
+def _tag(recording: Mapping[str, Any]) -> str:
+    source = recording.get("source")
+    return f' <span class="tag">{text(source)}</span>' if source else ""
+
+
+def _codes(recording: Mapping[str, Any]) -> str:
+    codes = [
+        f'<span class="nowrap"><strong class="code">{text(d["code"])}</strong> '
+        f"{text(d['state'])}</span>"
+        for d in recording["dtcs"]
+    ]
+    return "<br>".join(codes) or "–"
+
+
+def _window_verdict(window: Mapping[str, Any]) -> str:
+    verdict = str(window["verdict"])
+    symbol = _VERDICTS.get(verdict, ("",))[0]
+    fault = f" {text(window['fault'])}" if window.get("fault") else ""
+    return f'<span class="mark {text(verdict)}">{symbol} {text(verdict)}</span>{fault}'
+
+
+def _count(verdict: str, n: int) -> str:
+    return f'<span class="mark {verdict}">{_VERDICTS[verdict][0]} {n}</span>' if n else "0"
+
+
+def _counts(recording: Mapping[str, Any]) -> dict[str, int]:
+    windows = recording["windows"]
+    counts = {v: sum(w["verdict"] == v for w in windows) for v in _VERDICTS}
+    return counts | {"paper": sum(bool(w["paper_failed"]) for w in windows)}
+
+
+def _enabled(recording: Mapping[str, Any]) -> str:
+    samples, enabled = recording["samples"], recording["enabled_samples"]
+    share = f"{100.0 * enabled / samples:.0f} %" if samples else "–"
+    period_s = recording.get("period_s")
+    return f"{_duration(enabled * float(period_s))} ({share})" if period_s else share
+
+
+def _duration(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.1f} min"
+
+
+def _fault(dtc: Mapping[str, Any]) -> str:
+    return " or ".join((str(dtc["fault"]), *dtc.get("also", ())))
+
+
+def _meaning(dtc: Mapping[str, Any]) -> str:
+    return ", or ".join(MEANINGS.get(f, f) for f in (dtc["fault"], *dtc.get("also", ())))
+
+
+def _state(dtc: Mapping[str, Any]) -> tuple[str, str]:
+    return text(dtc["state"]), _seconds(dtc)
+
+
+def _seconds(dtc: Mapping[str, Any]) -> str:
+    return "" if dtc.get("t_s") is None else f"{dtc['t_s']:.1f} s"
+
+
+def _is_simulated(recording: Mapping[str, Any]) -> bool:
+    return bool(recording.get("source") == "simulated")
+
+
+def _limit_name(name: str) -> str:
+    return {"j_mu": "J<sub>μ</sub>", "j_sigma": "J<sub>σ</sub>"}.get(name, text(name))
+
+
+def _number(value: object) -> str:
+    if value is None:
+        return "–"
+    if isinstance(value, float):
+        return f"{value:.4g}".replace("-", "−") if math.isfinite(value) else "–"
+    return text(value)
+
+
+def _many(n: int, noun: str) -> str:
+    return f"{n} {noun}{'' if n == 1 else 's'}"
+
+
+def _path(path: object) -> str:
+    """Return a path that may break after its separators."""
+    return re.sub(r"([/\\_])", r"\1<wbr>", text(path))
+
+
+def _row(*cells: tuple[str, str]) -> str:
+    return (
+        "<tr>"
+        + "".join(
+            f'<td data-label="{label}">{cell}</td>' if label else f"<td>{cell}</td>"
+            for label, cell in cells
+        )
+        + "</tr>"
+    )
+
+
+def _table(head: Iterable[str], rows: Iterable[str], css_class: str = "") -> str:
+    cells = "".join(f"<th>{text(cell)}</th>" for cell in head)
+    header = f"<thead><tr>{cells}</tr></thead>" if cells else ""
+    return f'<table class="{css_class}">{header}<tbody>{"".join(rows)}</tbody></table>'
+
+
+def _list(facts: Iterable[tuple[str, str]]) -> str:
+    items = "".join(f"<div><dt>{key}</dt><dd>{value}</dd></div>" for key, value in facts)
+    return f"<dl>{items}</dl>"
