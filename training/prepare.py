@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 BLOCK_S = 45.0  # length of a block that is held out or trained on as a whole
 GROUP = 7  # of seven blocks one validates and one tests: 71/14/14 percent
 OTHER_WEIGHT = 0.1  # of samples outside the enabled region: cold start, fuel cut, open loop
+ENABLE_COLUMNS = {"closed_loop": 1.0, "sensor_ready": 1.0, "fuel_cut": 0.0}
 MARGIN = 0.05  # of the trained range, by which inputs and outputs may leave it
 
 
@@ -115,7 +116,7 @@ def prepare(
         u = _columns(recording, inputs, outliers)
         y = _columns(recording, [output], outliers)[:, 0]
         on = enabled_rows(recording)
-        for first, stop in _runs(np.asarray(np.isfinite(u).all(axis=1))):
+        for first, stop in runs(np.asarray(np.isfinite(u).all(axis=1))):
             if stop - first < 8 * lags or not np.isfinite(y[first:stop]).any():
                 continue
             u_parts.append(u[first:stop])
@@ -158,7 +159,7 @@ def enabled_rows(recording: "Recording") -> np.ndarray:
     """
     on = np.ones(len(recording.values), dtype=bool)
     names = list(recording.names)
-    for name, wanted in (("closed_loop", 1.0), ("sensor_ready", 1.0), ("fuel_cut", 0.0)):
+    for name, wanted in ENABLE_COLUMNS.items():
         if name in names:
             column = recording.values[:, names.index(name)]
             on &= np.isnan(column) | ((column >= 0.5) == (wanted >= 0.5))
@@ -196,7 +197,7 @@ def _columns(recording: "Recording", names: Sequence[str], outliers: dict[str, i
     return values
 
 
-def _runs(good: np.ndarray) -> list[tuple[int, int]]:
+def runs(good: np.ndarray) -> list[tuple[int, int]]:
     """Return (first, stop) of every run of True."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], good.astype(np.int8), [0]])))
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]

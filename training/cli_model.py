@@ -1,0 +1,179 @@
+"""Subcommands ``o2train fit`` and ``o2train evaluate``."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from training.cli_recordings import pairs_of
+
+if TYPE_CHECKING:
+    from training.fit import FitResult
+    from training.recordings import Recording
+
+_FIT_EXAMPLES = """examples:
+  o2train fit drive1.log drive2.log drive3.log --out model.onnx --report fit.html
+  o2train fit run_*.csv.gz --inputs speed_z load_z ignition_angle_z fuel_cutoff_z \\
+      --output lambda_z --out lambda.onnx
+"""
+_EVALUATE_EXAMPLES = """examples:
+  o2train evaluate --model model.onnx drive4.log
+  o2train evaluate --model model.onnx drive4.log drive5.log --washout 20 --json figures.json
+"""
+
+
+def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
+    """Add the subcommands ``fit`` and ``evaluate``; each sets ``func``."""
+    fit = subparsers.add_parser(
+        "fit",
+        help="train a model on recordings of a healthy vehicle",
+        description="Train a NARX: series-parallel, then in closed loop over growing horizons, "
+        "and keep what predicts held-out blocks best in free run.",
+        epilog=_FIT_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    _add_recordings(fit)
+    fit.add_argument("--out", type=Path, required=True, metavar="MODEL.onnx", help="file to write")
+    fit.add_argument("--kind", choices=("narx",), default="narx", help="kind of model")
+    fit.add_argument("--inputs", nargs="+", metavar="NAME", help="default: the paper's seven")
+    fit.add_argument("--output", metavar="NAME", help="default: lambda_measured")
+    fit.add_argument("--lags", type=int, default=5, metavar="N", help="longest lag (default 5)")
+    fit.add_argument(
+        "--lag-zero", action="store_true", help="let the inputs of the same tick enter, too"
+    )
+    fit.add_argument(
+        "--hidden", type=int, nargs="+", default=[8, 8], metavar="N",
+        help="neurons of each hidden layer (default 8 8)",
+    )  # fmt: skip
+    fit.add_argument(
+        "--no-ratio", action="store_true", help="give the network fuel mass, not fuel over air"
+    )
+    fit.add_argument("--starts", type=int, default=3, metavar="N", help="trainings (default 3)")
+    fit.add_argument(
+        "--budget", type=float, default=10.0, metavar="MIN",
+        help="minutes after which the best so far is kept (default 10)",
+    )  # fmt: skip
+    fit.add_argument("--seed", type=int, default=0, metavar="N", help="of weights and blocks")
+    fit.add_argument("--report", type=Path, metavar="HTML", help="write a report")
+    fit.set_defaults(func=run_fit)
+
+    evaluate = subparsers.add_parser(
+        "evaluate",
+        help="predict recordings with a model and say how well",
+        description="Free run of the model over each recording, in the output's unit.",
+        epilog=_EVALUATE_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    evaluate.add_argument("--model", type=Path, required=True, metavar="MODEL.onnx")
+    _add_recordings(evaluate)
+    evaluate.add_argument(
+        "--washout", type=int, metavar="N",
+        help="first samples that drive the state with the measured output and are not scored "
+        "(default: the longest lag)",
+    )  # fmt: skip
+    evaluate.add_argument("--json", type=Path, metavar="OUT", help="write the figures as JSON")
+    evaluate.set_defaults(func=run_evaluate)
+
+
+def _add_recordings(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("recordings", nargs="+", type=Path, metavar="RECORDING")
+    parser.add_argument(
+        "--period", type=float, metavar="S", help="grid period in seconds (default 0.1 for logs)"
+    )
+    parser.add_argument(
+        "--dbc", type=Path, action="append", default=[], metavar="FILE",
+        help="CAN database, repeat together with --map (default: the project's own ECU)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--map", type=Path, action="append", default=[], metavar="FILE",
+        help="signal map of the database before it",
+    )  # fmt: skip
+    parser.add_argument(
+        "--columns", type=Path, metavar="FILE", help="TOML file that renames a table's columns"
+    )
+
+
+def run_fit(args: argparse.Namespace) -> int:
+    """Train and write a model; returns the exit code."""
+    from monitor.errors import UsageError
+    from monitor.signals import NARX_INPUTS, OUTPUT
+    from training.fit import fit
+    from training.progress import Bar
+
+    if min(args.lags, args.starts, *args.hidden) < 1 or not args.budget > 0:
+        raise UsageError("--lags, --starts, --hidden and --budget must be positive")
+    if args.out.suffix != ".onnx":
+        raise UsageError(f"--out {args.out}: a model file ends in .onnx")
+    recordings = _load(args, args.period)
+    with Bar(args.starts) as bar:
+        result = fit(
+            recordings,
+            args.inputs or NARX_INPUTS,
+            args.output or OUTPUT,
+            args.out,
+            lags=args.lags,
+            hidden=tuple(args.hidden),
+            input_lag_start=0 if args.lag_zero else 1,
+            transforms=[] if args.no_ratio else None,
+            starts=args.starts,
+            budget_minutes=args.budget,
+            seed=args.seed,
+            progress=bar.update,
+        )
+    for warning in result.warnings:
+        print(f"o2train: warning: {warning}", file=sys.stderr)
+    _print_fit(result)
+    if args.report:
+        from training.fit_report import write_report
+
+        write_report(args.report, result)
+        print(f"report: {args.report}")
+    return 0
+
+
+def _print_fit(result: "FitResult") -> None:
+    card = result.card
+    n = len(result.data.role)
+    print(f"{result.path}: {n} samples, {result.network.spec.n_weights} weights, "
+          f"{result.seconds:.0f} s")  # fmt: skip
+    for name, title in (("test", "held-out blocks"), ("test_enabled", "  enabled samples")):
+        figures = card.fit[name]
+        if "rmse" in figures:
+            print(
+                f"{title}: free run fit {figures['fit_percent']:.1f} %, "
+                f"correlation {figures['correlation']:.4f}, RMSE {figures['rmse']:.4g} "
+                f"{card.output.unit}, {figures['samples']:.0f} samples"
+            )
+
+
+def run_evaluate(args: argparse.Namespace) -> int:
+    """Predict recordings with a model; returns the exit code."""
+    from monitor.model import Model
+    from training.evaluate import evaluate, save
+
+    card = Model.load(args.model).card
+    period_s = args.period if args.period is not None else card.period_ns / 1e9
+    result = evaluate(args.model, _load(args, period_s), args.washout)
+    for r in result["recordings"]:
+        fit = r["fit_percent"]
+        print(
+            f"{r['path']}: {r['samples']} samples, RMSE {r['rmse']:.4g}, "
+            f"fit {'-' if fit is None else f'{fit:.1f} %'}, correlation {r['correlation']:.4f}, "
+            f"one-step RMSE {r['one_step_rmse']:.4g}"
+        )
+        if r["enabled"]:
+            e = r["enabled"]
+            print(f"  enabled: {e['samples']} samples, RMSE {e['rmse']:.4g}, "
+                  f"correlation {e['correlation']:.4f}")  # fmt: skip
+    if args.json:
+        save(result, args.json)
+    return 0
+
+
+def _load(args: argparse.Namespace, period_s: float | None) -> "list[Recording]":
+    from training.recordings import load
+
+    return [
+        load(path, period_s=period_s, pairs=pairs_of(args), columns=args.columns)
+        for path in args.recordings
+    ]

@@ -1,0 +1,169 @@
+"""A self-contained HTML report of one training."""
+
+import base64
+import html
+from io import BytesIO
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+
+from monitor.model import from_model_units
+from monitor.types import FloatArray
+from training.fit import FitResult, HeldOut
+
+FIGURE_SAMPLES = 1500  # at most this many of a held-out block are drawn
+_PAGE = """<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><title>Training of {name}</title><style>
+body {{ font: 15px/1.5 system-ui, sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em; }}
+table {{ border-collapse: collapse; margin: 1em 0; }}
+td, th {{ border-bottom: 1px solid #ccc; padding: .2em .8em; text-align: left; }}
+td.n {{ text-align: right; font-variant-numeric: tabular-nums; }}
+figure {{ margin: 1.5em 0; }} img {{ max-width: 100%; }} .warning {{ color: #a33; }}
+</style></head><body><h1>Training of {name}</h1>
+{body}
+</body></html>
+"""
+
+
+def write_report(path: Path | str, result: FitResult) -> None:
+    """Write the report; figures are embedded, nothing is loaded from elsewhere."""
+    mpl.rcParams["svg.hashsalt"] = "o2-monitor"  # the same ids for the same figures
+    body = "\n".join(
+        [
+            *(f'<p class="warning">{html.escape(w)}</p>' for w in result.warnings),
+            _overview(result),
+            _measures(result),
+            _picture(_training_curves(result), "Free-run validation over the epochs of each start"),
+            _picture(_held_out_run(result), "Free run (orange) and measurement on held-out blocks"),
+            _picture(_scatter(result), "Prediction over measurement; residuals"),
+        ]
+    )
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    Path(path).write_text(_PAGE.format(name=html.escape(result.path.name), body=body))
+
+
+def _table(rows: list[tuple[str, ...]], head: tuple[str, ...] = ()) -> str:
+    cells = "".join(f"<th>{html.escape(h)}</th>" for h in head)
+    lines = [f"<tr>{cells}</tr>"] if head else []
+    for row in rows:
+        first, *rest = (html.escape(c) for c in row)
+        lines.append(f"<tr><td>{first}</td>{''.join(f'<td class=n>{c}</td>' for c in rest)}</tr>")
+    return f"<table>{''.join(lines)}</table>"
+
+
+def _overview(result: FitResult) -> str:
+    card, spec = result.card, result.network.spec
+    stability, parity = card.checks["contraction"], card.checks["parity"]
+    rows = [
+        ("inputs", ", ".join(card.input_names)),
+        ("output", f"{card.output.name} [{card.output.unit or 'as recorded'}]"),
+        ("sample period", f"{card.period_ns / 1e9:g} s"),
+        ("lags", f"inputs {spec.input_lag_start} to {spec.lags}, output 1 to {spec.lags}"),
+        ("layers", f"{', '.join(map(str, spec.hidden))} tanh, {spec.n_weights} weights"),
+        ("samples", f"{len(result.data.role)} of {len(card.recordings)} recordings"),
+        ("time", f"{result.seconds:.0f} s for {len(result.starts)} starts"),
+        ("two histories after 50 samples",
+         f"differ by at most {stability['gap']:.2g} (limit {stability['limit']:.2g})"),
+        ("ONNX against numpy, free run",
+         f"{parity['onnx_numpy']:.2g} (tolerance {parity['tolerance']:.2g})"),
+    ]  # fmt: skip
+    recordings = [(r.path, r.sha256[:16], str(r.samples)) for r in card.recordings]
+    return _table(rows) + _table(recordings, ("recording", "sha256", "samples"))
+
+
+def _measures(result: FitResult) -> str:
+    names = ("samples", "fit_percent", "correlation", "slope", "rmse", "residual_mean",
+             "residual_std")  # fmt: skip
+    rows = [
+        (title, *(f"{result.card.fit[key].get(n, float('nan')):.4g}" for n in names))
+        for key, title in (("test", "all held-out"), ("test_enabled", "enabled"))
+    ]
+    return "<h2>Free run on held-out blocks</h2>" + _table(rows, ("", *names))
+
+
+def _picture(figure: Figure, caption: str) -> str:
+    buffer = BytesIO()
+    figure.savefig(buffer, format="svg", metadata={"Date": None})
+    data = base64.b64encode(buffer.getvalue()).decode()
+    text = html.escape(caption)
+    return (
+        f'<figure><img alt="{text}" src="data:image/svg+xml;base64,{data}">'
+        f"<figcaption>{text}</figcaption></figure>"
+    )
+
+
+def _training_curves(result: FitResult) -> Figure:
+    figure = Figure(figsize=(9, 3.2), layout="constrained")
+    axes = figure.add_subplot()
+    for index, start in enumerate(result.starts):
+        at = 0
+        for stage in start.stages:
+            scores = np.array(stage.scores) * result.data.scaling.y_std
+            axes.semilogy(np.arange(at, at + len(scores)), scores, color=f"C{index}")
+            if index == result.best:
+                axes.axvline(at, color="0.85", linewidth=0.8)
+                axes.text(at, 0.98, f" {stage.horizon}", transform=axes.get_xaxis_transform(),
+                          va="top", fontsize=8, color="0.4")  # fmt: skip
+            at += len(scores) - 1
+    axes.set(xlabel="epoch; the number is the horizon in samples", ylabel="RMSE, model units")
+    return figure
+
+
+def _output_units(result: FitResult) -> tuple[FloatArray, FloatArray]:
+    data = result.data
+    measured = np.where(data.samples.weight > 0, data.scaling.unscale_y(data.samples.y), np.nan)
+    return (
+        from_model_units(data.transform, measured),
+        from_model_units(data.transform, result.predicted),
+    )
+
+
+def _held_out_run(result: FitResult) -> Figure:
+    measured, predicted = _output_units(result)
+    tests = [h for h in result.held_out if h.role == "test"]
+    chosen = sorted(tests, key=lambda h: h.first - h.stop)[:3]
+    figure = Figure(figsize=(9, 2.4 * len(chosen)), layout="constrained")
+    for axes, block in zip(
+        np.atleast_1d(figure.subplots(len(chosen), 1, squeeze=False)[:, 0]), chosen, strict=True
+    ):
+        rows = _rows(result, block)[:FIGURE_SAMPLES]
+        t_s = (block.first + np.arange(len(rows))) * result.data.period_ns / 1e9
+        axes.plot(t_s, measured[rows], linewidth=0.9, color="0.2")
+        axes.plot(t_s, predicted[rows], linewidth=0.9, color="C1")
+        axes.set(xlabel="s", ylabel=result.card.output.name)
+        axes.set_ylim(*_robust_limits(result))
+    return figure
+
+
+def _rows(result: FitResult, block: HeldOut) -> np.ndarray:
+    for s in result.data.segments:
+        if s.recording == block.recording and s.first <= block.first < s.first + s.stop - s.start:
+            return np.arange(s.start + block.first - s.first, s.start + block.stop - s.first)
+    raise ValueError(f"{block} lies in no segment")
+
+
+def _robust_limits(result: FitResult) -> tuple[float, float]:
+    data = result.data
+    values = data.scaling.unscale_y(data.samples.y[data.enabled])
+    values = from_model_units(data.transform, values)
+    low, high = np.percentile(values, [0.5, 99.5])
+    return float(low - 0.2 * (high - low)), float(high + 0.2 * (high - low))
+
+
+def _scatter(result: FitResult) -> Figure:
+    measured, predicted = _output_units(result)
+    rows = (result.data.role == 2) & result.data.enabled & np.isfinite(predicted)
+    a, b = measured[rows], predicted[rows]
+    figure = Figure(figsize=(9, 3.6), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    limits = _robust_limits(result)
+    left.hexbin(a, b, gridsize=60, bins="log", mincnt=1, extent=(*limits, *limits), cmap="Blues")
+    left.plot(limits, limits, color="0.5", linewidth=0.8)
+    left.set(xlabel="measured", ylabel="predicted", xlim=limits, ylim=limits)
+    residual = a - b
+    width = 5 * float(residual.std()) if len(residual) else 1.0
+    right.hist(np.clip(residual, -width, width), bins=100)
+    right.set(xlabel="measured - predicted", ylabel="enabled held-out samples", yscale="log")
+    return figure

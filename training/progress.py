@@ -1,0 +1,38 @@
+"""The progress bar of the training, on stderr and safe for several starts at once."""
+
+from threading import Lock
+from types import TracebackType
+
+from tqdm import tqdm
+
+from training.stages import EPOCHS
+
+
+class Bar:
+    """Epochs of all starts; closes full, because a stage may end before its last epoch."""
+
+    def __init__(self, starts: int) -> None:
+        self._bar = tqdm(total=starts * sum(EPOCHS.values()), unit="epoch", leave=False)
+        self._lock = Lock()
+        self._before = {h: sum(n for g, n in EPOCHS.items() if g < h) for h in EPOCHS}
+        self._at = [0] * starts
+        self._best = [float("inf")] * starts
+
+    def __enter__(self) -> "Bar":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._bar.close()
+
+    def update(self, start: int, horizon: int, epoch: int, best: float) -> None:
+        """Take note of one epoch of one start and its best validation RMSE (scaled)."""
+        with self._lock:
+            at = self._before.get(horizon, 0) + epoch + 1
+            self._bar.update(at - self._at[start])
+            self._at[start], self._best[start] = at, best
+            self._bar.set_postfix_str(f"horizon {horizon}, free run {min(self._best):.3f}")
