@@ -6,14 +6,14 @@ the resolution of every format, so that a log recorded from a bus replays to the
 """
 
 import gzip
-import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, Final, cast
+from typing import IO, BinaryIO, Final, cast
 
 import can
 
-from monitor import blf
+from monitor import blf, mdf
 from monitor.candump import LogCounters, read_candump
 from monitor.errors import RecordingError
 from monitor.tables import Table, is_table, read_table, table_samples
@@ -91,7 +91,6 @@ def _require_mdf(path: Path) -> None:
 
 def _guarded(path: Path, kind: str, counters: LogCounters) -> Iterator[Frame]:
     """Yield the frames and turn everything that the readers raise into RecordingError."""
-    logging.getLogger("can").setLevel(logging.ERROR)
     try:
         if kind == ".log":
             with open_text(path) as file:
@@ -118,11 +117,7 @@ def _through_python_can(path: Path, kind: str, counters: LogCounters) -> Iterato
             expected = blf.check(file)
     elif kind == ".csv":
         _check_csv_header(path)
-    elif kind == ".mf4":
-        with open_binary(path) as file:
-            if file.read(8) != b"MDF     ":
-                raise ValueError("not an MDF file, or one that was never finished")
-    with can.LogReader(path) as reader:
+    with _reader(path, kind) as reader:
         for message in reader:
             if message.is_error_frame or message.is_remote_frame:
                 counters.skipped += 1
@@ -135,10 +130,23 @@ def _through_python_can(path: Path, kind: str, counters: LogCounters) -> Iterato
         raise ValueError(f"its header announces {expected} objects")
 
 
-def open_binary(path: Path) -> IO[bytes]:
+@contextmanager
+def _reader(path: Path, kind: str) -> Iterator[Iterable[can.Message]]:
+    if kind != ".mf4":
+        with can.LogReader(path) as reader:
+            yield reader
+        return
+    with open_binary(path) as file, mdf.quiet():
+        mdf.check(file)
+        file.seek(0)
+        with can.MF4Reader(file) as reader:
+            yield reader
+
+
+def open_binary(path: Path) -> BinaryIO:
     """Return the file for reading, decompressed if its name ends in .gz."""
     if path.suffix.lower() == ".gz":
-        return cast(IO[bytes], gzip.open(path, "rb"))
+        return cast(BinaryIO, gzip.open(path, "rb"))
     return path.open("rb")
 
 

@@ -1,12 +1,15 @@
 """Measurement files of calibration tools: MDF 3 and 4 with channels at several rasters."""
 
-from collections.abc import Mapping
+import io
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Final
 
 import numpy as np
 
+from monitor import mdf as mdf4
 from monitor.errors import RecordingError
 from monitor.tables import TIME, Column, load_columns
 from monitor.types import FloatArray, IntArray
@@ -83,13 +86,20 @@ def _masters(mdf: Any) -> set[str]:
     return {mdf.groups[group].channels[index].name for group, index in mdf.masters_db.items()}
 
 
-def _open(path: Path) -> Any:
+@contextmanager
+def _open(path: Path) -> Iterator[Any]:
     asammdf = _asammdf(path)
     try:
-        return asammdf.MDF(path)
+        with mdf4.quiet(), path.open("rb") as file:
+            if path.suffix.lower() == ".mf4":
+                mdf4.check(file)
+                file.seek(0)
+            measurement = asammdf.MDF(io.BytesIO(file.read()))
     except Exception as error:  # asammdf raises whatever its parsers raise
         reason = " ".join(str(error).split()) or type(error).__name__
         raise RecordingError(f"{path}: cannot read the measurement file: {reason}") from error
+    with measurement:
+        yield measurement
 
 
 def _asammdf(path: Path) -> ModuleType:
