@@ -53,7 +53,9 @@ def start_value(algorithm: str, can_id: int) -> int:
     return CRC8_TABLE[INITIAL ^ (can_id & 0xFF)] if algorithm == "crc8_sae_j1850_id" else INITIAL
 
 
-def payload_checksum(algorithm: str, can_id: int, data: bytes, checksum_byte: int) -> int:
+def payload_checksum(
+    algorithm: str, can_id: int, data: bytes | bytearray, checksum_byte: int
+) -> int:
     """Return the checksum that belongs into byte ``checksum_byte`` of the payload ``data``.
 
     algorithm : one of ALGORITHMS
