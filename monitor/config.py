@@ -40,7 +40,7 @@ class ResponseConfig:
     delay_limit_s: float
     gain_limit: float
     gain_transient: float
-    excitation_min_phi: float
+    excitation_noise: float
     noise_correlation_samples: float
     evidence_fail: float
     evidence_pass: float

@@ -1,0 +1,111 @@
+"""Decision limits from blocks of healthy recordings that the training did not see."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from monitor import enable
+from monitor.config import Config
+from monitor.dtc import DtcStore
+from monitor.errors import RecordingError
+from monitor.limits import Limits
+from monitor.model import Model
+from monitor.model_card import Limit, ModelCard
+from monitor.pipeline import Monitor, WindowJudged
+from monitor.types import Sample
+from training.export import update_card
+from training.fit import HeldOut
+from training.recordings import Recording
+
+MINIMUM_WINDOWS = 10
+PAPER_QUANTILE = 0.99
+NO_LIMITS = Limits(j_mu=np.inf, j_sigma=np.inf, noise=1.0, excitation=0.0, offset=np.inf)
+
+
+def healthy_windows(model: Model, recording: Recording, config: Config) -> list[WindowJudged]:
+    """Return the windows of a healthy recording, in free run, without any limit."""
+    card = model.card
+    wanted = dict.fromkeys((*card.input_names, card.output.name, *enable.SIGNALS))
+    names = [name for name in wanted if name in recording.names]
+    order = [recording.names.index(name) for name in names]
+    monitor = Monitor(model, NO_LIMITS, config, names, DtcStore())
+    values, quality = recording.values[:, order], recording.quality[:, order]
+    windows = []
+    for index in range(len(values)):
+        sample = Sample(index, index * recording.period_ns, values[index], quality[index])
+        windows += [e for e in monitor.push(sample) if isinstance(e, WindowJudged)]
+    return windows
+
+
+def held_out_windows(
+    model: Model, recordings: Sequence[Recording], held_out: Sequence[HeldOut], config: Config
+) -> list[WindowJudged]:
+    """Return the windows that lie wholly in held-out blocks."""
+    found = []
+    for number, recording in enumerate(recordings):
+        spans = [(h.first, h.stop) for h in held_out if h.recording == number]
+        for window in healthy_windows(model, recording, config):
+            first = window.window.t_start_ns // recording.period_ns
+            last = window.window.t_end_ns // recording.period_ns
+            if any(a <= first and last < b for a, b in spans):
+                found.append(window)
+    return found
+
+
+def limits_of(
+    windows: Sequence[WindowJudged], card: ModelCard, config: Config, origin: str
+) -> dict[str, Limit]:
+    """Return every decision limit from healthy windows.
+
+    origin : what the windows are, for the card
+    Raises RecordingError if there are too few.
+    """
+    if len(windows) < MINIMUM_WINDOWS:
+        raise RecordingError(
+            f"{len(windows)} healthy windows, {MINIMUM_WINDOWS} are wanted to set limits: "
+            "give more or longer recordings with the vehicle warm and in closed loop"
+        )
+    unit = card.output.unit
+    means = np.array([w.mean for w in windows])
+    stds = np.array([w.std for w in windows])
+    oriented = [
+        1.0 / w.window.measured if card.transform == "phi" else -w.window.measured for w in windows
+    ]
+    within = [o - w.window.bank[:, 0] for o, w in zip(oriented, windows, strict=True)]
+    noise = float(np.sqrt(np.mean([np.var(x) for x in within])))
+    spread = 6.0 * float(means.std())
+    floor = config.bias.offset_limit_lambda if card.transform == "phi" else 0.0
+    n = len(windows)
+    where = f"{n} healthy windows, {origin}"
+    phi = "-" if card.transform == "phi" else unit
+    return {
+        "j_mu": Limit(_quantile(np.abs(means)), unit, f"quantile {PAPER_QUANTILE}, {where}"),
+        "j_sigma": Limit(_quantile(stds), unit, f"quantile {PAPER_QUANTILE}, {where}"),
+        "noise": Limit(noise, phi, f"residual within windows, {where}"),
+        "excitation": Limit(
+            max(config.response.excitation_noise * noise, 1e-9),
+            phi,
+            f"{config.response.excitation_noise:g} times the noise",
+        ),
+        "offset": Limit(
+            max(floor, spread), unit, f"larger of {floor:g} and six times the spread of {where}"
+        ),
+    }
+
+
+def _quantile(values: np.ndarray) -> float:
+    return float(np.quantile(values, PAPER_QUANTILE))
+
+
+def set_limits(
+    path: Path, recordings: Sequence[Recording], held_out: Sequence[HeldOut], config: Config
+) -> ModelCard:
+    """Set the limits of the model in ``path`` from held-out blocks; return its new card."""
+    model = Model.load(path)
+    windows = held_out_windows(model, recordings, held_out, config)
+    limits = limits_of(windows, model.card, config, "blocks held out of the training recordings")
+    card = replace(model.card, limits={**model.card.limits, **limits})
+    update_card(path, card)
+    return card
