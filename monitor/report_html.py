@@ -60,10 +60,11 @@ def body(
     simulated = [r for r in recordings if _is_simulated(r)]
     note = ""
     if simulated:
-        which = "All" if len(simulated) == len(recordings) else f"{len(simulated)} of the"
+        many = _many(len(recordings), "recording")
+        which = many if len(simulated) == len(recordings) else f"{len(simulated)} of {many}"
         note = (
-            f'<p class="note"><strong>Simulated.</strong> {which} {len(recordings)} recordings '
-            "here come from a simulation, not from a vehicle; they are marked.</p>"
+            f'<p class="note"><strong>Simulated.</strong> {which} on this page came from a '
+            "simulation, not from a vehicle, and every result on it is marked so.</p>"
         )
     opened = len(recordings) <= OPEN_AT_FIRST
     sections = "\n".join(
@@ -106,9 +107,11 @@ def _summary(recordings: Sequence[Mapping[str, Any]]) -> str:
         '<th colspan="4" class="group">Windows</th><th rowspan="2">Enabled</th></tr>'
         "<tr><th>passed</th><th>failed</th><th>inconclusive</th><th>paper’s rule failed</th></tr>"
     )
+    found = [verdict_of(recording) for recording in recordings]
     words = " · ".join(
-        f"{sum(verdict_of(r) == verdict for r in recordings)} {label}"
+        f"{found.count(verdict)} {label}"
         for verdict, (_, label) in _VERDICTS.items()
+        if verdict in found
     )
     return (
         f'<section><h2>Summary</h2><p class="quiet">{_many(len(recordings), "recording")}: {words}'
@@ -119,7 +122,6 @@ def _summary(recordings: Sequence[Mapping[str, Any]]) -> str:
 
 def _recording(i: int, recording: Mapping[str, Any], output: str, opened: bool) -> str:
     n = _counts(recording)
-    limits = recording.get("limits", {})
     facts = [
         ("Samples", f"{recording['samples']:,}".replace(",", " ")),
         ("Enabled", _enabled(recording)),
@@ -128,9 +130,9 @@ def _recording(i: int, recording: Mapping[str, Any], output: str, opened: bool) 
             f"{n['passed']} passed, {n['failed']} failed, {n['inconclusive']} inconclusive",
         ),
         ("Paper’s rule", f"failed in {_many(n['paper'], 'window')}"),
-        *((f"Limit {_limit_name(k)}", _number(v)) for k, v in limits.items()),
-        ("File", _path(recording["path"])),
-        ("sha256", f'<code class="hash">{text(recording["sha256"])}</code>'),
+        *_limits(recording.get("limits", {})),
+        ("File", f'<span class="wide">{_path(recording["path"])}</span>'),
+        ("sha256", f'<code class="wide hash">{text(recording["sha256"])}</code>'),
     ]
     verdict = verdict_of(recording)
     name = PurePath(str(recording["path"])).name
@@ -155,10 +157,21 @@ def _sentence(recording: Mapping[str, Any]) -> str:
         return text(re.sub(r"^(FAULT: |not judged: |no fault$)", "", str(words)))
     if recording["dtcs"]:
         return "; ".join(
-            f"{text(d['code'])} {text(_fault(d))} ({', '.join(filter(None, _state(d)))})"
-            for d in recording["dtcs"]
+            f"{text(d['code'])} {text(_fault(d))} ({_state(d)})" for d in recording["dtcs"]
         )
-    return ""
+    return "" if recording["completed"] else _reason(recording)
+
+
+def _reason(recording: Mapping[str, Any]) -> str:
+    """Return why a recording was not judged."""
+    windows = len(recording["windows"])
+    if windows:
+        return f"The evidence of {_many(windows, 'window')} was not enough for a decision."
+    enable = recording.get("enable", {})
+    shares = {name: share for name, share in enable.items() if not isinstance(share, str)}
+    worst = sorted(shares, key=lambda name: float(shares[name]))[:2]
+    held = ", ".join(f"{text(name)} {100.0 * shares[name]:.0f}\u00a0%" for name in worst)
+    return "No window of enabled samples was filled" + (f"; least held: {held}." if held else ".")
 
 
 def _dtcs(recording: Mapping[str, Any]) -> str:
@@ -191,7 +204,7 @@ def _windows(recording: Mapping[str, Any]) -> str:
     windows = recording["windows"]
     if not windows:
         return '<p class="quiet">No window of enabled samples was filled.</p>'
-    present = {key for w in windows for key in w.get("statistics", {})}
+    present: set[str] = {key for w in windows for key in w.get("statistics", {})}
     keys = [k for k in _STATISTICS if k in present] + sorted(present - _STATISTICS.keys())
     rows = [
         _row(
@@ -299,13 +312,13 @@ def _counts(recording: Mapping[str, Any]) -> dict[str, int]:
 
 def _enabled(recording: Mapping[str, Any]) -> str:
     samples, enabled = recording["samples"], recording["enabled_samples"]
-    share = f"{100.0 * enabled / samples:.0f} %" if samples else "–"
+    share = f"{100.0 * enabled / samples:.0f}\u00a0%" if samples else "–"
     period_s = recording.get("period_s")
     return f"{_duration(enabled * float(period_s))} ({share})" if period_s else share
 
 
 def _duration(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.1f} min"
+    return f"{seconds:.0f}\u00a0s" if seconds < 120 else f"{seconds / 60:.1f}\u00a0min"
 
 
 def _fault(dtc: Mapping[str, Any]) -> str:
@@ -316,8 +329,8 @@ def _meaning(dtc: Mapping[str, Any]) -> str:
     return ", or ".join(MEANINGS.get(f, f) for f in (dtc["fault"], *dtc.get("also", ())))
 
 
-def _state(dtc: Mapping[str, Any]) -> tuple[str, str]:
-    return text(dtc["state"]), _seconds(dtc)
+def _state(dtc: Mapping[str, Any]) -> str:
+    return ", ".join(part for part in (text(dtc["state"]), _seconds(dtc)) if part)
 
 
 def _seconds(dtc: Mapping[str, Any]) -> str:
@@ -328,8 +341,10 @@ def _is_simulated(recording: Mapping[str, Any]) -> bool:
     return bool(recording.get("source") == "simulated")
 
 
-def _limit_name(name: str) -> str:
-    return {"j_mu": "J<sub>μ</sub>", "j_sigma": "J<sub>σ</sub>"}.get(name, text(name))
+def _limits(limits: Mapping[str, Any]) -> list[tuple[str, str]]:
+    symbols = {"j_mu": "J<sub>μ</sub>", "j_sigma": "J<sub>σ</sub>"}
+    words = [f"{symbols.get(k, text(k))} {_number(v)}" for k, v in limits.items()]
+    return [("Limits of the paper’s rule", ", ".join(words))] if words else []
 
 
 def _number(value: object) -> str:
@@ -353,7 +368,7 @@ def _row(*cells: tuple[str, str]) -> str:
     return (
         "<tr>"
         + "".join(
-            f'<td data-label="{label}">{cell}</td>' if label else f"<td>{cell}</td>"
+            f'<td data-label="{label}"><div>{cell}</div></td>' if label else f"<td>{cell}</td>"
             for label, cell in cells
         )
         + "</tr>"

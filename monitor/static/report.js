@@ -102,22 +102,22 @@
       const name = this.data.output;
       const blue = color("measured"), orange = color("predicted"), violet = color("residual");
       const narrow = this.width < 600;
-      this.add(`Measured and predicted ${name}`, narrow ? 240 : 280, [c.t, c.measured, c.predicted], [
+      this.add(`Measured and predicted ${name}`, narrow ? 240 : 280, [c.t, c.predicted, c.measured], [
+        { label: "predicted", stroke: orange, width: 3, digits: 4 },
         { label: "measured", stroke: blue, width: 1.25, digits: 4 },
-        { label: "predicted", stroke: orange, width: 1.75, dash: [6, 3], digits: 4 },
-      ], { range: (u) => this.outputRange(u), label: name, top: 20 });
+      ], { range: (u) => this.outputRange(u), top: this.marks.length > 1 ? 36 : 20 });
       this.add("Residual: measured − predicted, enabled samples", 160, [c.t, c.residual], [
         { label: "residual", stroke: violet, width: 1.1, digits: 4 },
-      ], { range: (u, min, max) => symmetric(min, max, 0.01), zero: true, label: "residual" });
+      ], { range: (u, min, max) => symmetric(min, max, 0.01), zero: true });
       const stepped = uPlot.paths.stepped({ align: 1 });
       const { j_mu: mu, j_sigma: sigma } = this.data.limits;
       this.add("Window mean of the residual", 140, [c.t, c.mean], [
         { label: "mean", stroke: blue, width: 2, paths: stepped, digits: 4 },
-      ], { range: (u, min, max) => symmetric(min, max, (mu || 0.01) * 1.25), zero: true, label: "mean",
+      ], { range: (u, min, max) => symmetric(min, max, (mu || 0.01) * 1.25), zero: true,
         limits: mu == null ? [] : [[mu, "+Jμ"], [-mu, "−Jμ"]] });
       this.add("Window standard deviation of the residual", 140, [c.t, c.std], [
         { label: "std", stroke: blue, width: 2, paths: stepped, digits: 4 },
-      ], { range: (u, min, max) => [0, Math.max(max || 0, sigma || 0, 1e-3) * 1.2], label: "std",
+      ], { range: (u, min, max) => [0, Math.max(max || 0, sigma || 0, 1e-3) * 1.2],
         limits: sigma == null ? [] : [[sigma, "Jσ"]] });
       this.strip();
       if (this.view) this.show(...this.view);
@@ -135,7 +135,7 @@
         { ...none, label: "fault flag", value: word("set", "not set") },
       ];
       const figure = this.add("States", 170, [c.t, c.enabled, c.verdict, c.paper, c.flag], series, {
-        range: () => [0, 4], rows: true, label: "", xlabel: "time in s",
+        range: () => [0, 4], rows: true, xlabel: "time in s",
       });
       const key = element(figure, "div", { className: "key" });
       element(key, "span", { textContent: "Window verdict:" });
@@ -170,14 +170,15 @@
       const font = `12px ${FONT}`;
       const ink = color("quiet"), grid = { stroke: color("grid"), width: 1 };
       const ticks = { stroke: color("line"), width: 1, size: 5 };
-      const y = { stroke: ink, font, grid, ticks, size: this.width < 600 ? 66 : 84, gap: 4,
+      const y = { stroke: ink, font, grid, ticks, size: this.width < 600 ? 78 : 84, gap: 4,
         values: (u, splits, ai, space, step) => splits.map((v) => digits(v, Math.max(0, Math.min(5, -Math.floor(Math.log10(step) + 1e-6))))) };
       if (axis.rows) {
         Object.assign(y, { splits: () => [0.5, 1.5, 2.5, 3.5], values: () => ROWS, grid: { show: false }, ticks: { show: false } });
       } else {
         y.space = 26;
       }
-      const x = { stroke: ink, font, grid, ticks, size: axis.xlabel ? 26 : 24, gap: 3, space: 60 };
+      const x = { stroke: ink, font, grid, ticks, size: axis.xlabel ? 26 : 24, gap: 3, space: 60,
+        values: (u, splits) => splits.map((v) => String(+v.toFixed(3))) };
       if (axis.xlabel) Object.assign(x, { label: axis.xlabel, labelSize: 20, labelFont: font, labelGap: 0 });
       const options = {
         width: this.width, height, pxAlign: 0,
@@ -189,7 +190,7 @@
           ...series.map((s) => ({ points: { show: false }, spanGaps: false, value: (u, v) => digits(v, s.digits), ...s })),
         ],
         legend: { mount: (u, table) => caption.appendChild(table), markers: { width: 0, fill: (u, i) => u.series[i].stroke(u, i) } },
-        cursor: { y: false, sync: { key: this.section.dataset.series, setSeries: false }, drag: { x: true, y: false }, points: { size: 6 } },
+        cursor: { y: false, sync: { key: this.section.dataset.series, setSeries: false }, drag: { x: true, y: false }, points: { show: !axis.rows, size: 6 } },
         hooks: {
           drawClear: [(u) => this.under(u)],
           draw: [(u) => this.over(u, axis)],
@@ -231,35 +232,44 @@
         ctx.textAlign = "right";
         ctx.fillText(label, left + width - 8 * ratio, at);
       }
-      this.codes(u, axis.top ? top - 10 * ratio : null);
+      this.codes(u, axis.top);
       ctx.restore();
     }
 
-    /** Vertical lines where codes were set, with the codes above the first plot. */
-    codes(u, labelY) {
+    /** Vertical lines where codes were set, the codes above the first plot, in two rows if need be. */
+    codes(u, labelled) {
       const ctx = u.ctx, ratio = uPlot.pxRatio;
       const { left, top, width, height } = u.bbox;
-      let free = -Infinity;
-      ctx.strokeStyle = ctx.fillStyle = color("failed");
+      const free = [-Infinity, -Infinity];
+      const labels = [];
+      ctx.strokeStyle = color("failed");
       ctx.lineWidth = 1.5 * ratio;
       ctx.setLineDash([]);
       for (const { t, label } of this.marks) {
         const x = u.valToPos(t, "x", true);
         if (x < left || x > left + width) continue;
-        ctx.beginPath();
-        ctx.moveTo(x, labelY == null ? top : top - 4 * ratio);
-        ctx.lineTo(x, top + height);
-        ctx.stroke();
-        if (labelY == null) continue;
         const w = ctx.measureText(label).width;
         const from = Math.max(left, Math.min(x - w / 2, left + width - w));
-        if (from < free) continue;
-        ctx.textAlign = "left";
-        ctx.fillText(label, from, labelY);
-        free = from + w + 10 * ratio;
+        const row = labelled ? free.findIndex((end) => end < from) : -1;
+        const y = top - (10 + 15 * row) * ratio;
+        ctx.beginPath();
+        ctx.moveTo(x, row < 0 ? top : y);
+        ctx.lineTo(x, top + height);
+        ctx.stroke();
+        if (row < 0) continue;
+        labels.push([label, from, y, w]);
+        free[row] = from + w + 8 * ratio;
+      }
+      ctx.textAlign = "left";
+      for (const [label, from, y, w] of labels) {
+        ctx.fillStyle = color("card");
+        ctx.fillRect(from - 2 * ratio, y - 7 * ratio, w + 4 * ratio, 14 * ratio);
+        ctx.fillStyle = color("failed");
+        ctx.fillText(label, from, y);
       }
     }
 
+    /** Rows of boxes; the height of a window's box says its verdict as well as the colour. */
     states(u) {
       const ctx = u.ctx, ratio = uPlot.pxRatio;
       const { left, width } = u.bbox;
