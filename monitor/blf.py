@@ -35,8 +35,8 @@ def check(file: IO[bytes]) -> int | None:
         body = size - _OBJECT_HEADER.size
         if len(file.read(body)) < body:
             raise ValueError(f"the log object at byte {position} ends too early")
-        file.read(size % 4)  # padding, missing behind the last object of some writers
-        position += size + size % 4
+        padding = len(file.read(size % 4))  # some writers leave it out behind the last object
+        position += size + padding
     if position < file_size:
         raise ValueError(f"the file has {position} bytes, its header announces {file_size}")
     if file_size <= header_size and position > header_size:

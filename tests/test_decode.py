@@ -221,4 +221,4 @@ def test_every_mapped_obd_parameter_agrees_with_cantools() -> None:
         assert isinstance(wanted, int | float)
         value = wanted * channel.mapped.factor + channel.mapped.offset
         assert update is not None
-            assert update[1][0] == math.inf or math.isclose(update[1][0], value, rel_tol=1e-12)
+        assert update[1][0] == math.inf or math.isclose(update[1][0], value, rel_tol=1e-12)
