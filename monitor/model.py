@@ -5,6 +5,7 @@ state; scaling, clipping and added effects are inside it. Input and output memor
 and the state alternates between two buffers, so that a step allocates nothing.
 """
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -70,6 +71,7 @@ class Model:
         self.card, self._session, self.batch = card, session, batch
         self.n_inputs = len(card.inputs)
         self._u = np.zeros((batch, self.n_inputs), np.float32)
+        self._row, self._ones = self._u[0], np.ones(self.n_inputs, np.float32)
         self._lambda_hat = np.zeros((batch, 1), np.float32)
         even, odd = (np.zeros((batch, card.state.size), np.float32) for _ in range(2))
         self._bindings = tuple(
@@ -107,23 +109,32 @@ class Model:
 
         Raises ValueError if an input is not finite.
         """
-        self._u[0] = u
-        return float(self._advance()[0, 0])
+        self._row[:] = u
+        if not math.isfinite(self._row.dot(self._ones)):
+            raise ValueError(f"inputs of the model must be finite: {self._bad_inputs()}")
+        self._advance()
+        return self._lambda_hat.item()
 
     def step_batch(self, u: FloatArray) -> Float32Array:
-        """Return the predictions (batch,) for ``u`` (batch, n_inputs)."""
-        self._u[:] = u
-        return self._advance()[:, 0].copy()
+        """Return the predictions (batch,) for ``u`` (batch, n_inputs).
 
-    def _advance(self) -> Float32Array:
+        Raises ValueError if an input is not finite.
+        """
+        self._u[:] = u
         if not np.isfinite(self._u).all():
-            names = np.array(self.card.input_names)[~np.isfinite(self._u).all(axis=0)]
-            raise ValueError(f"inputs of the model must be finite: {', '.join(names)}")
+            raise ValueError(f"inputs of the model must be finite: {self._bad_inputs()}")
+        self._advance()
+        return self._lambda_hat[:, 0].copy()
+
+    def _bad_inputs(self) -> str:
+        bad = np.asarray(~np.isfinite(self._u).all(axis=0))
+        return ", ".join(n for n, b in zip(self.card.input_names, bad, strict=True) if b)
+
+    def _advance(self) -> None:
         current = self._bindings[self._turn]
         self._run(current.binding)
         self._turn = 1 - self._turn
         self._state = current.next_state
-        return self._lambda_hat
 
     def force_output(self, y: FloatArray | float) -> None:
         """Overwrite the newest output in the history with the measured one (washout).
@@ -143,8 +154,7 @@ class Model:
         """
         self._state[:] = 0.0
         for _ in range(self.card.lags):
-            self._u[:] = u
-            self._advance()
+            self.step_batch(u)
             if y is not None:
                 self.force_output(y)
 
@@ -158,8 +168,7 @@ class Model:
             raise ValueError(f"u has {batch} rows, the model was made for {self.batch}")
         result = np.empty((batch, n))
         for k in range(n):
-            self._u[:] = u[:, k]
-            result[:, k] = self._advance()[:, 0]
+            result[:, k] = self.step_batch(u[:, k])
         return result
 
 

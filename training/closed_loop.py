@@ -54,19 +54,19 @@ def _backpropagate(weights, sizes, activations, delta, row):  # type: ignore[no-
         fan_in, fan_out = sizes[layer - 1], sizes[layer]
         bias = stop - fan_out
         matrix = bias - fan_in * fan_out
-        for k in range(fan_in):
-            delta[layer - 1, k] = 0.0
+        below, delta_below = activations[layer - 1], delta[layer - 1]
+        delta_below[:fan_in] = 0.0
         for i in range(fan_out):
             d = delta[layer, i]
             row[bias + i] = d
-            at = matrix + i * fan_in
+            part = row[matrix + i * fan_in : matrix + (i + 1) * fan_in]
+            weight = weights[matrix + i * fan_in : matrix + (i + 1) * fan_in]
             for k in range(fan_in):
-                row[at + k] = d * activations[layer - 1, k]
-                delta[layer - 1, k] += d * weights[at + k]
+                part[k] = d * below[k]
+                delta_below[k] += d * weight[k]
         if layer > 1:
             for k in range(fan_in):
-                a = activations[layer - 1, k]
-                delta[layer - 1, k] *= 1.0 - a * a
+                delta_below[k] *= 1.0 - below[k] * below[k]
         stop = matrix
 
 
@@ -113,8 +113,9 @@ def _fill(  # type: ignore[no-untyped-def]
                 rows += 1
             newest = (newest + 1) % lags
             keep = 1.0 if value == clipped else 0.0
+            latest = ring[newest]
             for k in range(n_weights):
-                ring[newest, k] = row[k] * keep
+                latest[k] = row[k] * keep
             for j in range(lags - 1, 0, -1):
                 past[j] = past[j - 1]
             past[0] = clipped

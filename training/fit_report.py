@@ -2,6 +2,7 @@
 
 import base64
 import html
+from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path
 
@@ -44,7 +45,7 @@ def write_report(path: Path | str, result: FitResult) -> None:
     Path(path).write_text(_PAGE.format(name=html.escape(result.path.name), body=body))
 
 
-def _table(rows: list[tuple[str, ...]], head: tuple[str, ...] = ()) -> str:
+def _table(rows: Sequence[tuple[str, ...]], head: tuple[str, ...] = ()) -> str:
     cells = "".join(f"<th>{html.escape(h)}</th>" for h in head)
     lines = [f"<tr>{cells}</tr>"] if head else []
     for row in rows:

@@ -144,11 +144,12 @@ def evaluate_network(  # type: ignore[no-untyped-def]
     for layer in range(1, n_layers):
         fan_in, fan_out = sizes[layer - 1], sizes[layer]
         bias = at + fan_in * fan_out
+        below = activations[layer - 1]
         for i in range(fan_out):
             total = weights[bias + i]
-            row = at + i * fan_in
+            row = weights[at + i * fan_in : at + (i + 1) * fan_in]  # a view lets it vectorise
             for k in range(fan_in):
-                total += weights[row + k] * activations[layer - 1, k]
+                total += row[k] * below[k]
             if layer == n_layers - 1:
                 output = total
             else:

@@ -15,12 +15,13 @@ import numpy as np
 
 from monitor.types import FloatArray, IntArray
 from training.closed_loop import ClosedLoop, Pieces
-from training.lm import OneStep, Options, minimise
-from training.narx import Spec, initial_weights, regressors, simulate
+from training.lm import Options, minimise
+from training.narx import Spec, initial_weights, simulate
 from training.prepare import Prepared, Role
 
 HORIZONS = (5, 20, 100, 1000)
 EPOCHS = {1: 40, 5: 15, 20: 15, 100: 20, 1000: 30}  # most epochs of each stage
+FORGET_FROM = 20  # horizon from which random histories take part
 FORGET = 30  # samples after which a random history must no longer matter
 RANDOM_LENGTH = 80  # samples of a stretch that starts from a random history
 RANDOM_SHARE = 0.15  # of the training samples
@@ -125,12 +126,8 @@ def train(
         if began > deadline_s:
             break
         cut = pieces(data, spec.lags, horizon)
-        objective: OneStep | ClosedLoop
-        if horizon == 1:
-            objective = _one_step(data, spec, cut.start)
-        else:
-            with_random = cut + random if horizon >= 20 else cut
-            objective = ClosedLoop(spec, data.samples, with_random)
+        with_random = cut + random if horizon >= FORGET_FROM else cut
+        objective = ClosedLoop(spec, data.samples, with_random)
         outcome = minimise(
             objective,
             weights,
@@ -155,9 +152,3 @@ def _tell(
     if progress is None:
         return None
     return lambda epoch, _: progress(horizon, epoch, best.score)
-
-
-def _one_step(data: Prepared, spec: Spec, rows: IntArray) -> OneStep:
-    lags = spec.lags
-    every = regressors(spec, data.samples.u, data.samples.y)[rows - lags]
-    return OneStep(spec, every, data.samples.y[rows], data.samples.weight[rows])
