@@ -63,8 +63,8 @@ def body(
         many = _many(len(recordings), "recording")
         which = many if len(simulated) == len(recordings) else f"{len(simulated)} of {many}"
         note = (
-            f'<p class="note"><strong>Simulated.</strong> {which} on this page came from a '
-            "simulation, not from a vehicle, and every result on it is marked so.</p>"
+            f'<p class="note"><strong>Simulated.</strong> {which} on this page: from a simulation, '
+            "not from a vehicle. Their results are marked.</p>"
         )
     opened = len(recordings) <= OPEN_AT_FIRST
     sections = "\n".join(
@@ -109,12 +109,12 @@ def _summary(recordings: Sequence[Mapping[str, Any]]) -> str:
     )
     found = [verdict_of(recording) for recording in recordings]
     words = " · ".join(
-        f"{found.count(verdict)} {label}"
+        f"{label}: {found.count(verdict)}"
         for verdict, (_, label) in _VERDICTS.items()
         if verdict in found
     )
     return (
-        f'<section><h2>Summary</h2><p class="quiet">{_many(len(recordings), "recording")}: {words}'
+        f'<section><h2>Summary</h2><p class="quiet">{_many(len(recordings), "recording")} · {words}'
         f'</p><table class="summary cards"><thead>{head}</thead>'
         f"<tbody>{''.join(rows)}</tbody></table></section>"
     )

@@ -117,7 +117,7 @@ def test_the_page_says_verdicts_codes_and_why_a_drive_was_not_judged(tmp_path: P
     # WHEN the report is written
     text = written(tmp_path, recording(), faulty(), not_judged()).text
     # THEN all three verdicts stand there in words, with symbols beside the colours
-    assert "1 fault found · 1 no fault · 1 not judged" in text
+    assert "3 recordings · fault found: 1 · no fault: 1 · not judged: 1" in text
     for words in ("✕ fault found", "✓ no fault", "? not judged"):
         assert text.count(words) == 2, words  # in the summary and above the recording
     # AND the code with its fault, state, time and status byte

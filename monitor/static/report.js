@@ -311,7 +311,7 @@
         for (let i = first; i <= last; i++) {
           if (!all && !c.enabled[i]) continue;
           for (const v of [c.measured[i], c.predicted[i]]) {
-            if (v == null) continue;
+            if (v == null || (isLambda && (v < LAMBDA_RANGE[0] || v > LAMBDA_RANGE[1]))) continue;
             if (v < low) low = v;
             if (v > high) high = v;
           }
