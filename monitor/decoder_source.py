@@ -11,10 +11,16 @@ from typing import Any
 
 from cantools.database.can import Message, Signal
 
-from monitor import signals as canonical
 from monitor.bus_map import Channel
 from monitor.checksum import CRC8_TABLE, FINAL_XOR, start_value
 from monitor.errors import SignalMapError
+from monitor.raw_values import (
+    bit_position,
+    not_available_raw,
+    plausible_range,
+    plausible_raw,
+    scaling,
+)
 from monitor.types import Update
 
 Member = tuple[int, Channel]  # channel number, channel
@@ -43,7 +49,7 @@ def build_decoder(
     """
     scope: dict[str, Any] = {
         "counts": counts,
-        "CRC": CRC8_TABLE,
+        "CRC": list(CRC8_TABLE),  # a list is indexed faster than bytes
         "NAN": math.nan,
         "INF": math.inf,
         "from_bytes": int.from_bytes,
@@ -175,57 +181,30 @@ def _values(members: Sequence[Member]) -> list[str]:
 
 def _value(name: str, channel: Channel) -> list[str]:
     """Return the code that sets ``name`` to the value of one channel."""
-    signal, mapped = channel.signal, channel.mapped
-    expression = "raw"
-    for factor, offset in ((signal.scale, signal.offset), (mapped.factor, mapped.offset)):
-        expression = f"{expression} * {float(factor)!r}" if factor != 1 else expression
-        expression = f"({expression} + {float(offset)!r})" if offset != 0 else expression
-    lines = [f"raw = {_raw(channel.message, signal)}"]
-    missing = not_available_raw(channel)
-    convert = [f"{name} = {expression}" if expression != "raw" else f"{name} = float(raw)"]
-    minimum, maximum = plausible_range(channel)
-    if minimum > -math.inf or maximum < math.inf or signal.is_float:
-        bounds = f"{minimum!r} <= {name} <= {maximum!r}".replace("inf", "INF")
-        convert += [
-            f"if not {bounds}:",
-            f"    {name} = INF",
-            f"    counts[{Reason.OUT_OF_RANGE:d}] += 1",
-        ]
-    if missing is None:
-        return lines + convert
-    return [
-        *lines,
-        f"if raw == {missing}:",
-        f"    {name} = NAN",
-        f"    counts[{Reason.NOT_AVAILABLE:d}] += 1",
-        "else:",
-        *(f"    {line}" for line in convert),
-    ]
-
-
-def not_available_raw(channel: Channel) -> int | None:
-    """Return the raw value that says not available, None if the signal has none."""
     signal = channel.signal
-    if not channel.integrity.not_available or signal.length < 2 or signal.is_float:
-        return None
-    if signal.is_signed:
-        return int(-(1 << (signal.length - 1)))
-    return int((1 << signal.length) - 1)
+    expression = scaling(channel)
+    lines = [f"raw = {_raw(channel.message, signal)}"]
+    if signal.is_float:
+        low, high = plausible_range(channel)
+        bounds = f"{low!r} <= {name} <= {high!r}".replace("inf", "INF")
+        return [
+            *lines,
+            f"{name} = {expression}",
+            f"if not -INF < {name} < INF or not {bounds}:",
+            *_mark(name, "INF", Reason.OUT_OF_RANGE),
+        ]
+    bottom, top = plausible_raw(channel, expression)
+    lowest = 0 if not signal.is_signed else None
+    test = f"raw <= {top}" if bottom == lowest else f"{bottom} <= raw <= {top}"
+    lines += [f"if {test}:", f"    {name} = {expression}"]
+    missing = not_available_raw(channel)
+    if missing is not None:
+        lines += [f"elif raw == {missing}:", *_mark(name, "NAN", Reason.NOT_AVAILABLE)]
+    return [*lines, "else:", *_mark(name, "INF", Reason.OUT_OF_RANGE)]
 
 
-def plausible_range(channel: Channel) -> tuple[float, float]:
-    """Return the range of plausible values in the map's unit, widened by rounding errors.
-
-    A canonical signal has the range of ``signals``, any other that of the DBC, if it has one.
-    """
-    signal, mapped = channel.signal, channel.mapped
-    if mapped.name in canonical.BY_NAME or signal.minimum is None or signal.maximum is None:
-        return canonical.plausible_range(mapped.name)
-    low, high = sorted(
-        limit * mapped.factor + mapped.offset for limit in (signal.minimum, signal.maximum)
-    )
-    margin = 1e-9 * (high - low)
-    return (low - margin, high + margin) if low < high else (-math.inf, math.inf)
+def _mark(name: str, value: str, reason: Reason) -> list[str]:
+    return [f"    {name} = {value}", f"    counts[{reason:d}] += 1"]
 
 
 def _named(channel: Channel, name: str) -> Signal:
@@ -244,14 +223,6 @@ def _conditions(channel: Channel) -> tuple[tuple[str, tuple[int, ...]], ...]:
 
 def _multiplexers(members: Sequence[Member]) -> list[str]:
     return [name for _, channel in members for name, _ in _conditions(channel)]
-
-
-def bit_position(message: Message, signal: Signal) -> int:
-    """Return how far the signal's lowest bit lies above that of the payload's integer."""
-    if signal.byte_order == "little_endian":
-        return int(signal.start)
-    first = 8 * (signal.start // 8) + 7 - signal.start % 8
-    return int(8 * message.length - first - signal.length)
 
 
 def _last_byte(message: Message, signal: Signal) -> int:

@@ -10,8 +10,8 @@ from cantools.database.can import Message, Signal
 from numpy.typing import NDArray
 
 from monitor.checksum import payload_checksums
-from monitor.decoder_source import bit_position
 from monitor.errors import SignalMapError
+from monitor.raw_values import bit_position
 from monitor.signal_map import Integrity
 from monitor.types import FloatArray
 
