@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from monitor.types import Frame
 
 _ERROR_FLAG = 0x20000000
+_REMOTE = ("R", "r")
 
 
 @dataclass(slots=True)
@@ -26,34 +27,22 @@ def read_candump(lines: Iterable[str], counters: LogCounters) -> Iterator[Frame]
         if not parts:
             continue
         try:
-            frame = _frame(parts)
-        except (ValueError, IndexError) as error:
+            identifier, mark, data = parts[2].partition("#")
+            stamp, can_id = parts[0], int(identifier, 16)
+            if not mark or stamp[0] != "(" or stamp[-1] != ")":
+                raise ValueError("not a candump line")
+            if can_id & _ERROR_FLAG or data[:1] in _REMOTE:
+                counters.skipped += 1
+                continue
+            frame = Frame(
+                round(float(stamp[1:-1]) * 1e6) * 1000,
+                can_id & 0x1FFFFFFF,
+                len(identifier) > 3,
+                bytes.fromhex(data if data[:1] != "#" else data[2:]),  # CAN FD: ##, flags, data
+            )
+        except (ValueError, IndexError, OverflowError) as error:
             raise ValueError(
                 f"line {number} is {line.strip()[:60]!r}, '(seconds) channel id#data' is wanted"
             ) from error
-        if frame is None:
-            counters.skipped += 1
-        else:
-            counters.frames += 1
-            yield frame
-
-
-def _frame(parts: list[str]) -> Frame | None:
-    """Return the frame of one line, None for an error or remote frame."""
-    stamp, _, body = parts[:3]
-    if stamp[0] != "(" or stamp[-1] != ")":
-        raise ValueError("no time in brackets")
-    identifier, mark, data = body.partition("#")
-    if not mark:
-        raise ValueError("no #")
-    can_id = int(identifier, 16)
-    if can_id & _ERROR_FLAG or data[:1] in {"R", "r"}:
-        return None
-    if data[:1] == "#":  # CAN FD: one digit of flags follows
-        data = data[2:]
-    return Frame(
-        round(float(stamp[1:-1]) * 1e6) * 1000,
-        can_id & 0x1FFFFFFF,
-        len(identifier) > 3,
-        bytes.fromhex(data),
-    )
+        counters.frames += 1
+        yield frame
