@@ -46,7 +46,7 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         help="neurons of each hidden layer (default 8 8)",
     )  # fmt: skip
     fit.add_argument(
-        "--no-ratio", action="store_true", help="give the network fuel mass, not fuel over air"
+        "--ratio", action="store_true", help="give the network fuel over air, not fuel mass"
     )
     fit.add_argument("--starts", type=int, default=3, metavar="N", help="trainings (default 3)")
     fit.add_argument(
@@ -99,22 +99,26 @@ def run_fit(args: argparse.Namespace) -> int:
     from monitor.signals import NARX_INPUTS, OUTPUT
     from training.fit import fit
     from training.progress import Bar
+    from training.transforms import fuel_air_ratio
 
     if min(args.lags, args.starts, *args.hidden) < 1 or not args.budget > 0:
         raise UsageError("--lags, --starts, --hidden and --budget must be positive")
     if args.out.suffix != ".onnx":
         raise UsageError(f"--out {args.out}: a model file ends in .onnx")
+    inputs = args.inputs or NARX_INPUTS
+    if args.ratio and not {"fuel_mass_mg", "air_mass_mg"} <= set(inputs):
+        raise UsageError("--ratio needs the inputs fuel_mass_mg and air_mass_mg")
     recordings = _load(args, args.period)
     with Bar(args.starts) as bar:
         result = fit(
             recordings,
-            args.inputs or NARX_INPUTS,
+            inputs,
             args.output or OUTPUT,
             args.out,
             lags=args.lags,
             hidden=tuple(args.hidden),
             input_lag_start=0 if args.lag_zero else 1,
-            transforms=[] if args.no_ratio else None,
+            transforms=[fuel_air_ratio()] if args.ratio else [],
             starts=args.starts,
             budget_minutes=args.budget,
             seed=args.seed,

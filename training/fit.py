@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from monitor.errors import RecordingError
+from monitor.errors import RecordingError, UsageError
 from monitor.model import from_model_units
 from monitor.model_card import ModelCard, TrainingRecording
 from monitor.types import FloatArray
@@ -20,9 +20,8 @@ from training.export import Network, save
 from training.narx import Spec
 from training.parity import parity
 from training.prepare import Prepared, Role, prepare
-from training.stability import CONTRACTION_SAMPLES, contraction
+from training.stability import CONTRACTION_SAMPLES, Contraction, contraction
 from training.stages import Trained, free_run, train
-from training.transforms import fuel_air_ratio
 
 if TYPE_CHECKING:
     from training.recordings import Recording
@@ -66,7 +65,7 @@ def fit(
     lags: int = 5,
     hidden: tuple[int, ...] = (8, 8),
     input_lag_start: int = 1,
-    transforms: Sequence[Mapping[str, Any]] | None = None,
+    transforms: Sequence[Mapping[str, Any]] = (),
     starts: int = 3,
     budget_minutes: float = 10.0,
     seed: int = 0,
@@ -75,15 +74,13 @@ def fit(
 ) -> FitResult:
     """Train on ``recordings`` and write the model file ``out``.
 
-    transforms : of inputs, default fuel over air where both masses are inputs
+    transforms : of inputs, see ``training.transforms``
     progress : called with start, horizon, epoch and best validation RMSE after every epoch
     Raises RecordingError or UsageError if the recordings or names cannot be used.
     """
+    if starts < 1:
+        raise UsageError(f"starts {starts}: must be at least 1")
     began = time.monotonic()
-    deadline = began + 60.0 * budget_minutes
-    if transforms is None:
-        both = {"fuel_mass_mg", "air_mass_mg"} <= set(inputs)
-        transforms = [fuel_air_ratio()] if both else []
     data = prepare(recordings, inputs, output, transforms, lags=lags, seed=seed)
     scale = data.scaling
     spec = Spec(
@@ -92,29 +89,27 @@ def fit(
     )  # fmt: skip
     warnings = [*data.warnings, *_size_warnings(data, spec)]
 
+    workers = max(1, min(threads, starts))
+    rounds = -(-starts // workers)
+
     def one(index: int) -> Trained:
         told = (lambda h, e, s: progress(index, h, e, s)) if progress else None
-        return train(data, spec, seed + 1000 * index, deadline, told)
+        share = (index // workers + 1) / rounds  # later starts get their part of the budget
+        return train(data, spec, seed + 1000 * index, began + share * 60.0 * budget_minutes, told)
 
-    with ThreadPoolExecutor(max(1, min(threads, starts))) as pool:
-        trained = tuple(pool.map(one, range(max(1, starts))))
-    gaps = [contraction(data, spec, t.weights, seed) for t in trained]
-    # a start that forgets its history comes before one that does not
-    best = min(range(len(trained)), key=lambda i: (gaps[i].gap > gaps[i].limit, trained[i].score))
-    if gaps[best].gap > gaps[best].limit:
-        warnings.append(
-            f"predictions from two histories differ by up to {gaps[best].gap:.3g} after "
-            f"{CONTRACTION_SAMPLES} samples (limit {gaps[best].limit:.3g})"
-        )
+    with ThreadPoolExecutor(workers) as pool:
+        trained = tuple(pool.map(one, range(starts)))
+    best, gap = _choose(data, spec, trained, seed)
     if not np.isfinite(trained[best].score):
-        raise RecordingError(f"{recordings[0].path}: the training did not converge in the budget")
+        raise UsageError(f"the budget of {budget_minutes:g} min ended before the first epoch")
+    warnings += _training_warnings(trained, gap)
     network = Network(
         spec, trained[best].weights, scale, data.transform, data.transforms, tuple(inputs)
     )
     predicted = scale.unscale_y(free_run(data, spec, trained[best].weights))
     checks = {
-        "contraction": {"gap": gaps[best].gap, "samples": CONTRACTION_SAMPLES,
-                        "pairs": gaps[best].pairs, "limit": gaps[best].limit},
+        "contraction": {"gap": gap.gap, "samples": CONTRACTION_SAMPLES, "pairs": gap.pairs,
+                        "limit": gap.limit},
     }  # fmt: skip
     card = _card(data, network, predicted, checks)
     save(out, network, card)
@@ -158,6 +153,30 @@ def measures(data: Prepared, predicted: FloatArray, rows: np.ndarray) -> dict[st
         "residual_std": float((a - b).std()),
         "rmse_model_units": metrics.rmse(measured, predicted[rows]),
     }
+
+
+def _choose(
+    data: Prepared, spec: Spec, trained: Sequence[Trained], seed: int
+) -> tuple[int, Contraction]:
+    """Return the best start; one that forgets its history comes before one that does not."""
+    gaps = [contraction(data, spec, t.weights, seed) for t in trained]
+    best = min(
+        range(len(trained)), key=lambda i: (not gaps[i].gap <= gaps[i].limit, trained[i].score)
+    )
+    return best, gaps[best]
+
+
+def _training_warnings(trained: Sequence[Trained], gap: Contraction) -> list[str]:
+    warnings = []
+    if not gap.gap <= gap.limit:
+        warnings.append(
+            f"predictions from two histories differ by up to {gap.gap:.3g} after "
+            f"{CONTRACTION_SAMPLES} samples (limit {gap.limit:.3g})"
+        )
+    cut = sum(t.stages[-1].stop == "budget" if t.stages else True for t in trained)
+    if cut:
+        warnings.append(f"the budget ended {cut} of {len(trained)} starts before their last stage")
+    return warnings
 
 
 def _size_warnings(data: Prepared, spec: Spec) -> list[str]:

@@ -8,7 +8,7 @@ forgotten train the contraction in.
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -124,6 +124,8 @@ def train(
     for horizon in (1, *horizons):
         began = time.monotonic()
         if began > deadline_s:
+            if best.stages:
+                best.stages[-1] = replace(best.stages[-1], stop="budget")
             break
         cut = pieces(data, spec.lags, horizon)
         with_random = cut + random if horizon >= FORGET_FROM else cut
