@@ -47,7 +47,7 @@ def test_every_log_format_gives_the_frames_it_was_given(
     assert (counters.frames, counters.skipped) == (len(drive.t_ns), 0)
 
 
-@pytest.mark.parametrize("suffix", [".log", ".blf", ".csv"])
+@pytest.mark.parametrize("suffix", [".log", ".blf", ".csv", ".mf4"])
 def test_formats_with_absolute_time_keep_it(folder: Path, drive: FrameBlock, suffix: str) -> None:
     assert next(read_frames(folder / f"drive{suffix}")).t_ns == START_NS
 

@@ -5,7 +5,7 @@ younger than the frame: a zero-order hold, which invents no values between rows.
 that the table lacks is sent as not available.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -13,40 +13,20 @@ from typing import Final
 import can
 import numpy as np
 from cantools.database.can import Message
-from numpy.typing import NDArray
 
 from monitor.bus_map import BusMap, Channel
 from monitor.errors import RecordingError, SignalMapError
 from monitor.signal_map import Integrity
 from monitor.sources import log_kind
-from monitor.types import FloatArray, Frame, IntArray
+from monitor.types import FloatArray, IntArray
 from training.encode import Payloads, encode_message
+from training.frame_block import FrameBlock
+from training.mf4_log import write_mf4
 from training.table_files import open_for_writing
 
+__all__ = ["FrameBlock", "Outgoing", "block_of", "broadcast", "merge", "outgoing", "write_log"]
+
 DEFAULT_CYCLE_NS: Final = 20_000_000
-
-
-@dataclass(frozen=True, slots=True)
-class FrameBlock:
-    """Many frames side by side, in the order of time."""
-
-    t_ns: IntArray  # (n,)
-    can_id: IntArray  # (n,)
-    is_extended: NDArray[np.bool_]  # (n,)
-    length: IntArray  # (n,) bytes of each payload
-    data: Payloads  # (n, 8), zeros behind the payload
-
-    def frames(self) -> Iterator[Frame]:
-        """Yield them one by one."""
-        for t_ns, can_id, extended, length, data in zip(
-            self.t_ns.tolist(),
-            self.can_id.tolist(),
-            self.is_extended.tolist(),
-            self.length.tolist(),
-            self.data,
-            strict=True,
-        ):
-            yield Frame(t_ns, can_id, extended, data[:length].tobytes())
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,6 +143,9 @@ def write_log(path: str | Path, frames: FrameBlock, channel: str = "can0") -> No
     try:
         if kind == ".log":
             _write_candump(path, frames, channel)
+            return
+        if path.suffix.lower() == ".mf4":
+            write_mf4(path, frames)
             return
         with can.Logger(path) as logger:
             for frame in frames.frames():
