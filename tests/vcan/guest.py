@@ -17,7 +17,8 @@ import socket
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Literal
@@ -84,10 +85,10 @@ def run_with_vcan(
         absent = [bus for bus in buses if not Path("/sys/class/net", bus).exists()]
         if absent:
             raise VcanUnavailableError(f"{absent[0]}: no such interface, and no right to make it")
-        with Path(tempfile.gettempdir(), "o2-monitor-vcan.lock").open("w") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)
+        with _one_at_a_time():
             return _run(argv, workdir, timeout_s)
-    return _run_in_guest(argv, buses, workdir, timeout_s)
+    with _one_at_a_time():  # two guests side by side would not keep pace in real time
+        return _run_in_guest(argv, buses, workdir, timeout_s)
 
 
 @cache
@@ -107,6 +108,14 @@ def find_place() -> Place:
     if missing:
         raise VcanUnavailableError(HOW_TO_INSTALL.format(missing=", ".join(missing)))
     return "user-mode-linux"
+
+
+@contextmanager
+def _one_at_a_time() -> Iterator[None]:
+    """Wait until no other process of this user holds this."""
+    with Path(tempfile.gettempdir(), f"o2-monitor-vcan-{os.getuid()}.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
 
 
 def _kernel_has_can() -> bool:
