@@ -6,8 +6,7 @@ the resolution of every format, so that a log recorded from a bus replays to the
 """
 
 import gzip
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import IO, BinaryIO, Final, cast
 
@@ -95,6 +94,9 @@ def _guarded(path: Path, kind: str, counters: LogCounters) -> Iterator[Frame]:
         if kind == ".log":
             with open_text(path) as file:
                 yield from read_candump(file, counters)
+        elif kind == ".mf4":
+            with open_binary(path) as binary, mdf.quiet():
+                yield from mdf.read_mdf(binary, counters)
         else:
             yield from _through_python_can(path, kind, counters)
         if kind in _TEXT and not _ends_with_newline(path):
@@ -117,7 +119,7 @@ def _through_python_can(path: Path, kind: str, counters: LogCounters) -> Iterato
             expected = blf.check(file)
     elif kind == ".csv":
         _check_csv_header(path)
-    with _reader(path, kind) as reader:
+    with can.LogReader(path) as reader:
         for message in reader:
             if message.is_error_frame or message.is_remote_frame:
                 counters.skipped += 1
@@ -128,19 +130,6 @@ def _through_python_can(path: Path, kind: str, counters: LogCounters) -> Iterato
             yield frame_of(message)
     if expected is not None and expected > counters.frames + counters.skipped:
         raise ValueError(f"its header announces {expected} objects")
-
-
-@contextmanager
-def _reader(path: Path, kind: str) -> Iterator[Iterable[can.Message]]:
-    if kind != ".mf4":
-        with can.LogReader(path) as reader:
-            yield reader
-        return
-    with open_binary(path) as file, mdf.quiet():
-        mdf.check(file)
-        file.seek(0)
-        with can.MF4Reader(file) as reader:
-            yield reader
 
 
 def open_binary(path: Path) -> BinaryIO:
