@@ -135,8 +135,7 @@ def recording_of(drive: str) -> Path:
         for log in sorted((ROOT / "replay_logs").glob(f"{drive}_*"))
         if log.suffix in {".blf", ".log", ".asc"}
     ]
-    if not logs:
-        pytest.skip(f"replay_logs/ has no log of {drive}")
+    assert logs, f"replay_logs/ has no log of {drive}"
     return logs[0]
 
 
