@@ -61,6 +61,7 @@ class PlausibilityConfig:
     """Stuck, not ready, out of range, missing."""
 
     stuck_range: float
+    stuck_samples: int
     stuck_band_at_one: float
     not_ready_s: float
     engine_running_rpm: float

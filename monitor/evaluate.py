@@ -98,11 +98,11 @@ class ResponseRule:
         if margin >= config.evidence_fail:
             return self._report("failed", self._name(faulty), self._alike(faulty), excitation)
         gain, gain_std = self._gain(healthy)
-        if gain + 2.0 * gain_std < config.gain_limit and margin < config.evidence_fail:
-            if self._windows >= 2:
+        if margin <= -config.evidence_pass:  # in time; is it strong enough, too?
+            if gain + 2.0 * gain_std < config.gain_limit:
                 return self._report("failed", "gain_low", (), excitation)
-        elif margin <= -config.evidence_pass and gain - 2.0 * gain_std > config.gain_limit:
-            return self._report("passed", None, (), excitation)
+            if gain - 2.0 * gain_std > config.gain_limit:
+                return self._report("passed", None, (), excitation)
         return self._report("inconclusive", None, (), excitation)
 
     def _gain(self, i: int) -> tuple[float, float]:

@@ -16,6 +16,7 @@ import math
 from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
+from typing import Any
 
 from monitor.errors import UsageError
 
@@ -122,13 +123,14 @@ def combine(parts: Sequence[Fault]) -> Fault | None:
     """
     if len(parts) < 2:
         return parts[0] if parts else None
-    healthy, values = Fault("", 0.0), {}
+    healthy = Fault("", 0.0)
+    values: dict[str, Any] = {}
     for part in parts:
         for field in fields(Fault)[2:]:
             value = getattr(part, field.name)
-            if value != getattr(healthy, field.name):
-                if values.setdefault(field.name, value) != value:
-                    raise UsageError(f"faults {[p.name for p in parts]} both set {field.name}")
+            changed = value != getattr(healthy, field.name)
+            if changed and values.setdefault(field.name, value) != value:
+                raise UsageError(f"faults {[p.name for p in parts]} both set {field.name}")
     return Fault("+".join(p.name for p in parts), parts[0].severity, **values)
 
 

@@ -42,6 +42,13 @@ TESTS: dict[str, tuple[str, ...]] = {
 }
 
 
+# a live sensor must move while these hold, whatever the model's state
+_BURNING = tuple(
+    enable.CONDITIONS.index(name)
+    for name in ("measured_valid", "fuel_cut_recovered", "sensor_ready")
+)
+
+
 class Tick(NamedTuple):
     """One sample went through the model."""
 
@@ -115,7 +122,9 @@ class Monitor:
         self._plausibility = Plausibility(
             config.plausibility, self.names, card.output.name, period_s
         )
-        self._activity = ActivityTest(config.plausibility, n, limits.excitation)
+        self._activity = ActivityTest(
+            config.plausibility, (card.output.minimum, card.output.maximum)
+        )
         self._debounce = dict.fromkeys(TESTS, Debounce())
         self._running = False
         self.completed = False  # the response test reached a decision
@@ -138,6 +147,11 @@ class Monitor:
         for result in self._plausibility.step(sample):
             by = fail if result.failed else passed
             yield from self._step(result.test, result.failed, by, result.fault, (), sample.t_ns)
+        measured = float(sample.values[self._output])
+        if all(conditions[i] for i in _BURNING):
+            yield from self._watch_activity(sample.t_ns, measured)
+        else:
+            self._activity.reset()
         if math.isnan(predicted):
             self._windows.interrupt()
             return
@@ -145,8 +159,6 @@ class Monitor:
         if not enabled:
             self._windows.interrupt()
             return
-        measured = float(sample.values[self._output])
-        yield from self._watch_activity(sample.t_ns, measured, float(row[0]))
         window = self._windows.push(sample.t_ns, measured, predicted, row)
         if window is not None:
             yield from self._judge(window)
@@ -163,8 +175,8 @@ class Monitor:
             self._running = True
         return self._model.step(u)
 
-    def _watch_activity(self, t_ns: int, measured: float, predicted: float) -> Iterator[Event]:
-        result = self._activity.push(measured, predicted)
+    def _watch_activity(self, t_ns: int, measured: float) -> Iterator[Event]:
+        result = self._activity.push(measured)
         if result is not None:
             failed, fault = result
             debounce = self._config.debounce

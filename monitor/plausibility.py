@@ -67,40 +67,33 @@ class Plausibility:
 
 
 class ActivityTest:
-    """Finds a frozen signal: no change over so many enabled samples though phi should move."""
+    """Finds a frozen signal: no change over so many samples though the engine burns fuel.
 
-    def __init__(self, config: PlausibilityConfig, n_samples: int, excitation_min: float) -> None:
+    saturated : (lowest, highest) output that training saw; at these ends a sensor may stand still
+    """
+
+    def __init__(self, config: PlausibilityConfig, saturated: tuple[float, float]) -> None:
         self._config = config
-        self._n = n_samples
-        self._excitation_min = excitation_min
+        self._saturated = saturated
         self.reset()
 
     def reset(self) -> None:
         """Begin anew."""
         self._count = 0
         self._low = self._high = 0.0
-        self._sum = self._sum_of_squares = 0.0
 
-    def push(self, measured: float, predicted: float) -> tuple[bool, str] | None:
-        """Take one sample; return (failed, fault) when the stretch is judged.
-
-        measured : output's unit
-        predicted : oriented like phi
-        """
+    def push(self, measured: float) -> tuple[bool, str] | None:
+        """Take one sample; return (failed, fault) when the stretch is judged."""
         if self._count == 0:
-            self.reset()
             self._low = self._high = measured
         self._low, self._high = min(self._low, measured), max(self._high, measured)
-        self._sum += predicted
-        self._sum_of_squares += predicted * predicted
         self._count += 1
-        if self._count < self._n:
+        if self._count < self._config.stuck_samples:
             return None
-        mean = self._sum / self._n
-        variance = self._sum_of_squares / self._n - mean * mean
         self._count = 0
         frozen = self._high - self._low <= self._config.stuck_range
-        if frozen and variance < self._excitation_min**2:
+        lowest, highest = self._saturated
+        if frozen and not lowest < measured < highest:
             return None
         return frozen, self._name(measured)
 

@@ -3,9 +3,9 @@
 The legislated traces (1 Hz) are those of NREL fastsim; see NOTICE.
 """
 
-from dataclasses import dataclass
 from importlib import resources
 from io import StringIO
+from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
@@ -24,13 +24,13 @@ UPSHIFT_RPM, DOWNSHIFT_RPM = 2350.0, 1250.0
 MINIMUM_GEAR_HOLD_S = 2.0
 
 
-@dataclass(frozen=True, slots=True)
-class Trace:
+class Trace(NamedTuple):
     """What the dynamometer asks of driver and vehicle, on a 10 ms grid."""
 
     speed_m_s: FloatArray  # (n,)
     gear: np.ndarray  # (n,) int64, 0 is neutral
     brake_force_n: FloatArray  # (n,) additional load of the dynamometer
+    phi_step: FloatArray  # (n,) added to the commanded mixture, as a test bench does
 
 
 def load(name: str, rng: np.random.Generator, duration_s: float | None = None) -> Trace:
@@ -51,7 +51,7 @@ def load(name: str, rng: np.random.Generator, duration_s: float | None = None) -
     else:
         raise UsageError(f"cycle {name!r} is unknown; there are {', '.join(NAMES)}")
     n = len(trace.speed_m_s) if duration_s is None else round(duration_s / STEP_S)
-    return Trace(trace.speed_m_s[:n], trace.gear[:n], trace.brake_force_n[:n])
+    return Trace(*(field[:n] for field in trace))
 
 
 def _resample(time_s: FloatArray, speed_m_s: FloatArray) -> FloatArray:
@@ -98,11 +98,15 @@ def _with_gears(speed_m_s: FloatArray, rng: np.random.Generator) -> Trace:
         gears[i] = gear
     full = np.repeat(gears, every)[: len(speed_m_s)]
     full[speed_m_s < 0.3] = 0
-    return Trace(speed_m_s, full, np.zeros(len(speed_m_s)))
+    none = np.zeros(len(speed_m_s))
+    return Trace(speed_m_s, full, none, none)
 
 
 def _steady_points(rng: np.random.Generator) -> Trace:
-    """Hold 25 s at each point of a grid over engine speed and torque, in random order."""
+    """Hold 25 s at each point of a grid over engine speed and torque, in random order.
+
+    At each point the commanded mixture steps to rich and to lean, as on a test bench.
+    """
     points = [
         (rpm, torque)
         for rpm in (1100.0, 1500.0, 1900.0, 2400.0, 3000.0, 3600.0)
@@ -112,10 +116,13 @@ def _steady_points(rng: np.random.Generator) -> Trace:
     gear = 4
     ratio = TOTAL_RATIO[gear - 1]
     time_s, speed, force = [0.0, 10.0], [0.0, 0.0], [0.0, 0.0]
+    steps: list[tuple[float, float]] = []  # when, to which commanded change of phi
     for rpm, torque in points:
         v = rpm * np.pi / 30.0 / ratio * WHEEL_RADIUS_M
         f = torque * ratio * 0.92 / WHEEL_RADIUS_M - road_load_n(v)
         ramp = max(3.0, abs(v - speed[-1]) / 0.8)
+        hold_s, size = time_s[-1] + ramp, rng.uniform(0.05, 0.13)
+        steps += [(hold_s + 6.0, size), (hold_s + 12.0, -size), (hold_s + 18.0, 0.0)]
         time_s += [time_s[-1] + ramp, time_s[-1] + ramp + 25.0]
         speed += [v, v]
         force += [f, f]
@@ -123,7 +130,9 @@ def _steady_points(rng: np.random.Generator) -> Trace:
     grid = np.arange(len(trace)) * STEP_S
     brake = np.asarray(gaussian_filter1d(np.interp(grid, time_s, force), 0.5 / STEP_S))
     gears = np.where(trace < 0.3, 0, np.where(trace < 4.0, 1, np.where(trace < 7.0, 2, gear)))
-    return Trace(trace, gears.astype(np.int64), np.where(trace < 7.0, 0.0, brake))
+    at = np.searchsorted([when for when, _ in steps], grid, side="right") - 1
+    phi_step = np.where(at < 0, 0.0, np.array([size for _, size in steps])[at])
+    return Trace(trace, gears.astype(np.int64), np.where(trace < 7.0, 0.0, brake), phi_step)
 
 
 def road_load_n(speed_m_s: float) -> float:

@@ -90,11 +90,13 @@ def simulate(  # noqa: PLR0915  one loop over time, closed by the controller
     e: Effects,
     f: SensorParameters,
     noise: FloatArray,
+    phi_step: FloatArray,
     forced_trim: FloatArray,
 ) -> Mixture:
     """Integrate mixture and control over the drive.
 
     noise : (n, 3) standard normal: mixture, sensor electronics, drift of the disturbance line
+    phi_step : (n,) added to the commanded mixture in closed loop
     forced_trim : (n,) lambda controller to follow instead of the own one, or of length 0
     """
     n = len(d.engine_rpm)
@@ -120,7 +122,7 @@ def simulate(  # noqa: PLR0915  one loop over time, closed by the controller
 
         # command
         phase += STEP_S / (1.1 + 2.2 / (1.0 + flow / 25.0))
-        modulation = 0.028 * _triangle(phase) if closed else 0.0
+        modulation = 0.028 * _triangle(phase) + phi_step[k] if closed else 0.0
         target = _target_phi(t_s, coolant, rpm, air_ecu, since_cut, modulation)
         trim = 1.0 + integral + proportional
         if len(forced_trim) > 0:
@@ -222,6 +224,7 @@ def run(
     fault: Fault | None,
     start_s: float,
     rng: np.random.Generator,
+    phi_step: FloatArray,
     forced_trim: FloatArray | None = None,
 ) -> Mixture:
     """Return the mixture side of a drive with an optional sensor fault from ``start_s`` on."""
@@ -239,4 +242,4 @@ def run(
         start_s if fault else np.inf,
     )
     trim = np.empty(0) if forced_trim is None else forced_trim
-    return simulate(drive, p, c, e, sensor, noise, trim)  # type: ignore[no-any-return]
+    return simulate(drive, p, c, e, sensor, noise, phi_step, trim)  # type: ignore[no-any-return]

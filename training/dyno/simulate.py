@@ -54,6 +54,7 @@ def simulate(experiment: Experiment) -> dict[str, FloatArray]:
         experiment.fault,
         experiment.fault_start_s,
         np.random.default_rng([*key, 2]),
+        trace.phi_step,
         experiment.forced_trim,
     )
     return _canonical(air, fuel, conditions, np.random.default_rng([*key, 4]))

@@ -48,16 +48,16 @@ def piece(vehicle: int) -> Piece:
     rng = np.random.default_rng([0x0_2, 1, vehicle])
     spread = rng.standard_normal
     return Piece(
-        maf_gain=1.0 + 0.010 * _bounded(spread()),
+        maf_gain=1.0 + 0.007 * _bounded(spread()),
         map_offset_kpa=0.25 * _bounded(spread()),
-        injector_gain=1.0 + 0.012 * _bounded(spread()),
+        injector_gain=1.0 + 0.008 * _bounded(spread()),
         injector_curve_mg=0.10 * _bounded(spread()),
         transport_delay_s=0.12 * (1.0 + 0.08 * _bounded(spread())),
         mixing_tau_s=0.06 * (1.0 + 0.10 * _bounded(spread())),
         sensor_tau_s=0.09 * (1.0 + 0.12 * _bounded(spread())),
         sensor_gain=1.0 + 0.010 * _bounded(spread()),
         sensor_offset=0.002 * _bounded(spread()),
-        ve_error=0.008 * np.clip(rng.standard_normal((5, 5)), -2.0, 2.0),
+        ve_error=0.006 * np.clip(rng.standard_normal((5, 5)), -2.0, 2.0),
     )
 
 
