@@ -80,7 +80,7 @@ def test_held_out_ranges_are_rows_of_their_recordings_that_were_not_trained_on(
 def test_the_best_stage_is_the_one_with_the_best_free_run(fitted: FitResult) -> None:
     best = fitted.starts[fitted.best]
     assert best.score == min(min(stage.scores) for stage in best.stages)
-    assert [s.horizon for s in best.stages] == [1, 5, 20, 100, 1000]
+    assert [s.name for s in best.stages] == [f"horizon {h}" for h in (1, 5, 20, 100, 1000)]
 
 
 def test_the_same_seed_gives_the_same_weights(tmp_path: Path) -> None:

@@ -105,7 +105,7 @@ def _training_curves(result: FitResult) -> Figure:
             axes.semilogy(np.arange(at, at + len(scores)), scores, color=f"C{index}")
             if index == result.best:
                 axes.axvline(at, color="0.85", linewidth=0.8)
-                axes.text(at, 0.98, f" {stage.horizon}", transform=axes.get_xaxis_transform(),
+                axes.text(at, 0.98, " " + stage.name.removeprefix("horizon "), transform=axes.get_xaxis_transform(),
                           va="top", fontsize=8, color="0.4")  # fmt: skip
             at += len(scores) - 1
     axes.set(xlabel="epoch; the number is the horizon in samples", ylabel="RMSE, model units")

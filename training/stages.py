@@ -15,9 +15,10 @@ import numpy as np
 
 from monitor.types import FloatArray, IntArray
 from training.closed_loop import ClosedLoop, Pieces
-from training.lm import Options, minimise
+from training.lm import Options, Outcome, minimise
 from training.narx import Spec, initial_weights, simulate
 from training.prepare import Prepared, Role
+from training.stability import contraction
 
 HORIZONS = (5, 20, 100, 1000)
 EPOCHS = {1: 40, 5: 15, 20: 15, 100: 20, 1000: 30}  # most epochs of each stage
@@ -25,13 +26,15 @@ FORGET_FROM = 20  # horizon from which random histories take part
 FORGET = 30  # samples after which a random history must no longer matter
 RANDOM_LENGTH = 80  # samples of a stretch that starts from a random history
 RANDOM_SHARE = 0.15  # of the training samples
+FORGET_SHARE, FORGET_EPOCHS = 0.6, 20  # of the last stage, if there must be one
+CONTRACTION_SEED = 1  # other histories than those of the final check
 
 
 @dataclass(frozen=True, slots=True)
 class Stage:
     """What one stage of the training did."""
 
-    horizon: int  # samples predicted from one measured history, 1 is series-parallel
+    name: str  # "horizon 1" is series-parallel; "forget" tunes on random histories
     costs: tuple[float, ...]  # training cost after every epoch, scaled units
     scores: tuple[float, ...]  # free-run validation RMSE after every epoch, scaled units
     stop: str
@@ -44,7 +47,6 @@ class Trained:
 
     weights: FloatArray
     score: float  # free-run validation RMSE, scaled and weighted
-    horizon: int = 0  # stage that gave them
     stages: list[Stage] = field(default_factory=list)
 
 
@@ -100,6 +102,7 @@ def random_pieces(
         return Pieces(train.start[:0], train.stop[:0], train.skip[:0], train.history[:0])
     start = train.start[rng.choice(whole, count)]
     history = rng.uniform(spec.y_min, spec.y_max, size=(count, spec.lags))
+    history[::2] = history[::2, :1]  # every other one is constant
     return Pieces(start, start + length, np.full_like(start, skip), history)
 
 
@@ -122,14 +125,13 @@ def train(
     count = int(RANDOM_SHARE * n_train / RANDOM_LENGTH)
     random = random_pieces(data, spec, rng, count, RANDOM_LENGTH, FORGET)
     for horizon in (1, *horizons):
-        began = time.monotonic()
-        if began > deadline_s:
+        if time.monotonic() > deadline_s:
             if best.stages:
                 best.stages[-1] = replace(best.stages[-1], stop="budget")
             break
         cut = pieces(data, spec.lags, horizon)
-        with_random = cut + random if horizon >= FORGET_FROM else cut
-        objective = ClosedLoop(spec, data.samples, with_random)
+        objective = ClosedLoop(spec, data.samples, cut + random if horizon >= FORGET_FROM else cut)
+        began = time.monotonic()
         outcome = minimise(
             objective,
             weights,
@@ -138,14 +140,45 @@ def train(
             deadline_s=deadline_s,
             progress=_tell(progress, horizon, best),
         )
-        seconds = time.monotonic() - began
-        best.stages.append(
-            Stage(horizon, tuple(outcome.costs), tuple(outcome.scores), outcome.stop, seconds)
-        )
+        best.stages.append(_stage(f"horizon {horizon}", outcome, began))
         if outcome.score < best.score:
-            best.weights, best.score, best.horizon = outcome.weights, outcome.score, horizon
+            best.weights, best.score = outcome.weights, outcome.score
         weights = outcome.weights
+    if np.isfinite(best.score):
+        _learn_to_forget(data, spec, best, rng, deadline_s)
     return best
+
+
+def _learn_to_forget(
+    data: Prepared, spec: Spec, best: Trained, rng: np.random.Generator, deadline_s: float
+) -> None:
+    """Tune ``best`` on many random histories, if two of them still matter after a window.
+
+    Weights that forget replace those that do not, weights that do not only if that helped.
+    """
+
+    def penalised(weights: FloatArray) -> float:
+        found = contraction(data, spec, weights, CONTRACTION_SEED)
+        return free_run_score(data, spec, weights) * max(1.0, found.gap / found.limit)
+
+    before = penalised(best.weights)
+    if before <= best.score or time.monotonic() > deadline_s:
+        return
+    count = int(FORGET_SHARE * (data.role == Role.TRAIN).sum() / RANDOM_LENGTH)
+    many = random_pieces(data, spec, rng, count, RANDOM_LENGTH, FORGET)
+    objective = ClosedLoop(spec, data.samples, pieces(data, spec.lags, 100) + many)
+    began = time.monotonic()
+    options = Options(epochs=FORGET_EPOCHS, max_fail=8)
+    outcome = minimise(objective, best.weights, options, penalised, deadline_s)
+    best.stages.append(_stage("forget", outcome, began))
+    if outcome.score < before:
+        best.weights = outcome.weights
+        best.score = free_run_score(data, spec, outcome.weights)
+
+
+def _stage(name: str, outcome: Outcome, began_s: float) -> Stage:
+    costs, scores = tuple(outcome.costs), tuple(outcome.scores)
+    return Stage(name, costs, scores, outcome.stop, time.monotonic() - began_s)
 
 
 def _tell(

@@ -1,8 +1,8 @@
 """Transforms of inputs that the network needs not learn; they are part of the graph.
 
 ``ratio``: the numerator's place is taken by factor * numerator / denominator, clipped. With fuel
-over air and the stoichiometric ratio this is the phi that was injected, which eight neurons
-approximate poorly from the two masses.
+over air and the stoichiometric ratio this is the phi that was injected. On simulated drives the
+free run was as good without it (fit 81.6 % either way), so it is used on request only.
 """
 
 from collections.abc import Mapping, Sequence
