@@ -14,6 +14,7 @@ from monitor.config import Config
 from monitor.dtc import DtcStore
 from monitor.errors import RecordingError
 from monitor.limits import Limits
+from monitor.manifest import source_of
 from monitor.memory import Memory
 from monitor.model import Model
 from monitor.pipeline import Event, FramePipeline, Monitor
@@ -137,7 +138,8 @@ def replay(
         raise RecordingError(f"{path}: shorter than one sample of the model's grid")
     if memory:
         memory.save(store.all)
-    return collector.result(str(path), sha256, source.counters()), collector.trace()
+    recording = collector.result(str(path), sha256, source.counters())
+    return recording | {"source": source_of(path, sha256)}, collector.trace()
 
 
 def replay_all(

@@ -168,7 +168,8 @@ def print_recording(recording: Mapping[str, Any], *, windows: bool = False) -> I
             )
     judged = ", ".join(f"{n} {name}" for name, n in counts.items())
     paper = sum(w["paper_failed"] for w in recording["windows"])
-    yield f"{recording['path']}: {verdict_text(recording)}"
+    simulated = " (simulated)" if recording.get("source") == "simulated" else ""
+    yield f"{recording['path']}{simulated}: {verdict_text(recording)}"
     yield (
         f"  {recording['enabled_samples']} of {recording['samples']} samples enabled; windows: "
         f"{judged}; paper's rule failed {paper}"

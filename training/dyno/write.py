@@ -1,13 +1,15 @@
 """Simulated drives as files, named after what was driven."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from monitor import manifest
 from training.canlog import write_log
 from training.dyno import ecu
 from training.dyno.simulate import Experiment, simulate
-from training.recordings import write_table
+from training.recordings import sha256, write_table
 
 TABLES = ("parquet", "csv", "csv.gz")
 
@@ -31,4 +33,28 @@ def write(experiment: Experiment, folder: Path, suffix: str, period_s: float = 0
         write_table(path, t_s, bus_map.names, block.values)
     else:
         write_log(path, ecu.frames(sent))
+    _note(experiment, path)
     return path
+
+
+def describe(experiment: Experiment, path: Path) -> dict[str, Any]:
+    """Return the manifest's entry of a simulated drive."""
+    fault = experiment.fault
+    return {
+        "file": path.name,
+        "sha256": sha256(path),
+        "source": "simulated",
+        "cycle": experiment.cycle,
+        "vehicle": experiment.vehicle,
+        "seed": experiment.seed,
+        "fault": fault.name if fault else None,
+        "severity": fault.severity if fault else None,
+        "fault_start_s": experiment.fault_start_s if fault else None,
+        "in_the_loop": bool(fault),
+        "effects": {k: v for k, v in experiment.effects._asdict().items() if v},
+    }
+
+
+def _note(experiment: Experiment, path: Path) -> None:
+    entries = manifest.load(path.parent)
+    manifest.save(path.parent, entries | {path.name: describe(experiment, path)})

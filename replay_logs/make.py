@@ -1,0 +1,91 @@
+"""Make the recordings of this folder, their manifest and the expected events.
+
+    python replay_logs/make.py             everything
+    python replay_logs/make.py --expected  only the expected events, after a change of the monitor
+
+All drives are simulated, by vehicles and seeds that no training has used: training uses vehicle 1
+and seeds from 1001 on.
+"""
+
+import argparse
+import os
+import sys
+from pathlib import Path
+
+from monitor import cli, faults, manifest
+from training.dyno import vehicle
+from training.dyno.simulate import Experiment
+from training.dyno.write import describe, write
+
+HERE = Path(__file__).parent
+FIRST_VEHICLE, FIRST_SEED = 101, 101
+RESPONSE_S, SHORT_S = 420.0, 150.0  # length of a drive with a fault of the response, and others
+FAULT_START_S = {"signal_missing": 60.0}
+
+
+def experiments() -> list[tuple[str, Experiment]]:
+    """Return (file stem, drive): two healthy drives and one for each fault, warm at the start."""
+    seeds = (
+        s for s in range(FIRST_SEED, 10_000) if vehicle.conditions(s).coolant_start_degc > 66.0
+    )
+    number = FIRST_VEHICLE
+    chosen = [("healthy_wltc_3b", Experiment(vehicle=number, seed=next(seeds)))]
+    for name in ("healthy", *faults.NAMES):
+        number += 1
+        fault = None if name == "healthy" else faults.resolve(name)
+        short = fault is not None and bool(fault.stuck_lambda or fault.not_ready or fault.missing)
+        chosen.append(
+            (
+                f"{name}_micro_trips",
+                Experiment(
+                    cycle="micro_trips",
+                    vehicle=number,
+                    seed=next(seeds),
+                    fault=fault,
+                    fault_start_s=FAULT_START_S.get(name, 0.0),
+                    duration_s=SHORT_S if short else RESPONSE_S,
+                ),
+            )
+        )
+    return chosen
+
+
+def make_recordings() -> None:
+    """Write every log and the manifest."""
+    for old in (*HERE.glob("*.blf"), HERE / manifest.NAME):
+        old.unlink(missing_ok=True)
+    for stem, experiment in experiments():
+        written = write(experiment, HERE, "blf")
+        path = written.rename(HERE / f"{stem}_v{experiment.vehicle}_s{experiment.seed}.blf")
+        entries = manifest.load(HERE)
+        del entries[written.name]
+        name = experiment.fault.name if experiment.fault else None
+        entry = describe(experiment, path) | {
+            "expected": {"fault": name, "exit_code": int(bool(name))}
+        }
+        manifest.save(HERE, entries | {path.name: entry})
+
+
+def make_expected() -> int:
+    """Replay every log with all defaults and write its events; count wrong verdicts."""
+    wrong = 0
+    os.chdir(HERE.parent)  # so that the paths in the results are the same everywhere
+    (HERE / "expected").mkdir(exist_ok=True)
+    for name, entry in manifest.load(HERE).items():
+        out = HERE / "expected" / f"{name}.json"
+        code = cli.main(["replay", f"{HERE.name}/{name}", "--json", str(out)])
+        wrong += code != entry["expected"]["exit_code"]
+    return wrong
+
+
+def main() -> int:
+    """Run the script; exit code 1 if a verdict is not the expected one."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--expected", action="store_true")
+    if not parser.parse_args().expected:
+        make_recordings()
+    return int(make_expected() > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
