@@ -56,7 +56,7 @@ class StateLayout:
 class TrainingRecording:
     """A recording that the training used."""
 
-    path: str
+    path: str  # file name without folders: models travel
     sha256: str
     samples: int
 

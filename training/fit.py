@@ -223,7 +223,7 @@ def _card(
         layers=network.spec.hidden,
         state=network.state_layout,
         recordings=tuple(
-            TrainingRecording(str(r.path), r.sha256, n)
+            TrainingRecording(Path(r.path).name, r.sha256, n)
             for r, n in zip(data.recordings, used, strict=True)
         ),
         residual_mean=enabled.get("residual_mean", 0.0),

@@ -78,7 +78,13 @@ def _measures(result: FitResult) -> str:
     names = ("samples", "fit_percent", "correlation", "slope", "rmse", "residual_mean",
              "residual_std")  # fmt: skip
     rows = [
-        (title, *(f"{result.card.fit[key].get(n, float('nan')):.4g}" for n in names))
+        (
+            title,
+            *(
+                f"{result.card.fit[key].get(n, float('nan')):{'.0f' if n == 'samples' else '.4g'}}"
+                for n in names
+            ),
+        )
         for key, title in (("test", "all held-out"), ("test_enabled", "enabled"))
     ]
     return "<h2>Free run on held-out blocks</h2>" + _table(rows, ("", *names))
@@ -105,8 +111,9 @@ def _training_curves(result: FitResult) -> Figure:
             axes.semilogy(np.arange(at, at + len(scores)), scores, color=f"C{index}")
             if index == result.best:
                 axes.axvline(at, color="0.85", linewidth=0.8)
-                axes.text(at, 0.98, " " + stage.name.removeprefix("horizon "), transform=axes.get_xaxis_transform(),
-                          va="top", fontsize=8, color="0.4")  # fmt: skip
+                label = " " + stage.name.removeprefix("horizon ")
+                axes.text(at, 0.98, label, transform=axes.get_xaxis_transform(), va="top",
+                          fontsize=8, color="0.4")  # fmt: skip
             at += len(scores) - 1
     axes.set(xlabel="epoch; the number is the horizon in samples", ylabel="RMSE, model units")
     return figure
