@@ -175,9 +175,8 @@ def _part(kind: type[T], data: Any, path: str, where: str) -> T:
         if f.type is float and isinstance(value, int) and not isinstance(value, bool):
             value = float(value)
         if type(value) is not f.type or (isinstance(value, float) and not math.isfinite(value)):
-            raise ModelError(
-                f"{path}: {where}.{f.name} is {value!r}, wanted {getattr(f.type, '__name__', f.type)}"
-            )
+            wanted = getattr(f.type, "__name__", f.type)
+            raise ModelError(f"{path}: {where}.{f.name} is {value!r}, wanted {wanted}")
         values[f.name] = value
     return kind(**values)
 

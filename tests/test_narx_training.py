@@ -223,7 +223,7 @@ def test_fuel_cut_weighs_less_than_the_enabled_region() -> None:
 def test_a_lone_spike_is_an_outlier_and_a_step_is_not() -> None:
     rng = RNG(10)
     values = 0.01 * rng.standard_normal(500)
-    values[200] = 3.0
+    values[200] = 5.0
     values[300:] += 3.0
     assert np.flatnonzero(outlier_mask("anything", values)).tolist() == [200]
     assert outlier_mask("rail_pressure_mpa", np.array([5.0, 99.0, 5.0])).tolist() == [

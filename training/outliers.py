@@ -11,8 +11,8 @@ SPIKE_SIGMA = 12.0  # a lone sample this many robust deviations off its neighbou
 def outlier_mask(name: str, values: FloatArray) -> np.ndarray:
     """Return (n,) bool: implausible by the signal's range, or a spike of a single sample.
 
-    A spike differs from the median of its neighbourhood by more than 12 robust deviations of the
-    sample-to-sample change and by half of the signal's range, and both neighbours agree.
+    A spike differs from both neighbours by more than 12 robust deviations of the sample-to-sample
+    change and by more than 98 % of the values span, and the neighbours agree.
     """
     bad = np.isneginf(values) if name == OUTPUT else np.isinf(values)
     signal = BY_NAME.get(name)
@@ -28,7 +28,7 @@ def outlier_mask(name: str, values: FloatArray) -> np.ndarray:
     finite = values[np.isfinite(values)]
     if sigma > 0 and len(finite):
         span = float(np.percentile(finite, 99.0) - np.percentile(finite, 1.0))
-        limit = max(SPIKE_SIGMA * sigma, 0.5 * span)
+        limit = max(SPIKE_SIGMA * sigma, span)
         with np.errstate(invalid="ignore"):
             off = np.minimum(np.abs(middle - left), np.abs(middle - right)) > limit
             bad[1:-1] |= off & (np.abs(left - right) < 0.2 * limit)

@@ -26,7 +26,7 @@ FORGET_FROM = 20  # horizon from which random histories take part
 FORGET = 30  # samples after which a random history must no longer matter
 RANDOM_LENGTH = 80  # samples of a stretch that starts from a random history
 RANDOM_SHARE = 0.15  # of the training samples
-FORGET_SHARE, FORGET_EPOCHS = 0.6, 20  # of the last stage, if there must be one
+FORGET_SHARE, FORGET_EPOCHS = 1.0, 25  # of the last stage, if there must be one
 CONTRACTION_SEED = 1  # other histories than those of the final check
 
 
