@@ -1,10 +1,11 @@
 """Configuration: a TOML file becomes frozen objects; an unknown key is an error."""
 
+import math
 import tomllib
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 from monitor.errors import ConfigError
 
@@ -91,12 +92,42 @@ class Config:
 
 _Section = TypeVar("_Section")
 
+# Numbers are above 0 unless a lowest value stands here.
+_LOWEST: Final = {
+    "window.n_samples": 10.0,
+    "enable.coolant_min_degc": -273.15,
+    "enable.engine_speed_min_rpm": 0.0,
+    "enable.manifold_pressure_min_kpa": 0.0,
+    "enable.fuel_cut_recovery_s": 0.0,
+    "enable.model_settle_s": 0.0,
+    "enable.range_margin": 0.0,
+    "enable.range_recovery_s": 0.0,
+    "response.lag_limit_s": 0.0,
+    "response.delay_limit_s": 0.0,
+    "response.gain_transient": 0.0,
+    "response.excitation_noise": 0.0,
+    "response.evidence_alike": 0.0,
+    "response.evidence_memory": 0.0,
+    "plausibility.stuck_range": 0.0,
+    "plausibility.stuck_samples": 2.0,
+    "plausibility.stuck_band_at_one": 0.0,
+    "plausibility.not_ready_s": 0.0,
+    "plausibility.engine_running_rpm": 0.0,
+}
+_HIGHEST: Final = {
+    "response.evidence_memory": 1.0,
+    "debounce.response_fail": 127.0,
+    "debounce.response_pass": 127.0,
+    "debounce.tick_fail": 127.0,
+    "debounce.tick_pass": 127.0,
+}
+
 
 def load(path: Path | None = None) -> Config:
     """Return the configuration of a TOML file; without one, as shipped.
 
     A file may leave out sections and keys: these keep the shipped value.
-    Raises ConfigError naming file and key for what is unknown or of the wrong type.
+    Raises ConfigError naming file and key for what is unknown, of the wrong type or impossible.
     """
     shipped = tomllib.loads(files("monitor").joinpath("default.toml").read_text())
     if path is None:
@@ -122,9 +153,31 @@ def _check(path: Path, section: str, key: str, value: Any, known: dict[str, Any]
     if key not in known:
         raise ConfigError(f"{path}: [{section}] {key} is unknown; there are {list(known)}")
     wanted = type(known[key])
-    fits = isinstance(value, int | float if wanted is float else wanted)
-    if not fits or isinstance(value, bool):
-        raise ConfigError(f"{path}: [{section}] {key} = {value!r}, wanted {wanted.__name__}")
+    if wanted is list:
+        fits = isinstance(value, list) and bool(value) and all(_is(float, v) for v in value)
+    else:
+        fits = _is(wanted, value)
+    if not fits:
+        name = "list of numbers" if wanted is list else wanted.__name__
+        raise ConfigError(f"{path}: [{section}] {key} = {value!r}, wanted {name}")
+    for number in value if wanted is list else [value]:
+        _check_size(path, section, key, number)
+
+
+def _is(wanted: type, value: Any) -> bool:
+    """Whole numbers are floats, too; truth values are no numbers."""
+    kinds = int | float if wanted is float else wanted
+    return isinstance(value, kinds) and not isinstance(value, bool)
+
+
+def _check_size(path: Path, section: str, key: str, number: float) -> None:
+    name = f"{section}.{key}"
+    lowest, highest = _LOWEST.get(name), _HIGHEST.get(name, math.inf)
+    above = number >= lowest if lowest is not None else number > 0.0
+    if not (above and number <= highest and math.isfinite(number)):
+        wanted = f"at least {lowest:g}" if lowest is not None else "above 0"
+        wanted += f" and at most {highest:g}" if highest < math.inf else ""
+        raise ConfigError(f"{path}: [{section}] {key} = {number}, wanted {wanted}")
 
 
 def _build(tree: dict[str, Any], where: str) -> Config:
@@ -140,10 +193,19 @@ def _build(tree: dict[str, Any], where: str) -> Config:
         plausibility=section(PlausibilityConfig, "plausibility"),
         debounce=section(DebounceConfig, "debounce"),
     )
-    if config.window.n_samples < 10:
-        raise ConfigError(f"{where}: [window] n_samples = {config.window.n_samples}, wanted >= 10")
-    for field in fields(DebounceConfig):
-        step = getattr(config.debounce, field.name)
-        if not 1 <= step <= 127:
-            raise ConfigError(f"{where}: [debounce] {field.name} = {step}, wanted 1 to 127")
+    low_rpm, high_rpm = config.enable.engine_speed_min_rpm, config.enable.engine_speed_max_rpm
+    if high_rpm <= low_rpm:
+        raise ConfigError(
+            f"{where}: [enable] engine_speed_max_rpm = {high_rpm}, wanted above "
+            f"engine_speed_min_rpm = {low_rpm}"
+        )
+    bank = config.response
+    for key, grid, limit_s in (
+        ("lags_s", bank.lags_s, bank.lag_limit_s),
+        ("delays_s", bank.delays_s, bank.delay_limit_s),
+    ):
+        if max(grid) <= limit_s:
+            raise ConfigError(
+                f"{where}: [response] {key} = {list(grid)}, wanted one above the limit {limit_s} s"
+            )
     return config

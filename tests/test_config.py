@@ -1,0 +1,171 @@
+"""The configuration: a file changes what it names, and a mistake is an error that says where."""
+
+import tomllib
+from dataclasses import fields, is_dataclass
+from importlib.resources import files
+from pathlib import Path
+
+import pytest
+
+from monitor import config
+from monitor.errors import ConfigError
+
+SHIPPED = tomllib.loads(files("monitor").joinpath("default.toml").read_text())
+KEYS = [(section, key) for section, values in SHIPPED.items() for key in values]
+
+
+def file_of(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "own.toml"
+    path.write_text(text)
+    return path
+
+
+def refused(tmp_path: Path, text: str, *words: str) -> None:
+    path = file_of(tmp_path, text)
+    with pytest.raises(ConfigError) as caught:
+        config.load(path)
+    message = str(caught.value)
+    assert str(path) in message
+    assert "\n" not in message
+    for word in words:
+        assert word in message
+
+
+def test_the_shipped_file_sets_every_key_and_nothing_else() -> None:
+    shipped = config.load()
+    for section in fields(config.Config):
+        held = getattr(shipped, section.name)
+        assert is_dataclass(held)
+        assert [f.name for f in fields(held)] == list(SHIPPED[section.name])
+    assert shipped.window.n_samples == 50
+    assert shipped.response.lags_s == tuple(SHIPPED["response"]["lags_s"])
+
+
+def test_an_empty_file_is_the_shipped_configuration(tmp_path: Path) -> None:
+    assert config.load(file_of(tmp_path, "")) == config.load()
+
+
+def test_a_partial_file_keeps_the_shipped_value_of_what_it_leaves_out(tmp_path: Path) -> None:
+    own = config.load(file_of(tmp_path, "[enable]\ncoolant_min_degc = 40\n[bias]\nn_windows = 5\n"))
+    shipped = config.load()
+    assert own.enable.coolant_min_degc == 40.0
+    assert own.bias.n_windows == 5
+    assert own.bias.offset_limit_lambda == shipped.bias.offset_limit_lambda
+    assert own.enable.engine_speed_min_rpm == shipped.enable.engine_speed_min_rpm
+    assert (own.window, own.response, own.plausibility, own.debounce) == (
+        shipped.window, shipped.response, shipped.plausibility, shipped.debounce
+    )  # fmt: skip
+
+
+def test_an_own_file_does_not_change_what_is_loaded_next(tmp_path: Path) -> None:
+    before = config.load()
+    config.load(file_of(tmp_path, "[window]\nn_samples = 20\n"))
+    assert config.load() == before
+
+
+def test_an_unknown_key_is_named_with_its_section(tmp_path: Path) -> None:
+    refused(tmp_path, "[window]\nn_sample = 50\n", "[window]", "n_sample ", "n_samples")
+
+
+def test_an_unknown_section_is_named(tmp_path: Path) -> None:
+    refused(tmp_path, "[windows]\nn_samples = 50\n", "[windows]", "window")
+
+
+def test_a_section_that_is_a_value_is_refused(tmp_path: Path) -> None:
+    refused(tmp_path, "window = 50\n", "window")
+
+
+@pytest.mark.parametrize("value", ['"50"', "true", "{ a = 1 }", "1979-05-27"])
+def test_a_value_of_the_wrong_type_is_refused(tmp_path: Path, value: str) -> None:
+    for section, key in KEYS:
+        refused(tmp_path, f"[{section}]\n{key} = {value}\n", f"[{section}] {key}")
+
+
+def test_a_count_is_a_whole_number(tmp_path: Path) -> None:
+    counts = [(s, k) for s, k in KEYS if type(SHIPPED[s][k]) is int]
+    assert ("window", "n_samples") in counts
+    for section, key in counts:
+        refused(tmp_path, f"[{section}]\n{key} = 50.5\n", f"[{section}] {key}")
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "-inf"])
+def test_a_value_that_is_no_finite_number_is_refused(tmp_path: Path, value: str) -> None:
+    for section, key in KEYS:
+        listed = f"[{value}]" if isinstance(SHIPPED[section][key], list) else value
+        refused(tmp_path, f"[{section}]\n{key} = {listed}\n", f"[{section}] {key}")
+
+
+@pytest.mark.parametrize(
+    ("section", "key", "value"),
+    [
+        ("window", "n_samples", "9"),
+        ("window", "n_samples", "-50"),
+        ("enable", "fuel_cut_recovery_s", "-0.1"),
+        ("enable", "model_settle_s", "-1"),
+        ("enable", "range_margin", "-0.2"),
+        ("enable", "engine_speed_max_rpm", "900.0"),
+        ("response", "lags_s", "[]"),
+        ("response", "lags_s", "[0.2, 0.0]"),
+        ("response", "lags_s", "[0.2, -0.3]"),
+        ("response", "lags_s", '[0.2, "0.3"]'),
+        ("response", "lags_s", "[0.2, true]"),
+        ("response", "lags_s", "[0.1, 0.2]"),
+        ("response", "delays_s", "[]"),
+        ("response", "delays_s", "[0.0]"),
+        ("response", "delays_s", "[0.1, 0.25]"),
+        ("response", "evidence_memory", "1.1"),
+        ("response", "evidence_memory", "-0.1"),
+        ("response", "evidence_fail", "0.0"),
+        ("response", "evidence_pass", "-6.0"),
+        ("response", "noise_correlation_samples", "0.0"),
+        ("response", "gain_limit", "0.0"),
+        ("bias", "n_windows", "0"),
+        ("bias", "offset_limit_lambda", "0.0"),
+        ("plausibility", "stuck_samples", "1"),
+        ("plausibility", "stuck_range", "-0.001"),
+        ("plausibility", "not_ready_s", "-60"),
+        ("debounce", "response_fail", "0"),
+        ("debounce", "tick_pass", "0"),
+        ("debounce", "tick_fail", "128"),
+        ("debounce", "response_pass", "-64"),
+    ],
+)
+def test_an_impossible_value_is_refused(tmp_path: Path, section: str, key: str, value: str) -> None:
+    refused(tmp_path, f"[{section}]\n{key} = {value}\n", f"[{section}]", key)
+
+
+@pytest.mark.parametrize(
+    ("section", "key", "value"),
+    [
+        ("window", "n_samples", "10"),
+        ("enable", "fuel_cut_recovery_s", "0.0"),
+        ("enable", "coolant_min_degc", "-40.0"),
+        ("response", "evidence_memory", "1.0"),
+        ("response", "lags_s", "[0.5]"),
+        ("debounce", "tick_fail", "127"),
+        ("debounce", "tick_fail", "1"),
+        ("bias", "n_windows", "1"),
+    ],
+)
+def test_a_value_on_the_boundary_is_taken(
+    tmp_path: Path, section: str, key: str, value: str
+) -> None:
+    own = config.load(file_of(tmp_path, f"[{section}]\n{key} = {value}\n"))
+    held = getattr(getattr(own, section), key)
+    assert held == (tuple(tomllib.loads(f"x={value}")["x"]) if "[" in value else float(value))
+
+
+def test_what_is_not_toml_is_refused(tmp_path: Path) -> None:
+    refused(tmp_path, "[window\nn_samples = 50\n", "TOML")
+
+
+def test_what_is_not_text_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "own.toml"
+    path.write_bytes(b"\xff\xfe\x00binary")
+    with pytest.raises(ConfigError, match=r"own\.toml"):
+        config.load(path)
+
+
+def test_a_missing_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"nowhere\.toml: No such file"):
+        config.load(tmp_path / "nowhere.toml")
