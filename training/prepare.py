@@ -30,6 +30,13 @@ ENABLE_COLUMNS = {"closed_loop": 1.0, "sensor_ready": 1.0, "fuel_cut": 0.0}
 MARGIN = 0.05  # of the trained range, by which inputs and outputs may leave it
 
 
+# lambda_controller is made from the measured lambda: a network that sees it exactly inverts the
+# controller and predicts what a faulty sensor reads. So it is trained on a blurred one, whose noise
+# is several times what the controller does in normal operation.
+CONTROLLER = "lambda_controller"
+CONTROLLER_NOISE = 0.03
+
+
 class Role(IntEnum):
     """What a block is used for."""
 
@@ -132,6 +139,9 @@ def prepare(
     role = _roles(segments, period_ns, block_s, seed, lags)
     train = (role == Role.TRAIN) & valid
     seen = apply(transforms, inputs, u)
+    if transform == "phi" and CONTROLLER in inputs:
+        blur = np.random.default_rng([seed, 1]).standard_normal(len(u)) * (role == Role.TRAIN)
+        seen[:, list(inputs).index(CONTROLLER)] += CONTROLLER_NOISE * blur
     scaling = _scaling(seen[train], y[train], transform, inputs, recordings)
     weight = np.where(on, 1.0, other_weight) * valid
     filled = np.interp(np.arange(len(y)), np.flatnonzero(valid), y[valid])
