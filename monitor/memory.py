@@ -4,8 +4,8 @@ SQLite in WAL mode with full synchronisation: what ``save`` has returned from su
 """
 
 import sqlite3
-from collections.abc import Iterable
-from contextlib import closing
+from collections.abc import Iterable, Iterator
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 from monitor.dtc import CODES, Dtc, Status
@@ -35,32 +35,63 @@ class Memory:
         self._path = path
         try:
             self._db = sqlite3.connect(path, isolation_level=None)
-            self._db.execute("PRAGMA journal_mode=WAL")
+        except sqlite3.Error as error:
+            raise RecordingError(f"{path}: cannot open the fault memory: {error}") from None
+        try:
             self._db.execute("PRAGMA synchronous=FULL")
             self._migrate()
+            self._db.execute("PRAGMA journal_mode=WAL")
         except sqlite3.Error as error:
+            self._db.close()
             raise RecordingError(f"{path}: not a fault memory: {error}") from None
+        except RecordingError:
+            self._db.close()
+            raise
 
     def _migrate(self) -> None:
-        with closing(self._db.execute("PRAGMA user_version")) as rows:
-            version = rows.fetchone()[0]
-        if version == 0:
-            self._db.execute("BEGIN IMMEDIATE")
-            self._db.execute(_CREATE)
-            self._db.execute(f"PRAGMA user_version={SCHEMA_VERSION}")
-            self._db.execute("COMMIT")
-        elif version != SCHEMA_VERSION:
+        """Make the table in a new file; a file of anyone else is left as it is."""
+        if self._number("PRAGMA user_version") == 0:
+            with self._transaction():  # another process may have made the table by now
+                if self._number("PRAGMA user_version") == 0:
+                    if self._number("SELECT count(*) FROM sqlite_master"):
+                        raise sqlite3.DatabaseError("the database belongs to another program")
+                    self._db.execute(_CREATE)
+                    self._db.execute(f"PRAGMA user_version={SCHEMA_VERSION}")
+        version = self._number("PRAGMA user_version")
+        if version != SCHEMA_VERSION:
             raise RecordingError(
                 f"{self._path}: fault memory of schema {version}, wanted {SCHEMA_VERSION}"
             )
 
+    def _number(self, query: str) -> int:
+        with closing(self._db.execute(query)) as rows:
+            return int(rows.fetchone()[0])
+
+    @contextmanager
+    def _transaction(self) -> Iterator[None]:
+        """Write all or nothing."""
+        self._db.execute("BEGIN IMMEDIATE")
+        try:
+            yield
+            self._db.execute("COMMIT")
+        finally:
+            if self._db.in_transaction:
+                self._db.execute("ROLLBACK")
+
     def load(self) -> tuple[Dtc, ...]:
-        """Return the stored codes; one this version does not know is an error."""
+        """Return the stored codes.
+
+        Raises RecordingError if the file cannot be read or holds a code that is not known.
+        """
         found = []
         known = {code for group in CODES.values() for code in group}
-        for code, fault, also, status, t_ns, before, passed in self._db.execute(
-            "SELECT code, fault, also, status, t_ns, failed_before, passed_cycles FROM dtc"
-        ):
+        try:
+            rows = self._db.execute(
+                "SELECT code, fault, also, status, t_ns, failed_before, passed_cycles FROM dtc"
+            ).fetchall()
+        except sqlite3.Error as error:
+            raise RecordingError(f"{self._path}: cannot read the fault memory: {error}") from None
+        for code, fault, also, status, t_ns, before, passed in rows:
             if code not in known:
                 raise RecordingError(f"{self._path}: unknown trouble code {code!r}")
             names = tuple(name for name in also.split(",") if name)
@@ -78,9 +109,10 @@ class Memory:
             for d in dtcs
         ]  # fmt: skip
         try:
-            self._db.execute("BEGIN IMMEDIATE")
-            self._db.executemany("INSERT OR REPLACE INTO dtc VALUES (?, ?, ?, ?, ?, ?, ?)", rows)
-            self._db.execute("COMMIT")
+            with self._transaction():
+                self._db.executemany(
+                    "INSERT OR REPLACE INTO dtc VALUES (?, ?, ?, ?, ?, ?, ?)", rows
+                )
         except sqlite3.Error as error:
             raise RecordingError(f"{self._path}: cannot store the fault memory: {error}") from None
 
