@@ -147,12 +147,14 @@ class SensorFault:
         self._x = math.nan
 
     def push(self, lambda_healthy: float) -> float:
-        """Return what the faulty sensor reads; NaN stays NaN."""
+        """Return what the faulty sensor reads; NaN stays NaN, and what no sensor can read stays."""
         fault = self._fault
         if not math.isfinite(lambda_healthy) or fault.not_ready or fault.missing:
             return math.nan
         if fault.stuck_lambda:
             return fault.stuck_lambda
+        if lambda_healthy <= 0.0:
+            return lambda_healthy
         phi = 1.0 / lambda_healthy
         self._history.append(phi)
         phi = one_sided(phi, self._history[0], fault.delay_direction)
