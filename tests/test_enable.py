@@ -1,0 +1,258 @@
+"""Enable conditions, and the windows that enabled samples fill."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from monitor import config, enable
+from monitor.enable import CONDITIONS, Enable
+from monitor.types import Quality, Sample
+from monitor.window import Window, WindowCollector
+
+CONFIG = config.load().enable
+PERIOD_S = 0.1
+NAMES = ("air_mass_mg", "lambda_controller", "lambda_measured", *enable.SIGNALS)
+INPUTS = ("air_mass_mg", "lambda_controller")
+LOW, HIGH = np.array([100.0, 0.8]), np.array([600.0, 1.2])
+GOOD = {
+    "air_mass_mg": 300.0,
+    "lambda_controller": 1.0,
+    "lambda_measured": 1.0,
+    "closed_loop": 1.0,
+    "fuel_cut": 0.0,
+    "sensor_ready": 1.0,
+    "coolant_temperature_degc": 85.0,
+    "engine_speed_rpm": 2000.0,
+    "manifold_pressure_kpa": 50.0,
+}
+# condition → a sample's value that breaks it and nothing else
+BREAKS = {
+    "measured_valid": ("lambda_measured", math.nan),
+    "trained_range": ("air_mass_mg", 651.0),
+    "closed_loop": ("closed_loop", 0.0),
+    "fuel_cut_recovered": ("fuel_cut", 1.0),
+    "sensor_ready": ("sensor_ready", 0.0),
+    "coolant_warm": ("coolant_temperature_degc", math.nextafter(CONFIG.coolant_min_degc, 0.0)),
+    "engine_speed": ("engine_speed_rpm", math.nextafter(CONFIG.engine_speed_min_rpm, 0.0)),
+    "engine_load": ("manifold_pressure_kpa", math.nextafter(CONFIG.manifold_pressure_min_kpa, 0.0)),
+}
+SIGNAL_OF = {condition: signal for condition, (signal, _) in BREAKS.items()}
+SETTLE = 50  # samples, 5 s
+
+
+class Bench:
+    """Steps an Enable through samples of given values."""
+
+    def __init__(self, names: tuple[str, ...] = NAMES, period_s: float = PERIOD_S) -> None:
+        self.names = names
+        self.subject = Enable(CONFIG, names, INPUTS, "lambda_measured", LOW, HIGH, period_s)
+
+    def step(self, **values: float) -> dict[str, bool]:
+        held = GOOD | values
+        row = np.array([held[name] for name in self.names])
+        quality = np.where(np.isnan(row), Quality.STALE, Quality.GOOD).astype(np.uint8)
+        conditions = self.subject.step(Sample(0, 0, row, quality))
+        return dict(zip(CONDITIONS, conditions, strict=True))
+
+    def settle(self, n: int = SETTLE + 1) -> dict[str, bool]:
+        for _ in range(n):
+            last = self.step()
+        return last
+
+
+def blocking(conditions: dict[str, bool]) -> set[str]:
+    return {name for name, holds in conditions.items() if not holds}
+
+
+def test_all_conditions_hold_on_a_warm_settled_drive() -> None:
+    assert blocking(Bench().settle()) == set()
+
+
+def test_the_model_settles_for_exactly_its_time() -> None:
+    bench = Bench()
+    for _ in range(SETTLE):
+        assert blocking(bench.step()) == {"model_settled"}
+    assert blocking(bench.step()) == set()
+
+
+@pytest.mark.parametrize("condition", BREAKS)
+def test_each_condition_blocks_on_its_own_and_is_listed(condition: str) -> None:
+    bench = Bench()
+    bench.settle()
+    name, value = BREAKS[condition]
+    assert blocking(bench.step(**{name: value})) == {condition}
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("coolant_temperature_degc", CONFIG.coolant_min_degc),
+        ("engine_speed_rpm", CONFIG.engine_speed_min_rpm),
+        ("engine_speed_rpm", CONFIG.engine_speed_max_rpm),
+        ("manifold_pressure_kpa", CONFIG.manifold_pressure_min_kpa),
+        ("air_mass_mg", 50.0),  # 10 % of the trained range below its lowest value
+        ("air_mass_mg", 650.0),
+        ("lambda_controller", 0.77),
+    ],
+)
+def test_a_value_on_its_limit_does_not_block(name: str, value: float) -> None:
+    bench = Bench()
+    bench.settle()
+    assert blocking(bench.step(**{name: value})) == set()
+
+
+def test_an_engine_that_turns_too_fast_blocks() -> None:
+    bench = Bench()
+    bench.settle()
+    above = math.nextafter(CONFIG.engine_speed_max_rpm, math.inf)
+    assert blocking(bench.step(engine_speed_rpm=above)) == {"engine_speed"}
+
+
+@pytest.mark.parametrize("name", INPUTS)
+def test_an_input_that_is_not_valid_blocks_until_the_model_has_settled_again(name: str) -> None:
+    bench = Bench()
+    bench.settle()
+    assert {"inputs_valid", "model_settled"} <= blocking(bench.step(**{name: math.nan}))
+    for _ in range(SETTLE):
+        conditions = bench.step()
+        assert conditions["inputs_valid"]
+        assert not conditions["model_settled"]
+    assert blocking(bench.step()) == set()
+
+
+def test_a_missing_measurement_does_not_unsettle_the_model() -> None:
+    bench = Bench()
+    bench.settle()
+    bench.step(lambda_measured=math.nan)
+    assert blocking(bench.step()) == set()
+
+
+@pytest.mark.parametrize("signal", enable.SIGNALS)
+def test_a_condition_whose_signal_is_not_provided_is_listed_and_never_blocks(signal: str) -> None:
+    bench = Bench(tuple(name for name in NAMES if name != signal))
+    expected = {c for c, s in SIGNAL_OF.items() if s == signal} - {"measured_valid"}
+    assert set(bench.subject.unavailable) == expected
+    assert len(expected) == 1
+    assert blocking(bench.settle()) == set()
+
+
+def test_without_any_context_only_the_models_own_conditions_block() -> None:
+    bench = Bench(("air_mass_mg", "lambda_controller", "lambda_measured"))
+    assert set(CONDITIONS) - set(bench.subject.unavailable) == {
+        "inputs_valid", "measured_valid", "model_settled", "trained_range",
+    }  # fmt: skip
+    assert blocking(bench.settle()) == set()
+
+
+def test_with_every_signal_nothing_is_unavailable() -> None:
+    assert Bench().subject.unavailable == ()
+
+
+@pytest.mark.parametrize("condition", [c for c in BREAKS if c not in ("trained_range",)])
+def test_a_provided_signal_that_is_not_valid_blocks(condition: str) -> None:
+    bench = Bench()
+    bench.settle()
+    assert blocking(bench.step(**{SIGNAL_OF[condition]: math.nan})) == {condition}
+
+
+@pytest.mark.parametrize("period_s", [0.01, 0.1, 0.25])
+@pytest.mark.parametrize(
+    ("condition", "seconds", "broken"),
+    [
+        ("fuel_cut_recovered", CONFIG.fuel_cut_recovery_s, {"fuel_cut": 1.0}),
+        ("fuel_cut_recovered", CONFIG.fuel_cut_recovery_s, {"fuel_cut": math.nan}),
+        ("trained_range", CONFIG.range_recovery_s, {"air_mass_mg": 700.0}),
+        ("trained_range", CONFIG.range_recovery_s, {"lambda_controller": 0.7}),
+    ],
+)
+def test_a_recovery_time_is_exact_in_samples(
+    condition: str, seconds: float, broken: dict[str, float], period_s: float
+) -> None:
+    bench = Bench(period_s=period_s)
+    bench.settle(round(CONFIG.model_settle_s / period_s) + 1)
+    bench.step(**broken)
+    # the sample that ends the recovery time is the first that may be judged again
+    for _ in range(round(seconds / period_s) - 1):
+        assert blocking(bench.step()) == {condition}
+    assert blocking(bench.step()) == set()
+
+
+def test_a_second_fuel_cut_starts_the_recovery_anew() -> None:
+    bench = Bench()
+    bench.settle()
+    bench.step(fuel_cut=1.0)
+    for _ in range(20):
+        bench.step()
+    bench.step(fuel_cut=1.0)
+    for _ in range(29):
+        assert blocking(bench.step()) == {"fuel_cut_recovered"}
+    assert blocking(bench.step()) == set()
+
+
+def test_a_reset_is_like_switching_on() -> None:
+    bench = Bench()
+    bench.settle()
+    bench.step(fuel_cut=1.0)
+    bench.subject.reset()
+    assert blocking(bench.step()) == {"model_settled"}
+    assert blocking(bench.settle()) == set()
+
+
+# Windows
+
+
+def fill(enabled: list[bool], n_samples: int) -> tuple[list[Window], WindowCollector]:
+    collector = WindowCollector(n_samples, 2)
+    windows = []
+    for k, on in enumerate(enabled):
+        if on:
+            row = np.array([k, -k], dtype=float)
+            window = collector.push(k * 100, float(k), k + 0.5, row)
+            windows += [] if window is None else [window]
+        else:
+            collector.interrupt()
+    return windows, collector
+
+
+@given(st.lists(st.booleans(), max_size=120), st.integers(1, 12))
+def test_windows_are_runs_of_consecutive_enabled_samples_and_do_not_overlap(
+    enabled: list[bool], n: int
+) -> None:
+    windows, collector = fill(enabled, n)
+    # the samples of each unbroken stretch, cut into whole windows from its start
+    expected, run, discarded = [], list[int](), 0
+    for k, on in enumerate([*enabled, False]):
+        if on:
+            run.append(k)
+            if len(run) == n:
+                expected.append(run)
+                run = []
+        else:
+            discarded += bool(run) and k < len(enabled)
+            run = []
+    assert [w.measured.tolist() for w in windows] == expected
+    assert [w.index for w in windows] == list(range(len(expected)))
+    assert [(w.t_start_ns, w.t_end_ns) for w in windows] == [
+        (run[0] * 100, run[-1] * 100) for run in expected
+    ]
+    for window in windows:
+        np.testing.assert_array_equal(window.predicted, window.measured + 0.5)
+        np.testing.assert_array_equal(window.residual, -0.5)
+        np.testing.assert_array_equal(window.bank[:, 0], window.measured)
+        np.testing.assert_array_equal(window.bank[:, 1], -window.measured)
+    assert (collector.completed, collector.discarded) == (len(expected), discarded)
+
+
+def test_one_disabled_sample_costs_the_window_begun() -> None:
+    windows, collector = fill([True] * 49 + [False] + [True] * 50, 50)
+    assert [w.measured[0] for w in windows] == [50.0]
+    assert collector.discarded == 1
+
+
+def test_a_window_keeps_its_values_when_the_next_is_filled() -> None:
+    windows, _ = fill([True] * 20, 10)
+    assert windows[0].measured.tolist() == list(range(10))
+    assert windows[1].measured.tolist() == list(range(10, 20))

@@ -1,0 +1,217 @@
+"""Tests that need no model: missing, invalid, not ready, out of range, frozen."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from monitor import config
+from monitor.debounce import Debounce
+from monitor.dtc import CODES
+from monitor.plausibility import ActivityTest, Plausibility, TickResult
+from monitor.types import Quality, Sample
+
+CONFIG = config.load()
+PERIOD_S = 0.1
+NAMES = ("lambda_measured", "sensor_ready", "engine_speed_rpm")
+SATURATED = (0.65, 15.9)
+
+
+def sample(
+    quality: Quality, ready: float = 1.0, rpm: float = 2000.0, names: tuple[str, ...] = NAMES
+) -> Sample:
+    measured = 1.0 if quality == Quality.GOOD else math.nan
+    held = {"lambda_measured": measured, "sensor_ready": ready, "engine_speed_rpm": rpm}
+    row = np.array([held[name] for name in names])
+    qualities = np.zeros(len(names), dtype=np.uint8)
+    qualities[names.index("lambda_measured")] = quality
+    return Sample(0, 0, row, qualities)
+
+
+def subject(names: tuple[str, ...] = NAMES, period_s: float = PERIOD_S) -> Plausibility:
+    return Plausibility(CONFIG.plausibility, names, "lambda_measured", period_s)
+
+
+def by_test(results: list[TickResult]) -> dict[str, TickResult]:
+    found = {result.test: result for result in results}
+    assert len(found) == len(results)
+    return found
+
+
+def test_a_good_reading_passes_every_test() -> None:
+    results = by_test(subject().step(sample(Quality.GOOD)))
+    assert {name: r.failed for name, r in results.items()} == {
+        "communication": False, "ready": False, "range": False,
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("ready", [1.0, 0.0, math.nan])
+def test_a_missing_signal_is_lost_communication_whether_ready_or_not(ready: float) -> None:
+    results = by_test(subject().step(sample(Quality.STALE, ready)))
+    assert results["communication"] == TickResult("communication", True, "signal_missing")
+    assert CODES["signal_missing"] == ("U0100",)
+    assert "range" not in results  # what is not there cannot be in range
+
+
+def test_an_invalid_signal_of_a_ready_sensor_is_invalid_data() -> None:
+    results = by_test(subject().step(sample(Quality.INVALID)))
+    assert results["communication"] == TickResult("communication", True, "signal_invalid")
+    assert CODES["signal_invalid"] == ("U0401",)
+    assert "range" not in results
+
+
+def test_an_invalid_signal_of_a_sensor_that_is_not_ready_is_no_fault() -> None:
+    for _ in range(5):
+        results = by_test(subject().step(sample(Quality.INVALID, ready=0.0)))
+        assert not results["communication"].failed
+        assert not results["ready"].failed
+
+
+def test_an_implausible_value_is_out_of_range() -> None:
+    results = by_test(subject().step(sample(Quality.OUT_OF_RANGE)))
+    assert results["range"] == TickResult("range", True, "out_of_range")
+    assert not results["communication"].failed
+
+
+@pytest.mark.parametrize("period_s", [0.01, 0.1, 1.0])
+def test_a_sensor_that_is_not_ready_fails_only_after_its_patience(period_s: float) -> None:
+    plausibility = subject(period_s=period_s)
+    waiting = sample(Quality.INVALID, ready=0.0)
+    for _ in range(round(CONFIG.plausibility.not_ready_s / period_s)):
+        assert not by_test(plausibility.step(waiting))["ready"].failed
+    assert by_test(plausibility.step(waiting))["ready"] == TickResult("ready", True, "not_ready")
+
+
+@pytest.mark.parametrize("rpm", [0.0, CONFIG.plausibility.engine_running_rpm - 1.0, math.nan])
+def test_no_patience_is_lost_while_the_engine_stands(rpm: float) -> None:
+    plausibility = subject()
+    for _ in range(2000):
+        assert not by_test(plausibility.step(sample(Quality.INVALID, 0.0, rpm)))["ready"].failed
+
+
+@pytest.mark.parametrize("pause", [sample(Quality.GOOD), sample(Quality.INVALID, 0.0, 0.0)])
+def test_readiness_or_a_stop_starts_the_patience_anew(pause: Sample) -> None:
+    plausibility = subject()
+    waiting = sample(Quality.INVALID, ready=0.0)
+    for _ in range(600):
+        plausibility.step(waiting)
+    plausibility.step(pause)
+    for _ in range(600):
+        assert not by_test(plausibility.step(waiting))["ready"].failed
+    assert by_test(plausibility.step(waiting))["ready"].failed
+
+
+def test_a_reset_starts_the_patience_anew() -> None:
+    plausibility = subject()
+    waiting = sample(Quality.INVALID, ready=0.0)
+    for _ in range(601):
+        last = by_test(plausibility.step(waiting))
+    assert last["ready"].failed
+    plausibility.reset()
+    assert not by_test(plausibility.step(waiting))["ready"].failed
+
+
+def test_without_a_ready_signal_a_sensor_that_says_invalid_is_not_ready() -> None:
+    names = ("lambda_measured", "engine_speed_rpm")
+    plausibility = subject(names)
+    assert not by_test(plausibility.step(sample(Quality.GOOD, names=names)))["ready"].failed
+    for _ in range(600):
+        results = by_test(plausibility.step(sample(Quality.INVALID, names=names)))
+        assert not any(result.failed for result in results.values())
+    assert by_test(plausibility.step(sample(Quality.INVALID, names=names)))["ready"].failed
+
+
+def test_without_an_engine_speed_the_engine_counts_as_running() -> None:
+    names = ("lambda_measured", "sensor_ready")
+    plausibility = subject(names)
+    for _ in range(601):
+        last = by_test(plausibility.step(sample(Quality.INVALID, ready=0.0, names=names)))
+    assert last["ready"].failed
+
+
+def test_an_electrical_fault_matures_within_three_seconds() -> None:
+    plausibility, counter, n = subject(), Debounce(), 0
+    while not counter.failed:
+        failed = by_test(plausibility.step(sample(Quality.STALE)))["communication"].failed
+        counter = counter.step(failed=failed, by=CONFIG.debounce.tick_fail)
+        n += 1
+    assert 1.0 <= n * PERIOD_S <= 3.0
+
+
+# A frozen signal
+
+STUCK = CONFIG.plausibility.stuck_samples
+RANGE = CONFIG.plausibility.stuck_range
+
+
+def activity() -> ActivityTest:
+    return ActivityTest(CONFIG.plausibility, SATURATED)
+
+
+def live(n: int, seed: int = 0) -> list[float]:
+    return list(1.0 + 0.004 * np.random.default_rng(seed).standard_normal(n))
+
+
+@pytest.mark.parametrize(
+    ("reads", "fault"),
+    [(1.15, "stuck_lean"), (0.85, "stuck_rich"), (1.0, "stuck_at_one"),
+     (1.029, "stuck_at_one"), (1.031, "stuck_lean"), (0.971, "stuck_at_one"),
+     (0.969, "stuck_rich")],
+)  # fmt: skip
+def test_a_frozen_signal_is_found_within_its_samples_and_named_by_its_value(
+    reads: float, fault: str
+) -> None:
+    test = activity()
+    results = [test.push(reads) for _ in range(STUCK)]
+    assert results[:-1] == [None] * (STUCK - 1)
+    assert results[-1] == (True, fault)
+
+
+@given(st.integers(0, 3 * STUCK), st.sampled_from([0.8, 1.0, 1.3]))
+def test_a_signal_that_freezes_at_any_time_is_found_before_two_stretches_are_over(
+    moves: int, reads: float
+) -> None:
+    test = activity()
+    for value in live(moves):
+        result = test.push(value)
+        assert result is None or not result[0]
+    failed_after = next(
+        i for i in range(1, 2 * STUCK) if (result := test.push(reads)) is not None and result[0]
+    )
+    assert failed_after < 2 * STUCK
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_a_live_signal_passes_every_stretch(seed: int) -> None:
+    test = activity()
+    results = [test.push(value) for value in live(3 * STUCK, seed)]
+    judged = [result for result in results if result is not None]
+    assert [failed for failed, _ in judged] == [False] * 3
+
+
+def test_two_quantisation_steps_are_no_life_and_three_are() -> None:
+    step = RANGE / 2.0
+    for steps, frozen in ((2, True), (3, False)):
+        test = activity()
+        values = [1.0 if i % 2 else 1.0 + steps * step * 0.9999 for i in range(STUCK)]
+        assert [test.push(value) for value in values][-1] == (frozen, "stuck_at_one")
+
+
+@pytest.mark.parametrize("reads", [*SATURATED, 0.6, 16.0])
+def test_a_signal_at_the_trained_end_is_saturated_and_not_judged(reads: float) -> None:
+    test = activity()
+    assert [test.push(reads) for _ in range(5 * STUCK)] == [None] * (5 * STUCK)
+    # and just inside it is frozen
+    inside = math.nextafter(min(max(reads, SATURATED[0]), SATURATED[1]), 1.0)
+    assert [test.push(inside) for _ in range(STUCK)][-1] is not None
+
+
+def test_an_interruption_begins_the_stretch_anew() -> None:
+    test = activity()
+    for _ in range(STUCK - 1):
+        test.push(1.2)
+    test.reset()
+    assert [test.push(1.2) for _ in range(STUCK - 1)] == [None] * (STUCK - 1)
+    assert test.push(1.2) == (True, "stuck_lean")
