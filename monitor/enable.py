@@ -6,9 +6,8 @@ A provided signal that is not valid blocks.
 
 import math
 from collections.abc import Sequence
+from operator import itemgetter
 from typing import Final
-
-import numpy as np
 
 from monitor.config import EnableConfig
 from monitor.types import FloatArray, Sample
@@ -63,12 +62,22 @@ class Enable:
     ) -> None:
         self._config = config
         at = {name: i for i, name in enumerate(names)}
-        self._at: dict[str, int] = {need: at[need] for need in SIGNALS if need in at}
+        # what an unavailable signal reads is put behind the sample's values
+        self._harmless = [
+            1.0,
+            0.0,
+            1.0,
+            config.coolant_min_degc,
+            config.engine_speed_min_rpm,
+            config.manifold_pressure_min_kpa,
+        ]
+        n = len(at)
+        self._read = itemgetter(*(at.get(name, n + i) for i, name in enumerate(SIGNALS)))
         self.unavailable = tuple(c for c in CONDITIONS if c in _NEEDS and _NEEDS[c] not in at)
-        self._inputs = np.array([at[name] for name in inputs])
         self._output = at[output]
         margin = config.range_margin * (trained_high - trained_low)
-        self._low, self._high = trained_low - margin, trained_high + margin
+        low, high = (trained_low - margin).tolist(), (trained_high + margin).tolist()
+        self._ranges = tuple(zip((at[name] for name in inputs), low, high, strict=True))
         self._settle = round(config.model_settle_s / period_s)
         self._recovery = round(config.fuel_cut_recovery_s / period_s)
         self._range_recovery = round(config.range_recovery_s / period_s)
@@ -83,30 +92,26 @@ class Enable:
 
     def step(self, sample: Sample) -> tuple[bool, ...]:
         """Return the conditions in the order of CONDITIONS; the sample is enabled if all hold."""
-        config, values = self._config, sample.values
-        inputs = values[self._inputs]
-        inputs_valid = not np.isnan(inputs).any()
+        config = self._config
+        values = sample.values.tolist() + self._harmless
+        closed_loop, cut, ready, coolant_degc, speed_rpm, load_kpa = self._read(values)
+        inputs_valid = inside = True
+        for i, low, high in self._ranges:
+            if not low <= values[i] <= high:
+                inside = False
+                inputs_valid = inputs_valid and not math.isnan(values[i])
         self._since_start = self._since_start + 1 if inputs_valid else 0
-        inside = bool(((inputs >= self._low) & (inputs <= self._high)).all())
         self._since_range = self._since_range + 1 if inside else 0
-        cut = self._read(values, "fuel_cut", 0.0)
         self._since_cut = self._since_cut + 1 if cut == 0.0 else 0
-        speed_rpm = self._read(values, "engine_speed_rpm", config.engine_speed_min_rpm)
-        coolant_degc = self._read(values, "coolant_temperature_degc", config.coolant_min_degc)
-        load_kpa = self._read(values, "manifold_pressure_kpa", config.manifold_pressure_min_kpa)
         return (
             inputs_valid,
             not math.isnan(values[self._output]),
             self._since_start > self._settle,
             self._since_range >= self._range_recovery,
-            self._read(values, "closed_loop", 1.0) >= 1.0,
+            closed_loop >= 1.0,
             self._since_cut >= self._recovery,
-            self._read(values, "sensor_ready", 1.0) >= 1.0,
+            ready >= 1.0,
             coolant_degc >= config.coolant_min_degc,
             config.engine_speed_min_rpm <= speed_rpm <= config.engine_speed_max_rpm,
             load_kpa >= config.manifold_pressure_min_kpa,
         )
-
-    def _read(self, values: FloatArray, name: str, when_unavailable: float) -> float:
-        at = self._at.get(name)
-        return when_unavailable if at is None else float(values[at])

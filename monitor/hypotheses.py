@@ -38,30 +38,34 @@ def build(config: ResponseConfig) -> tuple[Hypothesis, ...]:
 
 
 class SensorBank:
-    """Runs every hypothesis on the predicted signal, one sample at a time."""
+    """Runs every hypothesis on the predicted signal, one sample at a time.
+
+    hypotheses : in the order of ``build``: healthy, slow, delay; within a kind by direction
+    """
 
     def __init__(self, hypotheses: tuple[Hypothesis, ...], period_s: float) -> None:
         slow = [h for h in hypotheses if h.kind == "slow"]
         late = [h for h in hypotheses if h.kind == "delay"]
-        self._slow = np.array([h.kind == "slow" for h in hypotheses])
-        self._late = np.array([h.kind == "delay" for h in hypotheses])
 
         def share(h: Hypothesis, other: str) -> float:
             return 1.0 if h.direction == other else 1.0 - math.exp(-period_s / h.seconds)
 
         self._rising = np.array([share(h, "rich_to_lean") for h in slow])
         self._falling = np.array([share(h, "lean_to_rich") for h in slow])
-        steps = np.array([h.seconds / period_s for h in late])
-        self._whole = steps.astype(np.int64)
-        self._part = steps - self._whole
-        self._interpolated = bool(np.any(self._part > 1e-9))
-        self._keep_lower = np.array([h.direction != "rich_to_lean" for h in late])
-        self._keep_upper = np.array([h.direction != "lean_to_rich" for h in late])
-        self._length = int(self._whole.max(initial=0)) + 2
-        self._history = np.ones(self._length)
+        steps = np.array([round(h.seconds / period_s, 9) for h in late])
+        whole = steps.astype(np.int64)
+        self._part = steps - whole
+        self._interpolated = bool(self._part.any())
+        self._length = int(whole.max(initial=0)) + 2
+        self._places = self._length - 1 - whole
+        self._history = np.ones(2 * self._length)  # everything twice, so that no place wraps
         self._at = 0
-        self._x = np.ones(len(slow))
         self._row = np.ones(len(hypotheses))
+        self._x = self._row[1 : 1 + len(slow)]  # views: what they hold is the state and the result
+        self._late = self._row[1 + len(slow) :]
+        falling, rising = (sum(h.direction == d for h in late) for d in DIRECTIONS[:2])
+        self._late_falling = self._late[:falling]
+        self._late_rising = self._late[falling : falling + rising]
         self._started = False
 
     def reset(self) -> None:
@@ -74,18 +78,18 @@ class SensorBank:
             self._history[:] = value
             self._x[:] = value
             self._started = True
-        self._at = (self._at + 1) % self._length
-        self._history[self._at] = value
-        step = value - self._x
-        self._x += step * np.where(step > 0.0, self._rising, self._falling)
-        then = self._history[self._at - self._whole]
-        if self._interpolated:
-            before = self._history[self._at - self._whole - 1]
-            then = then * (1.0 - self._part) + before * self._part
-        # a one-sided dead time holds the old value only against its own edge direction
-        late = np.where(self._keep_lower & (then < value), then, value)
-        late = np.where(self._keep_upper & (then > value), then, late)
+        self._at = at = (self._at + 1) % self._length
+        self._history[at] = self._history[at + self._length] = value
         self._row[0] = value
-        self._row[self._slow] = self._x
-        self._row[self._late] = late
+        step = value - self._x
+        step *= np.where(step > 0.0, self._rising, self._falling)
+        self._x += step
+        past = self._history[at + 1 : at + 1 + self._length]  # the oldest value first
+        past.take(self._places, out=self._late, mode="clip")
+        if self._interpolated:
+            self._late *= 1.0 - self._part
+            self._late += past.take(self._places - 1) * self._part
+        # a one-sided dead time holds the old value only against its own edge direction
+        np.maximum(self._late_falling, value, out=self._late_falling)
+        np.minimum(self._late_rising, value, out=self._late_rising)
         return self._row

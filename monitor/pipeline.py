@@ -4,8 +4,10 @@ Time comes with the frames, so a live bus and a replayed log run the same code.
 """
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -43,10 +45,10 @@ TESTS: dict[str, tuple[str, ...]] = {
 
 
 # a live sensor must move while these hold, whatever the model's state
-_BURNING = tuple(
-    enable.CONDITIONS.index(name)
-    for name in ("measured_valid", "fuel_cut_recovered", "sensor_ready")
+_burning = itemgetter(
+    *map(enable.CONDITIONS.index, ("measured_valid", "fuel_cut_recovered", "sensor_ready"))
 )
+_INPUTS_VALID = enable.CONDITIONS.index("inputs_valid")
 
 
 class Tick(NamedTuple):
@@ -137,8 +139,8 @@ class Monitor:
 
     def push(self, sample: Sample) -> Iterator[Event]:
         """Take one sample and yield what it causes."""
-        predicted = self._predict(sample)
         conditions = self._enable.step(sample)
+        predicted = self._predict(sample, inputs_valid=conditions[_INPUTS_VALID])
         enabled = all(conditions)
         self.samples += 1
         self.enabled_samples += enabled
@@ -147,8 +149,8 @@ class Monitor:
         for result in self._plausibility.step(sample):
             by = fail if result.failed else passed
             yield from self._step(result.test, result.failed, by, result.fault, (), sample.t_ns)
-        measured = float(sample.values[self._output])
-        if all(conditions[i] for i in _BURNING):
+        measured = sample.values.item(self._output)
+        if all(_burning(conditions)):
             yield from self._watch_activity(sample.t_ns, measured)
         else:
             self._activity.reset()
@@ -163,11 +165,11 @@ class Monitor:
         if window is not None:
             yield from self._judge(window)
 
-    def _predict(self, sample: Sample) -> float:
-        u = sample.values[self._inputs]
-        if np.isnan(u).any():
+    def _predict(self, sample: Sample, *, inputs_valid: bool) -> float:
+        if not inputs_valid:
             self._running = False
-            return float("nan")
+            return math.nan
+        u = sample.values.take(self._inputs)
         if not self._running:
             measured = float(sample.values[self._output])
             self._model.reset(u, None if math.isnan(measured) else measured)
@@ -219,9 +221,11 @@ class Monitor:
 
     def _step(
         self, test: str, failed: bool, by: int, fault: str, also: tuple[str, ...], t_ns: int
-    ) -> Iterator[Event]:
+    ) -> Sequence[Event]:
         """Advance one test's debounce counter; a counter that matures sets or completes codes."""
         before = self._debounce[test]
+        if before.failed if failed else before.passed:
+            return ()  # nothing new
         after = before.step(failed=failed, by=by)
         self._debounce[test] = after
         changed: list[Dtc] = []
@@ -229,8 +233,7 @@ class Monitor:
             changed = self.store.fail(fault, t_ns, also)
         elif after.passed and not before.passed:
             changed = self.store.complete(TESTS[test])
-        for dtc in changed:
-            yield DtcChanged(t_ns, dtc)
+        return [DtcChanged(t_ns, dtc) for dtc in changed]
 
 
 class FramePipeline:
@@ -246,7 +249,7 @@ class FramePipeline:
         self.decoder = Decoder(bus_map, names)
         self.assembler = Assembler.of(self.decoder, card.period_ns)
 
-    def push(self, frame: Frame) -> Iterator[Event]:
-        """Take one frame and yield what it causes."""
-        for sample in self.assembler.push(frame.t_ns, self.decoder.push(frame)):
-            yield from self.monitor.push(sample)
+    def push(self, frame: Frame) -> Iterable[Event]:
+        """Take one frame and return what it causes, for most frames nothing."""
+        samples = self.assembler.push(frame[0], self.decoder.push(frame))
+        return chain.from_iterable(map(self.monitor.push, samples)) if samples else ()

@@ -1,12 +1,14 @@
 """Tests that need no model: the signal is missing, implausible, not ready or frozen."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-
-import numpy as np
+from functools import cache
 
 from monitor.config import PlausibilityConfig
 from monitor.types import Quality, Sample
+
+_GOOD, _STALE, _INVALID, _OUT_OF_RANGE = (int(quality) for quality in Quality)
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,6 +18,9 @@ class TickResult:
     test: str  # "communication", "range" or "ready"
     failed: bool
     fault: str
+
+
+_result = cache(TickResult)  # there are few, and one sample needs three
 
 
 class Plausibility:
@@ -42,28 +47,27 @@ class Plausibility:
 
     def step(self, sample: Sample) -> list[TickResult]:
         """Return the results this sample allows."""
-        quality = sample.quality[self._output]
-        ready = self._is_ready(sample)
+        quality = sample.quality.item(self._output)
+        ready = self._is_ready(sample, quality)
         waiting = not ready and self._is_running(sample)
         self._not_ready = self._not_ready + 1 if waiting else 0
-        missing = bool(quality == Quality.STALE)
-        invalid = bool(quality == Quality.INVALID and ready)
+        missing = quality == _STALE
+        invalid = quality == _INVALID and ready
         absence = "signal_invalid" if invalid else "signal_missing"
         results = [
-            TickResult("communication", missing or invalid, absence),
-            TickResult("ready", self._not_ready > self._patience, "not_ready"),
+            _result("communication", missing or invalid, absence),
+            _result("ready", self._not_ready > self._patience, "not_ready"),
         ]
-        if quality in (Quality.GOOD, Quality.OUT_OF_RANGE):
-            results.append(TickResult("range", quality == Quality.OUT_OF_RANGE, "out_of_range"))
+        if quality in (_GOOD, _OUT_OF_RANGE):
+            results.append(_result("range", quality == _OUT_OF_RANGE, "out_of_range"))
         return results
 
-    def _is_ready(self, sample: Sample) -> bool:
-        if self._ready is None or np.isnan(sample.values[self._ready]):
-            return bool(sample.quality[self._output] != Quality.INVALID)
-        return bool(sample.values[self._ready] > 0.0)
+    def _is_ready(self, sample: Sample, quality: int) -> bool:
+        ready = math.nan if self._ready is None else sample.values.item(self._ready)
+        return quality != _INVALID if math.isnan(ready) else ready > 0.0
 
     def _is_running(self, sample: Sample) -> bool:
-        return self._speed is None or bool(sample.values[self._speed] >= self._running_rpm)
+        return self._speed is None or sample.values.item(self._speed) >= self._running_rpm
 
 
 class ActivityTest:

@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,7 @@ class Collector:
     def __init__(self, monitor: Monitor, *, trace: bool = False) -> None:
         self._monitor = monitor
         self._t0_ns: int | None = None
-        self._held = np.zeros(len(CONDITIONS), dtype=np.int64)
+        self._conditions: Counter[tuple[bool, ...]] = Counter()  # samples by what held
         self._windows: list[dict[str, Any]] = []
         self._t_s: list[float] = []
         self._series: list[tuple[float, float, bool, bool]] | None = [] if trace else None
@@ -45,7 +46,7 @@ class Collector:
     def _tick(self, tick: Tick) -> None:
         if self._t0_ns is None:
             self._t0_ns = tick.sample.t_ns
-        self._held += tick.conditions
+        self._conditions[tick.conditions] += 1
         if self._series is not None:
             self._t_s.append(self.seconds(tick.sample.t_ns))
             measured = float(tick.sample.values[self._output])
@@ -70,8 +71,8 @@ class Collector:
         monitor = self._monitor
         n = max(monitor.samples, 1)
         shares: dict[str, float | str] = {
-            name: "unavailable" if name in monitor.unavailable else round(int(held) / n, 6)
-            for name, held in zip(CONDITIONS, self._held, strict=True)
+            name: "unavailable" if name in monitor.unavailable else round(self._held(i) / n, 6)
+            for i, name in enumerate(CONDITIONS)
         }
         limits = monitor.limits
         return {
@@ -87,6 +88,10 @@ class Collector:
             "limits": {"j_mu": limits.j_mu, "j_sigma": limits.j_sigma},
             "counters": dict(counters),
         }
+
+    def _held(self, condition: int) -> int:
+        """Return in how many samples a condition held."""
+        return sum(n for held, n in self._conditions.items() if held[condition])
 
     def _dtc(self, dtc: Dtc) -> dict[str, Any]:
         entry: dict[str, Any] = {
