@@ -71,6 +71,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_setup(replay)
     replay.add_argument("--columns", type=Path, help="TOML: canonical name = column of the table")
     replay.add_argument("--windows", action="store_true", help="print every window")
+    replay.add_argument("--quiet", action="store_true", help="print no verdicts")
     _add_outputs(replay)
 
     run = _add(commands, "run", "judge a live bus", _RUN, _run)
@@ -147,7 +148,7 @@ def _replay(args: argparse.Namespace) -> int:
     for recording, trace in replay.replay_all(args.log, setup, memory, trace=bool(args.html)):
         recordings.append(recording)
         traces.append(trace)
-        for line in print_recording(recording, windows=args.windows):
+        for line in () if args.quiet else print_recording(recording, windows=args.windows):
             print(line)
     _write_outputs(args, setup, recordings, traces)
     return replay.exit_code(recordings)

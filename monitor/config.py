@@ -29,6 +29,7 @@ class EnableConfig:
     model_settle_s: float
     range_margin: float
     range_recovery_s: float
+    range_ignored: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,6 +9,8 @@ from collections.abc import Sequence
 from operator import itemgetter
 from typing import Final
 
+import numpy as np
+
 from monitor.config import EnableConfig
 from monitor.types import FloatArray, Sample
 
@@ -76,7 +78,9 @@ class Enable:
         self.unavailable = tuple(c for c in CONDITIONS if c in _NEEDS and _NEEDS[c] not in at)
         self._output = at[output]
         margin = config.range_margin * (trained_high - trained_low)
-        low, high = (trained_low - margin).tolist(), (trained_high + margin).tolist()
+        ignored = np.isin(inputs, config.range_ignored)
+        low = np.where(ignored, -np.inf, trained_low - margin).tolist()
+        high = np.where(ignored, np.inf, trained_high + margin).tolist()
         self._ranges = tuple(zip((at[name] for name in inputs), low, high, strict=True))
         self._settle = round(config.model_settle_s / period_s)
         self._recovery = round(config.fuel_cut_recovery_s / period_s)

@@ -124,7 +124,7 @@ def run_fit(args: argparse.Namespace) -> int:
             seed=args.seed,
             progress=bar.update,
         )
-    for warning in result.warnings:
+    for warning in (*result.warnings, *_set_limits(result, recordings)):
         print(f"o2train: warning: {warning}", file=sys.stderr)
     _print_fit(result)
     if args.report:
@@ -133,6 +133,21 @@ def run_fit(args: argparse.Namespace) -> int:
         write_report(args.report, result)
         print(f"report: {args.report}")
     return 0
+
+
+def _set_limits(result: "FitResult", recordings: "list[Recording]") -> list[str]:
+    """Set the decision limits from the blocks held out; return warnings."""
+    from monitor import config
+    from monitor.errors import RecordingError
+    from training.limits import set_limits
+
+    try:
+        card = set_limits(result.path, recordings, result.held_out, config.load())
+    except RecordingError as error:
+        return [f"no decision limits: {error}"]
+    for name, limit in card.limits.items():
+        print(f"limit {name}: {limit.value:.4g} {limit.unit} ({limit.origin})")
+    return []
 
 
 def _print_fit(result: "FitResult") -> None:
