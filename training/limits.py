@@ -6,37 +6,20 @@ from pathlib import Path
 
 import numpy as np
 
-from monitor import enable
 from monitor.config import Config
-from monitor.dtc import DtcStore
 from monitor.errors import RecordingError
 from monitor.limits import Limits
 from monitor.model import Model
 from monitor.model_card import Limit, ModelCard
-from monitor.pipeline import Monitor, WindowJudged
-from monitor.types import Sample
+from monitor.pipeline import WindowJudged
 from training.export import update_card
 from training.fit import HeldOut
+from training.judge import judge
 from training.recordings import Recording
 
 MINIMUM_WINDOWS = 10
 PAPER_QUANTILE = 0.99
 NO_LIMITS = Limits(j_mu=np.inf, j_sigma=np.inf, noise=1.0, excitation=0.0, offset=np.inf)
-
-
-def healthy_windows(model: Model, recording: Recording, config: Config) -> list[WindowJudged]:
-    """Return the windows of a healthy recording, in free run, without any limit."""
-    card = model.card
-    wanted = dict.fromkeys((*card.input_names, card.output.name, *enable.SIGNALS))
-    names = [name for name in wanted if name in recording.names]
-    order = [recording.names.index(name) for name in names]
-    monitor = Monitor(model, NO_LIMITS, config, names, DtcStore())
-    values, quality = recording.values[:, order], recording.quality[:, order]
-    windows = []
-    for index in range(len(values)):
-        sample = Sample(index, index * recording.period_ns, values[index], quality[index])
-        windows += [e for e in monitor.push(sample) if isinstance(e, WindowJudged)]
-    return windows
 
 
 def held_out_windows(
@@ -46,7 +29,7 @@ def held_out_windows(
     found = []
     for number, recording in enumerate(recordings):
         spans = [(h.first, h.stop) for h in held_out if h.recording == number]
-        for window in healthy_windows(model, recording, config):
+        for window in judge(recording, model, NO_LIMITS, config).windows:
             first = window.window.t_start_ns // recording.period_ns
             last = window.window.t_end_ns // recording.period_ns
             if any(a <= first and last < b for a, b in spans):

@@ -12,7 +12,8 @@ class Bar:
     """Epochs of all starts; closes full, because a stage may end before its last epoch."""
 
     def __init__(self, starts: int) -> None:
-        self._bar = tqdm(total=starts * sum(EPOCHS.values()), unit="epoch", leave=False, disable=None)
+        total = starts * sum(EPOCHS.values())
+        self._bar = tqdm(total=total, unit="epoch", leave=False, disable=None)
         self._lock = Lock()
         self._before = {h: sum(n for g, n in EPOCHS.items() if g < h) for h in EPOCHS}
         self._at = [0] * starts

@@ -46,8 +46,8 @@ class Drive(NamedTuple):
 
 @numba.njit(cache=True)
 def _bilinear(table: FloatArray, xs: FloatArray, ys: FloatArray, x: float, y: float) -> float:
-    i = min(max(np.searchsorted(xs, x) - 1, 0), len(xs) - 2)
-    j = min(max(np.searchsorted(ys, y) - 1, 0), len(ys) - 2)
+    i = min(max(int(np.searchsorted(xs, x)) - 1, 0), len(xs) - 2)
+    j = min(max(int(np.searchsorted(ys, y)) - 1, 0), len(ys) - 2)
     a = min(max((x - xs[i]) / (xs[i + 1] - xs[i]), 0.0), 1.0)
     b = min(max((y - ys[j]) / (ys[j + 1] - ys[j]), 0.0), 1.0)
     low = table[i, j] * (1 - b) + table[i, j + 1] * b
@@ -229,4 +229,4 @@ def simulate(  # noqa: PLR0915  one loop over time, split where the signals allo
 def run(trace: Trace, p: Piece, c: Conditions, e: Effects, rng: np.random.Generator) -> Drive:
     """Return the air side of a drive; ``rng`` makes the driver and the sensor noise."""
     noise = rng.standard_normal((len(trace.speed_m_s), 5))
-    return simulate(trace.speed_m_s, trace.gear, trace.brake_force_n, p, c, e, noise)  # type: ignore[no-any-return]
+    return simulate(trace.speed_m_s, trace.gear, trace.brake_force_n, p, c, e, noise)

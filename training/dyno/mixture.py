@@ -242,4 +242,4 @@ def run(
         start_s if fault else np.inf,
     )
     trim = np.empty(0) if forced_trim is None else forced_trim
-    return simulate(drive, p, c, e, sensor, noise, phi_step, trim)  # type: ignore[no-any-return]
+    return simulate(drive, p, c, e, sensor, noise, phi_step, trim)

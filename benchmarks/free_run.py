@@ -1,0 +1,75 @@
+"""Free run of a model on drives that its training never saw, beside the model of a first try.
+
+Training vehicle and ten others on a WLTC each; all drives are simulated. Figures are taken on the
+samples that the monitor enables.
+
+    python benchmarks/free_run.py [--model MODEL]
+"""
+
+import argparse
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from monitor import config
+from monitor.limits import Limits
+from monitor.model import Model
+from monitor.replay import shipped_model
+from training import metrics
+from training.baseline import Baseline, fit_baseline
+from training.dyno.simulate import Experiment
+from training.dyno.write import write
+from training.judge import judge
+from training.recordings import Recording, load
+
+TRAINING = (("wltc_3b", 1001), ("udds", 1002), ("us06", 1003))  # the baseline is fitted on these
+TEST_SEED = 2001
+
+
+def simulated(folder: Path, **what: object) -> Recording:
+    """Return one simulated drive."""
+    return load(write(Experiment(**what), folder, "parquet"))  # type: ignore[arg-type]
+
+
+def figures(measured: np.ndarray, predicted: np.ndarray) -> str:
+    """Return the line of figures on lambda."""
+    return (
+        f"r {metrics.correlation(measured, predicted):.4f}  "
+        f"RMSE {metrics.rmse(measured, predicted):.4f}  "
+        f"slope {metrics.slope(measured, predicted):.3f}  "
+        f"mean {float((measured - predicted).mean()):+.4f}"
+    )
+
+
+def line(recording: Recording, path: Path, baseline: Baseline) -> str:
+    """Return both models' figures on one drive."""
+    model = Model.load(path)
+    judged = judge(recording, model, Limits.from_card(model.card, str(path)), config.load())
+    on = judged.enabled
+    first = 1.0 / baseline.predict(recording)
+    return (
+        f"NARX {figures(judged.measured[on], judged.predicted[on])} | "
+        f"baseline {figures(judged.measured[on], first[on])}"
+    )
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--model", type=Path, default=shipped_model())
+    path = parser.parse_args().model
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        baseline = fit_baseline([simulated(folder, cycle=c, seed=s) for c, s in TRAINING])
+        print(f"baseline: {baseline}")
+        for vehicle in range(1, 12):
+            drive = simulated(folder, vehicle=vehicle, seed=TEST_SEED + vehicle - 1)
+            print(
+                f"simulated WLTC, vehicle {vehicle:2d}: {line(drive, path, baseline)}", flush=True
+            )
+    print(f"contraction: {Model.load(path).card.checks['contraction']}")
+
+
+if __name__ == "__main__":
+    main()
