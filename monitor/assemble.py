@@ -68,8 +68,8 @@ class Assembler:
         self._held = [_NAN] * n
         self._held_quality = [_STALE] * n
         self._index = 1  # of the open tick
-        self._start_ns: int | None = None  # the open tick is (start, end]
-        self._end_ns = 0
+        self._is_anchored = False
+        self._first_ns, self._end_ns = 1, 0  # the open tick is [first, end]
         self._last_ns = 0
         self._late_in_a_row = 0
 
@@ -85,35 +85,44 @@ class Assembler:
         update : its values, None if it has none of interest; it moves time all the same
         """
         samples: Sequence[Sample] = ()
-        if t_ns > self._end_ns or self._start_ns is None:
+        if self._first_ns <= t_ns <= self._end_ns:
+            pass
+        elif t_ns > self._end_ns or not self._is_anchored:
             samples = self._advance(t_ns)
-        elif t_ns <= self._start_ns and self._is_late(t_ns):
+        else:
             self.counters.late += 1
             self._late_in_a_row += 1
             if self._late_in_a_row < MAX_LATE:
                 return ()
             samples = [self._break(t_ns)]
         self._late_in_a_row = 0
-        self._last_ns = max(self._last_ns, t_ns)
+        if t_ns > self._last_ns:  # noqa: PLR1730  # half the time of max()
+            self._last_ns = t_ns
         if update is not None:
-            self._add(t_ns, update)
+            sums, goods, times_ns = self._sums, self._goods, self._times_ns
+            indices, values = update
+            for channel, value in zip(indices, values, strict=True):
+                times_ns[channel] = t_ns
+                if -_INF < value < _INF:
+                    sums[channel] += value
+                    goods[channel] += 1
+                elif math.isnan(value):
+                    self._bads[channel] = max(self._bads[channel], _INVALID)
+                else:
+                    self._bads[channel] = _OUT_OF_RANGE
         return samples
 
     def reset(self) -> None:
         """Forget everything but the statistics; the next frame starts a new grid at tick 1."""
         self._clear()
         self._index = 1
-        self._start_ns = None
-        self._end_ns = 0
+        self._is_anchored = False
+        self._first_ns, self._end_ns = 1, 0
         self._late_in_a_row = 0
-
-    def _is_late(self, t_ns: int) -> bool:
-        """The first tick after an anchor includes the anchor's own time."""
-        return t_ns < self._anchor_ns or self._start_ns != self._anchor_ns
 
     def _advance(self, t_ns: int) -> Sequence[Sample]:
         """Close every tick that ends before ``t_ns``."""
-        if self._start_ns is None:
+        if not self._is_anchored:
             self._anchor(t_ns)
             return ()
         samples = []
@@ -126,7 +135,9 @@ class Assembler:
         return samples
 
     def _anchor(self, t_ns: int) -> None:
-        self._anchor_ns = self._start_ns = self._last_ns = t_ns
+        """Open a tick that includes ``t_ns`` itself."""
+        self._is_anchored = True
+        self._first_ns = self._last_ns = t_ns
         self._end_ns = t_ns + self.period_ns
 
     def _break(self, t_ns: int) -> Sample:
@@ -146,18 +157,6 @@ class Assembler:
         self._bads[:] = [_GOOD] * n
         self._held[:] = [_NAN] * n
         self._held_quality[:] = [_STALE] * n
-
-    def _add(self, t_ns: int, update: Update) -> None:
-        sums, goods, times_ns = self._sums, self._goods, self._times_ns
-        for channel, value in zip(*update, strict=True):
-            if -_INF < value < _INF:
-                sums[channel] += value
-                goods[channel] += 1
-            elif math.isnan(value):
-                self._bads[channel] = max(self._bads[channel], _INVALID)
-            else:
-                self._bads[channel] = _OUT_OF_RANGE
-            times_ns[channel] = t_ns
 
     def _close(self) -> Sample:
         """Return the open tick's sample and open the next."""
@@ -179,7 +178,7 @@ class Assembler:
                 quality[channel] = _STALE
         sample = Sample(self._index, end_ns, *self._output.of(values, quality))
         self._index += 1
-        self._start_ns = end_ns
+        self._first_ns = end_ns + 1
         self._end_ns = end_ns + self.period_ns
         return sample
 

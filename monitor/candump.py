@@ -22,27 +22,37 @@ def read_candump(lines: Iterable[str], counters: LogCounters) -> Iterator[Frame]
 
     Raises ValueError naming the line if one cannot be understood.
     """
+    identifiers: dict[str, tuple[int, bool, bool]] = {}  # as parsed; a bus has few
+    new, from_hex = tuple.__new__, bytes.fromhex  # Frame(...) itself takes twice as long
     for number, line in enumerate(lines, 1):
         parts = line.split()
         if not parts:
             continue
         try:
             identifier, mark, data = parts[2].partition("#")
-            stamp, can_id = parts[0], int(identifier, 16)
+            stamp = parts[0]
+            known = identifiers.get(identifier)
+            if known is None:
+                known = identifiers[identifier] = _identifier(identifier)
+            can_id, is_extended, is_error = known
             if not mark or stamp[0] != "(" or stamp[-1] != ")":
                 raise ValueError("not a candump line")
-            if can_id & _ERROR_FLAG or data[:1] in _REMOTE:
+            first = data[:1]
+            if is_error or first in _REMOTE:
                 counters.skipped += 1
                 continue
-            frame = Frame(
-                round(float(stamp[1:-1]) * 1e6) * 1000,
-                can_id & 0x1FFFFFFF,
-                len(identifier) > 3,
-                bytes.fromhex(data if data[:1] != "#" else data[2:]),  # CAN FD: ##, flags, data
-            )
+            t_ns = round(float(stamp[1:-1]) * 1e6) * 1000
+            payload = from_hex(data if first != "#" else data[2:])  # CAN FD: ##, flags, data
+            frame = new(Frame, (t_ns, can_id, is_extended, payload))
         except (ValueError, IndexError, OverflowError) as error:
             raise ValueError(
                 f"line {number} is {line.strip()[:60]!r}, '(seconds) channel id#data' is wanted"
             ) from error
         counters.frames += 1
         yield frame
+
+
+def _identifier(text: str) -> tuple[int, bool, bool]:
+    """Return identifier, is_extended and whether it marks an error frame."""
+    number = int(text, 16)
+    return number & 0x1FFFFFFF, len(text) > 3, bool(number & _ERROR_FLAG)

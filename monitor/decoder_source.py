@@ -24,6 +24,7 @@ from monitor.raw_values import (
 from monitor.types import Update
 
 Member = tuple[int, Channel]  # channel number, channel
+CLASSIC_LENGTH = 8  # bytes of a classic CAN frame
 
 
 class Reason(IntEnum):
@@ -66,6 +67,8 @@ def decoder_source(members: Sequence[Member]) -> str:
     channel = members[0][1]
     message = channel.message
     lines = [f"counts[{Reason.RECEIVED:d}] += 1", *_length_check(message)]
+    if channel.integrity.checksum or message.length <= CLASSIC_LENGTH:
+        lines.append(f"{', '.join(f'b{byte}' for byte in range(message.length))}, = data")
     if channel.integrity.checksum:
         lines += _checksum_check(channel)
     signals = [each.signal for _, each in members]
@@ -73,7 +76,7 @@ def decoder_source(members: Sequence[Member]) -> str:
         signals.append(_named(channel, channel.integrity.counter))
     signals += [message.get_signal_by_name(name) for name in _multiplexers(members)]
     for order, variable in (("little_endian", "low"), ("big_endian", "high")):
-        if any(signal.byte_order == order for signal in signals):
+        if any(s.byte_order == order and _bytes(message, s) is None for s in signals):
             lines.append(f'{variable} = from_bytes(data, "{order.split("_")[0]}")')
     if channel.integrity.counter:
         lines += _counter_check(channel)
@@ -117,9 +120,7 @@ def _checksum_check(channel: Channel) -> list[str]:
     for byte in range(message.length):
         if byte != place:
             expression = f"CRC[{expression} ^ b{byte}]"
-    names = ", ".join(f"b{byte}" for byte in range(message.length))
     return [
-        f"{names}, = data",
         f"if {expression} ^ {FINAL_XOR} != b{place}:",
         *_reject(Reason.CHECKSUM),
     ]
@@ -234,10 +235,18 @@ def _last_byte(message: Message, signal: Signal) -> int:
 
 def _raw(message: Message, signal: Signal) -> str:
     """Return the expression of the signal's raw value."""
-    variable = "low" if signal.byte_order == "little_endian" else "high"
     position = bit_position(message, signal)
-    shifted = f"({variable} >> {position})" if position else variable
-    value = f"({shifted} & {(1 << signal.length) - 1:#x})"
+    found = _bytes(message, signal)
+    if found is None:
+        variable = "low" if signal.byte_order == "little_endian" else "high"
+        width = 8 * message.length
+    else:  # arithmetic on small integers is faster
+        variable = f"b{found[0]}" if len(found) == 1 else f"(b{found[0]} | b{found[1]} << 8)"
+        width = 8 * len(found)
+        position %= 8
+    value = f"({variable} >> {position})" if position else variable
+    if position + signal.length < width:
+        value = f"({value} & {(1 << signal.length) - 1:#x})"
     if signal.is_float:
         return (
             f"FLOATS[{signal.length}].unpack({value}.to_bytes({signal.length // 8}, 'little'))[0]"
@@ -246,3 +255,15 @@ def _raw(message: Message, signal: Signal) -> str:
         sign = 1 << (signal.length - 1)
         return f"(({value} ^ {sign:#x}) - {sign:#x})"
     return value
+
+
+def _bytes(message: Message, signal: Signal) -> tuple[int, ...] | None:
+    """Return the signal's bytes, lowest first, if it lies in one or two of a classic frame."""
+    first = bit_position(message, signal) // 8
+    last = (bit_position(message, signal) + signal.length - 1) // 8
+    if message.length > CLASSIC_LENGTH or last - first > 1:
+        return None
+    places = range(first, last + 1)
+    if signal.byte_order == "little_endian":
+        return tuple(places)
+    return tuple(message.length - 1 - place for place in places)

@@ -41,7 +41,7 @@ def scaling(channel: Channel) -> str:
     for factor, offset in ((signal.scale, signal.offset), (mapped.factor, mapped.offset)):
         expression = f"{expression} * {float(factor)!r}" if factor != 1 else expression
         expression = f"({expression} + {float(offset)!r})" if offset != 0 else expression
-    return expression if expression != "raw" else "float(raw)"
+    return expression if expression != "raw" else "raw * 1.0"
 
 
 def plausible_raw(channel: Channel, expression: str) -> tuple[int, int]:
