@@ -22,6 +22,7 @@ SIGNALS: Final = (
     "engine_speed_rpm",
     "manifold_pressure_kpa",
 )
+NO_CUT: Final = 1e-3  # mean of a flag over a tick; a single frame of a cut is more
 CONDITIONS: Final = (
     "inputs_valid",
     "measured_valid",
@@ -106,7 +107,7 @@ class Enable:
                 inputs_valid = inputs_valid and not math.isnan(values[i])
         self._since_start = self._since_start + 1 if inputs_valid else 0
         self._since_range = self._since_range + 1 if inside else 0
-        self._since_cut = self._since_cut + 1 if cut == 0.0 else 0
+        self._since_cut = self._since_cut + 1 if cut < NO_CUT else 0
         return (
             inputs_valid,
             not math.isnan(values[self._output]),

@@ -9,7 +9,7 @@ import signal
 import socket
 import time
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, ExitStack, nullcontext
+from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 from types import FrameType
 from typing import Any, Final
@@ -35,7 +35,7 @@ RECEIVE_BUFFER_BYTES: Final = 8 << 20  # the default holds about 320 frames
 class Clock:
     """Bus time while the bus is silent: the last frame's time plus what has passed since."""
 
-    def __init__(self, monotonic_s: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, monotonic_s: Callable[[], float]) -> None:
         self._monotonic_s = monotonic_s
         self._last_ns: int | None = None
         self._received_s = 0.0
@@ -95,6 +95,7 @@ class Loop:
     record : log to write
     transmit : send the monitor's own messages
     say : takes the lines to print
+    monotonic_s : clock that says how long the bus has been silent
     """
 
     def __init__(
@@ -107,8 +108,9 @@ class Loop:
         transmit: bool = False,
         trace: bool = False,
         say: Callable[[str], None] = print,
+        monotonic_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._bus, self._memory, self._say = bus, memory, say
+        self._bus, self._memory, self._say, self._now_s = bus, memory, say, monotonic_s
         store = DtcStore(memory.load() if memory else ())
         store.start_driving_cycle()
         self._pipeline = FramePipeline(
@@ -118,9 +120,9 @@ class Loop:
         self._transmitter = Transmitter(self._pipeline.monitor) if transmit else None
         self._record_path = record
         self._recorder: Recorder | None = None
-        self._clock = Clock()
+        self._clock = Clock(monotonic_s)
         self._stop = False
-        self.transmit_errors = self.error_frames = 0
+        self.transmit_errors = self.skipped = 0
 
     def stop(self, *_: int | FrameType | None) -> None:
         """End the loop after the frame in hand; may be called from a signal handler."""
@@ -132,13 +134,13 @@ class Loop:
         Raises BusError when the interface fails.
         """
         enlarge_receive_buffer(self._bus)
-        until_s = None if duration_s is None else time.monotonic() + duration_s
+        until_s = None if duration_s is None else self._now_s() + duration_s
         with ExitStack() as stack:
             if self._record_path is None:
                 self._bus.set_filters(self._filters())
             else:
                 self._recorder = stack.enter_context(Recorder(self._record_path))
-            while not self._stop and (until_s is None or time.monotonic() < until_s):
+            while not self._stop and (until_s is None or self._now_s() < until_s):
                 for frame in self._receive():
                     self._take(frame)
         if self._memory:
@@ -163,9 +165,9 @@ class Loop:
             mark = self._clock.mark()
             if mark is not None:
                 yield mark
-        elif message.is_error_frame:
-            self.error_frames += 1
-        elif not message.is_remote_frame:
+        elif message.is_error_frame or message.is_remote_frame:
+            self.skipped += 1
+        else:
             frame = frame_of(message)
             self._clock.heard(frame.t_ns)
             yield frame
@@ -195,26 +197,18 @@ class Loop:
     def result(self, channel: str) -> dict[str, Any]:
         """Return the run as a recording's entry of ``o2mon.replay/1``."""
         counters = frame_counters(self._pipeline) | {
-            "skipped": self.error_frames,
+            "skipped": self.skipped,
             "transmit_errors": self.transmit_errors,
         }
         return self.collector.result(channel, None, counters)
 
 
-def run(
-    bus: can.BusABC,
-    loop: Loop,
-    duration_s: float | None,
-    *,
-    handle_signals: bool = True,
-) -> None:
+def run(bus: can.BusABC, loop: Loop, duration_s: float | None) -> None:
     """Run the loop until its time is over or SIGINT or SIGTERM comes, then shut the bus down."""
-    previous = {}
-    if handle_signals:
-        for number in (signal.SIGINT, signal.SIGTERM):
-            previous[number] = signal.signal(number, loop.stop)
+    signals = (signal.SIGINT, signal.SIGTERM)
+    previous = {number: signal.signal(number, loop.stop) for number in signals}
     try:
-        with bus if hasattr(bus, "__enter__") else nullcontext():
+        with bus:
             loop.run(duration_s)
     finally:
         for number, handler in previous.items():
