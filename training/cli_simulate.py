@@ -13,7 +13,7 @@ _EXAMPLES = """examples:
   o2train simulate --out drives --effect wall_film=4 --effect purge=2 --count 20
 
 Everything it writes is synthetic. The vehicle number fixes the piece, the seed driver, noise and
-weather; the same call gives the same bytes."""
+weather; the same call gives the same bytes, but for the clock's time in .asc, the path in .trc."""
 FORMATS = ("log", "blf", "asc", "trc", "mf4", "parquet", "csv", "csv.gz")
 
 
