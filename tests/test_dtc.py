@@ -65,6 +65,10 @@ def test_the_opposite_result_restarts_from_zero(
         assert counter.step(failed=failed, by=by) == Debounce().step(failed=failed, by=by)
 
 
+def test_the_counter_ends_where_iso_14229_says() -> None:
+    assert (FAILED, PASSED) == (127, -128)
+
+
 def test_a_long_healthy_time_does_not_slow_detection_down() -> None:
     counter = Debounce()
     for _ in range(1000):
