@@ -180,6 +180,22 @@ def test_a_recovery_time_is_exact_in_samples(
     assert blocking(bench.step()) == set()
 
 
+@pytest.mark.parametrize(
+    ("name", "part", "condition"),
+    [
+        ("fuel_cut", 0.01, "fuel_cut_recovered"),  # one of a hundred frames in the tick
+        ("closed_loop", 0.99, "closed_loop"),
+        ("sensor_ready", 0.99, "sensor_ready"),
+    ],
+)
+def test_a_flag_that_did_not_hold_over_the_whole_tick_blocks(
+    name: str, part: float, condition: str
+) -> None:
+    bench = Bench()
+    bench.settle()
+    assert blocking(bench.step(**{name: part})) == {condition}
+
+
 def test_a_second_fuel_cut_starts_the_recovery_anew() -> None:
     bench = Bench()
     bench.settle()
