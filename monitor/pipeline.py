@@ -249,7 +249,11 @@ class FramePipeline:
         self.decoder = Decoder(bus_map, names)
         self.assembler = Assembler.of(self.decoder, card.period_ns)
 
+    def samples(self, frame: Frame) -> Sequence[Sample]:
+        """Take one frame and return the samples it completes, not judged yet."""
+        return self.assembler.push(frame[0], self.decoder.push(frame))
+
     def push(self, frame: Frame) -> Iterable[Event]:
         """Take one frame and return what it causes, for most frames nothing."""
-        samples = self.assembler.push(frame[0], self.decoder.push(frame))
+        samples = self.samples(frame)
         return chain.from_iterable(map(self.monitor.push, samples)) if samples else ()
