@@ -23,13 +23,16 @@ from training.recordings import load
 
 HEALTHY_SEED, FAULTY_SEED = 30_000, 40_000
 VEHICLES_PER_FAULT = 3
+ON_THE_BUS = ("out_of_range", "signal_missing")
 
 
 def verdict(experiment: Experiment, path: Path) -> tuple[Experiment, str, bool, float, float]:
     """Return names found, whether the test completed, the share of windows of the paper's rule."""
     model = Model.load(path)
     with tempfile.TemporaryDirectory() as folder:
-        recording = load(write(experiment, Path(folder), "parquet"))
+        # a table cannot say why a value is not there
+        suffix = "log" if experiment.fault and experiment.fault.name in ON_THE_BUS else "parquet"
+        recording = load(write(experiment, Path(folder), suffix))
     judged = judge(recording, model, Limits.from_card(model.card, str(path)), config.load())
     names = ", ".join(sorted({d.fault for d in judged.dtcs})) or "-"
     windows = len(judged.windows)

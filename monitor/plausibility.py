@@ -49,9 +49,11 @@ class Plausibility:
         """Return the results this sample allows."""
         quality = sample.quality.item(self._output)
         ready = self._is_ready(sample, quality)
-        waiting = not ready and self._is_running(sample)
+        gone = self._ready is not None and math.isnan(sample.values.item(self._ready))
+        waiting = not ready and not gone and self._is_running(sample)
         self._not_ready = self._not_ready + 1 if waiting else 0
-        missing = quality == _STALE
+        # a blank in a table reads as invalid; with the readiness blank, too, nothing came
+        missing = quality == _STALE or (quality == _INVALID and gone)
         invalid = quality == _INVALID and ready
         absence = "signal_invalid" if invalid else "signal_missing"
         results = [
