@@ -59,6 +59,7 @@ class TrainingRecording:
     path: str  # file name without folders: models travel
     sha256: str
     samples: int
+    source: str = ""  # "simulated", or "" where no manifest says what it is
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,6 +18,7 @@ from monitor.limits import Limits
 from monitor.manifest import source_of
 from monitor.memory import Memory
 from monitor.model import Model
+from monitor.model_card import ModelCard
 from monitor.pipeline import Event, FramePipeline, Monitor
 from monitor.report import Trace
 from monitor.sinks import SCHEMA, Collector
@@ -171,6 +172,12 @@ def result_of(recordings: list[dict[str, Any]], setup: Setup) -> dict[str, Any]:
     }
 
 
+def trained_on(card: ModelCard) -> str:
+    """Return in words where a model's training recordings come from."""
+    sources = sorted({r.source or "source not said" for r in card.recordings})
+    return ", ".join(sources) or "source not said"
+
+
 def model_info(setup: Setup) -> dict[str, str]:
     """Return what the report says of the model."""
     card = setup.model.card
@@ -181,6 +188,7 @@ def model_info(setup: Setup) -> dict[str, str]:
         "kind": f"{card.kind}, lags {card.lags}, hidden layers {layers}",
         "inputs": ", ".join(card.input_names),
         "output": card.output.name,
+        "trained on": f"{len(card.recordings)} recordings ({trained_on(card)})",
         "sample period": f"{card.period_ns / 1e6:g} ms",
         "healthy residual": f"mean {card.residual_mean:+.4f}, std {card.residual_std:.4f}",
         "limits": ", ".join(f"{k} {v.value:.4g} {v.unit}" for k, v in card.limits.items()),

@@ -176,7 +176,7 @@ def run_evaluate(args: argparse.Namespace) -> int:
     for r in result["recordings"]:
         fit = r["fit_percent"]
         print(
-            f"{r['path']}: {r['samples']} samples, RMSE {r['rmse']:.4g}, "
+            f"{r['path']}{' (simulated)' * (r['source'] == 'simulated')}: {r['samples']} samples, RMSE {r['rmse']:.4g}, "
             f"fit {'-' if fit is None else f'{fit:.1f} %'}, correlation {r['correlation']:.4f}, "
             f"one-step RMSE {r['one_step_rmse']:.4g}"
         )

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from monitor.errors import RecordingError, UsageError
+from monitor.manifest import source_of
 from monitor.model import Model, from_model_units, to_model_units
 from monitor.types import FloatArray
 from training import metrics
@@ -90,7 +91,11 @@ def _one(model: Model, recording: Recording, washout: int) -> dict[str, Any]:
             f"{recording.path}: no sample can be scored, the inputs or "
             f"{model.card.output.name} are never valid for more than {washout} samples"
         )
-    result: dict[str, Any] = {"path": str(recording.path), "sha256": recording.sha256}
+    result: dict[str, Any] = {
+        "path": str(recording.path),
+        "sha256": recording.sha256,
+        "source": source_of(Path(recording.path), recording.sha256),
+    }
     result |= _figures(model, measured, free, one_step, scored)
     has_conditions = any(name in recording.names for name in ENABLE_COLUMNS)
     enabled = scored & enabled_rows(recording)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from monitor.errors import RecordingError, UsageError
+from monitor.manifest import source_of
 from monitor.model import from_model_units
 from monitor.model_card import ModelCard, TrainingRecording
 from monitor.types import FloatArray
@@ -223,7 +224,9 @@ def _card(
         layers=network.spec.hidden,
         state=network.state_layout,
         recordings=tuple(
-            TrainingRecording(Path(r.path).name, r.sha256, n)
+            TrainingRecording(
+                Path(r.path).name, r.sha256, n, source_of(Path(r.path), r.sha256) or ""
+            )
             for r, n in zip(data.recordings, used, strict=True)
         ),
         residual_mean=enabled.get("residual_mean", 0.0),

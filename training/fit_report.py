@@ -70,8 +70,10 @@ def _overview(result: FitResult) -> str:
         ("ONNX against numpy, free run",
          f"{parity['onnx_numpy']:.2g} (tolerance {parity['tolerance']:.2g})"),
     ]  # fmt: skip
-    recordings = [(r.path, r.sha256[:16], str(r.samples)) for r in card.recordings]
-    return _table(rows) + _table(recordings, ("recording", "sha256", "samples"))
+    recordings = [
+        (r.path, r.source or "not said", r.sha256[:16], str(r.samples)) for r in card.recordings
+    ]
+    return _table(rows) + _table(recordings, ("recording", "source", "sha256", "samples"))
 
 
 def _measures(result: FitResult) -> str:
