@@ -175,8 +175,9 @@ def run_evaluate(args: argparse.Namespace) -> int:
     result = evaluate(args.model, _load(args, period_s), args.washout)
     for r in result["recordings"]:
         fit = r["fit_percent"]
+        simulated = " (simulated)" if r["source"] == "simulated" else ""
         print(
-            f"{r['path']}{' (simulated)' * (r['source'] == 'simulated')}: {r['samples']} samples, RMSE {r['rmse']:.4g}, "
+            f"{r['path']}{simulated}: {r['samples']} samples, RMSE {r['rmse']:.4g}, "
             f"fit {'-' if fit is None else f'{fit:.1f} %'}, correlation {r['correlation']:.4f}, "
             f"one-step RMSE {r['one_step_rmse']:.4g}"
         )
