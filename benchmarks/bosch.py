@@ -62,7 +62,7 @@ def with_output(recording: Recording, values: np.ndarray) -> Recording:
 def report(title: str, recording: Recording, path: Path) -> None:
     """Print what the monitor makes of one recording."""
     model = Model.load(path)
-    limits = Limits.from_card(model.card, str(path))
+    limits = Limits.from_card(model.card, config.load(), str(path))
     judged = judge(recording, model, limits, config.load())
     windows = judged.windows
     count = {o: sum(w.outcome == o for w in windows) for o in ("passed", "failed", "inconclusive")}

@@ -1,6 +1,7 @@
 """Verdicts on simulated drives: healthy ones of many seeds, and every fault at its usual severity.
 
-Vehicles and seeds here were used neither for training nor to choose anything.
+No seed here was used for training or to choose anything. Half of the healthy drives are of the
+training vehicle, the others and the faulty ones of vehicles that were used for nothing else.
 
     python benchmarks/detection.py [--model MODEL] [--healthy 24] [--jobs 2]
 """
@@ -33,7 +34,9 @@ def verdict(experiment: Experiment, path: Path) -> tuple[Experiment, str, bool, 
         # a table cannot say why a value is not there
         suffix = "log" if experiment.fault and experiment.fault.name in ON_THE_BUS else "parquet"
         recording = load(write(experiment, Path(folder), suffix))
-    judged = judge(recording, model, Limits.from_card(model.card, str(path)), config.load())
+    judged = judge(
+        recording, model, Limits.from_card(model.card, config.load(), str(path)), config.load()
+    )
     names = ", ".join(sorted({d.fault for d in judged.dtcs})) or "-"
     windows = len(judged.windows)
     paper = sum(w.paper_failed for w in judged.windows) / windows if windows else 0.0

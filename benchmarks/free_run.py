@@ -45,7 +45,9 @@ def figures(measured: np.ndarray, predicted: np.ndarray) -> str:
 def line(recording: Recording, path: Path, baseline: Baseline) -> str:
     """Return both models' figures on one drive."""
     model = Model.load(path)
-    judged = judge(recording, model, Limits.from_card(model.card, str(path)), config.load())
+    judged = judge(
+        recording, model, Limits.from_card(model.card, config.load(), str(path)), config.load()
+    )
     on = judged.enabled
     first = 1.0 / baseline.predict(recording)
     return (

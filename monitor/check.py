@@ -63,10 +63,12 @@ class CheckResult:
     frames: int
     end_ns: int
     rejected: dict[str, int]  # frames by reason
+    derived: dict[str, tuple[str, ...]]  # name → what it is made of
 
     def missing(self, needed: Iterable[str]) -> list[str]:
         """Return which of the needed signals never came with a good value."""
         seen = {s.name for s in self.signals if s.count}
+        seen |= {name for name, sources in self.derived.items() if seen.issuperset(sources)}
         return [name for name in needed if name not in seen]
 
     def lines(self) -> Iterator[str]:
@@ -82,13 +84,15 @@ class CheckResult:
             else:
                 numbers = " " * 40
             yield f"{s.name:<28}{s.unit:<11}{numbers}  {s.verdict()}"
+        for name, sources in self.derived.items():
+            yield f"{name:<28}made of {', '.join(sources)}"
         bad = ", ".join(f"{reason} {n}" for reason, n in self.rejected.items() if n)
         yield f"{self.frames} frames" + (f"; rejected: {bad}" if bad else "")
 
 
 def check(frames: Iterable[Frame], bus_map: BusMap) -> CheckResult:
     """Return what the frames say of every signal the map provides."""
-    decoder = Decoder(bus_map, [n for n in bus_map.names if n not in bus_map.derived])
+    decoder = Decoder(bus_map, bus_map.names)
     seen = [
         SignalSeen(name, BY_NAME[name].unit if name in BY_NAME else "") for name in decoder.channels
     ]
@@ -104,4 +108,5 @@ def check(frames: Iterable[Frame], bus_map: BusMap) -> CheckResult:
     for counters in decoder.counters.values():
         for reason in ("length", "checksum", "stuck", "lost"):
             rejected[reason] = rejected.get(reason, 0) + getattr(counters, reason)
-    return CheckResult(tuple(seen), n, end_ns, rejected)
+    derived = {d.name: d.sources for d in decoder.derived}
+    return CheckResult(tuple(seen), n, end_ns, rejected, derived)

@@ -5,6 +5,7 @@ import os
 import sys
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import closing, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,7 +30,9 @@ exit code: 0 judged and no fault, 1 a fault code is pending or confirmed, 2 unus
 _RUN = """examples:
   o2mon run -i socketcan -c can0                         listen only
   o2mon run -i socketcan -c vcan0 --record drive.log --duration 600
-  o2mon run -i socketcan -c can0 --memory o2.db --transmit"""
+  o2mon run -i socketcan -c can0 --memory o2.db --transmit
+
+exit code: 0 done, 2 the bus cannot be used, 3 nothing could be judged"""
 _CHECK = """examples:
   o2mon check drive.log
   o2mon check -i socketcan -c can0 --seconds 10 --dbc engine.dbc --map engine.toml"""
@@ -45,9 +48,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     except O2Error as error:
         print(f"o2mon: {error}", file=sys.stderr)
         return USAGE_ERROR
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
     except KeyboardInterrupt:
         return 130
     except Exception as error:  # a bug of ours must not look like a fault of the sensor
@@ -55,6 +55,14 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise
         print(f"o2mon: internal error: {type(error).__name__}: {error}", file=sys.stderr)
         return INTERNAL_ERROR
+
+
+def _say(line: str) -> None:
+    """Print a line; when nobody reads any more go on without, for the verdict still counts."""
+    try:
+        print(line, flush=True)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -145,11 +153,12 @@ def _replay(args: argparse.Namespace) -> int:
     setup = _set_up(args)
     memory = Memory(args.memory) if args.memory else None
     recordings, traces = [], []
-    for recording, trace in replay.replay_all(args.log, setup, memory, trace=bool(args.html)):
-        recordings.append(recording)
-        traces.append(trace)
-        for line in () if args.quiet else print_recording(recording, windows=args.windows):
-            print(line)
+    with closing(memory) if memory else nullcontext():
+        for recording, trace in replay.replay_all(args.log, setup, memory, trace=bool(args.html)):
+            recordings.append(recording)
+            traces.append(trace)
+            for line in () if args.quiet else print_recording(recording, windows=args.windows):
+                _say(line)
     _write_outputs(args, setup, recordings, traces)
     return replay.exit_code(recordings)
 
@@ -172,7 +181,7 @@ def _write_outputs(
                 title="Oxygen sensor monitor",
                 model_info=replay.model_info(setup),
             )
-            print(f"report: {args.html}")
+            _say(f"report: {args.html}")
     except OSError as error:
         raise UsageError(f"{error.filename}: {error.strerror}") from None
 
@@ -183,36 +192,45 @@ def _open_bus(args: argparse.Namespace) -> "can.BusABC":
 
     try:
         return create_bus_from_namespace(args)
-    except (can.CanError, OSError, ValueError, ImportError, NotImplementedError) as error:
+    except (
+        can.CanError,
+        argparse.ArgumentError,
+        OSError,
+        ValueError,
+        ImportError,
+        NotImplementedError,
+    ) as error:
         where = f"{args.interface or 'default interface'} {args.channel or ''}".strip()
-        reason = str(error) or type(error).__name__
+        cause = error.__cause__ or error
+        reason = str(cause) or type(cause).__name__
         raise BusError(f"cannot open the bus ({where}): {reason}") from None
 
 
 def _run(args: argparse.Namespace) -> int:
-    from monitor import replay
     from monitor.memory import Memory
     from monitor.run import Loop, run
     from monitor.sinks import print_recording
 
     setup = _set_up(args)
     memory = Memory(args.memory) if args.memory else None
-    bus = _open_bus(args)
-    loop = Loop(
-        bus,
-        setup,
-        memory=memory,
-        record=args.record,
-        transmit=args.transmit,
-        trace=bool(args.html),
-        say=(lambda _: None) if args.quiet else lambda line: print(line, flush=True),
-    )
-    run(bus, loop, args.duration)
-    recording = loop.result(str(args.channel or args.interface))
-    for line in print_recording(recording):
-        print(line)
-    _write_outputs(args, setup, [recording], [loop.collector.trace()])
-    return replay.exit_code([recording])
+    with closing(memory) if memory else nullcontext(), _open_bus(args) as bus:
+        loop = Loop(
+            bus,
+            setup,
+            memory=memory,
+            record=args.record,
+            transmit=args.transmit,
+            trace=bool(args.html),
+            say=(lambda _: None) if args.quiet else _say,
+        )
+        try:
+            run(loop, args.duration)
+        finally:  # a bus that fails takes no result with it
+            recording = loop.result(str(args.channel or args.interface))
+            for line in print_recording(recording):
+                _say(line)
+            _write_outputs(args, setup, [recording], [loop.collector.trace()])
+    return 0 if recording["completed"] or recording["fault_flag"] else NOT_JUDGED
 
 
 def _check(args: argparse.Namespace) -> int:
@@ -226,19 +244,20 @@ def _check(args: argparse.Namespace) -> int:
         with _open_bus(args) as bus:
             result = check(_listen(bus, args.seconds), setup.bus_map)
     for line in result.lines():
-        print(line)
+        _say(line)
     card = setup.model.card
     missing = result.missing((*card.input_names, card.output.name))
-    print(f"the model lacks: {', '.join(missing)}" if missing else "the model has all it needs")
+    _say(f"the model lacks: {', '.join(missing)}" if missing else "the model has all it needs")
     return 0
 
 
 def _listen(bus: "can.BusABC", seconds: float) -> "Iterator[Frame]":
+    from monitor.run import receive
     from monitor.sources import frame_of
 
     until_s = time.monotonic() + seconds
     while (left_s := until_s - time.monotonic()) > 0:
-        message = bus.recv(left_s)
+        message = receive(bus, left_s)
         if message is not None and not message.is_error_frame and not message.is_remote_frame:
             yield frame_of(message)
 

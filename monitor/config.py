@@ -26,7 +26,7 @@ class EnableConfig:
     engine_speed_max_rpm: float
     manifold_pressure_min_kpa: float
     fuel_cut_recovery_s: float
-    model_settle_s: float
+    model_settle_samples: int
     range_margin: float
     range_recovery_s: float
     range_ignored: tuple[str, ...]
@@ -43,7 +43,7 @@ class ResponseConfig:
     gain_limit: float
     gain_transient: float
     excitation_noise: float
-    noise_correlation_samples: float
+    noise_correlation_s: float
     evidence_fail: float
     evidence_pass: float
     evidence_alike: float
@@ -63,8 +63,9 @@ class PlausibilityConfig:
     """Stuck, not ready, out of range, missing."""
 
     stuck_range: float
-    stuck_samples: int
+    stuck_s: float
     stuck_band_at_one: float
+    start_patience_s: float
     not_ready_s: float
     engine_running_rpm: float
 
@@ -75,8 +76,8 @@ class DebounceConfig:
 
     response_fail: int
     response_pass: int
-    tick_fail: int
-    tick_pass: int
+    tick_fail_s: float
+    tick_pass_s: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +101,7 @@ _LOWEST: Final = {
     "enable.engine_speed_min_rpm": 0.0,
     "enable.manifold_pressure_min_kpa": 0.0,
     "enable.fuel_cut_recovery_s": 0.0,
-    "enable.model_settle_s": 0.0,
+    "enable.model_settle_samples": 0.0,
     "enable.range_margin": 0.0,
     "enable.range_recovery_s": 0.0,
     "response.lag_limit_s": 0.0,
@@ -110,7 +111,7 @@ _LOWEST: Final = {
     "response.evidence_alike": 0.0,
     "response.evidence_memory": 0.0,
     "plausibility.stuck_range": 0.0,
-    "plausibility.stuck_samples": 2.0,
+    "plausibility.start_patience_s": 0.0,
     "plausibility.stuck_band_at_one": 0.0,
     "plausibility.not_ready_s": 0.0,
     "plausibility.engine_running_rpm": 0.0,
@@ -119,8 +120,6 @@ _HIGHEST: Final = {
     "response.evidence_memory": 1.0,
     "debounce.response_fail": 127.0,
     "debounce.response_pass": 127.0,
-    "debounce.tick_fail": 127.0,
-    "debounce.tick_pass": 127.0,
 }
 
 
@@ -154,15 +153,19 @@ def _check(path: Path, section: str, key: str, value: Any, known: dict[str, Any]
     if key not in known:
         raise ConfigError(f"{path}: [{section}] {key} is unknown; there are {list(known)}")
     wanted = type(known[key])
+    texts = wanted is list and isinstance(known[key][0], str)
     if wanted is list:
-        fits = isinstance(value, list) and bool(value) and all(_is(float, v) for v in value)
+        element = str if texts else float
+        fits = isinstance(value, list) and all(_is(element, v) for v in value)
+        fits = fits and (texts or bool(value))
     else:
         fits = _is(wanted, value)
     if not fits:
-        name = "list of numbers" if wanted is list else wanted.__name__
+        name = f"list of {'names' if texts else 'numbers'}" if wanted is list else wanted.__name__
         raise ConfigError(f"{path}: [{section}] {key} = {value!r}, wanted {name}")
     for number in value if wanted is list else [value]:
-        _check_size(path, section, key, number)
+        if not texts:
+            _check_size(path, section, key, number)
 
 
 def _is(wanted: type, value: Any) -> bool:

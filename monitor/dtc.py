@@ -28,6 +28,17 @@ CODES: dict[str, tuple[str, ...]] = {
     "signal_missing": ("U0100",),
     "signal_invalid": ("U0401",),
 }
+# test → the faults it can find
+TESTS: dict[str, tuple[str, ...]] = {
+    "response": tuple(
+        name for name in CODES if name.startswith(("slow_", "delay_", "transient", "gain_"))
+    ),
+    "bias": ("biased_lean", "biased_rich"),
+    "activity": ("stuck_lean", "stuck_rich", "stuck_at_one"),
+    "communication": ("signal_missing", "signal_invalid"),
+    "range": ("out_of_range",),
+    "ready": ("not_ready",),
+}
 HEALING_CYCLES = 3
 
 
@@ -105,6 +116,11 @@ class Dtc:
         return "pending" if self.status & Status.PENDING else None
 
 
+def _tests_of(code: str) -> set[str]:
+    """Return the tests that can set a code."""
+    return {test for test, faults in TESTS.items() if any(code in CODES[f] for f in faults)}
+
+
 class DtcStore:
     """All codes of one monitor, in memory."""
 
@@ -112,22 +128,30 @@ class DtcStore:
         codes = sorted({code for group in CODES.values() for code in group})
         self._dtcs = {code: Dtc(code) for code in codes}
         self._dtcs |= {dtc.code: dtc for dtc in dtcs}
+        self._passed: set[str] = set()  # tests that have passed in this driving cycle
 
     def fail(self, fault: str, t_ns: int, also: tuple[str, ...] = ()) -> list[Dtc]:
         """Set the codes of a fault; return those that changed."""
         return self._update({c: self._dtcs[c].fail(fault, also, t_ns) for c in CODES[fault]})
 
-    def complete(self, faults: tuple[str, ...]) -> list[Dtc]:
-        """Note that the test of these faults has completed and passed; return what changed.
+    def complete(self, test: str) -> list[Dtc]:
+        """Note that a test has completed and passed; return what changed.
 
-        A code that another test's fault has set keeps its status.
+        A code that a fault of this test has set is complete; one that another test's fault has set
+        keeps its status; one that was never set needs every test that can set it.
         """
+        self._passed.add(test)
+        faults = TESTS[test]
         codes = sorted({code for fault in faults for code in CODES[fault]})
-        mine = [c for c in codes if self._dtcs[c].fault in ("", *faults)]
-        return self._update({c: self._dtcs[c].complete() for c in mine})
+        done = [c for c in codes if self._dtcs[c].fault in faults or self._is_clean(c)]
+        return self._update({c: self._dtcs[c].complete() for c in done})
+
+    def _is_clean(self, code: str) -> bool:
+        return not self._dtcs[code].fault and self._passed >= _tests_of(code)
 
     def start_driving_cycle(self) -> None:
         """Begin the next driving cycle."""
+        self._passed.clear()
         self._update({code: dtc.next_cycle() for code, dtc in self._dtcs.items()})
 
     def _update(self, new: dict[str, Dtc]) -> list[Dtc]:

@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 
 from monitor.config import EnableConfig
+from monitor.model_card import ModelCard
 from monitor.types import FloatArray, Sample
 
 SIGNALS: Final = (
@@ -83,11 +84,19 @@ class Enable:
         low = np.where(ignored, -np.inf, trained_low - margin).tolist()
         high = np.where(ignored, np.inf, trained_high + margin).tolist()
         self._ranges = tuple(zip((at[name] for name in inputs), low, high, strict=True))
-        self._settle = round(config.model_settle_s / period_s)
+        self._settle = config.model_settle_samples
         self._recovery = round(config.fuel_cut_recovery_s / period_s)
         self._range_recovery = round(config.range_recovery_s / period_s)
         self._since_start = self._since_cut = self._since_range = 0
         self.reset()
+
+    @classmethod
+    def of(cls, config: EnableConfig, names: Sequence[str], card: ModelCard) -> "Enable":
+        """Return the conditions for a model on samples of ``names``."""
+        low = np.array([channel.minimum for channel in card.inputs])
+        high = np.array([channel.maximum for channel in card.inputs])
+        period_s = card.period_ns * 1e-9
+        return cls(config, names, card.input_names, card.output.name, low, high, period_s)
 
     def reset(self) -> None:
         """Start as after switching on."""

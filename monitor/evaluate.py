@@ -49,11 +49,13 @@ class ResponseRule:
         hypotheses: tuple[Hypothesis, ...],
         noise_std: float,
         excitation_min: float,
+        period_s: float,
     ) -> None:
         self._config = config
         self._hypotheses = hypotheses
         self._noise_var = noise_std**2
         self._excitation_min = excitation_min
+        self._period_s = period_s
         self._faulty = np.array([h.beyond_limit for h in hypotheses])
         self.reset()
 
@@ -81,7 +83,7 @@ class ResponseRule:
         sxy = y @ x
         gain = np.clip(sxy / np.maximum(sxx, 1e-12), 0.0, 1.5)
         sse = y @ y - 2.0 * gain * sxy + gain**2 * sxx
-        independent = n / self._config.noise_correlation_samples
+        independent = n * self._period_s / self._config.noise_correlation_s
         log_likelihood = -0.5 * independent * np.log(np.maximum(sse, 0.0) / n + self._noise_var)
         memory = self._config.evidence_memory
         self._evidence = memory * self._evidence + (log_likelihood - log_likelihood[0])
@@ -107,7 +109,7 @@ class ResponseRule:
 
     def _gain(self, i: int) -> tuple[float, float]:
         sxx = max(self._sxx[i], 1e-12)
-        spread = np.sqrt(self._noise_var * self._config.noise_correlation_samples / sxx)
+        spread = np.sqrt(self._noise_var * self._config.noise_correlation_s / self._period_s / sxx)
         return float(self._sxy[i] / sxx), float(spread)
 
     def _name(self, i: int) -> str:

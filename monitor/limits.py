@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass, fields
 
-from monitor.errors import ModelError
+from monitor.config import Config
+from monitor.errors import ConfigError, ModelError
 from monitor.model_card import ModelCard
 
 
@@ -17,12 +18,23 @@ class Limits:
     offset: float  # bias, output's unit
 
     @classmethod
-    def from_card(cls, card: ModelCard, where: str) -> "Limits":
-        """Return the limits of a card.
+    def from_card(cls, card: ModelCard, config: Config, where: str) -> "Limits":
+        """Return the limits of a card; settings may raise offset and excitation, never lower them.
 
-        Raises ModelError naming the file if a limit is missing.
+        Raises ModelError naming the file if a limit is missing, ConfigError if the limits were set
+        for windows of another length.
         """
         missing = [f.name for f in fields(cls) if f.name not in card.limits]
         if missing:
             raise ModelError(f"{where}: the model card has no limit {', '.join(missing)}")
-        return cls(**{f.name: card.limits[f.name].value for f in fields(cls)})
+        if card.window_samples != config.window.n_samples:
+            raise ConfigError(
+                f"{where}: its limits are for windows of {card.window_samples} samples, "
+                f"[window] n_samples is {config.window.n_samples}"
+            )
+        values = {f.name: card.limits[f.name].value for f in fields(cls)}
+        excitation = config.response.excitation_noise * values["noise"]
+        values["excitation"] = max(values["excitation"], excitation)
+        if card.transform == "phi":
+            values["offset"] = max(values["offset"], config.bias.offset_limit_lambda)
+        return cls(**values)

@@ -15,24 +15,28 @@ SCHEMA: Final = "o2mon.manifest/1"
 
 
 def load(folder: Path) -> dict[str, dict[str, Any]]:
-    """Return the entries of a folder's manifest by file name; {} where there is none.
+    """Return the entries of a folder's manifest by file name; {} where there is none of ours.
 
-    Raises RecordingError if the manifest cannot be read.
+    A ``manifest.json`` of something else says nothing about recordings.
     """
-    path = folder / NAME
     try:
-        tree = json.loads(path.read_text())
-    except FileNotFoundError:
+        tree = json.loads((folder / NAME).read_text())
+    except (OSError, ValueError):
         return {}
-    except (OSError, ValueError) as error:
-        raise RecordingError(f"{path}: not a manifest: {error}") from None
     if not isinstance(tree, dict) or tree.get("schema") != SCHEMA:
-        raise RecordingError(f"{path}: not a manifest of schema {SCHEMA}")
-    return {entry["file"]: entry for entry in tree["recordings"]}
+        return {}
+    entries = tree.get("recordings")
+    known = [e for e in entries if isinstance(e, dict)] if isinstance(entries, list) else []
+    return {str(entry.get("file")): entry for entry in known}
 
 
 def save(folder: Path, entries: dict[str, dict[str, Any]]) -> None:
-    """Write a folder's manifest, sorted by file name."""
+    """Write a folder's manifest, sorted by file name.
+
+    Raises RecordingError if a ``manifest.json`` of something else is in the way.
+    """
+    if (folder / NAME).exists() and not _is_ours(folder / NAME):
+        raise RecordingError(f"{folder / NAME}: is not a manifest of recordings, and in the way")
     ordered = [entries[name] for name in sorted(entries)]
     text = json.dumps({"schema": SCHEMA, "recordings": ordered}, indent=1)
     (folder / NAME).write_text(text + "\n")
@@ -43,4 +47,9 @@ def source_of(path: Path, sha256: str) -> str | None:
     entry = load(path.parent).get(path.name)
     if entry is None or entry.get("sha256") != sha256:
         return None
-    return str(entry["source"])
+    source = entry.get("source")
+    return str(source) if source else None
+
+
+def _is_ours(path: Path) -> bool:
+    return f'"{SCHEMA}"' in path.read_text(errors="replace")

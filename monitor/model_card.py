@@ -193,6 +193,18 @@ def _check(data: Mapping[str, Any], path: str) -> None:
     low, high = data["output_limits"]
     if not low < high:
         raise ModelError(f"{path}: output_limits are {low} and {high}, wanted low < high")
+    names = [channel.name for channel in data["inputs"]]
+    if len(set(names)) < len(names) or data["output"].name in names:
+        raise ModelError(f"{path}: inputs {names} and output must differ")
+    if data["transform"] == "phi" and not data["output"].name.startswith("lambda"):
+        raise ModelError(f"{path}: transform 'phi' is for lambda, not {data['output'].name}")
+    for name, limit in data["limits"].items():
+        if limit.value < 0.0 or (name == "noise" and limit.value == 0.0):
+            raise ModelError(f"{path}: limit {name} is {limit.value}, wanted a positive number")
     layout: StateLayout = data["state"]
+    if layout.output_count != data["lags"]:
+        raise ModelError(
+            f"{path}: the state holds {layout.output_count} outputs, the lags are {data['lags']}"
+        )
     if not 0 <= layout.output_start < layout.output_slice.stop <= layout.size:
         raise ModelError(f"{path}: the output history {layout} lies outside the state")

@@ -16,9 +16,9 @@ from monitor import enable, hypotheses
 from monitor.assemble import Assembler
 from monitor.bus_map import BusMap
 from monitor.config import Config
-from monitor.debounce import Debounce
+from monitor.debounce import PASSED, Debounce
 from monitor.decode import Decoder
-from monitor.dtc import Dtc, DtcStore
+from monitor.dtc import TESTS, Dtc, DtcStore
 from monitor.enable import Enable
 from monitor.errors import RecordingError
 from monitor.evaluate import BiasRule, Outcome, ResponseRule, paper_failed
@@ -29,20 +29,6 @@ from monitor.plausibility import ActivityTest, Plausibility
 from monitor.residual import oriented
 from monitor.types import FloatArray, Frame, Sample
 from monitor.window import Window, WindowCollector
-
-TESTS: dict[str, tuple[str, ...]] = {
-    "response": (
-        *(f"{kind}_{side}" for kind in ("slow", "delay") for side in hypotheses.DIRECTIONS),
-        "transient",
-        "gain_low",
-    ),
-    "bias": ("biased_lean", "biased_rich"),
-    "activity": ("stuck_lean", "stuck_rich", "stuck_at_one"),
-    "communication": ("signal_missing", "signal_invalid"),
-    "range": ("out_of_range",),
-    "ready": ("not_ready",),
-}
-
 
 # a live sensor must move while these hold, whatever the model's state
 _burning = itemgetter(
@@ -110,22 +96,22 @@ class Monitor:
         self._model, self._config, self._transform = model, config, card.transform
         self._inputs = np.array([at[name] for name in card.input_names])
         self._output = at[card.output.name]
-        self._enable = Enable(
-            config.enable, self.names, card.input_names, card.output.name,
-            np.array([c.minimum for c in card.inputs]), np.array([c.maximum for c in card.inputs]),
-            period_s,
-        )  # fmt: skip
+        self._enable = Enable.of(config.enable, self.names, card)
         bank = hypotheses.build(config.response)
         self._bank = SensorBank(bank, period_s)
         n = config.window.n_samples
         self._windows = WindowCollector(n, len(bank))
-        self._response = ResponseRule(config.response, bank, limits.noise, limits.excitation)
+        self._response = ResponseRule(
+            config.response, bank, limits.noise, limits.excitation, period_s
+        )
         self._bias = BiasRule(config.bias, limits.offset)
         self._plausibility = Plausibility(
             config.plausibility, self.names, card.output.name, period_s
         )
-        self._activity = ActivityTest(
-            config.plausibility, (card.output.minimum, card.output.maximum)
+        self._activity = ActivityTest(config.plausibility, card.output.maximum, period_s)
+        self._tick_steps = tuple(
+            max(1, math.ceil(-PASSED * period_s / seconds))
+            for seconds in (config.debounce.tick_fail_s, config.debounce.tick_pass_s)
         )
         self._debounce = dict.fromkeys(TESTS, Debounce())
         self._running = False
@@ -145,7 +131,7 @@ class Monitor:
         self.samples += 1
         self.enabled_samples += enabled
         yield Tick(sample, predicted, conditions, enabled)
-        fail, passed = self._config.debounce.tick_fail, self._config.debounce.tick_pass
+        fail, passed = self._tick_steps
         for result in self._plausibility.step(sample):
             by = fail if result.failed else passed
             yield from self._step(result.test, result.failed, by, result.fault, (), sample.t_ns)
@@ -232,7 +218,7 @@ class Monitor:
         if after.failed and not before.failed:
             changed = self.store.fail(fault, t_ns, also)
         elif after.passed and not before.passed:
-            changed = self.store.complete(TESTS[test])
+            changed = self.store.complete(test)
         return [DtcChanged(t_ns, dtc) for dtc in changed]
 
 

@@ -39,11 +39,14 @@ class Plausibility:
         self._speed = at.get("engine_speed_rpm")
         self._running_rpm = config.engine_running_rpm
         self._patience = round(config.not_ready_s / period_s)
-        self._not_ready = 0  # samples in a row with the engine running
+        self._start_patience = round(config.start_patience_s / period_s)
+        self.reset()
 
     def reset(self) -> None:
         """Start as after switching on."""
-        self._not_ready = 0
+        self._not_ready = 0  # samples in a row with the engine running
+        self._unheard = 0  # samples before the sender was heard for the first time
+        self._heard = False
 
     def step(self, sample: Sample) -> list[TickResult]:
         """Return the results this sample allows."""
@@ -56,10 +59,13 @@ class Plausibility:
         missing = quality == _STALE or (quality == _INVALID and gone)
         invalid = quality == _INVALID and ready
         absence = "signal_invalid" if invalid else "signal_missing"
-        results = [
-            _result("communication", missing or invalid, absence),
-            _result("ready", self._not_ready > self._patience, "not_ready"),
-        ]
+        self._heard = self._heard or not missing
+        self._unheard += not self._heard
+        results = []
+        if self._heard or self._unheard > self._start_patience:
+            results.append(_result("communication", missing or invalid, absence))
+        if self._not_ready > self._patience or (ready and not missing):  # else not known yet
+            results.append(_result("ready", not ready, "not_ready"))
         if quality in (_GOOD, _OUT_OF_RANGE):
             results.append(_result("range", quality == _OUT_OF_RANGE, "out_of_range"))
         return results
@@ -75,12 +81,13 @@ class Plausibility:
 class ActivityTest:
     """Finds a frozen signal: no change over so many samples though the engine burns fuel.
 
-    saturated : (lowest, highest) output that training saw; at these ends a sensor may stand still
+    saturated : highest output that training saw; there, in fuel cut, a sensor may stand still
     """
 
-    def __init__(self, config: PlausibilityConfig, saturated: tuple[float, float]) -> None:
+    def __init__(self, config: PlausibilityConfig, saturated: float, period_s: float) -> None:
         self._config = config
         self._saturated = saturated
+        self._n = max(round(config.stuck_s / period_s), 2)
         self.reset()
 
     def reset(self) -> None:
@@ -94,12 +101,11 @@ class ActivityTest:
             self._low = self._high = measured
         self._low, self._high = min(self._low, measured), max(self._high, measured)
         self._count += 1
-        if self._count < self._config.stuck_samples:
+        if self._count < self._n:
             return None
         self._count = 0
         frozen = self._high - self._low <= self._config.stuck_range
-        lowest, highest = self._saturated
-        if frozen and not lowest < measured < highest:
+        if frozen and measured >= self._saturated:
             return None
         return frozen, self._name(measured)
 

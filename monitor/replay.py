@@ -59,7 +59,7 @@ def set_up(
     loaded = Model.load(path)
     own = [(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))]
     bus_map = load_pairs(pairs or own)
-    limits = Limits.from_card(loaded.card, str(path))
+    limits = Limits.from_card(loaded.card, config, str(path))
     return Setup(path, loaded, limits, config, bus_map, columns)
 
 
@@ -83,9 +83,12 @@ class _Source:
         if is_table(path):
             self._table: Table | None = read_table(path, setup.columns)
             self._period_ns = setup.model.card.period_ns
-            self.monitor = Monitor(
-                setup.model, setup.limits, setup.config, self._table.names, store
-            )
+            try:
+                self.monitor = Monitor(
+                    setup.model, setup.limits, setup.config, self._table.names, store
+                )
+            except RecordingError as error:
+                raise RecordingError(f"{path}: {error}") from None
         else:
             self._table = None
             self._pipeline = FramePipeline(

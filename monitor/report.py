@@ -44,21 +44,17 @@ def write_report(
     *,
     title: str,
     model_info: Mapping[str, str],
-    synthetic: bool = False,
     output: str = "lambda",
 ) -> None:
     """Write the page for a result of ``o2mon.replay/1``.
 
     traces : one for each recording of the result; an empty one gives no plots
     model_info : what the page shows of the model card, in this order
-    synthetic : every recording is simulated; otherwise those with ``source: simulated`` are
     output : what the model predicts; lambda is shown from 0.7 to 1.3 at most
     Raises ValueError if there are more or fewer traces than recordings, OSError as ``open``.
     """
     recordings = [
-        {"period_s": _period_s(trace.t_s)}
-        | recording
-        | ({"source": "simulated"} if synthetic else {})
+        {"period_s": _period_s(trace.t_s)} | recording
         for recording, trace in zip(result["recordings"], traces, strict=True)
     ]
     embedded = [

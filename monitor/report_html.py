@@ -152,9 +152,6 @@ def _recording(i: int, recording: Mapping[str, Any], output: str, opened: bool) 
 
 
 def _sentence(recording: Mapping[str, Any]) -> str:
-    words = recording.get("verdict_text")
-    if words:
-        return text(re.sub(r"^(FAULT: |not judged: |no fault$)", "", str(words)))
     if recording["dtcs"]:
         return "; ".join(
             f"{text(d['code'])} {text(_fault(d))} ({_state(d)})" for d in recording["dtcs"]

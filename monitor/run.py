@@ -17,18 +17,20 @@ from typing import Any, Final
 import can
 
 from monitor.dtc import DtcStore
-from monitor.errors import BusError
+from monitor.errors import BusError, RecordingError
 from monitor.memory import Memory
 from monitor.pipeline import DtcChanged, Event, FramePipeline, Tick
 from monitor.replay import Setup, frame_counters
 from monitor.sinks import Collector, event_line
-from monitor.sources import frame_of
+from monitor.sources import frame_of, log_kind
 from monitor.transmit import Transmitter
 from monitor.types import Frame
 
 TIME_MARK_ID: Final = 0x1FFFFFFF  # 29 bit, no data: lowest priority, never on the bus
 SILENCE_S: Final = 0.5  # after which time marks are made
+FIRST_FRAME_S: Final = 10.0  # the same while nothing was ever heard, in wall-clock time
 RECEIVE_TIMEOUT_S: Final = 0.1
+KEEP: Final = 200_000  # windows (11 days at 10 Hz) and samples of the report (5 h), the latest
 RECEIVE_BUFFER_BYTES: Final = 8 << 20  # the default holds about 320 frames
 
 
@@ -37,17 +39,18 @@ class Clock:
 
     def __init__(self, monotonic_s: Callable[[], float]) -> None:
         self._monotonic_s = monotonic_s
-        self._last_ns: int | None = None
-        self._received_s = 0.0
+        self._last_ns = time.time_ns() // 1000 * 1000  # until a frame says what time it is
+        self._received_s = monotonic_s()
+        self._heard = False
 
     def heard(self, t_ns: int) -> None:
         """Note the time of a frame that has just come in."""
-        self._last_ns, self._received_s = t_ns, self._monotonic_s()
+        self._last_ns, self._received_s, self._heard = t_ns, self._monotonic_s(), True
 
     def mark(self) -> Frame | None:
         """Return a time mark if the bus has been silent for long enough."""
         silent_s = self._monotonic_s() - self._received_s
-        if self._last_ns is None or silent_s < SILENCE_S:
+        if silent_s < (SILENCE_S if self._heard else FIRST_FRAME_S):
             return None
         # a little behind, so that a frame that comes now is not late
         t_ns = self._last_ns + round((silent_s - RECEIVE_TIMEOUT_S) * 1e6) * 1000
@@ -58,10 +61,11 @@ class Recorder(AbstractContextManager["Recorder"]):
     """Writes every frame the loop has seen, in the order in which it has seen them."""
 
     def __init__(self, path: Path) -> None:
+        log_kind(path)  # what cannot be replayed is not recorded
         try:
             self._writer = can.Logger(path)
         except (OSError, ValueError) as error:
-            raise BusError(f"{path}: cannot record: {error}") from None
+            raise RecordingError(f"{path}: cannot record: {error}") from None
 
     def write(self, frame: Frame) -> None:
         """Write one frame with its time in whole microseconds."""
@@ -78,6 +82,7 @@ def message_of(frame: Frame) -> can.Message:
         arbitration_id=frame.can_id,
         is_extended_id=frame.is_extended,
         data=frame.data,
+        is_fd=len(frame.data) > 8,
     )
 
 
@@ -116,7 +121,7 @@ class Loop:
         self._pipeline = FramePipeline(
             setup.bus_map, setup.model, setup.limits, setup.config, store
         )
-        self.collector = Collector(self._pipeline.monitor, trace=trace)
+        self.collector = Collector(self._pipeline.monitor, trace=trace, keep=KEEP)
         self._transmitter = Transmitter(self._pipeline.monitor) if transmit else None
         self._record_path = record
         self._recorder: Recorder | None = None
@@ -157,10 +162,7 @@ class Loop:
         ]
 
     def _receive(self) -> Iterator[Frame]:
-        try:
-            message = self._bus.recv(RECEIVE_TIMEOUT_S)
-        except can.CanError as error:
-            raise BusError(f"{self._bus.channel_info}: {error}") from None
+        message = receive(self._bus, RECEIVE_TIMEOUT_S)
         if message is None:
             mark = self._clock.mark()
             if mark is not None:
@@ -203,13 +205,23 @@ class Loop:
         return self.collector.result(channel, None, counters)
 
 
-def run(bus: can.BusABC, loop: Loop, duration_s: float | None) -> None:
-    """Run the loop until its time is over or SIGINT or SIGTERM comes, then shut the bus down."""
+def run(loop: Loop, duration_s: float | None) -> None:
+    """Run the loop until its time is over or SIGINT or SIGTERM comes."""
     signals = (signal.SIGINT, signal.SIGTERM)
     previous = {number: signal.signal(number, loop.stop) for number in signals}
     try:
-        with bus:
-            loop.run(duration_s)
+        loop.run(duration_s)
     finally:
         for number, handler in previous.items():
             signal.signal(number, handler)
+
+
+def receive(bus: can.BusABC, timeout_s: float) -> can.Message | None:
+    """Return the next message, None if none came in time.
+
+    Raises BusError when the interface fails.
+    """
+    try:
+        return bus.recv(timeout_s)
+    except (can.CanError, OSError) as error:
+        raise BusError(f"{bus.channel_info}: {error}") from None

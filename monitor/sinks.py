@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -20,13 +20,20 @@ SCHEMA = "o2mon.replay/1"
 class Collector:
     """Gathers the events of one recording into the fields of ``o2mon.replay/1``."""
 
-    def __init__(self, monitor: Monitor, *, trace: bool = False) -> None:
+    def __init__(self, monitor: Monitor, *, trace: bool = False, keep: int | None = None) -> None:
+        """Begin a recording.
+
+        trace : keep the series for a report
+        keep : how many windows and samples to keep, the latest; None keeps all
+        """
         self._monitor = monitor
         self._t0_ns: int | None = None
         self._conditions: Counter[tuple[bool, ...]] = Counter()  # samples by what held
-        self._windows: list[dict[str, Any]] = []
-        self._t_s: list[float] = []
-        self._series: list[tuple[float, float, bool, bool]] | None = [] if trace else None
+        self._windows: deque[dict[str, Any]] = deque(maxlen=keep)
+        self._n_windows = 0
+        self._series: deque[tuple[float, float, float, bool, bool]] | None = (
+            deque(maxlen=keep) if trace else None
+        )
         self._output = monitor.names.index(monitor.output)
         self._flag = monitor.store.fault_flag
 
@@ -36,6 +43,7 @@ class Collector:
             self._tick(event)
         elif isinstance(event, WindowJudged):
             self._windows.append(self._window(event))
+            self._n_windows += 1
         else:
             self._flag = self._monitor.store.fault_flag
 
@@ -48,9 +56,9 @@ class Collector:
             self._t0_ns = tick.sample.t_ns
         self._conditions[tick.conditions] += 1
         if self._series is not None:
-            self._t_s.append(self.seconds(tick.sample.t_ns))
+            t_s = self.seconds(tick.sample.t_ns)
             measured = float(tick.sample.values[self._output])
-            self._series.append((measured, tick.predicted, tick.enabled, self._flag))
+            self._series.append((t_s, measured, tick.predicted, tick.enabled, self._flag))
 
     def _window(self, event: WindowJudged) -> dict[str, Any]:
         return {
@@ -80,7 +88,8 @@ class Collector:
             "sha256": sha256,
             "samples": monitor.samples,
             "enabled_samples": monitor.enabled_samples,
-            "windows": self._windows,
+            "windows": list(self._windows),
+            "windows_dropped": self._n_windows - len(self._windows),
             "dtcs": [self._dtc(dtc) for dtc in monitor.store.active],
             "fault_flag": monitor.store.fault_flag,
             "completed": monitor.completed,
@@ -107,14 +116,14 @@ class Collector:
 
     def trace(self) -> Trace:
         """Return the series on the sample grid, for the report."""
-        series = self._series or []
-        columns = np.array([(m, p) for m, p, _, _ in series]).reshape(-1, 2)
+        series = self._series or ()
+        columns = np.array([row[:3] for row in series]).reshape(-1, 3)
         return Trace(
-            np.array(self._t_s),
             columns[:, 0],
             columns[:, 1],
-            np.array([enabled for _, _, enabled, _ in series], dtype=np.bool_),
-            np.array([flag for _, _, _, flag in series], dtype=np.bool_),
+            columns[:, 2],
+            np.array([enabled for *_, enabled, _ in series], dtype=np.bool_),
+            np.array([flag for *_, flag in series], dtype=np.bool_),
         )
 
 

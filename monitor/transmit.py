@@ -59,9 +59,13 @@ class Transmitter:
                     "Verdict": VERDICTS[event.outcome],
                 },
             )
-        elif isinstance(event, Tick) and event.sample.t_ns >= self._next_ns:
+        elif isinstance(event, Tick) and self._is_due(event.sample.t_ns):
             self._next_ns = event.sample.t_ns + STATUS_PERIOD_NS
             yield self._frame(self._status, event.sample.t_ns, self._state(event))
+
+    def _is_due(self, t_ns: int) -> bool:
+        """The next time has come, or the clock has stepped back."""
+        return not self._next_ns - STATUS_PERIOD_NS <= t_ns < self._next_ns
 
     def _state(self, tick: Tick) -> dict[str, float]:
         active = self._monitor.store.active

@@ -1,6 +1,8 @@
 """Bad input gets one clear line and exit code 2, or is counted and survived."""
 
 import json
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,7 +12,7 @@ import onnx
 import pytest
 
 import dbc
-from monitor import cli
+from monitor import cli, faults
 from monitor.checksum import payload_checksum
 from monitor.replay import shipped_model
 from monitor.sources import read_frames
@@ -20,6 +22,7 @@ from training.dyno.simulate import Experiment
 from training.dyno.write import write
 
 LAMBDA_ID, FUEL_ID = 0xC2, 0xC1
+ROOT = Path(__file__).resolve().parent.parent
 
 
 @pytest.fixture(scope="module")
@@ -296,3 +299,48 @@ def test_a_drive_too_short_to_be_judged_exits_with_3_and_says_why(
     write_log(log, block(list(read_frames(drive))[:2000]))
     assert cli.main(["replay", str(log)]) == 3
     assert "not judged: no window of enabled samples was filled" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("command", ["run", "check"])
+def test_a_bus_that_cannot_be_opened_is_named(
+    capsys: pytest.CaptureFixture[str], command: str
+) -> None:
+    line = refused(capsys, command, "-i", "socketcan", "-c", "nobus0")
+    assert "nobus0" in line
+    assert "internal" not in line
+
+
+def test_a_manifest_of_something_else_is_no_manifest(drive: Path, tmp_path: Path) -> None:
+    log = tmp_path / "drive.log"
+    log.write_bytes(drive.read_bytes())
+    out = tmp_path / "out.json"
+    for text in ('{"name": "an app"}', "no json", '{"schema": "o2mon.manifest/1"}'):
+        (tmp_path / "manifest.json").write_text(text)
+        assert cli.main(["replay", str(log), "--json", str(out)]) in (0, 3)
+        assert json.loads(out.read_text())["recordings"][0]["source"] is None
+
+
+def test_a_reader_that_goes_away_changes_neither_result_nor_exit_code(
+    drive: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out.json"
+    command = [sys.executable, "-m", "monitor.cli", "replay", str(drive), "--json", str(out)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, cwd=ROOT)
+    assert process.stdout is not None
+    process.stdout.close()
+    assert process.wait(120) == cli.main(["replay", str(drive)])
+    assert json.loads(out.read_text())["schema"] == "o2mon.replay/1"
+
+
+def test_a_short_drive_does_not_heal_a_sensor_that_never_gets_ready(tmp_path: Path) -> None:
+    # GIVEN a sensor that never gets ready and drives that are shorter than the patience
+    fault = faults.resolve("not_ready")
+    short = Experiment(cycle="micro_trips", vehicle=51, seed=51, duration_s=40.0, fault=fault)
+    long = Experiment(cycle="micro_trips", vehicle=51, seed=52, duration_s=90.0, fault=fault)
+    logs = [str(write(e, tmp_path, "log")) for e in (long, short, short, short, short)]
+    out = tmp_path / "out.json"
+    # WHEN they follow the drive in which it was found
+    cli.main(["replay", *logs, "--memory", str(tmp_path / "m.db"), "--json", str(out)])
+    # THEN the code stays
+    recordings = json.loads(out.read_text())["recordings"]
+    assert [[d["code"] for d in r["dtcs"]] for r in recordings] == [["P0134"]] * 5

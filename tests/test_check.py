@@ -136,3 +136,14 @@ def test_the_time_of_an_epoch_clock_does_not_matter() -> None:
     early = check(frames(), BUS_MAP)
     late = check([f._replace(t_ns=f.t_ns + shift_ns) for f in frames()], BUS_MAP)
     assert list(early.lines()) == list(late.lines())
+
+
+def test_a_derived_signal_is_there_when_all_it_is_made_of_is() -> None:
+    bus_map = load_pairs([(dbc.path("rusefi.dbc"), dbc.path("rusefi.toml"))])
+    t_ns = np.arange(0, 2_000_000_000, 100_000_000)
+    names = list(bus_map.channels)
+    frames = broadcast(bus_map, t_ns, {n: np.full(len(t_ns), 50.0) for n in names}).frames()
+    result = check(frames, bus_map)
+    assert "fuel_mass_mg" in result.derived
+    assert result.missing(["fuel_mass_mg"]) == []
+    assert check([], bus_map).missing(["fuel_mass_mg"]) == ["fuel_mass_mg"]

@@ -132,7 +132,7 @@ def test_the_status_byte_through_two_failing_driving_cycles() -> None:
     assert status() == 0x64  # pending, not completed this cycle, failed since clear
     store.fail("slow_symmetric", 1)
     assert status() == 0xAF  # confirmed, lamp requested
-    store.complete(TESTS["response"])
+    store.complete("response")
     assert status() == 0xAE  # the test passes now, but it has failed this cycle
     store.start_driving_cycle()
     assert status() == 0xEC
@@ -140,10 +140,15 @@ def test_the_status_byte_through_two_failing_driving_cycles() -> None:
 
 def test_a_completed_test_without_a_fault_clears_only_the_completion_bits() -> None:
     store = DtcStore()
-    changed = store.complete(TESTS["bias"])
+    # P2195 and P2196 can be set by the test for an offset and by the one for a frozen signal
+    assert store.complete("bias") == []
+    changed = store.complete("activity")
     assert {dtc.code for dtc in changed} == {"P2195", "P2196"}
     assert {int(dtc.status) for dtc in changed} == {0x00}
-    assert store.complete(TESTS["bias"]) == []  # nothing changes twice
+    assert store.complete("activity") == []  # nothing changes twice
+    # in the next driving cycle both must pass again
+    store.start_driving_cycle()
+    assert store.complete("activity") == []
 
 
 def test_a_cycle_in_which_the_test_does_not_complete_neither_confirms_nor_heals() -> None:
@@ -161,7 +166,7 @@ def test_a_pending_code_goes_after_a_driving_cycle_that_passes() -> None:
     store = DtcStore()
     store.fail("delay_rich_to_lean", 1)
     store.start_driving_cycle()
-    store.complete(TESTS["response"])
+    store.complete("response")
     assert states(store) == {"P015A": "pending"}  # until the cycle is over
     store.start_driving_cycle()
     assert states(store) == {}
@@ -177,7 +182,7 @@ def test_the_lamp_goes_out_after_three_passing_driving_cycles_in_a_row() -> None
         store.start_driving_cycle()
     for cycle in range(1, HEALING_CYCLES + 1):
         assert code_of(store, "P2195").status & Status.WARNING_INDICATOR, cycle
-        store.complete(TESTS["bias"])
+        store.complete("bias")
         store.start_driving_cycle()
     healed = code_of(store, "P2195")
     assert not healed.status & Status.WARNING_INDICATOR
@@ -191,12 +196,12 @@ def test_a_failing_cycle_starts_the_count_towards_healing_anew() -> None:
         store.start_driving_cycle()
     for passes in (True, True, False, True, True):
         if passes:
-            store.complete(TESTS["bias"])
+            store.complete("bias")
         else:
             store.fail("biased_lean", 1)
         store.start_driving_cycle()
     assert code_of(store, "P2195").status & Status.WARNING_INDICATOR
-    store.complete(TESTS["bias"])
+    store.complete("bias")
     store.start_driving_cycle()
     assert not code_of(store, "P2195").status & Status.WARNING_INDICATOR
 
@@ -208,7 +213,7 @@ def test_a_cycle_without_a_completed_test_does_not_count_towards_healing() -> No
         store.start_driving_cycle()
     for completes in (True, False, True, False):
         if completes:
-            store.complete(TESTS["bias"])
+            store.complete("bias")
         store.start_driving_cycle()
     assert code_of(store, "P2195").status & Status.WARNING_INDICATOR
 
@@ -224,10 +229,10 @@ def test_a_passed_test_of_another_fault_leaves_a_shared_code_alone(
     store = DtcStore()
     store.fail(fault, 1)
     before = code_of(store, CODES[fault][0])
-    store.complete(TESTS[other_test])
+    store.complete(other_test)
     assert code_of(store, CODES[fault][0]) == before
     store.start_driving_cycle()
-    store.complete(TESTS[other_test])
+    store.complete(other_test)
     store.start_driving_cycle()
     assert states(store) == {CODES[fault][0]: "pending"}
 
@@ -240,7 +245,7 @@ def test_the_bits_of_the_status_byte_agree_with_each_other(events: list[str]) ->
             store.fail("slow_symmetric", 1)
             seen_failed = True
         elif event == "complete":
-            store.complete(TESTS["response"])
+            store.complete("response")
         else:
             store.start_driving_cycle()
         dtc = code_of(store, "P0133")

@@ -172,7 +172,7 @@ def test_a_recovery_time_is_exact_in_samples(
     condition: str, seconds: float, broken: dict[str, float], period_s: float
 ) -> None:
     bench = Bench(period_s=period_s)
-    bench.settle(round(CONFIG.model_settle_s / period_s) + 1)
+    bench.settle(CONFIG.model_settle_samples + 1)
     bench.step(**broken)
     # the sample that ends the recovery time is the first that may be judged again
     for _ in range(round(seconds / period_s) - 1):

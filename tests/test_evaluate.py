@@ -136,7 +136,7 @@ def healthy_noise() -> float:
 
 def new_rule() -> ResponseRule:
     noise = healthy_noise()
-    return ResponseRule(CONFIG, BANK, noise, CONFIG.excitation_noise * noise)
+    return ResponseRule(CONFIG, BANK, noise, CONFIG.excitation_noise * noise, 0.1)
 
 
 def judge(measured: FloatArray, predicted: FloatArray, rule: ResponseRule) -> list[Response]:

@@ -162,7 +162,7 @@ def test_the_page_loads_nothing_and_allows_nothing_but_its_own_script(tmp_path: 
 
 def test_a_hostile_name_stays_text(tmp_path: Path) -> None:
     # GIVEN markup wherever a result holds text from outside
-    bad = faulty(HOSTILE, source=HOSTILE, verdict_text=HOSTILE, counters={HOSTILE: 1})
+    bad = faulty(HOSTILE, source=HOSTILE, counters={HOSTILE: 1})
     bad["enable"] = {HOSTILE: 0.5}
     bad["windows"][0]["fault"] = HOSTILE
     bad["windows"][0]["statistics"] = {HOSTILE: HOSTILE}
@@ -209,7 +209,8 @@ def test_simulated_recordings_are_called_so(tmp_path: Path) -> None:
     assert "Simulated. 1 of 2 recordings" in mixed
     assert "Fault found (simulated)." in mixed
     assert "No fault (simulated)." not in mixed
-    every = written(tmp_path, recording(), faulty(), synthetic=True).text
+    both = (recording(source="simulated"), faulty(source="simulated"))
+    every = written(tmp_path, *both).text
     assert "Simulated. 2 recordings" in every
     assert "No fault (simulated)." in every
 

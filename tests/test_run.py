@@ -12,6 +12,7 @@ from cantools.database import load_file
 
 import dbc
 from monitor import config, replay
+from monitor.errors import RecordingError
 from monitor.memory import Memory
 from monitor.run import TIME_MARK_ID, Loop, message_of
 from monitor.sources import read_frames
@@ -37,6 +38,12 @@ class PlayedBus(can.BusABC):
         self.now_s = 0.0
         self.sent: list[can.Message] = []
         self.stop = lambda: None
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        message, _ = self._recv_internal(timeout)
+        if message is None or self._matches_filters(message):
+            return message
+        return self.recv(timeout)
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         item = self._pending if self._pending is not None else next(self._script, None)
@@ -153,3 +160,36 @@ def test_a_code_that_fails_again_in_the_next_driving_cycle_is_confirmed(
         memory.close()
         states.append({d["code"]: d["state"] for d in live["dtcs"]})
     assert states == [{"P015A": "pending"}, {"P015A": "confirmed"}]
+
+
+def test_a_bus_on_which_nothing_was_ever_heard_is_missed_too(setup: replay.Setup) -> None:
+    live, _ = run_on([Pause(60.0)], setup)
+    assert [d["code"] for d in live["dtcs"]] == ["U0100"]
+
+
+def test_frames_of_can_fd_are_recorded_as_they_came(
+    setup: replay.Setup, late_sensor: list[Frame], tmp_path: Path
+) -> None:
+    long = [Frame(f.t_ns, 0x300, False, bytes(12)) for f in late_sensor[:5]]
+    for suffix in ("log", "blf", "asc"):
+        record = tmp_path / f"fd.{suffix}"
+        run_on([*long, *late_sensor[5:50]], setup, record=record)
+        frames = list(read_frames(record))
+        assert len(frames) == 50
+        assert frames[0].data == bytes(12)
+
+
+def test_what_could_not_be_replayed_is_not_recorded(
+    setup: replay.Setup, late_sensor: list[Frame], tmp_path: Path
+) -> None:
+    with pytest.raises(RecordingError, match=r"drive\.txt"):
+        run_on(late_sensor[:10], setup, record=tmp_path / "drive.txt")
+
+
+def test_a_run_of_days_keeps_the_latest_windows_and_says_how_many_it_dropped(
+    setup: replay.Setup, late_sensor: list[Frame], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("monitor.run.KEEP", 3)
+    live, _ = run_on(late_sensor, setup)
+    assert len(live["windows"]) == 3
+    assert live["windows_dropped"] == live["windows"][-1]["index"] + 1 - 3 > 0

@@ -196,3 +196,11 @@ def test_the_status_goes_out_every_100_ms_whatever_the_grid() -> None:
 def test_a_changed_code_alone_sends_nothing() -> None:
     dtc = DtcStore().fail("gain_low", 1)[0]
     assert list(Stand().transmitter().push(DtcChanged(1, dtc))) == []
+
+
+def test_the_status_goes_on_after_the_clock_has_stepped_back() -> None:
+    transmitter = Stand().transmitter()
+    assert list(transmitter.push(tick(3_600_000_000_000)))
+    assert list(transmitter.push(tick(1_000_000_000)))
+    assert not list(transmitter.push(tick(1_050_000_000)))
+    assert list(transmitter.push(tick(1_100_000_000)))

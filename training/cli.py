@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from monitor.errors import O2Error
 
-USAGE_ERROR, INTERNAL_ERROR = 2, 4
+USAGE_ERROR, INTERNAL_ERROR, BROKEN_PIPE = 2, 4, 141
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -22,7 +22,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         return USAGE_ERROR
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
+        return BROKEN_PIPE
+    except OSError as error:
+        print(f"o2train: {error.filename or ''}: {error.strerror or error}", file=sys.stderr)
+        return USAGE_ERROR
     except KeyboardInterrupt:
         return 130
     except Exception as error:

@@ -105,6 +105,9 @@ def run_fit(args: argparse.Namespace) -> int:
         raise UsageError("--lags, --starts, --hidden and --budget must be positive")
     if args.out.suffix != ".onnx":
         raise UsageError(f"--out {args.out}: a model file ends in .onnx")
+    for out in (args.out, args.report):
+        if out is not None and not out.absolute().parent.is_dir():
+            raise UsageError(f"{out}: the folder does not exist")
     inputs = args.inputs or NARX_INPUTS
     if args.ratio and not {"fuel_mass_mg", "air_mass_mg"} <= set(inputs):
         raise UsageError("--ratio needs the inputs fuel_mass_mg and air_mass_mg")

@@ -8,12 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from monitor import config, enable
 from monitor.errors import RecordingError, UsageError
 from monitor.manifest import source_of
 from monitor.model import Model, from_model_units, to_model_units
 from monitor.types import FloatArray
 from training import metrics
-from training.prepare import ENABLE_COLUMNS, enabled_rows, runs
+from training.judge import enabled_samples
+from training.prepare import runs
 from training.recordings import Recording
 
 SCHEMA = "o2train.evaluate/1"
@@ -97,8 +99,8 @@ def _one(model: Model, recording: Recording, washout: int) -> dict[str, Any]:
         "source": source_of(Path(recording.path), recording.sha256),
     }
     result |= _figures(model, measured, free, one_step, scored)
-    has_conditions = any(name in recording.names for name in ENABLE_COLUMNS)
-    enabled = scored & enabled_rows(recording)
+    has_conditions = any(name in recording.names for name in enable.SIGNALS)
+    enabled = scored & enabled_samples(recording, model.card, config.load())
     known = has_conditions and enabled.any()
     result["enabled"] = _figures(model, measured, free, one_step, enabled) if known else None
     return result

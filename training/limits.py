@@ -1,4 +1,4 @@
-"""Decision limits from blocks of healthy recordings that the training did not see."""
+"""Decision limits from blocks of healthy recordings that neither trained nor chose the model."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -25,10 +25,10 @@ NO_LIMITS = Limits(j_mu=np.inf, j_sigma=np.inf, noise=1.0, excitation=0.0, offse
 def held_out_windows(
     model: Model, recordings: Sequence[Recording], held_out: Sequence[HeldOut], config: Config
 ) -> list[WindowJudged]:
-    """Return the windows that lie wholly in held-out blocks."""
+    """Return the windows that lie wholly in blocks that neither trained nor chose the model."""
     found = []
     for number, recording in enumerate(recordings):
-        spans = [(h.first, h.stop) for h in held_out if h.recording == number]
+        spans = [(h.first, h.stop) for h in held_out if h.recording == number and h.role == "test"]
         for window in judge(recording, model, NO_LIMITS, config).windows:
             first = window.window.t_start_ns // recording.period_ns
             last = window.window.t_end_ns // recording.period_ns
@@ -58,14 +58,18 @@ def limits_of(
     ]
     within = [o - w.window.bank[:, 0] for o, w in zip(oriented, windows, strict=True)]
     noise = float(np.sqrt(np.mean([np.var(x) for x in within])))
+    scale = float(np.concatenate([w.window.measured for w in windows]).std())
     spread = 6.0 * float(means.std())
     floor = config.bias.offset_limit_lambda if card.transform == "phi" else 0.0
     n = len(windows)
     where = f"{n} healthy windows, {origin}"
     phi = "-" if card.transform == "phi" else unit
+    j_mu, j_sigma = _quantile(np.abs(means)), _quantile(stds)
     return {
-        "j_mu": Limit(_quantile(np.abs(means)), unit, f"quantile {PAPER_QUANTILE}, {where}"),
-        "j_sigma": Limit(_quantile(stds), unit, f"quantile {PAPER_QUANTILE}, {where}"),
+        "j_mu": Limit(j_mu, unit, f"quantile {PAPER_QUANTILE}, {where}"),
+        "j_sigma": Limit(j_sigma, unit, f"quantile {PAPER_QUANTILE}, {where}"),
+        "j_mu_z": Limit(j_mu / scale, "z", f"j_mu over the measurement's spread {scale:.4g}"),
+        "j_sigma_z": Limit(j_sigma / scale, "z", f"j_sigma over that spread {scale:.4g}"),
         "noise": Limit(noise, phi, f"residual within windows, {where}"),
         "excitation": Limit(
             max(config.response.excitation_noise * noise, 1e-9),
@@ -88,7 +92,9 @@ def set_limits(
     """Set the limits of the model in ``path`` from held-out blocks; return its new card."""
     model = Model.load(path)
     windows = held_out_windows(model, recordings, held_out, config)
-    limits = limits_of(windows, model.card, config, "blocks held out of the training recordings")
+    limits = limits_of(
+        windows, model.card, config, "test blocks held out of the training recordings"
+    )
     card = replace(model.card, limits={**model.card.limits, **limits})
     update_card(path, card)
     return card
