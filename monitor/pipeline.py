@@ -123,6 +123,11 @@ class Monitor:
         """Return the enable conditions whose signals are not provided."""
         return self._enable.unavailable
 
+    @property
+    def interrupted_windows(self) -> int:
+        """Return how many windows were begun and discarded."""
+        return self._windows.discarded
+
     def push(self, sample: Sample) -> Iterator[Event]:
         """Take one sample and yield what it causes."""
         conditions = self._enable.step(sample)

@@ -1,7 +1,7 @@
 """Replays recordings through the pipeline as fast as possible."""
 
 import hashlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from importlib.resources import files
 from itertools import chain, islice
@@ -22,7 +22,8 @@ from monitor.model_card import ModelCard
 from monitor.pipeline import Event, FramePipeline, Monitor
 from monitor.report import Trace
 from monitor.sinks import SCHEMA, Collector
-from monitor.sources import LogCounters, Table, is_table, read_frames, read_table, table_samples
+from monitor.sources import LogCounters, is_table, read_frames, read_table, table_samples
+from monitor.types import Sample
 
 SHIPPED_MODEL = "shipped.onnx"
 CHUNK = 256  # samples judged in a row; switching less often is a quarter faster
@@ -75,43 +76,41 @@ def sha256_of(path: Path) -> str:
         raise RecordingError(f"{path}: {error.strerror}") from None
 
 
+@dataclass(frozen=True, slots=True)
 class _Source:
-    """One recording as events: through the frame pipeline, or sample by sample for a table."""
+    """One recording as samples, with the monitor that judges them."""
 
-    def __init__(self, path: Path, setup: Setup, store: DtcStore) -> None:
-        self._path = path
-        if is_table(path):
-            self._table: Table | None = read_table(path, setup.columns)
-            self._period_ns = setup.model.card.period_ns
-            try:
-                self.monitor = Monitor(
-                    setup.model, setup.limits, setup.config, self._table.names, store
-                )
-            except RecordingError as error:
-                raise RecordingError(f"{path}: {error}") from None
-        else:
-            self._table = None
-            self._pipeline = FramePipeline(
-                setup.bus_map, setup.model, setup.limits, setup.config, store
-            )
-            self._log = LogCounters()
-            self._frames = read_frames(path, self._log)
-            self.monitor = self._pipeline.monitor
+    monitor: Monitor
+    samples: Iterator[Sample]
+    counters: Callable[[], dict[str, int]]  # what became of its frames
 
     def events(self) -> Iterator[Event]:
-        if self._table is not None:
-            for sample in table_samples(self._table, self.monitor.names, self._period_ns):
-                yield from self.monitor.push(sample)
-            return
-        samples = chain.from_iterable(map(self._pipeline.samples, self._frames))
-        while chunk := list(islice(samples, CHUNK)):
+        while chunk := list(islice(self.samples, CHUNK)):
             for sample in chunk:
                 yield from self.monitor.push(sample)
 
-    def counters(self) -> dict[str, int]:
-        if self._table is not None:
-            return {}
-        return frame_counters(self._pipeline) | {"skipped": self._log.skipped}
+
+def _open(path: Path, setup: Setup, store: DtcStore) -> _Source:
+    return (_open_table if is_table(path) else _open_log)(path, setup, store)
+
+
+def _open_table(path: Path, setup: Setup, store: DtcStore) -> _Source:
+    table = read_table(path, setup.columns)
+    try:
+        monitor = Monitor(setup.model, setup.limits, setup.config, table.names, store)
+    except RecordingError as error:
+        raise RecordingError(f"{path}: {error}") from None
+    return _Source(monitor, table_samples(table, table.names, setup.model.card.period_ns), dict)
+
+
+def _open_log(path: Path, setup: Setup, store: DtcStore) -> _Source:
+    log = LogCounters()
+    pipeline = FramePipeline(setup.bus_map, setup.model, setup.limits, setup.config, store)
+    return _Source(
+        pipeline.monitor,
+        chain.from_iterable(map(pipeline.samples, read_frames(path, log))),
+        lambda: frame_counters(pipeline) | {"skipped": log.skipped},
+    )
 
 
 def frame_counters(pipeline: FramePipeline) -> dict[str, int]:
@@ -122,6 +121,7 @@ def frame_counters(pipeline: FramePipeline) -> dict[str, int]:
             if name not in ("received", "other"):
                 total[name] = total.get(name, 0) + count
     total |= asdict(pipeline.assembler.counters)
+    total["unmapped"] = pipeline.decoder.unmapped
     never = [m for m, c in pipeline.decoder.counters.items() if c.received == 0]
     return total | {f"never_received_{message}": 1 for message in never}
 
@@ -138,7 +138,7 @@ def replay(
     sha256 = sha256_of(path)
     store = DtcStore(memory.load() if memory else ())
     store.start_driving_cycle()
-    source = _Source(path, setup, store)
+    source = _open(path, setup, store)
     collector = Collector(source.monitor, trace=trace)
     for event in source.events():
         collector.push(event)

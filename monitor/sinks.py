@@ -89,6 +89,7 @@ class Collector:
             "samples": monitor.samples,
             "enabled_samples": monitor.enabled_samples,
             "windows": list(self._windows),
+            "windows_interrupted": monitor.interrupted_windows,
             "windows_dropped": self._n_windows - len(self._windows),
             "dtcs": [self._dtc(dtc) for dtc in monitor.store.active],
             "fault_flag": monitor.store.fault_flag,
@@ -188,7 +189,7 @@ def print_recording(recording: Mapping[str, Any], *, windows: bool = False) -> I
         f"  {recording['enabled_samples']} of {recording['samples']} samples enabled; windows: "
         f"{judged}; paper's rule failed {paper}"
     )
-    bad = {name: n for name, n in recording["counters"].items() if n}
+    bad = {name: n for name, n in recording["counters"].items() if n and name != "unmapped"}
     if bad:
         yield "  counted: " + ", ".join(f"{name} {n}" for name, n in bad.items())
 

@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from training.cli_recordings import pairs_of
+from training.cli_recordings import add_bus_options, pairs_of
 
 if TYPE_CHECKING:
     from training.fit import FitResult
@@ -80,17 +80,7 @@ def _add_recordings(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--period", type=float, metavar="S", help="grid period in seconds (default 0.1 for logs)"
     )
-    parser.add_argument(
-        "--dbc", type=Path, action="append", default=[], metavar="FILE",
-        help="CAN database, repeat together with --map (default: the project's own ECU)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--map", type=Path, action="append", default=[], metavar="FILE",
-        help="signal map of the database before it",
-    )  # fmt: skip
-    parser.add_argument(
-        "--columns", type=Path, metavar="FILE", help="TOML file that renames a table's columns"
-    )
+    add_bus_options(parser)
 
 
 def run_fit(args: argparse.Namespace) -> int:

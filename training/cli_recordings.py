@@ -33,7 +33,7 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         "--period", type=float, metavar="S", help="grid period in seconds (default 0.1 for logs)"
     )
     table.add_argument("--signals", nargs="+", metavar="NAME", help="only these (default all)")
-    _add_common(table)
+    add_bus_options(table)
     table.set_defaults(func=run_table)
 
     log = subparsers.add_parser(
@@ -57,11 +57,12 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         metavar="S",
         help="time of the first row in the log (default its own)",
     )
-    _add_common(log)
+    add_bus_options(log)
     log.set_defaults(func=run_log)
 
 
-def _add_common(parser: argparse.ArgumentParser) -> None:
+def add_bus_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say how a log or table is read."""
     parser.add_argument(
         "--dbc", type=Path, action="append", default=[], metavar="FILE",
         help="CAN database, repeat together with --map (default: the project's own ECU)",
