@@ -16,6 +16,7 @@ class SignalSeen:
 
     name: str
     unit: str
+    timeout_ns: int
     count: int = 0  # good values
     invalid: int = 0
     out_of_range: int = 0
@@ -43,8 +44,14 @@ class SignalSeen:
         span_s = (self.last_ns - self.first_ns) / 1e9
         return (self.count - 1) / span_s if span_s > 0 else 0.0
 
-    def verdict(self) -> str:
-        """Return present, missing or what is wrong with it."""
+    def is_present(self, end_ns: int) -> bool:
+        """Return whether good values came, to the end."""
+        return self.count > 0 and end_ns - self.last_ns <= self.timeout_ns
+
+    def verdict(self, end_ns: int) -> str:
+        """Return present, missing or what is wrong with it when listening ends at ``end_ns``."""
+        if self.count and not self.is_present(end_ns):
+            return f"STOPPED {(end_ns - self.last_ns) / 1e9:.1f} s before the end"
         if not self.count:
             return (
                 "not available"
@@ -66,8 +73,8 @@ class CheckResult:
     derived: dict[str, tuple[str, ...]]  # name → what it is made of
 
     def missing(self, needed: Iterable[str]) -> list[str]:
-        """Return which of the needed signals never came with a good value."""
-        seen = {s.name for s in self.signals if s.count}
+        """Return which of the needed signals never came with a good value, or stopped."""
+        seen = {s.name for s in self.signals if s.is_present(self.end_ns)}
         seen |= {name for name, sources in self.derived.items() if seen.issuperset(sources)}
         return [name for name in needed if name not in seen]
 
@@ -83,7 +90,7 @@ class CheckResult:
                 numbers = f"{s.rate_hz:6.1f}/s{age_s:6.2f} s{s.minimum:12.4g}{s.maximum:12.4g}"
             else:
                 numbers = " " * 40
-            yield f"{s.name:<28}{s.unit:<11}{numbers}  {s.verdict()}"
+            yield f"{s.name:<28}{s.unit:<11}{numbers}  {s.verdict(self.end_ns)}"
         for name, sources in self.derived.items():
             yield f"{name:<28}made of {', '.join(sources)}"
         bad = ", ".join(f"{reason} {n}" for reason, n in self.rejected.items() if n)
@@ -94,7 +101,8 @@ def check(frames: Iterable[Frame], bus_map: BusMap) -> CheckResult:
     """Return what the frames say of every signal the map provides."""
     decoder = Decoder(bus_map, bus_map.names)
     seen = [
-        SignalSeen(name, BY_NAME[name].unit if name in BY_NAME else "") for name in decoder.channels
+        SignalSeen(name, BY_NAME[name].unit if name in BY_NAME else "", timeout_ns)
+        for name, timeout_ns in zip(decoder.channels, decoder.timeouts_ns, strict=True)
     ]
     n = end_ns = 0
     for frame in frames:

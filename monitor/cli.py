@@ -35,7 +35,9 @@ _RUN = """examples:
 exit code: 0 done, 2 the bus cannot be used, 3 nothing could be judged"""
 _CHECK = """examples:
   o2mon check drive.log
-  o2mon check -i socketcan -c can0 --seconds 10 --dbc engine.dbc --map engine.toml"""
+  o2mon check -i socketcan -c can0 --seconds 10 --dbc engine.dbc --map engine.toml
+
+exit code: 0 all the model needs is there, 3 something is missing"""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -55,6 +57,23 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise
         print(f"o2mon: internal error: {type(error).__name__}: {error}", file=sys.stderr)
         return INTERNAL_ERROR
+
+
+def _positive(text: str) -> float:
+    value = float(text)
+    if not 0.0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text}: a positive number is wanted")
+    return value
+
+
+def _check_outputs(args: argparse.Namespace) -> None:
+    """Find out before the work whether its result can be written.
+
+    Raises UsageError.
+    """
+    for path in (args.json, args.html, getattr(args, "record", None)):
+        if path is not None and not path.absolute().parent.is_dir():
+            raise UsageError(f"{path}: the folder does not exist")
 
 
 def _say(line: str) -> None:
@@ -85,17 +104,17 @@ def _parser() -> argparse.ArgumentParser:
     run = _add(commands, "run", "judge a live bus", _RUN, _run)
     _add_bus(run)
     _add_setup(run)
-    run.add_argument("--duration", type=float, metavar="S", help="stop after so many seconds")
+    run.add_argument("--duration", type=_positive, metavar="S", help="stop after so many seconds")
     run.add_argument("--record", type=Path, metavar="LOG", help="write all frames to a log")
     run.add_argument("--transmit", action="store_true", help="send fault flag and codes")
     run.add_argument("--quiet", action="store_true", help="print only the final verdict")
     _add_outputs(run)
 
     check = _add(commands, "check", "say which signals are there", _CHECK, _check)
-    check.add_argument("log", nargs="?", type=Path, metavar="LOG")
+    check.add_argument("log", nargs="?", type=Path, metavar="LOG", help="CAN log instead of a bus")
     _add_bus(check)
     _add_setup(check, memory=False)
-    check.add_argument("--seconds", type=float, default=5.0, help="how long to listen to a bus")
+    check.add_argument("--seconds", type=_positive, default=5.0, help="how long to listen to a bus")
     return parser
 
 
@@ -150,6 +169,7 @@ def _replay(args: argparse.Namespace) -> int:
     from monitor.memory import Memory
     from monitor.sinks import print_recording
 
+    _check_outputs(args)
     setup = _set_up(args)
     memory = Memory(args.memory) if args.memory else None
     recordings, traces = [], []
@@ -211,6 +231,7 @@ def _run(args: argparse.Namespace) -> int:
     from monitor.run import Loop, run
     from monitor.sinks import print_recording
 
+    _check_outputs(args)
     setup = _set_up(args)
     memory = Memory(args.memory) if args.memory else None
     with closing(memory) if memory else nullcontext(), _open_bus(args) as bus:
@@ -237,6 +258,9 @@ def _check(args: argparse.Namespace) -> int:
     from monitor.check import check
     from monitor.sources import read_frames
 
+    on_bus = bool(args.interface or args.channel)
+    if bool(args.log) == on_bus:
+        raise UsageError("give either a LOG or a bus (-i, -c)")
     setup = _set_up(args)
     if args.log:
         result = check(read_frames(args.log), setup.bus_map)
@@ -248,7 +272,7 @@ def _check(args: argparse.Namespace) -> int:
     card = setup.model.card
     missing = result.missing((*card.input_names, card.output.name))
     _say(f"the model lacks: {', '.join(missing)}" if missing else "the model has all it needs")
-    return 0
+    return NOT_JUDGED if missing else 0
 
 
 def _listen(bus: "can.BusABC", seconds: float) -> "Iterator[Frame]":

@@ -94,6 +94,8 @@ def resolve(name: str, severity: float | None = None) -> Fault:
     s = DEFAULT_SEVERITY[name] if severity is None else float(severity)
     if not math.isfinite(s) or s <= 0.0:
         raise UsageError(f"fault {name}: severity {s} is not positive")
+    if name == "gain_low" and s >= 1.0:
+        raise UsageError(f"fault gain_low: severity {s} is the gain that is left, wanted below 1")
     kind, _, direction = name.partition("_")
     if kind == "slow":
         rising = s if direction != "rich_to_lean" else 0.0

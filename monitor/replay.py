@@ -8,6 +8,8 @@ from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 import dbc
 from monitor import __version__
 from monitor.bus_map import BusMap, load_pairs
@@ -22,8 +24,9 @@ from monitor.model_card import ModelCard
 from monitor.pipeline import Event, FramePipeline, Monitor
 from monitor.report import Trace
 from monitor.sinks import SCHEMA, Collector
-from monitor.sources import LogCounters, is_table, read_frames, read_table, table_samples
-from monitor.types import Sample
+from monitor.sources import LogCounters, is_table, read_frames, read_table
+from monitor.tables import table_block
+from monitor.types import Quality, Sample
 
 SHIPPED_MODEL = "shipped.onnx"
 CHUNK = 256  # samples judged in a row; switching less often is a quarter faster
@@ -100,7 +103,16 @@ def _open_table(path: Path, setup: Setup, store: DtcStore) -> _Source:
         monitor = Monitor(setup.model, setup.limits, setup.config, table.names, store)
     except RecordingError as error:
         raise RecordingError(f"{path}: {error}") from None
-    return _Source(monitor, table_samples(table, table.names, setup.model.card.period_ns), dict)
+    block = table_block(table, table.names, setup.model.card.period_ns)
+    card = setup.model.card
+    needed = [table.names.index(name) for name in (*card.input_names, card.output.name)]
+    empty = [table.names[i] for i in needed if not np.isfinite(table.values[:, i]).any()]
+    if empty:
+        raise RecordingError(f"{path}: no number in column {', '.join(empty)}")
+    implausible = (block.quality == Quality.OUT_OF_RANGE).sum(axis=0).tolist()
+    counters = {f"out_of_range_{table.names[i]}": implausible[i] for i in needed}
+    samples = map(Sample, block.index.tolist(), block.t_ns.tolist(), block.values, block.quality)
+    return _Source(monitor, samples, lambda: counters)
 
 
 def _open_log(path: Path, setup: Setup, store: DtcStore) -> _Source:
@@ -109,8 +121,17 @@ def _open_log(path: Path, setup: Setup, store: DtcStore) -> _Source:
     return _Source(
         pipeline.monitor,
         chain.from_iterable(map(pipeline.samples, read_frames(path, log))),
-        lambda: frame_counters(pipeline) | {"skipped": log.skipped},
+        lambda: _log_counters(path, pipeline, log),
     )
+
+
+def _log_counters(path: Path, pipeline: FramePipeline, log: LogCounters) -> dict[str, int]:
+    if not any(c.received for c in pipeline.decoder.counters.values()):
+        wanted = ", ".join(pipeline.decoder.counters)
+        raise RecordingError(
+            f"{path}: none of its {log.frames} frames is one of {wanted}; wrong --dbc or --map?"
+        )
+    return frame_counters(pipeline) | {"skipped": log.skipped}
 
 
 def frame_counters(pipeline: FramePipeline) -> dict[str, int]:
@@ -144,9 +165,9 @@ def replay(
         collector.push(event)
     if source.monitor.samples == 0:
         raise RecordingError(f"{path}: shorter than one sample of the model's grid")
+    recording = collector.result(str(path), sha256, source.counters())
     if memory:
         memory.save(store.all)
-    recording = collector.result(str(path), sha256, source.counters())
     return recording | {"source": source_of(path, sha256)}, collector.trace()
 
 

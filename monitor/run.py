@@ -64,7 +64,7 @@ class Recorder(AbstractContextManager["Recorder"]):
         log_kind(path)  # what cannot be replayed is not recorded
         try:
             self._writer = can.Logger(path)
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, NotImplementedError, ImportError) as error:
             raise RecordingError(f"{path}: cannot record: {error}") from None
 
     def write(self, frame: Frame) -> None:

@@ -148,12 +148,14 @@ def _when(dtc: Mapping[str, Any]) -> str:
 
 def reason(recording: Mapping[str, Any]) -> str:
     """Return in words why a recording was not judged."""
+    if not recording["samples"]:
+        return "nothing was received"
     windows = len(recording["windows"])
-    if windows:
-        return f"{windows} windows, not enough evidence in them"
     shares = {k: v for k, v in recording["enable"].items() if v != "unavailable"}
     worst = sorted(shares, key=lambda name: float(shares[name]))[:2]
     held = ", ".join(f"{name} held {100 * float(shares[name]):.0f} % of the time" for name in worst)
+    if windows:
+        return f"not enough evidence in {windows} windows ({held})"
     return f"no window of enabled samples was filled ({held})"
 
 

@@ -1,6 +1,7 @@
 """Recordings as tables: CSV, plain or gzipped, first column ``time_s``, one column per signal.
 
-A columns map is a TOML file that says which column carries which canonical signal::
+A columns map is a TOML file that says which column carries which canonical signal; columns it
+does not name keep their own::
 
     lambda_measured = "AFR"                                          # as it is
     rail_pressure_mpa = { column = "FuelP", factor = 0.1, offset = 0.0 }
@@ -127,7 +128,8 @@ def make_table(
         columns = {name: Column(name) for name in header}
         if header and header[0] != TIME:
             raise RecordingError(f"{path}: the first column is {header[0]!r}, {TIME} is wanted")
-    columns = {TIME: Column(TIME), **columns}
+    named = {name: Column(name) for name in header}
+    columns = {TIME: Column(TIME), **named, **columns}
     places = {name: place for place, name in enumerate(header)}
     if len(places) < len(header):
         twice = next(name for name in header if list(header).count(name) > 1)

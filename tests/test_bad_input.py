@@ -14,6 +14,7 @@ import pytest
 import dbc
 from monitor import cli, faults
 from monitor.checksum import payload_checksum
+from monitor.model import Model
 from monitor.replay import shipped_model
 from monitor.sources import read_frames
 from monitor.types import Frame
@@ -344,3 +345,51 @@ def test_a_short_drive_does_not_heal_a_sensor_that_never_gets_ready(tmp_path: Pa
     # THEN the code stays
     recordings = json.loads(out.read_text())["recordings"]
     assert [[d["code"] for d in r["dtcs"]] for r in recordings] == [["P0134"]] * 5
+
+
+def test_a_log_without_one_message_of_the_map_is_refused_and_no_fault(
+    capsys: pytest.CaptureFixture[str], drive: Path
+) -> None:
+    pair = ("--dbc", dbc.path("rusefi.dbc"), "--map", dbc.path("rusefi.toml"))
+    line = refused(capsys, "replay", drive, *pair)
+    assert "drive" in line
+    assert "wrong --dbc or --map" in line
+
+
+def test_a_table_of_blanks_is_refused_and_no_fault(
+    capsys: pytest.CaptureFixture[str], drive: Path, tmp_path: Path
+) -> None:
+    names = ["time_s", *Model.load(shipped_model()).card.input_names, "lambda_measured"]
+    rows = [f"{i / 10}" + ",nan" * (len(names) - 1) for i in range(900)]
+    table = tmp_path / "blank.csv"
+    table.write_text("\n".join([",".join(names), *rows]) + "\n")
+    assert "lambda_measured" in refused(capsys, "replay", table)
+
+
+@pytest.mark.parametrize("option", ["--json", "--html"])
+def test_a_result_that_cannot_be_written_is_refused_before_the_work(
+    capsys: pytest.CaptureFixture[str], drive: Path, tmp_path: Path, option: str
+) -> None:
+    line = refused(capsys, "replay", drive, option, tmp_path / "nowhere" / "out")
+    assert "the folder does not exist" in line
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["simulate", "--seed", "-1"],
+        ["simulate", "--effect", "wall_film=nan"],
+        ["simulate", "--fault", "gain_low=1.5"],
+        ["simulate", "--fault", "sticky"],
+        ["simulate", "--cycle", "nedc"],
+        ["simulate", "--fault", "gain_low", "--fault-start", "1000", "--duration", "20"],
+    ],
+)
+def test_a_drive_that_cannot_be_simulated_is_refused(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, arguments: list[str]
+) -> None:
+    from training import cli as train
+
+    assert train.main([*arguments, "--out", str(tmp_path)]) == 2
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1
+    assert not list(tmp_path.iterdir())

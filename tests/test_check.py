@@ -45,7 +45,7 @@ def without(message: str, all_frames: list[Frame]) -> list[Frame]:
 def test_a_complete_bus_is_plausible_in_every_signal() -> None:
     result = check(frames(), BUS_MAP)
     assert {s.name for s in result.signals} == set(BUS_MAP.channels)
-    assert {s.verdict() for s in result.signals} == {"plausible"}
+    assert {s.verdict(result.end_ns) for s in result.signals} == {"plausible"}
     assert result.missing(BUS_MAP.names) == []
     assert sum(result.rejected.values()) == 0
 
@@ -69,26 +69,26 @@ def test_a_message_that_never_comes_leaves_its_signals_missing() -> None:
     lost = [n for n, c in BUS_MAP.channels.items() if c.message.name == "ECU_Lambda"]
     assert "lambda_measured" in lost
     assert sorted(result.missing(BUS_MAP.names)) == sorted(lost)
-    assert {s.name for s in result.signals if s.verdict() == "MISSING"} == set(lost)
+    assert {s.name for s in result.signals if s.verdict(result.end_ns) == "MISSING"} == set(lost)
 
 
 def test_an_empty_bus_misses_everything() -> None:
     result = check([], BUS_MAP)
     assert result.missing(BUS_MAP.names) == list(BUS_MAP.names)
-    assert {s.verdict() for s in result.signals} == {"MISSING"}
+    assert {s.verdict(result.end_ns) for s in result.signals} == {"MISSING"}
     assert list(result.lines())[-1] == "0 frames"
 
 
 def test_a_signal_the_sender_does_not_have_is_not_available() -> None:
     result = check(frames(rail_pressure_mpa=None), BUS_MAP)
-    assert seen(result, "rail_pressure_mpa").verdict() == "not available"
+    assert seen(result, "rail_pressure_mpa").verdict(result.end_ns) == "not available"
     assert result.missing(["rail_pressure_mpa", "fuel_mass_mg"]) == ["rail_pressure_mpa"]
 
 
 def test_a_signal_that_is_always_implausible_is_out_of_range() -> None:
     result = check(frames(lambda_measured=0.31), BUS_MAP)
     lam = seen(result, "lambda_measured")
-    assert lam.verdict() == "out of range"
+    assert lam.verdict(result.end_ns) == "out of range"
     assert lam.out_of_range > 0
     assert result.missing(["lambda_measured"]) == ["lambda_measured"]
 
@@ -98,7 +98,7 @@ def test_a_signal_that_is_sometimes_implausible_says_how_often() -> None:
     wobbly[50:100] = math.nan
     result = check(frames(lambda_measured=wobbly), BUS_MAP)
     lam = seen(result, "lambda_measured")
-    assert lam.verdict() == f"{lam.invalid} bad values"
+    assert lam.verdict(result.end_ns) == f"{lam.invalid} bad values"
     assert lam.invalid / (lam.count + lam.invalid) == pytest.approx(0.25, abs=0.02)
     assert result.missing(["lambda_measured"]) == []
 
@@ -126,7 +126,7 @@ def test_the_table_has_one_line_per_signal_with_unit_and_verdict() -> None:
     for line, signal in zip(lines[1:-1], result.signals, strict=True):
         assert line.startswith(signal.name)
         assert f" {signal.unit} " in line
-        assert line.endswith(signal.verdict())
+        assert line.endswith(signal.verdict(result.end_ns))
     assert max(map(len, lines)) <= 100
     assert len({line.rindex("  ") for line in lines[1:-1]}) == 1  # verdicts stand in one column
 
@@ -147,3 +147,12 @@ def test_a_derived_signal_is_there_when_all_it_is_made_of_is() -> None:
     assert "fuel_mass_mg" in result.derived
     assert result.missing(["fuel_mass_mg"]) == []
     assert check([], bus_map).missing(["fuel_mass_mg"]) == ["fuel_mass_mg"]
+
+
+def test_a_message_that_stops_is_said_to_have_stopped_and_counts_as_missing() -> None:
+    every = frames()
+    lambda_id = BUS_MAP.channels["lambda_measured"].message.frame_id
+    half = [f for f in every if f.can_id != lambda_id or f.t_ns < 1_000_000_000]
+    result = check(half, BUS_MAP)
+    assert seen(result, "lambda_measured").verdict(result.end_ns).startswith("STOPPED 1.0 s")
+    assert result.missing(["lambda_measured", "air_mass_mg"]) == ["lambda_measured"]

@@ -261,9 +261,9 @@ def test_a_columns_map_renames_and_scales(tmp_path: Path) -> None:
         'lambda_measured = { column = "AFR", factor = 0.068027210884, offset = 0.0 }\n'
     )
     got = read_table(path, columns)
-    assert got.names == ("lambda_measured",)
+    assert got.names == ("t_ms", "AFR", "other", "lambda_measured")  # the others keep their names
     assert got.t_ns.tolist() == [0, 100_000_000]
-    np.testing.assert_allclose(got.values[:, 0], [1, 2])
+    np.testing.assert_allclose(got.values[:, 3], [1, 2])
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from monitor.errors import O2Error
 
-USAGE_ERROR, INTERNAL_ERROR, BROKEN_PIPE = 2, 4, 141
+USAGE_ERROR, INTERNAL_ERROR, INTERRUPTED, BROKEN_PIPE = 2, 4, 130, 141
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -17,22 +17,31 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         args = _parser().parse_args(argv)
         return int(args.func(args))
-    except O2Error as error:
-        print(f"o2train: {error}", file=sys.stderr)
-        return USAGE_ERROR
+    except KeyboardInterrupt:
+        return INTERRUPTED
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return BROKEN_PIPE
-    except OSError as error:
-        print(f"o2train: {error.filename or ''}: {error.strerror or error}", file=sys.stderr)
-        return USAGE_ERROR
-    except KeyboardInterrupt:
-        return 130
     except Exception as error:
-        if os.environ.get("O2_TRACEBACK"):
+        reason = _users_part(error)
+        if reason is None and os.environ.get("O2_TRACEBACK"):
             raise
-        print(f"o2train: internal error: {type(error).__name__}: {error}", file=sys.stderr)
-        return INTERNAL_ERROR
+        text = reason or f"internal error: {type(error).__name__}: {error}"
+        print(f"o2train: {text}", file=sys.stderr)
+        return USAGE_ERROR if reason else INTERNAL_ERROR
+
+
+def _users_part(error: Exception) -> str | None:
+    """Return what the user can do about an error, None for a bug of ours."""
+    if isinstance(error, O2Error):
+        return str(error)
+    if isinstance(error, ModuleNotFoundError):
+        package = (error.name or "").split(".")[0]
+        if package not in ("monitor", "training", "dbc"):
+            return f"{package} is not installed: pip install 'o2-monitor[training]'"
+    if isinstance(error, OSError):
+        return f"{error.filename or 'file'}: {error.strerror or error}"
+    return None
 
 
 def _parser() -> argparse.ArgumentParser:

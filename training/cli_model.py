@@ -95,6 +95,8 @@ def run_fit(args: argparse.Namespace) -> int:
         raise UsageError("--lags, --starts, --hidden and --budget must be positive")
     if args.out.suffix != ".onnx":
         raise UsageError(f"--out {args.out}: a model file ends in .onnx")
+    if args.seed < 0:
+        raise UsageError("--seed is at least 0")
     for out in (args.out, args.report):
         if out is not None and not out.absolute().parent.is_dir():
             raise UsageError(f"{out}: the folder does not exist")
@@ -158,6 +160,10 @@ def _print_fit(result: "FitResult") -> None:
             )
 
 
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.4f}"
+
+
 def run_evaluate(args: argparse.Namespace) -> int:
     """Predict recordings with a model; returns the exit code."""
     from monitor.model import Model
@@ -171,13 +177,13 @@ def run_evaluate(args: argparse.Namespace) -> int:
         simulated = " (simulated)" if r["source"] == "simulated" else ""
         print(
             f"{r['path']}{simulated}: {r['samples']} samples, RMSE {r['rmse']:.4g}, "
-            f"fit {'-' if fit is None else f'{fit:.1f} %'}, correlation {r['correlation']:.4f}, "
-            f"one-step RMSE {r['one_step_rmse']:.4g}"
+            f"fit {'-' if fit is None else f'{fit:.1f} %'}, "
+            f"correlation {_number(r['correlation'])}, one-step RMSE {r['one_step_rmse']:.4g}"
         )
         if r["enabled"]:
             e = r["enabled"]
             print(f"  enabled: {e['samples']} samples, RMSE {e['rmse']:.4g}, "
-                  f"correlation {e['correlation']:.4f}")  # fmt: skip
+                  f"correlation {_number(e['correlation'])}")  # fmt: skip
     if args.json:
         save(result, args.json)
     return 0

@@ -1,6 +1,7 @@
 """Subcommands ``o2train table`` and ``o2train log``: logs to tables and tables to logs."""
 
 import argparse
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -124,6 +125,11 @@ def run_log(args: argparse.Namespace) -> int:
     start_ns = None if args.start is None else round(args.start * 1e6) * 1000
     frames = broadcast(bus_map, table.t_ns, values, start_ns)
     write_log(args.out, frames)
+    sent = sorted(set(table.names) & set(bus_map.channels))
+    lost = sorted(set(bus_map.names) - set(sent))
+    print(f"sent {', '.join(sent)}; not available: {', '.join(lost) or 'none'}")
+    for name in sorted(set(table.names) & set(bus_map.derived)):
+        print(f"o2train: warning: {name} is derived on this bus and not sent", file=sys.stderr)
     seconds = (int(frames.t_ns[-1]) - int(frames.t_ns[0])) / 1e9
     print(f"{args.out}: {len(frames.t_ns)} frames in {seconds:.1f} s")
     return 0

@@ -19,6 +19,9 @@ FORMATS = ("log", "blf", "asc", "trc", "mf4", "parquet", "csv", "csv.gz")
 
 def add_parsers(commands: Any) -> None:
     """Register the subcommand."""
+    from monitor import faults
+    from training.dyno import effects
+
     parser = commands.add_parser(
         "simulate",
         help="drive the simulated vehicle",
@@ -30,9 +33,12 @@ def add_parsers(commands: Any) -> None:
     parser.add_argument("--vehicle", type=int, default=1, help="which piece (default 1)")
     parser.add_argument("--cycle", default="wltc_3b", help="wltc_3b, udds, us06, hwfet, "
                         "micro_trips or steady")  # fmt: skip
-    parser.add_argument("--fault", action="append", default=[], metavar="NAME[=SEVERITY]")
+    parser.add_argument("--fault", action="append", default=[], metavar="NAME[=SEVERITY]",
+                        help=f"sensor fault in the control loop: {', '.join(faults.NAMES)}; "
+                        "severity in s, as gain or in lambda")  # fmt: skip
     parser.add_argument("--fault-start", type=float, default=0.0, metavar="S")
-    parser.add_argument("--effect", action="append", default=[], metavar="NAME=SEVERITY")
+    parser.add_argument("--effect", action="append", default=[], metavar="NAME=SEVERITY",
+                        help=f"1 is about the noise: {', '.join(effects.NAMES)}")  # fmt: skip
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--count", type=int, default=1, help="so many drives, seeds counting up")
     parser.add_argument("--duration", type=float, metavar="S", help="only so much of the cycle")
@@ -50,8 +56,12 @@ def run(args: argparse.Namespace) -> int:
     from training.dyno.simulate import Experiment
     from training.dyno.write import write
 
-    if args.count < 1 or args.period < 0.01:
+    if args.count < 1 or not args.period >= 0.01:
         raise UsageError("--count is at least 1, --period at least 0.01 s")
+    if min(args.seed, args.vehicle) < 0:
+        raise UsageError("--seed and --vehicle are at least 0")
+    if not 0.0 <= args.fault_start < (args.duration or float("inf")):
+        raise UsageError(f"--fault-start {args.fault_start:g}: not within the drive")
     fault = faults.combine([faults.resolve(*pair) for pair in map(_fault, args.fault)])
     hidden = effects.from_severities(dict(map(_severity, args.effect)))
     try:

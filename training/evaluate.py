@@ -110,12 +110,12 @@ def _figures(
     model: Model, measured: FloatArray, free: FloatArray, one_step: FloatArray, rows: np.ndarray
 ) -> dict[str, Any]:
     a, b = measured[rows], free[rows]
-    varies = len(a) > 1 and float(a.std()) > 0
+    varies = len(a) > 1 and float(np.ptp(a)) > 1e-9 * max(1.0, float(np.abs(a).max()))
     figures: dict[str, Any] = {
         "samples": len(a),
         "rmse": metrics.rmse(a, b),
         "fit_percent": metrics.fit_percent(a, b) if varies else None,
-        "correlation": metrics.correlation(a, b),
+        "correlation": metrics.correlation(a, b) if varies else None,
         "slope": metrics.slope(a, b) if varies else None,
         "one_step_rmse": metrics.rmse(a, one_step[rows]),
         "residual_mean": float((a - b).mean()),

@@ -5,6 +5,7 @@ An effect of severity 1 moves the sensor's phi by about the noise (0.004 RMS out
 continuous dynamics, in ``drive`` and ``mixture``.
 """
 
+import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -62,10 +63,12 @@ NAMES = Effects._fields
 def from_severities(severities: Mapping[str, float]) -> Effects:
     """Return the effects of these severities.
 
-    Raises UsageError for an unknown name.
+    Raises UsageError for an unknown name or an impossible severity.
     """
-    for name in severities:
+    for name, severity in severities.items():
         if name not in NAMES:
             raise UsageError(f"effect {name!r} is unknown; there are {', '.join(NAMES)}")
+        if not 0.0 <= severity < math.inf:
+            raise UsageError(f"effect {name}: severity {severity}, wanted 0 or more")
     scale = SCALE._asdict()
     return Effects(**{name: s * scale[name] for name, s in severities.items()})
