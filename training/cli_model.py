@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from training.recordings import Recording
 
 _FIT_EXAMPLES = """examples:
-  o2train fit drive1.log drive2.log drive3.log --out model.onnx --report fit.html
+  o2train fit drive1.log drive2.log drive3.log --out model.onnx
   o2train fit run_*.csv.gz --inputs speed_z load_z ignition_angle_z fuel_cutoff_z \\
       --output lambda_z --out lambda.onnx
 """
@@ -54,7 +54,9 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         help="minutes after which the best so far is kept (default 10)",
     )  # fmt: skip
     fit.add_argument("--seed", type=int, default=0, metavar="N", help="of weights and blocks")
-    fit.add_argument("--report", type=Path, metavar="HTML", help="write a report")
+    fit.add_argument(
+        "--report", type=Path, metavar="HTML", help="the report (default: beside the model)"
+    )
     fit.set_defaults(func=run_fit)
 
     evaluate = subparsers.add_parser(
@@ -88,6 +90,7 @@ def run_fit(args: argparse.Namespace) -> int:
     from monitor.errors import UsageError
     from monitor.signals import NARX_INPUTS, OUTPUT
     from training.fit import fit
+    from training.fit_report import write_report
     from training.progress import Bar
     from training.transforms import fuel_air_ratio
 
@@ -97,8 +100,9 @@ def run_fit(args: argparse.Namespace) -> int:
         raise UsageError(f"--out {args.out}: a model file ends in .onnx")
     if args.seed < 0:
         raise UsageError("--seed is at least 0")
-    for out in (args.out, args.report):
-        if out is not None and not out.absolute().parent.is_dir():
+    report = args.report or args.out.with_suffix(".html")
+    for out in (args.out, report):
+        if not out.absolute().parent.is_dir():
             raise UsageError(f"{out}: the folder does not exist")
     inputs = args.inputs or NARX_INPUTS
     if args.ratio and not {"fuel_mass_mg", "air_mass_mg"} <= set(inputs):
@@ -122,11 +126,8 @@ def run_fit(args: argparse.Namespace) -> int:
     for warning in (*result.warnings, *_set_limits(result, recordings)):
         print(f"o2train: warning: {warning}", file=sys.stderr)
     _print_fit(result)
-    if args.report:
-        from training.fit_report import write_report
-
-        write_report(args.report, result)
-        print(f"report: {args.report}")
+    write_report(report, result)
+    print(f"report: {report}")
     return 0
 
 
@@ -134,14 +135,19 @@ def _set_limits(result: "FitResult", recordings: "list[Recording]") -> list[str]
     """Set the decision limits from the blocks held out; return warnings."""
     from monitor import config
     from monitor.errors import RecordingError
-    from training.limits import set_limits
+    from training.limits import MANY_WINDOWS, set_limits
 
     try:
-        card = set_limits(result.path, recordings, result.held_out, config.load())
+        card, n_windows = set_limits(result.path, recordings, result.held_out, config.load())
     except RecordingError as error:
         return [f"no decision limits: {error}"]
     for name, limit in card.limits.items():
         print(f"limit {name}: {limit.value:.4g} {limit.unit} ({limit.origin})")
+    if n_windows < MANY_WINDOWS:
+        return [
+            f"the decision limits rest on {n_windows} windows, {MANY_WINDOWS} and more are wanted: "
+            "a healthy drive may be judged faulty; train on more or longer drives"
+        ]
     return []
 
 

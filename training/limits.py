@@ -18,6 +18,7 @@ from training.judge import judge
 from training.recordings import Recording
 
 MINIMUM_WINDOWS = 10
+MANY_WINDOWS = 100  # with fewer the 0.99 quantiles are the largest values seen
 PAPER_QUANTILE = 0.99
 NO_LIMITS = Limits(j_mu=np.inf, j_sigma=np.inf, noise=1.0, excitation=0.0, offset=np.inf)
 
@@ -88,8 +89,11 @@ def _quantile(values: np.ndarray) -> float:
 
 def set_limits(
     path: Path, recordings: Sequence[Recording], held_out: Sequence[HeldOut], config: Config
-) -> ModelCard:
-    """Set the limits of the model in ``path`` from held-out blocks; return its new card."""
+) -> tuple[ModelCard, int]:
+    """Set the limits of the model in ``path`` from held-out blocks.
+
+    Returns the new card and the number of windows that its limits rest on.
+    """
     model = Model.load(path)
     windows = held_out_windows(model, recordings, held_out, config)
     limits = limits_of(
@@ -97,4 +101,4 @@ def set_limits(
     )
     card = replace(model.card, limits={**model.card.limits, **limits})
     update_card(path, card)
-    return card
+    return card, len(windows)
