@@ -206,6 +206,12 @@ def _write_outputs(
         raise UsageError(f"{error.filename}: {error.strerror}") from None
 
 
+def _bus_name(args: argparse.Namespace) -> str:
+    """Return interface and channel as given; python-can leaves out what was not."""
+    given = (getattr(args, name, None) for name in ("interface", "channel"))
+    return " ".join(str(part) for part in given if part)
+
+
 def _open_bus(args: argparse.Namespace) -> "can.BusABC":
     import can
     from can.cli import create_bus_from_namespace
@@ -220,7 +226,7 @@ def _open_bus(args: argparse.Namespace) -> "can.BusABC":
         ImportError,
         NotImplementedError,
     ) as error:
-        where = f"{args.interface or 'default interface'} {args.channel or ''}".strip()
+        where = _bus_name(args) or "no -i and -c given"
         cause = error.__cause__ or error
         reason = str(cause) or type(cause).__name__
         raise BusError(f"cannot open the bus ({where}): {reason}") from None
@@ -247,7 +253,7 @@ def _run(args: argparse.Namespace) -> int:
         try:
             run(loop, args.duration)
         finally:  # a bus that fails takes no result with it
-            recording = loop.result(str(args.channel or args.interface))
+            recording = loop.result(str(getattr(args, "channel", None) or _bus_name(args)))
             for line in print_recording(recording):
                 _say(line)
             _write_outputs(args, setup, [recording], [loop.collector.trace()])
@@ -258,9 +264,8 @@ def _check(args: argparse.Namespace) -> int:
     from monitor.check import check
     from monitor.sources import read_frames
 
-    on_bus = bool(args.interface or args.channel)
-    if bool(args.log) == on_bus:
-        raise UsageError("give either a LOG or a bus (-i, -c)")
+    if args.log and _bus_name(args):
+        raise UsageError("give either a LOG or a bus (-i, -c), not both")
     setup = _set_up(args)
     if args.log:
         result = check(read_frames(args.log), setup.bus_map)

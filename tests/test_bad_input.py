@@ -393,3 +393,40 @@ def test_a_drive_that_cannot_be_simulated_is_refused(
     assert train.main([*arguments, "--out", str(tmp_path)]) == 2
     assert len(capsys.readouterr().err.strip().splitlines()) == 1
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("command", ["run", "check"])
+def test_without_log_and_bus_the_command_says_what_it_wants(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, command: str
+) -> None:
+    monkeypatch.setenv("CAN_INTERFACE", "")
+    assert "-i" in refused(capsys, command)
+
+
+def test_a_log_and_a_bus_at_once_are_too_much(
+    capsys: pytest.CaptureFixture[str], drive: Path
+) -> None:
+    assert "either" in refused(capsys, "check", drive, "-i", "virtual", "-c", "x")
+
+
+def test_check_says_of_a_log_that_all_is_there(
+    capsys: pytest.CaptureFixture[str], drive: Path, tmp_path: Path
+) -> None:
+    assert cli.main(["check", str(drive)]) == 0
+    out = capsys.readouterr().out
+    assert "the model has all it needs" in out
+    assert "lambda_measured" in out
+    # and of one from which the fuel has gone that it has stopped
+    log = tmp_path / "stopped.log"
+    frames = list(read_frames(drive))
+    end = frames[0].t_ns + 30_000_000_000
+    write_log(log, block([f for f in frames if f.can_id != FUEL_ID or f.t_ns < end]))
+    assert cli.main(["check", str(log)]) == 3
+    assert "the model lacks: fuel_mass_mg" in capsys.readouterr().out
+
+
+def test_a_run_on_a_silent_bus_ends_with_3_and_says_that_nothing_came(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert cli.main(["run", "-i", "virtual", "-c", "silent", "--duration", "0.3"]) == 3
+    assert "nothing was received" in capsys.readouterr().out

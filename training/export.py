@@ -16,7 +16,7 @@ import onnx
 from onnx import TensorProto, helper, numpy_helper
 
 from monitor.errors import ModelError
-from monitor.model import LAMBDA_MAX, PHI_MAX, Model, open_session
+from monitor.model import LAMBDA_MAX, PHI_MAX, Model
 from monitor.model_card import METADATA_KEY, ModelCard, StateLayout
 from monitor.types import FloatArray
 from training.narx import Spec, layers
@@ -198,10 +198,3 @@ def update_card(path: Path | str, card: ModelCard) -> None:
         temporary.unlink()
         raise ModelError(f"{path}: the new card does not fit: {error}") from None
     temporary.replace(path)
-
-
-def session_for(model: onnx.ModelProto, directory: Path) -> Any:
-    """Return a runtime session of a graph that is not yet a file."""
-    path = directory / "step.onnx"
-    path.write_bytes(model.SerializeToString())
-    return open_session(path)
