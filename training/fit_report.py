@@ -1,57 +1,32 @@
 """A self-contained HTML report of one training."""
 
-import base64
-import html
-from collections.abc import Sequence
-from io import BytesIO
 from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
 from monitor.model import from_model_units
 from monitor.types import FloatArray
 from training.fit import FitResult, HeldOut
+from training.page import page, paragraph, picture, table
 
 FIGURE_SAMPLES = 1500  # at most this many of a held-out block are drawn
-_PAGE = """<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><title>Training of {name}</title><style>
-body {{ font: 15px/1.5 system-ui, sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em; }}
-table {{ border-collapse: collapse; margin: 1em 0; }}
-td, th {{ border-bottom: 1px solid #ccc; padding: .2em .8em; text-align: left; }}
-td.n {{ text-align: right; font-variant-numeric: tabular-nums; }}
-figure {{ margin: 1.5em 0; }} img {{ max-width: 100%; }} .warning {{ color: #a33; }}
-</style></head><body><h1>Training of {name}</h1>
-{body}
-</body></html>
-"""
 
 
 def write_report(path: Path | str, result: FitResult) -> None:
     """Write the report; figures are embedded, nothing is loaded from elsewhere."""
-    mpl.rcParams["svg.hashsalt"] = "o2-monitor"  # the same ids for the same figures
     body = "\n".join(
         [
-            *(f'<p class="warning">{html.escape(w)}</p>' for w in result.warnings),
+            *(paragraph(w, "warning") for w in result.warnings),
             _overview(result),
             _measures(result),
-            _picture(_training_curves(result), "Free-run validation over the epochs of each start"),
-            _picture(_held_out_run(result), "Free run (orange) and measurement on held-out blocks"),
-            _picture(_scatter(result), "Prediction over measurement; residuals"),
+            picture(_training_curves(result), "Free-run validation over the epochs of each start"),
+            picture(_held_out_run(result), "Free run (orange) and measurement on held-out blocks"),
+            picture(_scatter(result), "Prediction over measurement; residuals"),
         ]
     )
     Path(path).parent.mkdir(parents=True, exist_ok=True)
-    Path(path).write_text(_PAGE.format(name=html.escape(result.path.name), body=body))
-
-
-def _table(rows: Sequence[tuple[str, ...]], head: tuple[str, ...] = ()) -> str:
-    cells = "".join(f"<th>{html.escape(h)}</th>" for h in head)
-    lines = [f"<tr>{cells}</tr>"] if head else []
-    for row in rows:
-        first, *rest = (html.escape(c) for c in row)
-        lines.append(f"<tr><td>{first}</td>{''.join(f'<td class=n>{c}</td>' for c in rest)}</tr>")
-    return f"<table>{''.join(lines)}</table>"
+    Path(path).write_text(page(f"Training of {result.path.name}", body))
 
 
 def _overview(result: FitResult) -> str:
@@ -73,7 +48,7 @@ def _overview(result: FitResult) -> str:
     recordings = [
         (r.path, r.source or "not said", r.sha256[:16], str(r.samples)) for r in card.recordings
     ]
-    return _table(rows) + _table(recordings, ("recording", "source", "sha256", "samples"))
+    return table(rows) + table(recordings, ("recording", "source", "sha256", "samples"))
 
 
 def _measures(result: FitResult) -> str:
@@ -89,18 +64,7 @@ def _measures(result: FitResult) -> str:
         )
         for key, title in (("test", "all held-out"), ("test_enabled", "enabled"))
     ]
-    return "<h2>Free run on held-out blocks</h2>" + _table(rows, ("", *names))
-
-
-def _picture(figure: Figure, caption: str) -> str:
-    buffer = BytesIO()
-    figure.savefig(buffer, format="svg", metadata={"Date": None})
-    data = base64.b64encode(buffer.getvalue()).decode()
-    text = html.escape(caption)
-    return (
-        f'<figure><img alt="{text}" src="data:image/svg+xml;base64,{data}">'
-        f"<figcaption>{text}</figcaption></figure>"
-    )
+    return "<h2>Free run on held-out blocks</h2>" + table(rows, ("", *names))
 
 
 def _training_curves(result: FitResult) -> Figure:

@@ -1,0 +1,65 @@
+"""Self-contained HTML pages of the offline tools: nothing is loaded from elsewhere."""
+
+import base64
+import html
+from collections.abc import Sequence
+from io import BytesIO
+
+import matplotlib as mpl
+from matplotlib.figure import Figure
+
+_PAGE = """<!doctype html>
+<html lang="en"><head><meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1"><title>{title}</title><style>
+body {{ font: 15px/1.5 system-ui, sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em; }}
+table {{ border-collapse: collapse; margin: 1em 0; display: block; overflow-x: auto; }}
+td, th {{ border-bottom: 1px solid #ccc; padding: .2em .8em; text-align: left; }}
+td.n {{ text-align: right; font-variant-numeric: tabular-nums; }}
+tr.chosen td {{ font-weight: 600; background: #eef4ff; }}
+figure {{ margin: 1.5em 0; }} img {{ max-width: 100%; }} .warning {{ color: #a33; }}
+figcaption, .note {{ color: #555; }}
+nav a {{ margin-right: 1em; }}
+</style></head><body><h1>{title}</h1>
+{body}
+</body></html>
+"""
+
+
+def page(title: str, body: str) -> str:
+    """Return a whole page; ``body`` is HTML."""
+    return _PAGE.format(title=html.escape(title), body=body)
+
+
+def paragraph(text: str, kind: str = "") -> str:
+    """Return an escaped paragraph; ``kind`` is its class: warning, note or none."""
+    return f'<p class="{kind}">{html.escape(text)}</p>' if kind else f"<p>{html.escape(text)}</p>"
+
+
+def table(
+    rows: Sequence[Sequence[str]], head: Sequence[str] = (), chosen: int | None = None
+) -> str:
+    """Return a table of escaped cells; all but the first column are set as numbers.
+
+    chosen : row to set off
+    """
+    cells = "".join(f"<th>{html.escape(h)}</th>" for h in head)
+    lines = [f"<tr>{cells}</tr>"] if head else []
+    for index, row in enumerate(rows):
+        first, *rest = (html.escape(c) for c in row)
+        mark = ' class="chosen"' if index == chosen else ""
+        others = "".join(f'<td class="n">{c}</td>' for c in rest)
+        lines.append(f"<tr{mark}><td>{first}</td>{others}</tr>")
+    return f"<table>{''.join(lines)}</table>"
+
+
+def picture(figure: Figure, caption: str) -> str:
+    """Return the figure as embedded SVG; the same figure gives the same bytes."""
+    buffer = BytesIO()
+    with mpl.rc_context({"svg.hashsalt": "o2-monitor"}):
+        figure.savefig(buffer, format="svg", metadata={"Date": None})
+    data = base64.b64encode(buffer.getvalue()).decode()
+    text = html.escape(caption)
+    return (
+        f'<figure><img alt="{text}" src="data:image/svg+xml;base64,{data}">'
+        f"<figcaption>{text}</figcaption></figure>"
+    )
