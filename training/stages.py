@@ -119,12 +119,24 @@ def train(
     progress : called with horizon, epoch and best validation score after every epoch
     """
     rng = np.random.default_rng(seed)
-    weights = initial_weights(spec, rng)
+    return tune(data, spec, initial_weights(spec, rng), rng, deadline_s, progress, (1, *horizons))
+
+
+def tune(
+    data: Prepared,
+    spec: Spec,
+    weights: FloatArray,
+    rng: np.random.Generator,
+    deadline_s: float = np.inf,
+    progress: Callable[[int, int, float], None] | None = None,
+    horizons: tuple[int, ...] = HORIZONS,
+) -> Trained:
+    """Return the best weights by free-run validation on the way through ``horizons``."""
     best = Trained(weights, np.inf)
     n_train = int((data.role == Role.TRAIN).sum())
     count = int(RANDOM_SHARE * n_train / RANDOM_LENGTH)
     random = random_pieces(data, spec, rng, count, RANDOM_LENGTH, FORGET)
-    for horizon in (1, *horizons):
+    for horizon in horizons:
         if time.monotonic() > deadline_s:
             if best.stages:
                 best.stages[-1] = replace(best.stages[-1], stop="budget")
