@@ -212,7 +212,7 @@ def _unbroken(recordings: Sequence[Recording], names: Sequence[str]) -> list[Str
     parts = []
     for index, recording in enumerate(recordings):
         values = cleaned(recording, names, transform)
-        for first, stop in runs(np.isfinite(values).all(axis=1)):
+        for first, stop in runs(np.asarray(np.isfinite(values).all(axis=1))):
             if stop - first >= SHORTEST:
                 rows = slice(first, stop)
                 parts.append(Stretch(index, first, recording.t_s[rows], values[rows]))
