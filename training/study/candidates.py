@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-LM, BAYES, CONJUGATE, DESCENT = "LM", "Bayesian", "conjugate gradient", "gradient descent"
+LM, BAYES, CONJUGATE, DESCENT = "LM", "Bayesian", "SCG", "GD"
 ALGORITHMS: Final = {
     LM: "Levenberg–Marquardt",
     BAYES: "Bayesian regularisation",

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from training.page import paragraph, picture, table
-from training.study.candidates import ALGORITHMS, HERE, PAPER
+from training.study.candidates import ALGORITHMS, BAYES, DESCENT, HERE, PAPER
 from training.study.narx_verdicts import correlations, errors
 
 ROLES = {"train": "training", "validate": "validation", "test": "test"}
@@ -38,7 +38,8 @@ def section(result: dict[str, Any]) -> str:
             *(paragraph(f) for f in result["findings"]),
             "<h3>All models</h3>",
             _table(result),
-            "<h3>Rules of the verdicts</h3>",
+            "<h3>Over- and underfitting</h3>",
+            _verdicts(result),
             *(paragraph(r, "note") for r in result["rules"]),
             "<h3>One step ahead and in free run</h3>",
             _figure_one_step_against_free(result),
@@ -83,14 +84,15 @@ def _introduction(result: Mapping[str, Any]) -> list[str]:
 
 
 def _table(result: Mapping[str, Any]) -> str:
-    head = ("model", "from", "weights", "R one-step", "MSE", "R free run", "MSE", "spread",
-            "iterations", "stop", "s", "verdict")  # fmt: skip
+    head = ("model", "from", "weights", "R one-step", "MSE", "R free run", "MSE", "verdict",
+            "spread", "iterations", "stop", "s")  # fmt: skip
     chosen = next(
         (i for i, m in enumerate(result["models"]) if m["number"] == result["best"]["number"]), None
     )
     rows = [tuple(c.replace(" ", NO_BREAK) for c in _row(m)) for m in result["models"]]
     text = table(rows, head, chosen)
     note = (
+        "SCG: scaled conjugate gradient, GD: gradient descent with momentum and adaptive rate. "
         "From: known to be the paper's, or chosen here. R: training / validation / test, MSE: "
         "test, median over the starts. Spread: standard deviation of the free-run test RMSE over "
         "the starts, in percent of its mean. Stop: validation (six failures), limit (of "
@@ -118,12 +120,21 @@ def _row(model: Mapping[str, Any]) -> tuple[str, ...]:
         f"{np.median(errors(model, 'one_step', 'test') ** 2):.2g}",
         _r_cell(model, "free_run"),
         f"{np.median(free**2):.2g}",
+        ", ".join(model["verdict"]["labels"]) or "–",
         spread,
         "–".join(str(f([s["iterations"] for s in starts])) for f in (min, max)),
         ", ".join(stops),
         f"{np.mean([s['cpu_s'] for s in starts]):.1f}",
-        ", ".join(model["verdict"]["labels"]) or "–",
     )
+
+
+def _verdicts(result: Mapping[str, Any]) -> str:
+    judged = [m for m in result["models"] if m["verdict"]["labels"] and m["same_as"] is None]
+    rows = [
+        (f"{m['number']}  {m['name']}", ", ".join(m["verdict"]["labels"]), m["verdict"]["words"])
+        for m in judged
+    ]
+    return table(rows, ("model", "verdict", "because")) if rows else ""
 
 
 def _r_cell(model: Mapping[str, Any], mode: str) -> str:
@@ -144,7 +155,7 @@ def _figure_5(result: Mapping[str, Any]) -> str:
     caption = (
         f"Correlation and mean squared error of every model ({result['source']} data, enabled "
         "samples): median over the starts, bars from the worst to the best start. Correlations "
-        f"below {R_FLOOR:g} stand at the lower edge."
+        f"below {R_FLOOR:g} stand at the lower edge. Number, algorithm, lags, layers, rate."
     )
     return picture(figure, caption)
 
@@ -181,11 +192,10 @@ def _draw_mse(axis: Axes, models: Sequence[Mapping[str, Any]]) -> None:
 
 
 def _tick(model: Mapping[str, Any]) -> str:
-    short = {"conjugate gradient": "SCG", "gradient descent": "GD", "Bayesian": "BR"}
-    algorithm = short.get(model["algorithm"], model["algorithm"])
-    rate = f" @{model['rate']:g}" if algorithm == "GD" and model["rate"] is not None else ""
+    algorithm = "BR" if model["algorithm"] == BAYES else model["algorithm"]
+    rate = f" {model['rate']:g}" if algorithm == DESCENT and model["rate"] is not None else ""
     layers = "-".join(map(str, model["hidden"]))
-    return f"{model['number']}  {algorithm} {model['lags']}×{layers}{rate}"
+    return f"{model['number']}  {algorithm} {model['lags']} {layers}{rate}"
 
 
 def _figure_one_step_against_free(result: Mapping[str, Any]) -> str:

@@ -112,7 +112,8 @@ def _fitting(models: Sequence[Model]) -> list[str]:
         for label in ("underfits", "overfits", "diverges")
     }
     sentences = [
-        f"{len(numbers)} of {n} different trainings: {label} (model {_list(numbers)})."
+        f"{len(numbers)} of {n} different trainings {label.removesuffix('s')} by the rules below "
+        f"(model {_list(numbers)})."
         if numbers
         else f"None of {n} different trainings {label.removesuffix('s')}s by the rules below."
         for label, numbers in count.items()
