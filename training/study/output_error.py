@@ -68,7 +68,7 @@ def _initial(free: FloatArray, known: int) -> FloatArray:
 
     What the first errors say little about is left out.
     """
-    return np.linalg.pinv(free[:known], rcond=0.1)
+    return np.asarray(np.linalg.pinv(free[:known], rcond=0.1))
 
 
 def _errors(
