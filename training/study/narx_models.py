@@ -24,6 +24,7 @@ from training.study.candidates import BAYES, CONJUGATE, LM, Candidate
 from training.study.parallel import Arrays, Done
 
 BLOCK = 1000  # samples of a block that is kept or left out as a whole
+ENOUGH = 50  # enabled samples of every role, for figures on them
 NOT_USED = -1  # role of training samples that were thinned out
 STUCK_SHARE = 0.01  # of the samples wrongly at the end of the range: the free run diverged
 HORIZONS = (5, 20, 100, 1000)  # of the fine-tuning
@@ -44,6 +45,7 @@ class Job:
 def thin(data: Prepared, n_samples: int) -> Prepared:
     """Return ``data`` with at most ``n_samples`` training samples, without its recordings.
 
+    If hardly a sample of a role is enabled, all samples count as enabled.
     Whole blocks are kept, evenly spread over all recordings; the others get the role NOT_USED.
     """
     role = data.role.copy()
@@ -65,7 +67,10 @@ def thin(data: Prepared, n_samples: int) -> Prepared:
             if kept + size <= share * seen:
                 role[block] = Role.TRAIN
                 kept += size
-    return replace(data, role=role, recordings=())
+    judged = data.enabled & (data.samples.weight > 0)
+    if min(int((judged & (role == r)).sum()) for r in Role) < ENOUGH:
+        judged = data.samples.weight > 0
+    return replace(data, role=role, enabled=judged, recordings=())
 
 
 def spec_of(data: Prepared, candidate: Candidate, input_lag_start: int = 1) -> Spec:
@@ -162,9 +167,9 @@ def figures(data: Prepared, spec: Spec, weights: FloatArray) -> dict[str, Any]:
     one_step[at] = forward(spec, weights, regressors(spec, data.samples, at))
     free = stages.free_run(data, spec, weights)
     stuck = _stuck_share(data, spec, free)
-    held_out = at[data.role[at] != Role.TRAIN]
-    error = data.samples.y[held_out] - free[held_out]
-    worse = not np.sqrt(np.mean(error**2)) < data.samples.y[held_out].std()
+    held_out = at[np.isin(data.role[at], (Role.VALIDATE, Role.TEST)) & data.enabled[at]]
+    measured = data.samples.y[held_out]
+    worse = not np.mean((measured - free[held_out]) ** 2) < measured.var()
     return {
         "one_step": _by_role(data, spec, one_step),
         "free_run": _by_role(data, spec, free),
