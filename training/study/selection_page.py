@@ -10,10 +10,10 @@ from training.study.pca import biplot_figure, control_figure, scree_figure
 
 LARGE_INFLATION = 10.0  # the other variables explain 90 % of it
 VERDICTS = {
-    "better": "clearly better than the chosen set",
-    "worse": "clearly worse than the chosen set",
+    "better": "better than the chosen set, in every start and beyond the interval",
+    "worse": "worse than the chosen set, in every start and beyond the interval",
     "as good": "as good as the chosen set, within 10 %",
-    "not told apart": "not told apart from the chosen set by these test blocks",
+    "not told apart": "not told apart from the chosen set by these test blocks and starts",
 }
 
 
