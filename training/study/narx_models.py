@@ -20,6 +20,7 @@ from training.closed_loop import Samples
 from training.metrics import correlation
 from training.narx import Spec, forward, initial_weights
 from training.prepare import Prepared, Role
+from training.stability import contraction
 from training.study.candidates import BAYES, CONJUGATE, LM, Candidate
 from training.study.parallel import Arrays, Done
 
@@ -27,6 +28,7 @@ BLOCK = 1000  # samples of a block that is kept or left out as a whole
 ENOUGH = 50  # enabled samples of every role, for figures on them
 NOT_USED = -1  # role of training samples that were thinned out
 STUCK_SHARE = 0.01  # of the samples wrongly at the end of the range: the free run diverged
+CONTRACTION_SEED = 0  # other histories than those the tuning saw
 HORIZONS = (5, 20, 100, 1000)  # of the fine-tuning
 
 
@@ -130,8 +132,8 @@ def tune_one(data: Prepared, job: Job) -> Done:
     trained = stages.tune(data, spec, before, rng, horizons=HORIZONS)
     result = {
         "start": job.start,
-        "before": figures(data, spec, before),
-        "after": figures(data, spec, trained.weights),
+        "before": figures(data, spec, before) | _forgets(data, spec, before),
+        "after": figures(data, spec, trained.weights) | _forgets(data, spec, trained.weights),
         "stages": [
             {"name": s.name, "iterations": len(s.costs) - 1, "stop": s.stop,
              "best_score": _round(min(s.scores)), "seconds": _round(s.seconds)}
@@ -226,6 +228,13 @@ def _measure(data: Prepared, predicted: FloatArray, at: IntArray) -> dict[str, A
         return {"samples": len(at), "r": None, "mse": None}
     return {"samples": len(at), "r": _round(correlation(a, b)),
             "mse": _round(float(np.mean((a - b) ** 2)))}  # fmt: skip
+
+
+def _forgets(data: Prepared, spec: Spec, weights: FloatArray) -> dict[str, Any]:
+    """Return whether two histories give the same prediction after a window of the monitor."""
+    found = contraction(data, spec, weights, CONTRACTION_SEED)
+    share = found.gap / found.limit
+    return {"contraction_gap_over_limit": _round(share), "forgets": bool(share <= 1.0)}
 
 
 def _stuck_share(data: Prepared, spec: Spec, free: FloatArray) -> float:

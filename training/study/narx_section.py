@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from training.page import paragraph, table
+from training.stability import CONTRACTION_SAMPLES
 from training.study.candidates import PAPER
 from training.study.narx_figures import ROLES, correlation_figure, free_run_figure
 from training.study.narx_verdicts import correlations, errors
@@ -155,9 +156,11 @@ def _tuned(result: Mapping[str, Any]) -> list[str]:
         "count once, the best start of each) were trained on in closed loop: Levenberg–Marquardt "
         f"on the simulation error with exact sensitivities, horizons {horizons} samples, the "
         "stage with the lowest free-run validation error kept. Figures before → after in free "
-        "run; test blocks chose nothing."
+        "run; test blocks chose nothing. Forgets: predictions from any two histories agree after "
+        f"{CONTRACTION_SAMPLES} samples; a model that does not is used only if none does."
     )
-    head = ("model", "R validation", "R test", "RMSE validation", "RMSE test", "best stage", "s")
+    head = ("model", "R validation", "R test", "RMSE validation", "RMSE test", "forgets",
+            "best stage", "s")  # fmt: skip
     chosen = next(
         (i for i, t in enumerate(result["tuned"])
          if t["number"] == result["best"]["number"] and result["best"]["tuned"]), None,
@@ -177,5 +180,14 @@ def _tuned_row(tuned: Mapping[str, Any]) -> tuple[str, ...]:
             values = [tuned[w]["free_run"][role]["enabled"][what] for w in ("before", "after")]
             roots = [v if v is None or what == "r" else float(np.sqrt(v)) for v in values]
             cells.append(_unbroken(" → ".join("none" if v is None else f"{v:.4f}" for v in roots)))
-    best = min(tuned["stages"], key=lambda s: np.inf if (v := s["best_score"]) is None else v)
-    return (*cells, best["name"], f"{tuned['cpu_s']:.0f}")
+    forgets = " → ".join("yes" if tuned[w]["forgets"] else "no" for w in ("before", "after"))
+    return (*cells, _unbroken(forgets), _best_stage(tuned), f"{tuned['cpu_s']:.0f}")
+
+
+def _best_stage(tuned: Mapping[str, Any]) -> str:
+    """Return the stage whose weights were kept: the first that reached the final score."""
+    final, first = (tuned[w]["validation_score"] for w in ("after", "before"))
+    if final is None or final == first:
+        return "none"
+    names = [s["name"] for s in tuned["stages"] if s["best_score"] == final]
+    return names[0] if names else str(tuned["stages"][-1]["name"])

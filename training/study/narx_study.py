@@ -220,14 +220,30 @@ def _result(
 def _best(
     models: Sequence[Mapping[str, Any]], ranking: Sequence[int], tuned: Sequence[dict[str, Any]]
 ) -> dict[str, Any]:
-    """Return number, name and key of what validates best in free run, tuned if it helped."""
-    first = next(m for m in models if m["number"] == ranking[0])
-    start = first["starts"][first["best_start"]]
-    untuned = {"number": first["number"], "name": first["name"], "tuned": False,
-               "weights_key": start["weights_key"], "figures": start}  # fmt: skip
-    found = [{"number": t["number"], "name": t["name"], "tuned": True,
-              "weights_key": t["weights_key"], "figures": t["after"]} for t in tuned]  # fmt: skip
-    return min([*found, untuned], key=lambda m: _or_inf(m["figures"]["validation_score"]))
+    """Return the weights to use, before or after tuning: those that forget their history first.
+
+    Among them the lowest free-run validation error decides.
+    """
+    found = []
+    for t in tuned:
+        model = next(m for m in models if m["number"] == t["number"])
+        keys = {"before": model["starts"][t["start"]]["weights_key"], "after": t["weights_key"]}
+        found += [
+            {"number": t["number"], "name": t["name"], "tuned": when == "after",
+             "weights_key": key, "figures": t[when]}
+            for when, key in keys.items()
+        ]  # fmt: skip
+    if not found:  # nothing was tuned
+        first = next(m for m in models if m["number"] == ranking[0])
+        start = first["starts"][first["best_start"]]
+        found = [{"number": first["number"], "name": first["name"], "tuned": False,
+                  "weights_key": start["weights_key"], "figures": start}]  # fmt: skip
+
+    def order(model: Mapping[str, Any]) -> tuple[bool, float]:
+        figures = model["figures"]
+        return not figures.get("forgets", True), _or_inf(figures["validation_score"])
+
+    return min(found, key=order)
 
 
 def _source(data: Prepared) -> str:
