@@ -22,7 +22,7 @@ from training.study.arx import (
     order_grid,
     solve_arx,
 )
-from training.study.free_run import LinearModel, free_run_error, free_runs
+from training.study.free_run import LinearModel, free_runs
 from training.study.impulse import impulse_response
 from training.study.lagged import Stretch, Triangle, checked, largest_order, triangle
 from training.study.linear_report import section
@@ -84,7 +84,7 @@ def linear(
         data, learn, choose, order, delays, states, models["arx_free_run"], skip
     )
     fits = {name: _scores(m, choose, judge, ranges, skip) for name, m in models.items()}
-    best = min(fits, key=lambda name: fits[name]["validation_rmse"])
+    best = min((n for n in fits if fits[n]["stable"]), key=lambda n: fits[n]["validation_rmse"])
     result = {
         "schema": "o2train.study.linear/1",
         "inputs": list(inputs),
@@ -117,6 +117,8 @@ def _usable(
     """Return the stretches that are long enough and their indices."""
     every = checked(stretches, inputs, role)
     kept = [(i, s) for i, s in enumerate(every) if len(s[1]) >= 2 * skip]
+    if kept and np.ptp(np.concatenate([y for _, (_, y) in kept])) == 0.0:
+        raise RecordingError(f"{role}: the output is constant ({kept[0][1][1][0]:g})")
     if not kept:
         longest = max(len(y) for _, y in every)
         raise RecordingError(
@@ -240,25 +242,28 @@ def _scores(
     skip: int,
 ) -> dict[str, Any]:
     measured = [y[skip:] for _, y in test]
+    one_step = np.concatenate([model.predict(u, y)[skip:] for u, y in test])
+    y = np.concatenate(measured)
+    known: dict[str, Any] = {"parameters": model.n_parameters, "stable": model.stable}
+    known["one_step_fit_percent"] = _fit(y, one_step)
+    if not model.stable:
+        nothing = dict.fromkeys(("validation_rmse", "validation_fit_percent", "fit_percent"))
+        nothing |= dict.fromkeys(("correlation", "rmse"))
+        each = {"stretch_fit_percent": [None] * len(test)}
+        return known | nothing | each | {"regime_fit_percent": [None] * len(ranges)}
     free = [run[skip:] for run in free_runs(model, test, skip)]
-    one_step = [model.predict(u, y)[skip:] for u, y in test]
-    error = free_run_error(model, validate, skip)
-    wanted = np.concatenate([y[skip:] for _, y in validate])
-    finite = np.isfinite(error)
-    y, run = np.concatenate(measured), np.concatenate(free)
-    return {
-        "parameters": model.n_parameters,
-        "stable": model.stable,
-        "validation_rmse": float(np.sqrt(error)) if finite else 1e300,
-        "validation_fit_percent": 100.0 * (1.0 - np.sqrt(error) / wanted.std()) if finite else None,
+    run = np.concatenate(free)
+    held_out = np.concatenate([y[skip:] for _, y in validate])
+    held_out_run = np.concatenate([run[skip:] for run in free_runs(model, validate, skip)])
+    rows = [np.concatenate(r["rows"]) for r in ranges]
+    return known | {
+        "validation_rmse": rmse(held_out, held_out_run),
+        "validation_fit_percent": _fit(held_out, held_out_run),
         "fit_percent": _fit(y, run),
-        "correlation": correlation(y, run) if np.isfinite(run).all() else None,
+        "correlation": correlation(y, run),
         "rmse": rmse(y, run),
-        "one_step_fit_percent": _fit(y, np.concatenate(one_step)),
         "stretch_fit_percent": [_fit(a, b) for a, b in zip(measured, free, strict=True)],
-        "regime_fit_percent": [
-            _fit(y[np.concatenate(r["rows"])], run[np.concatenate(r["rows"])]) for r in ranges
-        ],
+        "regime_fit_percent": [_fit(y[r], run[r]) for r in rows],
     }
 
 
@@ -299,6 +304,8 @@ def _residuals(
     driven = [u[skip:] for u, _ in test]
     result = {}
     for name, model in models.items():
+        if not model.stable:
+            continue
         left = [y[skip:] - model.predict(u, y)[skip:] for u, y in test]
         result[name] = {
             "whiteness": whiteness(left),

@@ -296,8 +296,9 @@ def _singular(result: Result) -> Figure:
     right.plot(np.arange(1, len(errors) + 1), errors, marker=".")
     right.plot(found["order"], errors[found["order"] - 1], "o", color="C3", markersize=5)
     right.set(xlabel="states", ylabel="RMSE, validation, free run")
-    low = float(np.nanmin(errors))
-    right.set_ylim(0.9 * low, min(2.5 * low, 1.05 * float(np.nanmax(errors))))
+    if np.isfinite(errors).any():
+        low, high = float(np.nanmin(errors)), float(np.nanmax(errors))
+        right.set_ylim(0.9 * low, min(2.5 * low, 1.05 * high + 1e-12))
     return figure
 
 
