@@ -239,5 +239,5 @@ def _figure(reach: list[dict[str, Any]]) -> Figure:
         axes.bar(at, own, 0.22, label=name)
     axes.set_xticks(range(len(faults)), faults)
     axes.set_ylabel("RMS reaching the\nprediction, %")
-    axes.legend(frameon=False)
+    figure.legend(loc="outside upper right", ncols=len(sets), frameon=False)
     return figure
