@@ -221,17 +221,18 @@ def _arx(result: Result) -> str:
     edge = [
         TITLES[n]
         for n, c in found["choices"].items()
-        if max(c["na"], c["nb"]) >= result["largest_order"]
+        if c["na"] >= (most := result["largest_order"])
+        or c["nb"] >= (2 * most if n == "arx_free_run" else most)
     ]
     words = (
         f"{found['candidates']} models: na and nb from 1 to {result['largest_order']}, dead times "
         "the same for all inputs or those of the table above. Sum of squares is that of one-step "
         "predictions on the validation samples; AIC = log V + 2 d/N, MDL = V (1 + d log N / N) "
         "with the training loss V. The last row is chosen for its free run on the validation "
-        "samples (na = 0 allowed); it is the reference beside every NARX."
+        "samples, with na from 0 and nb up to twice as many; it is the reference beside every NARX."
     )
     if edge:
-        words += f" At the largest order tried: {', '.join(edge)}; more would fit one step closer."
+        words += f" At the largest order tried: {'; '.join(edge)}; more would fit one step closer."
     figure = picture(
         _criteria(result), "Criteria over the number of parameters, best of each number"
     )
@@ -304,27 +305,14 @@ def _singular(result: Result) -> Figure:
 
 def _residuals(result: Result) -> str:
     found = result["residuals"]
-    rows = []
-    for name, tests in found.items():
-        white = tests["whiteness"]
-        dependent = [t["input"] for t in tests["independence"] if t["rejected"]]
-        feedback = [t["input"] for t in tests["independence"] if t["feedback"]]
-        rows.append(
-            (
-                TITLES[name],
-                "rejected" if white["rejected"] else "not rejected",
-                f"{white['p_value']:.2g}",
-                f"{white['outside']} of {white['lags']}",
-                f"rejected for {', '.join(dependent)}" if dependent else "not rejected",
-                ", ".join(feedback) or "none",
-            )
-        )
+    rows = [(TITLES[name], *_verdicts(tests)) for name, tests in found.items()]
     head = (
         "model",
         "residuals are white",
         "p (Ljung-Box)",
         "lags outside 99 %",
         "residuals do not depend on the inputs",
+        "largest correlation",
         "inputs that follow the residuals",
     )
     words = (
@@ -332,16 +320,39 @@ def _residuals(result: Result) -> str:
         "simulation residuals of output error, which models no disturbance and need not be white. "
         "Whiteness rejected: the past still tells something of the residual. Independence "
         "rejected: an input acts in a way the model lacks, in its dynamics, its dead time or its "
-        "curvature. An input that follows the residuals is made from the output: a loop is closed. "
-        "On many samples the tests see what no use of the model would notice; the size of the "
-        "correlations in the figure says how much it is."
+        "curvature. An input that follows the residuals is made from the output, so that a loop "
+        "is closed, or shares a cause with it. On many samples the tests see what no use of the "
+        "model would notice; the size of the correlation says how much it is."
     )
     figure = picture(_correlations(result), "Residual correlations with their 99 % bands")
     return table(rows, head) + paragraph(words, "note") + figure
 
 
+def _verdicts(tests: dict[str, Any]) -> list[str]:
+    """Return the cells of one model: whiteness, p, lags, independence, correlation, feedback."""
+    white, each = tests["whiteness"], tests["independence"]
+    p = white["p_value"]
+    sizes = [max(abs(c) for c in t["correlation"][len(t["lags"]) // 2 :]) for t in each]
+    worst = int(np.argmax(sizes))
+    return [
+        "rejected" if white["rejected"] else "not rejected",
+        "below 1e-16" if p < 1e-16 else f"{p:.2g}",
+        f"{white['outside']} of {white['lags']}",
+        _named("rejected", [t["input"] for t in each if t["rejected"]], len(each)),
+        f"{sizes[worst]:.2f}, {each[worst]['input']}",
+        _named("", [t["input"] for t in each if t["feedback"]], len(each)),
+    ]
+
+
+def _named(word: str, names: Sequence[str], total: int) -> str:
+    if not names:
+        return f"not {word}" if word else "none"
+    named = ", ".join(names) if len(names) < 3 else f"{len(names)} of {total}"
+    return f"{word} for {named}" if word else named
+
+
 def _correlations(result: Result) -> Figure:
-    tests = result["residuals"]["arx_free_run"]
+    tests = result["residuals"]["arx_aic"]
     white, inputs = tests["whiteness"], tests["independence"]
     columns = min(3, len(inputs) + 1)
     lines = -(-(len(inputs) + 1) // columns)
@@ -359,5 +370,5 @@ def _correlations(result: Result) -> Figure:
         axes.tick_params(labelsize=8)
     for axes in others[len(inputs) :]:
         axes.set_axis_off()
-    figure.supxlabel("lag in samples; ARX chosen for its free run", fontsize=9)
+    figure.supxlabel("lag in samples; one-step residuals of the ARX chosen by AIC", fontsize=9)
     return figure
