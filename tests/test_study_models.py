@@ -283,6 +283,7 @@ def test_a_killed_study_goes_on_where_it_was(
     while len(list(folder.glob("*.json"))) < 2 and time.monotonic() < deadline:
         assert study.poll() is None
         time.sleep(0.002)
+    workers = [p for p in children(study.pid) if "LokyProcess" in command_line(p)]
     study.send_signal(signal.SIGKILL)
     assert study.wait() == -signal.SIGKILL
     finished = {p: p.stat().st_mtime_ns for p in folder.glob("train_*.json")}
@@ -292,6 +293,22 @@ def test_a_killed_study_goes_on_where_it_was(
     assert 2 <= len(finished) < len(list(folder.glob("*.json")))
     assert {p: p.stat().st_mtime_ns for p in finished} == finished
     assert timeless(resumed) == timeless(result)
+    # AND no worker outlives its study
+    assert len(workers) == 2
+    while any(command_line(p) for p in workers) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not any(command_line(p) for p in workers)
+
+
+def children(pid: int) -> list[int]:
+    return [int(p) for p in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+def command_line(pid: int) -> str:
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_text()
+    except OSError:
+        return ""
 
 
 def test_a_half_written_job_does_not_count_as_finished(tmp_path: Path) -> None:

@@ -6,9 +6,12 @@ finished job and runs only the others.
 """
 
 import json
+import os
+import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from threading import Thread
 from typing import Any, TypeVar
 
 import joblib
@@ -24,6 +27,7 @@ Item = TypeVar("Item")
 Arrays = dict[str, FloatArray]
 Done = tuple[dict[str, Any], Arrays]
 CONNECT_S = 10.0  # wait for a scheduler's answer
+WATCH_S = 1.0  # how often a worker looks whether its study still lives
 
 
 def run(
@@ -96,11 +100,23 @@ def _store(directory: Path, key: str, result: dict[str, Any], arrays: Arrays) ->
 @contextmanager
 def _backend(scheduler: str | None, jobs: int, shared: object) -> Iterator[None]:
     if scheduler is None:
-        with joblib.parallel_config("loky", n_jobs=jobs, inner_max_num_threads=1):
+        watch = {"initializer": _end_with, "initargs": (os.getpid(),)} if jobs != 1 else {}
+        with joblib.parallel_config("loky", n_jobs=jobs, inner_max_num_threads=1, **watch):
             yield
         return
     with _client(scheduler), joblib.parallel_config("dask", n_jobs=-1, scatter=[shared]):
         yield
+
+
+def _end_with(parent: int) -> None:
+    """End this worker when the study is killed; it would wait for jobs for ever."""
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(WATCH_S)
+        os._exit(1)
+
+    Thread(target=watch, daemon=True).start()
 
 
 @contextmanager
