@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from monitor.types import FloatArray, IntArray
-from training.narx import Spec, evaluate_network, fill_regressor
+from training.narx import Spec, evaluate_network, fill_regressor, input_regressors
 
 CHUNK = 1500  # rows of the Jacobian that stay in the cache together
 
@@ -47,8 +47,12 @@ class Samples:
 @njit(nogil=True, cache=True, fastmath={"contract", "reassoc", "nsz"})
 def _backpropagate(weights, sizes, activations, delta, row):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Write df/dw to ``row``; leave df/dregressor in delta[0]."""
-    stop = len(weights)
+    n_regressors = sizes[0]
     last = len(sizes) - 1
+    stop = 0
+    for layer in range(1, last + 1):
+        stop += (sizes[layer - 1] + 1) * sizes[layer]
+    linear = stop
     delta[last, 0] = 1.0
     for layer in range(last, 0, -1):
         fan_in, fan_out = sizes[layer - 1], sizes[layer]
@@ -68,11 +72,15 @@ def _backpropagate(weights, sizes, activations, delta, row):  # type: ignore[no-
             for k in range(fan_in):
                 delta_below[k] *= 1.0 - below[k] * below[k]
         stop = matrix
+    if linear < len(weights):
+        for k in range(n_regressors):
+            row[linear + k] = activations[0, k]
+            delta[0, k] += weights[linear + k]
 
 
 @njit(nogil=True, cache=True, fastmath={"contract", "reassoc", "nsz"})
 def _fill(  # type: ignore[no-untyped-def]
-    weights, sizes, u, y, root_weight, first_lag, lags, low, high,
+    weights, sizes, x, y, root_weight, lags, low, high,
     start, stop, skip, history, cursor, past, ring, jacobian, error,
 ):  # pragma: no cover  # fmt: skip
     """Fill rows until the buffers are full or the pieces end; ``cursor`` (piece, t, newest)."""
@@ -94,7 +102,7 @@ def _fill(  # type: ignore[no-untyped-def]
             if rows == capacity:
                 cursor[0], cursor[1], cursor[2] = piece, t, newest
                 return rows
-            fill_regressor(u, t, first_lag, lags, past, activations[0])
+            fill_regressor(x, t, lags, past, activations[0])
             value = evaluate_network(weights, sizes, activations)
             _backpropagate(weights, sizes, activations, delta, row)
             if stop[piece] - start[piece] > 1:
@@ -128,18 +136,18 @@ def _fill(  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, cache=True)
 def _cost(  # type: ignore[no-untyped-def]
-    weights, sizes, u, y, weight, first_lag, lags, low, high, start, stop, skip, history
+    weights, sizes, x, y, weight, lags, low, high, start, stop, skip, history
 ):  # pragma: no cover
     activations = np.zeros((len(sizes), sizes.max()))
     past = np.empty(lags)
-    total = 0.0
+    total = np.zeros(len(start))
     for i in range(len(start)):
         past[:] = history[i]
         for t in range(start[i], stop[i]):
-            fill_regressor(u, t, first_lag, lags, past, activations[0])
+            fill_regressor(x, t, lags, past, activations[0])
             value = evaluate_network(weights, sizes, activations)
             if t - start[i] >= skip[i]:
-                total += weight[t] * (value - y[t]) ** 2
+                total[i] += weight[t] * (value - y[t]) ** 2
             for j in range(lags - 1, 0, -1):
                 past[j] = past[j - 1]
             past[0] = min(max(value, low), high)
@@ -157,10 +165,11 @@ class ClosedLoop:
         self, spec: Spec, samples: Samples, pieces: Pieces, dtype: type[np.floating] = np.float32
     ) -> None:
         if len(pieces.start) and (
-            pieces.start.min() < spec.lags or pieces.stop.max() > len(samples.y)
+            pieces.start.min() < spec.memory or pieces.stop.max() > len(samples.y)
         ):
-            raise ValueError(f"pieces must lie within {spec.lags} .. {len(samples.y)}")
+            raise ValueError(f"pieces must lie within {spec.memory} .. {len(samples.y)}")
         self.spec, self.samples, self.dtype = spec, samples, dtype
+        self._x = input_regressors(spec, samples.u)
         history = np.clip(pieces.history, spec.y_min, spec.y_max)
         self.pieces = Pieces(pieces.start, pieces.stop, pieces.skip, history)
         self._root_weight = np.sqrt(samples.weight)
@@ -175,12 +184,16 @@ class ClosedLoop:
 
     def cost(self, weights: FloatArray) -> float:
         """Return the weighted mean squared error."""
+        return float(self.squares(weights).sum()) / self.total_weight
+
+    def squares(self, weights: FloatArray) -> FloatArray:
+        """Return the weighted sum of squared errors of every piece (n_pieces,)."""
         s, p, q = self.spec, self.pieces, self.samples
-        total = _cost(
-            weights, s.sizes_array(), q.u, q.y, q.weight, s.input_lag_start, s.lags,
+        total: FloatArray = _cost(
+            weights, s.sizes_array(), self._x, q.y, q.weight, s.lags,
             s.y_min, s.y_max, p.start, p.stop, p.skip, p.history,
         )  # fmt: skip
-        return float(total) / self.total_weight
+        return total
 
     def blocks(self, weights: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
         """Yield weighted Jacobian rows (m, n_weights) and errors (m,); the buffers are reused."""
@@ -191,7 +204,7 @@ class ClosedLoop:
         past, ring = np.zeros(s.lags), np.zeros((s.lags, s.n_weights))
         while cursor[0] < len(p.start):
             rows = _fill(
-                weights, s.sizes_array(), q.u, q.y, self._root_weight, s.input_lag_start, s.lags,
+                weights, s.sizes_array(), self._x, q.y, self._root_weight, s.lags,
                 s.y_min, s.y_max, p.start, p.stop, p.skip, p.history, cursor, past, ring,
                 jacobian, error,
             )  # fmt: skip

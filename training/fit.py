@@ -23,11 +23,14 @@ from training.parity import parity
 from training.prepare import Prepared, Role, prepare
 from training.stability import CONTRACTION_SAMPLES, Contraction, contraction
 from training.stages import Trained, free_run, train
+from training.structure import Search, Try
 
 if TYPE_CHECKING:
     from training.recordings import Recording
 
 PARITY_SAMPLES = 3000
+SEARCH_SHARE = 0.4  # of the budget goes into the choice of memory and size
+SHORT_SAMPLES, ROTATIONS = 5000, 3  # shorter recordings choose by several sets of held-out blocks
 SAMPLES_PER_WEIGHT = 10  # fewer than this and the network overfits, whatever one does
 
 
@@ -53,6 +56,7 @@ class FitResult:
     best: int  # which start
     predicted: FloatArray  # (n,) free run over data.samples in model units, NaN at the beginnings
     held_out: tuple[HeldOut, ...]
+    tries: tuple[Try, ...]  # structures that the data chose from, none if the shape was given
     seconds: float
     warnings: tuple[str, ...]
 
@@ -63,40 +67,56 @@ def fit(
     output: str,
     out: Path | str,
     *,
-    lags: int = 5,
-    hidden: tuple[int, ...] = (8, 8),
+    lags: int | None = None,
+    hidden: tuple[int, ...] | None = None,
     input_lag_start: int = 1,
     transforms: Sequence[Mapping[str, Any]] = (),
     starts: int = 3,
     budget_minutes: float = 10.0,
     seed: int = 0,
     threads: int = 2,
+    validate: Sequence["Recording"] = (),
     progress: Callable[[int, int, int, float], None] | None = None,
+    tried: Callable[[Try], None] | None = None,
 ) -> FitResult:
     """Train on ``recordings`` and write the model file ``out``.
 
+    lags, hidden : shape of the NARX; if neither is given memory and size are chosen by the data,
+        inputs of the tick itself enter and a linear path is added; if only one is given the other
+        is the paper's (5; 8, 8)
+    validate : recordings that choose and stop and are not trained on; without, held-out blocks do
     transforms : of inputs, see ``training.transforms``
     progress : called with start, horizon, epoch and best validation RMSE after every epoch
+    tried : called after every structure that was tried
     Raises RecordingError or UsageError if the recordings or names cannot be used.
     """
     if starts < 1:
         raise UsageError(f"starts {starts}: must be at least 1")
     began = time.monotonic()
-    data = prepare(recordings, inputs, output, transforms, lags=lags, seed=seed)
-    scale = data.scaling
-    spec = Spec(
-        len(inputs), lags, tuple(hidden), input_lag_start,
-        float(scale.scale_y(scale.y_low)), float(scale.scale_y(scale.y_high)),
-    )  # fmt: skip
+    everything = (*recordings, *validate)
+    judges = range(len(recordings), len(everything))
+
+    def prepared(seed: int) -> Prepared:
+        return prepare(everything, inputs, output, transforms, lags=lags or 5, seed=seed,
+                       validate=judges)  # fmt: skip
+
+    data, tries = prepared(seed), ()
+    deadline_s = began + 60.0 * budget_minutes
+    if lags is None and hidden is None:
+        spec, tries = _search(data, prepared, seed, began, budget_minutes, threads, tried)
+    else:
+        spec = Spec(len(inputs), lags or 5, hidden or (8, 8), input_lag_start,
+                    *data.scaling.y_scaled_limits)  # fmt: skip
     warnings = [*data.warnings, *_size_warnings(data, spec)]
 
     workers = max(1, min(threads, starts))
     rounds = -(-starts // workers)
+    begun = time.monotonic()
 
     def one(index: int) -> Trained:
         told = (lambda h, e, s: progress(index, h, e, s)) if progress else None
         share = (index // workers + 1) / rounds  # later starts get their part of the budget
-        return train(data, spec, seed + 1000 * index, began + share * 60.0 * budget_minutes, told)
+        return train(data, spec, seed + 1000 * index, begun + share * (deadline_s - begun), told)
 
     with ThreadPoolExecutor(workers) as pool:
         trained = tuple(pool.map(one, range(starts)))
@@ -105,9 +125,9 @@ def fit(
         raise UsageError(f"the budget of {budget_minutes:g} min ended before the first epoch")
     warnings += _training_warnings(trained, gap)
     network = Network(
-        spec, trained[best].weights, scale, data.transform, data.transforms, tuple(inputs)
+        spec, trained[best].weights, data.scaling, data.transform, data.transforms, tuple(inputs)
     )
-    predicted = scale.unscale_y(free_run(data, spec, trained[best].weights))
+    predicted = data.scaling.unscale_y(free_run(data, spec, trained[best].weights))
     checks = {
         "contraction": {"gap": gap.gap, "samples": CONTRACTION_SAMPLES, "pairs": gap.pairs,
                         "limit": gap.limit},
@@ -118,8 +138,20 @@ def fit(
     save(out, network, card := _card(data, network, predicted, checks))
     return FitResult(
         Path(out), card, network, data, trained, best, predicted, held_out(data),
-        time.monotonic() - began, tuple(warnings),
+        tries, time.monotonic() - began, tuple(warnings),
     )  # fmt: skip
+
+
+def _search(
+    data: Prepared, prepared: Callable[[int], Prepared], seed: int, began_s: float,
+    budget_minutes: float, threads: int, tried: Callable[[Try], None] | None,
+) -> tuple[Spec, tuple[Try, ...]]:  # fmt: skip
+    """Return the shape that suits the data, within its share of the budget."""
+    short = len(data.role) < SHORT_SAMPLES
+    others = [prepared(seed + i) for i in range(1, ROTATIONS)] if short else []
+    deadline_s = began_s + SEARCH_SHARE * 60.0 * budget_minutes
+    search = Search([data, *others], deadline_s, threads, tried)
+    return search.run().spec(data), tuple(search.tries.values())
 
 
 def held_out(data: Prepared) -> tuple[HeldOut, ...]:
@@ -219,8 +251,8 @@ def _card(
         transform=data.transform,
         output_limits=(data.scaling.y_low, data.scaling.y_high),
         period_ns=data.period_ns,
-        lags=network.spec.lags,
-        input_lag_start=network.spec.input_lag_start,
+        lags=network.spec.memory,
+        input_lag_start=network.spec.boxes[0][0],
         layers=network.spec.hidden,
         state=network.state_layout,
         recordings=tuple(
@@ -232,7 +264,11 @@ def _card(
         residual_mean=enabled.get("residual_mean", 0.0),
         residual_std=enabled.get("residual_std", everything.get("residual_std", 0.0)),
         transforms=data.transforms,
+        structure={
+            "input_boxes": [list(box) for box in network.spec.boxes],
+            "output_lags": network.spec.lags, "linear_path": network.spec.linear_path,
+        },
         fit={"test": everything, "test_enabled": enabled},
         checks=dict(checks),
         packages={name: version(name) for name in ("numpy", "onnx", "onnxruntime", "scipy")},
-    )
+    )  # fmt: skip

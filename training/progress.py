@@ -6,6 +6,7 @@ from types import TracebackType
 from tqdm import tqdm
 
 from training.stages import EPOCHS
+from training.structure import Try
 
 
 class Bar:
@@ -14,7 +15,7 @@ class Bar:
     def __init__(self, starts: int) -> None:
         total = starts * sum(EPOCHS.values())
         self._bar = tqdm(total=total, unit="epoch", leave=False, disable=None)
-        self._lock = Lock()
+        self._lock, self._tries = Lock(), 0
         self._before = {h: sum(n for g, n in EPOCHS.items() if g < h) for h in EPOCHS}
         self._at = [0] * starts
         self._best = [float("inf")] * starts
@@ -29,6 +30,13 @@ class Bar:
         trace: TracebackType | None,
     ) -> None:
         self._bar.close()
+
+    def tried(self, candidate: Try) -> None:
+        """Take note of a structure that was tried."""
+        with self._lock:
+            self._tries += 1
+            text = f"{self._tries} structures tried, free run {candidate.rmse:.3f}"
+            self._bar.set_postfix_str(text)
 
     def update(self, start: int, horizon: int, epoch: int, best: float) -> None:
         """Take note of one epoch of one start and its best validation RMSE (scaled)."""
