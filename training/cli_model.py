@@ -27,9 +27,10 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
     fit = subparsers.add_parser(
         "fit",
         help="train a model on recordings of a healthy vehicle",
-        description="Train a NARX: choose its memory and size by free run on held-out blocks, train "
-        "it series-parallel, then in closed loop over growing horizons, and keep what predicts "
-        "held-out blocks best. --lags or --hidden give the shape instead, without a linear path.",
+        description="Train a NARX: choose its memory and size by free run on held-out blocks, "
+        "train it series-parallel, then in closed loop over growing horizons, and keep what "
+        "predicts held-out blocks best. --lags or --hidden give the shape instead, without a "
+        "linear path.",
         epilog=_FIT_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

@@ -9,10 +9,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from monitor.types import FloatArray, IntArray
-from training.narx import Spec, evaluate_network, fill_regressor, input_regressors
+from training import kernels
+from training.narx import Spec, input_regressors
 
 CHUNK = 1500  # rows of the Jacobian that stay in the cache together
 
@@ -42,116 +42,6 @@ class Samples:
     u: FloatArray  # (n, n_inputs), finite
     y: FloatArray  # (n,), finite; where it was not valid its weight is 0
     weight: FloatArray  # (n,) of the squared error, 0 is not scored
-
-
-@njit(nogil=True, cache=True, fastmath={"contract", "reassoc", "nsz"})
-def _backpropagate(weights, sizes, activations, delta, row):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Write df/dw to ``row``; leave df/dregressor in delta[0]."""
-    n_regressors = sizes[0]
-    last = len(sizes) - 1
-    stop = 0
-    for layer in range(1, last + 1):
-        stop += (sizes[layer - 1] + 1) * sizes[layer]
-    linear = stop
-    delta[last, 0] = 1.0
-    for layer in range(last, 0, -1):
-        fan_in, fan_out = sizes[layer - 1], sizes[layer]
-        bias = stop - fan_out
-        matrix = bias - fan_in * fan_out
-        below, delta_below = activations[layer - 1], delta[layer - 1]
-        delta_below[:fan_in] = 0.0
-        for i in range(fan_out):
-            d = delta[layer, i]
-            row[bias + i] = d
-            part = row[matrix + i * fan_in : matrix + (i + 1) * fan_in]
-            weight = weights[matrix + i * fan_in : matrix + (i + 1) * fan_in]
-            for k in range(fan_in):
-                part[k] = d * below[k]
-                delta_below[k] += d * weight[k]
-        if layer > 1:
-            for k in range(fan_in):
-                delta_below[k] *= 1.0 - below[k] * below[k]
-        stop = matrix
-    if linear < len(weights):
-        for k in range(n_regressors):
-            row[linear + k] = activations[0, k]
-            delta[0, k] += weights[linear + k]
-
-
-@njit(nogil=True, cache=True, fastmath={"contract", "reassoc", "nsz"})
-def _fill(  # type: ignore[no-untyped-def]
-    weights, sizes, x, y, root_weight, lags, low, high,
-    start, stop, skip, history, cursor, past, ring, jacobian, error,
-):  # pragma: no cover  # fmt: skip
-    """Fill rows until the buffers are full or the pieces end; ``cursor`` (piece, t, newest)."""
-    n_weights = len(weights)
-    widest = sizes.max()
-    activations = np.zeros((len(sizes), widest))
-    delta = np.zeros((len(sizes), widest))
-    row = np.empty(n_weights)
-    first_y = sizes[0] - lags
-    capacity = len(error)
-    rows = 0
-    piece, t, newest = cursor[0], cursor[1], cursor[2]
-    while piece < len(start):
-        if t < 0:
-            t = start[piece]
-            past[:] = history[piece]
-            ring[:] = 0.0
-        while t < stop[piece]:
-            if rows == capacity:
-                cursor[0], cursor[1], cursor[2] = piece, t, newest
-                return rows
-            fill_regressor(x, t, lags, past, activations[0])
-            value = evaluate_network(weights, sizes, activations)
-            _backpropagate(weights, sizes, activations, delta, row)
-            if stop[piece] - start[piece] > 1:
-                for j in range(min(lags, t - start[piece])):
-                    gain = delta[0, first_y + j]
-                    old = ring[(newest - j) % lags]
-                    for k in range(n_weights):
-                        row[k] += gain * old[k]
-            clipped = min(max(value, low), high)
-            if root_weight[t] > 0.0 and t - start[piece] >= skip[piece]:
-                scale = np.float32(root_weight[t])
-                target = jacobian[rows]
-                for k in range(n_weights):
-                    target[k] = row[k] * scale
-                error[rows] = (value - y[t]) * root_weight[t]
-                rows += 1
-            newest = (newest + 1) % lags
-            keep = 1.0 if value == clipped else 0.0
-            latest = ring[newest]
-            for k in range(n_weights):
-                latest[k] = row[k] * keep
-            for j in range(lags - 1, 0, -1):
-                past[j] = past[j - 1]
-            past[0] = clipped
-            t += 1
-        piece += 1
-        t = -1
-    cursor[0], cursor[1], cursor[2] = piece, -1, newest
-    return rows
-
-
-@njit(nogil=True, cache=True)
-def _cost(  # type: ignore[no-untyped-def]
-    weights, sizes, x, y, weight, lags, low, high, start, stop, skip, history
-):  # pragma: no cover
-    activations = np.zeros((len(sizes), sizes.max()))
-    past = np.empty(lags)
-    total = np.zeros(len(start))
-    for i in range(len(start)):
-        past[:] = history[i]
-        for t in range(start[i], stop[i]):
-            fill_regressor(x, t, lags, past, activations[0])
-            value = evaluate_network(weights, sizes, activations)
-            if t - start[i] >= skip[i]:
-                total[i] += weight[t] * (value - y[t]) ** 2
-            for j in range(lags - 1, 0, -1):
-                past[j] = past[j - 1]
-            past[0] = min(max(value, low), high)
-    return total
 
 
 class ClosedLoop:
@@ -189,7 +79,7 @@ class ClosedLoop:
     def squares(self, weights: FloatArray) -> FloatArray:
         """Return the weighted sum of squared errors of every piece (n_pieces,)."""
         s, p, q = self.spec, self.pieces, self.samples
-        total: FloatArray = _cost(
+        total: FloatArray = kernels.cost(
             weights, s.sizes_array(), self._x, q.y, q.weight, s.lags,
             s.y_min, s.y_max, p.start, p.stop, p.skip, p.history,
         )  # fmt: skip
@@ -201,9 +91,9 @@ class ClosedLoop:
         jacobian = np.empty((CHUNK, s.n_weights), dtype=self.dtype)
         error = np.empty(CHUNK, dtype=self.dtype)
         cursor = np.array([0, -1, 0], dtype=np.int64)
-        past, ring = np.zeros(s.lags), np.zeros((s.lags, s.n_weights))
+        past, ring = np.zeros(s.lags), np.zeros((s.lags + 1, s.n_weights))
         while cursor[0] < len(p.start):
-            rows = _fill(
+            rows = kernels.fill(
                 weights, s.sizes_array(), self._x, q.y, self._root_weight, s.lags,
                 s.y_min, s.y_max, p.start, p.stop, p.skip, p.history, cursor, past, ring,
                 jacobian, error,

@@ -100,7 +100,8 @@ def fit(
         return prepare(everything, inputs, output, transforms, lags=lags or 5, seed=seed,
                        validate=judges)  # fmt: skip
 
-    data, tries = prepared(seed), ()
+    data = prepared(seed)
+    tries: tuple[Try, ...] = ()
     deadline_s = began + 60.0 * budget_minutes
     if lags is None and hidden is None:
         spec, tries = _search(data, prepared, seed, began, budget_minutes, threads, tried)

@@ -57,6 +57,8 @@ class OneStep:
     """Series-parallel objective: every sample predicted from measured outputs.
 
     regressors, target, weight : shapes (n, n_regressors), (n,), (n,); weight defaults to one
+    dtype : of the Jacobian, as in ``ClosedLoop``: float32 rounds its entries to 1e-7 at half the
+    time, errors and sums stay float64; float64 is exact
     """
 
     def __init__(
@@ -65,8 +67,9 @@ class OneStep:
         regressors: FloatArray,
         target: FloatArray,
         weight: FloatArray | None = None,
+        dtype: type[np.floating] = np.float32,
     ) -> None:
-        self.spec, self.regressors, self.target = spec, regressors, target
+        self.spec, self.regressors, self.target, self.dtype = spec, regressors, target, dtype
         self.weight = np.ones(len(target)) if weight is None else weight
         self._root = np.sqrt(self.weight)
         self._total = float(self.weight.sum())
@@ -84,11 +87,11 @@ class OneStep:
         hessian, gradient, total = np.zeros((n, n)), np.zeros(n), 0.0
         for at in range(0, len(self.target), CHUNK):
             rows = slice(at, at + CHUNK)
-            predicted, J = jacobian(self.spec, weights, self.regressors[rows])
-            J *= self._root[rows, None]
-            error = (predicted - self.target[rows]) * self._root[rows]
+            root = self._root[rows]
+            predicted, J = jacobian(self.spec, weights, self.regressors[rows], root, self.dtype)
+            error = (predicted - self.target[rows]) * root
             hessian += J.T @ J
-            gradient += J.T @ error
+            gradient += J.T @ error.astype(self.dtype)
             total += float(error @ error)
         return total / self._total, hessian / self._total, gradient / self._total
 

@@ -15,9 +15,9 @@ first.
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from monitor.types import FloatArray, IntArray
+from training import kernels
 
 Layers = list[tuple[FloatArray, FloatArray]]
 
@@ -139,10 +139,16 @@ def forward(spec: Spec, weights: FloatArray, regressors: FloatArray) -> FloatArr
 
 
 def jacobian(
-    spec: Spec, weights: FloatArray, regressors: FloatArray
+    spec: Spec,
+    weights: FloatArray,
+    regressors: FloatArray,
+    scale: FloatArray | None = None,
+    dtype: type[np.floating] = np.float64,
 ) -> tuple[FloatArray, FloatArray]:
     """Return predictions (n,) and their derivatives by every weight (n, n_weights).
 
+    scale : (n,), multiplies the derivatives; one if None
+    dtype : of the derivatives; predictions and back-propagated slopes are float64 always
     Source: backpropagation of the output itself, Hagan and Menhaj, IEEE TNN 5 (1994).
     """
     n = len(regressors)
@@ -151,19 +157,20 @@ def jacobian(
     for w, b in stack[:-1]:
         activations.append(np.tanh(activations[-1] @ w.T + b))
     predicted = (activations[-1] @ stack[-1][0].T + stack[-1][1])[:, 0]
-    result = np.empty((n, spec.n_weights))
+    result = np.empty((n, spec.n_weights), dtype)
     stop = spec.n_weights
     if spec.linear_path:
         predicted += regressors @ linear_path(spec, weights)
         stop -= spec.n_regressors
-        result[:, stop:] = regressors
-    delta = np.ones((n, 1))
+        result[:, stop:] = regressors if scale is None else scale[:, None] * regressors
+    delta = np.ones((n, 1)) if scale is None else scale[:, None]
     for (w, _), a in zip(reversed(stack), reversed(activations), strict=True):
         fan_out, fan_in = w.shape
-        result[:, stop - fan_out : stop] = delta
+        slope, below = delta.astype(dtype), a.astype(dtype)
+        result[:, stop - fan_out : stop] = slope
         stop -= fan_out
         block = result[:, stop - fan_out * fan_in : stop].reshape(n, fan_out, fan_in)
-        np.multiply(delta[:, :, None], a[:, None, :], out=block)
+        np.multiply(slope[:, :, None], below[:, None, :], out=block)
         stop -= fan_out * fan_in
         if stop:
             delta = (delta @ w) * (1.0 - a * a)
@@ -194,63 +201,6 @@ def regressors(spec: Spec, u: FloatArray, y: FloatArray) -> FloatArray:
     return np.concatenate([input_regressors(spec, u)[first:], *outputs], axis=1)
 
 
-@njit(nogil=True, cache=True, fastmath={"contract", "reassoc", "nsz"})
-def evaluate_network(  # type: ignore[no-untyped-def]
-    weights, sizes, activations
-):  # pragma: no cover
-    """Fill ``activations`` (n_layers, widest) from row 0 upward; return the linear output."""
-    n_layers = len(sizes)
-    at = 0
-    output = 0.0
-    for layer in range(1, n_layers):
-        fan_in, fan_out = sizes[layer - 1], sizes[layer]
-        bias = at + fan_in * fan_out
-        below = activations[layer - 1]
-        for i in range(fan_out):
-            total = weights[bias + i]
-            row = weights[at + i * fan_in : at + (i + 1) * fan_in]  # a view lets it vectorise
-            for k in range(fan_in):
-                total += row[k] * below[k]
-            if layer == n_layers - 1:
-                output = total
-            else:
-                activations[layer, i] = np.tanh(total)
-        at = bias + fan_out
-    if at < len(weights):  # the linear path
-        row = weights[at:]
-        below = activations[0]
-        for k in range(len(row)):
-            output += row[k] * below[k]
-    return output
-
-
-@njit(nogil=True, cache=True)
-def fill_regressor(x, t, lags, history, regressor):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Write the regressor of sample ``t``: ``x[t]``, then ``history`` (lags,), newest first."""
-    n = x.shape[1]
-    for k in range(n):
-        regressor[k] = x[t, k]
-    for lag in range(lags):
-        regressor[n + lag] = history[lag]
-
-
-@njit(nogil=True, cache=True)
-def _simulate(  # type: ignore[no-untyped-def]
-    weights, sizes, x, lags, start, stop, history, low, high, out
-):  # pragma: no cover
-    activations = np.zeros((len(sizes), sizes.max()))
-    past = np.empty(lags)
-    for i in range(len(start)):
-        past[:] = history[i]
-        for t in range(start[i], stop[i]):
-            fill_regressor(x, t, lags, past, activations[0])
-            y = min(max(evaluate_network(weights, sizes, activations), low), high)
-            out[t] = y
-            for j in range(lags - 1, 0, -1):
-                past[j] = past[j - 1]
-            past[0] = y
-
-
 def simulate(
     spec: Spec,
     weights: FloatArray,
@@ -271,7 +221,7 @@ def simulate(
         raise ValueError(f"pieces must lie within {spec.memory} .. {len(u)}")
     x = input_regressors(spec, u) if x is None else x
     result = np.full(len(u), np.nan) if out is None else out
-    _simulate(
+    kernels.simulate(
         weights, spec.sizes_array(), x, spec.lags, start, stop,
         np.clip(history, spec.y_min, spec.y_max), spec.y_min, spec.y_max, result,
     )  # fmt: skip

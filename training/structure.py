@@ -13,6 +13,8 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -25,6 +27,7 @@ LONGEST = (1, 2, 3, 5, 8, 12, 20, 34, 60)  # input lags
 LAGS = (1, 2, 3, 5, 8, 12)  # output lags
 HIDDEN: tuple[tuple[int, ...], ...] = ((), (3,), (5,), (8,), (12,), (8, 8), (12, 12), (20, 12))
 FIRST = (5, 3, (8,))
+FAR = (34, 12, 60)  # input lags that are tried before the walk
 SINGLE_LAGS = 4  # boxes are single lags up to here, then they widen
 WIDENING = 1.35
 HORIZONS, EPOCHS = (20, 100), {1: 20, 20: 10, 100: 15}  # a short training
@@ -77,7 +80,7 @@ def boxes(longest: int) -> tuple[tuple[int, int], ...]:
     while edges[-1] <= longest:
         step = round((WIDENING - 1) * edges[-1]) if edges[-1] > SINGLE_LAGS else 1
         edges.append(min(edges[-1] + max(1, step), longest + 1))
-    return tuple(zip(edges[:-1], edges[1:], strict=True))
+    return tuple(pairwise(edges))
 
 
 class Search:
@@ -102,6 +105,12 @@ class Search:
         """Return the structure that the walk ends at."""
         best = self._first()
         self._try([best])
+        for longest in FAR:  # a long dead time shows only when all of it is covered
+            far = replace(best, longest=longest)
+            if self._possible(far) and not self._late():
+                self._try([far])
+                if self._better(self.tries[far], self.tries[best]):
+                    best = far
         while True:
             before = best
             best = self._walk(best, "longest", LONGEST)
@@ -126,7 +135,7 @@ class Search:
         spec = structure.spec(self.rotations[0])
         return self.n_train >= SAMPLES_PER_WEIGHT * spec.n_weights and spec.memory <= self.most_lags
 
-    def _walk(self, best: Structure, axis: str, ladder: Sequence[object]) -> Structure:
+    def _walk(self, best: Structure, axis: str, ladder: Sequence[Any]) -> Structure:
         """Return the best structure along one axis, looking up and down the ladder."""
         middle = ladder.index(getattr(best, axis))
         ahead = {1: list(ladder[middle + 1 :]), -1: list(ladder[:middle])[::-1]}

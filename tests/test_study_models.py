@@ -1,0 +1,379 @@
+"""The NARX study: its models, its figures, its words, and what happens when it is killed."""
+
+import json
+import pickle
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from monitor.errors import RecordingError, UsageError
+from monitor.types import FloatArray
+from training.narx import Spec, initial_weights
+from training.narx import regressors as of_one_segment
+from training.prepare import Prepared, Role, prepare
+from training.recordings import Recording
+from training.stages import free_run_score
+from training.study import parallel
+from training.study.candidates import (
+    ALGORITHMS,
+    BAYES,
+    CANDIDATES,
+    CONJUGATE,
+    DESCENT,
+    LM,
+    PAPER,
+    Candidate,
+    same_as,
+)
+from training.study.narx_models import (
+    NOT_USED,
+    Job,
+    figures,
+    regressors,
+    rows,
+    spec_of,
+    thin,
+    train_one,
+)
+from training.study.narx_section import section
+from training.study.narx_study import best_model, narx_study
+from training.study.narx_verdicts import judge
+
+FEW = (
+    Candidate(1, LM, 3, (4,), 0.2, PAPER),
+    Candidate(2, LM, 3, (4,), 0.01),
+    Candidate(3, BAYES, 2, (3,)),
+    Candidate(4, CONJUGATE, 3, (3, 3)),
+    Candidate(5, DESCENT, 3, (4,), 0.05),
+)
+SETTINGS: dict[str, Any] = {
+    "starts": 2, "iterations": 25, "n_samples": 900, "tune_best": 1, "candidates": FEW,
+}  # fmt: skip
+
+
+def drive(n: int, seed: int, name: str) -> Recording:
+    """A tank with a valve and a leak at 4 Hz, which is no NARX."""
+    rng = np.random.default_rng(seed)
+    edges = np.cumsum(rng.integers(5, 60, n))
+    valve = rng.uniform(0, 1, n)[np.searchsorted(edges, np.arange(n), side="right")]
+    leak = 0.5 + 0.3 * np.sin(np.arange(n) / 37.0) + 0.02 * rng.standard_normal(n)
+    level, out = 1.0, np.empty(n)
+    for t in range(n):
+        level = max(level + 0.08 * valve[t - 2 if t > 1 else 0] - 0.06 * leak[t] * level**0.5, 0)
+        out[t] = level + 0.005 * rng.standard_normal()
+    values = np.column_stack([valve, leak, out])
+    quality = np.zeros(values.shape, np.uint8)
+    return Recording(Path(name), name * 8, 250_000_000, np.arange(n) * 0.25,
+                     ("valve", "leak", "level_m"), values, quality)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def data() -> Prepared:
+    recordings = [drive(1500, 1, "morning"), drive(900, 2, "evening")]
+    return prepare(recordings, ["valve", "leak"], "level_m", block_s=25.0)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("study")
+
+
+@pytest.fixture(scope="module")
+def result(data: Prepared, folder: Path) -> dict[str, Any]:
+    return narx_study(data, folder, jobs=1, **SETTINGS)
+
+
+def timeless(tree: Any) -> Any:
+    """Return a result without its times."""
+    if isinstance(tree, dict):
+        return {k: timeless(v) for k, v in tree.items() if k not in ("seconds", "cpu_s")}
+    return [timeless(v) for v in tree] if isinstance(tree, list) else tree
+
+
+def test_the_29_models_cover_what_is_known_of_the_paper() -> None:
+    assert [c.number for c in CANDIDATES] == list(range(1, 30))
+    assert {c.lags for c in CANDIDATES} == {3, 5, 8}
+    assert {len(c.hidden) for c in CANDIDATES} == {1, 2}
+    assert {min(c.hidden) for c in CANDIDATES} >= {5, 15}
+    assert all(5 <= n <= 15 for c in CANDIDATES for n in c.hidden)
+    assert {c.algorithm for c in CANDIDATES} == set(ALGORITHMS)
+    (paper,) = [c for c in CANDIDATES if c.origin == PAPER]
+    assert (paper.lags, paper.hidden, paper.algorithm, paper.rate) == (5, (8, 8), LM, 0.2)
+
+
+def test_only_models_that_differ_in_an_unused_learning_rate_coincide() -> None:
+    assert same_as(CANDIDATES) == {2: 1, 3: 1}
+    rates = [c for c in CANDIDATES if c.algorithm == DESCENT and c.hidden == (8, 8)]
+    assert len({c.rate for c in rates}) == 3
+    assert not same_as(rates)
+
+
+def test_coinciding_models_are_trained_once_and_shown_with_the_same_figures(
+    result: dict[str, Any], folder: Path
+) -> None:
+    one, two = result["models"][:2]
+    assert two["same_as"] == 1
+    assert one["starts"] == two["starts"]
+    assert len(list(folder.glob("train_*.json"))) == 4 * SETTINGS["starts"]
+    assert 2 not in result["ranking"]
+
+
+@pytest.mark.parametrize("n_samples", [200, 700, 1200])
+def test_thinning_keeps_whole_blocks_of_all_recordings(data: Prepared, n_samples: int) -> None:
+    less = thin(data, n_samples)
+    kept = less.role == Role.TRAIN
+    assert n_samples - 60 <= kept.sum() <= n_samples
+    assert np.all(data.role[kept] == Role.TRAIN)
+    assert np.all(data.role[less.role == NOT_USED] == Role.TRAIN)
+    for role in (Role.VALIDATE, Role.TEST):
+        assert np.array_equal(less.role == role, data.role == role)
+    shares = [kept[s.start : s.stop].sum() / (s.stop - s.start) for s in data.segments]
+    assert min(shares) > 0.5 * max(shares)
+
+
+def test_a_short_record_is_not_thinned(data: Prepared) -> None:
+    assert np.array_equal(thin(data, 10_000).role, data.role)
+
+
+@pytest.mark.parametrize("first_lag", [0, 1])
+def test_regressors_never_reach_into_another_recording(data: Prepared, first_lag: int) -> None:
+    spec = Spec(2, lags=4, hidden=(3,), input_lag_start=first_lag)
+    found = regressors(spec, data.samples, rows(data, spec))
+    u, y = data.samples.u, data.samples.y
+    apart = [of_one_segment(spec, u[s.start : s.stop], y[s.start : s.stop]) for s in data.segments]
+    assert len(data.segments) == 2
+    assert np.array_equal(found, np.concatenate(apart))
+
+
+def test_figures_are_those_of_a_plain_simulation(data: Prepared) -> None:
+    # GIVEN a network
+    spec = replace(spec_of(data, FEW[3]), lags=2)
+    weights = 0.7 * initial_weights(spec, np.random.default_rng(1))
+    found = figures(data, spec, weights)
+    # WHEN it is run step by step from the first two measurements of each recording
+    free = np.full(len(data.role), np.nan)
+    for s in data.segments:
+        past = data.samples.y[s.start : s.start + 2][::-1]
+        for t in range(s.start + 2, s.stop):
+            x = np.concatenate([data.samples.u[t - 1], data.samples.u[t - 2], past])
+            free[t] = np.clip(plain_network(spec, weights, x), spec.y_min, spec.y_max)
+            past = np.array([free[t], past[0]])
+    # THEN R and MSE on the test blocks are those reported
+    at = np.flatnonzero((data.role == Role.TEST) & np.isfinite(free))
+    measured = data.samples.y[at]
+    test = found["free_run"]["test"]["all"]
+    assert test["samples"] == len(at)
+    assert test["r"] == pytest.approx(np.corrcoef(measured, free[at])[0, 1], abs=1e-4)
+    assert test["mse"] == pytest.approx(np.mean((measured - free[at]) ** 2), rel=1e-4)
+
+
+def plain_network(spec: Spec, weights: FloatArray, x: FloatArray) -> float:
+    at = 0
+    for i, (a, b) in enumerate(zip(spec.sizes[:-1], spec.sizes[1:], strict=True)):
+        x = weights[at : at + a * b].reshape(b, a) @ x + weights[at + a * b : at + a * b + b]
+        at += a * b + b
+        x = np.tanh(x) if i < len(spec.hidden) else x
+    return float(x[0])
+
+
+def test_a_model_that_runs_away_is_said_to_diverge(data: Prepared) -> None:
+    # GIVEN a network that adds a little to its last output, very good one step ahead
+    spec = replace(spec_of(data, FEW[0]), lags=1, hidden=(1,))
+    narrow = 0.01  # of tanh, almost linear there
+    weights = np.array([0.0, 0.0, narrow, 0.0, 1.05 / narrow, 0.01])
+    found = figures(data, spec, weights)
+    assert found["one_step"]["test"]["all"]["r"] > 0.98
+    assert found["diverged"]
+    assert found["stuck_share"] > 0.1
+
+
+@pytest.mark.parametrize("candidate", [FEW[0], *FEW[2:]], ids=lambda c: c.algorithm)
+def test_every_algorithm_learns_and_its_start_is_reproducible(
+    data: Prepared, candidate: Candidate
+) -> None:
+    job = Job(candidate, 0, 7, 40, 1)
+    (one, weights), (two, again) = train_one(data, job), train_one(data, job)
+    assert timeless(one) == timeless(two)
+    assert np.array_equal(weights["weights"], again["weights"])
+    assert 0 < one["iterations"] <= 40
+    assert one["one_step"]["validate"]["all"]["r"] > 0.8
+
+
+def test_early_stopping_keeps_the_start_with_the_best_one_step_validation(data: Prepared) -> None:
+    few, many = (train_one(data, Job(FEW[0], 0, 3, n, 1))[0] for n in (5, 200))
+    assert few["stop"] == "epochs"
+    assert many["one_step"]["validate"]["all"]["mse"] <= few["one_step"]["validate"]["all"]["mse"]
+
+
+def test_the_best_models_are_tuned_and_the_best_of_all_is_given_with_its_weights(
+    data: Prepared, result: dict[str, Any], folder: Path
+) -> None:
+    (tuned,) = result["tuned"]
+    assert tuned["number"] == result["ranking"][0]
+    assert tuned["after"]["validation_score"] <= tuned["before"]["validation_score"]
+    best = result["best"]
+    spec, weights = best_model(result, folder)
+    assert spec.lags == FEW[best["number"] - 1].lags
+    score = free_run_score(data, spec, weights)
+    assert score == pytest.approx(best["figures"]["validation_score"], rel=1e-4)
+    scores = [s["validation_score"] for m in result["models"] for s in m["starts"]]
+    assert score <= min(scores) * 1.0001
+
+
+def test_the_result_is_plain_json_without_machine_paths(
+    result: dict[str, Any], folder: Path
+) -> None:
+    text = json.dumps(result, allow_nan=False)
+    assert str(folder) not in text
+    assert json.loads(text) == result
+
+
+def test_the_section_shows_every_model_and_says_which_coincide(result: dict[str, Any]) -> None:
+    html = section(json.loads(json.dumps(result)))
+    for model in result["models"]:
+        assert model["name"].replace(" ", "\N{NO-BREAK SPACE}") in html
+    assert "same\N{NO-BREAK SPACE}training\N{NO-BREAK SPACE}as\N{NO-BREAK SPACE}1" in html
+    assert html.count("<img") == 2
+    assert "recordings of real engines" in html
+    assert "simulated recordings" in section({**result, "source": "simulated"})
+
+
+def test_a_finished_job_is_not_repeated_and_other_settings_are(
+    data: Prepared, result: dict[str, Any], folder: Path
+) -> None:
+    before = {p: p.stat().st_mtime_ns for p in folder.iterdir()}
+    again = narx_study(data, folder, jobs=1, **SETTINGS)
+    assert {p: p.stat().st_mtime_ns for p in folder.iterdir()} == before
+    assert timeless(again) == timeless(result)
+    narx_study(data, folder, jobs=1, **{**SETTINGS, "iterations": 3, "starts": 1})
+    assert len(list(folder.iterdir())) > len(before)
+
+
+KILLED = """
+import pickle, sys
+from pathlib import Path
+from training.study.narx_study import narx_study
+data, settings = pickle.loads(Path(sys.argv[1]).read_bytes())
+narx_study(data, Path(sys.argv[2]), jobs=2, **settings)
+"""
+
+
+def test_a_killed_study_goes_on_where_it_was(
+    data: Prepared, result: dict[str, Any], tmp_path: Path
+) -> None:
+    # GIVEN a study in its own process, killed after its first jobs
+    (tmp_path / "data").write_bytes(pickle.dumps((data, SETTINGS)))
+    folder = tmp_path / "jobs"
+    command = [sys.executable, "-c", KILLED, str(tmp_path / "data"), str(folder)]
+    study = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+    deadline = time.monotonic() + 60
+    while len(list(folder.glob("*.json"))) < 2 and time.monotonic() < deadline:
+        assert study.poll() is None
+        time.sleep(0.002)
+    study.send_signal(signal.SIGKILL)
+    assert study.wait() == -signal.SIGKILL
+    finished = {p: p.stat().st_mtime_ns for p in folder.glob("train_*.json")}
+    # WHEN it is run again
+    resumed = narx_study(data, folder, jobs=1, **SETTINGS)
+    # THEN finished jobs were left alone and the result is that of an undisturbed study
+    assert 2 <= len(finished) < len(list(folder.glob("*.json")))
+    assert {p: p.stat().st_mtime_ns for p in finished} == finished
+    assert timeless(resumed) == timeless(result)
+
+
+def test_a_half_written_job_does_not_count_as_finished(tmp_path: Path) -> None:
+    (tmp_path / "a.json").write_text('{"x": 1')
+    (tmp_path / "b.json").write_text('{"x": 1}')  # its arrays are missing
+    assert parallel.stored(tmp_path, "a") is None
+    assert parallel.stored(tmp_path, "b") is None
+
+
+@pytest.fixture
+def scheduler(tmp_path: Path) -> Iterator[str]:
+    """Give the address of a Dask scheduler with one worker, each in its own process."""
+    file = tmp_path / "scheduler.json"
+    python = [sys.executable, "-m"]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": tmp_path}
+    head = [*python, "distributed.cli.dask_scheduler", "--scheduler-file", str(file)]
+    hand = [*python, "distributed.cli.dask_worker", "--scheduler-file", str(file)]
+    local = ["--host", "127.0.0.1", "--no-dashboard"]
+    processes = [
+        subprocess.Popen([*head, *local, "--port", "0"], **quiet),  # type: ignore[call-overload]
+        subprocess.Popen([*hand, *local, "--nthreads", "1", "--no-nanny"], **quiet),  # type: ignore[call-overload]
+    ]
+    try:
+        deadline = time.monotonic() + 30
+        while not file.exists() and time.monotonic() < deadline:
+            time.sleep(0.05)
+        yield json.loads(file.read_text())["address"]
+    finally:
+        for process in reversed(processes):
+            process.terminate()
+            process.wait(10)
+
+
+def test_a_dask_cluster_gives_the_same_study(
+    data: Prepared, result: dict[str, Any], scheduler: str, tmp_path: Path
+) -> None:
+    assert scheduler.startswith("tcp://")
+    found = narx_study(data, tmp_path / "jobs", scheduler=scheduler, **SETTINGS)
+    assert timeless(found) == timeless(result)
+
+
+def test_a_scheduler_that_does_not_answer_is_named(
+    data: Prepared, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(parallel, "CONNECT_S", 0.3)
+    with pytest.raises(UsageError, match=r"scheduler tcp://127\.0\.0\.1:9: no answer"):
+        narx_study(data, tmp_path, scheduler="tcp://127.0.0.1:9", **SETTINGS)
+
+
+def test_too_few_samples_and_impossible_settings_are_refused(
+    data: Prepared, tmp_path: Path
+) -> None:
+    with pytest.raises(RecordingError, match=r"training samples for \d+ weights"):
+        narx_study(data, tmp_path, candidates=[Candidate(1, LM, 8, (60, 60))])
+    with pytest.raises(UsageError, match="at least one of each"):
+        narx_study(data, tmp_path, starts=0)
+
+
+def numbers(train: float, test: float, free: float, weights: int = 400) -> dict[str, Any]:
+    """A model as the study stores it, from RMSE values; three starts 1 % apart."""
+
+    def parts(k: float, *rmse: float) -> dict[str, Any]:
+        values = [{"enabled": {"r": 0.9, "mse": (k * e) ** 2}} for e in rmse]
+        return dict(zip(("train", "validate", "test"), values, strict=True))
+
+    starts = [
+        {"one_step": parts(k, train, train, test), "free_run": parts(k, free, free, free),
+         "diverged": False, "unfinished": False}
+        for k in (0.99, 1.0, 1.01)
+    ]  # fmt: skip
+    return {"starts": starts, "n_weights": weights}
+
+
+def test_over_and_underfitting_follow_from_the_numbers() -> None:
+    models = [
+        numbers(0.095, 0.114, 0.2, weights=50),  # the test blocks are a fifth harder
+        numbers(0.090, 0.110, 0.2),
+        numbers(0.080, 0.200, 0.2),  # learnt by heart
+        numbers(0.150, 0.170, 0.2),  # learnt too little
+        numbers(0.085, 0.100, 0.9),  # good one step ahead only
+    ]
+    labels = [v["labels"] for v in judge(models, 200)]
+    assert labels == [[], [], ["overfits"], ["underfits"], ["one-step deceives"]]
+
+
+def test_a_gap_within_the_spread_over_the_starts_is_not_called_overfitting() -> None:
+    wide = numbers(0.1, 0.14, 0.2)
+    for start, k in zip(wide["starts"], (0.5, 1.0, 1.5), strict=True):
+        start["one_step"]["test"]["enabled"]["mse"] *= k**2
+    assert judge([numbers(0.1, 0.12, 0.2, weights=50), wide], 200)[1]["labels"] == []

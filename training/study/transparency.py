@@ -1,0 +1,135 @@
+"""How much of a sensor fault reaches the prediction through lambda_controller.
+
+The controller makes its output from the measured lambda. A faulty reading moves it even if the
+true mixture stays as it is, and a network that sees it may predict the faulty reading: the fault
+then hides itself. The controller's law is not known from recordings, so it is estimated: its
+increment from the present and past mixture, measured and commanded. What it would add for a faulty
+reading is put on the network's input, every other input stays.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import linalg, signal
+
+from monitor.faults import SensorFault, resolve
+from monitor.model import from_model_units, to_model_units
+from monitor.types import FloatArray
+from training.metrics import correlation
+from training.narx import simulate
+from training.prepare import CONTROLLER, Role, enabled_rows, runs
+from training.recordings import Recording
+from training.stages import measured_history
+from training.study.input_sets import Tried, exact_inputs
+
+COMMAND = "lambda_target"
+TAPS = 5  # past samples of the mixture that the controller's law may use
+SHORTEST = 100  # samples of a closed-loop stretch that is used
+FAULTS = (("slow_symmetric", 0.6), ("delay_symmetric", 0.6), ("gain_low", 0.5))
+
+
+@dataclass(frozen=True, slots=True)
+class Controller:
+    """increment(t) = own · increment(t-1) + measured · phi(t..t-5) + commanded · phi(t..t-5)."""
+
+    own: float
+    measured: FloatArray  # (TAPS + 1,)
+    explained: float  # correlation of the increments with what the law says, on the last third
+
+    def response(self, change: FloatArray, closed: np.ndarray) -> FloatArray:
+        """Return what the controller adds (n,) for a ``change`` of the reading in phi (n,)."""
+        driven = signal.lfilter(self.measured, [1.0], change)
+        increments = np.asarray(signal.lfilter([1.0], [1.0, -self.own], driven))
+        return np.asarray(np.cumsum(np.where(closed, increments, 0.0)))
+
+
+def estimate_controller(recordings: Sequence[Recording], output: str) -> Controller | None:
+    """Return the controller's law by least squares, None if there is too little closed loop."""
+    parts = []
+    for r in recordings:
+        names = [CONTROLLER, output] + ([COMMAND] if COMMAND in r.names else [])
+        values = np.column_stack([r.column(n) for n in names])
+        values[:, 1:] = to_model_units("phi", values[:, 1:])
+        good = np.isfinite(values).all(axis=1) & enabled_rows(r)
+        parts += [_regression(values[a:b]) for a, b in runs(good) if b - a >= SHORTEST]
+    if not parts:
+        return None
+    rows = np.concatenate(parts)
+    cut = 2 * len(rows) // 3
+    coefficients = linalg.lstsq(rows[:cut, 1:], rows[:cut, 0])[0]
+    said = rows[cut:, 1:] @ coefficients
+    return Controller(
+        float(np.clip(coefficients[0], -0.98, 0.98)),
+        coefficients[1 : TAPS + 2],
+        correlation(rows[cut:, 0], said),
+    )
+
+
+def _regression(values: FloatArray) -> FloatArray:
+    """Return rows of increment, the one before, taps of the mixture, and a constant."""
+    increment = np.diff(values[:, 0])
+    n = len(increment)
+    taps = [values[TAPS + 1 - j : len(values) - j, 1:] for j in range(TAPS + 1)]
+    by_signal = np.stack(taps, axis=1).transpose(0, 2, 1).reshape(n - TAPS, -1)
+    return np.column_stack(
+        [increment[TAPS:], increment[TAPS - 1 : -1], by_signal, np.ones(n - TAPS)]
+    )
+
+
+def transparency(
+    recordings: Sequence[Recording], tried: Sequence[Tried], output: str
+) -> dict[str, Any]:
+    """Return what reaches the prediction of each set, per fault, on enabled test samples.
+
+    gain : least-squares slope of the prediction's change over the reading's change; 0 is a
+        prediction that knows nothing of the fault, 1 one that follows it
+    share : RMS of the prediction's change over that of the reading's
+    seen : RMS of the residual's change over that of the reading's, 1 without the input
+    """
+    law = estimate_controller(recordings, output)
+    if law is None:
+        return {"controller": None, "reach": []}
+    reach = []
+    for name, severity in FAULTS:
+        for each in tried:
+            found = _reach(each, law, name, severity)
+            reach.append({"fault": name, "severity": severity, "set": each.set.name, **found})
+    return {"controller": {"explained": law.explained}, "reach": reach}
+
+
+def _reach(tried: Tried, law: Controller, fault: str, severity: float) -> Mapping[str, float]:
+    data, spec = tried.data, tried.spec
+    names = [c.name for c in data.inputs]
+    phi = data.scaling.unscale_y(data.samples.y)
+    change, extra = np.zeros(len(phi)), np.zeros(len(phi))
+    for s in data.segments:
+        rows = slice(s.start, s.stop)
+        sensor = SensorFault(resolve(fault, severity), data.period_ns / 1e9)
+        read = np.array(sensor.apply(from_model_units("phi", phi[rows])))
+        change[rows] = to_model_units("phi", read) - phi[rows]
+        extra[rows] = law.response(change[rows], data.enabled[rows])
+    u = exact_inputs(data)
+    moved = u
+    if CONTROLLER in names:
+        i = names.index(CONTROLLER)
+        scale = data.scaling
+        moved = u.copy()
+        at = u[:, i] * scale.u_std[i] + scale.u_mean[i] + extra
+        at = np.clip(at, scale.u_low[i], scale.u_high[i])
+        moved[:, i] = (at - scale.u_mean[i]) / scale.u_std[i]
+    start = np.array([s.start + spec.lags for s in data.segments], dtype=np.int64)
+    stop = np.array([s.stop for s in data.segments], dtype=np.int64)
+    history = measured_history(data, spec.lags, start)
+    weights = tried.starts[tried.best].weights
+    runs_of = [simulate(spec, weights, each, start, stop, history) for each in (u, moved)]
+    answer = (runs_of[1] - runs_of[0]) * data.scaling.y_std
+    rows = (data.role == Role.TEST) & data.enabled & np.isfinite(answer)
+    c, a = change[rows], answer[rows]
+    size = float(np.sqrt(np.mean(c**2)))
+    return {
+        "gain": float(a @ c / (c @ c)),
+        "share": float(np.sqrt(np.mean(a**2))) / size,
+        "seen": float(np.sqrt(np.mean((c - a) ** 2))) / size,
+    }
