@@ -84,8 +84,11 @@ def excited(
             }
         )
         if own.moves == 0:
-            continue  # constant: said already
-        if own.order < lags:
+            values = np.concatenate([r.column(name) for r in recordings])
+            if np.ptp(values[np.isfinite(values)]) > 0.0:  # else said already
+                text = f"{name} is constant where all inputs are valid: leave it out"
+                found.append(Finding("error", "constant", text))
+        elif own.order < lags:
             text = (
                 f"{name} is persistently exciting of order {own.order} only, {lags} is wanted for "
                 f"{lags} lags: its lags cannot be told apart"

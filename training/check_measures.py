@@ -9,7 +9,7 @@ from scipy import linalg
 from monitor.types import FloatArray
 from training.study.spectrum import welch
 
-MOVING = 0.001  # of the span: a smaller step from sample to sample is rounding
+MOVING = 0.001  # of the span: a sample that differs so much from the one before moves
 PE_CONDITION = 1e10  # directions weaker by this in power (1e5 in size) drown in 16-bit rounding
 COPY = 0.999  # correlation beyond which one signal is a copy of the other
 CONDITION_INDEX = 30.0  # Belsley, Kuh and Welsch: beyond it coefficients are degraded
@@ -24,8 +24,8 @@ class Excitation:
     """How one input moves."""
 
     std: float
-    moves: int  # samples that differ from the one before
-    moving: float  # their share
+    moves: int  # samples that differ at all from the one before
+    moving: float  # share of samples that differ by a thousandth of the span and more
     order: int  # of persistent excitation, at most the one asked for
     bandwidth_hz: float | None  # below which 95 % of the variance lies; None if too short
 
@@ -42,11 +42,10 @@ def excitation(stretches: Sequence[FloatArray], period_s: float, order: int) -> 
     span = float(high - low) or float(np.ptp(values))
     steps = np.concatenate([np.abs(np.diff(s)) for s in stretches])
     spectrum = welch([s[:, np.newaxis] for s in stretches], period_s)
-    moves = int((steps > MOVING * span).sum()) if span > 0 else 0
     return Excitation(
         std=float(values.std()),
-        moves=moves,
-        moving=moves / max(len(steps), 1),
+        moves=int((steps > 1e-9 * span).sum()) if span > 0 else 0,
+        moving=float((steps > MOVING * span).mean()) if span > 0 and len(steps) else 0.0,
         order=_order(stretches, float(values.mean()), order),
         bandwidth_hz=None
         if spectrum is None

@@ -209,6 +209,12 @@ def _bridge(column: FloatArray) -> None:
 
 def _unbroken(recordings: Sequence[Recording], names: Sequence[str]) -> list[Stretch]:
     transform = output_transform(names[-1])
+    for other in recordings[1:]:
+        if other.period_ns != recordings[0].period_ns:
+            raise RecordingError(
+                f"{other.path}: sample period {other.period_ns / 1e9:g} s, {recordings[0].path} "
+                f"has {recordings[0].period_ns / 1e9:g} s; one grid is wanted (--period)"
+            )
     parts = []
     for index, recording in enumerate(recordings):
         values = cleaned(recording, names, transform)

@@ -1,5 +1,6 @@
 """Principal components of the candidate inputs: scree, loadings, biplot, Q and T² over time."""
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -129,6 +130,7 @@ def scree_figure(result: dict[str, Any]) -> Figure:
     number = np.arange(1, len(result["variances"]) + 1)
     left.bar(number, result["variances"], color="#9db8d2")
     left.axvline(result["kept"] + 0.5, color="#999999", ls="--", lw=0.8)
+    left.set_xticks(number)
     left.set_xlabel("component; kept ones left of the dashed line")
     left.set_ylabel("variance (bars)")
     other = left.twinx()
@@ -156,13 +158,12 @@ def biplot_figure(result: dict[str, Any]) -> Figure:
     one, two = (np.array(v) / scale for v, scale in zip(result["scores"], for_scale, strict=True))
     axes.plot(one, two, ".", color="#bbbbbb", ms=3)
     loadings = np.array(result["loadings"])[:, :2]
-    order = np.argsort(np.arctan2(loadings[:, 1], loadings[:, 0]))
-    for turn, i in enumerate(order):
-        x, y = loadings[i]
+    for x, y in loadings:
         axes.annotate("", (x, y), (0, 0), arrowprops={"arrowstyle": "->", "color": "#1f4e79"})
-        stretch = 1.08 + 0.12 * (turn % 3)  # names of close arrows apart
-        side = "center" if abs(x) < 0.1 else ("left" if x > 0 else "right")
-        axes.text(x * stretch, y * stretch, result["names"][i], fontsize=8, ha=side)
+    for i, (x, y) in enumerate(_apart(loadings)):
+        side = "left" if x > 0 else "right"
+        axes.plot(*zip(loadings[i], (x, y), strict=True), color="#1f4e79", lw=0.4)
+        axes.text(x, y, f" {result['names'][i]} ", fontsize=8, ha=side, va="center")
     reach = 1.45 * max(1e-3, float(np.abs(loadings).max()))
     axes.set_xlim(-reach, reach)
     axes.set_ylim(-reach, reach)
@@ -170,6 +171,18 @@ def biplot_figure(result: dict[str, Any]) -> Figure:
     axes.set_xlabel(f"loading on component 1, {100 * share[0]:.0f} % of the variance")
     axes.set_ylabel(f"loading on component 2, {100 * share[1]:.0f} % of the variance")
     return figure
+
+
+def _apart(loadings: FloatArray) -> FloatArray:
+    """Return where the names (k, 2) stand: beyond the arrows, on each side one below the other."""
+    places = loadings * 1.1
+    step = 0.07 * float(np.abs(loadings).max())
+    for right in (True, False):
+        side = np.flatnonzero((places[:, 0] > 0) == right)
+        side = side[np.argsort(places[side, 1])]
+        for below, above in itertools.pairwise(side):
+            places[above, 1] = max(places[above, 1], places[below, 1] + step)
+    return places
 
 
 def control_figure(result: dict[str, Any]) -> Figure:

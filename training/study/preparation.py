@@ -38,14 +38,14 @@ def preparation(
 
     Raises RecordingError if a signal is missing or nothing is left to look at.
     """
-    period_s = recordings[0].period_ns / 1e9
+    linear_stretches(recordings, inputs, output)  # says what is wrong with names and periods
     band, spectral = _spectral(recordings, inputs, output)
     parts, linear = linear_stretches(recordings, inputs, output, band)
     return {
         "inputs": list(inputs),
         "output": output,
         "transform": linear.transform,
-        "period_s": period_s,
+        "period_s": recordings[0].period_ns / 1e9,
         "recordings": [_recording(r) for r in recordings],
         "outliers": [_outliers(recordings, name) for name in (*inputs, output)],
         "marks": _marks(recordings, (*inputs, output)),

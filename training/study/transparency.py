@@ -1,10 +1,11 @@
 """How much of a sensor fault reaches the prediction through lambda_controller.
 
-The controller makes its output from the measured lambda. A faulty reading moves it even if the
-true mixture stays as it is, and a network that sees it may predict the faulty reading: the fault
-then hides itself. The controller's law is not known from recordings, so it is estimated: its
-increment from the present and past mixture, measured and commanded. What it would add for a faulty
-reading is put on the network's input, every other input stays.
+The controller makes its output from the measured lambda. A network that sees it may predict the
+faulty reading: the fault then hides itself. A drive with the fault in the loop cannot tell how
+much, since its mixture changes, too. So the controller's law is estimated from the recordings: its
+increment from the mixture measured and commanded, present and past. What it adds for a faulty
+reading, while the loop answers with the dead time found, is put on the network's input; every
+other input stays as if the true mixture were unchanged.
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,6 +27,7 @@ from training.study.input_sets import Tried, exact_inputs
 
 COMMAND = "lambda_target"
 TAPS = 5  # past samples of the mixture that the controller's law may use
+MOST_DEAD_TIME = 20  # samples
 SHORTEST = 100  # samples of a closed-loop stretch that is used
 FAULTS = (("slow_symmetric", 0.6), ("delay_symmetric", 0.6), ("gain_low", 0.5))
 
@@ -36,35 +38,68 @@ class Controller:
 
     own: float
     measured: FloatArray  # (TAPS + 1,)
+    dead_time: int  # samples from the command to the reading
     explained: float  # correlation of the increments with what the law says, on the last third
+
+    @property
+    def loop(self) -> FloatArray:
+        """Denominator of the loop in which the reading follows the controller, gain 1."""
+        law = np.convolve([1.0, -1.0], [1.0, -self.own])
+        answer = np.concatenate([np.zeros(self.dead_time), self.measured])
+        size = max(len(law), len(answer))
+        return np.pad(law, (0, size - len(law))) - np.pad(answer, (0, size - len(answer)))
+
+    @property
+    def stable(self) -> bool:
+        """Whether the estimated loop forgets, as a real one does."""
+        return bool(np.abs(np.roots(self.loop)).max() < 1.0)
 
     def response(self, change: FloatArray, closed: np.ndarray) -> FloatArray:
         """Return what the controller adds (n,) for a ``change`` of the reading in phi (n,)."""
-        driven = signal.lfilter(self.measured, [1.0], change)
-        increments = np.asarray(signal.lfilter([1.0], [1.0, -self.own], driven))
-        return np.asarray(np.cumsum(np.where(closed, increments, 0.0)))
+        added = np.zeros(len(change))
+        for a, b in runs(closed):
+            added[a:b] = signal.lfilter(self.measured, self.loop, change[a:b])
+        return added
 
 
 def estimate_controller(recordings: Sequence[Recording], output: str) -> Controller | None:
-    """Return the controller's law by least squares, None if there is too little closed loop."""
+    """Return the controller's law by least squares.
+
+    None if there is too little closed loop, or the law found does not close a stable loop.
+    """
     parts = []
     for r in recordings:
         names = [CONTROLLER, output] + ([COMMAND] if COMMAND in r.names else [])
         values = np.column_stack([r.column(n) for n in names])
         values[:, 1:] = to_model_units("phi", values[:, 1:])
         good = np.isfinite(values).all(axis=1) & enabled_rows(r)
-        parts += [_regression(values[a:b]) for a, b in runs(good) if b - a >= SHORTEST]
-    if not parts:
+        parts += [values[a:b] for a, b in runs(good) if b - a >= SHORTEST]
+    if not parts or len({v.shape[1] for v in parts}) > 1:
         return None
-    rows = np.concatenate(parts)
+    rows = np.concatenate([_regression(v) for v in parts])
     cut = 2 * len(rows) // 3
     coefficients = linalg.lstsq(rows[:cut, 1:], rows[:cut, 0])[0]
-    said = rows[cut:, 1:] @ coefficients
-    return Controller(
+    law = Controller(
         float(np.clip(coefficients[0], -0.98, 0.98)),
         coefficients[1 : TAPS + 2],
-        correlation(rows[cut:, 0], said),
+        _dead_time(parts),
+        correlation(rows[cut:, 0], rows[cut:, 1:] @ coefficients),
     )
+    return law if law.stable else None
+
+
+def _dead_time(parts: Sequence[FloatArray]) -> int:
+    """Return the lag of the reading behind the command at which they correlate best."""
+    if parts[0].shape[1] < 3:
+        return TAPS
+    found = [
+        correlation(
+            np.concatenate([v[: len(v) - lag, 2] for v in parts]),
+            np.concatenate([v[lag:, 1] for v in parts]),
+        )
+        for lag in range(MOST_DEAD_TIME + 1)
+    ]
+    return int(np.argmax(found))
 
 
 def _regression(values: FloatArray) -> FloatArray:
@@ -96,7 +131,8 @@ def transparency(
         for each in tried:
             found = _reach(each, law, name, severity)
             reach.append({"fault": name, "severity": severity, "set": each.set.name, **found})
-    return {"controller": {"explained": law.explained}, "reach": reach}
+    found = {"explained": law.explained, "dead_time": law.dead_time}
+    return {"controller": found, "reach": reach}
 
 
 def _reach(tried: Tried, law: Controller, fault: str, severity: float) -> Mapping[str, float]:
