@@ -125,22 +125,33 @@ def fit(
     if not np.isfinite(trained[best].score):
         raise UsageError(f"the budget of {budget_minutes:g} min ended before the first epoch")
     warnings += _training_warnings(trained, gap)
-    network = Network(
-        spec, trained[best].weights, data.scaling, data.transform, data.transforms, tuple(inputs)
-    )
     predicted = data.scaling.unscale_y(free_run(data, spec, trained[best].weights))
-    checks = {
-        "contraction": {"gap": gap.gap, "samples": CONTRACTION_SAMPLES, "pairs": gap.pairs,
-                        "limit": gap.limit},
-    }  # fmt: skip
-    card = _card(data, network, predicted, checks)
-    save(out, network, card)
-    checks["parity"] = _parity(out, network, data)
-    save(out, network, card := _card(data, network, predicted, checks))
+    network, card = write_model(out, data, spec, trained[best].weights, predicted, gap)
     return FitResult(
         Path(out), card, network, data, trained, best, predicted, held_out(data),
         tries, time.monotonic() - began, tuple(warnings),
     )  # fmt: skip
+
+
+def write_model(
+    out: Path | str, data: Prepared, spec: Spec, weights: FloatArray, predicted: FloatArray,
+    gap: Contraction,
+) -> tuple[Network, ModelCard]:  # fmt: skip
+    """Write trained weights as a model file, its parity proved; return what stands in it.
+
+    predicted : (n,) free run over ``data.samples`` in model units, for the card's measures
+    Raises ModelError if ONNX, torch and numpy disagree.
+    """
+    network = Network(spec, weights, data.scaling, data.transform, data.transforms, data.names)
+    checks: dict[str, Any] = {
+        "contraction": {"gap": gap.gap, "samples": CONTRACTION_SAMPLES, "pairs": gap.pairs,
+                        "limit": gap.limit},
+    }  # fmt: skip
+    save(out, network, _card(data, network, predicted, checks))
+    checks["parity"] = _parity(out, network, data)
+    card = _card(data, network, predicted, checks)
+    save(out, network, card)
+    return network, card
 
 
 def _search(

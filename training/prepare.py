@@ -108,6 +108,11 @@ class Prepared:
     outliers: dict[str, int]
     warnings: tuple[str, ...]
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the inputs."""
+        return tuple(channel.name for channel in self.inputs)
+
 
 def prepare(
     recordings: Sequence["Recording"],
