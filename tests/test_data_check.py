@@ -111,8 +111,15 @@ def test_no_stretch_long_enough_for_the_lags_is_an_error() -> None:
     columns = engine()
     columns["speed"][::30] = np.nan
     result = check([recording(columns)], INPUTS, "lean", lags=5)
-    assert ("error", "no stretch of 40 samples has all inputs valid") in levels(result)["gaps"]
+    text = "no recording has a stretch of 40 samples with all inputs valid"
+    assert ("error", text) in levels(result)["gaps"]
     assert check([recording(columns)], INPUTS, "lean", lags=3)["usable"]
+
+
+def test_a_recording_too_short_to_be_used_is_named(good: Recording) -> None:
+    result = check([good, recording(engine(2, 30), "short")], INPUTS, "lean", hidden=(5,))
+    assert "short.csv: not used" in only(result, "gaps", "warning")
+    assert result["usable"]
 
 
 @pytest.mark.parametrize(("n", "level"), [(60, "error"), (700, "warning"), (6000, "ok")])

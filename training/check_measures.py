@@ -15,7 +15,8 @@ COPY = 0.999  # correlation beyond which one signal is a copy of the other
 CONDITION_INDEX = 30.0  # Belsley, Kuh and Welsch: beyond it coefficients are degraded
 PROPORTION = 0.5  # of a coefficient's variance that lies in one such direction
 CELLS = 8  # of the histogram, per axis
-VISITED_S = 1.0  # a cell counts as visited from so many seconds on
+VISITED_S = 1.0  # a cell counts as visited from so many seconds on,
+VISITED_SHARE = 0.1  # or in short recordings from this share of an even spread on
 BANDWIDTH = 0.95  # of the variance lies below it
 
 
@@ -152,7 +153,8 @@ def coverage(speed: FloatArray, load: FloatArray, period_s: float) -> Coverage:
     counts, *_ = np.histogram2d(speed, load, bins=[across, up])
     seconds = counts * period_s
     total = max(float(counts.sum()), 1.0)
-    share, fullest = float((seconds >= VISITED_S).mean()), float(counts.max()) / total
+    enough_s = min(VISITED_S, VISITED_SHARE * total * period_s / CELLS**2)
+    share, fullest = float((seconds >= enough_s).mean()), float(counts.max()) / total
     return Coverage(share, fullest, across, up, seconds)
 
 

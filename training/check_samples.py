@@ -53,6 +53,7 @@ def usable(
     names = (*inputs, output)
     columns = [np.column_stack([r.column(n) for n in names]) for r in recordings]
     found, outliers = [], dict.fromkeys(names, 0)
+    shortest = SHORTEST_STRETCH * lags
     for values in columns:
         for i, name in enumerate(names):
             bad = outlier_mask(name, values[:, i])
@@ -68,12 +69,16 @@ def usable(
         good = np.asarray(np.isfinite(values[:, :-1]).all(axis=1))
         on = enabled_rows(r) & good & np.isfinite(values[:, -1])
         enabled += int(on.sum())
+        before = len(data.u)
         for a, b in runs(good):
-            if b - a >= SHORTEST_STRETCH * lags and np.isfinite(values[a:b, -1]).any():
+            if b - a >= shortest and np.isfinite(values[a:b, -1]).any():
                 data.u.append(values[a:b, :-1])
                 data.y.append(values[a:b, -1])
+        if len(data.u) == before:
+            text = f"{r.path}: not used, no stretch of {shortest} samples with all inputs valid"
+            found.append(Finding("warning", "gaps", text))
     if not data.u:
-        text = f"no stretch of {SHORTEST_STRETCH * lags} samples has all inputs valid"
+        text = f"no recording has a stretch of {shortest} samples with all inputs valid"
         found.append(Finding("error", "gaps", text))
     elif not any(f.topic == "gaps" for f in found):
         longest = max(len(u) for u in data.u)

@@ -86,6 +86,9 @@ def _spectral(result: dict[str, Any]) -> list[str]:
         f"(chi-square, one false line in a thousand spectra), and by {UNCERTAIN_DB:g} dB at least."
     )
     parts = [paragraph(text), picture(_figure(result), f"Spectrum of {output} with its lines")]
+    if result["inputs"]:
+        caption = "Spectra of the inputs, each divided by its variance, with their lines"
+        parts.append(picture(_inputs_figure(result), caption))
     parts.append(_line_table(result))
     said: dict[str, list[str]] = {}
     for x in result["lines"]:
@@ -126,6 +129,27 @@ def _figure(result: dict[str, Any]) -> Figure:
     lower.set_ylabel("coherence with the output")
     lower.set_xlabel("frequency, Hz; dashed: unrelated signals stay below in 95 %")
     lower.legend(frameon=False, ncols=2)
+    return figure
+
+
+def _inputs_figure(result: dict[str, Any]) -> Figure:
+    spectrum, names = result["spectrum"], result["inputs"]
+    f = np.array(spectrum["frequency_hz"])[1:-1]
+    n_rows = -(-len(names) // 3)
+    figure = Figure(figsize=(10, 0.4 + 1.7 * n_rows), layout="constrained")
+    grid = figure.subplots(n_rows, min(3, len(names)), sharex=True, squeeze=False)
+    for axes in grid.flat[len(names) :]:
+        axes.set_axis_off()
+    for axes, name in zip(grid.flat, names, strict=False):
+        density = np.array(spectrum["density"][name])
+        variance = max(float(density.sum() * spectrum["frequency_hz"][1]), 1e-300)
+        axes.semilogy(f, np.maximum(density[1:-1] / variance, 1e-12), lw=0.8, color="#1f4e79")
+        for line in result["lines"]:
+            if line["signal"] == name:
+                axes.axvspan(line["low_hz"], line["high_hz"], color="#888888", alpha=0.35)
+        axes.set_title(name, fontsize=9)
+    figure.supxlabel("frequency, Hz", fontsize=9)
+    figure.supylabel("share of the variance, 1/Hz", fontsize=9)
     return figure
 
 
