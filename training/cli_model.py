@@ -60,7 +60,9 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
     fit.add_argument(
         "--ratio", action="store_true", help="give the network fuel over air, not fuel mass"
     )
-    fit.add_argument("--starts", type=int, default=3, metavar="N", help="trainings (default 3)")
+    fit.add_argument(
+        "--starts", type=int, metavar="N", help="trainings (default 3, on short recordings 8)"
+    )
     fit.add_argument(
         "--budget", type=float, default=10.0, metavar="MIN",
         help="minutes after which the best so far is kept (default 10)",
@@ -106,7 +108,10 @@ def run_fit(args: argparse.Namespace) -> int:
     from training.progress import Bar
     from training.transforms import fuel_air_ratio
 
-    if min(args.lags or 1, args.starts, *(args.hidden or ())) < 1 or not args.budget > 0:
+    if (
+        min(*(1 if n is None else n for n in (args.lags, args.starts)), *(args.hidden or (1,))) < 1
+        or not args.budget > 0
+    ):
         raise UsageError("--lags, --starts, --hidden and --budget must be positive")
     if args.out.suffix != ".onnx":
         raise UsageError(f"--out {args.out}: a model file ends in .onnx")
@@ -120,7 +125,7 @@ def run_fit(args: argparse.Namespace) -> int:
     if args.ratio and not {"fuel_mass_mg", "air_mass_mg"} <= set(inputs):
         raise UsageError("--ratio needs the inputs fuel_mass_mg and air_mass_mg")
     recordings = _load(args, args.recordings, args.period)
-    with Bar(args.starts) as bar:
+    with Bar() as bar:
         result = fit(
             recordings,
             inputs,

@@ -23,7 +23,7 @@ from training.parity import parity
 from training.prepare import Prepared, Role, prepare
 from training.stability import CONTRACTION_SAMPLES, Contraction, contraction
 from training.stages import Trained, free_run, train
-from training.structure import Search, Try
+from training.structure import Search, Structure, Try
 
 if TYPE_CHECKING:
     from training.recordings import Recording
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 PARITY_SAMPLES = 3000
 SEARCH_SHARE = 0.4  # of the budget goes into the choice of memory and size
 SHORT_SAMPLES, ROTATIONS = 5000, 3  # shorter recordings choose by several sets of held-out blocks
+STARTS, STARTS_SHORT = 3, 8  # trainings from other random weights
 SAMPLES_PER_WEIGHT = 10  # fewer than this and the network overfits, whatever one does
 
 
@@ -71,7 +72,7 @@ def fit(
     hidden: tuple[int, ...] | None = None,
     input_lag_start: int = 1,
     transforms: Sequence[Mapping[str, Any]] = (),
-    starts: int = 3,
+    starts: int | None = None,
     budget_minutes: float = 10.0,
     seed: int = 0,
     threads: int = 2,
@@ -85,12 +86,13 @@ def fit(
         inputs of the tick itself enter and a linear path is added; if only one is given the other
         is the paper's (5; 8, 8)
     validate : recordings that choose and stop and are not trained on; without, held-out blocks do
+    starts : trainings from other random weights, default 3, on short recordings 8
     transforms : of inputs, see ``training.transforms``
     progress : called with start, horizon, epoch and best validation RMSE after every epoch
     tried : called after every structure that was tried
     Raises RecordingError or UsageError if the recordings or names cannot be used.
     """
-    if starts < 1:
+    if starts is not None and starts < 1:
         raise UsageError(f"starts {starts}: must be at least 1")
     began = time.monotonic()
     everything = (*recordings, *validate)
@@ -102,14 +104,18 @@ def fit(
 
     data = prepared(seed)
     tries: tuple[Try, ...] = ()
+    decay = 0.0
     deadline_s = began + 60.0 * budget_minutes
     if lags is None and hidden is None:
-        spec, tries = _search(data, prepared, seed, began, budget_minutes, threads, tried)
+        chosen, tries = _search(data, prepared, seed, began, budget_minutes, threads, tried)
+        spec, decay = chosen.spec(data), chosen.decay
     else:
         spec = Spec(len(inputs), lags or 5, hidden or (8, 8), input_lag_start,
                     *data.scaling.y_scaled_limits)  # fmt: skip
     warnings = [*data.warnings, *_size_warnings(data, spec)]
 
+    if starts is None:
+        starts = STARTS_SHORT if len(data.role) < SHORT_SAMPLES else STARTS
     workers = max(1, min(threads, starts))
     rounds = -(-starts // workers)
     begun = time.monotonic()
@@ -117,7 +123,8 @@ def fit(
     def one(index: int) -> Trained:
         told = (lambda h, e, s: progress(index, h, e, s)) if progress else None
         share = (index // workers + 1) / rounds  # later starts get their part of the budget
-        return train(data, spec, seed + 1000 * index, begun + share * (deadline_s - begun), told)
+        until_s = begun + share * (deadline_s - begun)
+        return train(data, spec, seed + 1000 * index, until_s, told, decay=decay)
 
     with ThreadPoolExecutor(workers) as pool:
         trained = tuple(pool.map(one, range(starts)))
@@ -157,13 +164,13 @@ def write_model(
 def _search(
     data: Prepared, prepared: Callable[[int], Prepared], seed: int, began_s: float,
     budget_minutes: float, threads: int, tried: Callable[[Try], None] | None,
-) -> tuple[Spec, tuple[Try, ...]]:  # fmt: skip
-    """Return the shape that suits the data, within its share of the budget."""
+) -> tuple[Structure, tuple[Try, ...]]:  # fmt: skip
+    """Return the structure that suits the data, within its share of the budget."""
     short = len(data.role) < SHORT_SAMPLES
     others = [prepared(seed + i) for i in range(1, ROTATIONS)] if short else []
     deadline_s = began_s + SEARCH_SHARE * 60.0 * budget_minutes
     search = Search([data, *others], deadline_s, threads, tried)
-    return search.run().spec(data), tuple(search.tries.values())
+    return search.run(), tuple(search.tries.values())
 
 
 def held_out(data: Prepared) -> tuple[HeldOut, ...]:

@@ -6,7 +6,7 @@ on, stretches that start from random histories and are scored only after they sh
 forgotten train the contraction in.
 """
 
-import math
+import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -24,6 +24,7 @@ from training.stability import contraction
 
 HORIZONS = (5, 20, 100, 1000)
 EPOCHS = {1: 40, 5: 15, 20: 15, 100: 20, 1000: 30}  # most epochs of each stage
+EARLY_SAMPLES = 30_000  # training samples of horizons below 100
 WARM_UP = 1000  # samples of free run before a block is scored, where there are so many
 FORGET_FROM = 20  # horizon from which random histories take part
 FORGET = 30  # samples after which a random history must no longer matter
@@ -39,7 +40,7 @@ class Stage:
 
     name: str  # "horizon 1" is series-parallel; "forget" tunes on random histories
     costs: tuple[float, ...]  # training cost after every epoch, scaled units
-    scores: tuple[float, ...]  # free-run validation RMSE after every epoch, scaled units
+    scores: tuple[float, ...]  # free-run validation after every epoch, scaled units
     stop: str
     seconds: float
 
@@ -49,7 +50,7 @@ class Trained:
     """The best weights of one start."""
 
     weights: FloatArray
-    score: float  # free-run validation RMSE, scaled and weighted
+    score: float  # free-run validation, mean of the blocks' RMSE, scaled and weighted
     stages: list[Stage] = field(default_factory=list)
 
 
@@ -70,8 +71,8 @@ def free_run(data: Prepared, spec: Spec, weights: FloatArray) -> FloatArray:
 def free_run_score(
     data: Prepared, spec: Spec, weights: FloatArray, role: Role = Role.VALIDATE
 ) -> float:
-    """Return the weighted free-run RMSE on the blocks of ``role``, in scaled units."""
-    return float(np.sqrt(blocks_of(data, spec, role).cost(weights)))
+    """Return the free-run score on the blocks of ``role``: mean of their RMSE, scaled units."""
+    return blocks_of(data, spec, role).score(weights)
 
 
 def blocks_of(
@@ -149,16 +150,18 @@ def train(
     horizons: tuple[int, ...] = HORIZONS,
     epochs: Mapping[int, int] = EPOCHS,
     n_samples: int | None = None,
+    decay: float = 0.0,
 ) -> Trained:
     """Return the best weights of one start from random weights, series-parallel first.
 
     progress : called with horizon, epoch and best validation score after every epoch
     n_samples : train on about so many samples at most
+    decay : times every squared weight is added to the mean squared error, scaled units
     """
     rng = np.random.default_rng(seed)
     weights = initial_weights(spec, rng)
     stages = (1, *horizons)
-    return tune(data, spec, weights, rng, deadline_s, progress, stages, epochs, n_samples)
+    return tune(data, spec, weights, rng, deadline_s, progress, stages, epochs, n_samples, decay)
 
 
 def tune(
@@ -171,10 +174,12 @@ def tune(
     horizons: tuple[int, ...] = HORIZONS,
     epochs: Mapping[int, int] = EPOCHS,
     n_samples: int | None = None,
+    decay: float = 0.0,
 ) -> Trained:
     """Return the best weights by free-run validation on the way through ``horizons``.
 
-    n_samples : train on about so many samples at most
+    n_samples : train on about so many samples at most; short horizons never take more than
+        ``EARLY_SAMPLES``, because all they have to do is to come near
     """
     best = Trained(weights, np.inf)
     validation = blocks_of(data, spec)
@@ -187,14 +192,16 @@ def tune(
             if best.stages:
                 best.stages[-1] = replace(best.stages[-1], stop="budget")
             break
-        cut = pieces(data, spec, horizon, n_samples)
-        objective = ClosedLoop(spec, data.samples, cut + random if horizon >= FORGET_FROM else cut)
+        early = EARLY_SAMPLES if horizon < 100 else sys.maxsize
+        cut = pieces(data, spec, horizon, min(early, n_samples or early))
+        taken = cut + random if horizon >= FORGET_FROM else cut
+        objective = ClosedLoop(spec, data.samples, taken, decay=decay)
         began = time.monotonic()
         outcome = minimise(
             objective,
             weights,
             Options(epochs=epochs.get(horizon, 30), max_fail=8 if horizon > 1 else 40),
-            validate=lambda w: math.sqrt(validation.cost(w)),
+            validate=validation.score,
             deadline_s=deadline_s,
             progress=_tell(progress, horizon, best),
         )

@@ -1,7 +1,7 @@
 """The choice of memory and size: a walk over structures, judged by free run on held-out blocks.
 
 From a middle structure the walk goes along one axis after another (longest input lag, output lags,
-hidden layers) to the best neighbour, until no axis improves or the time is up. Every candidate is
+hidden layers, weight decay) to the best neighbour, until no axis improves or the time is up. Every candidate is
 trained shortly in closed loop on a part of the samples. A larger structure must be better by more
 than its uncertainty over the blocks, a smaller one only not worse: where a network would overfit a
 short record, the smaller one wins. On short recordings candidates are judged on several choices of
@@ -26,7 +26,9 @@ from training.stages import blocks_of, train
 LONGEST = (1, 2, 3, 5, 8, 12, 20, 34, 60)  # input lags
 LAGS = (1, 2, 3, 5, 8, 12)  # output lags
 HIDDEN: tuple[tuple[int, ...], ...] = ((), (3,), (5,), (8,), (12,), (8, 8), (12, 12), (20, 12))
+DECAY = (0.0, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2)  # of the weights
 FIRST = (5, 3, (8,))
+FIRST_DECAY = (0.0, 1e-4)  # of long and short recordings
 FAR = (34, 12, 60)  # input lags that are tried before the walk
 SINGLE_LAGS = 4  # boxes are single lags up to here, then they widen
 WIDENING = 1.35
@@ -46,6 +48,7 @@ class Structure:
     longest: int  # input lag
     lags: int  # of the output
     hidden: tuple[int, ...]
+    decay: float = 0.0  # of the weights, see ``ClosedLoop``
 
     def spec(self, data: Prepared) -> Spec:
         """Return the model's shape for ``data``."""
@@ -61,13 +64,13 @@ class Try:
 
     structure: Structure
     n_weights: int
-    squares: FloatArray  # (n_blocks,) sums of squared errors, scaled units
-    total: float  # weight of the samples in them
+    errors: FloatArray  # (n_blocks,) free-run RMSE of held-out blocks, scaled units
+    shares: FloatArray  # (n_blocks,) of the samples, sum 1
 
     @property
     def rmse(self) -> float:
-        """Free-run RMSE on the held-out blocks, scaled units."""
-        return math.sqrt(float(self.squares.sum()) / self.total)
+        """Mean of the blocks' free-run RMSE, scaled units."""
+        return float(self.shares @ self.errors)
 
 
 def boxes(longest: int) -> tuple[tuple[int, int], ...]:
@@ -116,6 +119,8 @@ class Search:
             best = self._walk(best, "longest", LONGEST)
             best = self._walk(best, "lags", LAGS)
             best = self._walk(best, "hidden", HIDDEN)
+            if best.hidden:
+                best = self._walk(best, "decay", DECAY)
             if best == before or self._late():
                 return best
 
@@ -124,7 +129,7 @@ class Search:
 
     def _first(self) -> Structure:
         """Return the middle structure, or the largest below it that the samples allow."""
-        best = Structure(*FIRST)
+        best = Structure(*FIRST, FIRST_DECAY[len(self.rotations) > 1])
         while not self._possible(best) and best.hidden:
             best = replace(best, hidden=HIDDEN[HIDDEN.index(best.hidden) - 1])
         while not self._possible(best) and best.longest > LONGEST[0]:
@@ -158,12 +163,14 @@ class Search:
         return best
 
     def _better(self, candidate: Try, best: Try) -> bool:
-        gain = best.squares - candidate.squares
-        error = float(gain.std(ddof=1)) * math.sqrt(len(gain)) if len(gain) > 1 else 0.0
-        ratio = candidate.rmse / best.rmse
-        if candidate.n_weights > best.n_weights:
-            return ratio < 1 - LEAST_GAIN and float(gain.sum()) > SURE * error
-        return ratio < 1 or (ratio < 1 + LEAST_GAIN and -float(gain.sum()) < SURE * error)
+        gains = best.errors - candidate.errors
+        gain = float(best.shares @ gains)
+        spread = float(best.shares @ (gains - gain) ** 2)
+        error = math.sqrt(spread * float(best.shares @ best.shares))
+        freer = candidate.structure.decay < best.structure.decay
+        if candidate.n_weights > best.n_weights or freer:
+            return gain > max(LEAST_GAIN * best.rmse, SURE * error)
+        return gain > -min(LEAST_GAIN * best.rmse, SURE * error)
 
     def _try(self, candidates: Sequence[Structure]) -> None:
         """Train the candidates that are new; the first of all is tried however late it is."""
@@ -174,15 +181,18 @@ class Search:
         n = len(self.rotations)
         for i, candidate in enumerate(new):
             parts = results[i * n : (i + 1) * n]
+            weights = np.concatenate([w for _, w in parts])
             self.tries[candidate] = done = Try(
                 candidate, candidate.spec(self.rotations[0]).n_weights,
-                np.concatenate([squares for squares, _ in parts]), sum(t for _, t in parts),
+                np.concatenate([errors for errors, _ in parts]), weights / weights.sum(),
             )  # fmt: skip
             if self.progress:
                 self.progress(done)
 
-    def _short_training(self, structure: Structure, data: Prepared) -> tuple[FloatArray, float]:
+    def _short_training(
+        self, structure: Structure, data: Prepared
+    ) -> tuple[FloatArray, FloatArray]:
         spec = structure.spec(data)
-        trained = train(data, spec, 0, np.inf, None, HORIZONS, EPOCHS, N_SAMPLES)
+        trained = train(data, spec, 0, np.inf, None, HORIZONS, EPOCHS, N_SAMPLES, structure.decay)
         held_out = blocks_of(data, spec, memory=max(self.most_lags, spec.memory))
-        return held_out.squares(trained.weights), held_out.total_weight
+        return held_out.errors(trained.weights), held_out.weights
