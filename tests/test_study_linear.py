@@ -204,6 +204,30 @@ def test_subspace_finds_order_and_poles_over_several_recordings() -> None:
     )
 
 
+def test_a_state_space_model_starts_rightly_far_from_zero() -> None:
+    # GIVEN signals in physical units, levels many times their spread
+    u, y = two_inputs(3000, 6)
+    u, y = 1e5 * (u + 30.0), 300.0 + 0.01 * y
+    model = subspace(triangle([(u[:2000], y[:2000])], 20, 20), 20, 6).models[5]
+    assert fit_percent(y[2020:], model.simulate(u[2000:], y[2000:2020])[20:]) > 80.0
+
+
+def test_an_unstable_plant_is_said_to_be_unstable() -> None:
+    # GIVEN outputs that run away
+    rng = RNG(2)
+    stretches = []
+    for _ in range(4):
+        u = rng.standard_normal((400, 1))
+        stretches.append((u, lfilter([0.0, 1.0], [1.0, -1.02], u[:, 0])))
+    # WHEN the baselines are fitted
+    result = linear(stretches[:2], stretches[2:3], stretches[3:], ["u"], "y", period_s=PERIOD_S)
+    # THEN a model that finds the plant is marked and not scored, and another one is chosen
+    assert not result["models"]["arx_mdl"]["stable"]
+    assert result["models"]["arx_mdl"]["fit_percent"] is None
+    assert result["models"][result["best"]]["stable"]
+    assert "unstable" in section(json.loads(json.dumps(result, allow_nan=False)))
+
+
 def test_output_error_beats_arx_in_free_run_under_output_noise() -> None:
     # GIVEN a continuous second-order plant whose sensor alone is noisy
     def stretch(seed: int) -> Stretch:
@@ -350,6 +374,8 @@ def test_bad_input_is_refused_with_one_clear_line(plants: list[Stretch]) -> None
         study([(u[:, :1], y)])
     with pytest.raises(RecordingError, match="40 samples in 1 stretches are too few"):
         study([(u[:40], y[:40])])
+    with pytest.raises(RecordingError, match=r"training: the output is constant \(2\)"):
+        study([(u, np.full(len(y), 2.0))])
     with pytest.raises(RecordingError, match="training: no stretch"):
         study([])
     with pytest.raises(UsageError, match=r"speed: \(10,\) values for test stretch 0"):

@@ -44,7 +44,7 @@ from training.study.narx_models import (
     train_one,
 )
 from training.study.narx_section import section
-from training.study.narx_study import best_model, narx_study
+from training.study.narx_study import _best, best_model, narx_study
 from training.study.narx_verdicts import judge
 
 FEW = (
@@ -218,14 +218,18 @@ def test_the_best_models_are_tuned_and_the_best_of_all_is_given_with_its_weights
 ) -> None:
     (tuned,) = result["tuned"]
     assert tuned["number"] == result["ranking"][0]
-    assert tuned["after"]["validation_score"] <= tuned["before"]["validation_score"]
+    lower = [
+        tuned["after"][what] <= tuned["before"][what]
+        for what in ("validation_score", "contraction_gap_over_limit")
+    ]
+    assert any(lower)
     best = result["best"]
     spec, weights = best_model(result, folder)
     assert spec.lags == FEW[best["number"] - 1].lags
     score = free_run_score(data, spec, weights)
     assert score == pytest.approx(best["figures"]["validation_score"], rel=1e-4)
     scores = [s["validation_score"] for m in result["models"] for s in m["starts"]]
-    assert score <= min(scores) * 1.0001
+    assert score <= min(scores) * 1.0001  # no weights forget such a slow tank in 50 samples
 
 
 def test_the_result_is_plain_json_without_machine_paths(
@@ -238,9 +242,10 @@ def test_the_result_is_plain_json_without_machine_paths(
 
 def test_the_section_shows_every_model_and_says_which_coincide(result: dict[str, Any]) -> None:
     html = section(json.loads(json.dumps(result)))
+    text = html.replace("\N{NO-BREAK SPACE}", " ").replace("\N{NON-BREAKING HYPHEN}", "-")
     for model in result["models"]:
-        assert model["name"].replace(" ", "\N{NO-BREAK SPACE}") in html
-    assert "same\N{NO-BREAK SPACE}training\N{NO-BREAK SPACE}as\N{NO-BREAK SPACE}1" in html
+        assert f"<td>{model['number']}  {model['name']}" in text
+    assert "same training as 1" in text
     assert html.count("<img") == 2
     assert "recordings of real engines" in html
     assert "simulated recordings" in section({**result, "source": "simulated"})
@@ -345,6 +350,18 @@ def test_too_few_samples_and_impossible_settings_are_refused(
         narx_study(data, tmp_path, starts=0)
 
 
+def test_weights_that_forget_their_history_come_before_better_ones_that_do_not() -> None:
+    models = [{"number": 4, "starts": [{"weights_key": "train_4"}]}]
+    before = {"validation_score": 0.2, "forgets": False}
+    after = {"validation_score": 0.3, "forgets": True}
+    tuned = {"number": 4, "name": "", "start": 0, "weights_key": "tune_4"}
+    chosen = [
+        _best(models, [4], [{**tuned, "before": before, "after": a}])["weights_key"]
+        for a in (after, {**after, "forgets": False})
+    ]
+    assert chosen == ["tune_4", "train_4"]
+
+
 def numbers(train: float, test: float, free: float, weights: int = 400) -> dict[str, Any]:
     """A model as the study stores it, from RMSE values; three starts 1 % apart."""
 
@@ -354,7 +371,7 @@ def numbers(train: float, test: float, free: float, weights: int = 400) -> dict[
 
     starts = [
         {"one_step": parts(k, train, train, test), "free_run": parts(k, free, free, free),
-         "diverged": False, "unfinished": False}
+         "diverged": False, "unfinished": False, "effective_weights": None}
         for k in (0.99, 1.0, 1.01)
     ]  # fmt: skip
     return {"starts": starts, "n_weights": weights}

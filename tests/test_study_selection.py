@@ -1,6 +1,7 @@
 """Part 2 of the study: principal components, input sets in free run, transparency."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -8,15 +9,19 @@ import numpy as np
 import pytest
 
 from monitor.errors import RecordingError, UsageError
+from monitor.faults import SensorFault, resolve
 from monitor.types import FloatArray, Quality
-from training.prepare import Role
-from training.recordings import Recording
+from training.dyno.simulate import Experiment
+from training.dyno.write import write
+from training.prepare import Role, enabled_rows
+from training.recordings import Recording, load
 from training.study.input_sets import InputSet, aligned, exact_inputs, try_sets
 from training.study.pca import components, pca
 from training.study.selection import CANDIDATES, candidates, section, selection
 from training.study.transparency import estimate_controller
 
 STEP_S = 0.01  # of the plant below; recordings have 0.1 s
+DRIVE = Experiment(cycle="micro_trips", seed=4, duration_s=700.0)
 LAMBDA_INPUTS = ("air_mass_mg", "fuel_mass_mg", "lambda_controller")
 
 
@@ -75,6 +80,11 @@ def nonlinear_drive(seed: int, n: int = 2500) -> Recording:
     names = ("speed", "load", "idle")
     columns = dict(zip(names, u, strict=True)) | {"y": y + 0.05 * rng.standard_normal(n)}
     return recording(columns, f"run{seed}")
+
+
+@pytest.fixture(scope="module")
+def healthy_drive(tmp_path_factory: pytest.TempPathFactory) -> Recording:
+    return load(write(DRIVE, tmp_path_factory.mktemp("drive"), "parquet", 0.1))
 
 
 @pytest.fixture(scope="module")
@@ -200,6 +210,26 @@ def test_the_law_of_the_controller_is_found_with_sign_and_dead_time() -> None:
     # a lasting offset of the reading ends as its opposite in the controller
     steady = law.response(np.full(2000, 0.02), np.ones(2000, dtype=bool))
     assert steady[-1] == pytest.approx(-0.02, rel=0.1)
+
+
+@pytest.mark.parametrize("fault", ["slow_symmetric", "delay_symmetric", "gain_low"])
+def test_the_law_moves_as_the_simulated_vehicle_does_with_the_fault_in_its_loop(
+    fault: str, healthy_drive: Recording, tmp_path: Path
+) -> None:
+    # GIVEN the same simulated drive, healthy and with the fault in the loop
+    experiment = replace(DRIVE, fault=resolve(fault))
+    faulty = load(write(experiment, tmp_path, "parquet", 0.1))
+    law = estimate_controller([healthy_drive], "lambda_measured")
+    assert law is not None
+    # WHEN the fault is put on the healthy reading and the law answers
+    phi = 1.0 / healthy_drive.column("lambda_measured")
+    read = 1.0 / np.array(SensorFault(resolve(fault), 0.1).apply(1.0 / phi))
+    closed = np.isfinite(read) & enabled_rows(healthy_drive) & enabled_rows(faulty)
+    answer = law.response(np.where(closed, read - phi, 0.0), closed)
+    # THEN it moves as the simulated ECU's controller did, in shape and size
+    real = faulty.column("lambda_controller") - healthy_drive.column("lambda_controller")
+    assert np.corrcoef(answer[closed], real[closed])[0, 1] > 0.7
+    assert 0.5 < answer[closed].std() / real[closed].std() < 2.0
 
 
 def test_without_closed_loop_no_law_is_found() -> None:

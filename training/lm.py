@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.linalg import LinAlgError, cho_factor, cho_solve, get_blas_funcs
 
 from monitor.types import FloatArray
 from training.narx import Spec, forward, jacobian
@@ -69,7 +69,8 @@ class OneStep:
         weight: FloatArray | None = None,
         dtype: type[np.floating] = np.float32,
     ) -> None:
-        self.spec, self.regressors, self.target, self.dtype = spec, regressors, target, dtype
+        self.spec, self.target, self.dtype = spec, target, dtype
+        self.regressors = np.asfortranarray(regressors)  # samples side by side, as in the Jacobian
         self.weight = np.ones(len(target)) if weight is None else weight
         self._root = np.sqrt(self.weight)
         self._total = float(self.weight.sum())
@@ -85,14 +86,16 @@ class OneStep:
         """Return the cost, J'J and J'e, all divided by the total weight."""
         n = self.spec.n_weights
         hessian, gradient, total = np.zeros((n, n)), np.zeros(n), 0.0
+        syrk = get_blas_funcs("syrk", dtype=self.dtype)
         for at in range(0, len(self.target), CHUNK):
             rows = slice(at, at + CHUNK)
             root = self._root[rows]
             predicted, J = jacobian(self.spec, weights, self.regressors[rows], root, self.dtype)
             error = (predicted - self.target[rows]) * root
-            hessian += J.T @ J
+            hessian += syrk(1.0, J, trans=True).T  # in C order, hence the lower triangle
             gradient += J.T @ error.astype(self.dtype)
             total += float(error @ error)
+        hessian += np.tril(hessian, -1).T
         return total / self._total, hessian / self._total, gradient / self._total
 
 
@@ -162,7 +165,8 @@ def _step(
         damped = hessian.copy()
         damped[diagonal, diagonal] += mu
         try:
-            trial = weights - cho_solve(cho_factor(damped, check_finite=False), gradient)
+            factor = cho_factor(damped.T, lower=True, overwrite_a=True, check_finite=False)
+            trial = weights - cho_solve(factor, gradient, check_finite=False)
         except LinAlgError:
             mu *= options.mu_up
             continue

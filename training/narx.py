@@ -124,18 +124,25 @@ def layers(spec: Spec, weights: FloatArray) -> Layers:
 
 
 def linear_path(spec: Spec, weights: FloatArray) -> FloatArray:
-    """Return the weights (n_regressors,) of the linear path, zeros if there is none."""
-    return weights[-spec.n_regressors :] if spec.linear_path else np.zeros(spec.n_regressors)
+    """Return the weights (n_regressors,) of the linear path; there must be one."""
+    return weights[-spec.n_regressors :]
+
+
+def _activations(spec: Spec, weights: FloatArray, regressors: FloatArray) -> list[FloatArray]:
+    """Return every layer's values (width, n), samples side by side, the regressors first."""
+    *inner, (matrix, bias) = layers(spec, weights)
+    values = [regressors.T]
+    for w, b in inner:
+        values.append(np.tanh(w @ values[-1] + b[:, None]))
+    output = matrix @ values[-1] + bias[:, None]
+    if spec.linear_path:
+        output += linear_path(spec, weights) @ values[0]
+    return [*values, output]
 
 
 def forward(spec: Spec, weights: FloatArray, regressors: FloatArray) -> FloatArray:
     """Return the unclipped one-step predictions (n,) of ``regressors`` (n, n_regressors)."""
-    activation = regressors
-    *inner, (matrix, bias) = layers(spec, weights)
-    for w, b in inner:
-        activation = np.tanh(activation @ w.T + b)
-    output = (activation @ matrix.T + bias)[:, 0]
-    return np.asarray(output + regressors @ linear_path(spec, weights))
+    return _activations(spec, weights, regressors)[-1][0]
 
 
 def jacobian(
@@ -151,30 +158,25 @@ def jacobian(
     dtype : of the derivatives; predictions and back-propagated slopes are float64 always
     Source: backpropagation of the output itself, Hagan and Menhaj, IEEE TNN 5 (1994).
     """
+    *activations, predicted = _activations(spec, weights, regressors)
     n = len(regressors)
-    activations = [regressors]
-    stack = layers(spec, weights)
-    for w, b in stack[:-1]:
-        activations.append(np.tanh(activations[-1] @ w.T + b))
-    predicted = (activations[-1] @ stack[-1][0].T + stack[-1][1])[:, 0]
-    result = np.empty((n, spec.n_weights), dtype)
+    result = np.empty((spec.n_weights, n), dtype)
     stop = spec.n_weights
     if spec.linear_path:
-        predicted += regressors @ linear_path(spec, weights)
         stop -= spec.n_regressors
-        result[:, stop:] = regressors if scale is None else scale[:, None] * regressors
-    delta = np.ones((n, 1)) if scale is None else scale[:, None]
-    for (w, _), a in zip(reversed(stack), reversed(activations), strict=True):
+        result[stop:] = regressors.T if scale is None else scale * regressors.T
+    delta = np.ones((1, n)) if scale is None else scale[None]
+    for (w, _), a in zip(reversed(layers(spec, weights)), reversed(activations), strict=True):
         fan_out, fan_in = w.shape
-        slope, below = delta.astype(dtype), a.astype(dtype)
-        result[:, stop - fan_out : stop] = slope
+        slope, below = delta.astype(dtype, order="C"), a.astype(dtype, order="C")
+        result[stop - fan_out : stop] = slope
         stop -= fan_out
-        block = result[:, stop - fan_out * fan_in : stop].reshape(n, fan_out, fan_in)
-        np.multiply(slope[:, :, None], below[:, None, :], out=block)
+        block = result[stop - fan_out * fan_in : stop].reshape(fan_out, fan_in, n)
+        np.multiply(slope[:, None], below[None], out=block)
         stop -= fan_out * fan_in
         if stop:
-            delta = (delta @ w) * (1.0 - a * a)
-    return predicted, result
+            delta = (w.T @ delta) * (1.0 - a * a)
+    return predicted[0], result.T
 
 
 def input_regressors(spec: Spec, u: FloatArray) -> FloatArray:

@@ -1,11 +1,11 @@
 """The choice of memory and size: a walk over structures, judged by free run on held-out blocks.
 
 From a middle structure the walk goes along one axis after another (longest input lag, output lags,
-hidden layers, weight decay) to the best neighbour, until no axis improves or the time is up. Every candidate is
-trained shortly in closed loop on a part of the samples. A larger structure must be better by more
-than its uncertainty over the blocks, a smaller one only not worse: where a network would overfit a
-short record, the smaller one wins. On short recordings candidates are judged on several choices of
-held-out blocks.
+hidden layers, weight decay) to the best neighbour, until no axis improves or the time is up. Every
+candidate is trained shortly in closed loop on a part of the samples. A larger structure must be
+better by more than its uncertainty over the blocks, a smaller one only not worse: where a network
+would overfit a short record, the smaller one wins. On short recordings candidates are judged on
+several choices of held-out blocks.
 """
 
 import math

@@ -18,7 +18,7 @@ from training.study.lagged import Stretch, Triangle, largest_order, triangle
 MAX_ORDER = 20
 MAX_DELAY = 20  # DESIGN: dead times 0 to 20
 GRID_DELAYS = 10  # dead times of the grid that are the same for every input
-FREE_RUN_ORDERS = (0, 1, 2, 3, 4, 5, 6, 8, 10, 13, 16, 20)
+FREE_RUN_ORDERS = (0, 1, 2, 3, 4, 5, 6, 8, 10, 13, 16, 20, 30, 40)
 FREE_RUN_DELAYS = 4
 
 
@@ -183,11 +183,10 @@ def best_in_free_run(
 ) -> Arx:
     """Return the ARX that runs freely best on ``validate``.
 
-    A coarse grid of orders (na = 0 is the impulse response model, stable always), then the
-    neighbours of the best until none is better.
+    na to ``max_order``, nb to twice that: a coarse grid (na = 0 is the impulse response model,
+    always stable), then the neighbours of the best until none is better.
     """
     skip = max(data.y_lags, data.u_lags)
-    orders = [n for n in FREE_RUN_ORDERS if n <= max_order]
     known: dict[tuple[int, int, tuple[int, ...]], tuple[float, Arx]] = {}
 
     def score(key: tuple[int, int, tuple[int, ...]]) -> float:
@@ -196,16 +195,18 @@ def best_in_free_run(
             known[key] = (free_run_error(model, validate, skip), model)
         return known[key][0]
 
-    best = min(product(orders, orders[1:], delays), key=score)
+    def possible(na: int, nb: int, choice: tuple[int, ...]) -> bool:
+        longest = min(2 * max_order, data.u_lags + 1 - max(choice))
+        return 0 <= na <= max_order and 1 <= nb <= longest
+
+    best = min(
+        (k for k in product(FREE_RUN_ORDERS, FREE_RUN_ORDERS, delays) if possible(*k)), key=score
+    )
     while True:
         na, nb, choice = best
-        near = [
-            (na + i, nb + j, choice)
-            for i, j in product((-1, 0, 1), repeat=2)
-            if 0 <= na + i <= max_order and 1 <= nb + j <= max_order
-        ]
-        better = min([best, *near], key=score)
-        if better == best:
+        near = [(na + i, nb + j, choice) for i, j in product((-1, 0, 1), repeat=2)]
+        better = min((k for k in near if possible(*k)), key=score)
+        if score(better) >= score(best):
             return known[best][1]
         best = better
 
@@ -215,8 +216,9 @@ def choose_arx(
 ) -> Arx:
     """Return the ARX fitted on ``train`` that runs freely best on ``validate``.
 
-    It is the reference beside every nonlinear model's free-run figure. Orders up to ``max_order``
-    or what the data allow; dead times common to all inputs or those of ``arx_delays``.
+    It is the reference beside every nonlinear model's free-run figure. na up to ``max_order`` or
+    what the data allow, nb up to twice that; dead times common to all inputs or those of
+    ``arx_delays``.
     Raises RecordingError if there are too few samples.
     """
     order = largest_order(train, max_order)

@@ -1,6 +1,6 @@
 """Linear baselines: impulse response, ARX, state space, output error, and what they leave over."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -9,7 +9,6 @@ import numpy as np
 
 from monitor.errors import RecordingError, UsageError
 from monitor.types import FloatArray
-from training.metrics import correlation, fit_percent, rmse
 from training.study.arx import (
     FREE_RUN_DELAYS,
     GRID_DELAYS,
@@ -22,19 +21,18 @@ from training.study.arx import (
     order_grid,
     solve_arx,
 )
-from training.study.free_run import LinearModel, free_run_error, free_runs
+from training.study.free_run import LinearModel
 from training.study.impulse import impulse_response
 from training.study.lagged import Stretch, Triangle, checked, largest_order, triangle
 from training.study.linear_report import section
+from training.study.linear_scores import example, plain, residuals, scores
 from training.study.output_error import fit_output_error
-from training.study.residual_tests import independence, whiteness
 from training.study.subspace import Subspace, best_state_space, subspace
 
 __all__ = ["Regime", "linear", "section"]
 
 MAX_STATES = 12
 IMPULSE_LAGS = 50
-FIGURE_SAMPLES = 600
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,8 +81,8 @@ def linear(
     models["output_error"], error_result = _output_error(
         data, learn, choose, order, delays, states, models["arx_free_run"], skip
     )
-    fits = {name: _scores(m, choose, judge, ranges, skip) for name, m in models.items()}
-    best = min(fits, key=lambda name: fits[name]["validation_rmse"])
+    fits = {name: scores(m, choose, judge, ranges, skip) for name, m in models.items()}
+    best = min((n for n in fits if fits[n]["stable"]), key=lambda n: fits[n]["validation_rmse"])
     result = {
         "schema": "o2train.study.linear/1",
         "inputs": list(inputs),
@@ -105,10 +103,10 @@ def linear(
             "name": regime.name, "unit": regime.unit, "ranges": [r["range"] for r in ranges],
             "samples": [int(sum(m.sum() for m in r["rows"])) for r in ranges],
         },
-        "residuals": _residuals(models, judge, inputs, skip),
-        "example": _example(models, fits, judge, period_s, skip),
+        "residuals": residuals(models, judge, inputs, skip),
+        "example": example(models, fits, judge, period_s, skip),
     }  # fmt: skip
-    return _plain(result)
+    return plain(result)
 
 
 def _usable(
@@ -117,6 +115,8 @@ def _usable(
     """Return the stretches that are long enough and their indices."""
     every = checked(stretches, inputs, role)
     kept = [(i, s) for i, s in enumerate(every) if len(s[1]) >= 2 * skip]
+    if kept and np.ptp(np.concatenate([y for _, (_, y) in kept])) == 0.0:
+        raise RecordingError(f"{role}: the output is constant ({kept[0][1][1][0]:g})")
     if not kept:
         longest = max(len(y) for _, y in every)
         raise RecordingError(
@@ -232,42 +232,6 @@ def _output_error(
     return best, {**chosen, "nk": best.transfer.delays, "starts": rows}
 
 
-def _scores(
-    model: LinearModel,
-    validate: Sequence[Stretch],
-    test: Sequence[Stretch],
-    ranges: Sequence[Mapping[str, Any]],
-    skip: int,
-) -> dict[str, Any]:
-    measured = [y[skip:] for _, y in test]
-    free = [run[skip:] for run in free_runs(model, test, skip)]
-    one_step = [model.predict(u, y)[skip:] for u, y in test]
-    error = free_run_error(model, validate, skip)
-    wanted = np.concatenate([y[skip:] for _, y in validate])
-    finite = np.isfinite(error)
-    y, run = np.concatenate(measured), np.concatenate(free)
-    return {
-        "parameters": model.n_parameters,
-        "stable": model.stable,
-        "validation_rmse": float(np.sqrt(error)) if finite else 1e300,
-        "validation_fit_percent": 100.0 * (1.0 - np.sqrt(error) / wanted.std()) if finite else None,
-        "fit_percent": _fit(y, run),
-        "correlation": correlation(y, run) if np.isfinite(run).all() else None,
-        "rmse": rmse(y, run),
-        "one_step_fit_percent": _fit(y, np.concatenate(one_step)),
-        "stretch_fit_percent": [_fit(a, b) for a, b in zip(measured, free, strict=True)],
-        "regime_fit_percent": [
-            _fit(y[np.concatenate(r["rows"])], run[np.concatenate(r["rows"])]) for r in ranges
-        ],
-    }
-
-
-def _fit(measured: FloatArray, simulated: FloatArray) -> float | None:
-    if len(measured) < 2 or np.ptp(measured) == 0.0 or not np.isfinite(simulated).all():
-        return None
-    return fit_percent(measured, simulated)
-
-
 def _impulse(
     train: Sequence[Stretch], inputs: Sequence[str], delays: tuple[int, ...], order: int
 ) -> dict[str, Any]:
@@ -287,62 +251,3 @@ def _impulse(
     ]
     remainder = float(np.abs(found.white[1:]).max())
     return {"rows": rows, "largest_arx_delay": order, "largest_autocorrelation_left": remainder}
-
-
-def _residuals(
-    models: Mapping[str, LinearModel],
-    test: Sequence[Stretch],
-    inputs: Sequence[str],
-    skip: int,
-) -> dict[str, Any]:
-    """Return the tests on held-out residuals: one-step ones, for output error the simulation's."""
-    driven = [u[skip:] for u, _ in test]
-    result = {}
-    for name, model in models.items():
-        left = [y[skip:] - model.predict(u, y)[skip:] for u, y in test]
-        result[name] = {
-            "whiteness": whiteness(left),
-            "independence": independence(left, driven, inputs),
-        }
-    return result
-
-
-def _example(
-    models: Mapping[str, LinearModel],
-    fits: Mapping[str, Mapping[str, Any]],
-    test: Sequence[Stretch],
-    period_s: float,
-    skip: int,
-) -> dict[str, Any]:
-    """Return the liveliest part of the test stretches with the free runs there."""
-    length = min(FIGURE_SAMPLES, min(len(y) for _, y in test) - skip)
-    places = [
-        (float(np.std(y[at : at + length])), i, at)
-        for i, (_, y) in enumerate(test)
-        for at in range(skip, len(y) - length + 1, max(length // 2, 1))
-    ]
-    places.sort()
-    _, index, at = places[(3 * len(places)) // 4]
-    u, y = test[index]
-    names = [n for n in ("arx_free_run", "subspace", "output_error") if fits[n]["stable"]]
-    return {
-        "stretch": index,
-        "time_s": (at + np.arange(length)) * period_s,
-        "measured": y[at : at + length],
-        "runs": {n: models[n].simulate(u, y[:skip])[at : at + length] for n in names},
-    }
-
-
-def _plain(value: Any) -> Any:
-    """Return the value as JSON types, floats rounded to 5 significant digits, no NaN."""
-    if isinstance(value, Mapping):
-        return {str(k): _plain(v) for k, v in value.items()}
-    if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
-    if isinstance(value, list | tuple):
-        return [_plain(v) for v in value]
-    if isinstance(value, float | np.floating):
-        return float(f"{value:.5g}") if np.isfinite(value) else None
-    if isinstance(value, np.integer | np.bool_):
-        return value.item()
-    return value

@@ -1,31 +1,29 @@
 """The section on linear baselines: words, tables and figures from the stored result."""
 
+import html
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from training.page import paragraph, picture, table
-
-Result = dict[str, Any]
-
-TITLES = {
-    "arx_sum_of_squares": "ARX, sum of squares",
-    "arx_mdl": "ARX, MDL",
-    "arx_aic": "ARX, AIC",
-    "arx_free_run": "ARX, free run",
-    "subspace": "state space",
-    "output_error": "output error",
-}
-COLOURS = {"arx_free_run": "C0", "subspace": "C2", "output_error": "C1"}
+from training.study.linear_figures import (
+    TITLES,
+    Result,
+    correlations,
+    criteria,
+    example,
+    fit_chart,
+    impulse_figure,
+    singular_values,
+)
 
 
 def section(result: Result) -> str:
     """Return the HTML of this part from what ``linear`` returned."""
     return "\n".join(
         [
-            f"<h2>Linear baselines of {_escaped(result['output'])}</h2>",
+            f"<h2>Linear baselines of {html.escape(result['output'])}</h2>",
             _summary(result),
             _fits(result),
             "<h3>Impulse responses and dead times</h3>",
@@ -40,16 +38,8 @@ def section(result: Result) -> str:
     )
 
 
-def _escaped(text: str) -> str:
-    return text.replace("&", "&amp;").replace("<", "&lt;")
-
-
 def _number(value: float | None, form: str = ".1f") -> str:
     return "–" if value is None else f"{value:{form}}"
-
-
-def _output_label(result: Result) -> str:
-    return f"{result['output']} [{result['unit']}]" if result["unit"] else str(result["output"])
 
 
 def _summary(result: Result) -> str:
@@ -110,43 +100,11 @@ def _fits(result: Result) -> str:
     if regime is not None:
         note += f" Columns on the right: ranges of {regime['name']}, each against its own mean."
     parts = [paragraph(note, "note"), table(rows, head, list(models).index(result["best"]))]
-    parts.append(picture(_fit_chart(result, ranges), "Free-run fit on the test samples"))
-    parts.append(picture(_example(result), "A part of the test samples with the free runs"))
+    parts.append(picture(fit_chart(result, ranges), "Free-run fit on the test samples"))
+    parts.append(picture(example(result), "A part of the test samples with the free runs"))
     if 1 < len(each) <= 30:
         parts.append(table(each, ("fit in %", *(TITLES[n] for n in models))))
     return "".join(parts)
-
-
-def _fit_chart(result: Result, ranges: Sequence[str]) -> Figure:
-    models = result["models"]
-    groups = ["all samples", *ranges]
-    figure = Figure(figsize=(9, 3.2), layout="constrained")
-    axes = figure.add_subplot()
-    width = 0.8 / len(models)
-    for i, (name, m) in enumerate(models.items()):
-        values = [m["fit_percent"], *m["regime_fit_percent"]]
-        heights = [max(v, -20.0) if v is not None else 0.0 for v in values]
-        shift = (i - (len(models) - 1) / 2) * width
-        axes.bar(np.arange(len(groups)) + shift, heights, 0.9 * width, label=TITLES[name])
-    axes.axhline(0.0, color="0.3", linewidth=0.8)
-    axes.set_xticks(range(len(groups)), groups)
-    axes.set_ylabel("fit, %")
-    if ranges:
-        axes.set_xlabel(result["regime"]["name"])
-    axes.legend(fontsize=8, ncols=3, loc="upper center", bbox_to_anchor=(0.5, 1.22), frameon=False)
-    return figure
-
-
-def _example(result: Result) -> Figure:
-    shown = result["example"]
-    figure = Figure(figsize=(9, 3.2), layout="constrained")
-    axes = figure.add_subplot()
-    axes.plot(shown["time_s"], shown["measured"], color="0.2", linewidth=1.1, label="measured")
-    for name, run in shown["runs"].items():
-        axes.plot(shown["time_s"], run, color=COLOURS[name], linewidth=0.9, label=TITLES[name])
-    axes.set(xlabel=f"s of test stretch {shown['stretch']}", ylabel=_output_label(result))
-    axes.legend(fontsize=8, ncols=4, loc="upper center", bbox_to_anchor=(0.5, 1.14), frameon=False)
-    return figure
 
 
 def _impulse(result: Result) -> str:
@@ -178,33 +136,9 @@ def _impulse(result: Result) -> str:
             "longer than the lags shown or not linear, so read the bands as the least there is."
         )
     figure = picture(
-        _impulse_figure(result), "Impulse responses, 99 % bands shaded, dead time dashed"
+        impulse_figure(result), "Impulse responses, 99 % bands shaded, dead time dashed"
     )
     return paragraph(words, "note") + table(rows, head) + figure
-
-
-def _impulse_figure(result: Result) -> Figure:
-    rows = result["impulse"]["rows"]
-    columns = min(3, len(rows))
-    lines = -(-len(rows) // columns)
-    figure = Figure(figsize=(9, 2.1 * lines), layout="constrained")
-    grid = figure.subplots(lines, columns, squeeze=False).ravel()
-    for axes, row in zip(grid, rows, strict=False):
-        t_s = np.arange(len(row["response"])) * result["period_s"]
-        band = np.array(row["band"], dtype=float)
-        axes.fill_between(t_s, -band, band, color="0.85", step="mid")
-        axes.plot(t_s, row["response"], marker=".", markersize=3, linewidth=0.8)
-        if row["delay"] is not None:
-            axes.axvline(
-                row["delay"] * result["period_s"], color="C3", linestyle="--", linewidth=0.8
-            )
-        axes.set_title(row["input"], fontsize=9)
-        axes.tick_params(labelsize=8)
-    for axes in grid[len(rows) :]:
-        axes.set_axis_off()
-    figure.supxlabel("s after a pulse of one sample", fontsize=9)
-    figure.supylabel(f"{result['output']} per unit of input", fontsize=9)
-    return figure
 
 
 def _delays(delays: Sequence[int]) -> str:
@@ -221,41 +155,24 @@ def _arx(result: Result) -> str:
     edge = [
         TITLES[n]
         for n, c in found["choices"].items()
-        if max(c["na"], c["nb"]) >= result["largest_order"]
+        if c["na"] >= (most := result["largest_order"])
+        or c["nb"] >= (2 * most if n == "arx_free_run" else most)
     ]
     words = (
         f"{found['candidates']} models: na and nb from 1 to {result['largest_order']}, dead times "
         "the same for all inputs or those of the table above. Sum of squares is that of one-step "
         "predictions on the validation samples; AIC = log V + 2 d/N, MDL = V (1 + d log N / N) "
         "with the training loss V. The last row is chosen for its free run on the validation "
-        "samples (na = 0 allowed); it is the reference beside every NARX."
+        "samples, with na from 0 and nb up to twice as many; it is the reference beside every NARX."
     )
     if edge:
-        words += f" At the largest order tried: {', '.join(edge)}; more would fit one step closer."
+        words += f" At the largest order tried: {'; '.join(edge)}; more would fit one step closer."
     figure = picture(
-        _criteria(result), "Criteria over the number of parameters, best of each number"
+        criteria(result), "Criteria over the number of parameters, best of each number"
     )
     return (
         paragraph(words, "note") + table(rows, ("choice", "na", "nb", "nk", "parameters")) + figure
     )
-
-
-def _criteria(result: Result) -> Figure:
-    found = result["arx"]
-    figure = Figure(figsize=(9, 2.8), layout="constrained")
-    panels = figure.subplots(1, 3)
-    titles = ("sum of squares, validation", "MDL", "AIC")
-    for axes, key, title in zip(panels, ("validation_loss", "mdl", "aic"), titles, strict=True):
-        values = np.array(found[key], dtype=float)
-        axes.plot(found["parameters"], values, linewidth=1.0)
-        best = int(np.nanargmin(values))
-        axes.plot(found["parameters"][best], values[best], "o", color="C3", markersize=4)
-        if key != "aic":
-            axes.set_yscale("log")
-        axes.set(title=title, xlabel="parameters")
-        axes.tick_params(labelsize=8, which="both")
-        axes.title.set_fontsize(9)
-    return figure
 
 
 def _states(result: Result) -> str:
@@ -274,7 +191,9 @@ def _states(result: Result) -> str:
         for s in starts[:8]
     ]  # fmt: skip
     head = ("output error started from", "nf", "nb", "nk", "RMSE, training", "RMSE, validation")
-    figure = picture(_singular(result), "Singular values; free-run error over the number of states")
+    figure = picture(
+        singular_values(result), "Singular values; free-run error over the number of states"
+    )
     return paragraph(words) + figure + table(rows, head, 0)
 
 
@@ -282,48 +201,16 @@ def _last(value: float | None) -> float:
     return float("inf") if value is None else value
 
 
-def _singular(result: Result) -> Figure:
-    found = result["subspace"]
-    figure = Figure(figsize=(9, 2.8), layout="constrained")
-    left, right = figure.subplots(1, 2)
-    values = found["singular_values"][:20]
-    orders = np.arange(1, len(values) + 1)
-    left.bar(orders, values, color=["C0" if o <= found["order"] else "0.8" for o in orders])
-    left.set(yscale="log", xlabel="state", ylabel="singular value")
-    left.set_xticks(orders[1::2])
-    right.set_xticks(range(1, len(found["validation_rmse"]) + 1))
-    errors = np.array([np.nan if e is None else e for e in found["validation_rmse"]])
-    right.plot(np.arange(1, len(errors) + 1), errors, marker=".")
-    right.plot(found["order"], errors[found["order"] - 1], "o", color="C3", markersize=5)
-    right.set(xlabel="states", ylabel="RMSE, validation, free run")
-    low = float(np.nanmin(errors))
-    right.set_ylim(0.9 * low, min(2.5 * low, 1.05 * float(np.nanmax(errors))))
-    return figure
-
-
 def _residuals(result: Result) -> str:
     found = result["residuals"]
-    rows = []
-    for name, tests in found.items():
-        white = tests["whiteness"]
-        dependent = [t["input"] for t in tests["independence"] if t["rejected"]]
-        feedback = [t["input"] for t in tests["independence"] if t["feedback"]]
-        rows.append(
-            (
-                TITLES[name],
-                "rejected" if white["rejected"] else "not rejected",
-                f"{white['p_value']:.2g}",
-                f"{white['outside']} of {white['lags']}",
-                f"rejected for {', '.join(dependent)}" if dependent else "not rejected",
-                ", ".join(feedback) or "none",
-            )
-        )
+    rows = [(TITLES[name], *_verdicts(tests)) for name, tests in found.items()]
     head = (
         "model",
         "residuals are white",
         "p (Ljung-Box)",
         "lags outside 99 %",
         "residuals do not depend on the inputs",
+        "largest correlation",
         "inputs that follow the residuals",
     )
     words = (
@@ -331,32 +218,32 @@ def _residuals(result: Result) -> str:
         "simulation residuals of output error, which models no disturbance and need not be white. "
         "Whiteness rejected: the past still tells something of the residual. Independence "
         "rejected: an input acts in a way the model lacks, in its dynamics, its dead time or its "
-        "curvature. An input that follows the residuals is made from the output: a loop is closed. "
-        "On many samples the tests see what no use of the model would notice; the size of the "
-        "correlations in the figure says how much it is."
+        "curvature. An input that follows the residuals is made from the output, so that a loop "
+        "is closed, or shares a cause with it. On many samples the tests see what no use of the "
+        "model would notice; the size of the correlation says how much it is."
     )
-    figure = picture(_correlations(result), "Residual correlations with their 99 % bands")
+    figure = picture(correlations(result), "Residual correlations with their 99 % bands")
     return table(rows, head) + paragraph(words, "note") + figure
 
 
-def _correlations(result: Result) -> Figure:
-    tests = result["residuals"]["arx_free_run"]
-    white, inputs = tests["whiteness"], tests["independence"]
-    columns = min(3, len(inputs) + 1)
-    lines = -(-(len(inputs) + 1) // columns)
-    figure = Figure(figsize=(9, 2.1 * lines), layout="constrained")
-    first, *others = figure.subplots(lines, columns, squeeze=False).ravel()
-    first.axhspan(-white["band"], white["band"], color="0.85")
-    first.vlines(range(1, white["lags"] + 1), 0.0, white["autocorrelation"][1:], linewidth=1.2)
-    first.set_title("autocorrelation", fontsize=9)
-    for axes, test in zip(others, inputs, strict=False):
-        axes.axhspan(-test["band"], test["band"], color="0.85")
-        axes.vlines(test["lags"], 0.0, test["correlation"], linewidth=1.0)
-        axes.set_title(f"with {test['input']}", fontsize=9)
-    for axes in (first, *others[: len(inputs)]):
-        axes.axhline(0.0, color="0.4", linewidth=0.6)
-        axes.tick_params(labelsize=8)
-    for axes in others[len(inputs) :]:
-        axes.set_axis_off()
-    figure.supxlabel("lag in samples; ARX chosen for its free run", fontsize=9)
-    return figure
+def _verdicts(tests: dict[str, Any]) -> list[str]:
+    """Return the cells of one model: whiteness, p, lags, independence, correlation, feedback."""
+    white, each = tests["whiteness"], tests["independence"]
+    p = white["p_value"]
+    sizes = [max(abs(c) for c in t["correlation"][len(t["lags"]) // 2 :]) for t in each]
+    worst = int(np.argmax(sizes))
+    return [
+        "rejected" if white["rejected"] else "not rejected",
+        "below 1e-16" if p < 1e-16 else f"{p:.2g}",
+        f"{white['outside']} of {white['lags']}",
+        _named("rejected", [t["input"] for t in each if t["rejected"]], len(each)),
+        f"{sizes[worst]:.2f}, {each[worst]['input']}",
+        _named("", [t["input"] for t in each if t["feedback"]], len(each)),
+    ]
+
+
+def _named(word: str, names: Sequence[str], total: int) -> str:
+    if not names:
+        return f"not {word}" if word else "none"
+    named = ", ".join(names) if len(names) < 3 else f"{len(names)} of {total}"
+    return f"{word} for {named}" if word else named

@@ -20,12 +20,15 @@ from training.closed_loop import Samples
 from training.metrics import correlation
 from training.narx import Spec, forward, initial_weights
 from training.prepare import Prepared, Role
+from training.stability import contraction
 from training.study.candidates import BAYES, CONJUGATE, LM, Candidate
 from training.study.parallel import Arrays, Done
 
 BLOCK = 1000  # samples of a block that is kept or left out as a whole
+ENOUGH = 50  # enabled samples of every role, for figures on them
 NOT_USED = -1  # role of training samples that were thinned out
 STUCK_SHARE = 0.01  # of the samples wrongly at the end of the range: the free run diverged
+CONTRACTION_SEED = 0  # other histories than those the tuning saw
 HORIZONS = (5, 20, 100, 1000)  # of the fine-tuning
 
 
@@ -44,6 +47,7 @@ class Job:
 def thin(data: Prepared, n_samples: int) -> Prepared:
     """Return ``data`` with at most ``n_samples`` training samples, without its recordings.
 
+    If hardly a sample of a role is enabled, all samples count as enabled.
     Whole blocks are kept, evenly spread over all recordings; the others get the role NOT_USED.
     """
     role = data.role.copy()
@@ -65,7 +69,10 @@ def thin(data: Prepared, n_samples: int) -> Prepared:
             if kept + size <= share * seen:
                 role[block] = Role.TRAIN
                 kept += size
-    return replace(data, role=role, recordings=())
+    judged = data.enabled & (data.samples.weight > 0)
+    if min(int((judged & (role == r)).sum()) for r in Role) < ENOUGH:
+        judged = data.samples.weight > 0
+    return replace(data, role=role, enabled=judged, recordings=())
 
 
 def spec_of(data: Prepared, candidate: Candidate, input_lag_start: int = 1) -> Spec:
@@ -125,8 +132,8 @@ def tune_one(data: Prepared, job: Job) -> Done:
     trained = stages.tune(data, spec, before, rng, horizons=HORIZONS)
     result = {
         "start": job.start,
-        "before": figures(data, spec, before),
-        "after": figures(data, spec, trained.weights),
+        "before": figures(data, spec, before) | _forgets(data, spec, before),
+        "after": figures(data, spec, trained.weights) | _forgets(data, spec, trained.weights),
         "stages": [
             {"name": s.name, "iterations": len(s.costs) - 1, "stop": s.stop,
              "best_score": _round(min(s.scores)), "seconds": _round(s.seconds)}
@@ -162,9 +169,9 @@ def figures(data: Prepared, spec: Spec, weights: FloatArray) -> dict[str, Any]:
     one_step[at] = forward(spec, weights, regressors(spec, data.samples, at))
     free = stages.free_run(data, spec, weights)
     stuck = _stuck_share(data, spec, free)
-    held_out = at[data.role[at] != Role.TRAIN]
-    error = data.samples.y[held_out] - free[held_out]
-    worse = not np.sqrt(np.mean(error**2)) < data.samples.y[held_out].std()
+    held_out = at[np.isin(data.role[at], (Role.VALIDATE, Role.TEST)) & data.enabled[at]]
+    measured = data.samples.y[held_out]
+    worse = not np.mean((measured - free[held_out]) ** 2) < measured.var()
     return {
         "one_step": _by_role(data, spec, one_step),
         "free_run": _by_role(data, spec, free),
@@ -221,6 +228,13 @@ def _measure(data: Prepared, predicted: FloatArray, at: IntArray) -> dict[str, A
         return {"samples": len(at), "r": None, "mse": None}
     return {"samples": len(at), "r": _round(correlation(a, b)),
             "mse": _round(float(np.mean((a - b) ** 2)))}  # fmt: skip
+
+
+def _forgets(data: Prepared, spec: Spec, weights: FloatArray) -> dict[str, Any]:
+    """Return whether two histories give the same prediction after a window of the monitor."""
+    found = contraction(data, spec, weights, CONTRACTION_SEED)
+    share = found.gap / found.limit
+    return {"contraction_gap_over_limit": _round(share), "forgets": bool(share <= 1.0)}
 
 
 def _stuck_share(data: Prepared, spec: Spec, free: FloatArray) -> float:

@@ -1,20 +1,17 @@
 """The NARX study as HTML: the table of all models, figures, and what the numbers say."""
 
-from collections.abc import Mapping, Sequence
+import html
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
-from training.page import paragraph, picture, table
-from training.study.candidates import ALGORITHMS, BAYES, DESCENT, HERE, PAPER
+from training.page import paragraph, table
+from training.stability import CONTRACTION_SAMPLES
+from training.study.candidates import PAPER
+from training.study.narx_figures import ROLES, correlation_figure, free_run_figure
 from training.study.narx_verdicts import correlations, errors
 
-ROLES = {"train": "training", "validate": "validation", "test": "test"}
-MARKS = {"train": "o", "validate": "s", "test": "^"}
-COLOURS = dict(zip(ALGORITHMS, ("#1f5fa8", "#c2571a", "#3b8a4e", "#8a5aa8"), strict=True))
-ORIGINS = {PAPER: "paper", HERE: "here"}
 STOPS = {
     "validation": "validation",
     "epochs": "limit",
@@ -23,8 +20,6 @@ STOPS = {
     "damping": "no step",
     "budget": "time",
 }
-NO_BREAK = "\N{NO-BREAK SPACE}"
-R_FLOOR = 0.5  # correlations below are drawn at the lower edge
 
 
 def section(result: dict[str, Any]) -> str:
@@ -34,7 +29,7 @@ def section(result: dict[str, Any]) -> str:
             f"<h2>NARX study: {len(result['models'])} models</h2>",
             *_introduction(result),
             *(paragraph(w, "warning") for w in result["warnings"]),
-            _figure_5(result),
+            correlation_figure(result),
             *(paragraph(f) for f in result["findings"]),
             "<h3>All models</h3>",
             _table(result),
@@ -42,7 +37,7 @@ def section(result: dict[str, Any]) -> str:
             _verdicts(result),
             *(paragraph(r, "note") for r in result["rules"]),
             "<h3>One step ahead and in free run</h3>",
-            _figure_one_step_against_free(result),
+            free_run_figure(result),
             *_tuned(result),
         ]
     )
@@ -84,29 +79,30 @@ def _introduction(result: Mapping[str, Any]) -> list[str]:
 
 
 def _table(result: Mapping[str, Any]) -> str:
-    head = ("model", "from", "weights", "R one-step", "MSE", "R free run", "MSE", "verdict",
+    head = ("model", "weights", "R one-step", "MSE", "R free run", "MSE", "verdict",
             "spread", "iterations", "stop", "s")  # fmt: skip
     chosen = next(
         (i for i, m in enumerate(result["models"]) if m["number"] == result["best"]["number"]), None
     )
-    rows = [tuple(c.replace(" ", NO_BREAK) for c in _row(m)) for m in result["models"]]
-    text = table(rows, head, chosen)
+    text = table([_row(m) for m in result["models"]], head, chosen)
     note = (
         "SCG: scaled conjugate gradient, GD: gradient descent with momentum and adaptive rate. "
-        "From: known to be the paper's, or chosen here. R: training / validation / test, MSE: "
-        "test, median over the starts. Spread: standard deviation of the free-run test RMSE over "
-        "the starts, in percent of its mean. Stop: validation (six failures), limit (of "
+        "(paper): known to be the paper's, the others are chosen here. R: training / validation / "
+        "test, MSE: test, median over the starts. Spread: standard deviation of the free-run test "
+        "RMSE over the starts, in percent of its mean. Stop: validation (six failures), limit (of "
         "iterations), no step (lowers the error). s: processor seconds per start. Set off: the "
         "architecture that validates best in free run after closed-loop tuning."
     )
-    return f'<div style="font-size:85%">{text}</div>' + paragraph(note, "note")
+    return f'<div style="font-size:80%">{text}</div>' + paragraph(note, "note")
 
 
 def _row(model: Mapping[str, Any]) -> tuple[str, ...]:
-    name = f"{model['number']}  {model['name']}"
+    name = _unbroken(f"{model['number']}  {model['name']}")
+    if model["origin"] == PAPER:
+        name += _unbroken(" (paper)")
     if model["same_as"] is not None:
-        same = f"same training as {model['same_as']}"
-        return (name, ORIGINS[model["origin"]], str(model["n_weights"]), same, *[""] * 8)
+        same = _unbroken(f"same training as {model['same_as']}")
+        return (name, str(model["n_weights"]), same, *[""] * 8)
     starts = model["starts"]
     free = errors(model, "free_run", "test")
     finite = len(free) > 1 and bool(np.isfinite(free).all())
@@ -114,7 +110,6 @@ def _row(model: Mapping[str, Any]) -> tuple[str, ...]:
     stops = sorted({STOPS.get(s["stop"], s["stop"]) for s in starts})
     return (
         name,
-        ORIGINS[model["origin"]],
         str(model["n_weights"]),
         _r_cell(model, "one_step"),
         f"{np.median(errors(model, 'one_step', 'test') ** 2):.2g}",
@@ -122,115 +117,34 @@ def _row(model: Mapping[str, Any]) -> tuple[str, ...]:
         f"{np.median(free**2):.2g}",
         ", ".join(model["verdict"]["labels"]) or "–",
         spread,
-        "–".join(str(f([s["iterations"] for s in starts])) for f in (min, max)),
-        ", ".join(stops),
+        _iterations(model),
+        _unbroken(", ".join(stops)),
         f"{np.mean([s['cpu_s'] for s in starts]):.1f}",
     )
 
 
 def _verdicts(result: Mapping[str, Any]) -> str:
-    judged = [m for m in result["models"] if m["verdict"]["labels"] and m["same_as"] is None]
-    rows = [
-        (f"{m['number']}  {m['name']}", ", ".join(m["verdict"]["labels"]), m["verdict"]["words"])
-        for m in judged
+    lines = [
+        f"<li>{m['number']}  {m['name']}: <b>{', '.join(m['verdict']['labels'])}</b> "
+        f"({html.escape(m['verdict']['words'])}).</li>"
+        for m in result["models"]
+        if m["verdict"]["labels"] and m["same_as"] is None
     ]
-    return table(rows, ("model", "verdict", "because")) if rows else ""
+    return f"<ul>{''.join(lines)}</ul>" if lines else paragraph("No model is remarkable.")
+
+
+def _iterations(model: Mapping[str, Any]) -> str:
+    counts = sorted({s["iterations"] for s in model["starts"]})
+    return "–".join(map(str, counts[:: max(1, len(counts) - 1)]))
 
 
 def _r_cell(model: Mapping[str, Any], mode: str) -> str:
-    return " / ".join(f"{np.median(correlations(model, mode, role)):.3f}" for role in ROLES)
+    medians = [np.median(correlations(model, mode, role)) for role in ROLES]
+    return _unbroken(" / ".join(f"{m:.3f}" for m in medians))
 
 
-def _figure_5(result: Mapping[str, Any]) -> str:
-    """Draw R of training, validation and test and the MSE of every model, as the paper does."""
-    models = [m for m in result["models"] if m["same_as"] is None]
-    figure = Figure(figsize=(9, 7.5), layout="constrained")
-    axes: list[Axes] = list(figure.subplots(3, 1, sharex=True))
-    for axis, mode, title in zip(axes, ("one_step", "free_run"), _TITLES.values(), strict=False):
-        _draw_correlations(axis, models, mode)
-        axis.set(title=title, ylabel="R")
-    axes[0].legend(ncols=3, frameon=False, loc="lower left")
-    _draw_mse(axes[2], models)
-    axes[2].set_xticks(range(len(models)), [_tick(m) for m in models], rotation=90, fontsize=8)
-    caption = (
-        f"Correlation and mean squared error of every model ({result['source']} data, enabled "
-        "samples): median over the starts, bars from the worst to the best start. Correlations "
-        f"below {R_FLOOR:g} stand at the lower edge. Number, algorithm, lags, layers, rate."
-    )
-    return picture(figure, caption)
-
-
-_TITLES = {"one_step": "one step ahead", "free_run": "free run (closed loop)"}
-
-
-def _draw_correlations(axis: Axes, models: Sequence[Mapping[str, Any]], mode: str) -> None:
-    lowest = 1.0
-    for shift, role in zip((-0.22, 0.0, 0.22), ROLES, strict=True):
-        values = [np.nan_to_num(correlations(m, mode, role), nan=R_FLOOR) for m in models]
-        clipped = [np.clip(v, R_FLOOR, 1.0) for v in values]
-        middle = np.array([np.median(v) for v in clipped])
-        bars = np.array([[m - v.min(), v.max() - m] for m, v in zip(middle, clipped, strict=True)])
-        at = np.arange(len(models)) + shift
-        colour = {"train": "#1f5fa8", "validate": "#c2571a", "test": "#3b8a4e"}[role]
-        axis.errorbar(
-            at, middle, bars.T, fmt=MARKS[role], ms=4, lw=1, color=colour, label=ROLES[role]
-        )
-        lowest = min(lowest, float(min(v.min() for v in clipped)))
-    axis.set_ylim(max(R_FLOOR, lowest - 0.1 * (1 - lowest)) - 1e-4, 1 + 0.08 * (1 - lowest) + 1e-4)
-    axis.grid(axis="y", alpha=0.3)
-
-
-def _draw_mse(axis: Axes, models: Sequence[Mapping[str, Any]]) -> None:
-    at = np.arange(len(models))
-    for mode, shift, colour in (("one_step", -0.2, "#9db8d9"), ("free_run", 0.2, "#1f5fa8")):
-        values = np.array([np.median(errors(m, mode, "test") ** 2) for m in models])
-        values[~np.isfinite(values)] = np.nan
-        axis.bar(at + shift, values, 0.4, color=colour, label=_TITLES[mode])
-    axis.set(yscale="log", ylabel="MSE of the test blocks, scaled", title="mean squared error")
-    axis.legend(ncols=2, frameon=False)
-    axis.grid(axis="y", alpha=0.3)
-
-
-def _tick(model: Mapping[str, Any]) -> str:
-    algorithm = "BR" if model["algorithm"] == BAYES else model["algorithm"]
-    rate = f" {model['rate']:g}" if algorithm == DESCENT and model["rate"] is not None else ""
-    layers = "-".join(map(str, model["hidden"]))
-    return f"{model['number']}  {algorithm} {model['lags']} {layers}{rate}"
-
-
-def _figure_one_step_against_free(result: Mapping[str, Any]) -> str:
-    models = [m for m in result["models"] if m["same_as"] is None]
-    figure = Figure(figsize=(7, 5), layout="constrained")
-    axis = figure.subplots()
-    for algorithm, words in ALGORITHMS.items():
-        own = [m for m in models if m["algorithm"] == algorithm]
-        if own:
-            one = np.concatenate([errors(m, "one_step", "validate") for m in own])
-            free = np.concatenate([errors(m, "free_run", "validate") for m in own])
-            axis.plot(one, free, "o", ms=5, alpha=0.7, color=COLOURS[algorithm], label=words)
-    for index, tuned in enumerate(result["tuned"]):
-        ends = [_point(tuned[when]) for when in ("before", "after")]
-        if all(np.isfinite(e).all() for e in ends):
-            axis.annotate("", ends[1], ends[0], arrowprops={"arrowstyle": "->", "lw": 1})
-            axis.plot(*ends[1], "*", ms=10, color="black",
-                      label="after closed-loop tuning" if index == 0 else None)  # fmt: skip
-    low, high = axis.get_xlim()
-    axis.plot([low, high], [low, high], ":", color="#888888", label="equal")
-    axis.set(xscale="log", yscale="log", xlabel="one-step RMSE on validation blocks, scaled",
-             ylabel="free-run RMSE on validation blocks, scaled")  # fmt: skip
-    axis.legend(frameon=False, fontsize=9)
-    axis.grid(alpha=0.3)
-    return picture(
-        figure,
-        f"Every start of every model ({result['source']} data, enabled samples). Only the free "
-        "run is what the monitor uses; a low one-step error does not promise it.",
-    )
-
-
-def _point(figures: Mapping[str, Any]) -> tuple[float, float]:
-    values = [figures[m]["validate"]["enabled"]["mse"] for m in ("one_step", "free_run")]
-    one, free = (np.nan if v is None else float(np.sqrt(v)) for v in values)
-    return one, free
+def _unbroken(text: str) -> str:
+    return text.replace(" ", "\N{NO-BREAK SPACE}").replace("-", "\N{NON-BREAKING HYPHEN}")
 
 
 def _tuned(result: Mapping[str, Any]) -> list[str]:
@@ -241,30 +155,39 @@ def _tuned(result: Mapping[str, Any]) -> list[str]:
         f"The best {len(result['tuned'])} models by free-run validation (models that coincide "
         "count once, the best start of each) were trained on in closed loop: Levenberg–Marquardt "
         f"on the simulation error with exact sensitivities, horizons {horizons} samples, the "
-        "stage with the lowest free-run validation error kept. Test blocks chose nothing."
+        "stage with the lowest free-run validation error kept. Figures before → after in free "
+        "run; test blocks chose nothing. Forgets: predictions from any two histories agree after "
+        f"{CONTRACTION_SAMPLES} samples; a model that does not is used only if none does."
     )
-    rows = [tuple(c.replace(" ", NO_BREAK) for c in _tuned_row(t)) for t in result["tuned"]]
-    head = ("model", "R validation before", "after", "R test before", "after",
-            "RMSE validation before", "after", "RMSE test before", "after", "best stage",
-            "s")  # fmt: skip
+    head = ("model", "R validation", "R test", "RMSE validation", "RMSE test", "forgets",
+            "best stage", "s")  # fmt: skip
     chosen = next(
         (i for i, t in enumerate(result["tuned"])
          if t["number"] == result["best"]["number"] and result["best"]["tuned"]), None,
     )  # fmt: skip
+    rows = [_tuned_row(t) for t in result["tuned"]]
     return [
         "<h3>The best models, tuned in closed loop</h3>",
         paragraph(text),
-        f'<div style="font-size:85%">{table(rows, head, chosen)}</div>',
+        f'<div style="font-size:80%">{table(rows, head, chosen)}</div>',
     ]
 
 
 def _tuned_row(tuned: Mapping[str, Any]) -> tuple[str, ...]:
-    cells = [f"{tuned['number']}  {tuned['name']}"]
-    for what, form in (("r", "{:.4f}"), ("mse", "{:.4f}")):
+    cells = [_unbroken(f"{tuned['number']}  {tuned['name']}")]
+    for what in ("r", "mse"):
         for role in ("validate", "test"):
-            for when in ("before", "after"):
-                value = tuned[when]["free_run"][role]["enabled"][what]
-                value = value if value is None or what == "r" else float(np.sqrt(value))
-                cells.append("diverges" if value is None else form.format(value))
-    best = min(tuned["stages"], key=lambda s: np.inf if (v := s["best_score"]) is None else v)
-    return (*cells, best["name"], f"{tuned['cpu_s']:.0f}")
+            values = [tuned[w]["free_run"][role]["enabled"][what] for w in ("before", "after")]
+            roots = [v if v is None or what == "r" else float(np.sqrt(v)) for v in values]
+            cells.append(_unbroken(" → ".join("none" if v is None else f"{v:.4f}" for v in roots)))
+    forgets = " → ".join("yes" if tuned[w]["forgets"] else "no" for w in ("before", "after"))
+    return (*cells, _unbroken(forgets), _best_stage(tuned), f"{tuned['cpu_s']:.0f}")
+
+
+def _best_stage(tuned: Mapping[str, Any]) -> str:
+    """Return the stage whose weights were kept: the first that reached the final score."""
+    final, first = (tuned[w]["validation_score"] for w in ("after", "before"))
+    if final is None or final == first:
+        return "none"
+    names = [s["name"] for s in tuned["stages"] if s["best_score"] == final]
+    return names[0] if names else str(tuned["stages"][-1]["name"])

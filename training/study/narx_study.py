@@ -29,11 +29,10 @@ from training.study.narx_models import (
     train_one,
     tune_one,
 )
-from training.study.narx_verdicts import findings, judge, rules
+from training.study.narx_verdicts import findings, judge, rules, warnings
 
 VERSION = 1  # of what a job does; stored jobs of another version are not reused
 SEED_STEP = 1000  # between starts, as in ``fit``
-SAMPLES_PER_WEIGHT = 10  # fewer than this and a network overfits, whatever one does
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,7 +203,7 @@ def _result(
             "training_available": int((data.role == Role.TRAIN).sum()),
             "validation": int((data.role == Role.VALIDATE).sum()),
             "test": int((data.role == Role.TEST).sum()),
-            "enabled_share": round(float(data.enabled.mean()), 4),
+            "enabled_share": round(float(thinned.enabled.mean()), 4),
         },
         "settings": asdict(settings) | {"horizons": list(HORIZONS)},
         "models": models,
@@ -213,7 +212,7 @@ def _result(
         "best": _best(models, ranking, tuned),
         "rules": rules(settings.iterations),
         "cpu_s": round(sum(counted.values()) + sum(t["cpu_s"] for t in tuned), 1),
-        "warnings": _warnings(thinned, models),
+        "warnings": warnings(data, thinned, models),
     }
     return result | {"findings": findings(result)}
 
@@ -221,29 +220,30 @@ def _result(
 def _best(
     models: Sequence[Mapping[str, Any]], ranking: Sequence[int], tuned: Sequence[dict[str, Any]]
 ) -> dict[str, Any]:
-    """Return number, name and key of what validates best in free run, tuned if it helped."""
-    first = next(m for m in models if m["number"] == ranking[0])
-    start = first["starts"][first["best_start"]]
-    untuned = {"number": first["number"], "name": first["name"], "tuned": False,
-               "weights_key": start["weights_key"], "figures": start}  # fmt: skip
-    found = [{"number": t["number"], "name": t["name"], "tuned": True,
-              "weights_key": t["weights_key"], "figures": t["after"]} for t in tuned]  # fmt: skip
-    return min([*found, untuned], key=lambda m: _or_inf(m["figures"]["validation_score"]))
+    """Return the weights to use, before or after tuning: those that forget their history first.
 
+    Among them the lowest free-run validation error decides.
+    """
+    found = []
+    for t in tuned:
+        model = next(m for m in models if m["number"] == t["number"])
+        keys = {"before": model["starts"][t["start"]]["weights_key"], "after": t["weights_key"]}
+        found += [
+            {"number": t["number"], "name": t["name"], "tuned": when == "after",
+             "weights_key": key, "figures": t[when]}
+            for when, key in keys.items()
+        ]  # fmt: skip
+    if not found:  # nothing was tuned
+        first = next(m for m in models if m["number"] == ranking[0])
+        start = first["starts"][first["best_start"]]
+        found = [{"number": first["number"], "name": first["name"], "tuned": False,
+                  "weights_key": start["weights_key"], "figures": start}]  # fmt: skip
 
-def _warnings(data: Prepared, models: Sequence[Mapping[str, Any]]) -> list[str]:
-    n = int(((data.role == Role.TRAIN) & (data.samples.weight > 0)).sum())
-    large = [m for m in models if n < SAMPLES_PER_WEIGHT * m["n_weights"]]
-    result = []
-    if large:
-        result.append(
-            f"{len(large)} of {len(models)} models have more than one weight per "
-            f"{SAMPLES_PER_WEIGHT} of the {n} training samples: expect them to overfit"
-        )
-    diverged = sum(s["diverged"] for m in models if m["same_as"] is None for s in m["starts"])
-    if diverged:
-        result.append(f"{diverged} trainings diverge in free run; the table says which")
-    return result
+    def order(model: Mapping[str, Any]) -> tuple[bool, float]:
+        figures = model["figures"]
+        return not figures.get("forgets", True), _or_inf(figures["validation_score"])
+
+    return min(found, key=order)
 
 
 def _source(data: Prepared) -> str:

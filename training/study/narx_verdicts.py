@@ -4,18 +4,20 @@ Errors are RMSE on enabled samples in scaled units, means over the starts; a mod
 standard deviation over its starts.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from scipy.stats import spearmanr
 
 from monitor.types import FloatArray
+from training.prepare import Prepared, Role
 from training.study.candidates import ALGORITHMS
 
 UNDER = 1.25  # times the lowest training error
 OVER = 1.1  # times the held-out to training ratio of the model with the fewest weights
 DECEIVES = 1.5  # times the lowest free-run error at a one-step error within UNDER of the lowest
+SAMPLES_PER_WEIGHT = 10  # fewer than this and a network overfits, whatever one does
 SPREADS = 2.0
 HARD = 1.5  # ratio of held-out to training error that even the smallest model should not have
 
@@ -25,14 +27,14 @@ Model = Mapping[str, Any]
 def rules(iterations: int) -> list[str]:
     """Return the rules as sentences."""
     return [
-        f"Underfits: the one-step training error is more than {UNDER:g} times the lowest of all "
-        f"models, and more than {SPREADS:g} spreads above it.",
+        f"Underfits: the one-step training error of even the best start is more than {UNDER:g} "
+        "times the lowest mean of all models.",
         f"Overfits: the one-step test error over the training error is more than {OVER:g} times "
         "that of the model with the fewest weights (which says how much harder the test blocks "
         f"are), and the excess is more than {SPREADS:g} spreads of the test error.",
         f"One-step deceives: the one-step validation error is within {UNDER:g} times the lowest, "
         f"the free-run one more than {DECEIVES:g} times the lowest.",
-        "Diverges: in free run a start predicts held-out blocks worse than their mean does, or "
+        "Diverges: in free run a start predicts held-out samples worse than their mean does, or "
         "more than 1 % of its predictions lie at an end of the output's range while the "
         "measurement does not.",
         f"Unfinished: the error still fell by 1 % over the last tenth of the {iterations} "
@@ -66,12 +68,14 @@ def judge(models: Sequence[Model], iterations: int) -> list[dict[str, Any]]:
     result = []
     for i, m in enumerate(models):
         labels, words = [], []
-        excess = train[i] - train.min()
-        if train[i] > UNDER * train.min() and excess > SPREADS * _std(m, "train"):
+        least = errors(m, "one_step", "train").min()
+        if least > UNDER * train.min():
             labels.append("underfits")
-            words.append(f"training error {train[i] / train.min():.2g} times the lowest")
+            words.append(f"training error {least / train.min():.2g} times the lowest or more")
         beyond = test[i] - harder * train[i]
-        if test[i] > OVER * harder * train[i] and beyond > SPREADS * _std(m, "test"):
+        if test[i] > OVER * harder * train[i] and beyond > SPREADS * _std(
+            errors(m, "one_step", "test")
+        ):
             labels.append("overfits")
             words.append(
                 f"test error {test[i] / train[i]:.2f} times the training error, "
@@ -100,9 +104,31 @@ def findings(result: Mapping[str, Any]) -> list[str]:
     return [
         *_fitting(once),
         *_algorithms(once),
+        *_effective_weights(once),
         *_one_step_against_free(once),
         *_tuning(result["tuned"]),
     ]
+
+
+def warnings(given: Prepared, data: Prepared, models: Sequence[Model]) -> list[str]:
+    """Return what the reader must know before believing the table.
+
+    given, data : all the samples, and those the study used
+    """
+    n = int(((data.role == Role.TRAIN) & (data.samples.weight > 0)).sum())
+    large = [m for m in models if n < SAMPLES_PER_WEIGHT * m["n_weights"]]
+    result = []
+    if large:
+        result.append(
+            f"{len(large)} of {len(models)} models have more than one weight per "
+            f"{SAMPLES_PER_WEIGHT} of the {n} training samples: expect them to overfit"
+        )
+    if data.enabled.mean() > given.enabled.mean() + 0.01:
+        result.append("hardly a sample is enabled: figures are over all samples instead")
+    diverged = sum(s["diverged"] for m in models if m["same_as"] is None for s in m["starts"])
+    if diverged:
+        result.append(f"{diverged} trainings diverge in free run; the table says which")
+    return result
 
 
 def _fitting(models: Sequence[Model]) -> list[str]:
@@ -113,7 +139,7 @@ def _fitting(models: Sequence[Model]) -> list[str]:
     }
     sentences = [
         f"{len(numbers)} of {n} different trainings {label.removesuffix('s')} by the rules below "
-        f"(model {_list(numbers)})."
+        f"(models {_list(numbers)})."
         if numbers
         else f"None of {n} different trainings {label.removesuffix('s')}s by the rules below."
         for label, numbers in count.items()
@@ -138,6 +164,20 @@ def _algorithms(models: Sequence[Model]) -> list[str]:
             free = np.median([errors(m, "free_run", "validate").min() for m in own])
             parts.append(f"{words} {one:.3g} one-step and {free:.3g} in free run")
     return [f"Median validation RMSE of the best starts by algorithm: {'; '.join(parts)}."]
+
+
+def _effective_weights(models: Sequence[Model]) -> list[str]:
+    parts = [
+        f"{used:.0f} of the {m['n_weights']} weights of model {m['number']}"
+        for m in models
+        if (used := _median_or_none(s["effective_weights"] for s in m["starts"])) is not None
+    ]
+    return [f"Bayesian regularisation makes use of {', '.join(parts)}."] if parts else []
+
+
+def _median_or_none(values: Iterable[float | None]) -> float | None:
+    known = [v for v in values if v is not None]
+    return float(np.median(known)) if known else None
 
 
 def _one_step_against_free(models: Sequence[Model]) -> list[str]:
@@ -177,8 +217,7 @@ def _rmse(figures: Model, role: str) -> float:
     return 0.0 if mse is None else float(np.sqrt(mse))
 
 
-def _std(model: Model, role: str) -> float:
-    values = errors(model, "one_step", role)
+def _std(values: FloatArray) -> float:
     return float(values.std(ddof=1)) if len(values) > 1 and np.isfinite(values).all() else 0.0
 
 

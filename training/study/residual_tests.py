@@ -52,16 +52,16 @@ def effective_samples(a: Sequence[FloatArray], b: Sequence[FloatArray], lags: in
     return count / max(inflation, 1.0)
 
 
-def whiteness(residuals: Sequence[FloatArray], lags: int = 25, fitted: int = 0) -> dict[str, Any]:
+def whiteness(residuals: Sequence[FloatArray], lags: int = 25) -> dict[str, Any]:
     """Return the test that the residuals are white: Ljung-Box and the autocorrelation's bands.
 
-    fitted : output lags fitted on these very samples, 0 on held-out ones
+    residuals : of held-out samples, since no degree of freedom is taken off
     The series are joined for Ljung-Box; ``lags`` products per joint are foreign to the model.
     """
     joined = np.concatenate([r - np.mean(np.concatenate(residuals)) for r in residuals])
     band = float(norm.ppf(1.0 - LEVEL / 2.0) / np.sqrt(len(joined)))
     rho = autocorrelation(residuals, lags)
-    test = acorr_ljungbox(joined, lags=[lags + fitted], model_df=fitted)
+    test = acorr_ljungbox(joined, lags=[lags])
     p_value = float(test["lb_pvalue"].iloc[0])
     outside = int(np.sum(np.abs(rho[1:]) > band))
     rejected = bool(p_value < LEVEL)

@@ -194,15 +194,18 @@ def _correlation(u: Sequence[FloatArray], y: Sequence[FloatArray]) -> tuple[floa
 
 def _comparisons(tried: Sequence[Tried], rows: np.ndarray, seed: int) -> list[dict[str, Any]]:
     """Return how every other set compares with the chosen one, with the verdict in words."""
-    chosen = tried[0]
+    ours = figures(tried[0], rows)["rmse_of_starts"]
     result = []
     for other in tried[1:]:
-        found = difference(other, chosen, rows, seed)
+        found = difference(other, tried[0], rows, seed)
+        theirs = figures(other, rows)["rmse_of_starts"]
         low, high, margin = found["low"], found["high"], NEGLIGIBLE * found["rmse"]
         if low > -margin and high < margin:
             verdict = "as good"
-        elif low > 0.0 or high < 0.0:
-            verdict = "worse" if low > 0.0 else "better"
+        elif low > 0.0 and min(theirs) > max(ours):
+            verdict = "worse"
+        elif high < 0.0 and max(theirs) < min(ours):
+            verdict = "better"
         else:
             verdict = "not told apart"
         result.append({"name": other.set.name, **found, "verdict": verdict})

@@ -10,10 +10,10 @@ from training.study.pca import biplot_figure, control_figure, scree_figure
 
 LARGE_INFLATION = 10.0  # the other variables explain 90 % of it
 VERDICTS = {
-    "better": "clearly better than the chosen set",
-    "worse": "clearly worse than the chosen set",
+    "better": "better than the chosen set, in every start and beyond the interval",
+    "worse": "worse than the chosen set, in every start and beyond the interval",
     "as good": "as good as the chosen set, within 10 %",
-    "not told apart": "not told apart from the chosen set by these test blocks",
+    "not told apart": "not told apart from the chosen set by these test blocks and starts",
 }
 
 
@@ -239,5 +239,5 @@ def _figure(reach: list[dict[str, Any]]) -> Figure:
         axes.bar(at, own, 0.22, label=name)
     axes.set_xticks(range(len(faults)), faults)
     axes.set_ylabel("RMS reaching the\nprediction, %")
-    axes.legend(frameon=False)
+    figure.legend(loc="outside upper right", ncols=len(sets), frameon=False)
     return figure

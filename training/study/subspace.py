@@ -46,20 +46,28 @@ class StateSpace:
 
     @property
     def stable(self) -> bool:
-        """Whether the free run forgets its start."""
-        return bool(np.all(np.abs(np.linalg.eigvals(self.A)) < 1.0))
+        """Whether the free run and the Kalman filter forget their start."""
+        filtered = self.A - np.outer(self.K, self.C)
+        return bool(np.abs(np.linalg.eigvals([self.A, filtered])).max() < 1.0)
 
     def simulate(self, u: FloatArray, y0: FloatArray) -> FloatArray:
         """Return the free run (n,); the Kalman filter over the first outputs gives the state."""
-        result = _run(self.A, self.B, self.C, self.D, self.K, _with_one(u), y0, len(y0))
+        result = self._filtered(u, y0)
         result[: len(y0)] = y0
-        return np.asarray(result)
+        return result
 
     def predict(self, u: FloatArray, y: FloatArray) -> FloatArray:
-        """Return the one-step predictions (n,) from a state of zero."""
-        return np.asarray(
-            _run(self.A, self.B, self.C, self.D, self.K, _with_one(u), y, len(y)),
-        )
+        """Return the one-step predictions (n,)."""
+        return self._filtered(u, y)
+
+    def _filtered(self, u: FloatArray, y: FloatArray) -> FloatArray:
+        """Return the filter's predictions, from the steady state of the first sample on."""
+        v = np.column_stack([u, np.ones(len(u))])
+        inflow = self.B @ v[0] + self.K * (y[0] - self.D @ v[0])
+        filtered = self.A - np.outer(self.K, self.C)
+        start = np.linalg.lstsq(np.eye(self.order) - filtered, inflow, rcond=None)[0]
+        matrices = (self.A, self.B, self.C, self.D, self.K)
+        return np.asarray(_run(*matrices, start, v, np.ascontiguousarray(y)))
 
     def transfer(self) -> Arx:
         """Return the same input-output behaviour as polynomials; its ``a`` is the denominator."""
@@ -74,15 +82,11 @@ class StateSpace:
         return Arx(a[1:], b, (0,) * n_inputs, float(numerator.sum()))
 
 
-def _with_one(u: FloatArray) -> FloatArray:
-    return np.column_stack([u, np.ones(len(u))])
-
-
 @njit(nogil=True, cache=True)
-def _run(A, B, C, D, K, v, y, measured):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Return the predictions; while t < measured the innovation corrects the state."""
+def _run(A, B, C, D, K, start, v, y):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Return the predictions; as long as there is a y the innovation corrects the state."""
     n = len(C)
-    x, after, out = np.zeros(n), np.empty(n), np.empty(len(v))
+    x, after, out = start.copy(), np.empty(n), np.empty(len(v))
     for t in range(len(v)):
         predicted = 0.0
         for j in range(v.shape[1]):
@@ -90,7 +94,7 @@ def _run(A, B, C, D, K, v, y, measured):  # type: ignore[no-untyped-def]  # prag
         for i in range(n):
             predicted += C[i] * x[i]
         out[t] = predicted
-        innovation = y[t] - predicted if t < measured else 0.0
+        innovation = y[t] - predicted if t < len(y) else 0.0
         for i in range(n):
             total = K[i] * innovation
             for j in range(v.shape[1]):

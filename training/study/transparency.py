@@ -28,6 +28,7 @@ from training.study.input_sets import Tried, exact_inputs
 COMMAND = "lambda_target"
 TAPS = 5  # past samples of the mixture that the controller's law may use
 MOST_DEAD_TIME = 20  # samples
+LIMIT_PERCENTILE = 99.0  # of the readings' distance from their median, see Controller.limit
 SHORTEST = 100  # samples of a closed-loop stretch that is used
 FAULTS = (("slow_symmetric", 0.6), ("delay_symmetric", 0.6), ("gain_low", 0.5))
 
@@ -39,6 +40,7 @@ class Controller:
     own: float
     measured: FloatArray  # (TAPS + 1,)
     dead_time: int  # samples from the command to the reading
+    limit: float  # phi; what readings in closed loop leave their middle by, larger is not answered
     explained: float  # correlation of the increments with what the law says, on the last third
 
     @property
@@ -58,7 +60,8 @@ class Controller:
         """Return what the controller adds (n,) for a ``change`` of the reading in phi (n,)."""
         added = np.zeros(len(change))
         for a, b in runs(closed):
-            added[a:b] = signal.lfilter(self.measured, self.loop, change[a:b])
+            seen = np.clip(change[a:b], -self.limit, self.limit)
+            added[a:b] = signal.lfilter(self.measured, self.loop, seen)
         return added
 
 
@@ -79,10 +82,12 @@ def estimate_controller(recordings: Sequence[Recording], output: str) -> Control
     rows = np.concatenate([_regression(v) for v in parts])
     cut = 2 * len(rows) // 3
     coefficients = linalg.lstsq(rows[:cut, 1:], rows[:cut, 0])[0]
+    phi = np.concatenate([v[:, 1] for v in parts])
     law = Controller(
         float(np.clip(coefficients[0], -0.98, 0.98)),
         coefficients[1 : TAPS + 2],
         _dead_time(parts),
+        float(np.percentile(np.abs(phi - np.median(phi)), LIMIT_PERCENTILE)),
         correlation(rows[cut:, 0], rows[cut:, 1:] @ coefficients),
     )
     return law if law.stable else None
@@ -116,7 +121,9 @@ def _regression(values: FloatArray) -> FloatArray:
 def transparency(
     recordings: Sequence[Recording], tried: Sequence[Tried], output: str
 ) -> dict[str, Any]:
-    """Return what reaches the prediction of each set, per fault, on enabled test samples.
+    """Return what reaches the prediction of each set, per fault.
+
+    Scored are enabled test samples at which the fault is within what closed loop knows.
 
     gain : least-squares slope of the prediction's change over the reading's change; 0 is a
         prediction that knows nothing of the fault, 1 one that follows it
@@ -162,6 +169,7 @@ def _reach(tried: Tried, law: Controller, fault: str, severity: float) -> Mappin
     runs_of = [simulate(spec, weights, each, start, stop, history) for each in (u, moved)]
     answer = (runs_of[1] - runs_of[0]) * data.scaling.y_std
     rows = (data.role == Role.TEST) & data.enabled & np.isfinite(answer)
+    rows &= np.abs(change) <= law.limit  # after a fuel cut a slow sensor is off by more
     c, a = change[rows], answer[rows]
     size = float(np.sqrt(np.mean(c**2)))
     return {

@@ -1,0 +1,235 @@
+"""One-step and free-run training of the same network by this project and by other packages.
+
+Every function takes the same data and the same initial weights, in the layout of ``training.narx``,
+and returns weights in that layout.
+"""
+
+import contextlib
+import importlib
+import io
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from types import ModuleType
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from training.closed_loop import ClosedLoop, Pieces, Samples
+from training.lm import Objective, OneStep, Options, minimise
+from training.narx import Spec, forward, jacobian, layers, regressors
+
+
+@dataclass(frozen=True)
+class Case:
+    """Training and held-out drive, scaled to zero mean and unit variance of the training drive."""
+
+    title: str
+    spec: Spec
+    u: np.ndarray
+    y: np.ndarray
+    held_out_u: np.ndarray
+    held_out_y: np.ndarray
+
+    @cached_property
+    def phi(self) -> np.ndarray:
+        return regressors(self.spec, self.u, self.y)
+
+    @property
+    def target(self) -> np.ndarray:
+        return self.y[self.spec.lags :]
+
+
+@dataclass
+class Run:
+    """What a package did from one start."""
+
+    iterations: int
+    cpu_s: float
+    wall_s: float
+    weights: np.ndarray
+    history: list[tuple[float, float]] = field(default_factory=list)  # CPU seconds, training RMSE
+
+
+class MissingError(Exception):
+    """The package is not installed."""
+
+
+def package(name: str) -> ModuleType:
+    """Return the imported package; raises MissingError."""
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        raise MissingError(
+            f"{name} is missing ({error}); pip install --no-deps -r benchmarks/requirements.txt"
+        ) from error
+
+
+def timed(work: Callable[[], tuple[int, np.ndarray]]) -> Run:
+    """Return what ``work`` returned, iterations and weights, with its time."""
+    cpu_s, wall_s = time.process_time(), time.perf_counter()
+    with contextlib.redirect_stdout(io.StringIO()):
+        iterations, weights = work()
+    return Run(iterations, time.process_time() - cpu_s, time.perf_counter() - wall_s, weights)
+
+
+def _minimise(objectives: list[Objective], start: np.ndarray, iterations: int) -> Run:
+    history: list[tuple[float, float]] = []
+    began = time.process_time()
+
+    def note(_: int, cost: float) -> None:
+        history.append((time.process_time() - began, float(np.sqrt(cost))))
+
+    def work() -> tuple[int, np.ndarray]:
+        weights = start
+        for objective in objectives:
+            weights = minimise(
+                objective, weights, Options(epochs=iterations), progress=note
+            ).weights
+        return len(history), weights
+
+    run = timed(work)
+    run.history = history
+    return run
+
+
+def ours(case: Case, start: np.ndarray, iterations: int) -> Run:
+    """Levenberg–Marquardt of this project, one step ahead."""
+    return _minimise([OneStep(case.spec, case.phi, case.target)], start, iterations)
+
+
+def ours_in_stages(case: Case, start: np.ndarray, iterations: int) -> Run:
+    """Levenberg–Marquardt of this project over growing horizons."""
+    samples = Samples(case.u, case.y, np.ones(len(case.y)))
+    objectives: list[Objective] = []
+    for horizon in (1, 5, 20, 100, 1000):
+        first = np.arange(case.spec.lags, len(case.y), horizon)
+        history = case.y[first[:, None] - np.arange(1, case.spec.lags + 1)]
+        stop = np.minimum(first + horizon, len(case.y))
+        pieces = Pieces(first, stop, 0 * first, history)
+        objectives.append(ClosedLoop(case.spec, samples, pieces))
+    return _minimise(objectives, start, iterations)
+
+
+def free_run_objective(case: Case) -> ClosedLoop:
+    """Return the error of one free run over all samples from zeros, as pyrenn has it."""
+    lags = case.spec.lags
+    u = np.concatenate([np.zeros((lags, case.spec.n_inputs)), case.u])
+    y = np.concatenate([np.zeros(lags), case.y])
+    one = Pieces(np.array([lags]), np.array([len(y)]), np.array([0]), np.zeros((1, lags)))
+    return ClosedLoop(case.spec, Samples(u, y, np.ones(len(y))), one)
+
+
+def ours_free_run(case: Case, start: np.ndarray, iterations: int) -> Run:
+    """Levenberg–Marquardt of this project on one free run over all samples."""
+    return _minimise([free_run_objective(case)], start, iterations)
+
+
+def _to_pyrenn(spec: Spec, weights: np.ndarray) -> np.ndarray:
+    """Return the weights layer by layer, each matrix column by column, then its biases."""
+    parts = [[matrix.ravel(order="F"), bias] for matrix, bias in layers(spec, weights)]
+    return np.concatenate([array for part in parts for array in part])
+
+
+def _from_pyrenn(spec: Spec, weights: np.ndarray) -> np.ndarray:
+    order = _to_pyrenn(spec, np.arange(spec.n_weights)).astype(int)
+    back = np.empty(spec.n_weights)
+    back[order] = weights
+    return back
+
+
+def _pyrenn(
+    case: Case, start: np.ndarray, iterations: int, inputs: np.ndarray, target: np.ndarray,
+    delays: dict[str, list[int]],
+) -> Run:  # fmt: skip
+    pyrenn = package("pyrenn")
+    net = pyrenn.CreateNN([inputs.shape[1], *case.spec.hidden, 1], **delays)
+    net["normP"], net["normY"] = np.ones(inputs.shape[1]), np.ones(1)  # it is scaled already
+    net["w"] = _to_pyrenn(case.spec, start)
+
+    def work() -> tuple[int, np.ndarray]:
+        trained = pyrenn.train_LM(inputs.T, target[None], net, k_max=iterations)
+        return iterations, _from_pyrenn(case.spec, trained["w"])
+
+    return timed(work)
+
+
+def pyrenn_one_step(case: Case, start: np.ndarray, iterations: int) -> Run:
+    """Levenberg–Marquardt of pyrenn on the regressors."""
+    return _pyrenn(case, start, iterations, case.phi, case.target, {})
+
+
+def pyrenn_free_run(case: Case, start: np.ndarray, iterations: int) -> Run:
+    """Levenberg–Marquardt of pyrenn with its output fed back, from zeros."""
+    lags = list(range(1, case.spec.lags + 1))
+    return _pyrenn(case, start, iterations, case.u, case.y, {"dIn": lags, "dOut": lags})
+
+
+def _least_squares(case: Case, start: np.ndarray, iterations: int, **options: object) -> Run:
+    def residual(weights: np.ndarray) -> np.ndarray:
+        return forward(case.spec, weights, case.phi) - case.target
+
+    def work() -> tuple[int, np.ndarray]:
+        found = least_squares(residual, start, max_nfev=iterations, **options)  # type: ignore[call-overload]
+        return int(found.njev or found.nfev), found.x
+
+    return timed(work)
+
+
+def scipy_lm(case: Case, start: np.ndarray, iterations: int) -> Run:
+    """Run MINPACK's Levenberg–Marquardt through scipy, with the Jacobian of this project."""
+
+    def derivative(weights: np.ndarray) -> np.ndarray:
+        return jacobian(case.spec, weights, case.phi)[1]
+
+    return _least_squares(case, start, iterations, method="lm", jac=derivative)
+
+
+def scipy_two_point(case: Case, start: np.ndarray, iterations: int) -> Run:
+    """Trust region of scipy with its own finite differences."""
+    return _least_squares(case, start, iterations, method="trf", jac="2-point", tr_solver="exact")
+
+
+def sysidentpy_adam(case: Case, start: np.ndarray, iterations: int) -> Run:
+    """NARXNN of SysIdentPy, with its defaults: Adam, rate 0.01, batches of 100, float32.
+
+    Its constructor refuses the nested lags that its fit wants for several inputs, so they are set
+    in between.
+    """
+    torch = package("torch")
+    narxnn = package("sysidentpy.neural_network").NARXNN
+    linear = package("sysidentpy.basis_function").Polynomial(degree=1)
+    spec = case.spec
+    parts: list[object] = []
+    columns = _sysidentpy_columns(spec)
+    for number, (matrix, bias) in enumerate(layers(spec, start)):
+        layer = torch.nn.Linear(matrix.shape[1], matrix.shape[0])
+        first = matrix[:, columns] if number == 0 else matrix
+        layer.weight.data, layer.bias.data = (
+            torch.tensor(a, dtype=torch.float32) for a in (first, bias)
+        )
+        parts += [layer, torch.nn.Tanh()]
+    net = torch.nn.Sequential(*parts[:-1])
+    model = narxnn(
+        net=net, ylag=spec.lags, xlag=spec.lags, basis_function=linear, epochs=iterations
+    )
+    model.xlag = [list(range(1, spec.lags + 1))] * spec.n_inputs
+
+    def work() -> tuple[int, np.ndarray]:
+        model.fit(X=case.u, y=case.y[:, None])
+        weights = np.empty(spec.n_weights)
+        for number, (matrix, bias) in enumerate(layers(spec, weights)):
+            trained = net[2 * number]
+            matrix[:, columns if number == 0 else slice(None)] = trained.weight.detach().numpy()
+            bias[:] = trained.bias.detach().numpy()
+        return iterations, weights
+
+    return timed(work)
+
+
+def _sysidentpy_columns(spec: Spec) -> list[int]:
+    """Return our regressor's columns in SysIdentPy's order: lags of y, then of every input."""
+    inputs = range(spec.n_inputs)
+    past = [spec.lags * spec.n_inputs + lag for lag in range(spec.lags)]
+    return past + [lag * spec.n_inputs + k for k in inputs for lag in range(spec.lags)]
