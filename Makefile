@@ -48,7 +48,7 @@ model: venv ## train the shipped model anew (ten minutes)
 	  $(VENV)/bin/o2train simulate --out build/training --format parquet \
 	    --cycle $${drive%%:*} --seed $${drive##*:} || exit 1; done
 	$(VENV)/bin/o2train fit build/training/*.parquet --out monitor/models/shipped.onnx \
-	  --budget 10 --report build/fit.html
+	  --lags 5 --hidden 8 8 --budget 10 --report build/fit.html
 
 replay_logs: venv ## simulate the drives of replay_logs and their expected events anew
 	$(VENV)/bin/python replay_logs/make.py

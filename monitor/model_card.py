@@ -81,7 +81,7 @@ class ModelCard:
     transform: str  # "phi": the model works on 1/output; "none"
     output_limits: tuple[float, float]  # predictions are clipped to this, in model units
     period_ns: int
-    lags: int
+    lags: int  # longest lag of inputs and output
     input_lag_start: int
     layers: tuple[int, ...]  # hidden layers
     state: StateLayout
@@ -91,6 +91,7 @@ class ModelCard:
     window_samples: int = WINDOW_SAMPLES
     transforms: tuple[Mapping[str, Any], ...] = ()  # of inputs, inside the graph
     effects: tuple[Mapping[str, Any], ...] = ()  # added by the gap workflow
+    structure: Mapping[str, Any] = field(default_factory=dict)  # how lags enter, kind's own words
     fit: Mapping[str, Any] = field(default_factory=dict)  # measures on held-out samples
     checks: Mapping[str, Any] = field(default_factory=dict)  # parity, stability
     limits: Mapping[str, Limit] = field(default_factory=dict)
@@ -130,8 +131,8 @@ class ModelCard:
 
 
 def _card(data: dict[str, Any], path: str) -> ModelCard:
+    data = {"structure": {}} | data  # cards written before it was stored
     _keys(data, ModelCard, path, "model card")
-    data = dict(data)
     try:
         data["inputs"] = tuple(_part(Channel, c, path, "inputs") for c in data["inputs"])
         data["output"] = _part(Channel, data["output"], path, "output")
@@ -148,7 +149,7 @@ def _card(data: dict[str, Any], path: str) -> ModelCard:
         data["layers"] = tuple(int(n) for n in data["layers"])
         for name in ("transforms", "effects"):
             data[name] = tuple(dict(item) for item in data[name])
-        for name in ("fit", "checks", "reference", "packages"):
+        for name in ("structure", "fit", "checks", "reference", "packages"):
             data[name] = dict(data[name])
         for name in ("residual_mean", "residual_std"):
             data[name] = float(data[name])

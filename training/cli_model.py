@@ -27,8 +27,10 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
     fit = subparsers.add_parser(
         "fit",
         help="train a model on recordings of a healthy vehicle",
-        description="Train a NARX: series-parallel, then in closed loop over growing horizons, "
-        "and keep what predicts held-out blocks best in free run.",
+        description="Train a NARX: choose its memory and size by free run on held-out blocks, "
+        "train it series-parallel, then in closed loop over growing horizons, and keep what "
+        "predicts held-out blocks best. --lags or --hidden give the shape instead, without a "
+        "linear path.",
         epilog=_FIT_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -37,18 +39,30 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
     fit.add_argument("--kind", choices=("narx",), default="narx", help="kind of model")
     fit.add_argument("--inputs", nargs="+", metavar="NAME", help="default: the paper's seven")
     fit.add_argument("--output", metavar="NAME", help="default: lambda_measured")
-    fit.add_argument("--lags", type=int, default=5, metavar="N", help="longest lag (default 5)")
     fit.add_argument(
-        "--lag-zero", action="store_true", help="let the inputs of the same tick enter, too"
+        "--validate", nargs="+", type=Path, default=[], metavar="RECORDING",
+        help="recordings that choose and stop the training and are not trained on "
+        "(default: blocks held out of every recording)",
+    )  # fmt: skip
+    fit.add_argument(
+        "--lags", type=int, metavar="N",
+        help="longest lag (default: chosen by the data; 5 with --hidden)",
+    )  # fmt: skip
+    fit.add_argument(
+        "--lag-zero",
+        action="store_true",
+        help="let the inputs of the same tick enter, too (they do if the data choose)",
     )
     fit.add_argument(
-        "--hidden", type=int, nargs="+", default=[8, 8], metavar="N",
-        help="neurons of each hidden layer (default 8 8)",
+        "--hidden", type=int, nargs="+", metavar="N",
+        help="neurons of each hidden layer (default: chosen by the data; 8 8 with --lags)",
     )  # fmt: skip
     fit.add_argument(
         "--ratio", action="store_true", help="give the network fuel over air, not fuel mass"
     )
-    fit.add_argument("--starts", type=int, default=3, metavar="N", help="trainings (default 3)")
+    fit.add_argument(
+        "--starts", type=int, metavar="N", help="trainings (default 3, on short recordings 8)"
+    )
     fit.add_argument(
         "--budget", type=float, default=10.0, metavar="MIN",
         help="minutes after which the best so far is kept (default 10)",
@@ -94,7 +108,10 @@ def run_fit(args: argparse.Namespace) -> int:
     from training.progress import Bar
     from training.transforms import fuel_air_ratio
 
-    if min(args.lags, args.starts, *args.hidden) < 1 or not args.budget > 0:
+    if (
+        min(*(1 if n is None else n for n in (args.lags, args.starts)), *(args.hidden or (1,))) < 1
+        or not args.budget > 0
+    ):
         raise UsageError("--lags, --starts, --hidden and --budget must be positive")
     if args.out.suffix != ".onnx":
         raise UsageError(f"--out {args.out}: a model file ends in .onnx")
@@ -107,21 +124,23 @@ def run_fit(args: argparse.Namespace) -> int:
     inputs = args.inputs or NARX_INPUTS
     if args.ratio and not {"fuel_mass_mg", "air_mass_mg"} <= set(inputs):
         raise UsageError("--ratio needs the inputs fuel_mass_mg and air_mass_mg")
-    recordings = _load(args, args.period)
-    with Bar(args.starts) as bar:
+    recordings = _load(args, args.recordings, args.period)
+    with Bar() as bar:
         result = fit(
             recordings,
             inputs,
             args.output or OUTPUT,
             args.out,
             lags=args.lags,
-            hidden=tuple(args.hidden),
+            hidden=tuple(args.hidden) if args.hidden else None,
             input_lag_start=0 if args.lag_zero else 1,
             transforms=[fuel_air_ratio()] if args.ratio else [],
             starts=args.starts,
             budget_minutes=args.budget,
             seed=args.seed,
+            validate=_load(args, args.validate, args.period),
             progress=bar.update,
+            tried=bar.tried,
         )
     for warning in (*result.warnings, *_set_limits(result, recordings)):
         print(f"o2train: warning: {warning}", file=sys.stderr)
@@ -152,8 +171,12 @@ def _set_limits(result: "FitResult", recordings: "list[Recording]") -> list[str]
 
 
 def _print_fit(result: "FitResult") -> None:
-    card = result.card
+    from training.narx import describe
+
+    card, spec = result.card, result.network.spec
     n = len(result.data.role)
+    if result.tries:
+        print(f"chosen of {len(result.tries)} structures: {describe(spec)}")
     print(f"{result.path}: {n} samples, {result.network.spec.n_weights} weights, "
           f"{result.seconds:.0f} s")  # fmt: skip
     for name, title in (("test", "held-out blocks"), ("test_enabled", "  enabled samples")):
@@ -177,7 +200,7 @@ def run_evaluate(args: argparse.Namespace) -> int:
 
     card = Model.load(args.model).card
     period_s = args.period if args.period is not None else card.period_ns / 1e9
-    result = evaluate(args.model, _load(args, period_s), args.washout)
+    result = evaluate(args.model, _load(args, args.recordings, period_s), args.washout)
     for r in result["recordings"]:
         fit = r["fit_percent"]
         simulated = " (simulated)" if r["source"] == "simulated" else ""
@@ -195,10 +218,9 @@ def run_evaluate(args: argparse.Namespace) -> int:
     return 0
 
 
-def _load(args: argparse.Namespace, period_s: float | None) -> "list[Recording]":
+def _load(args: argparse.Namespace, paths: list[Path], period_s: float | None) -> "list[Recording]":
     from training.recordings import load
 
     return [
-        load(path, period_s=period_s, pairs=pairs_of(args), columns=args.columns)
-        for path in args.recordings
+        load(path, period_s=period_s, pairs=pairs_of(args), columns=args.columns) for path in paths
     ]

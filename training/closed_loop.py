@@ -12,7 +12,7 @@ import numpy as np
 
 from monitor.types import FloatArray, IntArray
 from training import kernels
-from training.narx import Spec
+from training.narx import Spec, input_regressors
 
 CHUNK = 1500  # rows of the Jacobian that stay in the cache together
 
@@ -47,38 +47,58 @@ class Samples:
 class ClosedLoop:
     """Weighted mean squared simulation error over pieces, and its normal equations.
 
+    ``decay`` times every squared weight, but those of the linear path, is added to the error.
     The Jacobian is summed in float32 blocks, the sums are float64: an error of about 1e-7 of the
     entries at half the time. ``dtype=numpy.float64`` is exact.
     """
 
     def __init__(
-        self, spec: Spec, samples: Samples, pieces: Pieces, dtype: type[np.floating] = np.float32
-    ) -> None:
+        self, spec: Spec, samples: Samples, pieces: Pieces, dtype: type[np.floating] = np.float32,
+        decay: float = 0.0,
+    ) -> None:  # fmt: skip
         if len(pieces.start) and (
-            pieces.start.min() < spec.lags or pieces.stop.max() > len(samples.y)
+            pieces.start.min() < spec.memory or pieces.stop.max() > len(samples.y)
         ):
-            raise ValueError(f"pieces must lie within {spec.lags} .. {len(samples.y)}")
+            raise ValueError(f"pieces must lie within {spec.memory} .. {len(samples.y)}")
         self.spec, self.samples, self.dtype = spec, samples, dtype
+        self._decay = np.full(spec.n_weights, decay)  # of every weight squared
+        if spec.linear_path:
+            self._decay[-spec.n_regressors :] = 0.0
+        self._x = input_regressors(spec, samples.u)
         history = np.clip(pieces.history, spec.y_min, spec.y_max)
         self.pieces = Pieces(pieces.start, pieces.stop, pieces.skip, history)
         self._root_weight = np.sqrt(samples.weight)
-        scored = [
-            samples.weight[a + s : b]
-            for a, b, s in zip(pieces.start, pieces.stop, pieces.skip, strict=True)
-        ]
-        self.total_weight = float(sum(w.sum() for w in scored))
+        scored = zip(pieces.start, pieces.stop, pieces.skip, strict=True)
+        self.weights = np.array([samples.weight[a + s : b].sum() for a, b, s in scored])
+        self.total_weight = float(self.weights.sum())
         self.n_samples = int((pieces.stop - pieces.start).sum())
         if self.total_weight <= 0:
             raise ValueError("no sample is scored")
 
     def cost(self, weights: FloatArray) -> float:
-        """Return the weighted mean squared error."""
+        """Return the weighted mean squared error and the decay."""
+        penalty = float(self._decay @ weights**2)
+        return float(self.squares(weights).sum()) / self.total_weight + penalty
+
+    def score(self, weights: FloatArray) -> float:
+        """Return the mean over pieces of their weighted RMSE, scaled units.
+
+        It is less at the mercy of one odd piece than the RMSE over all of them.
+        """
+        return float(self.weights @ self.errors(weights)) / self.total_weight
+
+    def errors(self, weights: FloatArray) -> FloatArray:
+        """Return the weighted RMSE of every piece (n_pieces,), scaled units."""
+        return np.sqrt(self.squares(weights) / self.weights)
+
+    def squares(self, weights: FloatArray) -> FloatArray:
+        """Return the weighted sum of squared errors of every piece (n_pieces,)."""
         s, p, q = self.spec, self.pieces, self.samples
-        total = kernels.cost(
-            weights, s.sizes_array(), q.u, q.y, q.weight, s.input_lag_start, s.lags,
+        total: FloatArray = kernels.cost(
+            weights, s.sizes_array(), self._x, q.y, q.weight, s.lags,
             s.y_min, s.y_max, p.start, p.stop, p.skip, p.history,
         )  # fmt: skip
-        return float(total) / self.total_weight
+        return total
 
     def blocks(self, weights: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
         """Yield weighted Jacobian rows (m, n_weights) and errors (m,); the buffers are reused."""
@@ -89,7 +109,7 @@ class ClosedLoop:
         past, ring = np.zeros(s.lags), np.zeros((s.lags + 1, s.n_weights))
         while cursor[0] < len(p.start):
             rows = kernels.fill(
-                weights, s.sizes_array(), q.u, q.y, self._root_weight, s.input_lag_start, s.lags,
+                weights, s.sizes_array(), self._x, q.y, self._root_weight, s.lags,
                 s.y_min, s.y_max, p.start, p.stop, p.skip, p.history, cursor, past, ring,
                 jacobian, error,
             )  # fmt: skip
@@ -105,4 +125,7 @@ class ClosedLoop:
             gradient += jacobian.T @ error
             total += float(np.sum(error.astype(np.float64) ** 2))
         w = self.total_weight
-        return total / w, hessian / w, gradient / w
+        hessian /= w
+        hessian[np.diag_indices(n)] += self._decay
+        penalty = float(self._decay @ weights**2)
+        return total / w + penalty, hessian, gradient / w + self._decay * weights

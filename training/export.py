@@ -19,7 +19,7 @@ from monitor.errors import ModelError
 from monitor.model import LAMBDA_MAX, PHI_MAX, Model
 from monitor.model_card import METADATA_KEY, ModelCard, StateLayout
 from monitor.types import FloatArray
-from training.narx import Spec, layers
+from training.narx import Spec, layers, linear_path
 from training.prepare import Scaling
 
 OPSET = 17
@@ -40,32 +40,49 @@ class Network:
     @property
     def state_layout(self) -> StateLayout:
         """Where the output history lies in the state."""
-        k, lags = self.spec.n_inputs, self.spec.lags
-        return StateLayout((k + 1) * lags, k, k + 1, lags)
+        k, memory = self.spec.n_inputs, self.spec.memory
+        return StateLayout((k + 1) * memory, k, k + 1, memory)
+
+    @property
+    def sees_newest(self) -> bool:
+        """Whether the inputs of the tick itself enter."""
+        return self.spec.boxes[0][0] == 0
 
     def folded_layers(self) -> list[tuple[FloatArray, FloatArray]]:
         """Return the layers over the graph's regressor, output in model units.
 
         The regressor is the state, before it the newest scaled inputs if lag 0 is used. Scaled
-        inputs of the graph run from -1 to 1 over the clipping range.
+        inputs of the graph run from -1 to 1 over the clipping range. A linear path is part of the
+        last layer, which then takes the regressor beside the last hidden layer.
         """
         spec, scale = self.spec, self.scaling
         stack = [(w.copy(), b.copy()) for w, b in layers(spec, self.weights)]
-        first, bias = stack[0]
-        k, taps = spec.n_inputs, spec.input_lags
-        inputs = first[:, : taps * k].reshape(-1, taps, k)
-        outputs = first[:, taps * k :]
-        middle, half = (scale.u_high + scale.u_low) / 2, (scale.u_high - scale.u_low) / 2
-        bias += (inputs * ((middle - scale.u_mean) / scale.u_std)).sum(axis=(1, 2))
-        bias -= outputs.sum(axis=1) * scale.y_mean / scale.y_std
-        inputs = inputs * (half / scale.u_std)
-        extra = 1 - spec.input_lag_start
-        past = np.concatenate([inputs[:, extra:], (outputs / scale.y_std)[:, :, None]], axis=2)
-        newest = inputs[:, :extra].reshape(len(first), -1)
-        stack[0] = (np.concatenate([newest, past.reshape(len(first), -1)], axis=1), bias)
+        stack[0] = self._folded(*stack[0])
+        if spec.linear_path:
+            w, b = stack[-1]
+            path, offset = self._folded(linear_path(spec, self.weights)[None], np.zeros(1))
+            stack[-1] = (np.concatenate([w, path], axis=1), b + offset)
         last, offset = stack[-1]
         stack[-1] = (last * scale.y_std, offset * scale.y_std + scale.y_mean)
         return stack
+
+    def _folded(self, matrix: FloatArray, bias: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return a matrix over the training's regressor as one over the graph's."""
+        spec, scale = self.spec, self.scaling
+        k, n_boxes = spec.n_inputs, len(spec.boxes)
+        boxed = matrix[:, : n_boxes * k].reshape(-1, n_boxes, k)
+        inputs = np.zeros((len(matrix), spec.memory + 1, k))  # one place for each lag from 0 on
+        for i, (first, stop) in enumerate(spec.boxes):
+            inputs[:, first:stop] = boxed[:, i : i + 1] / (stop - first)
+        outputs = np.zeros((len(matrix), spec.memory, 1))
+        outputs[:, : spec.lags, 0] = matrix[:, n_boxes * k :]
+        middle, half = (scale.u_high + scale.u_low) / 2, (scale.u_high - scale.u_low) / 2
+        bias = bias + (inputs * ((middle - scale.u_mean) / scale.u_std)).sum(axis=(1, 2))
+        bias -= outputs.sum(axis=(1, 2)) * scale.y_mean / scale.y_std
+        inputs *= half / scale.u_std
+        past = np.concatenate([inputs[:, 1:], outputs / scale.y_std], axis=2)
+        parts = [inputs[:, 0]] if self.sees_newest else []
+        return np.concatenate([*parts, past.reshape(len(matrix), -1)], axis=1), bias
 
     def input_map(self) -> tuple[FloatArray, FloatArray]:
         """Return gain and offset (k,) that bring transformed inputs to -1 .. 1."""
@@ -107,11 +124,13 @@ def build(network: Network) -> onnx.ModelProto:
                        graph.constant("u_offset", offset)], "u_mapped", transB=1)  # fmt: skip
     limits = [graph.constant("u_low", -1.0), graph.constant("u_high", 1.0)]
     graph.add("Clip", ["u_mapped", *limits], "u_scaled")
-    x = "state"
-    if spec.input_lag_start == 0:
-        x = graph.add("Concat", ["u_scaled", "state"], "regressor", axis=1)
+    x = regressor = "state"
+    if network.sees_newest:
+        x = regressor = graph.add("Concat", ["u_scaled", "state"], "regressor", axis=1)
     stack = network.folded_layers()
     for i, (w, b) in enumerate(stack):
+        if spec.linear_path and i == len(stack) - 1:
+            x = graph.add("Concat", [x, regressor], "beside", axis=1)
         names = [graph.constant(f"w{i}", w), graph.constant(f"b{i}", b)]
         x = graph.add("Gemm", [x, *names], f"sum{i}", transB=1)
         if i < len(stack) - 1:

@@ -23,11 +23,15 @@ from training.parity import parity
 from training.prepare import Prepared, Role, prepare
 from training.stability import CONTRACTION_SAMPLES, Contraction, contraction
 from training.stages import Trained, free_run, train
+from training.structure import Search, Structure, Try
 
 if TYPE_CHECKING:
     from training.recordings import Recording
 
 PARITY_SAMPLES = 3000
+SEARCH_SHARE = 0.4  # of the budget goes into the choice of memory and size
+SHORT_SAMPLES, ROTATIONS = 5000, 3  # shorter recordings choose by several sets of held-out blocks
+STARTS, STARTS_SHORT = 3, 8  # trainings from other random weights
 SAMPLES_PER_WEIGHT = 10  # fewer than this and the network overfits, whatever one does
 
 
@@ -53,6 +57,7 @@ class FitResult:
     best: int  # which start
     predicted: FloatArray  # (n,) free run over data.samples in model units, NaN at the beginnings
     held_out: tuple[HeldOut, ...]
+    tries: tuple[Try, ...]  # structures that the data chose from, none if the shape was given
     seconds: float
     warnings: tuple[str, ...]
 
@@ -63,40 +68,63 @@ def fit(
     output: str,
     out: Path | str,
     *,
-    lags: int = 5,
-    hidden: tuple[int, ...] = (8, 8),
+    lags: int | None = None,
+    hidden: tuple[int, ...] | None = None,
     input_lag_start: int = 1,
     transforms: Sequence[Mapping[str, Any]] = (),
-    starts: int = 3,
+    starts: int | None = None,
     budget_minutes: float = 10.0,
     seed: int = 0,
     threads: int = 2,
+    validate: Sequence["Recording"] = (),
     progress: Callable[[int, int, int, float], None] | None = None,
+    tried: Callable[[Try], None] | None = None,
 ) -> FitResult:
     """Train on ``recordings`` and write the model file ``out``.
 
+    lags, hidden : shape of the NARX; if neither is given memory and size are chosen by the data,
+        inputs of the tick itself enter and a linear path is added; if only one is given the other
+        is the paper's (5; 8, 8)
+    validate : recordings that choose and stop and are not trained on; without, held-out blocks do
+    starts : trainings from other random weights, default 3, on short recordings 8
     transforms : of inputs, see ``training.transforms``
     progress : called with start, horizon, epoch and best validation RMSE after every epoch
+    tried : called after every structure that was tried
     Raises RecordingError or UsageError if the recordings or names cannot be used.
     """
-    if starts < 1:
+    if starts is not None and starts < 1:
         raise UsageError(f"starts {starts}: must be at least 1")
     began = time.monotonic()
-    data = prepare(recordings, inputs, output, transforms, lags=lags, seed=seed)
-    scale = data.scaling
-    spec = Spec(
-        len(inputs), lags, tuple(hidden), input_lag_start,
-        float(scale.scale_y(scale.y_low)), float(scale.scale_y(scale.y_high)),
-    )  # fmt: skip
+    everything = (*recordings, *validate)
+    judges = range(len(recordings), len(everything))
+
+    def prepared(seed: int) -> Prepared:
+        return prepare(everything, inputs, output, transforms, lags=lags or 5, seed=seed,
+                       validate=judges)  # fmt: skip
+
+    data = prepared(seed)
+    tries: tuple[Try, ...] = ()
+    decay = 0.0
+    deadline_s = began + 60.0 * budget_minutes
+    if lags is None and hidden is None:
+        chosen, tries = _search(data, prepared, seed, began, budget_minutes, threads, tried)
+        spec, decay = chosen.spec(data), chosen.decay
+    else:
+        spec = Spec(len(inputs), lags or 5, hidden or (8, 8), input_lag_start,
+                    *data.scaling.y_scaled_limits)  # fmt: skip
     warnings = [*data.warnings, *_size_warnings(data, spec)]
 
+    if starts is None:
+        starts = STARTS_SHORT if len(data.role) < SHORT_SAMPLES else STARTS
     workers = max(1, min(threads, starts))
     rounds = -(-starts // workers)
+    begun = time.monotonic()
 
     def one(index: int) -> Trained:
         told = (lambda h, e, s: progress(index, h, e, s)) if progress else None
         share = (index // workers + 1) / rounds  # later starts get their part of the budget
-        return train(data, spec, seed + 1000 * index, began + share * 60.0 * budget_minutes, told)
+        until_s = begun + share * (deadline_s - begun)
+        return train(data, spec, seed + 1000 * index, until_s, told, decay=decay)
 
     with ThreadPoolExecutor(workers) as pool:
         trained = tuple(pool.map(one, range(starts)))
@@ -104,22 +132,45 @@ def fit(
     if not np.isfinite(trained[best].score):
         raise UsageError(f"the budget of {budget_minutes:g} min ended before the first epoch")
     warnings += _training_warnings(trained, gap)
-    network = Network(
-        spec, trained[best].weights, scale, data.transform, data.transforms, tuple(inputs)
-    )
-    predicted = scale.unscale_y(free_run(data, spec, trained[best].weights))
-    checks = {
+    predicted = data.scaling.unscale_y(free_run(data, spec, trained[best].weights))
+    network, card = write_model(out, data, spec, trained[best].weights, predicted, gap)
+    return FitResult(
+        Path(out), card, network, data, trained, best, predicted, held_out(data),
+        tries, time.monotonic() - began, tuple(warnings),
+    )  # fmt: skip
+
+
+def write_model(
+    out: Path | str, data: Prepared, spec: Spec, weights: FloatArray, predicted: FloatArray,
+    gap: Contraction,
+) -> tuple[Network, ModelCard]:  # fmt: skip
+    """Write trained weights as a model file, its parity proved; return what stands in it.
+
+    predicted : (n,) free run over ``data.samples`` in model units, for the card's measures
+    Raises ModelError if ONNX, torch and numpy disagree.
+    """
+    network = Network(spec, weights, data.scaling, data.transform, data.transforms, data.names)
+    checks: dict[str, Any] = {
         "contraction": {"gap": gap.gap, "samples": CONTRACTION_SAMPLES, "pairs": gap.pairs,
                         "limit": gap.limit},
     }  # fmt: skip
+    save(out, network, _card(data, network, predicted, checks))
+    checks["parity"] = _parity(out, network, data)
     card = _card(data, network, predicted, checks)
     save(out, network, card)
-    checks["parity"] = _parity(out, network, data)
-    save(out, network, card := _card(data, network, predicted, checks))
-    return FitResult(
-        Path(out), card, network, data, trained, best, predicted, held_out(data),
-        time.monotonic() - began, tuple(warnings),
-    )  # fmt: skip
+    return network, card
+
+
+def _search(
+    data: Prepared, prepared: Callable[[int], Prepared], seed: int, began_s: float,
+    budget_minutes: float, threads: int, tried: Callable[[Try], None] | None,
+) -> tuple[Structure, tuple[Try, ...]]:  # fmt: skip
+    """Return the structure that suits the data, within its share of the budget."""
+    short = len(data.role) < SHORT_SAMPLES
+    others = [prepared(seed + i) for i in range(1, ROTATIONS)] if short else []
+    deadline_s = began_s + SEARCH_SHARE * 60.0 * budget_minutes
+    search = Search([data, *others], deadline_s, threads, tried)
+    return search.run(), tuple(search.tries.values())
 
 
 def held_out(data: Prepared) -> tuple[HeldOut, ...]:
@@ -219,8 +270,8 @@ def _card(
         transform=data.transform,
         output_limits=(data.scaling.y_low, data.scaling.y_high),
         period_ns=data.period_ns,
-        lags=network.spec.lags,
-        input_lag_start=network.spec.input_lag_start,
+        lags=network.spec.memory,
+        input_lag_start=network.spec.boxes[0][0],
         layers=network.spec.hidden,
         state=network.state_layout,
         recordings=tuple(
@@ -232,7 +283,11 @@ def _card(
         residual_mean=enabled.get("residual_mean", 0.0),
         residual_std=enabled.get("residual_std", everything.get("residual_std", 0.0)),
         transforms=data.transforms,
+        structure={
+            "input_boxes": [list(box) for box in network.spec.boxes],
+            "output_lags": network.spec.lags, "linear_path": network.spec.linear_path,
+        },
         fit={"test": everything, "test_enabled": enabled},
         checks=dict(checks),
         packages={name: version(name) for name in ("numpy", "onnx", "onnxruntime", "scipy")},
-    )
+    )  # fmt: skip

@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from monitor.model import from_model_units
 from monitor.types import FloatArray
 from training.fit import FitResult, HeldOut
+from training.narx import describe
 from training.page import page, paragraph, picture, table
 
 FIGURE_SAMPLES = 1500  # at most this many of a held-out block are drawn
@@ -19,6 +20,7 @@ def write_report(path: Path | str, result: FitResult) -> None:
         [
             *(paragraph(w, "warning") for w in result.warnings),
             _overview(result),
+            _tries(result),
             _measures(result),
             picture(_training_curves(result), "Free-run validation over the epochs of each start"),
             picture(_held_out_run(result), "Free run (orange) and measurement on held-out blocks"),
@@ -36,8 +38,8 @@ def _overview(result: FitResult) -> str:
         ("inputs", ", ".join(card.input_names)),
         ("output", f"{card.output.name} [{card.output.unit or 'as recorded'}]"),
         ("sample period", f"{card.period_ns / 1e9:g} s"),
-        ("lags", f"inputs {spec.input_lag_start} to {spec.lags}, output 1 to {spec.lags}"),
-        ("layers", f"{', '.join(map(str, spec.hidden))} tanh, {spec.n_weights} weights"),
+        ("shape", describe(spec)),
+        ("weights", str(spec.n_weights)),
         ("samples", f"{len(result.data.role)} of {len(card.recordings)} recordings"),
         ("time", f"{result.seconds:.0f} s for {len(result.starts)} starts"),
         ("two histories after 50 samples",
@@ -49,6 +51,28 @@ def _overview(result: FitResult) -> str:
         (r.path, r.source or "not said", r.sha256[:16], str(r.samples)) for r in card.recordings
     ]
     return table(rows) + table(recordings, ("recording", "source", "sha256", "samples"))
+
+
+def _tries(result: FitResult) -> str:
+    if not result.tries:
+        return ""
+    ordered = sorted(result.tries, key=lambda t: t.rmse)
+    spec = result.network.spec
+    rows = [
+        (
+            f"{t.structure.longest}", str(t.structure.lags),
+            ", ".join(map(str, t.structure.hidden)) or "linear", str(t.n_weights),
+            f"{t.rmse * result.data.scaling.y_std:.4g}",
+        )
+        for t in ordered
+    ]  # fmt: skip
+    chosen = [t.structure.spec(result.data) == spec for t in ordered].index(True)
+    text = paragraph(
+        "Each was trained shortly. A larger structure had to be better by more than its "
+        "uncertainty, so the first row need not be the choice.", "note",
+    )  # fmt: skip
+    head = ("longest input lag", "output lags", "hidden layers", "weights", "free-run RMSE")
+    return f"<h2>Structures tried</h2>{text}{table(rows, head, chosen)}"
 
 
 def _measures(result: FitResult) -> str:

@@ -1,7 +1,8 @@
 """The compiled loops over time of the NARX: free run, its cost, and rows of its Jacobian.
 
 All of them stand in one file, because numba's cache compares the file of a function only, not those
-of the functions it calls. Layout of weights and regressors as in ``narx``.
+of the functions it calls. Layout of weights and regressors as in ``narx``; ``x`` holds the inputs'
+part of every regressor, (n, n_boxes * n_inputs).
 """
 # mypy: disable-error-code="no-untyped-def"
 
@@ -59,20 +60,22 @@ def _evaluate(weights, sizes, activations):  # pragma: no cover
                 for i in range(GROUP):  # a fixed count, so that it becomes one vector
                     group[i] = _tanh(group[i])
         at = bias + fan_out
-    return activations[last, 0]
+    output = activations[last, 0]
+    if at < len(weights):  # the linear path
+        path, regressor = weights[at:], activations[0]
+        for k in range(len(path)):
+            output += path[k] * regressor[k]
+    return output
 
 
 @njit
-def _fill_regressor(u, t, first_lag, lags, history, regressor):  # pragma: no cover
-    """Write the regressor of sample ``t``; ``history`` (lags,) is newest first."""
-    at = 0
-    for lag in range(first_lag, lags + 1):
-        for k in range(u.shape[1]):
-            regressor[at] = u[t - lag, k]
-            at += 1
-    for lag in range(lags):
-        regressor[at] = history[lag]
-        at += 1
+def _fill_regressor(x, t, history, regressor):  # pragma: no cover
+    """Write the regressor of sample ``t``: ``x[t]``, then ``history`` (lags,), newest first."""
+    n = x.shape[1]
+    for k in range(n):
+        regressor[k] = x[t, k]
+    for lag in range(len(history)):
+        regressor[n + lag] = history[lag]
 
 
 @njit(inline="always")
@@ -84,16 +87,14 @@ def _remember(history, y):  # pragma: no cover
 
 
 @njit(nogil=True, cache=True)
-def simulate(
-    weights, sizes, u, first_lag, lags, start, stop, history, low, high, out
-):  # pragma: no cover
+def simulate(weights, sizes, x, lags, start, stop, history, low, high, out):  # pragma: no cover
     """Write the free run of every piece to ``out`` (n,)."""
     activations = _activation_rows(sizes)
     past = np.empty(lags)
     for i in range(len(start)):
         past[:] = history[i]
         for t in range(start[i], stop[i]):
-            _fill_regressor(u, t, first_lag, lags, past, activations[0])
+            _fill_regressor(x, t, past, activations[0])
             y = min(max(_evaluate(weights, sizes, activations), low), high)
             out[t] = y
             _remember(past, y)
@@ -101,19 +102,19 @@ def simulate(
 
 @njit(nogil=True, cache=True)
 def cost(
-    weights, sizes, u, y, weight, first_lag, lags, low, high, start, stop, skip, history
+    weights, sizes, x, y, weight, lags, low, high, start, stop, skip, history
 ):  # pragma: no cover
-    """Return the weighted sum of squared errors of the free runs."""
+    """Return the weighted sum of squared errors of every piece's free run (n_pieces,)."""
     activations = _activation_rows(sizes)
     past = np.empty(lags)
-    total = 0.0
+    total = np.zeros(len(start))
     for i in range(len(start)):
         past[:] = history[i]
         for t in range(start[i], stop[i]):
-            _fill_regressor(u, t, first_lag, lags, past, activations[0])
+            _fill_regressor(x, t, past, activations[0])
             value = _evaluate(weights, sizes, activations)
             if t - start[i] >= skip[i]:
-                total += weight[t] * (value - y[t]) ** 2
+                total[i] += weight[t] * (value - y[t]) ** 2
             _remember(past, min(max(value, low), high))
     return total
 
@@ -121,8 +122,11 @@ def cost(
 @njit(fastmath=FAST)
 def _backpropagate(weights, sizes, activations, delta, row):  # pragma: no cover
     """Write df/dw to ``row``; leave df/dregressor in delta[0]."""
-    stop = len(weights)
     last = len(sizes) - 1
+    stop = 0
+    for layer in range(1, last + 1):
+        stop += (sizes[layer - 1] + 1) * sizes[layer]
+    path = stop
     delta[last, 0] = 1.0
     for layer in range(last, 0, -1):
         fan_in, fan_out = sizes[layer - 1], sizes[layer]
@@ -142,11 +146,14 @@ def _backpropagate(weights, sizes, activations, delta, row):  # pragma: no cover
             for k in range(fan_in):
                 delta_below[k] *= 1.0 - below[k] * below[k]
         stop = matrix
+    for k in range(len(weights) - path):
+        row[path + k] = activations[0, k]
+        delta[0, k] += weights[path + k]
 
 
 @njit(nogil=True, cache=True, fastmath=FAST)
 def fill(
-    weights, sizes, u, y, root_weight, first_lag, lags, low, high,
+    weights, sizes, x, y, root_weight, lags, low, high,
     start, stop, skip, history, cursor, past, ring, jacobian, error,
 ):  # pragma: no cover  # fmt: skip
     """Fill rows until the buffers are full or the pieces end; return their number.
@@ -169,7 +176,7 @@ def fill(
                 return rows
             slot = (slot + 1) % (lags + 1)
             row = ring[slot]
-            _fill_regressor(u, t, first_lag, lags, past, activations[0])
+            _fill_regressor(x, t, past, activations[0])
             value = _evaluate(weights, sizes, activations)
             _backpropagate(weights, sizes, activations, delta, row)
             for j in range(min(lags, t - start[piece])):

@@ -41,8 +41,10 @@ class Step(nn.Module):
             columns[i] = (t["factor"] * u[:, i] / below).clamp(0.0, t["maximum"])
         gain, offset = self.get_buffer("gain"), self.get_buffer("offset")
         scaled = (torch.stack(columns, 1) * gain + offset).clamp(-1.0, 1.0)
-        x = torch.cat([scaled, state], 1) if net.spec.input_lag_start == 0 else state
+        x = regressor = torch.cat([scaled, state], 1) if net.sees_newest else state
         for i in range(self.depth):
+            if net.spec.linear_path and i == self.depth - 1:
+                x = torch.cat([x, regressor], 1)
             x = x @ self.get_parameter(f"w{i}").T + self.get_parameter(f"b{i}")
             x = torch.tanh(x) if i < self.depth - 1 else x
         y = x.clamp(net.scaling.y_low, net.scaling.y_high)
@@ -64,18 +66,16 @@ class Parity:
 def parity(path: Path | str, network: Network, u: FloatArray, y: FloatArray) -> Parity:
     """Compare free runs over ``u`` (n, k) in physical units from the measured history.
 
-    y : (n,) model units; the first ``lags`` start the run
+    y : (n,) model units; the first ``memory`` samples start the run
     Raises ModelError if a difference exceeds the tolerance.
     """
     spec, scale = network.spec, network.scaling
-    n, lags = len(u), spec.lags
-    history = scale.scale_y(y[:lags])[::-1][None].copy()
+    n, first = len(u), spec.memory
+    history = scale.scale_y(y[first - spec.lags : first])[::-1][None].copy()
+    scaled = scale.scale_u(apply(network.transforms, network.inputs, u))
     reference = scale.unscale_y(
-        simulate(
-            spec, network.weights, scale.scale_u(apply(network.transforms, network.inputs, u)),
-            np.array([lags]), np.array([n]), history,
-        )
-    )[lags:]  # fmt: skip
+        simulate(spec, network.weights, scaled, np.array([first]), np.array([n]), history)
+    )[first:]
     model = Model.load(path)
     newest = model.card.state.output_start
     graph = np.empty(n)
@@ -88,14 +88,14 @@ def parity(path: Path | str, network: Network, u: FloatArray, y: FloatArray) -> 
         for k in range(n):
             model.step(u[k])
             _, state = module(inputs[k : k + 1], state)
-            if k < lags:
+            if k < first:
                 model.state[0, newest] = state[0, newest] = float(limited[k])
             graph[k], other[k] = model.state[0, newest], float(state[0, newest])
     tolerance = TOLERANCE * scale.y_std
     result = Parity(
-        n - lags,
-        float(np.abs(graph[lags:] - reference).max()),
-        float(np.abs(other[lags:] - reference).max()),
+        n - first,
+        float(np.abs(graph[first:] - reference).max()),
+        float(np.abs(other[first:] - reference).max()),
         tolerance,
     )
     if not max(result.onnx_numpy, result.torch_numpy) <= tolerance:

@@ -4,7 +4,7 @@ Stretches with an invalid input end a segment; an invalid output alone keeps its
 weight 0. Contiguous blocks of every recording are held out for validation and for the limits.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from training.recordings import Recording
 
 BLOCK_S = 45.0  # length of a block that is held out or trained on as a whole
+BLOCK_SAMPLES = (200, 2000)  # but not fewer or more samples than these
 GROUP = 7  # of seven blocks one validates and one tests: 71/14/14 percent
 OTHER_WEIGHT = 0.1  # of samples outside the enabled region: cold start, fuel cut, open loop
 ENABLE_COLUMNS = {"closed_loop": 1.0, "sensor_ready": 1.0, "fuel_cut": 0.0}
@@ -43,6 +44,9 @@ class Role(IntEnum):
     TRAIN = 0
     VALIDATE = 1
     TEST = 2
+
+
+HELD_OUT = (Role.VALIDATE, Role.TEST)
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +80,11 @@ class Scaling:
         """Return scaled model units."""
         return np.asarray((np.clip(y, self.y_low, self.y_high) - self.y_mean) / self.y_std)
 
+    @property
+    def y_scaled_limits(self) -> tuple[float, float]:
+        """The output's range in scaled units."""
+        return float(self.scale_y(self.y_low)), float(self.scale_y(self.y_high))
+
     def unscale_y(self, y: FloatArray) -> FloatArray:
         """Return model units."""
         return np.asarray(y * self.y_std + self.y_mean)
@@ -99,6 +108,11 @@ class Prepared:
     outliers: dict[str, int]
     warnings: tuple[str, ...]
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the inputs."""
+        return tuple(channel.name for channel in self.inputs)
+
 
 def prepare(
     recordings: Sequence["Recording"],
@@ -110,9 +124,11 @@ def prepare(
     seed: int = 0,
     block_s: float = BLOCK_S,
     other_weight: float = OTHER_WEIGHT,
+    validate: Collection[int] = (),
 ) -> Prepared:
     """Return the samples of ``recordings``, ready for training.
 
+    validate : recordings, by number, that only validate; without, blocks of all of them do
     Raises UsageError for impossible names, RecordingError for recordings that cannot be used.
     """
     period_ns = _check(recordings, inputs, output)
@@ -136,7 +152,7 @@ def prepare(
         raise RecordingError(f"{files}: no stretch of {8 * lags} samples with all inputs valid")
     u, y, on = np.concatenate(u_parts), np.concatenate(y_parts), np.concatenate(on_parts)
     valid = np.isfinite(y)
-    role = _roles(segments, period_ns, block_s, seed, lags)
+    role = _roles(segments, period_ns, block_s, seed, lags, validate)
     train = (role == Role.TRAIN) & valid
     seen = apply(transforms, inputs, u)
     if transform == "phi" and CONTROLLER in inputs:
@@ -214,12 +230,13 @@ def runs(good: np.ndarray) -> list[tuple[int, int]]:
 
 
 def _roles(
-    segments: Sequence[Segment], period_ns: int, block_s: float, seed: int, lags: int
-) -> np.ndarray:
+    segments: Sequence[Segment], period_ns: int, block_s: float, seed: int, lags: int,
+    validate: Collection[int],
+) -> np.ndarray:  # fmt: skip
     rng = np.random.default_rng(seed)
     total = segments[-1].stop
-    block = int(min(block_s * 1e9 / period_ns, total / (2 * GROUP)))
-    block = max(block, 4 * lags)
+    block = int(np.clip(block_s * 1e9 / period_ns, *BLOCK_SAMPLES))
+    block = max(min(block, total // (2 * GROUP)), 4 * lags)
     starts = np.concatenate([np.arange(s.start, s.stop, block) for s in segments])
     stops = np.append(starts[1:], total)
     role = np.full(total, Role.TRAIN, dtype=np.int8)
@@ -227,11 +244,16 @@ def _roles(
         members = np.arange(at, min(at + GROUP, len(starts)))
         if len(members) < 3:
             break
-        validate, test = rng.choice(members, 2, replace=False)
-        role[starts[validate] : stops[validate]] = Role.VALIDATE
-        role[starts[test] : stops[test]] = Role.TEST
+        for one, use in zip(rng.choice(members, 2, replace=False), HELD_OUT, strict=True):
+            role[starts[one] : stops[one]] = use
     if not (role == Role.TEST).any():
         raise RecordingError(f"{total} usable samples are too few to hold blocks out")
+    for s in segments:
+        if s.recording in validate:
+            role[s.start : s.stop] = Role.VALIDATE
+        elif validate:  # its own validation blocks are free for training
+            own = role[s.start : s.stop]
+            own[own == Role.VALIDATE] = Role.TRAIN
     return role
 
 

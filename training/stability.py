@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor.types import FloatArray
-from training.narx import Spec, simulate
+from training.narx import Spec, input_regressors, simulate
 from training.prepare import Prepared
 
 CONTRACTION_SAMPLES = 50  # one window
@@ -33,11 +33,12 @@ def contraction(
     rng = np.random.default_rng(seed)
     length = CONTRACTION_SAMPLES + 1
     places = np.concatenate(
-        [np.arange(s.start + spec.lags, max(s.stop - length, s.start + spec.lags + 1))
+        [np.arange(s.start + spec.memory, max(s.stop - length, s.start + spec.memory + 1))
          for s in data.segments]
     )  # fmt: skip
     start = rng.choice(places, pairs)
     stop = np.minimum(start + length, len(data.samples.y))
+    x = input_regressors(spec, data.samples.u)
     ends = []
     run = np.empty(len(data.samples.y))
     for side in (0, 1):
@@ -47,7 +48,7 @@ def contraction(
         end = np.empty(pairs)
         for i in range(pairs):
             one = slice(i, i + 1)
-            simulate(spec, weights, data.samples.u, start[one], stop[one], history[one], run)
+            simulate(spec, weights, data.samples.u, start[one], stop[one], history[one], run, x)
             end[i] = run[stop[i] - 1]
         ends.append(end)
     gap = float(np.abs(ends[0] - ends[1]).max()) * data.scaling.y_std

@@ -6,13 +6,15 @@ on, stretches that start from random histories and are scored only after they sh
 forgotten train the contraction in.
 """
 
+import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
 
+from monitor.errors import RecordingError
 from monitor.types import FloatArray, IntArray
 from training.closed_loop import ClosedLoop, Pieces
 from training.lm import Options, Outcome, minimise
@@ -22,6 +24,8 @@ from training.stability import contraction
 
 HORIZONS = (5, 20, 100, 1000)
 EPOCHS = {1: 40, 5: 15, 20: 15, 100: 20, 1000: 30}  # most epochs of each stage
+EARLY_SAMPLES = 30_000  # training samples of horizons below 100
+WARM_UP = 1000  # samples of free run before a block is scored, where there are so many
 FORGET_FROM = 20  # horizon from which random histories take part
 FORGET = 30  # samples after which a random history must no longer matter
 RANDOM_LENGTH = 80  # samples of a stretch that starts from a random history
@@ -36,7 +40,7 @@ class Stage:
 
     name: str  # "horizon 1" is series-parallel; "forget" tunes on random histories
     costs: tuple[float, ...]  # training cost after every epoch, scaled units
-    scores: tuple[float, ...]  # free-run validation RMSE after every epoch, scaled units
+    scores: tuple[float, ...]  # free-run validation after every epoch, scaled units
     stop: str
     seconds: float
 
@@ -46,7 +50,7 @@ class Trained:
     """The best weights of one start."""
 
     weights: FloatArray
-    score: float  # free-run validation RMSE, scaled and weighted
+    score: float  # free-run validation, mean of the blocks' RMSE, scaled and weighted
     stages: list[Stage] = field(default_factory=list)
 
 
@@ -56,9 +60,10 @@ def measured_history(data: Prepared, lags: int, start: IntArray) -> FloatArray:
 
 
 def free_run(data: Prepared, spec: Spec, weights: FloatArray) -> FloatArray:
-    """Return scaled free-run predictions (n,) of every whole segment; NaN in its first lags."""
-    start = np.array([s.start + spec.lags for s in data.segments], dtype=np.int64)
-    stop = np.array([s.stop for s in data.segments], dtype=np.int64)
+    """Return scaled free-run predictions (n,) of every whole segment; NaN before the first."""
+    whole = [s for s in data.segments if s.stop - s.start > spec.memory]
+    start = np.array([s.start + spec.memory for s in whole], dtype=np.int64)
+    stop = np.array([s.stop for s in whole], dtype=np.int64)
     history = measured_history(data, spec.lags, start)
     return simulate(spec, weights, data.samples.u, start, stop, history)
 
@@ -66,37 +71,67 @@ def free_run(data: Prepared, spec: Spec, weights: FloatArray) -> FloatArray:
 def free_run_score(
     data: Prepared, spec: Spec, weights: FloatArray, role: Role = Role.VALIDATE
 ) -> float:
-    """Return the weighted free-run RMSE on the blocks of ``role``, in scaled units."""
-    predicted = free_run(data, spec, weights)
-    rows = (data.role == role) & np.isfinite(predicted)
-    weight = data.samples.weight[rows]
-    squares = (predicted[rows] - data.samples.y[rows]) ** 2
-    return float(np.sqrt(weight @ squares / weight.sum()))
+    """Return the free-run score on the blocks of ``role``: mean of their RMSE, scaled units."""
+    return blocks_of(data, spec, role).score(weights)
 
 
-def pieces(data: Prepared, lags: int, horizon: int) -> Pieces:
-    """Return the training blocks cut into stretches of at most ``horizon`` samples."""
+def blocks_of(
+    data: Prepared, spec: Spec, role: Role = Role.VALIDATE, memory: int = 0
+) -> ClosedLoop:
+    """Return the free run over every block of ``role``, begun ``WARM_UP`` samples before it.
+
+    memory : samples of a segment that are not scored, at least the model's own memory
+    Raises RecordingError if no block is longer than the model's memory.
+    """
+    found = [
+        (max(low, first - WARM_UP), stop, max(0, first - max(low, first - WARM_UP)))
+        for low, first, stop in _blocks(data, max(spec.memory, memory), role)
+    ]
+    if not found:
+        raise RecordingError(
+            f"no block of {role.name.lower()} samples is longer than {spec.memory} lags"
+        )
+    start, stop, skip = (np.array(column, dtype=np.int64) for column in zip(*found, strict=True))
+    history = measured_history(data, spec.lags, start)
+    return ClosedLoop(spec, data.samples, Pieces(start, stop, skip, history))
+
+
+def _blocks(data: Prepared, memory: int, role: Role) -> Iterator[tuple[int, int, int]]:
+    """Yield the row after ``memory`` samples of the segment, and each block of ``role``."""
+    for segment in data.segments:
+        roles = data.role[segment.start : segment.stop]
+        edges = segment.start + np.flatnonzero(np.diff(roles)) + 1
+        for first, stop in pairwise([segment.start, *edges.tolist(), segment.stop]):
+            low = segment.start + memory
+            if data.role[first] == role and stop > low and data.samples.weight[first:stop].any():
+                yield low, max(first, low), stop
+
+
+def pieces(data: Prepared, spec: Spec, horizon: int, n_samples: int | None = None) -> Pieces:
+    """Return the training blocks cut into stretches of at most ``horizon`` samples.
+
+    n_samples : about so many at most, stretches evenly left out
+    """
     starts: list[int] = []
     stops: list[int] = []
-    for segment in data.segments:
-        role = data.role[segment.start : segment.stop]
-        edges = segment.start + np.flatnonzero(np.diff(role)) + 1
-        bounds = [segment.start, *edges.tolist(), segment.stop]
-        for first, stop in pairwise(bounds):
-            if data.role[first] == Role.TRAIN:
-                begin = np.arange(max(first, segment.start + lags), stop, horizon)
-                starts += begin.tolist()
-                stops += np.minimum(begin + horizon, stop).tolist()
-    start, stop_rows = np.array(starts, dtype=np.int64), np.array(stops, dtype=np.int64)
-    skip = np.zeros_like(start)
-    return Pieces(start, stop_rows, skip, measured_history(data, lags, start))
+    for _, first, stop in _blocks(data, spec.memory, Role.TRAIN):
+        begin = np.arange(first, stop, horizon)
+        starts += begin.tolist()
+        stops += np.minimum(begin + horizon, stop).tolist()
+    start, end = np.array(starts, dtype=np.int64), np.array(stops, dtype=np.int64)
+    total = int((end - start).sum())
+    if n_samples is not None and total > n_samples:
+        count = max(1, int(len(start) * n_samples / total))
+        keep = np.linspace(0, len(start) - 1, count).astype(np.int64)
+        start, end = start[keep], end[keep]
+    return Pieces(start, end, np.zeros_like(start), measured_history(data, spec.lags, start))
 
 
 def random_pieces(
     data: Prepared, spec: Spec, rng: np.random.Generator, count: int, length: int, skip: int
 ) -> Pieces:
     """Return stretches of training samples from histories drawn evenly over the output's range."""
-    train = pieces(data, spec.lags, length)
+    train = pieces(data, spec, length)
     whole = np.flatnonzero(train.stop - train.start == length)
     if not len(whole):
         return Pieces(train.start[:0], train.stop[:0], train.skip[:0], train.history[:0])
@@ -113,13 +148,20 @@ def train(
     deadline_s: float = np.inf,
     progress: Callable[[int, int, float], None] | None = None,
     horizons: tuple[int, ...] = HORIZONS,
+    epochs: Mapping[int, int] = EPOCHS,
+    n_samples: int | None = None,
+    decay: float = 0.0,
 ) -> Trained:
-    """Return the best weights of one start from random weights.
+    """Return the best weights of one start from random weights, series-parallel first.
 
     progress : called with horizon, epoch and best validation score after every epoch
+    n_samples : train on about so many samples at most
+    decay : times every squared weight is added to the mean squared error, scaled units
     """
     rng = np.random.default_rng(seed)
-    return tune(data, spec, initial_weights(spec, rng), rng, deadline_s, progress, (1, *horizons))
+    weights = initial_weights(spec, rng)
+    stages = (1, *horizons)
+    return tune(data, spec, weights, rng, deadline_s, progress, stages, epochs, n_samples, decay)
 
 
 def tune(
@@ -130,25 +172,36 @@ def tune(
     deadline_s: float = np.inf,
     progress: Callable[[int, int, float], None] | None = None,
     horizons: tuple[int, ...] = HORIZONS,
+    epochs: Mapping[int, int] = EPOCHS,
+    n_samples: int | None = None,
+    decay: float = 0.0,
 ) -> Trained:
-    """Return the best weights by free-run validation on the way through ``horizons``."""
+    """Return the best weights by free-run validation on the way through ``horizons``.
+
+    n_samples : train on about so many samples at most; short horizons never take more than
+        ``EARLY_SAMPLES``, because all they have to do is to come near
+    """
     best = Trained(weights, np.inf)
+    validation = blocks_of(data, spec)
+    forget = data.transform == "phi"  # a sensor has a short memory, other outputs may have not
     n_train = int((data.role == Role.TRAIN).sum())
-    count = int(RANDOM_SHARE * n_train / RANDOM_LENGTH)
-    random = random_pieces(data, spec, rng, count, RANDOM_LENGTH, FORGET)
+    count = int(RANDOM_SHARE * min(n_train, n_samples or n_train) / RANDOM_LENGTH)
+    random = random_pieces(data, spec, rng, count if forget else 0, RANDOM_LENGTH, FORGET)
     for horizon in horizons:
         if time.monotonic() > deadline_s:
             if best.stages:
                 best.stages[-1] = replace(best.stages[-1], stop="budget")
             break
-        cut = pieces(data, spec.lags, horizon)
-        objective = ClosedLoop(spec, data.samples, cut + random if horizon >= FORGET_FROM else cut)
+        early = EARLY_SAMPLES if horizon < 100 else sys.maxsize
+        cut = pieces(data, spec, horizon, min(early, n_samples or early))
+        taken = cut + random if horizon >= FORGET_FROM else cut
+        objective = ClosedLoop(spec, data.samples, taken, decay=decay)
         began = time.monotonic()
         outcome = minimise(
             objective,
             weights,
-            Options(epochs=EPOCHS.get(horizon, 30), max_fail=8 if horizon > 1 else 40),
-            validate=lambda w: free_run_score(data, spec, w),
+            Options(epochs=epochs.get(horizon, 30), max_fail=8 if horizon > 1 else 40),
+            validate=validation.score,
             deadline_s=deadline_s,
             progress=_tell(progress, horizon, best),
         )
@@ -156,7 +209,7 @@ def tune(
         if outcome.score < best.score:
             best.weights, best.score = outcome.weights, outcome.score
         weights = outcome.weights
-    if np.isfinite(best.score):
+    if forget and np.isfinite(best.score) and epochs is EPOCHS:
         _learn_to_forget(data, spec, best, rng, deadline_s)
     return best
 
@@ -178,7 +231,7 @@ def _learn_to_forget(
         return
     count = int(FORGET_SHARE * (data.role == Role.TRAIN).sum() / RANDOM_LENGTH)
     many = random_pieces(data, spec, rng, count, RANDOM_LENGTH, FORGET)
-    objective = ClosedLoop(spec, data.samples, pieces(data, spec.lags, 100) + many)
+    objective = ClosedLoop(spec, data.samples, pieces(data, spec, 100) + many)
     began = time.monotonic()
     options = Options(epochs=FORGET_EPOCHS, max_fail=8)
     outcome = minimise(objective, best.weights, options, penalised, deadline_s)
