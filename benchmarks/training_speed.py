@@ -59,6 +59,7 @@ Trainer = Callable[[Case, np.ndarray, int], Run]
 # iterations of each are bounded by the time that a minute or so of the slow ones takes
 ONE_STEP: dict[str, tuple[Trainer, int]] = {
     "this project, LM": (packages.ours, 100),
+    "this project, LM, no more than pyrenn": (packages.ours, 20),
     "pyrenn, LM": (packages.pyrenn_one_step, 20),
     "scipy least_squares lm, this Jacobian": (packages.scipy_lm, 30),
     "scipy least_squares trf, 2-point": (packages.scipy_two_point, 15),
@@ -67,6 +68,7 @@ ONE_STEP: dict[str, tuple[Trainer, int]] = {
 }
 FREE_RUN: dict[str, tuple[Trainer, int]] = {
     "this project, LM": (packages.ours_free_run, 50),
+    "this project, LM, no more than pyrenn": (packages.ours_free_run, 10),
     "pyrenn, LM": (packages.pyrenn_free_run, 10),
 }
 
