@@ -8,6 +8,7 @@ import json
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 from scipy.signal import cont2discrete, dlsim, lfilter
 
 from monitor.errors import RecordingError, UsageError
@@ -251,6 +252,25 @@ def test_output_error_beats_arx_in_free_run_under_output_noise() -> None:
     y = continuous(u[:, 0], 2.0, [0.3, 0.6, 1.0], 0.0)
     fits = [fit_percent(y[20:], m.simulate(u, y[:20])[20:]) for m in (arx, found)]
     assert fits[1] > 95.0 and fits[1] > fits[0] + 10.0
+
+
+def test_output_error_reaches_in_ten_steps_what_numerical_least_squares_reaches() -> None:
+    # GIVEN a start by ARX on noisy samples, two inputs, initial conditions unknown
+    u, y = two_inputs(700, 21, noise=0.0)
+    y += 0.3 * RNG(22).standard_normal(700)
+    start, skip = fit_arx([(u, y)], 3, 4, (4, 2)), 15
+
+    def error(theta: FloatArray) -> FloatArray:
+        model = Arx(theta[:3], theta[4:].reshape(2, 4), start.delays, theta[3])
+        return y[skip:] - OutputError(model).simulate(u, y[:skip])[skip:]
+
+    first = np.concatenate([start.a, [start.offset], start.b.ravel()])
+    wanted = 2.0 * least_squares(error, first, x_scale="jac").cost
+    # WHEN both minimise the simulation error
+    _, cost = refine(start, [(u, y)], skip, 10)
+    # THEN they end at the same
+    assert cost < 0.95 * np.sum(error(first) ** 2)
+    assert cost < 1.0005 * wanted
 
 
 @pytest.mark.parametrize("seed", range(4))
