@@ -354,6 +354,13 @@ def test_the_study_of_a_tank_is_complete_and_survives_json(tank_result: dict) ->
     assert len(tank_result["regime"]["ranges"]) == 3
     scored = 2 * (900 - tank_result["skip"])
     assert sum(tank_result["regime"]["samples"]) == scored
+    # the reference model can be run again from the stored coefficients
+    kept = json.loads(stored)["arx"]["free_run_model"]
+    again = Arx(np.array(kept["a"]), np.array(kept["b"]), tuple(kept["delays"]), kept["offset"])
+    skip = tank_result["skip"]
+    runs = [(y[skip:], again.simulate(u, y[:skip])[skip:]) for u, y in (tank(900, 5), tank(900, 6))]
+    measured, run = (np.concatenate(side) for side in zip(*runs, strict=True))
+    assert fit_percent(measured, run) == pytest.approx(fits["arx_free_run"], abs=0.01)
     html = section(json.loads(stored))
     assert html == section(tank_result)
     for words in ("Impulse responses", "Singular values", "residuals are white", "ARX, free run"):

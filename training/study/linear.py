@@ -106,7 +106,20 @@ def linear(
         "residuals": residuals(models, judge, inputs, skip),
         "example": example(models, fits, judge, period_s, skip),
     }  # fmt: skip
-    return plain(result)
+    stored = plain(result)
+    stored["arx"]["free_run_model"] = _exactly(models["arx_free_run"])
+    return stored
+
+
+def _exactly(model: LinearModel) -> dict[str, Any]:
+    """Return the coefficients of an ARX with all their digits, which its free run needs."""
+    assert isinstance(model, Arx)
+    return {
+        "a": model.a.tolist(),
+        "b": model.b.tolist(),
+        "delays": list(model.delays),
+        "offset": model.offset,
+    }
 
 
 def _usable(
@@ -182,7 +195,6 @@ def _arx_models(
         if isinstance(m, Arx)
     }
     shown = {"candidates": len(grid), "choices": orders, "parameters": counts, **envelope}
-    shown["free_run_model"] = {"a": free.a, "b": free.b, "nk": free.delays, "offset": free.offset}
     return models, shown
 
 
