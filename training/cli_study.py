@@ -1,0 +1,118 @@
+"""Subcommand ``o2train study``: the paper's whole study on any recordings."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from training.cli_recordings import add_bus_options, pairs_of
+
+if TYPE_CHECKING:
+    from training.recordings import Recording
+
+_EXAMPLES = """examples:
+  o2train study drives/*.parquet --test wltc.parquet --faulty slow.parquet --out study
+  o2train study run_1*.csv.gz run_3*.csv.gz --test run_000053.csv.gz --out study \\
+      --inputs speed_z load_z ignition_angle_z fuel_cutoff_z --output lambda_z
+
+Writes DIR/report.html, DIR/study.json and DIR/model.onnx. Finished parts lie in DIR/parts: a study
+that was killed goes on where it was when the same command is given again."""
+
+
+def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
+    """Add the subcommand ``study``; it sets ``func``."""
+    study = subparsers.add_parser(
+        "study",
+        help="the whole study of the paper on recordings, as one report",
+        description="Check, preparation, input selection, linear baselines, 29 NARX models, "
+        "closed-loop training, choice, residuals healthy and faulty, steady against mixed.",
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    study.add_argument("recordings", nargs="+", type=Path, metavar="RECORDING")
+    study.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write")
+    for name, text in (
+        ("test", "held-out drives of the healthy vehicle, which only judge"),
+        ("faulty", "drives with sensor faults (default: faults are put on afterwards)"),
+        ("steady", "steady operating points (default: steady stretches of the recordings)"),
+    ):
+        study.add_argument(
+            f"--{name}", nargs="+", type=Path, default=[], metavar="RECORDING", help=text
+        )
+    study.add_argument("--inputs", nargs="+", metavar="NAME", help="default: the paper's seven")
+    study.add_argument("--output", metavar="NAME", help="default: lambda_measured")
+    study.add_argument("--starts", type=int, default=3, metavar="N", help="per model (default 3)")
+    study.add_argument(
+        "--iterations", type=int, default=200, metavar="N",
+        help="at most, of a series-parallel training of the 29 models (default 200)",
+    )  # fmt: skip
+    study.add_argument(
+        "--samples", type=int, default=20_000, metavar="N",
+        help="most training samples of the 29 models (default 20000)",
+    )  # fmt: skip
+    study.add_argument(
+        "--models", type=int, nargs="+", default=[], metavar="N",
+        help="train only these of the 29 (default: all)",
+    )  # fmt: skip
+    study.add_argument(
+        "--budget", type=float, default=10.0, metavar="MIN",
+        help="minutes for the model whose memory and size the data choose, as in fit (default 10); "
+        "input selection takes at most 0.4 of it more, steady against mixed 0.3",
+    )  # fmt: skip
+    study.add_argument("--seed", type=int, default=0, metavar="N", help="of weights and blocks")
+    study.add_argument("--jobs", type=int, default=2, metavar="N", help="processes (default 2)")
+    study.add_argument("--scheduler", metavar="URL", help="Dask scheduler, tcp://host:port")
+    study.add_argument(
+        "--period", type=float, metavar="S", help="grid period in seconds (default 0.1 for logs)"
+    )
+    add_bus_options(study)
+    study.set_defaults(func=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the study; returns the exit code.
+
+    Raises RecordingError or UsageError, which end with exit code 2.
+    """
+    from monitor.errors import UsageError
+    from monitor.signals import NARX_INPUTS, OUTPUT
+    from training.study.run import study
+    from training.study.task import Settings, Task
+
+    if min(args.starts, args.iterations, args.samples, args.jobs) < 1 or not args.budget > 0:
+        raise UsageError("--starts, --iterations, --samples, --jobs and --budget must be positive")
+    if args.seed < 0:
+        raise UsageError("--seed is at least 0")
+    if args.out.exists() and not args.out.is_dir():
+        raise UsageError(f"--out {args.out}: is a file, a folder is wanted")
+    settings = Settings(
+        args.starts, args.iterations, args.samples, args.budget, args.seed, tuple(args.models)
+    )
+    task = Task(
+        recordings=_load(args, args.recordings),
+        test=_load(args, args.test),
+        faulty=_load(args, args.faulty),
+        steady=_load(args, args.steady),
+        inputs=tuple(args.inputs or NARX_INPUTS),
+        output=args.output or OUTPUT,
+        out=args.out,
+        settings=settings,
+        jobs=args.jobs,
+        scheduler=args.scheduler,
+    )
+    result = study(task, lambda line: print(line, flush=True))
+    for warning in result["warnings"]:
+        print(f"o2train: warning: {warning}", file=sys.stderr)
+    print(result["choice"]["reason"])
+    print(f"model: {args.out / 'model.onnx'}")
+    print(f"report: {args.out / 'report.html'}")
+    return 0
+
+
+def _load(args: argparse.Namespace, paths: list[Path]) -> "tuple[Recording, ...]":
+    from training.recordings import load
+
+    return tuple(
+        load(path, period_s=args.period, pairs=pairs_of(args), columns=args.columns)
+        for path in paths
+    )
