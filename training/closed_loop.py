@@ -121,8 +121,9 @@ class ClosedLoop:
         n = self.spec.n_weights
         hessian, gradient, total = np.zeros((n, n)), np.zeros(n), 0.0
         for jacobian, error in self.blocks(weights):
-            hessian += jacobian.T @ jacobian
-            gradient += jacobian.T @ error
+            with np.errstate(over="ignore", invalid="ignore"):  # of a run that explodes
+                hessian += jacobian.T @ jacobian
+                gradient += jacobian.T @ error
             total += float(np.sum(error.astype(np.float64) ** 2))
         w = self.total_weight
         hessian /= w
