@@ -6,7 +6,7 @@ DEMO    := .venv-demo
 HEALTHY  = $(firstword $(sort $(wildcard replay_logs/healthy_*)))
 FAULTY   = $(firstword $(sort $(wildcard replay_logs/delay_rich_to_lean_*)))
 
-.PHONY: help demo test lint venv system bench model replay_logs clean python
+.PHONY: help demo test lint venv system bench model study replay_logs clean python
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z_]+:.*## / {printf "make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -49,6 +49,22 @@ model: venv ## train the shipped model anew (ten minutes)
 	    --cycle $${drive%%:*} --seed $${drive##*:} || exit 1; done
 	$(VENV)/bin/o2train fit build/training/*.parquet --out monitor/models/shipped.onnx \
 	  --lags 5 --hidden 8 8 --budget 10 --report build/fit.html
+
+# The paper's study on simulated drives: those of the shipped model train and choose, others judge.
+STUDY_TEST   := wltc_3b:2001 udds:2002 us06:2003
+STUDY_FAULTS := slow_symmetric slow_rich_to_lean delay_rich_to_lean delay_symmetric gain_low biased_lean
+
+study: venv ## the paper's whole study on simulated drives, build/study/report.html
+	@for drive in $(TRAINING:%=train/%) $(STUDY_TEST:%=test/%); do \
+	  name=$${drive##*/}; \
+	  $(VENV)/bin/o2train simulate --out build/study_drives/$${drive%%/*} --format parquet \
+	    --cycle $${name%%:*} --seed $${name##*:} || exit 1; done
+	@for fault in $(STUDY_FAULTS); do \
+	  $(VENV)/bin/o2train simulate --out build/study_drives/faulty --format parquet \
+	    --cycle wltc_3b --seed 2004 --fault $$fault || exit 1; done
+	$(VENV)/bin/o2train study build/study_drives/train/*.parquet --out build/study \
+	  --test build/study_drives/test/*.parquet --faulty build/study_drives/faulty/*.parquet \
+	  --steady build/study_drives/train/steady_*.parquet
 
 replay_logs: venv ## simulate the drives of replay_logs and their expected events anew
 	$(VENV)/bin/python replay_logs/make.py

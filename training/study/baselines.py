@@ -158,13 +158,16 @@ def beside_table(result: Mapping[str, Any], name: str) -> str:
     regime = result["regime"]
     ranges = [] if regime is None else [_words(low, high) for low, high in regime["ranges"]]
     head = ("model", "parameters", "fit, %", "correlation",
-            *(f"{regime['name']} {r}, %" for r in ranges))  # fmt: skip
+            *(f"{r}, %" for r in ranges))  # fmt: skip
     rows = [(f"NARX: {name}", *_cells(result["narx"]))]
     rows += [(TITLES.get(key, key), *_cells(m)) for key, m in result["models"].items()]
     filtered = (
         " The noise band is taken out of measurement and predictions alike." if result["filtered"]
         else ""
     )  # fmt: skip
+    if regime:
+        filtered += f" Columns on the right: fit in ranges of {regime['name']}"
+        filtered += f", {regime['unit']}." if regime["unit"] else "."
     text = (
         f"Free run on the same {result['samples']} held-out samples, all samples in model units "
         f"(1/lambda for lambda), fuel cut included.{filtered}"

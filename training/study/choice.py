@@ -111,6 +111,8 @@ def contenders(task: Task, narx: Mapping[str, Any], free: Mapping[str, Any]) -> 
 
 
 def _stage_of(tuned: Mapping[str, Any]) -> str:
+    if tuned["after"]["validation_score"] == tuned["before"]["validation_score"]:
+        return "none"
     scores = [(s["best_score"], i) for i, s in enumerate(tuned["stages"])
               if s["best_score"] is not None]  # fmt: skip
     return str(tuned["stages"][min(scores)[1]]["name"]) if scores else "none"

@@ -19,9 +19,11 @@ def sensor_figure(views: Sequence[Mapping[str, Any]], sensor: Mapping[str, Any])
     for (left, right), view in zip(grid, views, strict=True):
         _excerpt(left, view, sensor)
         _scatter(right, view)
-    grid[0][0].legend(ncols=2, frameon=False, fontsize=8, loc="upper right")
-    grid[-1][0].set_xlabel("s")
-    grid[-1][1].set_xlabel(f"measured {label(sensor)}")
+    grid[0][0].legend(
+        ncols=2, frameon=False, fontsize=8, loc="lower right", bbox_to_anchor=(1.0, 0.98)
+    )
+    grid[-1][0].set_xlabel("s of the excerpt")
+    grid[-1][1].set_xlabel("measured")
     return figure
 
 
@@ -45,14 +47,14 @@ def _excerpt(axes: Axes, view: Mapping[str, Any], sensor: Mapping[str, Any]) -> 
     if len(judged) and not judged.all():
         axes.fill_between(t_s, 0, 1, where=~judged, transform=axes.get_xaxis_transform(),
                           color="0.92", linewidth=0)  # fmt: skip
-    inside = measured[judged] if judged.any() else measured
+    inside = np.concatenate([measured, predicted])[np.tile(judged | ~judged.any(), 2)]
     inside = inside[np.isfinite(inside)]
     if len(inside):
-        low, high = np.quantile(inside, [0.005, 0.995])
+        low, high = np.quantile(inside, [0.01, 0.99])
         margin = 0.35 * max(high - low, 1e-9)
         axes.set_ylim(low - margin, high + margin)
     axes.set_title(f"{view['title']} ({view['source']})", fontsize=9, loc="left")
-    axes.set_ylabel(sensor["output"] if len(sensor["output"]) < 12 else "output", fontsize=9)
+    axes.set_ylabel(sensor["output"], fontsize=9 if len(sensor["output"]) < 16 else 7)
     axes.margins(x=0)
 
 
@@ -130,7 +132,7 @@ def steady_figure(result: Mapping[str, Any]) -> Figure:
         low, high = np.quantile(known, [0.02, 0.98])
         margin = 0.5 * max(high - low, 1e-9)
         axes.set_ylim(low - margin, high + margin)
-    axes.set(xlabel="s", ylabel=label(result))
-    axes.legend(ncols=3, frameon=False, fontsize=8, loc="upper right")
+    axes.set(xlabel="s of the excerpt", ylabel=label(result))
+    axes.legend(ncols=3, frameon=False, fontsize=8, loc="lower right", bbox_to_anchor=(1.0, 1.0))
     axes.margins(x=0)
     return figure

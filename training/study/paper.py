@@ -28,7 +28,7 @@ def beside_ours(parts: Mapping[str, Any]) -> list[Row]:
          f"rate {RATE}", f"{chosen['name']}: {chosen['structure']}"),
         ("how its figures are taken", "not said: one step ahead or free run",
          "free run, on enabled samples, in the output's unit"),
-        ("MSE", f"{MSE}", _mse(sensor)),
+        ("MSE", f"{MSE}, unit not said", _mse(sensor)),
     ]  # fmt: skip
     for view in sensor["views"][:3]:
         name = view["title"].split()[0]
@@ -71,8 +71,12 @@ def _inputs(parts: Mapping[str, Any]) -> str:
 
 
 def _band(parts: Mapping[str, Any]) -> str:
-    band = parts["preparation"].get("band_hz")
-    return f"{band[0]:.2f}–{band[1]:.2f} Hz" if band else "none found"
+    band = parts["preparation"]["band_hz"]
+    if band:
+        return f"{band[0]:.2f}–{band[1]:.2f} Hz, filtered for the linear baselines"
+    lines = parts["preparation"]["lines"]
+    words = [f"{x['low_hz']:.2f}–{x['high_hz']:.2f} Hz in {x['signal']}" for x in lines]
+    return f"{', '.join(words)}; not filtered" if words else "none found"
 
 
 def _compared(parts: Mapping[str, Any]) -> str:

@@ -60,6 +60,7 @@ def whiteness(residuals: Sequence[FloatArray], lags: int = 25) -> dict[str, Any]
     """
     joined = np.concatenate([r - np.mean(np.concatenate(residuals)) for r in residuals])
     band = float(norm.ppf(1.0 - LEVEL / 2.0) / np.sqrt(len(joined)))
+    lags = min(lags, len(joined) - 1)
     rho = autocorrelation(residuals, lags)
     test = acorr_ljungbox(joined, lags=[lags])
     p_value = float(test["lb_pvalue"].iloc[0])

@@ -16,8 +16,9 @@ from monitor import __version__
 from monitor.errors import RecordingError, UsageError
 from training import check as checks
 from training.check_page import verdict
+from training.prepare import ENABLE_COLUMNS
 from training.study import narx_study, preparation, selection
-from training.study.baselines import baselines, beside
+from training.study.baselines import TITLES, baselines, beside
 from training.study.choice import choose, contenders, free_structure, ship
 from training.study.report import report
 from training.study.sensor import against_sensor
@@ -26,6 +27,7 @@ from training.study.task import Task, source
 
 SCHEMA = "o2train.study/1"
 VERSION = 1  # of what the parts hold; stored parts of another version are not reused
+FALSE_ALARMS = 2.0  # percent of healthy windows; the limits are quantiles of 1 % each
 SELECTION_SHARE = 0.4  # of the budget
 
 Parts = dict[str, Any]
@@ -39,6 +41,7 @@ class Step:
     name: str
     title: str
     compute: Callable[[Task, Parts], dict[str, Any]]
+    uses: tuple[str, ...] = ()  # earlier parts: if one is new, this one is, too
     whole: bool = False  # depends on held-out, faulty and steady recordings, too
     optional: bool = False  # left out with its reason where the data does not allow it
 
@@ -73,8 +76,7 @@ def study(task: Task, say: Say) -> dict[str, Any]:
 def _done(task: Task, step: Step, parts: Parts) -> tuple[dict[str, Any], bool]:
     """Return the step's result and whether it was stored already."""
     path = task.folder / f"{step.name}.json"
-    seed = f"{VERSION} {__version__} {step.name} {task.digest(whole=step.whole)}"
-    key = hashlib.sha256(seed.encode()).hexdigest()
+    key = _key(task, step, parts)
     try:
         found = json.loads(path.read_text())
         if found["key"] == key and _complete(task, step):
@@ -92,6 +94,12 @@ def _done(task: Task, step: Step, parts: Parts) -> tuple[dict[str, Any], bool]:
               "part_cpu_s": round(time.process_time() - cpu, 1)}  # fmt: skip
     _write(path, json.dumps({"key": key, "result": result}, allow_nan=False))
     return result, False
+
+
+def _key(task: Task, step: Step, parts: Parts) -> str:
+    seed = f"{VERSION} {__version__} {step.name} {task.digest(whole=step.whole)}"
+    earlier = json.dumps([parts[name] for name in step.uses])
+    return hashlib.sha256((seed + earlier).encode()).hexdigest()
 
 
 def _complete(task: Task, step: Step) -> bool:
@@ -112,6 +120,7 @@ def _data(task: Task) -> dict[str, Any]:
         "period_s": task.recordings[0].period_ns / 1e9,
         "samples": sum(len(r.t_s) for r in task.recordings),
         "source": source(task.recordings),
+        "conditions": [n for n in ENABLE_COLUMNS if all(n in r.names for r in task.recordings)],
         "recordings": [
             {"use": use, "path": Path(r.path).name, "sha256": r.sha256, "samples": len(r.t_s),
              "source": source([r])}
@@ -192,13 +201,19 @@ STEPS = (
     Step("check", "is the data enough?", _check),
     Step("preparation", "outliers, spectra, trends", _preparation),
     Step("selection", "input selection", _selection, optional=True),
-    Step("linear", "linear baselines", _linear, whole=True, optional=True),
+    Step("linear", "linear baselines", _linear, ("preparation",), whole=True, optional=True),
     Step("narx", "NARX study", _narx, optional=True),
     Step("free", "memory and size chosen by the data", _free),
-    Step("choice", "choice", _choice, whole=True),
-    Step("shipped", "model file and limits", _shipped, whole=True),
-    Step("beside", "beside linear models", _beside, whole=True),
-    Step("sensor", "model against sensor, healthy and faulty", _sensor, whole=True),
+    Step("choice", "choice", _choice, ("narx", "free"), whole=True),
+    Step("shipped", "model file and limits", _shipped, ("preparation", "choice"), whole=True),
+    Step("beside", "beside linear models", _beside, ("linear", "choice"), whole=True),
+    Step(
+        "sensor",
+        "model against sensor, healthy and faulty",
+        _sensor,
+        ("choice", "shipped"),
+        whole=True,
+    ),
     Step("steady", "steady training, transient use", _steady, whole=True, optional=True),
 )
 
@@ -207,11 +222,33 @@ def _warnings(parts: Mapping[str, Any]) -> list[str]:
     """Return what a reader must know first."""
     found = [f["text"] for f in parts["check"]["findings"] if f["level"] == "warning"]
     found += parts["narx"].get("warnings", [])
-    found += [f"free structure: {w}" for w in parts["free"]["warnings"]]
+    found += [f"free structure: {w}" for w in parts["free"]["warnings"] if "histories" not in w]
     found += parts["shipped"]["warnings"]
     for step in STEPS:
         if "skipped" in parts[step.name]:
             found.append(f"{step.title}: left out, {parts[step.name]['skipped']}")
+    found += _poor(parts)
+    return list(dict.fromkeys(found))
+
+
+def _poor(parts: Mapping[str, Any]) -> list[str]:
+    """Return what speaks against the chosen model."""
+    found = []
+    candidate = parts["choice"]["candidates"][parts["choice"]["chosen"]]
+    fit = candidate["after"]["all"].get("fit_percent")
+    if fit is None or fit <= 0.0:
+        found.append("the chosen model predicts held-out samples no better than their mean would")
+    sensor = parts["sensor"]
+    false = 100 * sensor["healthy"]["beyond"]["both"]
+    if false > FALSE_ALARMS:
+        found.append(
+            f"the paper's rule fires in {false:.1f} % of the windows of {sensor['healthy_on']} "
+            "without a fault: the limits rest on other driving or weather than these"
+        )
+    if stuck := parts["sensor"]["bounded"]["stuck"]:
+        runs = parts["sensor"]["bounded"]["runs"]
+        found.append(f"{stuck} of {runs} free runs from random histories stay at an end of the "
+                     "output's range")  # fmt: skip
     beside_linear = parts["beside"]
     if "skipped" not in beside_linear:
         own = beside_linear["narx"]["fit_percent"]
@@ -219,6 +256,6 @@ def _warnings(parts: Mapping[str, Any]) -> list[str]:
         if own is not None and best is not None and own <= best:
             found.append(
                 f"the chosen NARX reaches {own:.1f} % fit on held-out samples, the linear model "
-                f"{beside_linear['best_linear']} {best:.1f} %: the NARX is not worth it here"
+                f"{TITLES[beside_linear['best_linear']]} {best:.1f} %: the NARX is not worth it"
             )
-    return list(dict.fromkeys(found))
+    return found

@@ -40,7 +40,9 @@ def steady_against_mixed(task: Task) -> dict[str, Any]:
     if not task.test:
         mixed_recordings = [_without_test(task, i) for i in range(len(task.recordings))]
     if task.steady:
-        steady_recordings, rule = list(task.steady), "the recordings given with --steady"
+        known = {r.sha256: r for r in mixed_recordings}  # those have their test blocks taken out
+        steady_recordings = [known.get(r.sha256, r) for r in task.steady]
+        rule = "the recordings given with --steady"
     else:
         steady_recordings, rule = _steady_parts(mixed_recordings, task.inputs)
     settings = task.settings

@@ -142,7 +142,7 @@ def scaled_as(data: Prepared, recordings: Sequence[Recording]) -> Prepared:
     filled = np.interp(np.arange(len(y)), np.flatnonzero(valid), y[valid])
     samples = Samples(
         data.scaling.scale_u(values[:, :-1]),
-        data.scaling.scale_y(filled),
+        (filled - data.scaling.y_mean) / data.scaling.y_std,  # beyond the trained range, too
         np.where(on, 1.0, OTHER_WEIGHT) * valid,
     )
     return replace(
