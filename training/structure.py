@@ -36,6 +36,7 @@ HORIZONS, EPOCHS = (20, 100), {1: 20, 20: 10, 100: 15}  # a short training
 N_SAMPLES = 25_000
 SAMPLES_PER_WEIGHT = 2.0  # below this a candidate is not tried
 SAMPLES_PER_LAG = 20
+WALKS = 2  # from the best memories among the first tries
 MISSES = 2  # steps along an axis that did not help before the walk turns
 LEAST_GAIN = 0.01  # of the RMSE; differences below it are no reason for more weights
 SURE = 0.5  # standard errors by which a larger structure must be better
@@ -104,16 +105,19 @@ class Search:
         longest = max(s.stop - s.start for s in data.segments)
         self.most_lags = int(min(self.n_train / SAMPLES_PER_LAG, longest / 2, max(LONGEST)))
 
-    def run(self) -> Structure:
-        """Return the structure that the walk ends at."""
-        best = self._first()
-        self._try([best])
+    def run(self) -> list[Structure]:
+        """Return where the walks end, the best first: one walk from each of two memories."""
+        first = self._first()
+        self._try([first])
         for longest in FAR:  # a long dead time shows only when all of it is covered
-            far = replace(best, longest=longest)
-            if self._possible(far) and not self._late():
-                self._try([far])
-                if self._better(self.tries[far], self.tries[best]):
-                    best = far
+            if not self._late():
+                self._try([c for c in [replace(first, longest=longest)] if self._possible(c)])
+        begins = sorted(self.tries.values(), key=lambda t: t.rmse)[:WALKS]
+        ends = [self._hill(begin.structure) for begin in begins if not self._late()]
+        best = min(ends or [begins[0].structure], key=lambda c: self.tries[c].rmse)
+        return [best, *(c for c in dict.fromkeys(ends) if c != best)]
+
+    def _hill(self, best: Structure) -> Structure:
         while True:
             before = best
             best = self._walk(best, "longest", LONGEST)
