@@ -121,6 +121,7 @@ def fit(
     spec, weights = trained[best].spec, trained[best].weights
     predicted = data.scaling.unscale_y(free_run(data, spec, weights))
     network, card = write_model(out, data, spec, weights, predicted, gap)
+    warnings += _parity_warnings(card)
     return FitResult(
         Path(out), card, network, data, trained, best, predicted, held_out(data),
         tries, time.monotonic() - began, tuple(warnings),
@@ -222,6 +223,16 @@ def _choose(data: Prepared, trained: Sequence[Trained], seed: int) -> tuple[int,
         key=lambda i: (must_forget and not gaps[i].gap <= gaps[i].limit, trained[i].score),
     )
     return best, gaps[best]
+
+
+def _parity_warnings(card: ModelCard) -> list[str]:
+    found = card.checks["parity"]
+    if found["onnx_numpy"] <= found["tolerance"]:
+        return []
+    return [
+        f"the model file's float32 rounding adds up to {found['onnx_numpy']:.2g} over "
+        f"{found['samples']} samples of free run: the output integrates"
+    ]
 
 
 def _training_warnings(trained: Sequence[Trained], gap: Contraction, output: str) -> list[str]:

@@ -30,7 +30,7 @@ DECAY = (0.0, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2)  # of the weights
 FIRST = (5, 3, (8,))
 FIRST_DECAY = (1e-5, 1e-4)  # on long and on short recordings
 FAR = (34, 12, 60)  # input lags that are tried before the walk
-SINGLE_LAGS = 4  # boxes are single lags up to here, then they widen
+SINGLE_LAGS = 8  # boxes are single lags up to here, then they widen
 WIDENING = 1.35
 HORIZONS, EPOCHS = (20, 100), {1: 20, 20: 10, 100: 15}  # a short training
 N_SAMPLES = 25_000
@@ -77,8 +77,8 @@ class Try:
 def boxes(longest: int) -> tuple[tuple[int, int], ...]:
     """Return boxes over lags 0 .. longest: single lags first, each later one 1.35 times as old.
 
-    >>> boxes(8)
-    ((0, 1), (1, 2), (2, 3), (3, 4), (4, 5), (5, 7), (7, 9))
+    >>> boxes(15)[-4:]
+    ((8, 9), (9, 12), (12, 16))
     """
     edges = [0]
     while edges[-1] <= longest:
