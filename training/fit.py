@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 PARITY_SAMPLES = 3000
 SEARCH_SHARE = 0.4  # of the budget goes into the choice of memory and size
-SHORT_SAMPLES, ROTATIONS = 5000, 3  # shorter recordings choose by several sets of held-out blocks
+SHORT_SAMPLES, ROTATIONS = 5000, 4  # shorter recordings choose by several sets of held-out blocks
 STARTS, STARTS_SHORT = 3, 8  # trainings from other random weights
 SAMPLES_PER_WEIGHT = 10  # fewer than this and the network overfits, whatever one does
 

@@ -34,12 +34,13 @@ SINGLE_LAGS = 8  # boxes are single lags up to here, then they widen
 WIDENING = 1.35
 HORIZONS, EPOCHS = (20, 100), {1: 20, 20: 10, 100: 15}  # a short training
 N_SAMPLES = 25_000
+SEEDS_SHORT = 2  # trainings of a candidate on every choice of blocks of a short recording
 SAMPLES_PER_WEIGHT = 2.0  # below this a candidate is not tried
 SAMPLES_PER_LAG = 20
 WALKS = 2  # from the best memories among the first tries
 MISSES = 2  # steps along an axis that did not help before the walk turns
 LEAST_GAIN = 0.01  # of the RMSE; differences below it are no reason for more weights
-SURE = 0.5  # standard errors by which a larger structure must be better
+SURE = 1.0  # standard errors by which a larger structure must be better
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,10 +180,11 @@ class Search:
     def _try(self, candidates: Sequence[Structure]) -> None:
         """Train the candidates that are new; the first of all is tried however late it is."""
         new = [c for c in candidates if c not in self.tries]
-        jobs = [(c, data) for c in new for data in self.rotations]
+        seeds = range(SEEDS_SHORT if len(self.rotations) > 1 else 1)
+        jobs = [(c, data, seed) for c in new for data in self.rotations for seed in seeds]
         with ThreadPoolExecutor(self.threads) as pool:
             results = list(pool.map(lambda job: self._short_training(*job), jobs))
-        n = len(self.rotations)
+        n = len(self.rotations) * len(seeds)
         for i, candidate in enumerate(new):
             parts = results[i * n : (i + 1) * n]
             weights = np.concatenate([w for _, w in parts])
@@ -194,9 +196,11 @@ class Search:
                 self.progress(done)
 
     def _short_training(
-        self, structure: Structure, data: Prepared
+        self, structure: Structure, data: Prepared, seed: int
     ) -> tuple[FloatArray, FloatArray]:
         spec = structure.spec(data)
-        trained = train(data, spec, 0, np.inf, None, HORIZONS, EPOCHS, N_SAMPLES, structure.decay)
+        trained = train(
+            data, spec, seed, np.inf, None, HORIZONS, EPOCHS, N_SAMPLES, structure.decay
+        )
         held_out = blocks_of(data, spec, memory=max(self.most_lags, spec.memory))
         return held_out.errors(trained.weights), held_out.weights
