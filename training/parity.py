@@ -15,6 +15,7 @@ from training.narx import simulate
 from training.transforms import apply
 
 TOLERANCE = 2e-3  # of the output's standard deviation, float32 against float64 over a free run
+SHORT_RUN = 100  # samples that must agree; rounding adds up in outputs that integrate
 
 
 class Step(nn.Module):
@@ -67,7 +68,8 @@ def parity(path: Path | str, network: Network, u: FloatArray, y: FloatArray) -> 
     """Compare free runs over ``u`` (n, k) in physical units from the measured history.
 
     y : (n,) model units; the first ``memory`` samples start the run
-    Raises ModelError if a difference exceeds the tolerance.
+    Raises ModelError if a difference exceeds the tolerance, over the whole run for lambda, which
+    forgets, within 100 samples for other outputs.
     """
     spec, scale = network.spec, network.scaling
     n, first = len(u), spec.memory
@@ -92,15 +94,18 @@ def parity(path: Path | str, network: Network, u: FloatArray, y: FloatArray) -> 
                 model.state[0, newest] = state[0, newest] = float(limited[k])
             graph[k], other[k] = model.state[0, newest], float(state[0, newest])
     tolerance = TOLERANCE * scale.y_std
+    strict = n if network.transform == "phi" else min(n, first + SHORT_RUN)
     result = Parity(
         n - first,
         float(np.abs(graph[first:] - reference).max()),
         float(np.abs(other[first:] - reference).max()),
         tolerance,
     )
-    if not max(result.onnx_numpy, result.torch_numpy) <= tolerance:
+    off = [float(np.abs(run[first:strict] - reference[: strict - first]).max())
+           for run in (graph, other)]  # fmt: skip
+    if not max(off) <= tolerance:
         raise ModelError(
-            f"{path}: free runs differ by {result.onnx_numpy:.2g} (ONNX) and "
-            f"{result.torch_numpy:.2g} (torch) from numpy, tolerance {tolerance:.2g}"
+            f"{path}: free runs differ by {off[0]:.2g} (ONNX) and {off[1]:.2g} (torch) from "
+            f"numpy within {strict - first} samples, tolerance {tolerance:.2g}"
         )
     return result

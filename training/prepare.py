@@ -28,7 +28,7 @@ BLOCK_SAMPLES = (200, 2000)  # but not fewer or more samples than these
 GROUP = 7  # of seven blocks one validates and one tests: 71/14/14 percent
 OTHER_WEIGHT = 0.1  # of samples outside the enabled region: cold start, fuel cut, open loop
 ENABLE_COLUMNS = {"closed_loop": 1.0, "sensor_ready": 1.0, "fuel_cut": 0.0}
-MARGIN = 0.05  # of the trained range, by which inputs and outputs may leave it
+MARGIN = {"phi": 0.05, "none": 0.3}  # of the trained range, by which signals may leave it
 
 
 # lambda_controller is made from the measured lambda: a network that sees it exactly inverts the
@@ -269,12 +269,13 @@ def _scaling(
     if y.std() <= 1e-9:
         raise RecordingError(f"{recordings[0].path}: the output is constant ({y.mean():g})")
     low, high = u.min(axis=0), u.max(axis=0)
-    margin = MARGIN * (high - low)
+    share = MARGIN[transform]
+    margin = share * (high - low)
     if transform == "phi":
         y_low, y_high = 0.0, PHI_MAX
     else:
         span = float(y.max() - y.min())
-        y_low, y_high = float(y.min()) - MARGIN * span, float(y.max()) + MARGIN * span
+        y_low, y_high = float(y.min()) - share * span, float(y.max()) + share * span
     return Scaling(
         u.mean(axis=0), std, low - margin, high + margin, float(y.mean()), float(y.std()),
         y_low, y_high,

@@ -49,6 +49,7 @@ class Stage:
 class Trained:
     """The best weights of one start."""
 
+    spec: Spec
     weights: FloatArray
     score: float  # free-run validation, mean of the blocks' RMSE, scaled and weighted
     stages: list[Stage] = field(default_factory=list)
@@ -181,7 +182,7 @@ def tune(
     n_samples : train on about so many samples at most; short horizons never take more than
         ``EARLY_SAMPLES``, because all they have to do is to come near
     """
-    best = Trained(weights, np.inf)
+    best = Trained(spec, weights, np.inf)
     validation = blocks_of(data, spec)
     forget = data.transform == "phi"  # a sensor has a short memory, other outputs may have not
     n_train = int((data.role == Role.TRAIN).sum())

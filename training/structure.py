@@ -30,15 +30,17 @@ DECAY = (0.0, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2)  # of the weights
 FIRST = (5, 3, (8,))
 FIRST_DECAY = (1e-5, 1e-4)  # on long and on short recordings
 FAR = (34, 12, 60)  # input lags that are tried before the walk
-SINGLE_LAGS = 4  # boxes are single lags up to here, then they widen
+SINGLE_LAGS = 8  # boxes are single lags up to here, then they widen
 WIDENING = 1.35
 HORIZONS, EPOCHS = (20, 100), {1: 20, 20: 10, 100: 15}  # a short training
 N_SAMPLES = 25_000
+SEEDS_SHORT = 2  # trainings of a candidate on every choice of blocks of a short recording
 SAMPLES_PER_WEIGHT = 2.0  # below this a candidate is not tried
 SAMPLES_PER_LAG = 20
+WALKS = 2  # from the best memories among the first tries
 MISSES = 2  # steps along an axis that did not help before the walk turns
 LEAST_GAIN = 0.01  # of the RMSE; differences below it are no reason for more weights
-SURE = 0.5  # standard errors by which a larger structure must be better
+SURE = 1.0  # standard errors by which a larger structure must be better
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,8 +78,8 @@ class Try:
 def boxes(longest: int) -> tuple[tuple[int, int], ...]:
     """Return boxes over lags 0 .. longest: single lags first, each later one 1.35 times as old.
 
-    >>> boxes(8)
-    ((0, 1), (1, 2), (2, 3), (3, 4), (4, 5), (5, 7), (7, 9))
+    >>> boxes(15)[-4:]
+    ((8, 9), (9, 12), (12, 16))
     """
     edges = [0]
     while edges[-1] <= longest:
@@ -104,16 +106,19 @@ class Search:
         longest = max(s.stop - s.start for s in data.segments)
         self.most_lags = int(min(self.n_train / SAMPLES_PER_LAG, longest / 2, max(LONGEST)))
 
-    def run(self) -> Structure:
-        """Return the structure that the walk ends at."""
-        best = self._first()
-        self._try([best])
+    def run(self) -> list[Structure]:
+        """Return where the walks end, the best first: one walk from each of two memories."""
+        first = self._first()
+        self._try([first])
         for longest in FAR:  # a long dead time shows only when all of it is covered
-            far = replace(best, longest=longest)
-            if self._possible(far) and not self._late():
-                self._try([far])
-                if self._better(self.tries[far], self.tries[best]):
-                    best = far
+            if not self._late():
+                self._try([c for c in [replace(first, longest=longest)] if self._possible(c)])
+        begins = sorted(self.tries.values(), key=lambda t: t.rmse)[:WALKS]
+        ends = [self._hill(begin.structure) for begin in begins if not self._late()]
+        best = min(ends or [begins[0].structure], key=lambda c: self.tries[c].rmse)
+        return [best, *(c for c in dict.fromkeys(ends) if c != best)]
+
+    def _hill(self, best: Structure) -> Structure:
         while True:
             before = best
             best = self._walk(best, "longest", LONGEST)
@@ -175,10 +180,11 @@ class Search:
     def _try(self, candidates: Sequence[Structure]) -> None:
         """Train the candidates that are new; the first of all is tried however late it is."""
         new = [c for c in candidates if c not in self.tries]
-        jobs = [(c, data) for c in new for data in self.rotations]
+        seeds = range(SEEDS_SHORT if len(self.rotations) > 1 else 1)
+        jobs = [(c, data, seed) for c in new for data in self.rotations for seed in seeds]
         with ThreadPoolExecutor(self.threads) as pool:
             results = list(pool.map(lambda job: self._short_training(*job), jobs))
-        n = len(self.rotations)
+        n = len(self.rotations) * len(seeds)
         for i, candidate in enumerate(new):
             parts = results[i * n : (i + 1) * n]
             weights = np.concatenate([w for _, w in parts])
@@ -190,9 +196,11 @@ class Search:
                 self.progress(done)
 
     def _short_training(
-        self, structure: Structure, data: Prepared
+        self, structure: Structure, data: Prepared, seed: int
     ) -> tuple[FloatArray, FloatArray]:
         spec = structure.spec(data)
-        trained = train(data, spec, 0, np.inf, None, HORIZONS, EPOCHS, N_SAMPLES, structure.decay)
+        trained = train(
+            data, spec, seed, np.inf, None, HORIZONS, EPOCHS, N_SAMPLES, structure.decay
+        )
         held_out = blocks_of(data, spec, memory=max(self.most_lags, spec.memory))
         return held_out.errors(trained.weights), held_out.weights
