@@ -5,6 +5,7 @@ Free run on the validation blocks decides and nothing else; test blocks and held
 only reported.
 """
 
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -28,9 +29,9 @@ from training.study.narx_models import from_arrays
 from training.study.task import Task, as_in_use, judged_on, plain
 
 LEAST_GAIN = 0.01  # of the RMSE: less is no reason for more weights
+FEW_BLOCKS, FEW_GAIN = 3, 0.1  # with fewer blocks nothing is known of chance
 SURE = 1.0  # standard errors over the blocks within which two models are equal
 BOUNDED_RUNS, BOUNDED_SAMPLES = 200, 1000
-PRECISE = "weights"  # keys whose numbers keep every digit
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +64,7 @@ def _free_dict(task: Task, result: FitResult) -> dict[str, Any]:
     spec, best = result.network.spec, result.starts[result.best]
     seed = task.settings.seed + 1000 * result.best
     limit = 60.0 * max(task.settings.budget_minutes, 0.1) / 5
-    one_step = train(task.data, spec, seed, _clock() + limit, horizons=())
+    one_step = train(task.data, spec, seed, time.monotonic() + limit, horizons=())
     tries = sorted(result.tries, key=lambda t: t.rmse)
     tables = {
         "structure": describe(spec), "n_weights": spec.n_weights, "seconds": result.seconds,
@@ -72,15 +73,10 @@ def _free_dict(task: Task, result: FitResult) -> dict[str, Any]:
         "tries": [{**asdict(t.structure), "n_weights": t.n_weights, "rmse": t.rmse}
                   for t in tries],
     }  # fmt: skip
+    first = one_step.weights.tolist() if one_step.stages else None
     weights = {"spec": asdict(spec), "weights": result.network.weights.tolist(),
-               "one_step_weights": one_step.weights.tolist()}  # fmt: skip
+               "one_step_weights": first}  # fmt: skip
     return plain(tables) | weights
-
-
-def _clock() -> float:
-    import time  # noqa: PLC0415
-
-    return time.monotonic()
 
 
 def _best_stage(stages: Sequence[Any]) -> str:
@@ -103,11 +99,16 @@ def contenders(task: Task, narx: Mapping[str, Any], free: Mapping[str, Any]) -> 
         spec = spec_from(free["spec"])
         found.append(
             Contender("free structure", spec, np.array(free["weights"]),
-                      np.array(free["one_step_weights"]), None, free["stage"])
+                      _array(free["one_step_weights"]), None, free["stage"])
         )  # fmt: skip
     if not found:
-        raise UsageError(f"{task.out}: no model could be trained, see the messages above")
+        reasons = [part["skipped"] for part in (narx, free) if "skipped" in part]
+        raise UsageError(f"no model could be trained: {'; '.join(dict.fromkeys(reasons))}")
     return found
+
+
+def _array(values: Sequence[float] | None) -> FloatArray | None:
+    return None if values is None else np.array(values)
 
 
 def _stage_of(tuned: Mapping[str, Any]) -> str:
@@ -183,7 +184,8 @@ def _decide(
     for i in eligible:
         loss = squares[i] - squares[best]
         error = float(loss.std(ddof=1)) * np.sqrt(len(loss)) if len(loss) > 1 else 0.0
-        close = rows[i]["validation_rmse"] < (1 + LEAST_GAIN) * rows[best]["validation_rmse"]
+        gain = LEAST_GAIN if len(loss) >= FEW_BLOCKS else FEW_GAIN
+        close = rows[i]["validation_rmse"] < (1 + gain) * rows[best]["validation_rmse"]
         if i == best or close or float(loss.sum()) < SURE * error:
             equal.append(i)
     chosen = min(equal, key=lambda i: (rows[i]["n_weights"], rows[i]["validation_rmse"]))

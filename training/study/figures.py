@@ -43,19 +43,23 @@ def _excerpt(axes: Axes, view: Mapping[str, Any], sensor: Mapping[str, Any]) -> 
     t_s = np.arange(len(measured)) * sensor["period_s"]
     axes.plot(t_s, measured, color=MEASURED, linewidth=0.9, label="sensor")
     axes.plot(t_s, predicted, color=PREDICTED, linewidth=0.9, label="model, free run")
-    judged = np.array(view["judged"], dtype=bool)
+    _frame(axes, t_s, np.array(view["judged"], dtype=bool), [measured, predicted])
+    axes.set_title(f"{view['title']} ({view['source']})", fontsize=9, loc="left")
+    axes.set_ylabel(sensor["output"], fontsize=9 if len(sensor["output"]) < 16 else 7)
+    axes.margins(x=0)
+
+
+def _frame(axes: Axes, t_s: FloatArray, judged: np.ndarray, series: Sequence[FloatArray]) -> None:
+    """Mark what is not judged in grey and let the judged samples set the axis."""
     if len(judged) and not judged.all():
         axes.fill_between(t_s, 0, 1, where=~judged, transform=axes.get_xaxis_transform(),
                           color="0.92", linewidth=0)  # fmt: skip
-    inside = np.concatenate([measured, predicted])[np.tile(judged | ~judged.any(), 2)]
+    inside = np.concatenate([each[judged | ~judged.any()] for each in series])
     inside = inside[np.isfinite(inside)]
     if len(inside):
         low, high = np.quantile(inside, [0.01, 0.99])
         margin = 0.35 * max(high - low, 1e-9)
         axes.set_ylim(low - margin, high + margin)
-    axes.set_title(f"{view['title']} ({view['source']})", fontsize=9, loc="left")
-    axes.set_ylabel(sensor["output"], fontsize=9 if len(sensor["output"]) < 16 else 7)
-    axes.margins(x=0)
 
 
 def _scatter(axes: Axes, view: Mapping[str, Any]) -> None:
@@ -112,6 +116,9 @@ def window_figure(sensor: Mapping[str, Any]) -> Figure:
         for sign in (-1, 1):
             axes.axvline(sign * j["j_mu"], color="0.3", linewidth=0.8, linestyle=":")
         axes.axhline(j["j_sigma"], color="0.3", linewidth=0.8, linestyle=":")
+    stds = np.concatenate([np.array(f["window_std"]) for f in (healthy, *sensor["faults"])])
+    if len(stds):
+        axes.set_ylim(0.0, 1.2 * max(float(np.quantile(stds, 0.97)), j.get("j_sigma", 0.0)))
     axes.set(xlabel="mean of a window's residuals", ylabel="standard deviation")
     axes.legend(frameon=False, fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5))
     return figure
@@ -127,11 +134,7 @@ def steady_figure(result: Mapping[str, Any]) -> Figure:
     axes.plot(t_s, measured, color=MEASURED, linewidth=1.0, label="sensor")
     axes.plot(t_s, array(example["steady"]), color="C3", linewidth=0.9, label="steady training")
     axes.plot(t_s, array(example["mixed"]), color="C2", linewidth=0.9, label="mixed training")
-    known = measured[np.isfinite(measured)]
-    if len(known):
-        low, high = np.quantile(known, [0.02, 0.98])
-        margin = 0.5 * max(high - low, 1e-9)
-        axes.set_ylim(low - margin, high + margin)
+    _frame(axes, t_s, np.array(example["judged"], dtype=bool), [measured])
     axes.set(xlabel="s of the excerpt", ylabel=label(result))
     axes.legend(ncols=3, frameon=False, fontsize=8, loc="lower right", bbox_to_anchor=(1.0, 1.0))
     axes.margins(x=0)

@@ -107,7 +107,7 @@ def closed_loop(result: Mapping[str, Any]) -> str:
             gain = 100 * (1 - after["rmse"] / before["rmse"])
         rows.append(
             (c["name"], number(before.get("rmse"), ".4g"), number(after.get("rmse"), ".4g"),
-             number(gain, ".0f"),
+             number(gain and round(gain) + 0.0, ".0f"),
              number(before.get("correlation"), ".3f"), number(after.get("correlation"), ".3f"),
              c["stage"], f"{c['gap']:.2g} ({c['gap_limit']:.2g})")
         )  # fmt: skip
@@ -182,7 +182,8 @@ def faulty(sensor: Mapping[str, Any]) -> str:
             paragraph(note, "note") if afterwards else "", small(table(rows, head)),
             picture(residual_figure(sensor), "Residuals, healthy (grey) and faulty; dotted: ± Jμ; "
                     "what lies beyond is in the last bins"),
-            picture(window_figure(sensor), "Windows of 50 residuals; dotted: the limits Jμ, Jσ"),
+            picture(window_figure(sensor), "Windows of 50 residuals; dotted: the limits Jμ, Jσ; "
+                    "the highest 3 % are cut off"),
             picture(sensor_figure(shown, sensor), "Model against the faulty sensor"),
         ]
     )  # fmt: skip

@@ -19,7 +19,8 @@ _SECTIONS = {
 }
 _SKIPPED = {
     "preparation": "Preparation", "selection": "Input selection", "linear": "Linear baselines",
-    "narx": "NARX study", "steady": "Steady training, transient use",
+    "narx": "NARX study", "free": "Memory and size chosen by the data",
+    "steady": "Steady training, transient use",
 }  # fmt: skip
 
 
@@ -29,7 +30,9 @@ def report(parts: Mapping[str, Any], warnings: list[str]) -> str:
     for name in ("check", "preparation", "selection", "linear", "narx"):
         part = parts[name]
         sections.append(_skipped(name, part) if "skipped" in part else _SECTIONS[name](part))
-    sections += [outcome.free(parts["free"]), outcome.choice(parts)]
+    free = parts["free"]
+    sections.append(_skipped("free", free) if "skipped" in free else outcome.free(free))
+    sections.append(outcome.choice(parts))
     sections += [outcome.closed_loop(parts["choice"]), outcome.beside(parts)]
     sections += [outcome.against_sensor(parts["sensor"]), outcome.faulty(parts["sensor"])]
     steady = parts["steady"]

@@ -27,6 +27,7 @@ from training.study.task import Task, source
 
 SCHEMA = "o2train.study/1"
 VERSION = 1  # of what the parts hold; stored parts of another version are not reused
+PRIVATE = ("weights", "one_step_weights")  # stay in the part's file
 FALSE_ALARMS = 2.0  # percent of healthy windows; the limits are quantiles of 1 % each
 SELECTION_SHARE = 0.4  # of the budget
 
@@ -43,7 +44,7 @@ class Step:
     compute: Callable[[Task, Parts], dict[str, Any]]
     uses: tuple[str, ...] = ()  # earlier parts: if one is new, this one is, too
     whole: bool = False  # depends on held-out, faulty and steady recordings, too
-    optional: bool = False  # left out with its reason where the data does not allow it
+    skips: tuple[type[Exception], ...] = ()  # errors that leave it out, with their text
 
 
 def study(task: Task, say: Say) -> dict[str, Any]:
@@ -67,7 +68,7 @@ def study(task: Task, say: Say) -> dict[str, Any]:
         "schema": SCHEMA, "version": __version__, "model": "model.onnx",
         "warnings": warnings, "seconds": round(time.monotonic() - began, 1), **parts,
     }  # fmt: skip
-    result["free"] = {k: v for k, v in parts["free"].items() if not k.endswith("weights")}
+    result["free"] = {k: v for k, v in parts["free"].items() if k not in PRIVATE}
     _write(task.out / "study.json", json.dumps(result, allow_nan=False) + "\n")
     _write(task.out / "report.html", report(parts, warnings))
     return result
@@ -86,9 +87,7 @@ def _done(task: Task, step: Step, parts: Parts) -> tuple[dict[str, Any], bool]:
     began, cpu = time.monotonic(), time.process_time()
     try:
         result = step.compute(task, parts)
-    except (RecordingError, UsageError) as error:
-        if not step.optional:
-            raise
+    except step.skips as error:
         result = {"skipped": str(error)}
     result = {**result, "part_seconds": round(time.monotonic() - began, 1),
               "part_cpu_s": round(time.process_time() - cpu, 1)}  # fmt: skip
@@ -200,10 +199,12 @@ def _steady(task: Task, _: Parts) -> dict[str, Any]:
 STEPS = (
     Step("check", "is the data enough?", _check),
     Step("preparation", "outliers, spectra, trends", _preparation),
-    Step("selection", "input selection", _selection, optional=True),
-    Step("linear", "linear baselines", _linear, ("preparation",), whole=True, optional=True),
-    Step("narx", "NARX study", _narx, optional=True),
-    Step("free", "memory and size chosen by the data", _free),
+    Step("selection", "input selection", _selection, skips=(RecordingError, UsageError)),
+    Step(
+        "linear", "linear baselines", _linear, ("preparation",), whole=True, skips=(RecordingError,)
+    ),
+    Step("narx", "NARX study", _narx, skips=(RecordingError,)),
+    Step("free", "memory and size chosen by the data", _free, skips=(RecordingError, UsageError)),
     Step("choice", "choice", _choice, ("narx", "free"), whole=True),
     Step("shipped", "model file and limits", _shipped, ("preparation", "choice"), whole=True),
     Step("beside", "beside linear models", _beside, ("linear", "choice"), whole=True),
@@ -214,7 +215,7 @@ STEPS = (
         ("choice", "shipped"),
         whole=True,
     ),
-    Step("steady", "steady training, transient use", _steady, whole=True, optional=True),
+    Step("steady", "steady training, transient use", _steady, whole=True, skips=(RecordingError,)),
 )
 
 
@@ -222,7 +223,9 @@ def _warnings(parts: Mapping[str, Any]) -> list[str]:
     """Return what a reader must know first."""
     found = [f["text"] for f in parts["check"]["findings"] if f["level"] == "warning"]
     found += parts["narx"].get("warnings", [])
-    found += [f"free structure: {w}" for w in parts["free"]["warnings"] if "histories" not in w]
+    found += [
+        f"free structure: {w}" for w in parts["free"].get("warnings", []) if "histories" not in w
+    ]
     found += parts["shipped"]["warnings"]
     for step in STEPS:
         if "skipped" in parts[step.name]:

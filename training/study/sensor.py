@@ -121,7 +121,7 @@ def _residual(data: Prepared, predicted: FloatArray, rows: np.ndarray) -> FloatA
 def _span(data: Prepared, predicted: FloatArray, rows: np.ndarray) -> float:
     residual = _residual(data, predicted, rows)
     known = np.abs(residual[np.isfinite(residual)])
-    return float(3.0 * np.quantile(known, 0.99)) if len(known) else 1.0
+    return float(5.0 * np.quantile(known, 0.99)) if len(known) else 1.0
 
 
 def _residuals(

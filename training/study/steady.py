@@ -92,6 +92,7 @@ def _result(task: Task, rule: str, n: int, trained: dict[str, Model]) -> dict[st
             "source": source(data.recordings),
             "outside": _outside(data, held, test),
         }  # fmt: skip
+        shown["judged"] = (scored & held.enabled)[first:stop].astype(int)
         shown["measured"] = measured[first:stop]
         shown[name] = predicted[first:stop]
         shown["first_s"] = first * held.period_ns / 1e9
