@@ -27,7 +27,7 @@ from training.study.task import scaled_as
 PERIOD_S = 0.25
 SIGNALS = ["--inputs", "valve", "leak", "--output", "level_m"]
 SMALL = ["--starts", "1", "--iterations", "5", "--models", "1", "6", "--samples", "1500",
-         "--budget", "0.1", "--jobs", "1"]  # fmt: skip
+         "--budget", "0.25", "--jobs", "1"]  # fmt: skip
 PARTS = ["check", "preparation", "selection", "linear", "narx", "free", "choice", "shipped",
          "beside", "sensor", "steady"]  # fmt: skip
 
