@@ -26,6 +26,7 @@ from monitor.types import FloatArray, IntArray, Quality, QualityArray, Sample, S
 
 TIME: Final = "time_s"
 DEFAULT_PERIOD_NS: Final = 100_000_000
+LONGEST_IN_NS_S: Final = 1e6
 UNIFORM: Final = 0.01  # a table whose steps differ by less is used sample for sample
 _LOG_HEADER: Final = "timestamp,arbitration_id,"
 
@@ -154,11 +155,13 @@ def make_table(
 
 
 def _times(path: Path, time_s: FloatArray) -> IntArray:
-    """Return times in nanoseconds, rounded to microseconds as those of frames are."""
+    """Return times in nanoseconds; times since 1970 to microseconds, as those of frames are."""
     bad = np.flatnonzero(~np.isfinite(time_s))
     if bad.size:
         raise RecordingError(f"{path}: line {bad[0] + 2}: {TIME} is not a number")
-    t_ns: IntArray = np.rint(time_s * 1e6).astype(np.int64) * 1000
+    # a float holds nanoseconds of a drive, but only microseconds of the time since 1970
+    step_ns = 1 if np.abs(time_s).max(initial=0.0) < LONGEST_IN_NS_S else 1000
+    t_ns: IntArray = np.rint(time_s * (1e9 / step_ns)).astype(np.int64) * step_ns
     falling = np.flatnonzero(np.diff(t_ns) <= 0)
     if falling.size:
         row = int(falling[0]) + 1

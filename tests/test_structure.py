@@ -17,7 +17,7 @@ from training.closed_loop import ClosedLoop, Pieces, Samples
 from training.fit import FitResult, fit
 from training.narx import Spec, describe, forward, initial_weights, jacobian, regressors
 from training.prepare import Role, prepare
-from training.recordings import Recording
+from training.recordings import Recording, load
 from training.stages import blocks_of, pieces
 from training.structure import Structure, boxes
 
@@ -145,3 +145,13 @@ def test_a_memory_longer_than_the_blocks_is_refused() -> None:
     spec = Spec(1, 2, (3,), 0, input_boxes=boxes(400))
     with pytest.raises(RecordingError, match="longer than 400 lags"):
         blocks_of(data, spec)
+
+
+def test_tables_of_any_sample_period_are_used_sample_for_sample(tmp_path: Path) -> None:
+    for period_s in (1.0 / 51_200, 4.0):  # an electronic circuit, two water tanks
+        path = tmp_path / "table.csv"
+        rows = "\n".join(f"{i * period_s!r},{i % 7},{i % 5}" for i in range(400))
+        path.write_text(f"time_s,u,y\n{rows}\n")
+        drive = load(path)
+        assert len(drive.values) == 400
+        assert drive.period_ns == pytest.approx(period_s * 1e9, rel=1e-4)

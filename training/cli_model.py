@@ -181,6 +181,8 @@ def _print_fit(result: "FitResult") -> None:
           f"{result.seconds:.0f} s")  # fmt: skip
     for name, title in (("test", "held-out blocks"), ("test_enabled", "  enabled samples")):
         figures = card.fit[name]
+        if name == "test_enabled" and figures == card.fit["test"]:
+            continue  # nothing says what is enabled
         if "rmse" in figures:
             print(
                 f"{title}: free run fit {figures['fit_percent']:.1f} %, "
