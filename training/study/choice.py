@@ -26,7 +26,7 @@ from training.stability import CONTRACTION_SAMPLES, contraction
 from training.stages import blocks_of, free_run, train
 from training.study import parallel
 from training.study.narx_models import from_arrays
-from training.study.task import Task, as_in_use, judged_on, plain
+from training.study.task import Settings, Task, as_in_use, judged_on, plain
 
 LEAST_GAIN = 0.01  # of the RMSE: less is no reason for more weights
 FEW_BLOCKS, FEW_GAIN = 3, 0.1  # with fewer blocks nothing is known of chance
@@ -53,8 +53,9 @@ def free_structure(task: Task) -> dict[str, Any]:
     """
     path = task.folder / "free.onnx"
     settings = task.settings
+    starts = None if settings.starts == Settings().starts else settings.starts
     result = fit(
-        task.recordings, task.inputs, task.output, path, starts=settings.starts,
+        task.recordings, task.inputs, task.output, path, starts=starts,
         budget_minutes=settings.budget_minutes, seed=settings.seed, threads=task.jobs,
     )  # fmt: skip
     return _free_dict(task, result)
@@ -62,7 +63,8 @@ def free_structure(task: Task) -> dict[str, Any]:
 
 def _free_dict(task: Task, result: FitResult) -> dict[str, Any]:
     spec, best = result.network.spec, result.starts[result.best]
-    seed = task.settings.seed + 1000 * result.best
+    before = [t for t in result.starts[: result.best] if t.spec == spec]
+    seed = task.settings.seed + 1000 * len(before)  # of the same initial weights
     limit = 60.0 * max(task.settings.budget_minutes, 0.1) / 5
     one_step = train(task.data, spec, seed, time.monotonic() + limit, horizons=())
     tries = sorted(result.tries, key=lambda t: t.rmse)

@@ -52,7 +52,7 @@ def free(part: Mapping[str, Any]) -> str:
         "The 29 models share the paper's grid of lags and layers. Beside them, memory and size "
         "were chosen by the data as o2train fit does: a walk over structures with boxed input "
         f"lags and a linear path, each trained shortly and judged in free run; {len(part['tries'])}"
-        f" were tried. It ended at {part['structure']} ({part['n_weights']} weights), trained from "
+        f" were tried. It ended at {part['structure']} ({part['n_weights']} weights), chosen from "
         f"{_starts(part)}."
     )
     return (
@@ -191,7 +191,7 @@ def faulty(sensor: Mapping[str, Any]) -> str:
 
 def _starts(part: Mapping[str, Any]) -> str:
     n = len(part["starts"])
-    return "one start" if n == 1 else f"{n} starts"
+    return "one training" if n == 1 else f"{n} trainings, several starts of the best structures"
 
 
 def _rule(sensor: Mapping[str, Any]) -> str:
