@@ -17,12 +17,14 @@ from monitor.errors import RecordingError
 from monitor.model import Model
 from monitor.types import FloatArray
 from training.cli import main
+from training.narx import Spec, initial_weights
 from training.prepare import prepare
 from training.recordings import load
+from training.study import outcome_page
 from training.study.choice import _decide
-from training.study.sensor import WINDOW, _put_on, _residuals
+from training.study.sensor import WINDOW, _put_on, _residuals, against_sensor
 from training.study.steady import _steady_parts
-from training.study.task import scaled_as
+from training.study.task import Settings, Task, scaled_as
 
 PERIOD_S = 0.25
 SIGNALS = ["--inputs", "valve", "leak", "--output", "level_m"]
@@ -275,6 +277,25 @@ def test_a_late_sensor_reads_what_it_read_before(drives: dict[str, Path]) -> Non
     late = _put_on("delay_symmetric", data, phi=False)
     delay = round(0.6 / PERIOD_S)
     np.testing.assert_allclose(late[delay:], data.samples.y[:-delay], atol=1e-9)
+
+
+def test_a_missing_signal_is_named_and_compared_with_nothing(
+    drives: dict[str, Path], tmp_path: Path
+) -> None:
+    lost = tank(400, 8)
+    lost[:, 3] = np.nan
+    task = Task(
+        recordings=(load(drives["morning"]),), test=(load(drives["test"]),),
+        faulty=(load(write(tmp_path / "lost.csv", lost)),), steady=(),
+        inputs=("valve", "leak"), output="level_m", out=tmp_path, settings=Settings(),
+    )  # fmt: skip
+    spec = Spec(2, 3, (3,))
+    weights = initial_weights(spec, np.random.default_rng(0))
+    found = against_sensor(task, spec, weights, {})
+    assert found["unreadable"] == ["lost.csv"] and found["faults"] == []
+    bounded = {"runs": 1, "samples": 1, "stuck": 0}
+    page = outcome_page.faulty(found) + outcome_page.against_sensor(found | {"bounded": bounded})
+    assert "Nothing to compare in lost.csv" in page
 
 
 def test_windows_are_fifty_unbroken_samples(drives: dict[str, Path]) -> None:

@@ -175,23 +175,28 @@ def faulty(sensor: Mapping[str, Any]) -> str:
         "The faults were put on the recorded output afterwards: the control loop did not answer "
         "to them. Recordings with the fault in the loop can be given with --faulty."
     )
-    shown = [f["view"] for f in sensor["faults"]][:6]
-    return "".join(
-        [
-            "<h2>Healthy and faulty</h2>", paragraph(text),
-            paragraph(note, "note") if afterwards else "", small(table(rows, head)),
+    parts = ["<h2>Healthy and faulty</h2>", paragraph(text), paragraph(note, "note") * afterwards,
+             _unreadable(sensor), small(table(rows, head))]  # fmt: skip
+    if sensor["faults"]:
+        shown = [f["view"] for f in sensor["faults"]][:6]
+        parts += [
             picture(residual_figure(sensor), "Residuals, healthy (grey) and faulty; dotted: ± Jμ; "
                     "what lies beyond is in the last bins"),
             picture(window_figure(sensor), "Windows of 50 residuals; dotted: the limits Jμ, Jσ; "
                     "the highest 3 % are cut off"),
             picture(sensor_figure(shown, sensor), "Model against the faulty sensor"),
-        ]
-    )  # fmt: skip
+        ]  # fmt: skip
+    return "".join(parts)
 
 
 def _starts(part: Mapping[str, Any]) -> str:
     n = len(part["starts"])
     return "one training" if n == 1 else f"{n} trainings, several starts of the best structures"
+
+
+def _unreadable(sensor: Mapping[str, Any]) -> str:
+    names = ", ".join(sensor["unreadable"])
+    return paragraph(f"Nothing to compare in {names}: no valid output.", "note") if names else ""
 
 
 def _rule(sensor: Mapping[str, Any]) -> str:

@@ -6,6 +6,7 @@ minus predicted in the output's unit, on samples that the monitor would judge.
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -62,6 +63,7 @@ def against_sensor(
             "healthy_on": "held-out drives" if task.test else "test blocks",
             "views": views, "limits": j, "edges": np.linspace(-span, span, BINS + 1),
             "healthy": _residuals(*healthy, span, j),
+            "unreadable": [Path(r.path).name for r in task.faulty if not _readable(task, r)],
             "faults": _faults(task, spec, weights, healthy[0], span, j),
         }
     )  # fmt: skip
@@ -163,7 +165,7 @@ def _faults(
 ) -> list[dict[str, Any]]:  # fmt: skip
     """Return residuals under faults: recorded ones, else put on afterwards."""
     found = []
-    for recording in task.faulty:
+    for recording in filter(partial(_readable, task), task.faulty):
         one = scaled_as(task.data, [recording])
         run = one.scaling.unscale_y(free_run(one, spec, weights))
         every = np.ones(len(run), dtype=bool)
@@ -171,7 +173,7 @@ def _faults(
         view = _view(one, run, every, name, source([recording]))
         found.append({"name": name, "how": how, **_residuals(one, run, every, span, j),
                       "view": view})  # fmt: skip
-    if found:
+    if task.faulty:
         return found
     predicted = healthy.scaling.unscale_y(free_run(healthy, spec, weights))
     phi = task.data.transform == "phi"
@@ -187,6 +189,11 @@ def _faults(
         found.append({"name": title, "how": "put on afterwards",
                       **_residuals(one, predicted, test, span, j), "view": view})  # fmt: skip
     return found
+
+
+def _readable(task: Task, recording: Recording) -> bool:
+    """Return whether the output has a value at all; a missing signal has none."""
+    return bool(np.isfinite(recording.column(task.output)).any())
 
 
 def _named(recording: Recording) -> tuple[str, str]:

@@ -79,6 +79,12 @@ class Task:
                     f"{r.path}: sample period {r.period_ns / 1e9:g} s, {first.path} has "
                     f"{first.period_ns / 1e9:g} s; bring them to one grid with --period"
                 )
+        for r in (*self.recordings, *self.test, *self.steady):
+            valid = [np.isfinite(r.column(name)) for name in (*self.inputs, self.output)]
+            if not np.all(valid, axis=0).any():
+                raise RecordingError(
+                    f"{r.path}: no sample has {', '.join((*self.inputs, self.output))} all valid"
+                )
         known = {r.sha256: r.path for r in (*self.recordings, *self.steady)}
         for r in (*self.test, *self.faulty):
             if r.sha256 in known:
