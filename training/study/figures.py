@@ -116,8 +116,12 @@ def window_figure(sensor: Mapping[str, Any]) -> Figure:
         for sign in (-1, 1):
             axes.axvline(sign * j["j_mu"], color="0.3", linewidth=0.8, linestyle=":")
         axes.axhline(j["j_sigma"], color="0.3", linewidth=0.8, linestyle=":")
-    stds = np.concatenate([np.array(f["window_std"]) for f in (healthy, *sensor["faults"])])
+    every = (healthy, *sensor["faults"])
+    means, stds = (np.concatenate([f[k] for f in every]) for k in ("window_mean", "window_std"))
     if len(stds):
+        low, high = np.quantile(means, [0.01, 0.99])
+        margin = 0.2 * max(high - low, 2.0 * j.get("j_mu", 0.0), 1e-9)
+        axes.set_xlim(low - margin, high + margin)
         axes.set_ylim(0.0, 1.2 * max(float(np.quantile(stds, 0.97)), j.get("j_sigma", 0.0)))
     axes.set(xlabel="mean of a window's residuals", ylabel="standard deviation")
     axes.legend(frameon=False, fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5))

@@ -183,7 +183,7 @@ def faulty(sensor: Mapping[str, Any]) -> str:
             picture(residual_figure(sensor), "Residuals, healthy (grey) and faulty; dotted: ± Jμ; "
                     "what lies beyond is in the last bins"),
             picture(window_figure(sensor), "Windows of 50 residuals; dotted: the limits Jμ, Jσ; "
-                    "the highest 3 % are cut off"),
+                    "the farthest are cut off"),
             picture(sensor_figure(shown, sensor), "Model against the faulty sensor"),
         ]  # fmt: skip
     return "".join(parts)
@@ -245,6 +245,8 @@ def steady(result: Mapping[str, Any]) -> str:
             f"On transient driving the steady training has {ratio:.2f} times the error of the "
             "mixed one where the monitor judges."
         )
+    if any(m["cut"] for m in result["models"].values()):
+        verdict += " The budget ended a training early (--budget): the figures are not final."
     note = (
         "Outside its range: share of test samples with an input that the training never reached; "
         "inputs are clipped there."
