@@ -1,5 +1,6 @@
 """The choice of memory and size by the data, and what it needs: boxed lags and a linear path."""
 
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from monitor.model import Model
 from monitor.types import FloatArray
 from training import metrics
 from training.closed_loop import ClosedLoop, Pieces, Samples
+from training.committee import committee
 from training.fit import FitResult, fit
 from training.narx import Spec, describe, forward, initial_weights, jacobian, regressors
 from training.prepare import Role, prepare
@@ -155,3 +157,14 @@ def test_tables_of_any_sample_period_are_used_sample_for_sample(tmp_path: Path) 
         drive = load(path)
         assert len(drive.values) == 400
         assert drive.period_ns == pytest.approx(period_s * 1e9, rel=1e-4)
+
+
+def test_a_committee_is_the_mean_of_its_members() -> None:
+    rng = np.random.default_rng(5)
+    rows = rng.normal(size=(30, BOXED.n_regressors))
+    two_layers = replace(BOXED, hidden=(4, 3))
+    for spec in (BOXED, two_layers, replace(two_layers, linear_path=False)):
+        members = [initial_weights(spec, rng) + 0.1 for _ in range(3)]
+        wide, weights = committee(spec, members)
+        mean = np.mean([forward(spec, w, rows) for w in members], axis=0)
+        np.testing.assert_allclose(forward(wide, weights, rows), mean, atol=1e-12)

@@ -176,7 +176,9 @@ def _print_fit(result: "FitResult") -> None:
     card, spec = result.card, result.network.spec
     n = len(result.data.role)
     if result.tries:
-        print(f"chosen of {len(result.tries)} structures: {describe(spec)}")
+        members = result.starts[result.best].members
+        mean = f", the mean of {members} trainings" if members > 1 else ""
+        print(f"chosen of {len(result.tries)} structures: {describe(spec)}{mean}")
     print(f"{result.path}: {n} samples, {result.network.spec.n_weights} weights, "
           f"{result.seconds:.0f} s")  # fmt: skip
     for name, title in (("test", "held-out blocks"), ("test_enabled", "  enabled samples")):

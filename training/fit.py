@@ -17,13 +17,14 @@ from monitor.model import from_model_units
 from monitor.model_card import ModelCard, TrainingRecording
 from monitor.types import FloatArray
 from training import metrics
+from training.committee import committee
 from training.export import Network, save
 from training.narx import Spec
 from training.parity import parity
 from training.prepare import Prepared, Role, prepare
 from training.stability import CONTRACTION_SAMPLES, Contraction, contraction
-from training.stages import Trained, free_run, train
-from training.structure import Search, Structure, Try
+from training.stages import Trained, free_run, free_run_score, train
+from training.structure import LEAST_GAIN, Search, Structure, Try
 
 if TYPE_CHECKING:
     from training.recordings import Recording
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 PARITY_SAMPLES = 3000
 SEARCH_SHARE = 0.4  # of the budget goes into the choice of memory and size
 SHORT_SAMPLES, ROTATIONS = 5000, 4  # shorter recordings choose by several sets of held-out blocks
+MOST_MEMBERS = 3  # of a committee
 STARTS, STARTS_SHORT = 3, 8  # trainings from other random weights
 SAMPLES_PER_WEIGHT = 10  # fewer than this and the network overfits, whatever one does
 
@@ -54,7 +56,7 @@ class FitResult:
     network: Network
     data: Prepared
     starts: tuple[Trained, ...]
-    best: int  # which start
+    best: int  # which start, or committee of starts
     predicted: FloatArray  # (n,) free run over data.samples in model units, NaN at the beginnings
     held_out: tuple[HeldOut, ...]
     tries: tuple[Try, ...]  # structures that the data chose from, none if the shape was given
@@ -114,13 +116,14 @@ def fit(
         starts = STARTS_SHORT if len(data.role) < SHORT_SAMPLES else STARTS
     jobs = [(index, *shape) for shape in shapes for index in range(starts)]
     trained = _train_all(data, jobs, seed, began + 60.0 * budget_minutes, threads, progress)
+    trained = (*trained, *_committees(data, trained)) if tries else trained
     best, gap = _choose(data, trained, seed)
     if not np.isfinite(trained[best].score):
         raise UsageError(f"the budget of {budget_minutes:g} min ended before the first epoch")
     warnings += _training_warnings(trained, gap, output)
     spec, weights = trained[best].spec, trained[best].weights
     predicted = data.scaling.unscale_y(free_run(data, spec, weights))
-    network, card = write_model(out, data, spec, weights, predicted, gap)
+    network, card = write_model(out, data, spec, weights, predicted, gap, trained[best].members)
     warnings += _parity_warnings(card)
     return FitResult(
         Path(out), card, network, data, trained, best, predicted, held_out(data),
@@ -149,11 +152,12 @@ def _train_all(
 
 def write_model(
     out: Path | str, data: Prepared, spec: Spec, weights: FloatArray, predicted: FloatArray,
-    gap: Contraction,
+    gap: Contraction, members: int = 1,
 ) -> tuple[Network, ModelCard]:  # fmt: skip
     """Write trained weights as a model file, its parity proved; return what stands in it.
 
     predicted : (n,) free run over ``data.samples`` in model units, for the card's measures
+    members : trainings whose mean it is, for the card
     Raises ModelError if ONNX, torch and numpy disagree.
     """
     network = Network(spec, weights, data.scaling, data.transform, data.transforms, data.names)
@@ -161,9 +165,9 @@ def write_model(
         "contraction": {"gap": gap.gap, "samples": CONTRACTION_SAMPLES, "pairs": gap.pairs,
                         "limit": gap.limit},
     }  # fmt: skip
-    save(out, network, _card(data, network, predicted, checks))
+    save(out, network, _card(data, network, predicted, checks, members))
     checks["parity"] = _parity(out, network, data)
-    card = _card(data, network, predicted, checks)
+    card = _card(data, network, predicted, checks, members)
     save(out, network, card)
     return network, card
 
@@ -214,6 +218,22 @@ def measures(data: Prepared, predicted: FloatArray, rows: np.ndarray) -> dict[st
     }
 
 
+def _committees(data: Prepared, trained: Sequence[Trained]) -> list[Trained]:
+    """Return the means of the two, three ... best trainings of each shape.
+
+    The score of a committee is raised by what a larger model must be better.
+    """
+    found = []
+    for spec in dict.fromkeys(t.spec for t in trained):
+        same = [t for t in trained if t.spec == spec and np.isfinite(t.score)]
+        same.sort(key=lambda t: t.score)
+        for count in range(2, min(len(same), MOST_MEMBERS) + 1):
+            wide, weights = committee(spec, [t.weights for t in same[:count]])
+            score = free_run_score(data, wide, weights)
+            found.append(Trained(wide, weights, score / (1 - LEAST_GAIN), members=count))
+    return found
+
+
 def _choose(data: Prepared, trained: Sequence[Trained], seed: int) -> tuple[int, Contraction]:
     """Return the best start; a lambda that forgets its history comes before one that does not."""
     gaps = [contraction(data, t.spec, t.weights, seed) for t in trained]
@@ -242,9 +262,10 @@ def _training_warnings(trained: Sequence[Trained], gap: Contraction, output: str
             f"predictions from two histories differ by up to {gap.gap:.3g} after "
             f"{CONTRACTION_SAMPLES} samples (limit {gap.limit:.3g})"
         )
-    cut = sum(t.stages[-1].stop == "budget" if t.stages else True for t in trained)
+    begun = [t for t in trained if t.members == 1]
+    cut = sum(t.stages[-1].stop == "budget" if t.stages else True for t in begun)
     if cut:
-        warnings.append(f"the budget ended {cut} of {len(trained)} starts before their last stage")
+        warnings.append(f"the budget ended {cut} of {len(begun)} starts before their last stage")
     return warnings
 
 
@@ -273,8 +294,9 @@ def _parity(out: Path | str, network: Network, data: Prepared) -> dict[str, floa
 
 
 def _card(
-    data: Prepared, network: Network, predicted: FloatArray, checks: Mapping[str, Any]
-) -> ModelCard:
+    data: Prepared, network: Network, predicted: FloatArray, checks: Mapping[str, Any],
+    members: int,
+) -> ModelCard:  # fmt: skip
     test = data.role == Role.TEST
     everything = measures(data, predicted, test)
     enabled = measures(data, predicted, test & data.enabled)
@@ -303,6 +325,7 @@ def _card(
         structure={
             "input_boxes": [list(box) for box in network.spec.boxes],
             "output_lags": network.spec.lags, "linear_path": network.spec.linear_path,
+            "members": members,
         },
         fit={"test": everything, "test_enabled": enabled},
         checks=dict(checks),

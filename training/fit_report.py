@@ -1,5 +1,6 @@
 """A self-contained HTML report of one training."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -41,7 +42,8 @@ def _overview(result: FitResult) -> str:
         ("shape", describe(spec)),
         ("weights", str(spec.n_weights)),
         ("samples", f"{len(result.data.role)} of {len(card.recordings)} recordings"),
-        ("time", f"{result.seconds:.0f} s for {len(result.starts)} starts"),
+        ("time", f"{result.seconds:.0f} s for {sum(t.members == 1 for t in result.starts)} starts"),
+        ("trainings it is the mean of", str(result.starts[result.best].members)),
         ("two histories after 50 samples",
          f"differ by at most {stability['gap']:.2g} (limit {stability['limit']:.2g})"),
         ("ONNX against numpy, free run",
@@ -66,7 +68,9 @@ def _tries(result: FitResult) -> str:
         )
         for t in ordered
     ]  # fmt: skip
-    chosen = [t.structure.spec(result.data) == spec for t in ordered].index(True)
+    members = result.starts[result.best].members
+    one = replace(spec, hidden=tuple(n // members for n in spec.hidden))
+    chosen = [t.structure.spec(result.data) == one for t in ordered].index(True)
     text = paragraph(
         "Each was trained shortly. A larger structure had to be better by more than its "
         "uncertainty, so the first row need not be the choice.", "note",

@@ -53,6 +53,7 @@ class Trained:
     weights: FloatArray
     score: float  # free-run validation, mean of the blocks' RMSE, scaled and weighted
     stages: list[Stage] = field(default_factory=list)
+    members: int = 1  # of a committee, which has no stages of its own
 
 
 def measured_history(data: Prepared, lags: int, start: IntArray) -> FloatArray:

@@ -17,6 +17,7 @@ from monitor import config
 from monitor.errors import RecordingError, UsageError
 from monitor.model_card import ModelCard
 from monitor.types import FloatArray
+from training.committee import committee
 from training.export import update_card
 from training.fit import FitResult, fit, held_out, measures, write_model
 from training.limits import MANY_WINDOWS, set_limits
@@ -62,20 +63,23 @@ def free_structure(task: Task) -> dict[str, Any]:
 
 
 def _free_dict(task: Task, result: FitResult) -> dict[str, Any]:
-    spec, best = result.network.spec, result.starts[result.best]
-    before = [t for t in result.starts[: result.best] if t.spec == spec]
-    seed = task.settings.seed + 1000 * len(before)  # of the same initial weights
+    spec, members = result.network.spec, result.starts[result.best].members
+    one = replace(spec, hidden=tuple(n // members for n in spec.hidden))  # of a committee
+    same = [t for t in result.starts if t.spec == one and t.members == 1]
+    best = min(same, key=lambda t: t.score)
+    seed = task.settings.seed + 1000 * same.index(best)  # of the same initial weights
     limit = 60.0 * max(task.settings.budget_minutes, 0.1) / 5
-    one_step = train(task.data, spec, seed, time.monotonic() + limit, horizons=())
+    one_step = train(task.data, one, seed, time.monotonic() + limit, horizons=())
     tries = sorted(result.tries, key=lambda t: t.rmse)
     tables = {
-        "structure": describe(spec), "n_weights": spec.n_weights, "seconds": result.seconds,
+        "structure": describe(spec), "members": members, "n_weights": spec.n_weights, "seconds": result.seconds,
         "warnings": list(result.warnings), "stage": _best_stage(best.stages),
         "starts": [t.score for t in result.starts],
         "tries": [{**asdict(t.structure), "n_weights": t.n_weights, "rmse": t.rmse}
                   for t in tries],
     }  # fmt: skip
-    first = one_step.weights.tolist() if one_step.stages else None
+    widened = committee(one, members * [one_step.weights])[1]  # the same network, as wide
+    first = widened.tolist() if one_step.stages else None
     weights = {"spec": asdict(spec), "weights": result.network.weights.tolist(),
                "one_step_weights": first}  # fmt: skip
     return plain(tables) | weights
