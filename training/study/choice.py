@@ -72,7 +72,8 @@ def _free_dict(task: Task, result: FitResult) -> dict[str, Any]:
     one_step = train(task.data, one, seed, time.monotonic() + limit, horizons=())
     tries = sorted(result.tries, key=lambda t: t.rmse)
     tables = {
-        "structure": describe(spec), "members": members, "n_weights": spec.n_weights, "seconds": result.seconds,
+        "structure": describe(spec), "members": members, "n_weights": spec.n_weights,
+        "seconds": result.seconds,
         "warnings": list(result.warnings), "stage": _best_stage(best.stages),
         "starts": [t.score for t in result.starts],
         "tries": [{**asdict(t.structure), "n_weights": t.n_weights, "rmse": t.rmse}
