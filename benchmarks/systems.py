@@ -165,11 +165,11 @@ def main() -> None:
             metrics.fit_percent(y[WASHOUT:], arx.simulate(u[:, None], y[:WASHOUT])[WASHOUT:])
             for u, y in test
         ]
+        fits = [" / ".join(f"{value:.1f}" for value in values)
+                for values in ([r["fit_percent"] for r in narx], linear)]  # fmt: skip
         print(
-            f"| {name} | {sum(len(y) for _, y in train)} | "
-            f"{' / '.join(f'{r["fit_percent"]:.1f}' for r in narx)} | "
-            f"{' / '.join(f'{value:.1f}' for value in linear)} | {result.seconds:.0f} | "
-            f"{describe(result.network.spec)} |",
+            f"| {name} | {sum(len(y) for _, y in train)} | {' | '.join(fits)} | "
+            f"{result.seconds:.0f} | {describe(result.network.spec)} |",
             flush=True,
         )
 
