@@ -1,0 +1,236 @@
+"""What the streaming pipeline costs, split by stage, beside its targets.
+
+Replays a recording of replay_logs (simulated) with the shipped model. A stage is timed alone, over
+the whole drive, on what the stage before it gives it; figures are medians of repeats, in
+microseconds of processor time. In every repeat each stage has its turn.
+"""
+
+import argparse
+import math
+import statistics
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter, process_time
+
+import numpy as np
+
+from monitor import config, enable, hypotheses
+from monitor import replay as o2mon_replay
+from monitor.assemble import Assembler
+from monitor.dtc import DtcStore
+from monitor.evaluate import ResponseRule
+from monitor.hypotheses import SensorBank
+from monitor.pipeline import FramePipeline, Tick, WindowJudged
+from monitor.plausibility import Plausibility
+from monitor.residual import oriented
+from monitor.sources import read_frames
+from monitor.types import FloatArray, Frame, Sample
+from monitor.window import Window
+
+ROOT = Path(__file__).resolve().parent.parent
+LOG = ROOT / "replay_logs" / "healthy_wltc_3b_v101_s101.blf"
+US = 1e6
+TARGETS_US = {"decode and assemble": 1.2, "whole sample": 20.0, "whole window": 200.0}
+
+Stage = Callable[[], float]  # one run: seconds per unit
+
+
+@dataclass(frozen=True, slots=True)
+class Bench:
+    """One drive, cut into what each stage takes."""
+
+    setup: o2mon_replay.Setup
+    frames: list[Frame]  # those that carry a needed signal
+    samples: list[Sample]
+    inputs: list[FloatArray]  # of the model, where all are valid
+    predicted: list[float]  # output's unit
+    windows: list[Window]
+
+    @classmethod
+    def of(cls, path: Path) -> "Bench":
+        setup = o2mon_replay.set_up(None, (), config.load())
+        pipeline = FramePipeline(setup.bus_map, setup.model, setup.limits, setup.config, DtcStore())
+        needed = set(pipeline.decoder.identifiers)
+        frames = [f for f in read_frames(path) if (f.can_id, f.is_extended) in needed]
+        events = [event for frame in frames for event in pipeline.push(frame)]
+        ticks = [event for event in events if isinstance(event, Tick)]
+        order = [pipeline.monitor.names.index(name) for name in setup.model.card.input_names]
+        return cls(
+            setup,
+            frames,
+            [tick.sample for tick in ticks],
+            [t.sample.values[order] for t in ticks if math.isfinite(t.predicted)],
+            [t.predicted for t in ticks if math.isfinite(t.predicted)],
+            [event.window for event in events if isinstance(event, WindowJudged)],
+        )
+
+    def pipeline(self) -> FramePipeline:
+        setup = self.setup
+        return FramePipeline(setup.bus_map, setup.model, setup.limits, setup.config, DtcStore())
+
+    @property
+    def period_s(self) -> float:
+        return self.setup.model.card.period_ns * 1e-9
+
+    def decode(self) -> float:
+        push = self.pipeline().decoder.push
+        start = process_time()
+        for frame in self.frames:
+            push(frame)
+        return (process_time() - start) / len(self.frames)
+
+    def decode_and_assemble(self) -> float:
+        samples = self.pipeline().samples
+        start = process_time()
+        for frame in self.frames:
+            samples(frame)
+        return (process_time() - start) / len(self.frames)
+
+    def assemble(self) -> float:
+        decoder = self.pipeline().decoder
+        updates = [(frame.t_ns, decoder.push(frame)) for frame in self.frames]
+        push = Assembler.of(decoder, self.setup.model.card.period_ns).push
+        start = process_time()
+        for t_ns, update in updates:
+            push(t_ns, update)
+        return (process_time() - start) / len(self.frames)
+
+    def conditions(self) -> float:
+        names = self.pipeline().monitor.names
+        step = enable.Enable.of(self.setup.config.enable, names, self.setup.model.card).step
+        return _per_call(step, self.samples)
+
+    def plausibility(self) -> float:
+        names, output = self.pipeline().monitor.names, self.setup.model.card.output.name
+        step = Plausibility(self.setup.config.plausibility, names, output, self.period_s).step
+        return _per_call(step, self.samples)
+
+    def model(self) -> float:
+        self.setup.model.reset(self.inputs[0])
+        return _per_call(self.setup.model.step, self.inputs)
+
+    def bank(self) -> float:
+        push = SensorBank(hypotheses.build(self.setup.config.response), self.period_s).push
+        values = [oriented(value, self.setup.model.card.transform) for value in self.predicted]
+        return _per_call(push, values)
+
+    def response(self) -> float:
+        """Return the response rule's share of a window."""
+        limits, response = self.setup.limits, self.setup.config.response
+        bank = hypotheses.build(response)
+        rule = ResponseRule(response, bank, limits.noise, limits.excitation, self.period_s)
+        pairs = [(1.0 / window.measured, window.bank) for window in self.windows]
+        start = process_time()
+        for measured, read in pairs:
+            rule.judge(measured, read)
+        return (process_time() - start) / len(pairs)
+
+    def sample_and_window(self) -> tuple[float, float]:
+        """Return seconds of a sample that completes no window, and what one adds to it.
+
+        Single samples are too short for the processor's clock, so this is by the wall clock, and
+        the median, which other work on the machine hardly moves.
+        """
+        push = self.pipeline().monitor.push
+        took: dict[bool, list[float]] = {False: [], True: []}
+        for sample in self.samples:
+            start = perf_counter()
+            events = list(push(sample))
+            seconds = perf_counter() - start
+            took[any(type(event) is WindowJudged for event in events)].append(seconds)
+        usual, judged = (statistics.median(took[key]) for key in (False, True))
+        return usual, judged - usual
+
+    def all_samples(self) -> float:
+        """Return seconds per sample, windows included."""
+        push = self.pipeline().monitor.push
+        start = process_time()
+        for sample in self.samples:
+            for _ in push(sample):
+                pass
+        return (process_time() - start) / len(self.samples)
+
+
+def _per_call(call: Callable[..., object], arguments: Sequence[object]) -> float:
+    start = process_time()
+    for argument in arguments:
+        call(argument)
+    return (process_time() - start) / len(arguments)
+
+
+def measure(bench: Bench, repeats: int) -> dict[str, float]:
+    """Return the median microseconds of each stage."""
+    stages: dict[str, Stage] = {
+        "decode": bench.decode,
+        "assemble": bench.assemble,
+        "decode and assemble": bench.decode_and_assemble,
+        "enable conditions": bench.conditions,
+        "plausibility": bench.plausibility,
+        "model step": bench.model,
+        "sensor bank": bench.bank,
+        "sample with its share of windows": bench.all_samples,
+        "response rule": bench.response,
+    }
+    found: dict[str, list[float]] = {name: [] for name in stages}
+    whole: list[tuple[float, float]] = []
+    for _ in range(repeats):
+        for name, stage in stages.items():
+            found[name].append(stage())
+        whole.append(bench.sample_and_window())
+    figures = {name: US * statistics.median(seconds) for name, seconds in found.items()}
+    sample, window = (US * float(np.median(column)) for column in zip(*whole, strict=True))
+    figures |= {"whole sample": sample, "whole window": window}
+    parts = ("enable conditions", "plausibility", "model step", "sensor bank")
+    figures["events, debounce, filling of windows"] = sample - sum(figures[name] for name in parts)
+    return figures
+
+
+TABLE = (
+    ("frame that carries a needed signal", ("decode", "assemble", "decode and assemble")),
+    (
+        "sample",
+        (
+            "enable conditions",
+            "plausibility",
+            "model step",
+            "sensor bank",
+            "events, debounce, filling of windows",
+            "whole sample",
+            "sample with its share of windows",
+        ),
+    ),
+    ("window", ("response rule", "whole window")),
+)
+
+
+def table(figures: dict[str, float]) -> list[str]:
+    """Return the lines to print."""
+    lines = [f"{'per':36}{'stage':40}{'us':>8}{'target':>9}"]
+    for unit, stages in TABLE:
+        for stage in stages:
+            target = TARGETS_US.get(stage)
+            wanted = "" if target is None else f"{target:g}"
+            lines.append(f"{unit:36}{stage:40}{figures[stage]:8.2f}{wanted:>9}")
+    return lines
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--log", type=Path, default=LOG, help="a recording of frames")
+    parser.add_argument("--repeats", type=int, default=5)
+    args = parser.parse_args()
+    bench = Bench.of(args.log)
+    if not bench.windows:
+        parser.error(f"{args.log}: no window in it was judged")
+    print(
+        f"{args.log.name}: {len(bench.frames)} needed frames, {len(bench.samples)} samples, "
+        f"{len(bench.windows)} windows; median of {args.repeats}"
+    )
+    print("\n".join(table(measure(bench, args.repeats))))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
