@@ -46,14 +46,21 @@ def _users_part(error: Exception) -> str | None:
 
 def _parser() -> argparse.ArgumentParser:
     from monitor import __version__
-    from training import cli_check, cli_model, cli_recordings, cli_simulate, cli_study
+    from training import (
+        cli_calibrate,
+        cli_check,
+        cli_model,
+        cli_recordings,
+        cli_simulate,
+        cli_study,
+    )
 
     parser = argparse.ArgumentParser(
         prog="o2train", description="Recordings, models and limits for the oxygen sensor monitor."
     )
     parser.add_argument("--version", action="version", version=f"o2train {__version__}")
     commands = parser.add_subparsers(required=True, metavar="command")
-    for module in (cli_simulate, cli_recordings, cli_check, cli_model, cli_study):
+    for module in (cli_simulate, cli_recordings, cli_check, cli_model, cli_calibrate, cli_study):
         module.add_parsers(commands)
     return parser
 
