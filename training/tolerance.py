@@ -6,6 +6,7 @@ is one from drawing whole drives.
 """
 
 import math
+from functools import lru_cache
 
 import numpy as np
 from scipy import stats
@@ -73,9 +74,15 @@ def cluster_bound(alarms: np.ndarray, drives: IntArray, confidence: float = CONF
     _, index = np.unique(drives, return_inverse=True)
     totals = np.bincount(index)
     counts = np.bincount(index, weights=alarms)
-    n = len(totals)
-    drawn = np.random.default_rng(SEED).multinomial(n, np.full(n, 1.0 / n), RESAMPLES)
+    drawn = _drawn(len(totals))
     return float(np.quantile(drawn @ counts / (drawn @ totals), confidence))
+
+
+@lru_cache(maxsize=4)
+def _drawn(n: int) -> FloatArray:
+    """Return how often each of ``n`` drives is drawn, (RESAMPLES, n)."""
+    drawn = np.random.default_rng(SEED).multinomial(n, np.full(n, 1.0 / n), RESAMPLES)
+    return drawn.astype(np.float64)
 
 
 def just_above(value: float) -> float:
