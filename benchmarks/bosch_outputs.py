@@ -22,7 +22,7 @@ from training.evaluate import predict
 from training.fit import fit
 from training.narx import describe
 from training.recordings import Recording, load
-from training.study.arx import choose_arx, fit_arx
+from training.study.linear.arx import choose_arx, fit_arx
 
 OUTPUTS = ("o2_z", "t_exh_manifold_z", "nox_z", "lambda_z")
 INPUTS = ("speed_z", "load_z", "lambda_z", "ignition_angle_z", "fuel_cutoff_z")

@@ -22,7 +22,7 @@ from training.evaluate import evaluate
 from training.fit import fit
 from training.narx import describe
 from training.recordings import Recording
-from training.study.arx import choose_arx
+from training.study.linear.arx import choose_arx
 
 WASHOUT = 50
 Records = list[tuple[np.ndarray, np.ndarray]]  # input (n,), output (n,)

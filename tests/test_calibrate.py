@@ -20,7 +20,7 @@ from training.dyno import vehicle
 from training.dyno.simulate import Experiment
 from training.dyno.write import write
 from training.judge import judge
-from training.paper_limits import Residuals, choose
+from training.paper_limits import Residuals, choose, held_out
 from training.recordings import load
 from training.tolerance import (
     cluster_bound,
@@ -254,6 +254,30 @@ def test_alarms_of_one_odd_drive_widen_the_bound_and_the_limit() -> None:
     assert cluster_bound(alarms, drive) > RATE >= cluster_bound(alarms, alone)
     assert limit > narrow
     assert cluster_bound(scores.ravel() >= limit, drive) <= RATE
+
+
+def test_limits_without_the_drive_in_question_are_those_of_the_other_drives() -> None:
+    # GIVEN an odd healthy drive, which cannot excuse itself
+    rng = np.random.default_rng(15)
+    healthy = residuals(rng, 600, 1.0)
+    odd = np.arange(600) >= 500
+    healthy = Residuals(
+        np.where(odd, 2.0, 1.0) * healthy.mean,
+        np.where(odd, 2.0, 1.0) * healthy.std,
+        np.arange(600) // 100,
+    )
+    faulty = replace(residuals(rng, 200, 2.0), drive=np.arange(200) // 100)
+    # WHEN limits are set without it
+    alarms, found = held_out(healthy, faulty, RATE)
+    without = choose(healthy.of(~odd), faulty, RATE)
+    own = healthy.of(odd).failed(without.j_mu, without.j_sigma)
+    # THEN its windows alarm as the other drives' limits say, more than in the fit
+    assert alarms is not None
+    assert found is not None
+    assert alarms >= own.sum() > RATE * 100
+    assert alarms > choose(healthy, faulty, RATE).alarms
+    assert 0 < found < 200
+    assert held_out(healthy.of(odd), None, RATE) == (None, None)
 
 
 @pytest.mark.parametrize("rate", [0.2, 0.05, 0.01, 0.001])

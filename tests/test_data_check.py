@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from monitor.types import FloatArray, Quality
-from training.check import check
-from training.check_measures import collinear, coverage, excitation, variance_inflation
-from training.check_page import as_page, as_text
+from training.check.check import check
+from training.check.measures import collinear, coverage, excitation, variance_inflation
+from training.check.page import as_page, as_text
 from training.cli import main
 from training.recordings import Recording
 

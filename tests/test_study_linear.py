@@ -14,14 +14,14 @@ from scipy.signal import cont2discrete, dlsim, lfilter
 from monitor.errors import RecordingError, UsageError
 from monitor.types import FloatArray
 from training.metrics import fit_percent
-from training.study.arx import Arx, arx_delays, choose_arx, fit_arx, order_grid
-from training.study.free_run import free_run_error
-from training.study.impulse import impulse_response
-from training.study.lagged import Stretch, triangle
-from training.study.linear import Regime, linear, section
-from training.study.output_error import OutputError, fit_output_error, refine
-from training.study.residual_tests import effective_samples, independence, whiteness
-from training.study.subspace import best_state_space, subspace
+from training.study.linear.arx import Arx, arx_delays, choose_arx, fit_arx, order_grid
+from training.study.linear.baselines import Regime, linear, section
+from training.study.linear.free_run import free_run_error
+from training.study.linear.impulse import impulse_response
+from training.study.linear.lagged import Stretch, triangle
+from training.study.linear.output_error import OutputError, fit_output_error, refine
+from training.study.linear.residual_tests import effective_samples, independence, whiteness
+from training.study.linear.subspace import best_state_space, subspace
 
 RNG = np.random.default_rng
 PERIOD_S = 0.1

@@ -21,8 +21,8 @@ from training.narx import regressors as of_one_segment
 from training.prepare import Prepared, Role, prepare
 from training.recordings import Recording
 from training.stages import free_run_score
-from training.study import parallel
-from training.study.candidates import (
+from training.study.narx import parallel
+from training.study.narx.candidates import (
     ALGORITHMS,
     BAYES,
     CANDIDATES,
@@ -33,7 +33,7 @@ from training.study.candidates import (
     Candidate,
     same_as,
 )
-from training.study.narx_models import (
+from training.study.narx.models import (
     NOT_USED,
     Job,
     figures,
@@ -43,9 +43,9 @@ from training.study.narx_models import (
     thin,
     train_one,
 )
-from training.study.narx_section import section
-from training.study.narx_study import _best, best_model, narx_study
-from training.study.narx_verdicts import judge
+from training.study.narx.page import section
+from training.study.narx.study import _best, best_model, narx_study
+from training.study.narx.verdicts import judge
 
 FEW = (
     Candidate(1, LM, 3, (4,), 0.2, PAPER),
@@ -265,7 +265,7 @@ def test_a_finished_job_is_not_repeated_and_other_settings_are(
 KILLED = """
 import pickle, sys
 from pathlib import Path
-from training.study.narx_study import narx_study
+from training.study.narx.study import narx_study
 data, settings = pickle.loads(Path(sys.argv[1]).read_bytes())
 narx_study(data, Path(sys.argv[2]), jobs=2, **settings)
 """

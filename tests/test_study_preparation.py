@@ -15,9 +15,9 @@ from monitor.types import FloatArray, Quality
 from training.dyno.simulate import Experiment
 from training.dyno.write import write
 from training.recordings import Recording, load
-from training.study.linear_data import Filter, LinearData, Trend
-from training.study.preparation import linear_records, preparation, reasons, section
-from training.study.spectrum import coherence_limit, find_lines, welch
+from training.study.linear.data import Filter, LinearData, Trend
+from training.study.preparation.preparation import linear_records, preparation, reasons, section
+from training.study.preparation.spectrum import coherence_limit, find_lines, welch
 
 BOSCH = ("speed_z", "load_z", "ignition_angle_z", "fuel_cutoff_z")
 

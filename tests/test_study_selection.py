@@ -15,10 +15,10 @@ from training.dyno.simulate import Experiment
 from training.dyno.write import write
 from training.prepare import Role, enabled_rows
 from training.recordings import Recording, load
-from training.study.input_sets import InputSet, aligned, exact_inputs, try_sets
-from training.study.pca import components, pca
-from training.study.selection import CANDIDATES, candidates, section, selection
-from training.study.transparency import estimate_controller
+from training.study.selection.input_sets import InputSet, aligned, exact_inputs, try_sets
+from training.study.selection.pca import components, pca
+from training.study.selection.selection import CANDIDATES, candidates, section, selection
+from training.study.selection.transparency import estimate_controller
 
 STEP_S = 0.01  # of the plant below; recordings have 0.1 s
 DRIVE = Experiment(cycle="micro_trips", seed=4, duration_s=700.0)

@@ -53,8 +53,8 @@ def run(args: argparse.Namespace) -> int:
     """
     from monitor.errors import RecordingError, UsageError
     from monitor.signals import NARX_INPUTS, OUTPUT
-    from training.check import check
-    from training.check_page import as_page, as_text, verdict
+    from training.check.check import check
+    from training.check.page import as_page, as_text, verdict
 
     if min(args.lags, *args.hidden) < 1:
         raise UsageError("--lags and --hidden must be positive")

@@ -25,8 +25,8 @@ from training.narx import Spec, describe, simulate
 from training.prepare import Prepared, Role
 from training.stability import CONTRACTION_SAMPLES, contraction
 from training.stages import blocks_of, free_run, train
-from training.study import parallel
-from training.study.narx_models import from_arrays
+from training.study.narx import parallel
+from training.study.narx.models import from_arrays
 from training.study.task import Settings, Task, as_in_use, judged_on, plain
 
 LEAST_GAIN = 0.01  # of the RMSE: less is no reason for more weights

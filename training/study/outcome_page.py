@@ -5,7 +5,7 @@ from html import escape
 from typing import Any
 
 from training.page import paragraph, picture, table
-from training.study.baselines import beside_table
+from training.study.beside import beside_table
 from training.study.figures import (
     label,
     residual_figure,

@@ -4,18 +4,22 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from training import check_page
+from training.check import page as check_page
 from training.page import page, paragraph, table
-from training.study import linear, narx_section, paper, preparation_page, selection_page
 from training.study import outcome_page as outcome
+from training.study import paper
+from training.study.linear import page as linear_page
+from training.study.narx import page as narx_page
+from training.study.preparation import page as preparation_page
+from training.study.selection import page as selection_page
 
 _HEADING = re.compile(r"<h2>(.*?)</h2>", re.DOTALL)
 _SECTIONS = {
     "check": lambda part: "<h2>Is the data enough?</h2>" + check_page.body(part),
     "preparation": preparation_page.section,
     "selection": selection_page.section,
-    "linear": linear.section,
-    "narx": narx_section.section,
+    "linear": linear_page.section,
+    "narx": narx_page.section,
 }
 _SKIPPED = {
     "preparation": "Preparation", "selection": "Input selection", "linear": "Linear baselines",

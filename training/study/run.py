@@ -14,13 +14,15 @@ from typing import Any
 
 from monitor import __version__
 from monitor.errors import RecordingError, UsageError
-from training import check as checks
-from training.check_page import verdict
+from training.check.check import check
+from training.check.page import verdict
 from training.prepare import ENABLE_COLUMNS
-from training.study import narx_study, preparation, selection
-from training.study.baselines import TITLES, baselines, beside
+from training.study.beside import TITLES, baselines, beside
 from training.study.choice import choose, contenders, free_structure, ship
+from training.study.narx import study as narx_study
+from training.study.preparation.preparation import preparation
 from training.study.report import report
+from training.study.selection.selection import selection
 from training.study.sensor import against_sensor
 from training.study.steady import steady_against_mixed
 from training.study.task import Task, source
@@ -132,7 +134,7 @@ def _data(task: Task) -> dict[str, Any]:
 
 def _check(task: Task, _: Parts) -> dict[str, Any]:
     """Raise RecordingError if the recordings cannot be used at all."""
-    result = checks.check(task.recordings, task.inputs, task.output)
+    result = check(task.recordings, task.inputs, task.output)
     if not result["usable"]:
         first = next(f["text"] for f in result["findings"] if f["level"] == "error")
         raise RecordingError(f"{verdict(result)}; the first: {first}")
@@ -140,12 +142,12 @@ def _check(task: Task, _: Parts) -> dict[str, Any]:
 
 
 def _preparation(task: Task, _: Parts) -> dict[str, Any]:
-    return preparation.preparation(task.recordings, task.inputs, task.output)
+    return preparation(task.recordings, task.inputs, task.output)
 
 
 def _selection(task: Task, _: Parts) -> dict[str, Any]:
     settings = task.settings
-    return selection.selection(
+    return selection(
         task.recordings, task.inputs, task.output, seed=settings.seed,
         budget_minutes=SELECTION_SHARE * settings.budget_minutes,
     )  # fmt: skip

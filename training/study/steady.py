@@ -19,7 +19,7 @@ from training.narx import Spec
 from training.prepare import Prepared, Role, prepare
 from training.recordings import Recording
 from training.stages import Trained, free_run, train
-from training.study.narx_models import thin
+from training.study.narx.models import thin
 from training.study.sensor import in_units, liveliest
 from training.study.task import LAGS, Task, as_in_use, plain, scaled_as, source
 

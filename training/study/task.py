@@ -18,7 +18,7 @@ from training.closed_loop import Samples
 from training.outliers import outlier_mask
 from training.prepare import OTHER_WEIGHT, Prepared, Role, Segment, enabled_rows, prepare, runs
 from training.recordings import Recording
-from training.study.candidates import CANDIDATES, Candidate
+from training.study.narx.candidates import CANDIDATES, Candidate
 
 LAGS = 5  # of the paper; shorter stretches than 8 times these are left out, as in ``fit``
 

@@ -7,9 +7,9 @@ import numpy as np
 
 from monitor.types import FloatArray
 from training.metrics import correlation, fit_percent, rmse
-from training.study.free_run import LinearModel, free_runs
-from training.study.lagged import Stretch
-from training.study.residual_tests import independence, whiteness
+from training.study.linear.free_run import LinearModel, free_runs
+from training.study.linear.lagged import Stretch
+from training.study.linear.residual_tests import independence, whiteness
 
 FIGURE_SAMPLES = 600
 

@@ -21,8 +21,8 @@ from training.metrics import correlation
 from training.narx import Spec, forward, initial_weights
 from training.prepare import Prepared, Role
 from training.stability import contraction
-from training.study.candidates import BAYES, CONJUGATE, LM, Candidate
-from training.study.parallel import Arrays, Done
+from training.study.narx.candidates import BAYES, CONJUGATE, LM, Candidate
+from training.study.narx.parallel import Arrays, Done
 
 BLOCK = 1000  # samples of a block that is kept or left out as a whole
 ENOUGH = 50  # enabled samples of every role, for figures on them

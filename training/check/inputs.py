@@ -8,10 +8,10 @@ import numpy as np
 from monitor.model import to_model_units
 from monitor.signals import NARX_INPUTS
 from monitor.types import FloatArray
-from training import check_measures as measures
-from training.check_samples import Finding, Usable
+from training.check import measures
+from training.check.samples import Finding, Usable
 from training.recordings import Recording
-from training.study.linear_data import output_transform
+from training.study.linear.data import output_transform
 
 MOVES = 20  # an input that changes less often shows its effect in a few places only
 COVERED = 0.5  # of the cells of speed and load; the regulatory cycles each visit 0.7 and more

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from training.page import paragraph, picture, table
-from training.study.linear_figures import (
+from training.study.linear.figures import (
     TITLES,
     Result,
     correlations,

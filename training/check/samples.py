@@ -11,7 +11,7 @@ from training.narx import Spec
 from training.outliers import outlier_mask
 from training.prepare import BLOCK_S, ENABLE_COLUMNS, GROUP, enabled_rows, runs
 from training.recordings import Recording
-from training.study.linear_data import output_transform
+from training.study.linear.data import output_transform
 
 SHORTEST_STRETCH = 8  # times the lags: what training.prepare uses at all
 SAMPLES_PER_WEIGHT = 10  # fewer and the network overfits

@@ -8,9 +8,9 @@ import numpy as np
 
 from training.page import paragraph, table
 from training.stability import CONTRACTION_SAMPLES
-from training.study.candidates import PAPER
-from training.study.narx_figures import ROLES, correlation_figure, free_run_figure
-from training.study.narx_verdicts import correlations, errors
+from training.study.narx.candidates import PAPER
+from training.study.narx.figures import ROLES, correlation_figure, free_run_figure
+from training.study.narx.verdicts import correlations, errors
 
 STOPS = {
     "validation": "validation",

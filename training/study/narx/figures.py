@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from training.page import picture
-from training.study.candidates import ALGORITHMS, BAYES, DESCENT
-from training.study.narx_verdicts import correlations, errors
+from training.study.narx.candidates import ALGORITHMS, BAYES, DESCENT
+from training.study.narx.verdicts import correlations, errors
 
 ROLES = {"train": "training", "validate": "validation", "test": "test"}
 ROLE_COLOURS = {"train": "#1f5fa8", "validate": "#c2571a", "test": "#3b8a4e"}

@@ -23,7 +23,7 @@ from training.narx import simulate
 from training.prepare import CONTROLLER, Role, enabled_rows, runs
 from training.recordings import Recording
 from training.stages import measured_history
-from training.study.input_sets import Tried, exact_inputs
+from training.study.selection.input_sets import Tried, exact_inputs
 
 COMMAND = "lambda_target"
 TAPS = 5  # past samples of the mixture that the controller's law may use

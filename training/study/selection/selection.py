@@ -8,10 +8,11 @@ import numpy as np
 from monitor.errors import RecordingError, UsageError
 from monitor.manifest import source_of
 from monitor.types import FloatArray
-from training.check_measures import variance_inflation
+from training.check.measures import variance_inflation
 from training.prepare import CONTROLLER, runs
 from training.recordings import Recording
-from training.study.input_sets import (
+from training.study.linear.data import cleaned, output_transform
+from training.study.selection.input_sets import (
     NEGLIGIBLE,
     InputSet,
     Tried,
@@ -21,10 +22,9 @@ from training.study.input_sets import (
     scored_rows,
     try_sets,
 )
-from training.study.linear_data import cleaned, output_transform
-from training.study.pca import pca
-from training.study.selection_page import section
-from training.study.transparency import transparency
+from training.study.selection.page import section
+from training.study.selection.pca import pca
+from training.study.selection.transparency import transparency
 
 __all__ = ["CANDIDATES", "candidates", "section", "selection"]
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from monitor.errors import RecordingError, UsageError
 from monitor.types import FloatArray
-from training.study.arx import (
+from training.study.linear.arx import (
     FREE_RUN_DELAYS,
     GRID_DELAYS,
     MAX_ORDER,
@@ -21,13 +21,13 @@ from training.study.arx import (
     order_grid,
     solve_arx,
 )
-from training.study.free_run import LinearModel
-from training.study.impulse import impulse_response
-from training.study.lagged import Stretch, Triangle, checked, largest_order, triangle
-from training.study.linear_report import section
-from training.study.linear_scores import example, plain, residuals, scores
-from training.study.output_error import fit_output_error
-from training.study.subspace import Subspace, best_state_space, subspace
+from training.study.linear.free_run import LinearModel
+from training.study.linear.impulse import impulse_response
+from training.study.linear.lagged import Stretch, Triangle, checked, largest_order, triangle
+from training.study.linear.output_error import fit_output_error
+from training.study.linear.page import section
+from training.study.linear.scores import example, plain, residuals, scores
+from training.study.linear.subspace import Subspace, best_state_space, subspace
 
 __all__ = ["Regime", "linear", "section"]
 

@@ -7,7 +7,7 @@ import numpy as np
 from scipy import linalg
 
 from monitor.types import FloatArray
-from training.study.spectrum import welch
+from training.study.preparation.spectrum import welch
 
 MOVING = 0.001  # of the span: a sample that differs so much from the one before moves
 PE_CONDITION = 1e10  # directions weaker by this in power (1e5 in size) drown in 16-bit rounding

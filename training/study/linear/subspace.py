@@ -19,9 +19,9 @@ from numba import njit
 from scipy.signal import ss2tf
 
 from monitor.types import FloatArray
-from training.study.arx import Arx
-from training.study.free_run import free_run_error
-from training.study.lagged import Stretch, Triangle
+from training.study.linear.arx import Arx
+from training.study.linear.free_run import free_run_error
+from training.study.linear.lagged import Stretch, Triangle
 
 
 @dataclass(frozen=True, slots=True)

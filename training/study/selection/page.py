@@ -6,7 +6,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from training.page import paragraph, picture, table
-from training.study.pca import biplot_figure, control_figure, scree_figure
+from training.study.selection.pca import biplot_figure, control_figure, scree_figure
 
 LARGE_INFLATION = 10.0  # the other variables explain 90 % of it
 VERDICTS = {

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from monitor.manifest import source_of
-from training.check_inputs import copies, covered, excited
-from training.check_samples import Finding, closed_loop, enough, usable
+from training.check.inputs import copies, covered, excited
+from training.check.samples import Finding, closed_loop, enough, usable
 from training.recordings import Recording
 
 SCHEMA = "o2train.check/1"

@@ -18,9 +18,9 @@ from monitor.manifest import source_of
 from monitor.types import FloatArray
 from training.narx import Spec
 from training.prepare import Prepared, Role
-from training.study import parallel
-from training.study.candidates import BAYES, CANDIDATES, LM, Candidate, same_as
-from training.study.narx_models import (
+from training.study.narx import parallel
+from training.study.narx.candidates import BAYES, CANDIDATES, LM, Candidate, same_as
+from training.study.narx.models import (
     HORIZONS,
     Job,
     from_arrays,
@@ -29,7 +29,7 @@ from training.study.narx_models import (
     train_one,
     tune_one,
 )
-from training.study.narx_verdicts import findings, judge, rules, warnings
+from training.study.narx.verdicts import findings, judge, rules, warnings
 
 VERSION = 1  # of what a job does; stored jobs of another version are not reused
 SEED_STEP = 1000  # between starts, as in ``fit``

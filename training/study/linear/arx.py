@@ -12,8 +12,8 @@ from scipy.linalg import cholesky, solve_triangular
 from scipy.signal import lfilter, lfiltic
 
 from monitor.types import FloatArray
-from training.study.free_run import free_run_error
-from training.study.lagged import Stretch, Triangle, largest_order, triangle
+from training.study.linear.free_run import free_run_error
+from training.study.linear.lagged import Stretch, Triangle, largest_order, triangle
 
 MAX_ORDER = 20
 MAX_DELAY = 20  # DESIGN: dead times 0 to 20

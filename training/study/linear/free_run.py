@@ -6,7 +6,7 @@ from typing import Protocol
 import numpy as np
 
 from monitor.types import FloatArray
-from training.study.lagged import Stretch
+from training.study.linear.lagged import Stretch
 
 
 class LinearModel(Protocol):

@@ -12,9 +12,9 @@ from training.narx import Spec
 from training.page import paragraph, table
 from training.prepare import Role, runs
 from training.stages import free_run
-from training.study.lagged import Stretch as Pair
-from training.study.linear import Regime, linear
-from training.study.linear_data import LinearData, Stretch, linear_stretches
+from training.study.linear.baselines import Regime, linear
+from training.study.linear.data import LinearData, Stretch, linear_stretches
+from training.study.linear.lagged import Stretch as Pair
 from training.study.task import Task, judged_on, plain
 
 SPEEDS = ("engine_speed_rpm", "speed_z")

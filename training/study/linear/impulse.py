@@ -8,8 +8,8 @@ from scipy.signal import lfilter
 from scipy.stats import norm
 
 from monitor.types import FloatArray
-from training.study.lagged import Stretch, triangle
-from training.study.residual_tests import autocorrelation, effective_samples
+from training.study.linear.lagged import Stretch, triangle
+from training.study.linear.residual_tests import autocorrelation, effective_samples
 
 LEVEL = 0.01  # bands hold 99 %
 NOISE_ORDER = 10

@@ -13,7 +13,7 @@ from monitor.types import FloatArray, Quality
 from training.outliers import outlier_mask
 from training.prepare import enabled_rows, runs
 from training.recordings import Recording
-from training.study.linear_data import (
+from training.study.linear.data import (
     Filter,
     LinearData,
     cleaned,
@@ -21,8 +21,15 @@ from training.study.linear_data import (
     linear_stretches,
     output_transform,
 )
-from training.study.preparation_page import section
-from training.study.spectrum import Line, Spectrum, background, coherence_limit, find_lines, welch
+from training.study.preparation.page import section
+from training.study.preparation.spectrum import (
+    Line,
+    Spectrum,
+    background,
+    coherence_limit,
+    find_lines,
+    welch,
+)
 
 __all__ = ["Filter", "LinearData", "linear_records", "linear_stretches", "preparation", "section"]
 

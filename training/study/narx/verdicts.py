@@ -12,7 +12,7 @@ from scipy.stats import spearmanr
 
 from monitor.types import FloatArray
 from training.prepare import Prepared, Role
-from training.study.candidates import ALGORITHMS
+from training.study.narx.candidates import ALGORITHMS
 
 UNDER = 1.25  # times the lowest training error
 OVER = 1.1  # times the held-out to training ratio of the model with the fewest weights

@@ -16,9 +16,9 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.signal import lfilter
 
 from monitor.types import FloatArray
-from training.study.arx import Arx, fit_arx
-from training.study.free_run import free_run_error
-from training.study.lagged import Stretch
+from training.study.linear.arx import Arx, fit_arx
+from training.study.linear.free_run import free_run_error
+from training.study.linear.lagged import Stretch
 
 LARGEST_POLE = 0.9999
 SEARCH_SAMPLES = 30_000  # of the training samples while orders and starts are compared

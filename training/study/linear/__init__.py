@@ -1,0 +1,1 @@
+"""Linear baselines: impulse response, ARX, state space, output error, residual tests."""

@@ -1,0 +1,1 @@
+"""Preparation: outliers, spectra and noise lines."""

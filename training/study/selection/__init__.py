@@ -1,0 +1,1 @@
+"""Input selection: principal components, free runs of input sets, transparency."""
