@@ -20,7 +20,7 @@ from monitor.model_card import Limit, ModelCard
 from monitor.pipeline import WindowJudged
 from training.judge import judge
 from training.limits import NO_LIMITS, limits_of
-from training.paper_limits import PaperLimits, Residuals, choose
+from training.paper_limits import PaperLimits, Residuals, choose, held_out
 from training.recordings import Recording, sha256
 from training.tolerance import CONFIDENCE, rate_bounds
 
@@ -56,7 +56,9 @@ def calibrate(
     good, bad = (
         [judge(r, model, NO_LIMITS, config).windows for r in drives] for drives in (healthy, faulty)
     )
-    chosen = choose(_residuals(good), _residuals(bad) if any(bad) else None, rate)
+    seen, seen_bad = _residuals(good), _residuals(bad) if any(bad) else None
+    chosen = choose(seen, seen_bad, rate)
+    alarms, found = held_out(seen, seen_bad, rate)
     card = _with_limits(model.card, good, bad, chosen, rate, config)
     limits = Limits.from_card(card, config, str(path))
     return card, {
@@ -67,10 +69,10 @@ def calibrate(
         "confidence": CONFIDENCE,
         "simulated": any(_entry(r).get("source") == "simulated" for r in (*healthy, *faulty)),
         "limits": [_changed(name, card, model.card) for name in card.limits],
-        "false_alarms": _false_alarms(chosen, len(healthy)),
+        "false_alarms": _false_alarms(chosen, len(healthy)) | {"held_out": alarms},
         "healthy": [_row(*each, model, limits, config) for each in zip(healthy, good, strict=True)],
         "faulty": [_row(*each, model, limits, config) for each in zip(faulty, bad, strict=True)],
-        "detection": _detection(bad, limits),
+        "detection": _detection(bad, limits, found),
         "warnings": _warnings(model.card, healthy, good, faulty, bad),
     }
 
@@ -191,7 +193,7 @@ def _short(value: float) -> float:
     return float(f"{value:.5g}")
 
 
-def _detection(bad: Drives, limits: Limits) -> dict[str, Any] | None:
+def _detection(bad: Drives, limits: Limits, found: int | None) -> dict[str, Any] | None:
     """Return what the paper's rule finds of all faulty windows, None if there are none."""
     seen = _residuals(bad)
     n = len(seen.mean)
@@ -199,7 +201,8 @@ def _detection(bad: Drives, limits: Limits) -> dict[str, Any] | None:
         return None
     failed = int(seen.failed(limits.j_mu, limits.j_sigma).sum())
     low, high = rate_bounds(failed, n)
-    return {"windows": n, "failed": failed, "share": failed / n, "low": low, "high": high}
+    shares = {"failed": failed, "share": failed / n, "low": low, "high": high}
+    return {"windows": n, **shares, "held_out": found}
 
 
 def _warnings(

@@ -35,11 +35,21 @@ def sentence(result: dict[str, Any]) -> str:
     f = result["false_alarms"]
     simulated = " (simulated recordings among them)" if result["simulated"] else ""
     return (
-        f"wanted: at most {result['false_alarms_wanted']:g} false alarms of the paper's rule per "
-        f"window. {f['alarms']} of {f['windows']} healthy windows of {f['drives']} drive(s) "
-        f"alarm{simulated}; upper 95 % bound {f['bound']:.3g} if windows are independent "
+        f"Wanted: at most {result['false_alarms_wanted']:g} false alarms of the paper's rule per "
+        f"window. Of {f['windows']} healthy windows in {f['drives']} drive(s){simulated} "
+        f"{f['alarms']} alarm; upper 95 % bound {f['bound']:.3g} if windows are independent "
         f"(Clopper and Pearson, the choice of the pair paid for), {f['bound_drives']:.3g} drawing "
-        "whole drives (bootstrap)"
+        f"whole drives (bootstrap). {held_out(f['held_out'], f['windows'])}"
+    )
+
+
+def held_out(failed: int | None, windows: int) -> str:
+    """Return in words what limits say of drives that did not set them."""
+    if failed is None:
+        return "The drives are too few to set limits without one of them."
+    return (
+        f"With limits set without the drive in question, {failed} of {windows} windows fail, "
+        f"{100 * failed / windows:.2g} %."
     )
 
 
@@ -47,9 +57,10 @@ def detection(result: dict[str, Any]) -> str:
     """Return the detection in words."""
     d = result["detection"]
     return (
-        f"the paper's rule finds {d['failed']} of {d['windows']} faulty windows, "
+        f"The paper's rule finds {d['failed']} of {d['windows']} faulty windows, "
         f"{100 * d['share']:.1f} % (95 % bounds {100 * d['low']:.1f} to {100 * d['high']:.1f} % "
-        "if windows are independent); the limits were chosen on these windows"
+        "if windows are independent); the limits were chosen on these windows. "
+        f"{held_out(d['held_out'], d['windows'])}"
     )
 
 
@@ -71,13 +82,14 @@ def as_page(result: dict[str, Any]) -> str:
     rows = [
         (
             limit["name"],
-            f"{limit['value']:.4g} {limit['unit']}",
+            f"{limit['value']:.4g}",
+            limit["unit"],
             "-" if limit["before"] is None else f"{limit['before']:.4g}",
             limit["origin"],
         )
         for limit in result["limits"]
     ]
-    body += ["<h2>Limits</h2>", table(rows, ("limit", "value", "before", "origin"))]
+    body += ["<h2>Limits</h2>", table(rows, ("limit", "value", "unit", "before", "origin"))]
     body += ["<h2>Healthy drives</h2>", table([cells(r) for r in result["healthy"]], HEAD)]
     if result["faulty"]:
         body += [
@@ -109,4 +121,4 @@ def _picture(result: dict[str, Any]) -> str:
     axes.set_xlabel(f"|mean of residual| [{unit}]")
     axes.set_ylabel(f"std of residual [{unit}]")
     axes.legend()
-    return picture(figure, "Windows and the two limits; the rule fails what lies above both.")
+    return picture(figure, "Windows and the two limits; the rule fails what lies above and right.")

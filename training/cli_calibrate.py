@@ -19,7 +19,7 @@ _EXAMPLES = """examples:
 
 The rate is that of the paper's rule per window of 50 samples, not per drive: the limits keep it
 with 95 % confidence, both counting windows as independent and drawing whole drives. A rate of 0.01
-needs 299 healthy windows, 516 with --faulty, since the pair of limits is chosen among nine."""
+needs 299 healthy windows, 517 with --faulty, since the pair of limits is chosen among nine."""
 
 
 def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:

@@ -3,10 +3,12 @@
 Source of the rule: Model Based Diagnosis of Oxygen Sensors, section 2.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
+from monitor.errors import RecordingError
 from monitor.types import FloatArray, IntArray
 from training.tolerance import CONFIDENCE, cluster_bound, tolerance_limit, upper_bound
 
@@ -26,6 +28,10 @@ class Residuals:
     def failed(self, j_mu: float, j_sigma: float) -> np.ndarray:
         """Return the paper's verdict on each window, (n,) bool."""
         return (np.abs(self.mean) >= j_mu) & (self.std >= j_sigma)
+
+    def of(self, chosen: np.ndarray) -> "Residuals":
+        """Return some of the windows; ``chosen`` is (n,) bool."""
+        return Residuals(self.mean[chosen], self.std[chosen], self.drive[chosen])
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +62,36 @@ def choose(healthy: Residuals, faulty: Residuals | None, rate: float) -> PaperLi
     pairs = boundary(healthy, faulty, rate, confidence)
     found = [int(faulty.failed(*pair).sum()) for pair in pairs]
     return _with_bounds(healthy, *pairs[int(np.argmax(found))], confidence)
+
+
+def held_out(
+    healthy: Residuals, faulty: Residuals | None, rate: float
+) -> tuple[int | None, int | None]:
+    """Return how many healthy and how many faulty windows fail limits set without their drive.
+
+    None where the other drives are too few to set limits.
+    """
+    alarms = _failed_by_others(healthy, lambda others: choose(others, faulty, rate))
+    if faulty is None:
+        return alarms, None
+    return alarms, _failed_by_others(faulty, lambda others: choose(healthy, others, rate))
+
+
+def _failed_by_others(
+    residuals: Residuals, limits_from: Callable[[Residuals], PaperLimits]
+) -> int | None:
+    numbers = np.unique(residuals.drive)
+    if len(numbers) < 2:
+        return None
+    failed = 0
+    for number in numbers:
+        own = residuals.drive == number
+        try:
+            limits = limits_from(residuals.of(~own))
+        except RecordingError:
+            return None
+        failed += int(residuals.of(own).failed(limits.j_mu, limits.j_sigma).sum())
+    return failed
 
 
 def boundary(
