@@ -125,7 +125,11 @@ def _with_limits(
         f"{chosen.alarms} of {chosen.windows} healthy windows of "
         f"{_count(len(good), 'drive')} alarm, rate at most {chosen.bound:.3g} with "
         f"{100 * CONFIDENCE:g} % confidence if windows are independent, "
-        f"{chosen.bound_drives:.3g} drawing whole drives"
+        + (
+            f"{chosen.bound_drives:.3g} drawing whole drives"
+            if chosen.alarms
+            else "which alone bounds it without an alarm"
+        )
     )
     own = {"j_mu": chosen.j_mu, "j_sigma": chosen.j_sigma}
     for name, value in own.items():

@@ -34,12 +34,19 @@ def sentence(result: dict[str, Any]) -> str:
     """Return the false alarms in words."""
     f = result["false_alarms"]
     simulated = " (simulated recordings among them)" if result["simulated"] else ""
+    paid = (
+        ", the choice of the pair paid for" if f["bound_confidence"] > result["confidence"] else ""
+    )
+    drives = (
+        f"{f['bound_drives']:.3g} drawing whole drives (bootstrap)"
+        if f["alarms"]
+        else "without an alarm drawing whole drives bounds nothing"
+    )
     return (
         f"Wanted: at most {result['false_alarms_wanted']:g} false alarms of the paper's rule per "
         f"window. Of {f['windows']} healthy windows in {f['drives']} drive(s){simulated} "
         f"{f['alarms']} alarm; upper 95 % bound {f['bound']:.3g} if windows are independent "
-        f"(Clopper and Pearson, the choice of the pair paid for), {f['bound_drives']:.3g} drawing "
-        f"whole drives (bootstrap). {held_out(f['held_out'], f['windows'])}"
+        f"(Clopper and Pearson{paid}), {drives}. {held_out(f['held_out'], f['windows'])}"
     )
 
 
