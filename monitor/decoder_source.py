@@ -83,9 +83,9 @@ def decoder_source(members: Sequence[Member]) -> str:
     lines += _branches(members)
     body = "\n".join(f"        {line}" for line in lines)
     return (
-        "def build():\n    last = -1\n"
-        f"    def decode(data):\n        nonlocal last\n{body}\n"
-        "    def reset():\n        nonlocal last\n        last = -1\n"
+        "def build():\n    last = due = -1\n"
+        f"    def decode(data):\n        nonlocal last, due\n{body}\n"
+        "    def reset():\n        nonlocal last, due\n        last = due = -1\n"
         "    return decode, reset\n"
     )
 
@@ -132,11 +132,13 @@ def _counter_check(channel: Channel) -> list[str]:
     mask = (1 << signal.length) - 1
     return [
         f"count = {_raw(channel.message, signal)}",
-        "if count == last:",
-        *_reject(Reason.STUCK),
-        "if last >= 0:",
-        f"    counts[{Reason.LOST:d}] += (count - last - 1) & {mask}",
+        "if count != due:",
+        "    if count == last:",
+        *(f"    {line}" for line in _reject(Reason.STUCK)),
+        "    if last >= 0:",
+        f"        counts[{Reason.LOST:d}] += (count - due) & {mask}",
         "last = count",
+        f"due = (count + 1) & {mask}",
     ]
 
 

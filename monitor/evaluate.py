@@ -5,6 +5,7 @@ which sensor hypothesis, run on the prediction, explains the measurement best, a
 evidence over windows. ``BiasRule`` watches the mean residual.
 """
 
+import math
 from collections import deque
 from dataclasses import dataclass
 from typing import Literal
@@ -13,7 +14,7 @@ import numpy as np
 
 from monitor.config import BiasConfig, ResponseConfig
 from monitor.hypotheses import Hypothesis
-from monitor.types import FloatArray
+from monitor.types import FloatArray, IntArray
 
 Outcome = Literal["passed", "failed", "inconclusive"]
 
@@ -57,6 +58,7 @@ class ResponseRule:
         self._excitation_min = excitation_min
         self._period_s = period_s
         self._faulty = np.array([h.beyond_limit for h in hypotheses])
+        self._faults, self._sound = np.flatnonzero(self._faulty), np.flatnonzero(~self._faulty)
         self.reset()
 
     def reset(self) -> None:
@@ -74,14 +76,14 @@ class ResponseRule:
         bank : (n, n_hypotheses) what each hypothesis reads, column 0 the prediction itself
         """
         n = len(measured)
-        y = measured - measured.mean()
-        x = bank - bank.mean(axis=0)
-        excitation = float(np.sqrt(np.mean(x[:, 0] ** 2)))
+        y = measured - np.add.reduce(measured) / n
+        x = bank - np.add.reduce(bank) / n
+        excitation = math.sqrt(np.add.reduce(x[:, 0] ** 2) / n)
         if ignore or excitation < self._excitation_min:
             return self._report("inconclusive", None, (), excitation)
         sxx = np.einsum("ij,ij->j", x, x)
         sxy = y @ x
-        gain = np.clip(sxy / np.maximum(sxx, 1e-12), 0.0, 1.5)
+        gain = np.minimum(np.maximum(sxy / np.maximum(sxx, 1e-12), 0.0), 1.5)
         sse = y @ y - 2.0 * gain * sxy + gain**2 * sxx
         independent = n * self._period_s / self._config.noise_correlation_s
         log_likelihood = -0.5 * independent * np.log(np.maximum(sse, 0.0) / n + self._noise_var)
@@ -94,8 +96,8 @@ class ResponseRule:
 
     def _decide(self, excitation: float) -> Response:
         config = self._config
-        healthy = int(np.argmax(np.where(self._faulty, -np.inf, self._evidence)))
-        faulty = int(np.argmax(np.where(self._faulty, self._evidence, -np.inf)))
+        healthy = self._best_of(self._sound)
+        faulty = self._best_of(self._faults)
         margin = float(self._evidence[faulty] - self._evidence[healthy])
         if margin >= config.evidence_fail:
             return self._report("failed", self._name(faulty), self._alike(faulty), excitation)
@@ -107,10 +109,15 @@ class ResponseRule:
                 return self._report("passed", None, (), excitation)
         return self._report("inconclusive", None, (), excitation)
 
+    def _best_of(self, places: IntArray) -> int:
+        return int(places[self._evidence[places].argmax()])
+
     def _gain(self, i: int) -> tuple[float, float]:
-        sxx = max(self._sxx[i], 1e-12)
-        spread = np.sqrt(self._noise_var * self._config.noise_correlation_s / self._period_s / sxx)
-        return float(self._sxy[i] / sxx), float(spread)
+        sxx = max(self._sxx.item(i), 1e-12)
+        spread = math.sqrt(
+            self._noise_var * self._config.noise_correlation_s / self._period_s / sxx
+        )
+        return self._sxy.item(i) / sxx, spread
 
     def _name(self, i: int) -> str:
         fault = self._hypotheses[i].fault
@@ -125,14 +132,14 @@ class ResponseRule:
     def _report(
         self, outcome: Outcome, fault: str | None, also: tuple[str, ...], excitation: float
     ) -> Response:
-        best = int(np.argmax(self._evidence))
+        best = int(self._evidence.argmax())
         h = self._hypotheses[best]
         gain, gain_std = self._gain(best)
         seen = self._windows > 0
         statistics: dict[str, float | str | None] = {
             "excitation": excitation,
             "evidence": float(
-                np.max(self._evidence[self._faulty]) - np.max(self._evidence[~self._faulty])
+                self._evidence[self._faults].max() - self._evidence[self._sound].max()
             ),
             "hypothesis": h.fault or "healthy",
             "dead_time_s": h.seconds if h.kind == "delay" else 0.0,

@@ -61,6 +61,9 @@ class SensorBank:
         self._history = np.ones(2 * self._length)  # everything twice, so that no place wraps
         self._at = 0
         self._row = np.ones(len(hypotheses))
+        self._now = self._row[:1].reshape(())  # numpy takes an array faster than a number
+        self._step, self._zero = np.empty(len(slow)), np.zeros(())
+        self._rises = np.empty(len(slow), dtype=np.bool_)
         self._x = self._row[1 : 1 + len(slow)]  # views: what they hold is the state and the result
         self._late = self._row[1 + len(slow) :]
         falling, rising = (sum(h.direction == d for h in late) for d in DIRECTIONS[:2])
@@ -81,15 +84,17 @@ class SensorBank:
         self._at = at = (self._at + 1) % self._length
         self._history[at] = self._history[at + self._length] = value
         self._row[0] = value
-        step = value - self._x
-        step *= np.where(step > 0.0, self._rising, self._falling)
-        self._x += step
+        now, step, x = self._now, self._step, self._x
+        np.subtract(now, x, step)
+        np.greater(step, self._zero, self._rises)
+        step *= np.where(self._rises, self._rising, self._falling)
+        x += step
         past = self._history[at + 1 : at + 1 + self._length]  # the oldest value first
         past.take(self._places, out=self._late, mode="clip")
         if self._interpolated:
             self._late *= 1.0 - self._part
             self._late += past.take(self._places - 1) * self._part
         # a one-sided dead time holds the old value only against its own edge direction
-        np.maximum(self._late_falling, value, out=self._late_falling)
-        np.minimum(self._late_rising, value, out=self._late_rising)
+        np.maximum(self._late_falling, now, out=self._late_falling)
+        np.minimum(self._late_rising, now, out=self._late_rising)
         return self._row

@@ -138,11 +138,14 @@ class Monitor:
         yield Tick(sample, predicted, conditions, enabled)
         fail, passed = self._tick_steps
         for result in self._plausibility.step(sample):
-            by = fail if result.failed else passed
-            yield from self._step(result.test, result.failed, by, result.fault, (), sample.t_ns)
+            if self._is_new(result.test, result.failed):
+                by = fail if result.failed else passed
+                yield from self._step(result.test, result.failed, by, result.fault, (), sample.t_ns)
         measured = sample.values.item(self._output)
-        if all(_burning(conditions)):
-            yield from self._watch_activity(sample.t_ns, measured)
+        if enabled or all(_burning(conditions)):
+            judged = self._activity.push(measured)
+            if judged is not None:
+                yield from self._activity_judged(*judged, sample.t_ns)
         else:
             self._activity.reset()
         if math.isnan(predicted):
@@ -168,18 +171,18 @@ class Monitor:
             self._running = True
         return self._model.step(u)
 
-    def _watch_activity(self, t_ns: int, measured: float) -> Iterator[Event]:
-        result = self._activity.push(measured)
-        if result is not None:
-            failed, fault = result
-            debounce = self._config.debounce
-            by = debounce.response_fail if failed else debounce.response_pass
-            yield from self._step("activity", failed, by, fault, (), t_ns)
+    def _activity_judged(self, failed: bool, fault: str, t_ns: int) -> Sequence[Event]:
+        debounce = self._config.debounce
+        by = debounce.response_fail if failed else debounce.response_pass
+        return self._step("activity", failed, by, fault, (), t_ns)
 
     def _judge(self, window: Window) -> Iterator[Event]:
         residual = window.residual
         mean, std = float(residual.mean()), float(residual.std())
-        frozen = float(np.ptp(window.measured)) <= self._config.plausibility.stuck_range
+        frozen = (
+            float(window.measured.max() - window.measured.min())
+            <= self._config.plausibility.stuck_range
+        )
         bias = self._bias.judge(mean, ignore=frozen)
         response = self._response.judge(self._orient(window.measured), window.bank, ignore=frozen)
         if bias.outcome == "failed" and response.fault == "gain_low":
@@ -210,13 +213,18 @@ class Monitor:
     def _orient(self, measured: FloatArray) -> FloatArray:
         return 1.0 / measured if self._transform == "phi" else -measured
 
+    def _is_new(self, test: str, failed: bool) -> bool:
+        """Return whether a result can still change a test's debounce counter."""
+        counter = self._debounce[test]
+        return not (counter.failed if failed else counter.passed)
+
     def _step(
         self, test: str, failed: bool, by: int, fault: str, also: tuple[str, ...], t_ns: int
     ) -> Sequence[Event]:
         """Advance one test's debounce counter; a counter that matures sets or completes codes."""
+        if not self._is_new(test, failed):
+            return ()
         before = self._debounce[test]
-        if before.failed if failed else before.passed:
-            return ()  # nothing new
         after = before.step(failed=failed, by=by)
         self._debounce[test] = after
         changed: list[Dtc] = []
