@@ -71,7 +71,8 @@ def limit_for(scores: FloatArray, false_alarm_rate: float) -> float:
     """Return the limit that a further healthy window reaches with at most that probability.
 
     scores : (n,) of healthy windows; the limit lies just above the order statistic
-        ceil((n + 1) (1 - rate)), which holds for exchangeable windows of any distribution
+        ceil((n + 1) (1 - rate)), which holds for exchangeable windows of any distribution;
+        drives that differ from each other give other rates, so a comparison states the rate found
     Raises RecordingError if there are too few.
     Source: Vovk, Gammerman and Shafer, Algorithmic Learning in a Random World, section 2.2.
 
