@@ -101,7 +101,7 @@ class Assembler:
         if update is not None:
             sums, goods, times_ns = self._sums, self._goods, self._times_ns
             indices, values = update
-            for channel, value in zip(indices, values, strict=True):
+            for channel, value in zip(indices, values):  # noqa: B905  # strict costs 0.14 us
                 times_ns[channel] = t_ns
                 if -_INF < value < _INF:
                     sums[channel] += value

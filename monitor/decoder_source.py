@@ -84,7 +84,7 @@ def decoder_source(members: Sequence[Member]) -> str:
     body = "\n".join(f"        {line}" for line in lines)
     return (
         "def build():\n    last = due = -1\n"
-        f"    def decode(data):\n        nonlocal last, due\n{body}\n"
+        f"    def decode(data, CRC=CRC, counts=counts):\n        nonlocal last, due\n{body}\n"
         "    def reset():\n        nonlocal last, due\n        last = due = -1\n"
         "    return decode, reset\n"
     )

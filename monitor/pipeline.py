@@ -26,7 +26,7 @@ from monitor.hypotheses import SensorBank
 from monitor.limits import Limits
 from monitor.model import Model
 from monitor.plausibility import ActivityTest, Plausibility
-from monitor.residual import oriented
+from monitor.residual import mean_and_std, oriented
 from monitor.types import FloatArray, Frame, Sample
 from monitor.window import Window, WindowCollector
 
@@ -177,8 +177,7 @@ class Monitor:
         return self._step("activity", failed, by, fault, (), t_ns)
 
     def _judge(self, window: Window) -> Iterator[Event]:
-        residual = window.residual
-        mean, std = float(residual.mean()), float(residual.std())
+        mean, std = mean_and_std(window.residual)
         frozen = (
             float(window.measured.max() - window.measured.min())
             <= self._config.plausibility.stuck_range

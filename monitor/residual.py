@@ -4,6 +4,20 @@ The residual is measured minus predicted in the output's unit. The response rule
 oriented like phi = 1/lambda, for which rising is lean to rich.
 """
 
+import math
+
+import numpy as np
+
+from monitor.types import FloatArray
+
+
+def mean_and_std(residual: FloatArray) -> tuple[float, float]:
+    """Return mean and standard deviation of a window, bit for bit as numpy's own, but faster."""
+    n = len(residual)
+    mean = np.add.reduce(residual) / n
+    centred = residual - mean
+    return float(mean), math.sqrt(np.add.reduce(centred * centred) / n)
+
 
 def oriented(value: float, transform: str) -> float:
     """Return a value oriented like phi.
