@@ -120,7 +120,7 @@ def fit(
     best, gap = _choose(data, trained, seed)
     if not np.isfinite(trained[best].score):
         raise UsageError(f"the budget of {budget_minutes:g} min ended before the first epoch")
-    warnings += _training_warnings(trained, gap, output)
+    warnings += _training_warnings(trained, gap, data.must_forget)
     spec, weights = trained[best].spec, trained[best].weights
     predicted = data.scaling.unscale_y(free_run(data, spec, weights))
     network, card = write_model(out, data, spec, weights, predicted, gap, trained[best].members)
@@ -237,10 +237,9 @@ def _committees(data: Prepared, trained: Sequence[Trained]) -> list[Trained]:
 def _choose(data: Prepared, trained: Sequence[Trained], seed: int) -> tuple[int, Contraction]:
     """Return the best start; a lambda that forgets its history comes before one that does not."""
     gaps = [contraction(data, t.spec, t.weights, seed) for t in trained]
-    must_forget = data.transform == "phi"
     best = min(
         range(len(trained)),
-        key=lambda i: (must_forget and not gaps[i].gap <= gaps[i].limit, trained[i].score),
+        key=lambda i: (data.must_forget and not gaps[i].gap <= gaps[i].limit, trained[i].score),
     )
     return best, gaps[best]
 
@@ -255,9 +254,11 @@ def _parity_warnings(card: ModelCard) -> list[str]:
     ]
 
 
-def _training_warnings(trained: Sequence[Trained], gap: Contraction, output: str) -> list[str]:
+def _training_warnings(
+    trained: Sequence[Trained], gap: Contraction, must_forget: bool
+) -> list[str]:
     warnings = []
-    if output.startswith("lambda") and not gap.gap <= gap.limit:  # other outputs may be slow
+    if must_forget and not gap.gap <= gap.limit:
         warnings.append(
             f"predictions from two histories differ by up to {gap.gap:.3g} after "
             f"{CONTRACTION_SAMPLES} samples (limit {gap.limit:.3g})"

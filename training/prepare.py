@@ -109,6 +109,11 @@ class Prepared:
     warnings: tuple[str, ...]
 
     @property
+    def must_forget(self) -> bool:
+        """Whether the output has a short memory: lambda, in whatever unit."""
+        return self.output.name.startswith("lambda")
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Names of the inputs."""
         return tuple(channel.name for channel in self.inputs)

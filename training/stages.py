@@ -185,7 +185,7 @@ def tune(
     """
     best = Trained(spec, weights, np.inf)
     validation = blocks_of(data, spec)
-    forget = data.transform == "phi"  # a sensor has a short memory, other outputs may have not
+    forget = data.must_forget  # other outputs may have a long memory
     n_train = int((data.role == Role.TRAIN).sum())
     count = int(RANDOM_SHARE * min(n_train, n_samples or n_train) / RANDOM_LENGTH)
     random = random_pieces(data, spec, rng, count if forget else 0, RANDOM_LENGTH, FORGET)
