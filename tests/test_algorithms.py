@@ -238,3 +238,20 @@ def test_a_deadline_in_the_past_stops_every_method_before_the_first_step() -> No
     ):
         assert outcome.stop == "budget"
         assert np.array_equal(outcome.weights, start)
+
+
+def test_progress_is_told_of_every_epoch_even_the_one_that_validation_ends() -> None:
+    steep, start = np.geomspace(1.0, 50.0, 8), np.ones(8)
+    line = Line(np.eye(8), np.linspace(1.0, 2.0, 8))
+    for method, problem in (
+        (descend, Bowl(steep)),
+        (minimise_scaled_conjugate, Bowl(steep)),
+        (minimise, line),
+    ):
+        told: list[tuple[int, float]] = []
+        outcome = method(  # type: ignore[operator]
+            problem, start, None, lambda w: abs(float(w[0]) - 0.5), np.inf,
+            lambda epoch, cost, told=told: told.append((epoch, cost)),
+        )  # fmt: skip
+        assert told == list(enumerate(outcome.costs[1:]))
+        assert outcome.stop == ("gradient" if method is minimise else "validation")

@@ -9,7 +9,6 @@ Gauss-Newton approximation to Bayesian learning, ICNN (1997); defaults of the re
 (1,000 epochs, mu 0.005, x0.1, x10, at most 1e10, minimum gradient 1e-7).
 """
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -18,7 +17,7 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.linalg.lapack import dtrtri
 
 from monitor.types import FloatArray
-from training.lm import Objective, Options, Outcome
+from training.lm import Objective, Options, Outcome, Watch
 
 DEFAULTS = Options(mu=0.005)
 
@@ -64,35 +63,31 @@ def minimise_bayesian(
     Raises ValueError if the objective is not finite at the start.
     """
     cost = objective.cost(weights)
-    if not np.isfinite(cost):
-        raise ValueError(f"the error is {cost} at the initial weights")
+    watch = Watch(
+        weights, cost, options.max_fail, options.min_gradient,
+        deadline_s=deadline_s, progress=progress,
+    )  # fmt: skip
     # Foresee and Hagan begin with alpha 0 and beta 1; the first step sets both right.
     state = _State(weights.copy(), n_samples * cost, 0.0, 1.0, float(len(weights)), options.mu)
-    outcome = BayesOutcome(state.weights, cost, "epochs", [cost], [cost])
-    for epoch in range(options.epochs):
-        if time.monotonic() > deadline_s:
-            outcome.stop = "budget"
+    for _ in range(options.epochs):
+        if watch.over_budget():
             break
         _, hessian, gradient = objective.normal(state.weights)
         hessian, gradient = n_samples * hessian, n_samples * gradient
         slope = state.beta * gradient + state.alpha * state.weights
-        if 2.0 * float(np.linalg.norm(slope)) < options.min_gradient:
-            outcome.stop = "gradient"
+        if watch.at_rest(2.0 * slope):
             break
         if not _step(objective, state, hessian, slope, n_samples, options):
-            outcome.stop = "mu"
+            watch.outcome.stop = "mu"
             break
         state.gamma = _effective_weights(hessian, state)
         _balance(state, n_samples)
-        cost = state.squared_error / n_samples
-        outcome.costs.append(cost)
-        outcome.scores.append(cost)
-        if progress:
-            progress(epoch, cost)
-    outcome.weights, outcome.score = state.weights, outcome.costs[-1]
-    outcome.alpha, outcome.beta = state.alpha, state.beta
-    outcome.effective_weights = state.gamma
-    return outcome
+        watch.accept(state.weights, state.squared_error / n_samples)
+    run = watch.outcome
+    return BayesOutcome(
+        state.weights, run.costs[-1], run.stop, run.costs, run.scores,
+        state.alpha, state.beta, state.gamma,
+    )  # fmt: skip
 
 
 def _step(

@@ -6,7 +6,6 @@ previous step - rate * momentum * gradient``, and so are the defaults (rate 0.01
 growth limit 1.04, momentum 0.9, minimum gradient 1e-5, six validation failures).
 """
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
@@ -14,7 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from monitor.types import FloatArray
-from training.lm import Outcome
+from training.lm import Outcome, Watch
 from training.narx import Spec, forward, layers
 
 CHUNK = 4000  # samples whose activations stay in the cache together
@@ -92,40 +91,6 @@ class OneStepGradient:
         return total / self._total, gradient * (2.0 / self._total)
 
 
-class Watch:
-    """Keeps the best weights by validation (or by cost) and says when validation wants a stop."""
-
-    def __init__(
-        self,
-        weights: FloatArray,
-        cost: float,
-        validate: Callable[[FloatArray], float] | None,
-        max_fail: int,
-    ) -> None:
-        if not np.isfinite(cost):
-            raise ValueError(f"the error is {cost} at the initial weights")
-        score = validate(weights) if validate else cost
-        self.outcome = Outcome(weights.copy(), score, "epochs", [cost], [score])
-        self._validate, self._max_fail, self._failures = validate, max_fail, 0
-
-    def accept(self, weights: FloatArray, cost: float) -> bool:
-        """Take note of an accepted step; True if validation has failed too often in a row."""
-        outcome = self.outcome
-        score = self._validate(weights) if self._validate else cost
-        outcome.costs.append(cost)
-        outcome.scores.append(score)
-        if score < outcome.score:
-            outcome.weights, outcome.score, self._failures = weights.copy(), score, 0
-            return False
-        self._failures += 1
-        return self._validate is not None and self._failures >= self._max_fail
-
-    def repeat(self) -> None:
-        """Take note of an epoch whose step was taken back."""
-        self.outcome.costs.append(self.outcome.costs[-1])
-        self.outcome.scores.append(self.outcome.scores[-1])
-
-
 def descend(
     objective: Differentiable,
     weights: FloatArray,
@@ -136,23 +101,18 @@ def descend(
 ) -> Outcome:
     """Return the best weights found from ``weights`` on by gradient descent with momentum.
 
-    validate : score of weights, lower is better; the best by it is kept
-    deadline_s : ``time.monotonic()`` after which no further epoch begins
-    progress : called with the epoch and the cost after every epoch
+    validate, deadline_s, progress : as in ``lm.minimise``
     Raises ValueError if the objective is not finite at the start.
     """
     options = options or Options()
     current, rate = weights.copy(), options.rate
     cost, gradient = objective.gradient(current)
-    watch = Watch(current, cost, validate, options.max_fail)
-    outcome = watch.outcome
+    watch = Watch(
+        current, cost, options.max_fail, options.min_gradient, validate, deadline_s, progress
+    )
     step = -rate * gradient
-    for epoch in range(options.epochs):
-        if time.monotonic() > deadline_s:
-            outcome.stop = "budget"
-            break
-        if float(np.linalg.norm(gradient)) < options.min_gradient:
-            outcome.stop = "gradient"
+    for _ in range(options.epochs):
+        if watch.over_budget() or watch.at_rest(gradient):
             break
         step = options.momentum * step - rate * options.momentum * gradient
         trial = current + step
@@ -161,12 +121,9 @@ def descend(
             rate *= options.rate_down
             step = -rate * gradient
             watch.repeat()
-        else:
-            rate *= options.rate_up if trial_cost < cost else 1.0
-            current, cost, gradient = trial, trial_cost, trial_gradient
-            if watch.accept(current, cost):
-                outcome.stop = "validation"
-                break
-        if progress:
-            progress(epoch, cost)
-    return outcome
+            continue
+        rate *= options.rate_up if trial_cost < cost else 1.0
+        current, cost, gradient = trial, trial_cost, trial_gradient
+        if watch.accept(current, cost):
+            break
+    return watch.outcome

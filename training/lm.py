@@ -1,5 +1,7 @@
 """Levenberg–Marquardt as the reference toolbox runs it, and the series-parallel objective.
 
+``Watch`` keeps the books of a run for the other methods too.
+
 Source: Hagan and Menhaj, Training feedforward networks with the Marquardt algorithm, IEEE TNN 5
 (1994); the defaults are those of the reference toolbox (1,000 epochs, six validation failures,
 minimum gradient 1e-7, mu 1e-3, x0.1, x10, at most 1e10).
@@ -51,6 +53,68 @@ class Outcome:
     stop: str  # why the run ended
     costs: list[float] = field(default_factory=list)  # after every epoch, first the initial one
     scores: list[float] = field(default_factory=list)
+
+
+class Watch:
+    """Keeps the best weights by validation (or by cost) and says when and why a run ends.
+
+    max_fail : accepted steps in a row in which the validation score does not improve
+    min_gradient : shorter gradients count as none
+    validate, deadline_s, progress : as in ``minimise``
+    Raises ValueError if the cost at the start is not finite.
+    """
+
+    def __init__(
+        self,
+        weights: FloatArray,
+        cost: float,
+        max_fail: int,
+        min_gradient: float,
+        validate: Callable[[FloatArray], float] | None = None,
+        deadline_s: float = np.inf,
+        progress: Callable[[int, float], None] | None = None,
+    ) -> None:
+        if not np.isfinite(cost):
+            raise ValueError(f"the error is {cost} at the initial weights")
+        score = validate(weights) if validate else cost
+        self.outcome = Outcome(weights.copy(), score, "epochs", [cost], [score])
+        self._max_fail, self._min_gradient, self._failures = max_fail, min_gradient, 0
+        self._validate, self._deadline_s, self._progress = validate, deadline_s, progress
+
+    def over_budget(self) -> bool:
+        """Return whether the deadline has passed; if so, that is why the run ends."""
+        return self._ends(time.monotonic() > self._deadline_s, "budget")
+
+    def at_rest(self, gradient: FloatArray) -> bool:
+        """Return whether the gradient is too short to go on; if so, that is why the run ends."""
+        return self._ends(float(np.linalg.norm(gradient)) < self._min_gradient, "gradient")
+
+    def accept(self, weights: FloatArray, cost: float) -> bool:
+        """Take note of an accepted step; True if validation ends the run."""
+        outcome = self.outcome
+        score = self._validate(weights) if self._validate else cost
+        self._note(cost, score)
+        if score < outcome.score:
+            outcome.weights, outcome.score, self._failures = weights.copy(), score, 0
+            return False
+        self._failures += 1
+        failed = self._validate is not None and self._failures >= self._max_fail
+        return self._ends(failed, "validation")
+
+    def repeat(self) -> None:
+        """Take note of an epoch whose step was taken back."""
+        self._note(self.outcome.costs[-1], self.outcome.scores[-1])
+
+    def _note(self, cost: float, score: float) -> None:
+        self.outcome.costs.append(cost)
+        self.outcome.scores.append(score)
+        if self._progress:
+            self._progress(len(self.outcome.costs) - 2, cost)
+
+    def _ends(self, ends: bool, stop: str) -> bool:
+        if ends:
+            self.outcome.stop = stop
+        return ends
 
 
 class OneStep:
@@ -115,39 +179,25 @@ def minimise(
     Raises ValueError if the objective is not finite at the start.
     """
     options = options or Options()
-    current = weights.copy()
+    current, mu = weights.copy(), options.mu
     cost = objective.cost(current)
-    if not np.isfinite(cost):
-        raise ValueError(f"the error is {cost} at the initial weights")
-    score = validate(current) if validate else cost
-    outcome = Outcome(current, score, "epochs", [cost], [score])
-    mu, failures = options.mu, 0
-    for epoch in range(options.epochs):
-        if time.monotonic() > deadline_s:
-            outcome.stop = "budget"
+    watch = Watch(
+        current, cost, options.max_fail, options.min_gradient, validate, deadline_s, progress
+    )
+    for _ in range(options.epochs):
+        if watch.over_budget():
             break
         _, hessian, gradient = objective.normal(current)
-        if float(np.linalg.norm(gradient)) < options.min_gradient:
-            outcome.stop = "gradient"
+        if watch.at_rest(gradient):
             break
         step = _step(objective, current, cost, hessian, gradient, mu, options)
         if step is None:
-            outcome.stop = "mu"
+            watch.outcome.stop = "mu"
             break
         current, cost, mu = step
-        score = validate(current) if validate else cost
-        outcome.costs.append(cost)
-        outcome.scores.append(score)
-        if progress:
-            progress(epoch, cost)
-        if score < outcome.score:
-            outcome.weights, outcome.score, failures = current, score, 0
-        else:
-            failures += 1
-            if validate and failures >= options.max_fail:
-                outcome.stop = "validation"
-                break
-    return outcome
+        if watch.accept(current, cost):
+            break
+    return watch.outcome
 
 
 def _step(

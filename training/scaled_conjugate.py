@@ -5,15 +5,14 @@ Source: Moller, A scaled conjugate gradient algorithm for fast supervised learni
 (sigma 5e-5, lambda 5e-7, minimum gradient 1e-6, six validation failures).
 """
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from monitor.types import FloatArray
-from training.gradient import Differentiable, Watch
-from training.lm import Outcome
+from training.gradient import Differentiable
+from training.lm import Outcome, Watch
 
 DAMPING_MAX = 1e30  # no direction descends any more
 WORST = -1e3  # ratio of a step that raised the cost beyond all measure
@@ -40,36 +39,26 @@ def minimise_scaled_conjugate(
 ) -> Outcome:
     """Return the best weights found from ``weights`` on; the cost never rises.
 
-    validate : score of weights, lower is better; the best by it is kept
-    deadline_s : ``time.monotonic()`` after which no further epoch begins
-    progress : called with the epoch and the cost after every epoch
+    validate, deadline_s, progress : as in ``lm.minimise``
     Raises ValueError if the objective is not finite at the start.
     """
     options = options or Options()
     search = _Search(objective, weights, options)
-    watch = Watch(search.weights, search.cost, validate, options.max_fail)
-    outcome = watch.outcome
+    watch = Watch(
+        search.weights, search.cost, options.max_fail, options.min_gradient,
+        validate, deadline_s, progress,
+    )  # fmt: skip
     for epoch in range(options.epochs):
-        if time.monotonic() > deadline_s:
-            outcome.stop = "budget"
-            break
-        if float(np.linalg.norm(search.gradient)) < options.min_gradient:
-            outcome.stop = "gradient"
+        if watch.over_budget() or watch.at_rest(search.gradient):
             break
         if search.damping > DAMPING_MAX:
-            outcome.stop = "damping"
+            watch.outcome.stop = "damping"
             break
-        stop = False
-        if search.step(restart=(epoch + 1) % len(weights) == 0):
-            stop = watch.accept(search.weights, search.cost)
-        else:
+        if not search.step(restart=(epoch + 1) % len(weights) == 0):
             watch.repeat()
-        if progress:
-            progress(epoch, search.cost)
-        if stop:
-            outcome.stop = "validation"
+        elif watch.accept(search.weights, search.cost):
             break
-    return outcome
+    return watch.outcome
 
 
 class _Search:
