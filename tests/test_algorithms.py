@@ -93,6 +93,20 @@ def test_the_gradient_is_that_of_torch_and_of_the_normal_equations(hidden: tuple
     assert OneStepGradient(spec, x, y, weight).cost(weights) == pytest.approx(cost, rel=1e-12)
 
 
+def test_the_gradient_beside_a_linear_path_is_that_of_finite_differences() -> None:
+    rng = np.random.default_rng(2)
+    spec, n = Spec(2, lags=2, hidden=(4, 3), linear_path=True), 4500  # more than one chunk
+    x, y, weight = rng.normal(size=(n, 6)), rng.normal(size=n), rng.uniform(0, 2, n)
+    weights = rng.normal(size=spec.n_weights)
+    objective = OneStepGradient(spec, x, y, weight)
+    cost, gradient = objective.gradient(weights)
+    steps = 1e-5 * np.eye(spec.n_weights)
+    slopes = [(objective.cost(weights + s) - objective.cost(weights - s)) / 2e-5 for s in steps]
+    assert cost == pytest.approx(objective.cost(weights), rel=1e-12)
+    assert np.allclose(gradient, slopes, rtol=1e-6, atol=1e-8)
+    assert np.abs(gradient[-spec.n_regressors :]).min() > 1e-3  # the path takes part
+
+
 def test_scaled_conjugate_gradient_follows_a_curved_valley_to_its_end() -> None:
     outcome = minimise_scaled_conjugate(Valley(), np.array([-1.2, 1.0]))
     assert np.allclose(outcome.weights, 1.0, atol=1e-4)

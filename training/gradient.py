@@ -14,7 +14,7 @@ import numpy as np
 
 from monitor.types import FloatArray
 from training.lm import Outcome, Watch
-from training.narx import Spec, forward, layers
+from training.narx import Spec, forward, layers, linear_path
 
 CHUNK = 4000  # samples whose activations stay in the cache together
 
@@ -79,8 +79,12 @@ class OneStepGradient:
                 activations.append(np.tanh(activations[-1] @ w.T + b))
             w, b = stack[-1]
             error = (activations[-1] @ w.T + b)[:, 0] - self.target[rows]
+            if self.spec.linear_path:
+                error += activations[0] @ linear_path(self.spec, weights)
             weighted = self.weight[rows] * error
             total += float(weighted @ error)
+            if self.spec.linear_path:
+                linear_path(self.spec, gradient)[:] += weighted @ activations[0]
             delta = weighted[:, None]
             for layer in reversed(range(len(stack))):
                 a = activations[layer]
