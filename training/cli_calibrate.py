@@ -5,12 +5,9 @@ import json
 import shutil
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from training.cli_recordings import add_bus_options, pairs_of
-
-if TYPE_CHECKING:
-    from training.recordings import Recording
+from training.cli_recordings import add_bus_options, load_all
 
 _EXAMPLES = """examples:
   o2train calibrate --model model.onnx --healthy drives/*_healthy.log
@@ -68,8 +65,8 @@ def run(args: argparse.Namespace) -> int:
     period_s = Model.load(args.model).card.period_ns / 1e9
     card, result = calibrate(
         args.model,
-        _load(args, args.healthy, period_s),
-        _load(args, args.faulty, period_s),
+        load_all(args, args.healthy, period_s),
+        load_all(args, args.faulty, period_s),
         args.false_alarms,
         config.load(args.config),
     )
@@ -85,11 +82,3 @@ def run(args: argparse.Namespace) -> int:
         args.report.write_text(as_page(result))
     print(f"limits written to {out}")
     return 0
-
-
-def _load(args: argparse.Namespace, paths: list[Path], period_s: float) -> "list[Recording]":
-    from training.recordings import load
-
-    return [
-        load(path, period_s=period_s, pairs=pairs_of(args), columns=args.columns) for path in paths
-    ]

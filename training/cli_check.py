@@ -5,7 +5,12 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from training.cli_recordings import add_bus_options, pairs_of
+from training.cli_recordings import (
+    add_bus_options,
+    add_period_option,
+    add_signal_options,
+    load_all,
+)
 
 if TYPE_CHECKING:
     from training.recordings import Recording
@@ -30,16 +35,13 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     check.add_argument("recordings", nargs="+", type=Path, metavar="RECORDING")
-    check.add_argument("--inputs", nargs="+", metavar="NAME", help="default: the paper's seven")
-    check.add_argument("--output", metavar="NAME", help="default: lambda_measured")
+    add_signal_options(check)
     check.add_argument("--lags", type=int, default=5, metavar="N", help="longest lag (default 5)")
     check.add_argument(
         "--hidden", type=int, nargs="+", default=[8, 8], metavar="N",
         help="neurons of each hidden layer (default 8 8)",
     )  # fmt: skip
-    check.add_argument(
-        "--period", type=float, metavar="S", help="grid period in seconds (default 0.1 for logs)"
-    )
+    add_period_option(check)
     add_bus_options(check)
     check.add_argument("--json", type=Path, metavar="OUT", help="write findings and figures")
     check.add_argument("--html", type=Path, metavar="OUT", help="write a page")
@@ -84,14 +86,12 @@ def run(args: argparse.Namespace) -> int:
 def _load(args: argparse.Namespace) -> tuple["list[Recording]", list[str]]:
     """Return the recordings that can be read, and what was wrong with the others."""
     from monitor.errors import RecordingError
-    from training.recordings import load
 
-    recordings, unreadable = [], []
+    recordings: list[Recording] = []
+    unreadable: list[str] = []
     for path in args.recordings:
         try:
-            recordings.append(
-                load(path, period_s=args.period, pairs=pairs_of(args), columns=args.columns)
-            )
+            recordings += load_all(args, [path], args.period)
         except RecordingError as error:
             unreadable.append(str(error))
         except OSError as error:

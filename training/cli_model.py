@@ -5,7 +5,12 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from training.cli_recordings import add_bus_options, pairs_of
+from training.cli_recordings import (
+    add_bus_options,
+    add_period_option,
+    add_signal_options,
+    load_all,
+)
 
 if TYPE_CHECKING:
     from training.fit import FitResult
@@ -37,8 +42,7 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
     _add_recordings(fit)
     fit.add_argument("--out", type=Path, required=True, metavar="MODEL.onnx", help="file to write")
     fit.add_argument("--kind", choices=("narx",), default="narx", help="kind of model")
-    fit.add_argument("--inputs", nargs="+", metavar="NAME", help="default: the paper's seven")
-    fit.add_argument("--output", metavar="NAME", help="default: lambda_measured")
+    add_signal_options(fit)
     fit.add_argument(
         "--validate", nargs="+", type=Path, default=[], metavar="RECORDING",
         help="recordings that choose and stop the training and are not trained on "
@@ -93,9 +97,7 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
 
 def _add_recordings(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("recordings", nargs="+", type=Path, metavar="RECORDING")
-    parser.add_argument(
-        "--period", type=float, metavar="S", help="grid period in seconds (default 0.1 for logs)"
-    )
+    add_period_option(parser)
     add_bus_options(parser)
 
 
@@ -124,7 +126,7 @@ def run_fit(args: argparse.Namespace) -> int:
     inputs = args.inputs or NARX_INPUTS
     if args.ratio and not {"fuel_mass_mg", "air_mass_mg"} <= set(inputs):
         raise UsageError("--ratio needs the inputs fuel_mass_mg and air_mass_mg")
-    recordings = _load(args, args.recordings, args.period)
+    recordings = load_all(args, args.recordings, args.period)
     with Bar() as bar:
         result = fit(
             recordings,
@@ -138,7 +140,7 @@ def run_fit(args: argparse.Namespace) -> int:
             starts=args.starts,
             budget_minutes=args.budget,
             seed=args.seed,
-            validate=_load(args, args.validate, args.period),
+            validate=load_all(args, args.validate, args.period),
             progress=bar.update,
             tried=bar.tried,
         )
@@ -204,7 +206,7 @@ def run_evaluate(args: argparse.Namespace) -> int:
 
     card = Model.load(args.model).card
     period_s = args.period if args.period is not None else card.period_ns / 1e9
-    result = evaluate(args.model, _load(args, args.recordings, period_s), args.washout)
+    result = evaluate(args.model, load_all(args, args.recordings, period_s), args.washout)
     for r in result["recordings"]:
         fit = r["fit_percent"]
         simulated = " (simulated)" if r["source"] == "simulated" else ""
@@ -220,11 +222,3 @@ def run_evaluate(args: argparse.Namespace) -> int:
     if args.json:
         save(result, args.json)
     return 0
-
-
-def _load(args: argparse.Namespace, paths: list[Path], period_s: float | None) -> "list[Recording]":
-    from training.recordings import load
-
-    return [
-        load(path, period_s=period_s, pairs=pairs_of(args), columns=args.columns) for path in paths
-    ]

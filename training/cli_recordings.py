@@ -3,7 +3,10 @@
 import argparse
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from training.recordings import Recording
 
 _TABLE_EXAMPLES = """examples:
   o2train table drive.log --out drive.csv
@@ -30,9 +33,7 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
     table.add_argument(
         "--out", type=Path, required=True, help="table to write: .csv, .csv.gz or .parquet"
     )
-    table.add_argument(
-        "--period", type=float, metavar="S", help="grid period in seconds (default 0.1 for logs)"
-    )
+    add_period_option(table)
     table.add_argument("--signals", nargs="+", metavar="NAME", help="only these (default all)")
     add_bus_options(table)
     table.set_defaults(func=run_table)
@@ -60,6 +61,19 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
     )
     add_bus_options(log)
     log.set_defaults(func=run_log)
+
+
+def add_period_option(parser: argparse.ArgumentParser) -> None:
+    """Add the option that says on which grid recordings are read."""
+    parser.add_argument(
+        "--period", type=float, metavar="S", help="grid period in seconds (default 0.1 for logs)"
+    )
+
+
+def add_signal_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say what a model predicts from what."""
+    parser.add_argument("--inputs", nargs="+", metavar="NAME", help="default: the paper's seven")
+    parser.add_argument("--output", metavar="NAME", help="default: lambda_measured")
 
 
 def add_bus_options(parser: argparse.ArgumentParser) -> None:
@@ -90,6 +104,20 @@ def pairs_of(args: argparse.Namespace) -> list[tuple[Path, Path]] | None:
             "pairs are wanted"
         )
     return list(zip(args.dbc, args.map, strict=True)) or None
+
+
+def load_all(
+    args: argparse.Namespace, paths: list[Path], period_s: float | None
+) -> "list[Recording]":
+    """Return the recordings in ``paths``, read as the bus options say.
+
+    Raises RecordingError or UsageError naming the file and what is wrong.
+    """
+    from training.recordings import load
+
+    return [
+        load(path, period_s=period_s, pairs=pairs_of(args), columns=args.columns) for path in paths
+    ]
 
 
 def run_table(args: argparse.Namespace) -> int:

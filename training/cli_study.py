@@ -3,12 +3,14 @@
 import argparse
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from training.cli_recordings import add_bus_options, pairs_of
-
-if TYPE_CHECKING:
-    from training.recordings import Recording
+from training.cli_recordings import (
+    add_bus_options,
+    add_period_option,
+    add_signal_options,
+    load_all,
+)
 
 _EXAMPLES = """examples:
   o2train study drives/*.parquet --test wltc.parquet --faulty slow.parquet --out study
@@ -39,8 +41,7 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         study.add_argument(
             f"--{name}", nargs="+", type=Path, default=[], metavar="RECORDING", help=text
         )
-    study.add_argument("--inputs", nargs="+", metavar="NAME", help="default: the paper's seven")
-    study.add_argument("--output", metavar="NAME", help="default: lambda_measured")
+    add_signal_options(study)
     study.add_argument("--starts", type=int, default=3, metavar="N", help="per model (default 3)")
     study.add_argument(
         "--iterations", type=int, default=200, metavar="N",
@@ -62,9 +63,7 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
     study.add_argument("--seed", type=int, default=0, metavar="N", help="of weights and blocks")
     study.add_argument("--jobs", type=int, default=2, metavar="N", help="processes (default 2)")
     study.add_argument("--scheduler", metavar="URL", help="Dask scheduler, tcp://host:port")
-    study.add_argument(
-        "--period", type=float, metavar="S", help="grid period in seconds (default 0.1 for logs)"
-    )
+    add_period_option(study)
     add_bus_options(study)
     study.set_defaults(func=run)
 
@@ -89,10 +88,10 @@ def run(args: argparse.Namespace) -> int:
         args.starts, args.iterations, args.samples, args.budget, args.seed, tuple(args.models)
     )
     task = Task(
-        recordings=_load(args, args.recordings),
-        test=_load(args, args.test),
-        faulty=_load(args, args.faulty),
-        steady=_load(args, args.steady),
+        recordings=tuple(load_all(args, args.recordings, args.period)),
+        test=tuple(load_all(args, args.test, args.period)),
+        faulty=tuple(load_all(args, args.faulty, args.period)),
+        steady=tuple(load_all(args, args.steady, args.period)),
         inputs=tuple(args.inputs or NARX_INPUTS),
         output=args.output or OUTPUT,
         out=args.out,
@@ -107,12 +106,3 @@ def run(args: argparse.Namespace) -> int:
     print(f"model: {args.out / 'model.onnx'}")
     print(f"report: {args.out / 'report.html'}")
     return 0
-
-
-def _load(args: argparse.Namespace, paths: list[Path]) -> "tuple[Recording, ...]":
-    from training.recordings import load
-
-    return tuple(
-        load(path, period_s=args.period, pairs=pairs_of(args), columns=args.columns)
-        for path in paths
-    )
