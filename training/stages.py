@@ -153,36 +153,19 @@ def train(
     epochs: Mapping[int, int] = EPOCHS,
     n_samples: int | None = None,
     decay: float = 0.0,
+    weights: FloatArray | None = None,
 ) -> Trained:
-    """Return the best weights of one start from random weights, series-parallel first.
+    """Return the best weights of one start by free-run validation on the way through ``horizons``.
 
     progress : called with horizon, epoch and best validation score after every epoch
-    n_samples : train on about so many samples at most
-    decay : times every squared weight is added to the mean squared error, scaled units
-    """
-    rng = np.random.default_rng(seed)
-    weights = initial_weights(spec, rng)
-    stages = (1, *horizons)
-    return tune(data, spec, weights, rng, deadline_s, progress, stages, epochs, n_samples, decay)
-
-
-def tune(
-    data: Prepared,
-    spec: Spec,
-    weights: FloatArray,
-    rng: np.random.Generator,
-    deadline_s: float = np.inf,
-    progress: Callable[[int, int, float], None] | None = None,
-    horizons: tuple[int, ...] = HORIZONS,
-    epochs: Mapping[int, int] = EPOCHS,
-    n_samples: int | None = None,
-    decay: float = 0.0,
-) -> Trained:
-    """Return the best weights by free-run validation on the way through ``horizons``.
-
     n_samples : train on about so many samples at most; short horizons never take more than
         ``EARLY_SAMPLES``, because all they have to do is to come near
+    decay : times every squared weight is added to the mean squared error, scaled units
+    weights : to begin with; None begins with random ones, series-parallel first
     """
+    rng = np.random.default_rng(seed)
+    if weights is None:
+        weights, horizons = initial_weights(spec, rng), (1, *horizons)
     best = Trained(spec, weights, np.inf)
     validation = blocks_of(data, spec)
     forget = data.must_forget  # other outputs may have a long memory

@@ -128,8 +128,8 @@ def tune_one(data: Prepared, job: Job) -> Done:
     data = _writable(data)
     spec = spec_of(data, job.candidate, job.input_lag_start)
     began, began_cpu = time.monotonic(), time.process_time()
-    before, rng = np.array(job.weights), np.random.default_rng(job.seed)
-    trained = stages.tune(data, spec, before, rng, horizons=HORIZONS)
+    before = np.array(job.weights)
+    trained = stages.train(data, spec, job.seed, horizons=HORIZONS, weights=before)
     result = {
         "start": job.start,
         "before": figures(data, spec, before) | _forgets(data, spec, before),
