@@ -16,6 +16,8 @@ import pytest
 from monitor.errors import RecordingError
 from monitor.model import Model
 from monitor.types import FloatArray
+from tests.tanks import TANK_PERIOD_S as PERIOD_S
+from tests.tanks import leaking_tank
 from training.cli import main
 from training.narx import Spec, initial_weights
 from training.prepare import prepare
@@ -26,7 +28,6 @@ from training.study.sensor import WINDOW, _put_on, _residuals, against_sensor
 from training.study.steady import _steady_parts
 from training.study.task import Settings, Task, scaled_as
 
-PERIOD_S = 0.25
 SIGNALS = ["--inputs", "valve", "leak", "--output", "level_m"]
 SMALL = ["--starts", "1", "--iterations", "5", "--models", "1", "6", "--samples", "1500",
          "--budget", "0.25", "--jobs", "1"]  # fmt: skip
@@ -35,16 +36,9 @@ PARTS = ["check", "preparation", "selection", "linear", "narx", "free", "choice"
 
 
 def tank(n: int, seed: int, longest: int = 60) -> FloatArray:
-    """A tank under a valve with a leak by the root of its level, which is no NARX."""
-    rng = np.random.default_rng(seed)
-    edges = np.cumsum(rng.integers(5, longest, n))
-    valve = rng.uniform(0, 1, n)[np.searchsorted(edges, np.arange(n), side="right")]
-    leak = 0.8 + 0.3 * np.sin(np.arange(n) / 37.0) + 0.02 * rng.standard_normal(n)
-    level, out = 1.0, np.empty(n)
-    for t in range(n):
-        level = max(level + 0.08 * valve[t - 2 if t > 1 else 0] - 0.06 * leak[t] * level**0.5, 0)
-        out[t] = level + 0.005 * rng.standard_normal()
-    return np.column_stack([np.arange(n) * PERIOD_S, valve, leak, out])
+    """Time, valve, leak and level of a tank, side by side."""
+    valve, leak, level = leaking_tank(n, seed, 0.8, longest)
+    return np.column_stack([np.arange(n) * PERIOD_S, valve, leak, level])
 
 
 def write(path: Path, values: FloatArray, names: str = "time_s,valve,leak,level_m") -> Path:

@@ -16,6 +16,7 @@ import pytest
 
 from monitor.errors import RecordingError, UsageError
 from monitor.types import FloatArray
+from tests.tanks import TANK_PERIOD_S, leaking_tank
 from training.narx import Spec, initial_weights
 from training.narx import regressors as of_one_segment
 from training.prepare import Prepared, Role, prepare
@@ -60,18 +61,11 @@ SETTINGS: dict[str, Any] = {
 
 
 def drive(n: int, seed: int, name: str) -> Recording:
-    """A tank with a valve and a leak at 4 Hz, which is no NARX."""
-    rng = np.random.default_rng(seed)
-    edges = np.cumsum(rng.integers(5, 60, n))
-    valve = rng.uniform(0, 1, n)[np.searchsorted(edges, np.arange(n), side="right")]
-    leak = 0.5 + 0.3 * np.sin(np.arange(n) / 37.0) + 0.02 * rng.standard_normal(n)
-    level, out = 1.0, np.empty(n)
-    for t in range(n):
-        level = max(level + 0.08 * valve[t - 2 if t > 1 else 0] - 0.06 * leak[t] * level**0.5, 0)
-        out[t] = level + 0.005 * rng.standard_normal()
-    values = np.column_stack([valve, leak, out])
+    """A recording of a tank with a valve and a leak."""
+    values = np.column_stack(leaking_tank(n, seed, 0.5))
     quality = np.zeros(values.shape, np.uint8)
-    return Recording(Path(name), name * 8, 250_000_000, np.arange(n) * 0.25,
+    period_ns = round(TANK_PERIOD_S * 1e9)
+    return Recording(Path(name), name * 8, period_ns, np.arange(n) * TANK_PERIOD_S,
                      ("valve", "leak", "level_m"), values, quality)  # fmt: skip
 
 
