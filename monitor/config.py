@@ -25,7 +25,12 @@ class EnableConfig:
     engine_speed_min_rpm: float
     engine_speed_max_rpm: float
     manifold_pressure_min_kpa: float
+    manifold_pressure_max_kpa: float
+    vehicle_speed_min_km_h: float
     fuel_cut_recovery_s: float
+    purge_open_percent: float
+    purge_step_percent: float
+    purge_recovery_s: float
     model_settle_samples: int
     range_margin: float
     range_recovery_s: float
@@ -100,7 +105,9 @@ _LOWEST: Final = {
     "enable.coolant_min_degc": -273.15,
     "enable.engine_speed_min_rpm": 0.0,
     "enable.manifold_pressure_min_kpa": 0.0,
+    "enable.vehicle_speed_min_km_h": 0.0,
     "enable.fuel_cut_recovery_s": 0.0,
+    "enable.purge_recovery_s": 0.0,
     "enable.model_settle_samples": 0.0,
     "enable.range_margin": 0.0,
     "enable.range_recovery_s": 0.0,
@@ -117,6 +124,8 @@ _LOWEST: Final = {
     "plausibility.engine_running_rpm": 0.0,
 }
 _HIGHEST: Final = {
+    "enable.purge_open_percent": 100.0,
+    "enable.purge_step_percent": 100.0,
     "response.evidence_memory": 1.0,
     "debounce.response_fail": 127.0,
     "debounce.response_pass": 127.0,
@@ -197,12 +206,16 @@ def _build(tree: dict[str, Any], where: str) -> Config:
         plausibility=section(PlausibilityConfig, "plausibility"),
         debounce=section(DebounceConfig, "debounce"),
     )
-    low_rpm, high_rpm = config.enable.engine_speed_min_rpm, config.enable.engine_speed_max_rpm
-    if high_rpm <= low_rpm:
-        raise ConfigError(
-            f"{where}: [enable] engine_speed_max_rpm = {high_rpm}, wanted above "
-            f"engine_speed_min_rpm = {low_rpm}"
-        )
+    on = config.enable
+    for key, low, high in (
+        ("engine_speed_{}_rpm", on.engine_speed_min_rpm, on.engine_speed_max_rpm),
+        ("manifold_pressure_{}_kpa", on.manifold_pressure_min_kpa, on.manifold_pressure_max_kpa),
+    ):
+        if high <= low:
+            raise ConfigError(
+                f"{where}: [enable] {key.format('max')} = {high}, wanted above "
+                f"{key.format('min')} = {low}"
+            )
     bank = config.response
     for key, grid, limit_s in (
         ("lags_s", bank.lags_s, bank.lag_limit_s),

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 from monitor.errors import ModelError
 from monitor.model_card import METADATA_KEY, ModelCard
-from monitor.types import FloatArray
+from monitor.types import BoolArray, FloatArray
 
 Float32Array = NDArray[np.float32]
+Inputs = NDArray[np.float32] | NDArray[np.float64]
 LAMBDA_MAX = 16.0  # what a UEGO reads in air; phi below 1/16 is this
 PHI_MAX = 1.7
 
@@ -115,7 +116,7 @@ class Model:
         self._advance()
         return self._lambda_hat.item()
 
-    def step_batch(self, u: FloatArray) -> Float32Array:
+    def step_batch(self, u: Inputs) -> Float32Array:
         """Return the predictions (batch,) for ``u`` (batch, n_inputs).
 
         Raises ValueError if an input is not finite.
@@ -127,7 +128,9 @@ class Model:
         return self._lambda_hat[:, 0].copy()
 
     def _bad_inputs(self) -> str:
-        bad = np.asarray(~np.isfinite(self._u).all(axis=0))
+        return self._names(np.asarray(~np.isfinite(self._u).all(axis=0)))
+
+    def _names(self, bad: BoolArray) -> str:
         return ", ".join(n for n, b in zip(self.card.input_names, bad, strict=True) if b)
 
     def _advance(self) -> None:
@@ -146,7 +149,7 @@ class Model:
         limited = np.clip(value, *self.card.output_limits)
         newest[:] = np.where(np.isnan(value), newest, limited)
 
-    def reset(self, u: FloatArray, y: FloatArray | float | None = None) -> None:
+    def reset(self, u: Inputs, y: FloatArray | float | None = None) -> None:
         """Fill the history as if ``u`` and ``y`` had been there for all lags.
 
         u : (n_inputs,) or (batch, n_inputs); y : scalar or (batch,), default the model's own
@@ -158,18 +161,31 @@ class Model:
             if y is not None:
                 self.force_output(y)
 
-    def run_batch(self, u: FloatArray) -> FloatArray:
+    def run_batch(self, u: Inputs) -> FloatArray:
         """Return the predictions (batch, n) of ``u`` (batch, n, n_inputs), step by step.
 
         Every row is bit for bit what ``step`` would return for it alone.
+        Raises ValueError if an input is not finite.
         """
         batch, n, _ = u.shape
         if batch != self.batch:
             raise ValueError(f"u has {batch} rows, the model was made for {self.batch}")
-        result = np.empty((batch, n))
+        u = np.asarray(u, dtype=np.float32)
+        if not np.isfinite(u).all():
+            bad = np.asarray(~np.isfinite(u).all(axis=(0, 1)))
+            raise ValueError(f"inputs of the model must be finite: {self._names(bad)}")
+        result = np.empty((n, batch))
         for k in range(n):
-            result[:, k] = self.step_batch(u[:, k])
-        return result
+            self._u[:] = u[:, k]
+            self._advance()
+            result[k] = self._lambda_hat[:, 0]
+        return result.T
+
+    def keep(self, rows: int) -> "Model":
+        """Return a model that goes on with the first ``rows`` vehicles."""
+        rest = self.with_batch(rows)
+        rest.state[:] = self._state[:rows]
+        return rest
 
 
 def open_session(path: Path | str) -> ort.InferenceSession:

@@ -1,12 +1,20 @@
-"""Tests that need no model: the signal is missing, implausible, not ready or frozen."""
+"""Tests that need no model: the signal is missing, implausible, not ready or frozen.
+
+``step`` and ``push`` take one sample, ``block`` a whole recording; a property test holds them
+together.
+"""
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
+from typing import NamedTuple
+
+import numpy as np
 
 from monitor.config import PlausibilityConfig
-from monitor.types import Quality, Sample
+from monitor.runs import since, stretches
+from monitor.types import BoolArray, FloatArray, IntArray, Quality, QualityArray, Sample
 
 _GOOD, _STALE, _INVALID, _OUT_OF_RANGE = (int(quality) for quality in Quality)
 
@@ -21,6 +29,15 @@ class TickResult:
 
 
 _result = cache(TickResult)  # there are few, and one sample needs three
+
+
+class TickResults(NamedTuple):
+    """All results of one test on a recording."""
+
+    at: IntArray  # (m,) numbers of the samples that allow a result, ascending
+    kind: IntArray  # (m,) place in ``kinds``
+    kinds: tuple[TickResult, ...]
+    failed: BoolArray  # (m,)
 
 
 class Plausibility:
@@ -70,12 +87,60 @@ class Plausibility:
             results.append(_result("range", quality == _OUT_OF_RANGE, "out_of_range"))
         return results
 
+    def block(self, values: FloatArray, quality: QualityArray) -> tuple[TickResults, ...]:
+        """Return the results of a recording from switching on, those of ``step`` in its order.
+
+        values, quality : (n, n_names)
+        """
+        n, q = len(values), quality[:, self._output]
+        told = np.full(n, np.nan) if self._ready is None else values[:, self._ready]
+        ready = np.where(np.isnan(told), q != _INVALID, told > 0.0)
+        gone = np.zeros(n, dtype=np.bool_) if self._ready is None else np.isnan(told)
+        running = (
+            np.ones(n, dtype=np.bool_)
+            if self._speed is None
+            else values[:, self._speed] >= self._running_rpm
+        )
+        not_ready = since(~(~ready & ~gone & running))
+        missing = (q == _STALE) | ((q == _INVALID) & gone)
+        invalid = (q == _INVALID) & ready
+        unheard = np.cumsum(np.minimum.accumulate(missing))
+        heard = ~np.minimum.accumulate(missing)
+        return (
+            _results(
+                heard | (unheard > self._start_patience),
+                np.where(invalid, 2, missing),
+                _result("communication", False, "signal_missing"),
+                _result("communication", True, "signal_missing"),
+                _result("communication", True, "signal_invalid"),
+            ),
+            _results(
+                (not_ready > self._patience) | (ready & ~missing),
+                ~ready,
+                _result("ready", False, "not_ready"),
+                _result("ready", True, "not_ready"),
+            ),
+            _results(
+                (q == _GOOD) | (q == _OUT_OF_RANGE),
+                q == _OUT_OF_RANGE,
+                _result("range", False, "out_of_range"),
+                _result("range", True, "out_of_range"),
+            ),
+        )
+
     def _is_ready(self, sample: Sample, quality: int) -> bool:
         ready = math.nan if self._ready is None else sample.values.item(self._ready)
         return quality != _INVALID if math.isnan(ready) else ready > 0.0
 
     def _is_running(self, sample: Sample) -> bool:
         return self._speed is None or sample.values.item(self._speed) >= self._running_rpm
+
+
+def _results(allowed: BoolArray, kind: np.ndarray, *kinds: TickResult) -> TickResults:
+    at = np.flatnonzero(allowed)
+    kind = kind[at].astype(np.int64)
+    failed = np.array([each.failed for each in kinds])
+    return TickResults(at, kind, kinds, failed[kind])
 
 
 class ActivityTest:
@@ -104,10 +169,30 @@ class ActivityTest:
         if self._count < self._n:
             return None
         self._count = 0
-        frozen = self._high - self._low <= self._config.stuck_range
-        if frozen and measured >= self._saturated:
+        return self._judged(self._low, self._high, measured)
+
+    def block(self, measured: FloatArray, active: BoolArray) -> list[tuple[int, bool, str]]:
+        """Return (sample, failed, fault) of every stretch of a recording that is judged.
+
+        active : (n,) whether ``push`` would take the sample; any other is a ``reset``
+        """
+        begin = stretches(active, self._n)
+        parts = measured[begin[:, np.newaxis] + np.arange(self._n)]
+        ends, low, high = begin + self._n - 1, parts.min(axis=1), parts.max(axis=1)
+        found = []
+        for i, *part in zip(
+            ends.tolist(), low.tolist(), high.tolist(), measured[ends].tolist(), strict=True
+        ):
+            judged = self._judged(*part)
+            if judged is not None:
+                found.append((i, *judged))
+        return found
+
+    def _judged(self, low: float, high: float, last: float) -> tuple[bool, str] | None:
+        frozen = high - low <= self._config.stuck_range
+        if frozen and last >= self._saturated:
             return None
-        return frozen, self._name(measured)
+        return frozen, self._name(last)
 
     def _name(self, measured: float) -> str:
         if abs(measured - 1.0) <= self._config.stuck_band_at_one:

@@ -71,6 +71,7 @@ class Collector:
             "verdict": event.outcome,
             "fault": event.fault,
             "also": list(event.also),
+            "excited": event.excited,
             "statistics": event.statistics,
         }
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 QualityArray = NDArray[np.uint8]
+BoolArray = NDArray[np.bool_]
 
 # What one frame says: channel numbers, and as many values in canonical units; NaN stands for not
 # available, +inf for out of range. A plain tuple, because one is made for every needed frame.

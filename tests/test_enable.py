@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from monitor import config, enable
 from monitor.enable import CONDITIONS, Enable
+from monitor.runs import stretches
 from monitor.types import Quality, Sample
 from monitor.window import Window, WindowCollector
 
@@ -27,6 +28,8 @@ GOOD = {
     "coolant_temperature_degc": 85.0,
     "engine_speed_rpm": 2000.0,
     "manifold_pressure_kpa": 50.0,
+    "vehicle_speed_km_h": 60.0,
+    "purge_duty_percent": 20.0,
 }
 # condition → a sample's value that breaks it and nothing else
 BREAKS = {
@@ -38,6 +41,8 @@ BREAKS = {
     "coolant_warm": ("coolant_temperature_degc", math.nextafter(CONFIG.coolant_min_degc, 0.0)),
     "engine_speed": ("engine_speed_rpm", math.nextafter(CONFIG.engine_speed_min_rpm, 0.0)),
     "engine_load": ("manifold_pressure_kpa", math.nextafter(CONFIG.manifold_pressure_min_kpa, 0.0)),
+    "vehicle_speed": ("vehicle_speed_km_h", math.nextafter(CONFIG.vehicle_speed_min_km_h, 0.0)),
+    "purge_steady": ("purge_duty_percent", 0.0),
 }
 SIGNAL_OF = {condition: signal for condition, (signal, _) in BREAKS.items()}
 SETTLE = 50  # samples, 5 s
@@ -93,6 +98,10 @@ def test_each_condition_blocks_on_its_own_and_is_listed(condition: str) -> None:
         ("engine_speed_rpm", CONFIG.engine_speed_min_rpm),
         ("engine_speed_rpm", CONFIG.engine_speed_max_rpm),
         ("manifold_pressure_kpa", CONFIG.manifold_pressure_min_kpa),
+        ("manifold_pressure_kpa", CONFIG.manifold_pressure_max_kpa),
+        ("vehicle_speed_km_h", CONFIG.vehicle_speed_min_km_h),
+        ("purge_duty_percent", CONFIG.purge_open_percent),
+        ("purge_duty_percent", GOOD["purge_duty_percent"] + CONFIG.purge_step_percent),
         ("air_mass_mg", 50.0),  # 10 % of the trained range below its lowest value
         ("air_mass_mg", 650.0),
         ("lambda_controller", 0.5),  # far out, where a biased sensor may have driven it
@@ -104,11 +113,19 @@ def test_a_value_on_its_limit_does_not_block(name: str, value: float) -> None:
     assert blocking(bench.step(**{name: value})) == set()
 
 
-def test_an_engine_that_turns_too_fast_blocks() -> None:
+@pytest.mark.parametrize(
+    ("name", "limit", "condition"),
+    [
+        ("engine_speed_rpm", CONFIG.engine_speed_max_rpm, "engine_speed"),
+        ("manifold_pressure_kpa", CONFIG.manifold_pressure_max_kpa, "engine_load"),
+    ],
+)
+def test_an_engine_that_turns_too_fast_or_is_enriched_under_load_blocks(
+    name: str, limit: float, condition: str
+) -> None:
     bench = Bench()
     bench.settle()
-    above = math.nextafter(CONFIG.engine_speed_max_rpm, math.inf)
-    assert blocking(bench.step(engine_speed_rpm=above)) == {"engine_speed"}
+    assert blocking(bench.step(**{name: math.nextafter(limit, math.inf)})) == {condition}
 
 
 @pytest.mark.parametrize("name", INPUTS)
@@ -217,6 +234,88 @@ def test_a_reset_is_like_switching_on() -> None:
     assert blocking(bench.settle()) == set()
 
 
+# The purge valve
+
+
+@pytest.mark.parametrize("period_s", [0.01, 0.1, 0.25])
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        (0.0, CONFIG.purge_open_percent),  # opens
+        (CONFIG.purge_open_percent, 0.0),  # closes
+    ],
+)
+def test_the_recovery_time_after_the_purge_valve_opens_or_closes_is_exact(
+    before: float, after: float, period_s: float
+) -> None:
+    bench = Bench(period_s=period_s)
+    for _ in range(CONFIG.model_settle_samples + 1):
+        last = bench.step(purge_duty_percent=before)
+    assert blocking(last) == set()
+    for _ in range(round(CONFIG.purge_recovery_s / period_s)):
+        assert blocking(bench.step(purge_duty_percent=after)) == {"purge_steady"}
+    assert blocking(bench.step(purge_duty_percent=after)) == set()
+
+
+def test_a_fast_change_of_purge_blocks_while_it_lasts_and_until_it_is_taken_up() -> None:
+    # GIVEN a valve that is open and goes far further open in one sample
+    bench = Bench()
+    bench.settle()
+    after = GOOD["purge_duty_percent"] + CONFIG.purge_step_percent + 1.0
+    # WHEN it stays there
+    blocked = [blocking(bench.step(purge_duty_percent=after)) for _ in range(60)]
+    # THEN the samples within a second of the change block, and the recovery time after the last
+    last = round(1.0 / PERIOD_S) - 1 + round(CONFIG.purge_recovery_s / PERIOD_S)
+    assert blocked == [{"purge_steady"}] * (last) + [set()] * (60 - last)
+
+
+def test_a_slow_change_of_purge_that_follows_the_load_does_not_block() -> None:
+    bench = Bench()
+    bench.settle()
+    per_sample = 0.9 * CONFIG.purge_step_percent * PERIOD_S
+    for k in range(20):
+        assert blocking(bench.step(purge_duty_percent=20.0 + k * per_sample)) == set()
+
+
+def test_purge_that_is_open_from_the_first_sample_is_no_step() -> None:
+    bench = Bench()
+    for _ in range(SETTLE):
+        assert blocking(bench.step()) == {"model_settled"}
+
+
+# Whole recordings
+
+NUMBER = st.sampled_from([math.nan, 0.0, 1e-4, 0.5, 1.0, 1.1, 5.0, 20.0, 55.0, 90.0, 130.0, 1000.0])
+
+
+@st.composite
+def held_values(draw: st.DrawFn) -> np.ndarray:
+    """Signals that hold a value for a while, most of them good."""
+    n = draw(st.integers(0, 120))
+    values = np.array([[GOOD[name] for name in NAMES]] * n).reshape(n, len(NAMES))
+    for _ in range(draw(st.integers(0, 12))):
+        first, length = draw(st.integers(0, 119)), draw(st.integers(1, 40))
+        column = draw(st.integers(0, len(NAMES) - 1))
+        values[first : first + length, column] = draw(NUMBER)
+    return values
+
+
+@given(held_values(), st.sets(st.sampled_from(enable.SIGNALS)), st.sampled_from([0.05, 0.1, 2.0]))
+def test_the_conditions_of_a_recording_are_those_of_its_samples(
+    values: np.ndarray, unavailable: set[str], period_s: float
+) -> None:
+    kept = [i for i, name in enumerate(NAMES) if name not in unavailable]
+    names, values = tuple(NAMES[i] for i in kept), values[:, kept]
+    streamed, whole = (
+        Enable(CONFIG, names, INPUTS, "lambda_measured", LOW, HIGH, period_s) for _ in range(2)
+    )
+    good = np.zeros(len(names), dtype=np.uint8)
+    expected = [streamed.step(Sample(0, 0, row, good)) for row in values]
+    got = whole.block(values)
+    assert got.shape == (len(values), len(CONDITIONS))
+    assert list(map(tuple, got.tolist())) == expected
+
+
 # Windows
 
 
@@ -250,6 +349,7 @@ def test_windows_are_runs_of_consecutive_enabled_samples_and_do_not_overlap(
             discarded += bool(run) and k < len(enabled)
             run = []
     assert [w.measured.tolist() for w in windows] == expected
+    assert stretches(np.array(enabled, dtype=np.bool_), n).tolist() == [w[0] for w in expected]
     assert [w.index for w in windows] == list(range(len(expected)))
     assert [(w.t_start_ns, w.t_end_ns) for w in windows] == [
         (run[0] * 100, run[-1] * 100) for run in expected

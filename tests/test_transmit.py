@@ -46,7 +46,7 @@ def window(
 ) -> WindowJudged:
     values = np.ones(50)
     held = Window(index, 0, 4_900_000_000, values, values, np.ones((50, 1)))
-    return WindowJudged(held, mean, std, False, outcome, None, (), {})
+    return WindowJudged(held, mean, std, False, outcome, None, (), True, {})
 
 
 def decoded(frame: Frame) -> dict[str, Any]:

@@ -1,0 +1,305 @@
+"""Whole recordings side by side give what the streaming monitor gives, sample by sample."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from monitor import config, enable, faults, hypotheses
+from monitor.batch import Judged, judge_all
+from monitor.batch_bank import BankBlock, phases
+from monitor.config import Config
+from monitor.dtc import DtcStore
+from monitor.errors import RecordingError
+from monitor.hypotheses import SensorBank
+from monitor.limits import Limits
+from monitor.model import Model
+from monitor.model_card import Channel, ModelCard
+from monitor.pipeline import DtcChanged, Monitor, Tick, WindowJudged
+from monitor.replay import shipped_model
+from monitor.types import Quality, Sample, SampleBlock
+from training.dyno import ecu, vehicle
+from training.dyno.simulate import Experiment, simulate
+from training.export import Network, save
+from training.narx import Spec, initial_weights
+from training.prepare import Scaling
+
+PERIOD_NS = 100_000_000
+INPUTS = ("air_mass_mg", "lambda_controller")
+NAMES = (*INPUTS, "lambda_measured", *enable.SIGNALS)
+USUAL = (300.0, 1.0, 1.0, 1.0, 0.0, 1.0, 85.0, 2000.0, 50.0, 60.0, 20.0)
+SHIPPED = config.load()
+# short times, so that short recordings reach windows, verdicts and codes
+SHORT = replace(
+    SHIPPED,
+    window=replace(SHIPPED.window, n_samples=10),
+    enable=replace(
+        SHIPPED.enable, model_settle_samples=3, fuel_cut_recovery_s=0.3, purge_recovery_s=0.2
+    ),
+    plausibility=replace(
+        SHIPPED.plausibility, stuck_s=1.0, start_patience_s=1.0, not_ready_s=1.0, stuck_range=0.01
+    ),
+    debounce=replace(SHIPPED.debounce, tick_fail_s=0.4, tick_pass_s=0.9),
+)
+TIGHT = Limits(j_mu=0.02, j_sigma=0.02, noise=0.02, excitation=0.01, offset=0.05)
+
+
+@dataclass(frozen=True)
+class Streamed:
+    """What the streaming monitor makes of one recording."""
+
+    ticks: list[Tick]
+    windows: list[WindowJudged]
+    changes: list[DtcChanged]
+    monitor: Monitor
+
+
+def stream(
+    block: SampleBlock, names: Sequence[str], model: Model, limits: Limits, settings: Config,
+    store: DtcStore,
+) -> Streamed:  # fmt: skip
+    monitor = Monitor(model, limits, settings, names, store)
+    rows = zip(block.index.tolist(), block.t_ns.tolist(), block.values, block.quality, strict=True)
+    events = [event for row in rows for event in monitor.push(Sample(*row))]
+    return Streamed(
+        [event for event in events if isinstance(event, Tick)],
+        [event for event in events if isinstance(event, WindowJudged)],
+        [event for event in events if isinstance(event, DtcChanged)],
+        monitor,
+    )
+
+
+def assert_same(streamed: Streamed, judged: Judged) -> None:
+    assert [tick.conditions for tick in streamed.ticks] == list(
+        map(tuple, judged.conditions.tolist())
+    )
+    assert [tick.enabled for tick in streamed.ticks] == judged.enabled.tolist()
+    np.testing.assert_array_equal([tick.predicted for tick in streamed.ticks], judged.predicted)
+    assert len(streamed.windows) == len(judged.windows)
+    for a, b in zip(streamed.windows, judged.windows, strict=True):
+        assert replace(a, window=b.window) == b  # mean, std, verdict, statistics: every digit
+        for field in ("index", "t_start_ns", "t_end_ns", "measured", "predicted", "bank"):
+            np.testing.assert_array_equal(getattr(a.window, field), getattr(b.window, field))
+    assert streamed.changes == judged.changes
+    assert streamed.monitor.store.active == judged.dtcs
+    assert streamed.monitor.completed == judged.completed
+
+
+def fresh() -> DtcStore:
+    store = DtcStore()
+    store.start_driving_cycle()
+    return store
+
+
+# A tiny model on random recordings
+
+
+def tiny_model(folder: Path, transform: str) -> Model:
+    low, high = np.array([100.0, 0.8]), np.array([600.0, 1.2])
+    y_low, y_high = (0.0, 1.7) if transform == "phi" else (-3.0, 4.0)
+    spec = Spec(2, 3, (4,), 1, (y_low - 0.9) / 0.3, (y_high - 0.9) / 0.3)
+    weights = 1.3 * initial_weights(spec, np.random.default_rng(4))
+    scaling = Scaling((low + high) / 2, (high - low) / 4, low, high, 0.9, 0.3, y_low, y_high)
+    net = Network(spec, weights, scaling, transform, (), INPUTS)
+    channels = tuple(
+        Channel(name, "", a, b, a, b)
+        for name, a, b in zip(INPUTS, low.tolist(), high.tolist(), strict=True)
+    )
+    card = ModelCard(
+        kind="narx", inputs=channels, output=Channel("lambda_measured", "-", 0.7, 1.2, 0.8, 1.2),
+        transform=transform, output_limits=(y_low, y_high), period_ns=PERIOD_NS,
+        lags=spec.lags, input_lag_start=1, layers=spec.hidden, state=net.state_layout,
+        recordings=(), residual_mean=0.0, residual_std=0.01,
+    )  # fmt: skip
+    save(folder / f"{transform}.onnx", net, card)
+    return Model.load(folder / f"{transform}.onnx")
+
+
+@pytest.fixture(scope="module")
+def tiny(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Model]:
+    folder = tmp_path_factory.mktemp("tiny")
+    return {transform: tiny_model(folder, transform) for transform in ("phi", "none")}
+
+
+# what may happen for a while: signals, the value they hold (None: as before), their quality
+HAPPENS = {
+    "an input is stale": (("air_mass_mg",), np.nan, Quality.STALE),
+    "an input is not available": (("lambda_controller",), np.nan, Quality.INVALID),
+    "nothing is received": (NAMES, np.nan, Quality.STALE),
+    "an input leaves the trained range": (("air_mass_mg",), 900.0, Quality.GOOD),
+    "lambda is stale": (("lambda_measured",), np.nan, Quality.STALE),
+    "lambda is not available": (("lambda_measured",), np.nan, Quality.INVALID),
+    "lambda is out of range": (("lambda_measured",), np.nan, Quality.OUT_OF_RANGE),
+    "a blank in a table": (("lambda_measured", "sensor_ready"), np.nan, Quality.INVALID),
+    "lambda is stuck": (("lambda_measured",), 1.1, Quality.GOOD),
+    "lambda is stuck at one": (("lambda_measured",), 1.0, Quality.GOOD),
+    "lambda stands in air": (("lambda_measured",), 1.3, Quality.GOOD),
+    "the sensor is not ready": (("sensor_ready",), 0.0, Quality.GOOD),
+    "the engine stands": (("engine_speed_rpm",), 0.0, Quality.GOOD),
+    "fuel is cut": (("fuel_cut",), 1.0, Quality.GOOD),
+    "the loop is open": (("closed_loop",), 0.0, Quality.GOOD),
+    "the purge valve is closed": (("purge_duty_percent",), 0.0, Quality.GOOD),
+}
+
+
+@st.composite
+def recordings(draw: st.DrawFn) -> SampleBlock:
+    """A drive in which things happen; what nothing happens to moves."""
+    n = draw(st.sampled_from([0, 1, 40, 150, 260]))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    values = np.tile(USUAL, (n, 1))
+    swing = np.sin(np.cumsum(rng.normal(0.0, 0.25, (n, 2)), axis=0))
+    values[:, 0] += 180.0 * swing[:, 0]
+    values[:, 1] += 0.1 * swing[:, 1]
+    values[:, 2] += draw(st.sampled_from([0.0, 0.1])) * swing[:, 0] + rng.normal(0.0, 0.005, n)
+    quality = np.zeros(values.shape, dtype=np.uint8)
+    for _ in range(draw(st.integers(0, 6))):
+        signals, value, grade = HAPPENS[draw(st.sampled_from(list(HAPPENS)))]
+        begin, length = draw(st.integers(0, max(n - 1, 0))), draw(st.integers(1, 80))
+        for signal in signals:
+            values[begin : begin + length, NAMES.index(signal)] = value
+            quality[begin : begin + length, NAMES.index(signal)] = grade
+    index = np.arange(n)
+    return SampleBlock(index, 5_000 + index * PERIOD_NS, values, quality)
+
+
+def without(block: SampleBlock, missing: set[str]) -> tuple[SampleBlock, tuple[str, ...]]:
+    kept = [i for i, name in enumerate(NAMES) if name not in missing]
+    block = block._replace(values=block.values[:, kept], quality=block.quality[:, kept])
+    return block, tuple(NAMES[i] for i in kept)
+
+
+@settings(max_examples=150)
+@given(
+    blocks=st.lists(recordings(), max_size=5),
+    missing=st.sets(st.sampled_from(enable.SIGNALS), max_size=3),
+    transform=st.sampled_from(["phi", "none"]),
+    rows=st.sampled_from([1, 2, 3, 64]),
+)
+def test_a_batch_gives_what_streaming_gives(
+    tiny: dict[str, Model], blocks: list[SampleBlock], missing: set[str], transform: str, rows: int
+) -> None:
+    model, names = tiny[transform], without(_EMPTY, missing)[1]
+    blocks = [without(block, missing)[0] for block in blocks]
+    judged = judge_all(blocks, names, model, TIGHT, SHORT, rows=rows)
+    assert len(judged) == len(blocks)
+    for block, got in zip(blocks, judged, strict=True):
+        assert_same(stream(block, names, model, TIGHT, SHORT, fresh()), got)
+
+
+_EMPTY = SampleBlock(
+    np.arange(0), np.arange(0), np.empty((0, len(NAMES))), np.empty((0, len(NAMES)), np.uint8)
+)
+
+
+# The shipped model on simulated drives
+
+WARM = vehicle.conditions(1)._replace(coolant_start_degc=85.0)
+
+
+def simulated(experiment: Experiment) -> tuple[SampleBlock, tuple[str, ...]]:
+    bus_map = ecu.own_bus()
+    rng = np.random.default_rng([experiment.seed, experiment.vehicle])
+    sent = ecu.broadcast(
+        simulate(experiment), bus_map, rng, experiment.fault, experiment.fault_start_s
+    )
+    return ecu.samples(sent, bus_map, PERIOD_NS), bus_map.names
+
+
+@pytest.fixture(scope="module")
+def drives() -> tuple[list[SampleBlock], tuple[str, ...]]:
+    """Three healthy drives of different lengths and some with a fault in the loop."""
+    found = [
+        simulated(Experiment(cycle, vehicle=7 + k, seed=9200 + k, conditions=WARM, duration_s=s))
+        for k, (cycle, s) in enumerate((("hwfet", 300.0), ("udds", 500.0), ("us06", 400.0)))
+    ]
+    for k, name in enumerate(("slow_symmetric", "stuck_lean", "signal_missing", "out_of_range")):
+        fault = faults.resolve(name)
+        found.append(simulated(Experiment("hwfet", seed=9210 + k, conditions=WARM, fault=fault)))
+    return [block for block, _ in found], found[0][1]
+
+
+def test_simulated_drives_with_the_shipped_model_are_judged_alike(
+    drives: tuple[list[SampleBlock], tuple[str, ...]],
+) -> None:
+    blocks, names = drives
+    model = Model.load(shipped_model())
+    limits = Limits.from_card(model.card, SHIPPED, "shipped")
+    judged = judge_all(blocks, names, model, limits, SHIPPED)
+    for block, got in zip(blocks, judged, strict=True):
+        assert_same(stream(block, names, model, limits, SHIPPED, fresh()), got)
+    # there was something to compare
+    assert sum(len(j.windows) for j in judged) > 100
+    assert any(w.excited for j in judged for w in j.windows)
+    assert {"out_of_range", "signal_missing"} <= {d.fault for j in judged for d in j.dtcs}
+    assert any(j.completed for j in judged)
+
+
+def test_a_fault_in_the_second_driving_cycle_is_confirmed_as_when_streaming(
+    drives: tuple[list[SampleBlock], tuple[str, ...]],
+) -> None:
+    # GIVEN fault memories that have seen a drive without the sensor's frames
+    blocks, names = drives
+    missing = blocks[5]
+    model = Model.load(shipped_model())
+    limits = Limits.from_card(model.card, SHIPPED, "shipped")
+    stores = [fresh(), fresh()]
+    for store in stores:
+        stream(missing, names, model, limits, SHIPPED, store)
+        store.start_driving_cycle()
+    # WHEN the same happens again
+    (got,) = judge_all([missing], names, model, limits, SHIPPED, [stores[0]])
+    assert_same(stream(missing, names, model, limits, SHIPPED, stores[1]), got)
+    # THEN the code is confirmed
+    assert [dtc.state for dtc in got.dtcs] == ["confirmed"]
+
+
+def test_an_input_of_the_model_that_is_not_there_is_named() -> None:
+    with pytest.raises(RecordingError, match="rail_pressure_mpa"):
+        judge_all([_EMPTY], NAMES, Model.load(shipped_model()), TIGHT, SHIPPED)
+
+
+# The parts
+
+
+@pytest.mark.parametrize("period_s", [0.1, 0.07, 1.0])
+@given(
+    lengths=st.lists(st.integers(1, 300), min_size=1, max_size=6), seed=st.integers(0, 2**32 - 1)
+)
+def test_the_bank_reads_alike_for_one_signal_and_for_many(
+    period_s: float, lengths: list[int], seed: int
+) -> None:
+    lengths.sort(reverse=True)
+    rng = np.random.default_rng(seed)
+    values = 1.0 + 0.1 * np.sin(np.cumsum(rng.normal(0.0, 0.5, (len(lengths), lengths[0])), axis=1))
+    values[rng.random(values.shape) < 0.2] = 1.0  # also stretches without a change
+    hypotheses_ = hypotheses.build(SHIPPED.response)
+    chosen = [
+        (row, step) for row, n in enumerate(lengths) for step in range(n) if rng.random() < 0.5
+    ]
+    row, step = np.array(chosen, dtype=np.int64).reshape(-1, 2).T
+    got = BankBlock(hypotheses_, period_s).read(values, lengths, row, step)
+    assert got.shape == (len(chosen), len(hypotheses_))
+    one = SensorBank(hypotheses_, period_s)
+    for i, n in enumerate(lengths):
+        one.reset()
+        expected = np.array([one.push(value).copy() for value in values[i, :n]])
+        np.testing.assert_array_equal(got[row == i], expected[step[row == i]])
+
+
+@given(st.lists(st.integers(1, 1000), min_size=1, max_size=70))
+def test_every_row_runs_to_its_end_and_at_most_half_of_the_work_is_in_vain(
+    lengths: list[int],
+) -> None:
+    lengths.sort(reverse=True)
+    done, work = 0, 0
+    for begin, end, rows in phases(lengths):
+        assert begin == done < end
+        assert all(length <= begin for length in lengths[rows:])
+        done, work = end, work + rows * (end - begin)
+    assert done == lengths[0]
+    assert work < 2 * sum(lengths)
