@@ -1,8 +1,11 @@
 """First half of the plant: driver, vehicle, engine speed, air path, temperatures, fuel cut.
 
 Nothing here depends on lambda, so it runs once before the mixture loop. The state is integrated
-at 100 Hz. Manifold filling and throttle flow follow the mean value engine model (Hendricks and
-Sorenson, SAE 900616).
+at 100 Hz, part by part, those further down seen as they were a step ago. Manifold filling and
+throttle flow follow the mean value engine model (Hendricks and Sorenson, SAE 900616).
+
+The parts stay in the file of their loop: numba's cache of a loop notices changes in its own file
+only. The large ones are inlined: calls that hand two dozen numbers over cost a tenth of its time.
 """
 
 from typing import NamedTuple
@@ -85,14 +88,210 @@ def _engine_target_rpm(v: float, gear: int) -> float:
     return max(rpm, 1150.0 if gear == 1 else IDLE_RPM)
 
 
+class _Motion(NamedTuple):
+    """Driver, gearbox and vehicle."""
+
+    speed_m_s: float
+    engine_rpm: float
+    torque_nm: float
+    friction_nm: float
+    integral: float  # of the driver, m
+    pedal_noise: float
+    gear: int
+    shift_s: float  # until the clutch closes again
+    engaged: bool
+
+
+class _Air(NamedTuple):
+    """Air path from compressor to cylinder."""
+
+    manifold_kpa: float
+    boost_kpa: float
+    throttle_m2: float
+    runner_kpa: float
+    charge_mg: float  # per stroke, what enters the cylinder
+    throttle_kg_s: float
+
+
+class _Meters(NamedTuple):
+    """Air meter, pressure sensor and what the ECU makes of them."""
+
+    lag_kg_h: float  # element of the air meter
+    maf_kg_h: float
+    map_kpa: float
+    charge_mg: float  # by speed and density
+    maf_slow_kg_h: float
+    charge_slow_kg_h: float
+    correction: float
+
+
+class _Purge(NamedTuple):
+    """Canister purge."""
+
+    wanted: float
+    timer_s: float
+    duty: float
+
+
+@numba.njit(cache=True)
+def _road_n(v: float) -> float:
+    return 130.0 + 1.2 * v + 0.42 * v * v if v > 0.05 else 0.0
+
+
+@numba.njit(cache=True)
+def _slope_ahead(speed_ref: FloatArray, k: int) -> float:
+    """Acceleration that the driver sees in the next 0.3 s of the trace."""
+    ahead = min(k + 30, len(speed_ref) - 1)
+    return (speed_ref[ahead] - speed_ref[k]) / ((ahead - k) * STEP_S) if ahead > k else 0.0
+
+
 @numba.njit(cache=True)
 def _wheel_demand_n(v: float, v_ref: float, a_ref: float, integral: float, brake: float) -> float:
-    road = 130.0 + 1.2 * v + 0.42 * v * v if v > 0.05 else 0.0
+    road = _road_n(v)
     return MASS_KG * (a_ref + 0.9 * (v_ref - v) + 0.12 * integral) + road + brake
 
 
+@numba.njit(inline="always")
+def _move(
+    m: _Motion,
+    v_ref: float,
+    a_ref: float,
+    gear: int,
+    brake_n: float,
+    coolant: float,
+    driver_noise: float,
+    noise: float,
+) -> _Motion:
+    """Driver, gearbox, torque and vehicle one step on."""
+    v, rpm, torque = m.speed_m_s, m.engine_rpm, m.torque_nm
+    pedal_noise = m.pedal_noise + ((-m.pedal_noise * STEP_S / 0.8) + 0.16 * np.sqrt(STEP_S) * noise)
+    integral = min(max(m.integral + (v_ref - v) * STEP_S, -8.0), 8.0)
+    demand_n = _wheel_demand_n(v, v_ref, a_ref, integral, brake_n)
+    demand_n *= 1.0 + driver_noise * pedal_noise
+    shift_s = (0.35 if gear != m.gear else m.shift_s) - STEP_S
+    engaged = gear > 0 and shift_s <= 0.0 and (v > 0.2 or demand_n > 0.0)
+    friction = 46.0 + 0.006 * rpm + 0.3 * max(60.0 - coolant, 0.0)
+    ratio = TOTAL_RATIO[gear - 1] if gear > 0 else 1.0
+    wanted = demand_n * WHEEL_RADIUS_M / (ratio * 0.92) if engaged else 0.0
+    idle_torque = 0.05 * (IDLE_RPM - rpm) if not engaged else 0.0
+    torque_ref = min(max(wanted, -friction), 300.0) + idle_torque
+    torque += (torque_ref - torque) * STEP_S / 0.12
+    force = torque * ratio * 0.92 / WHEEL_RADIUS_M if engaged else 0.0
+    if wanted < -friction or (not engaged and demand_n < 0.0):
+        force = demand_n  # the brakes do the rest
+    v = max(v + (force - _road_n(v) - brake_n) / MASS_KG * STEP_S, 0.0)
+    if v_ref < 0.05 and v < 0.6:
+        v, integral = max(v - 1.5 * STEP_S, 0.0), 0.0
+    rpm += (_engine_target_rpm(v, gear) - rpm) * STEP_S / (0.15 if engaged else 0.4)
+    return _Motion(v, rpm, torque, friction, integral, pedal_noise, gear, shift_s, engaged)
+
+
 @numba.njit(cache=True)
-def simulate(  # noqa: PLR0915  one loop over time, split where the signals allow it
+def _overrun(m: _Motion, cut: float) -> bool:
+    """Whether fuel may be cut, with hysteresis in engine speed."""
+    limit_rpm = 1350.0 if cut > 0 else 1600.0
+    return m.engaged and m.torque_nm < -0.55 * m.friction_nm and m.engine_rpm > limit_rpm
+
+
+@numba.njit(inline="always")
+def _breathe(
+    a: _Air,
+    charge_ref: float,
+    rpm: float,
+    t_man: float,
+    coolant: float,
+    maf_slow: float,
+    ve_error: FloatArray,
+    ambient_kpa: float,
+    e: Effects,
+) -> _Air:
+    """Desired charge, boost, throttle, manifold and runner one step on."""
+    p_man, t_k, strokes_per_s = a.manifold_kpa, t_man + 273.15, rpm / 30.0
+    ve_nominal = _nominal_ve(rpm, p_man)
+    p_ref = charge_ref / max(_charge_mg(ve_nominal, 1.0, t_man), 1e-6)
+    p_ref = min(max(p_ref, 15.0), 2.1 * ambient_kpa)
+    boost_ref = min(max(1.06 * p_ref - ambient_kpa, 0.0), 0.022 * max(rpm - 900.0, 0.0))
+    boost = a.boost_kpa + (boost_ref - a.boost_kpa) * STEP_S / 0.5
+    p_up = 0.985 * ambient_kpa + boost
+    flow_ref = charge_ref * 1e-6 * strokes_per_s
+    speed_factor = 1e3 / np.sqrt(R_AIR * t_k)
+    area_ref = flow_ref / (p_up * speed_factor * max(_psi(p_ref / p_up), 0.06))
+    area = a.throttle_m2 + (min(area_ref, THROTTLE_MAX) - a.throttle_m2) * STEP_S / 0.07
+    resonance = 1.0 + e.intake_resonance * np.exp(-(((rpm - 1850.0) / 140.0) ** 2))
+    ve = ve_nominal * resonance
+    ve *= 1.0 + _bilinear(ve_error, VE_SPEEDS_RPM, VE_LOADS_KPA, rpm, p_man)
+    wall = e.charge_temperature * max(coolant - t_man, 0.0) / (0.4 + maf_slow / 60.0)
+    runner_tau = e.manifold_filling * 1500.0 / max(rpm, 500.0)
+    runner = a.runner_kpa + (p_man - a.runner_kpa) * STEP_S / (runner_tau + STEP_S)
+    charge = _charge_mg(ve, runner, t_man + wall)
+    flow_in = area * p_up * speed_factor * _psi(p_man / p_up)
+    stiff = area * speed_factor * 7.53 + charge * 1e-6 * strokes_per_s / max(p_man, 10.0)
+    gain = R_AIR * t_k / MANIFOLD_M3 * 1e-3
+    p_man += STEP_S * gain * (flow_in - charge * 1e-6 * strokes_per_s) / (1 + STEP_S * gain * stiff)
+    return _Air(min(max(p_man, 12.0), 260.0), boost, area, runner, charge, flow_in)
+
+
+@numba.njit(inline="always")
+def _measure(
+    s: _Meters,
+    a: _Air,
+    rpm: float,
+    t_man: float,
+    maf_gain: float,
+    map_offset_kpa: float,
+    ambient_kpa: float,
+    e: Effects,
+    maf_noise: float,
+    map_noise: float,
+) -> _Meters:
+    """Air meter, pressure sensor and the ECU's charge one step on."""
+    pulse = np.exp(-(((rpm - 1300.0) / 450.0) ** 2)) * max(a.manifold_kpa / ambient_kpa - 0.55, 0.0)
+    reading = (
+        a.throttle_kg_s * 3600.0 * maf_gain * (1.0 + 2.0 * e.maf_pulsation * pulse) + e.maf_offset
+    )
+    lag = s.lag_kg_h + (reading - s.lag_kg_h) * STEP_S / 0.03
+    maf = max(lag * (1.0 + 0.004 * maf_noise), 0.0)
+    map_kpa = a.manifold_kpa + map_offset_kpa + 0.08 * map_noise
+    charge = _charge_mg(_nominal_ve(rpm, map_kpa), map_kpa, t_man)
+    maf_slow = s.maf_slow_kg_h + (maf - s.maf_slow_kg_h) * STEP_S / 1.5
+    flow = charge * (rpm / 30.0) * 3.6e-3
+    charge_slow = s.charge_slow_kg_h + (flow - s.charge_slow_kg_h) * STEP_S / 1.5
+    ratio = min(max(maf_slow / max(charge_slow, 3.0), 0.85), 1.15)
+    correction = s.correction + (1.0 + 0.6 * (ratio - 1.0) - s.correction) * STEP_S / 2.0
+    return _Meters(lag, maf, map_kpa, charge, maf_slow, charge_slow, correction)
+
+
+@numba.njit(cache=True)
+def _warm(
+    coolant: float, t_man: float, flow_kg_h: float, boost_kpa: float, ambient_degc: float
+) -> tuple[float, float]:
+    """Coolant and manifold temperature one step on."""
+    heat = 0.6 * (0.02 + flow_kg_h / 1500.0) * (1.0 if coolant < 88.0 else -0.3)
+    coolant += STEP_S * (3.0 * heat - 0.0004 * (coolant - ambient_degc))
+    soak = 0.18 * (coolant - ambient_degc) / (1.0 + flow_kg_h / 45.0) + 0.12 * boost_kpa
+    return coolant, t_man + (ambient_degc + 4.0 + soak - t_man) * STEP_S / 25.0
+
+
+@numba.njit(cache=True)
+def _rail_step(rail: float, charge_ref: float, rpm: float, noise: float) -> float:
+    """Rail pressure in MPa one step on."""
+    rail_ref = 5.0 + 9.0 * min(charge_ref / 700.0, 1.0) + 5.0 * min(rpm / 4500.0, 1.0)
+    return rail + ((rail_ref - rail) * STEP_S / 0.25 + 0.02 * noise * np.sqrt(STEP_S))
+
+
+@numba.njit(cache=True)
+def _purge_step(u: _Purge, allowed: bool, flow_kg_h: float, noise: float) -> _Purge:
+    """Canister purge one step on: half a minute on, half a minute off."""
+    wanted, timer = u.wanted, u.timer_s - STEP_S
+    if timer <= 0.0:
+        timer = 20.0 + 15.0 * abs(noise)
+        wanted = 0.0 if wanted > 0.0 else 1.0
+    duty_ref = wanted * (0.25 + 0.5 * min(flow_kg_h / 60.0, 1.0)) if allowed else 0.0
+    return _Purge(wanted, timer, u.duty + (duty_ref - u.duty) * STEP_S / 1.2)
+
+
+@numba.njit(cache=True)
+def simulate(
     speed_ref: FloatArray,
     gears: FloatArray,
     brake_n: FloatArray,
@@ -107,119 +306,39 @@ def simulate(  # noqa: PLR0915  one loop over time, split where the signals allo
     """
     n = len(speed_ref)
     out = np.empty((15, n))
-    v, rpm, integral, pedal_noise = speed_ref[0], IDLE_RPM, 0.0, 0.0
-    p_man, p_boost, area, t_man = 40.0, 0.0, 2e-5, c.ambient_degc + 8.0
-    torque, p_runner, correction, coolant = 0.0, 40.0, 1.0, c.coolant_start_degc
-    maf_lag, maf_slow, charge_slow, rail = 8.0, 8.0, 100.0, 6.0
-    cut, cut_timer, shift_timer, last_gear = 0.0, 0.0, 0.0, 0
-    load_v, load_timer, purge, purge_timer = 0.0, 0.0, 0.0, 30.0
-    speeds, loads = VE_SPEEDS_RPM, VE_LOADS_KPA
+    m = _Motion(speed_ref[0], IDLE_RPM, 0.0, 0.0, 0.0, 0.0, 0, 0.0, False)
+    a = _Air(40.0, 0.0, 2e-5, 40.0, 0.0, 0.0)
+    s = _Meters(8.0, 0.0, 0.0, 0.0, 8.0, 100.0, 1.0)
+    u = _Purge(0.0, 30.0, 0.0)
+    coolant, t_man, rail = c.coolant_start_degc, c.ambient_degc + 8.0, 6.0
+    cut, overrun_s, load_v, load_timer = 0.0, 0.0, 0.0, 0.0
     for k in range(n):
-        # driver and vehicle
-        ahead = min(k + 30, n - 1)
-        a_ref = (speed_ref[ahead] - speed_ref[k]) / ((ahead - k) * STEP_S) if ahead > k else 0.0
-        pedal_noise += (-pedal_noise * STEP_S / 0.8) + 0.16 * np.sqrt(STEP_S) * noise[k, 0]
-        integral = min(max(integral + (speed_ref[k] - v) * STEP_S, -8.0), 8.0)
-        demand_n = _wheel_demand_n(v, speed_ref[k], a_ref, integral, brake_n[k])
-        demand_n *= 1.0 + c.driver_noise * pedal_noise
-        gear = gears[k]
-        if gear != last_gear:
-            shift_timer, last_gear = 0.35, gear
-        shift_timer -= STEP_S
-        engaged = gear > 0 and shift_timer <= 0.0 and (v > 0.2 or demand_n > 0.0)
-        friction = 46.0 + 0.006 * rpm + 0.3 * max(60.0 - coolant, 0.0)
-        ratio = TOTAL_RATIO[gear - 1] if gear > 0 else 1.0
-        wanted = demand_n * WHEEL_RADIUS_M / (ratio * 0.92) if engaged else 0.0
-        idle_torque = 0.05 * (IDLE_RPM - rpm) if not engaged else 0.0
-        torque_ref = min(max(wanted, -friction), 300.0) + idle_torque
-        torque += (torque_ref - torque) * STEP_S / 0.12
-        force = torque * ratio * 0.92 / WHEEL_RADIUS_M if engaged else 0.0
-        if wanted < -friction or (not engaged and demand_n < 0.0):
-            force = demand_n  # the brakes do the rest
-        road = 130.0 + 1.2 * v + 0.42 * v * v if v > 0.05 else 0.0
-        v = max(v + (force - road - brake_n[k]) / MASS_KG * STEP_S, 0.0)
-        if speed_ref[k] < 0.05 and v < 0.6:
-            v, integral = max(v - 1.5 * STEP_S, 0.0), 0.0
-        rpm += (_engine_target_rpm(v, gear) - rpm) * STEP_S / (0.15 if engaged else 0.4)
-
-        # fuel cut on overrun
-        overrun = engaged and torque < -0.55 * friction and rpm > (1350.0 if cut > 0 else 1600.0)
-        cut_timer = cut_timer + STEP_S if overrun else 0.0
-        cut = 1.0 if cut_timer > 0.5 else 0.0
-
-        # air path: desired charge, boost, throttle, manifold, runner
-        charge_ref = max((torque + friction) / TORQUE_PER_MG, 70.0)
-        t_k = t_man + 273.15
-        ve_nominal = _nominal_ve(rpm, p_man)
-        p_ref = charge_ref / max(_charge_mg(ve_nominal, 1.0, t_man), 1e-6)
-        p_ref = min(max(p_ref, 15.0), 2.1 * c.ambient_kpa)
-        boost_ref = min(max(1.06 * p_ref - c.ambient_kpa, 0.0), 0.022 * max(rpm - 900.0, 0.0))
-        p_boost += (boost_ref - p_boost) * STEP_S / 0.5
-        p_up = 0.985 * c.ambient_kpa + p_boost
-        strokes_per_s = rpm / 30.0
-        flow_ref = charge_ref * 1e-6 * strokes_per_s
-        speed_factor = 1e3 / np.sqrt(R_AIR * t_k)
-        area_ref = flow_ref / (p_up * speed_factor * max(_psi(p_ref / p_up), 0.06))
-        area += (min(area_ref, THROTTLE_MAX) - area) * STEP_S / 0.07
-        resonance = 1.0 + e.intake_resonance * np.exp(-(((rpm - 1850.0) / 140.0) ** 2))
-        ve = ve_nominal * resonance
-        ve *= 1.0 + _bilinear(p.ve_error, speeds, loads, rpm, p_man)
-        wall = e.charge_temperature * max(coolant - t_man, 0.0) / (0.4 + maf_slow / 60.0)
-        runner_tau = e.manifold_filling * 1500.0 / max(rpm, 500.0)
-        p_runner += (p_man - p_runner) * STEP_S / (runner_tau + STEP_S)
-        air = _charge_mg(ve, p_runner, t_man + wall)
-        flow_in = area * p_up * speed_factor * _psi(p_man / p_up)
-        stiff = area * speed_factor * 7.53 + air * 1e-6 * strokes_per_s / max(p_man, 10.0)
-        gain = R_AIR * t_k / MANIFOLD_M3 * 1e-3
-        p_man += (
-            STEP_S * gain * (flow_in - air * 1e-6 * strokes_per_s) / (1 + STEP_S * gain * stiff)
-        )
-        p_man = min(max(p_man, 12.0), 260.0)
-
-        # sensors of the air path and the ECU's charge
-        pulse = np.exp(-(((rpm - 1300.0) / 450.0) ** 2)) * max(p_man / c.ambient_kpa - 0.55, 0.0)
-        flow_kg_h = flow_in * 3600.0
-        reading = flow_kg_h * p.maf_gain * (1.0 + 2.0 * e.maf_pulsation * pulse) + e.maf_offset
-        maf_lag += (reading - maf_lag) * STEP_S / 0.03
-        maf = max(maf_lag * (1.0 + 0.004 * noise[k, 1]), 0.0)
-        map_kpa = p_man + p.map_offset_kpa + 0.08 * noise[k, 2]
-        charge_sd = _charge_mg(_nominal_ve(rpm, map_kpa), map_kpa, t_man)
-        maf_slow += (maf - maf_slow) * STEP_S / 1.5
-        charge_slow += (charge_sd * strokes_per_s * 3.6e-3 - charge_slow) * STEP_S / 1.5
-        ratio_slow = min(max(maf_slow / max(charge_slow, 3.0), 0.85), 1.15)
-        correction += (1.0 + 0.6 * (ratio_slow - 1.0) - correction) * STEP_S / 2.0
-
-        # temperatures, rail, battery, purge
-        heat = 0.6 * (0.02 + flow_kg_h / 1500.0) * (1.0 if coolant < 88.0 else -0.3)
-        coolant += STEP_S * (3.0 * heat - 0.0004 * (coolant - c.ambient_degc))
-        soak = 0.18 * (coolant - c.ambient_degc) / (1.0 + flow_kg_h / 45.0) + 0.12 * p_boost
-        t_man += (c.ambient_degc + 4.0 + soak - t_man) * STEP_S / 25.0
-        rail_ref = 5.0 + 9.0 * min(charge_ref / 700.0, 1.0) + 5.0 * min(rpm / 4500.0, 1.0)
-        rail += (rail_ref - rail) * STEP_S / 0.25 + 0.02 * noise[k, 3] * np.sqrt(STEP_S)
+        m = _move(m, speed_ref[k], _slope_ahead(speed_ref, k), gears[k], brake_n[k], coolant,
+                  c.driver_noise, noise[k, 0])  # fmt: skip
+        rpm = m.engine_rpm
+        overrun_s = overrun_s + STEP_S if _overrun(m, cut) else 0.0
+        cut = 1.0 if overrun_s > 0.5 else 0.0
+        charge_ref = max((m.torque_nm + m.friction_nm) / TORQUE_PER_MG, 70.0)
+        a = _breathe(a, charge_ref, rpm, t_man, coolant, s.maf_slow_kg_h, p.ve_error,
+                     c.ambient_kpa, e)  # fmt: skip
+        s = _measure(s, a, rpm, t_man, p.maf_gain, p.map_offset_kpa, c.ambient_kpa, e,
+                     noise[k, 1], noise[k, 2])  # fmt: skip
+        flow_kg_h = a.throttle_kg_s * 3600.0
+        coolant, t_man = _warm(coolant, t_man, flow_kg_h, a.boost_kpa, c.ambient_degc)
+        rail = _rail_step(rail, charge_ref, rpm, noise[k, 3])
         load_timer -= STEP_S
         if load_timer <= 0.0:
             load_timer = 8.0 + 12.0 * abs(noise[k, 4])
             load_v = 0.9 * min(max(noise[min(k + 1, n - 1), 4], -1.0), 1.0)
-        battery = 13.9 - load_v + 0.00012 * (rpm - 1500.0)
-        purge_timer -= STEP_S
-        if purge_timer <= 0.0:
-            purge_timer = 20.0 + 15.0 * abs(noise[k, 4])
-            purge = 0.0 if purge > 0.0 else 1.0
-        allowed = coolant > 60.0 and cut == 0.0 and p_man < 0.85 * c.ambient_kpa
-        previous = out[14, k - 1] if k > 0 else 0.0
-        duty_ref = purge * (0.25 + 0.5 * min(flow_kg_h / 60.0, 1.0)) if allowed else 0.0
-        duty = previous + (duty_ref - previous) * STEP_S / 1.2
+        allowed = coolant > 60.0 and cut == 0.0 and a.manifold_kpa < 0.85 * c.ambient_kpa
+        u = _purge_step(u, allowed, flow_kg_h, noise[k, 4])
 
-        out[0, k], out[1, k], out[2, k], out[3, k] = v, rpm, torque, 100 * (area / THROTTLE_MAX)
-        out[4, k], out[5, k], out[6, k] = map_kpa, t_man, air
-        out[7, k] = charge_sd * correction
-        out[8, k], out[9, k], out[10, k], out[11, k] = (
-            maf,
-            air * strokes_per_s * 3.6e-3,
-            coolant,
-            cut,
-        )
-        out[12, k], out[13, k], out[14, k] = rail, battery, duty
+        out[0, k], out[1, k], out[2, k] = m.speed_m_s, rpm, m.torque_nm
+        out[3, k], out[4, k], out[5, k] = 100 * (a.throttle_m2 / THROTTLE_MAX), s.map_kpa, t_man
+        out[6, k], out[7, k], out[8, k] = a.charge_mg, s.charge_mg * s.correction, s.maf_kg_h
+        out[9, k], out[10, k], out[11, k] = a.charge_mg * (rpm / 30.0) * 3.6e-3, coolant, cut
+        out[12, k], out[13, k] = rail, 13.9 - load_v + 0.00012 * (rpm - 1500.0)
+        out[14, k] = u.duty
     return Drive(
         out[0], out[1], out[2], out[3], out[4], out[5], out[6], out[7],
         out[8], out[9], out[10], out[11], out[12], out[13], out[14],

@@ -1,6 +1,7 @@
 """Second half of the plant: fuel, mixture, exhaust, wideband sensor and lambda control.
 
-The sensor, healthy or faulty, sits inside the control loop, as in a car.
+The sensor, healthy or faulty, sits inside the control loop, as in a car. The parts stay in the file
+of their loop, as in ``drive``.
 """
 
 from typing import NamedTuple
@@ -83,7 +84,171 @@ def _look_back(history: FloatArray, k: int, delay_s: float) -> float:
 
 
 @numba.njit(cache=True)
-def simulate(  # noqa: PLR0915  one loop over time, closed by the controller
+def _injected_mg(
+    commanded: float, rail_mpa: float, battery_v: float, p: Piece, e: Effects
+) -> float:
+    """Fuel per stroke that the injectors give for a command in mg."""
+    short = np.exp(-commanded / 9.0)
+    injected = commanded * p.injector_gain * (rail_mpa / 10.0) ** e.rail_exponent
+    injected += p.injector_curve_mg * short - 0.12 * e.battery_voltage * (battery_v - 13.9) * 8.0
+    injected += e.injector_offset * (0.6 + 0.9 * np.exp(-commanded / 15.0))
+    return max(injected, 0.0)
+
+
+class _Fuel(NamedTuple):
+    """Fuel that comes late or from elsewhere, and what reaches the cylinder."""
+
+    film_mg: float
+    vapour_mg_s: float
+    oil: float  # fraction of the fuel in the oil that is still there
+    cylinder_mg: float  # per stroke
+
+
+@numba.njit(cache=True)
+def _fuel_step(
+    f: _Fuel,
+    t_s: float,
+    injected: float,
+    cut: bool,
+    strokes_per_s: float,
+    coolant: float,
+    manifold_kpa: float,
+    purge_duty: float,
+    c: Conditions,
+    e: Effects,
+) -> _Fuel:
+    """Wall film, canister vapour and oil one step on."""
+    cold = max(88.0 - coolant, 0.0) / 60.0
+    share = min((e.wall_film + 0.02 * e.ethanol) * (1.0 + 1.5 * cold), 0.6)
+    film_tau = (0.35 + 0.5 * cold) * (1.0 + 0.4 * 40.0 / (manifold_kpa + 20.0))
+    evaporated = f.film_mg / film_tau  # mg/s
+    film_mg = f.film_mg + STEP_S * (share * injected * strokes_per_s - evaporated)
+    vapour = f.vapour_mg_s + STEP_S / 0.7 * (
+        e.purge * c.canister_load * np.exp(-t_s / 2500.0)
+        * purge_duty * max(c.ambient_kpa - manifold_kpa, 0.0) * 0.9 - f.vapour_mg_s
+    )  # fmt: skip
+    oil_mg_s = e.oil_dilution * f.oil * np.exp((min(coolant, 90.0) - 90.0) / 25.0)
+    oil = f.oil - STEP_S * f.oil * oil_mg_s * 2e-4
+    extra = (evaporated + vapour + oil_mg_s) / strokes_per_s
+    return _Fuel(
+        film_mg, vapour, oil, (1.0 - share) * injected + (extra if not cut else 0.3 * extra)
+    )
+
+
+@numba.njit(cache=True)
+def _scavenged(manifold_kpa: float, ambient_kpa: float, rpm: float, scavenging: float) -> float:
+    """Fraction of air that blows through while both valves are open."""
+    blown = scavenging * max(manifold_kpa / ambient_kpa - 0.9, 0.0) * 2.5
+    blown *= 1.0 / (1.0 + np.exp((rpm - 2200.0) / 200.0))
+    return min(blown, 0.3)
+
+
+class _Disturbance(NamedTuple):
+    """Combustion noise and the disturbance line."""
+
+    noise: float
+    line_phase: float
+
+
+@numba.njit(cache=True)
+def _disturb(s: _Disturbance, line_hz: float, noise: float, drift: float) -> _Disturbance:
+    return _Disturbance(
+        s.noise + (-s.noise * STEP_S / 0.06 + noise * np.sqrt(2 * STEP_S / 0.06)),
+        s.line_phase + STEP_S * (line_hz + 0.03 * drift),
+    )
+
+
+class _Exhaust(NamedTuple):
+    """Transport from the valves to the sensor; all but ``behind`` in phi."""
+
+    behind: int  # step at which the gas that now leaves the pipe entered it
+    mixed: float
+    pipe: float
+    tail: float  # of the fuel cut
+    gas: float  # at the sensor
+
+
+@numba.njit(cache=True)
+def _transport(
+    x: _Exhaust,
+    k: int,
+    delayed: float,
+    flow: float,
+    cut: bool,
+    entered: FloatArray,
+    advected: FloatArray,
+    mixing_tau_s: float,
+    e: Effects,
+) -> _Exhaust:
+    """A pipe that the exhaust itself pushes on, then two mixed volumes, one step on."""
+    litres_per_s = flow / 3600.0 / 0.45 * 1e3
+    entered[k] = delayed
+    advected[k + 1] = advected[k] + litres_per_s * STEP_S
+    behind = x.behind
+    while behind < k and advected[behind + 1] < advected[k + 1] - e.delay_flow:
+        behind += 1
+    mixed = x.mixed + (entered[behind] - x.mixed) * (1.0 - np.exp(-STEP_S / mixing_tau_s))
+    pipe_tau = e.mix_flow / litres_per_s
+    pipe = x.pipe + (mixed - x.pipe) * (1.0 - np.exp(-STEP_S / (pipe_tau + 1e-6)))
+    tail = x.tail + STEP_S * ((1.0 - x.tail) / 1.2 if cut else -x.tail / (0.5 + 12.0 / flow))
+    return _Exhaust(behind, mixed, pipe, tail, pipe - (0.0 if cut else e.fuel_cut_tail * tail))
+
+
+@numba.njit(cache=True)
+def _pumping(
+    uego: float, gas: float, flow: float, sensor_tau_s: float, ambient_kpa: float, e: Effects
+) -> float:
+    """What the sensor's cell pumps: pressure, diffusion and its direction, one step on."""
+    pressure_bar = (flow / 220.0) ** 2 + (ambient_kpa - 98.5) / 100.0
+    gas = 1.0 + (gas - 1.0) * (1.0 + e.back_pressure * pressure_bar * (1.2 if gas < 1 else 0.8))
+    skew = e.sensor_asymmetry * np.tanh((gas - uego) / 0.01)
+    return uego + (gas - uego) * (1.0 - np.exp(-STEP_S / (sensor_tau_s * (1.0 + skew))))
+
+
+@numba.njit(cache=True)
+def _read(
+    slow: float, k: int, sensed: FloatArray, faulty: bool, f: SensorParameters
+) -> tuple[float, float]:
+    """Return the lagged phi and the lambda that the ECU reads of a sensor, faulty or not."""
+    phi = sensed[k % HISTORY]
+    if faulty:
+        phi = _one_sided(phi, _look_back(sensed, k, f.delay_s), f.delay_direction)
+    slow = _lag_step(
+        slow, phi,
+        f.tau_rising_s if faulty else 0.0, f.tau_falling_s if faulty else 0.0, STEP_S,
+    )  # fmt: skip
+    phi = 1.0 + (f.gain if faulty else 1.0) * (slow - 1.0)
+    reading = min(1.0 / max(phi, 1.0 / LAMBDA_MAX), LAMBDA_MAX)
+    if faulty:
+        reading = f.stuck_lambda if f.stuck_lambda > 0.0 else reading + f.offset_lambda
+    return slow, reading
+
+
+class _Control(NamedTuple):
+    """Lambda controller: what it expects to read, and its two parts."""
+
+    model: float
+    integral: float
+    proportional: float
+
+
+@numba.njit(cache=True)
+def _control(s: _Control, expected: float, reading: float, active: bool) -> _Control:
+    """The command seen through the nominal plant, against the reading, one step on."""
+    model = s.model + (expected - s.model) * STEP_S / 0.10
+    error = model - min(max(1.0 / max(reading, 0.05), 0.0), 1.6)
+    if not active:
+        return _Control(model, s.integral, s.proportional * (1.0 - STEP_S / 0.3))
+    error = min(max(error, -0.15), 0.15)
+    return _Control(
+        model,
+        min(max(s.integral + 0.45 * error * STEP_S, -TRIM_LIMIT), TRIM_LIMIT),
+        s.proportional + (0.12 * error - s.proportional) * STEP_S / 0.05,
+    )
+
+
+@numba.njit(cache=True)
+def simulate(
     d: Drive,
     p: Piece,
     c: Conditions,
@@ -104,16 +269,14 @@ def simulate(  # noqa: PLR0915  one loop over time, closed by the controller
     cylinder, sensed, expected = np.ones(HISTORY), np.ones(HISTORY), np.ones(HISTORY)
     advected = np.zeros(n + 1)  # exhaust volume that has passed the valves, in litres
     entered = np.ones(n)  # phi when it entered the pipe
-    behind = 0
-    film_mg, vapour, oil, tail = 0.0, 0.0, 1.0, 0.0
-    mixed, pipe, uego, slow, model = 1.0, 1.0, 1.0, 1.0, 1.0
-    integral, proportional, phase, line_phase, mixture_noise = 0.0, 0.0, 0.0, 0.0, 0.0
-    since_cut = 10.0
+    fuel, disturbance = _Fuel(0.0, 0.0, 1.0, 0.0), _Disturbance(0.0, 0.0)
+    exhaust, control = _Exhaust(0, 1.0, 1.0, 0.0, 1.0), _Control(1.0, 0.0, 0.0)
+    uego, slow, phase, since_cut = 1.0, 1.0, 0.0, 10.0
     stoichiometric = STOICHIOMETRIC_AIR_FUEL - 5.7 * e.ethanol
     for k in range(n):
         t_s = k * STEP_S
         rpm, air_ecu, coolant = d.engine_rpm[k], d.air_ecu_mg[k], d.coolant_degc[k]
-        strokes_per_s, flow = rpm / 30.0, max(d.exhaust_kg_h[k], 3.0)
+        flow = max(d.exhaust_kg_h[k], 3.0)
         cut = d.fuel_cut[k] > 0.5
         since_cut = 0.0 if cut else since_cut + STEP_S
         faulty = t_s >= f.start_s
@@ -124,91 +287,35 @@ def simulate(  # noqa: PLR0915  one loop over time, closed by the controller
         phase += STEP_S / (1.1 + 2.2 / (1.0 + flow / 25.0))
         modulation = 0.028 * _triangle(phase) + phi_step[k] if closed else 0.0
         target = _target_phi(t_s, coolant, rpm, air_ecu, since_cut, modulation)
-        trim = 1.0 + integral + proportional
+        trim = 1.0 + control.integral + control.proportional
         if len(forced_trim) > 0:
             trim = forced_trim[k]
         fuel_ecu = 0.0 if cut else air_ecu / STOICHIOMETRIC_AIR_FUEL * target * trim
 
-        # fuel that reaches the cylinder
-        injected = 0.0
-        if not cut:
-            short = np.exp(-fuel_ecu / 9.0)
-            injected = fuel_ecu * p.injector_gain * (d.rail_mpa[k] / 10.0) ** e.rail_exponent
-            injected += (
-                p.injector_curve_mg * short
-                - 0.12 * e.battery_voltage * (d.battery_v[k] - 13.9) * 8.0
-            )
-            injected += e.injector_offset * (0.6 + 0.9 * np.exp(-fuel_ecu / 15.0))
-            injected = max(injected, 0.0)
-        cold = max(88.0 - coolant, 0.0) / 60.0
-        share = min((e.wall_film + 0.02 * e.ethanol) * (1.0 + 1.5 * cold), 0.6)
-        film_tau = (0.35 + 0.5 * cold) * (1.0 + 0.4 * 40.0 / (d.manifold_kpa[k] + 20.0))
-        evaporated = film_mg / film_tau  # mg/s
-        film_mg += STEP_S * (share * injected * strokes_per_s - evaporated)
-        vapour += STEP_S / 0.7 * (
-            e.purge * c.canister_load * np.exp(-t_s / 2500.0)
-            * d.purge_duty[k] * max(c.ambient_kpa - d.manifold_kpa[k], 0.0) * 0.9 - vapour
-        )  # fmt: skip
-        oil_mg_s = e.oil_dilution * oil * np.exp((min(coolant, 90.0) - 90.0) / 25.0)
-        oil -= STEP_S * oil * oil_mg_s * 2e-4
-        extra = (evaporated + vapour + oil_mg_s) / strokes_per_s
-        fuel = (1.0 - share) * injected + (extra if not cut else 0.3 * extra)
-
         # mixture at the exhaust valve
-        scavenged = e.scavenging * max(d.manifold_kpa[k] / c.ambient_kpa - 0.9, 0.0) * 2.5
-        scavenged *= 1.0 / (1.0 + np.exp((rpm - 2200.0) / 200.0))
-        phi = fuel * stoichiometric / (d.air_true_mg[k] * (1.0 + min(scavenged, 0.3)))
-        mixture_noise += -mixture_noise * STEP_S / 0.06 + noise[k, 0] * np.sqrt(2 * STEP_S / 0.06)
-        line_phase += STEP_S * (c.line_hz + 0.03 * noise[k, 2])
+        injected = 0.0 if cut else _injected_mg(fuel_ecu, d.rail_mpa[k], d.battery_v[k], p, e)
+        fuel = _fuel_step(fuel, t_s, injected, cut, rpm / 30.0, coolant, d.manifold_kpa[k],
+                          d.purge_duty[k], c, e)  # fmt: skip
+        scavenged = _scavenged(d.manifold_kpa[k], c.ambient_kpa, rpm, e.scavenging)
+        phi = fuel.cylinder_mg * stoichiometric / (d.air_true_mg[k] * (1.0 + scavenged))
+        disturbance = _disturb(disturbance, c.line_hz, noise[k, 0], noise[k, 2])
         if not cut:
-            phi += c.combustion_noise_phi * mixture_noise
-            phi += c.line_phi * np.sin(2 * np.pi * line_phase)
+            phi += c.combustion_noise_phi * disturbance.noise
+            phi += c.line_phi * np.sin(2 * np.pi * disturbance.line_phase)
         phi *= 1.0 - min(e.exhaust_leak * np.exp(-(flow - 10.0) / 30.0) * 1.4, 0.5)
         cylinder[k % HISTORY] = max(phi, 0.0)
 
-        # transport: the engine's own revolutions, a pipe of fixed time, then a volume
+        # transport, sensor and what it is read as; the engine's own revolutions delay first
         delayed = _look_back(cylinder, k, 90.0 / rpm + p.transport_delay_s)
-        entered[k] = delayed
-        advected[k + 1] = advected[k] + flow / 3600.0 / 0.45 * 1e3 * STEP_S
-        while behind < k and advected[behind + 1] < advected[k + 1] - e.delay_flow:
-            behind += 1
-        delayed = entered[behind]
-        mixed += (delayed - mixed) * (1.0 - np.exp(-STEP_S / p.mixing_tau_s))
-        pipe_tau = e.mix_flow / (flow / 3600.0 / 0.45 * 1e3)
-        pipe += (mixed - pipe) * (1.0 - np.exp(-STEP_S / (pipe_tau + 1e-6)))
-        tail += STEP_S * ((1.0 - tail) / 1.2 if cut else -tail / (0.5 + 12.0 / flow))
-        gas = pipe - (0.0 if cut else e.fuel_cut_tail * tail)
-
-        # sensor: diffusion, its own pressure and direction dependence
-        pressure_bar = (flow / 220.0) ** 2 + (c.ambient_kpa - 98.5) / 100.0
-        gas = 1.0 + (gas - 1.0) * (1.0 + e.back_pressure * pressure_bar * (1.2 if gas < 1 else 0.8))
-        skew = e.sensor_asymmetry * np.tanh((gas - uego) / 0.01)
-        uego += (gas - uego) * (1.0 - np.exp(-STEP_S / (p.sensor_tau_s * (1.0 + skew))))
+        exhaust = _transport(exhaust, k, delayed, flow, cut, entered, advected, p.mixing_tau_s, e)
+        uego = _pumping(uego, exhaust.gas, flow, p.sensor_tau_s, c.ambient_kpa, e)
         healthy = 1.0 + p.sensor_gain * (uego - 1.0) + p.sensor_offset + 0.0008 * noise[k, 1]
         sensed[k % HISTORY] = healthy
-        phi_read, lambda_read = healthy, 0.0
-        if faulty:
-            then = _look_back(sensed, k, f.delay_s)
-            phi_read = _one_sided(healthy, then, f.delay_direction)
-        slow = _lag_step(
-            slow, phi_read,
-            f.tau_rising_s if faulty else 0.0, f.tau_falling_s if faulty else 0.0, STEP_S,
-        )  # fmt: skip
-        phi_read = 1.0 + (f.gain if faulty else 1.0) * (slow - 1.0)
-        lambda_read = min(1.0 / max(phi_read, 1.0 / LAMBDA_MAX), LAMBDA_MAX)
-        if faulty:
-            lambda_read = f.stuck_lambda if f.stuck_lambda > 0.0 else lambda_read + f.offset_lambda
+        slow, lambda_read = _read(slow, k, sensed, faulty, f)
 
-        # control: the command seen through the nominal plant, against the reading
         expected[k % HISTORY] = target if not cut else 0.0
-        model += (_look_back(expected, k, 90.0 / rpm + 0.12 + 0.06) - model) * STEP_S / 0.10
-        error = model - min(max(1.0 / max(lambda_read, 0.05), 0.0), 1.6)
-        if closed and since_cut > 1.6:
-            error = min(max(error, -0.15), 0.15)
-            integral = min(max(integral + 0.45 * error * STEP_S, -TRIM_LIMIT), TRIM_LIMIT)
-            proportional += (0.12 * error - proportional) * STEP_S / 0.05
-        else:
-            proportional *= 1.0 - STEP_S / 0.3
+        command = _look_back(expected, k, 90.0 / rpm + 0.12 + 0.06)
+        control = _control(control, command, lambda_read, closed and since_cut > 1.6)
 
         out[0, k], out[1, k], out[2, k] = fuel_ecu, lambda_read, 1.0 / target
         out[3, k], out[4, k] = trim, 1.0 if closed else 0.0
