@@ -1,7 +1,7 @@
 """Effects that a vehicle may have and its model may lack, each switched on by a severity.
 
 An effect of severity 1 moves the sensor's phi by about the noise (0.004 RMS outside fuel cut, see
-``tests/test_dyno.py``). The forms are the plant's own: maps over the operating point and
+``tests/test_dyno_effects.py``). The forms are the plant's own: maps over the operating point and
 continuous dynamics, in ``drive`` and ``mixture``.
 """
 
