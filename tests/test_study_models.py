@@ -1,12 +1,6 @@
-"""The NARX study: its models, its figures, its words, and what happens when it is killed."""
+"""The NARX study: its models, its figures and its words."""
 
 import json
-import pickle
-import signal
-import subprocess
-import sys
-import time
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,18 +10,14 @@ import pytest
 
 from monitor.errors import RecordingError, UsageError
 from monitor.types import FloatArray
-from tests.tanks import TANK_PERIOD_S, leaking_tank
+from tests.small_study import FEW, SETTINGS, timeless, two_drives
 from training.narx import Spec, initial_weights
 from training.narx import regressors as of_one_segment
-from training.prepare import Prepared, Role, prepare
-from training.recordings import Recording
+from training.prepare import Prepared, Role
 from training.stages import free_run_score
-from training.study.narx import parallel
 from training.study.narx.candidates import (
     ALGORITHMS,
-    BAYES,
     CANDIDATES,
-    CONJUGATE,
     DESCENT,
     LM,
     PAPER,
@@ -48,31 +38,10 @@ from training.study.narx.page import section
 from training.study.narx.study import _best, best_model, narx_study
 from training.study.narx.verdicts import judge
 
-FEW = (
-    Candidate(1, LM, 3, (4,), 0.2, PAPER),
-    Candidate(2, LM, 3, (4,), 0.01),
-    Candidate(3, BAYES, 2, (3,)),
-    Candidate(4, CONJUGATE, 3, (3, 3)),
-    Candidate(5, DESCENT, 3, (4,), 0.05),
-)
-SETTINGS: dict[str, Any] = {
-    "starts": 2, "iterations": 25, "n_samples": 900, "tune_best": 1, "candidates": FEW,
-}  # fmt: skip
-
-
-def drive(n: int, seed: int, name: str) -> Recording:
-    """A recording of a tank with a valve and a leak."""
-    values = np.column_stack(leaking_tank(n, seed, 0.5))
-    quality = np.zeros(values.shape, np.uint8)
-    period_ns = round(TANK_PERIOD_S * 1e9)
-    return Recording(Path(name), name * 8, period_ns, np.arange(n) * TANK_PERIOD_S,
-                     ("valve", "leak", "level_m"), values, quality)  # fmt: skip
-
 
 @pytest.fixture(scope="module")
 def data() -> Prepared:
-    recordings = [drive(1500, 1, "morning"), drive(900, 2, "evening")]
-    return prepare(recordings, ["valve", "leak"], "level_m", block_s=25.0)
+    return two_drives()
 
 
 @pytest.fixture(scope="module")
@@ -83,13 +52,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def result(data: Prepared, folder: Path) -> dict[str, Any]:
     return narx_study(data, folder, jobs=1, **SETTINGS)
-
-
-def timeless(tree: Any) -> Any:
-    """Return a result without its times."""
-    if isinstance(tree, dict):
-        return {k: timeless(v) for k, v in tree.items() if k not in ("seconds", "cpu_s")}
-    return [timeless(v) for v in tree] if isinstance(tree, list) else tree
 
 
 def test_the_29_models_cover_what_is_known_of_the_paper() -> None:
@@ -243,113 +205,6 @@ def test_the_section_shows_every_model_and_says_which_coincide(result: dict[str,
     assert html.count("<img") == 2
     assert "recordings of real engines" in html
     assert "simulated recordings" in section({**result, "source": "simulated"})
-
-
-def test_a_finished_job_is_not_repeated_and_other_settings_are(
-    data: Prepared, result: dict[str, Any], folder: Path
-) -> None:
-    before = {p: p.stat().st_mtime_ns for p in folder.iterdir()}
-    again = narx_study(data, folder, jobs=1, **SETTINGS)
-    assert {p: p.stat().st_mtime_ns for p in folder.iterdir()} == before
-    assert timeless(again) == timeless(result)
-    narx_study(data, folder, jobs=1, **{**SETTINGS, "iterations": 3, "starts": 1})
-    assert len(list(folder.iterdir())) > len(before)
-
-
-KILLED = """
-import pickle, sys
-from pathlib import Path
-from training.study.narx.study import narx_study
-data, settings = pickle.loads(Path(sys.argv[1]).read_bytes())
-narx_study(data, Path(sys.argv[2]), jobs=2, **settings)
-"""
-
-
-def test_a_killed_study_goes_on_where_it_was(
-    data: Prepared, result: dict[str, Any], tmp_path: Path
-) -> None:
-    # GIVEN a study in its own process, killed after its first jobs
-    (tmp_path / "data").write_bytes(pickle.dumps((data, SETTINGS)))
-    folder = tmp_path / "jobs"
-    command = [sys.executable, "-c", KILLED, str(tmp_path / "data"), str(folder)]
-    study = subprocess.Popen(command, stderr=subprocess.DEVNULL)
-    deadline = time.monotonic() + 60
-    while len(list(folder.glob("*.json"))) < 2 and time.monotonic() < deadline:
-        assert study.poll() is None
-        time.sleep(0.002)
-    workers = [p for p in children(study.pid) if "LokyProcess" in command_line(p)]
-    study.send_signal(signal.SIGKILL)
-    assert study.wait() == -signal.SIGKILL
-    finished = {p: p.stat().st_mtime_ns for p in folder.glob("train_*.json")}
-    # WHEN it is run again
-    resumed = narx_study(data, folder, jobs=1, **SETTINGS)
-    # THEN finished jobs were left alone and the result is that of an undisturbed study
-    assert 2 <= len(finished) < len(list(folder.glob("*.json")))
-    assert {p: p.stat().st_mtime_ns for p in finished} == finished
-    assert timeless(resumed) == timeless(result)
-    # AND no worker outlives its study
-    assert len(workers) == 2
-    while any(command_line(p) for p in workers) and time.monotonic() < deadline:
-        time.sleep(0.05)
-    assert not any(command_line(p) for p in workers)
-
-
-def children(pid: int) -> list[int]:
-    return [int(p) for p in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
-
-
-def command_line(pid: int) -> str:
-    try:
-        return Path(f"/proc/{pid}/cmdline").read_text()
-    except OSError:
-        return ""
-
-
-def test_a_half_written_job_does_not_count_as_finished(tmp_path: Path) -> None:
-    (tmp_path / "a.json").write_text('{"x": 1')
-    (tmp_path / "b.json").write_text('{"x": 1}')  # its arrays are missing
-    assert parallel.stored(tmp_path, "a") is None
-    assert parallel.stored(tmp_path, "b") is None
-
-
-@pytest.fixture
-def scheduler(tmp_path: Path) -> Iterator[str]:
-    """Give the address of a Dask scheduler with one worker, each in its own process."""
-    file = tmp_path / "scheduler.json"
-    python = [sys.executable, "-m"]
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": tmp_path}
-    head = [*python, "distributed.cli.dask_scheduler", "--scheduler-file", str(file)]
-    hand = [*python, "distributed.cli.dask_worker", "--scheduler-file", str(file)]
-    local = ["--host", "127.0.0.1", "--no-dashboard"]
-    processes = [
-        subprocess.Popen([*head, *local, "--port", "0"], **quiet),  # type: ignore[call-overload]
-        subprocess.Popen([*hand, *local, "--nthreads", "1", "--no-nanny"], **quiet),  # type: ignore[call-overload]
-    ]
-    try:
-        deadline = time.monotonic() + 30
-        while not file.exists() and time.monotonic() < deadline:
-            time.sleep(0.05)
-        yield json.loads(file.read_text())["address"]
-    finally:
-        for process in reversed(processes):
-            process.terminate()
-            process.wait(10)
-
-
-def test_a_dask_cluster_gives_the_same_study(
-    data: Prepared, result: dict[str, Any], scheduler: str, tmp_path: Path
-) -> None:
-    assert scheduler.startswith("tcp://")
-    found = narx_study(data, tmp_path / "jobs", scheduler=scheduler, **SETTINGS)
-    assert timeless(found) == timeless(result)
-
-
-def test_a_scheduler_that_does_not_answer_is_named(
-    data: Prepared, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(parallel, "CONNECT_S", 0.3)
-    with pytest.raises(UsageError, match=r"scheduler tcp://127\.0\.0\.1:9: no answer"):
-        narx_study(data, tmp_path, scheduler="tcp://127.0.0.1:9", **SETTINGS)
 
 
 def test_too_few_samples_and_impossible_settings_are_refused(
