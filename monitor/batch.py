@@ -186,7 +186,7 @@ class _Batch:
             for k, result in _counting(results, *decisions.ticks_that_count):
                 yield k, place, partial(decisions.ticks, (result,), t_ns[k])
         activity = ActivityTest(settings, output.maximum, self._period_s)
-        active = np.asarray(conditions.all(axis=1) | conditions[:, BURNING].all(axis=1))
+        active = np.asarray(conditions[:, BURNING].all(axis=1))  # an enabled sample is, too
         for k, failed, fault in activity.block(measured, active):
             yield k, 3, partial(decisions.activity, failed, fault, t_ns[k])
         n = self._config.window.n_samples

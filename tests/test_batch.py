@@ -45,7 +45,10 @@ SHORT = replace(
     ),
     debounce=replace(SHIPPED.debounce, tick_fail_s=0.4, tick_pass_s=0.9),
 )
-TIGHT = Limits(j_mu=0.02, j_sigma=0.02, noise=0.02, excitation=0.01, offset=0.05)
+TIGHT = replace(
+    Limits.from_card(Model.load(shipped_model()).card, SHIPPED, "shipped"),
+    j_mu=0.02, j_sigma=0.02, noise=0.02, excitation=0.01,
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -98,11 +101,11 @@ def fresh() -> DtcStore:
 # A tiny model on random recordings
 
 
-def tiny_model(folder: Path, transform: str) -> Model:
+def tiny_model(folder: Path, transform: str, weight: float = 1.3) -> Model:
     low, high = np.array([100.0, 0.8]), np.array([600.0, 1.2])
     y_low, y_high = (0.0, 1.7) if transform == "phi" else (-3.0, 4.0)
     spec = Spec(2, 3, (4,), 1, (y_low - 0.9) / 0.3, (y_high - 0.9) / 0.3)
-    weights = 1.3 * initial_weights(spec, np.random.default_rng(4))
+    weights = weight * initial_weights(spec, np.random.default_rng(4))
     scaling = Scaling((low + high) / 2, (high - low) / 4, low, high, 0.9, 0.3, y_low, y_high)
     net = Network(spec, weights, scaling, transform, (), INPUTS)
     channels = tuple(
@@ -115,8 +118,9 @@ def tiny_model(folder: Path, transform: str) -> Model:
         lags=spec.lags, input_lag_start=1, layers=spec.hidden, state=net.state_layout,
         recordings=(), residual_mean=0.0, residual_std=0.01,
     )  # fmt: skip
-    save(folder / f"{transform}.onnx", net, card)
-    return Model.load(folder / f"{transform}.onnx")
+    path = folder / f"{transform}.onnx"
+    save(path, net, card)
+    return Model.load(path)
 
 
 @pytest.fixture(scope="module")
@@ -138,6 +142,9 @@ HAPPENS = {
     "lambda is stuck": (("lambda_measured",), 1.1, Quality.GOOD),
     "lambda is stuck at one": (("lambda_measured",), 1.0, Quality.GOOD),
     "lambda stands in air": (("lambda_measured",), 1.3, Quality.GOOD),
+    "lambda trembles by the limit of one": (("lambda_measured",), 1.03, Quality.GOOD),
+    "lambda trembles by the limit of air": (("lambda_measured",), 1.2, Quality.GOOD),
+    "the sensor is ready for a part of a tick": (("sensor_ready",), 0.5, Quality.GOOD),
     "the sensor is not ready": (("sensor_ready",), 0.0, Quality.GOOD),
     "the engine stands": (("engine_speed_rpm",), 0.0, Quality.GOOD),
     "fuel is cut": (("fuel_cut",), 1.0, Quality.GOOD),
@@ -161,7 +168,10 @@ def recordings(draw: st.DrawFn) -> SampleBlock:
         signals, value, grade = HAPPENS[draw(st.sampled_from(list(HAPPENS)))]
         begin, length = draw(st.integers(0, max(n - 1, 0))), draw(st.integers(1, 80))
         for signal in signals:
-            values[begin : begin + length, NAMES.index(signal)] = value
+            held = values[begin : begin + length, NAMES.index(signal)]
+            held[:] = value
+            if signal == "lambda_measured":
+                held += rng.choice([0.0, 0.004]) * rng.uniform(-1.0, 1.0, len(held))
             quality[begin : begin + length, NAMES.index(signal)] = grade
     index = np.arange(n)
     return SampleBlock(index, 5_000 + index * PERIOD_NS, values, quality)
@@ -194,6 +204,16 @@ def test_a_batch_gives_what_streaming_gives(
 _EMPTY = SampleBlock(
     np.arange(0), np.arange(0), np.empty((0, len(NAMES))), np.empty((0, len(NAMES)), np.uint8)
 )
+
+
+def test_a_model_that_predicts_no_number_fills_no_window_either_way(tmp_path: Path) -> None:
+    model = tiny_model(tmp_path, "none", np.nan)
+    index = np.arange(100)
+    values = np.tile(USUAL, (100, 1))
+    block = SampleBlock(index, index * PERIOD_NS, values, np.zeros(values.shape, dtype=np.uint8))
+    (got,) = judge_all([block], NAMES, model, TIGHT, SHORT)
+    assert got.enabled.any() and np.isnan(got.predicted).all() and not got.windows
+    assert_same(stream(block, NAMES, model, TIGHT, SHORT, fresh()), got)
 
 
 # The shipped model on simulated drives
