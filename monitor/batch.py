@@ -25,6 +25,7 @@ from monitor.limits import Limits
 from monitor.model import Model
 from monitor.pipeline import BURNING, check_names
 from monitor.plausibility import ActivityTest, Plausibility, TickResult, TickResults
+from monitor.reference import Reference, Seen
 from monitor.runs import runs, since, stretches
 from monitor.types import BoolArray, FloatArray, IntArray, SampleBlock
 from monitor.window import Window
@@ -47,6 +48,7 @@ class Judged:
     changes: list[DtcChanged]
     dtcs: list[Dtc]  # pending or confirmed at the end
     completed: bool  # the response test reached a decision
+    seen: Seen | None  # what the vehicle's reference may learn
 
 
 class Segment(NamedTuple):
@@ -69,12 +71,14 @@ def judge_all(
     limits: Limits,
     config: Config,
     stores: Sequence[DtcStore] | None = None,
+    references: Sequence[Reference] | None = None,
     rows: int = 64,
 ) -> list[Judged]:
     """Return the verdicts on recordings, in their order.
 
     names : what each sample holds; must contain the model's inputs and output
     stores : fault memory of each recording, in which its driving cycle has begun; by default empty
+    references : of each recording's vehicle; by default nothing is known of it
     rows : how many recordings, and how many segments of theirs, run side by side
     Raises RecordingError if a signal the model needs is not among ``names``. A window keeps what
     the bank read in it, a drive of half an hour some megabytes.
@@ -84,13 +88,16 @@ def judge_all(
         stores = [DtcStore() for _ in blocks]
         for store in stores:
             store.start_driving_cycle()
+    own = [
+        limits.of_vehicle(each, config.bias) for each in references or [Reference()] * len(blocks)
+    ]
     judged: dict[int, Judged] = {}
     order = sorted(range(len(blocks)), key=lambda i: len(blocks[i].t_ns))  # alike side by side
     for first in range(0, len(order), rows):
         chosen = order[first : first + rows]
         batch = _Batch([blocks[i] for i in chosen], names, model, config, rows)
         for i, number in enumerate(chosen):
-            judged[number] = batch.judge(i, limits, stores[number])
+            judged[number] = batch.judge(i, own[number], stores[number])
     return [judged[i] for i in range(len(blocks))]
 
 
@@ -175,6 +182,7 @@ class _Batch:
             [event for event in events if isinstance(event, DtcChanged)],
             store.active,
             decisions.completed,
+            decisions.seen,
         )
 
     def _results(self, i: int, decisions: Decisions) -> Iterator[Result]:

@@ -43,24 +43,38 @@ class ResponseConfig:
 
     lags_s: tuple[float, ...]
     delays_s: tuple[float, ...]
+    lead_s: float
     lag_limit_s: float
     delay_limit_s: float
-    gain_limit: float
-    gain_transient: float
+    gain_sound_min: float
+    gain_weak_max: float
+    gain_slow_min: float
+    gain_transient_max: float
+    gain_late_min: float
+    gain_max: float
     excitation_noise: float
-    noise_correlation_s: float
-    evidence_fail: float
-    evidence_pass: float
+    evidence_weight: float
+    false_alarm_probability: float
+    miss_probability: float
     evidence_alike: float
+    evidence_most: float
     evidence_memory: float
 
 
 @dataclass(frozen=True, slots=True)
 class BiasConfig:
-    """The offset test."""
+    """The offset test and the vehicle's reference."""
 
     offset_limit_lambda: float
+    window_std_lambda: float
+    variance_shared: float
+    certainty: float
+    memory: float
     n_windows: int
+    fuel_span_lambda: float
+    gain_spread: float
+    gain_drives: int
+    reference_windows: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,10 +127,14 @@ _LOWEST: Final = {
     "enable.range_recovery_s": 0.0,
     "response.lag_limit_s": 0.0,
     "response.delay_limit_s": 0.0,
-    "response.gain_transient": 0.0,
+    "response.lead_s": 0.0,
+    "response.gain_late_min": 0.0,
     "response.excitation_noise": 0.0,
     "response.evidence_alike": 0.0,
     "response.evidence_memory": 0.0,
+    "bias.variance_shared": 0.0,
+    "bias.memory": 0.0,
+    "bias.gain_drives": 0.0,
     "plausibility.stuck_range": 0.0,
     "plausibility.start_patience_s": 0.0,
     "plausibility.stuck_band_at_one": 0.0,
@@ -127,6 +145,12 @@ _HIGHEST: Final = {
     "enable.purge_open_percent": 100.0,
     "enable.purge_step_percent": 100.0,
     "response.evidence_memory": 1.0,
+    "response.evidence_weight": 1.0,
+    "response.false_alarm_probability": 0.5,
+    "response.miss_probability": 0.5,
+    "bias.variance_shared": 1.0,
+    "bias.memory": 1.0,
+    "bias.gain_spread": 0.5,
     "debounce.response_fail": 127.0,
     "debounce.response_pass": 127.0,
 }
@@ -217,6 +241,16 @@ def _build(tree: dict[str, Any], where: str) -> Config:
                 f"{key.format('min')} = {low}"
             )
     bank = config.response
+    for lower, higher in (
+        ("gain_weak_max", "gain_sound_min"),
+        ("gain_transient_max", "gain_slow_min"),
+        ("gain_sound_min", "gain_max"),
+    ):
+        if getattr(bank, lower) >= getattr(bank, higher):
+            raise ConfigError(
+                f"{where}: [response] {lower} = {getattr(bank, lower)}, wanted below "
+                f"{higher} = {getattr(bank, higher)}"
+            )
     for key, grid, limit_s in (
         ("lags_s", bank.lags_s, bank.lag_limit_s),
         ("delays_s", bank.delays_s, bank.delay_limit_s),

@@ -6,18 +6,25 @@ stream or a recording is judged as a whole.
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
 
 from monitor.config import Config
 from monitor.debounce import PASSED, Debounce
-from monitor.dtc import TESTS, Dtc, DtcStore
-from monitor.evaluate import BiasRule, Outcome, Response, ResponseRule, paper_failed
+from monitor.dtc import CODES, TESTS, Dtc, DtcStore
+from monitor.evaluate import BiasRule, paper_failed
 from monitor.hypotheses import Hypothesis
 from monitor.limits import Limits
 from monitor.plausibility import TickResult
+from monitor.reference import Seen
 from monitor.residual import mean_and_std
+from monitor.response import Noise, Outcome, Response, ResponseRule
 from monitor.types import FloatArray
 from monitor.window import Window
+
+LAMBDA_LEAST: Final = 0.1  # what stays of a measurement whose offset is taken off
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,15 +69,23 @@ class Decisions:
         self.store, self._limits, self._config = store, limits, config
         self._transform = transform
         self._response = ResponseRule(
-            config.response, hypotheses, limits.noise, limits.excitation, period_s
+            config.response,
+            hypotheses,
+            Noise(limits.noise, limits.noise_memory),
+            limits.excitation,
+            period_s,
+            limits.gain,
         )
-        self._bias = BiasRule(config.bias, limits.offset)
+        self._bias = BiasRule(config.bias, limits.offset_low, limits.offset_high, limits.offset_std)
         self._fail_by, self._pass_by = (
             max(1, math.ceil(-PASSED * period_s / seconds))
             for seconds in (config.debounce.tick_fail_s, config.debounce.tick_pass_s)
         )
         self._debounce = dict.fromkeys(TESTS, Debounce())
+        self._named: dict[str, str] = {}  # the fault that each matured test has set
         self.completed = False  # the response test reached a decision
+        self._suspicious = False  # a window failed
+        self._windows, self._mean_sum = 0, 0.0
 
     @property
     def ticks_that_count(self) -> tuple[int, int]:
@@ -96,10 +111,9 @@ class Decisions:
             <= self._config.plausibility.stuck_range
         )
         bias = self._bias.judge(mean, ignore=frozen)
-        response = self._response.judge(self._orient(window.measured), window.bank, ignore=frozen)
-        if bias.outcome == "failed" and response.fault == "gain_low":
-            # an offset in lambda changes the gain in phi, so the two are not told apart here
-            response = replace(response, outcome="inconclusive", fault=None)
+        # an offset in lambda would change the gain in phi
+        measured = self._orient(window.measured - mean)
+        response = self._response.judge(measured, window.bank, ignore=frozen)
         outcome, fault, also = response.outcome, response.fault, response.also
         if bias.outcome == "failed" and outcome != "failed":
             outcome, fault, also = "failed", bias.fault, ()
@@ -113,8 +127,11 @@ class Decisions:
             fault,
             also,
             self._is_excited(response),
-            {**response.statistics, "offset": bias.offset},
+            {**response.statistics, "offset": bias.offset, "offset_std": bias.offset_std},
         )
+        self._suspicious |= outcome == "failed"
+        self._windows += 1
+        self._mean_sum += mean
         for test, result in (("response", response), ("bias", bias)):
             if result.outcome != "inconclusive":
                 failed, name = result.outcome == "failed", result.fault or ""
@@ -127,8 +144,19 @@ class Decisions:
         excitation = response.statistics["excitation"]
         return isinstance(excitation, float) and excitation >= self._limits.excitation
 
+    @property
+    def seen(self) -> Seen | None:
+        """Return what the vehicle's reference may learn, None if anything was suspicious."""
+        enough = self._windows >= self._config.bias.reference_windows
+        sound = self._debounce["response"].passed and not self._suspicious
+        if self._transform != "phi" or not (enough and sound) or self.store.fault_flag:
+            return None
+        return Seen(self._mean_sum / self._windows, self._response.drive_gain)
+
     def _orient(self, measured: FloatArray) -> FloatArray:
-        return 1.0 / measured if self._transform == "phi" else -measured
+        if self._transform == "phi":
+            return np.asarray(1.0 / np.maximum(measured, LAMBDA_LEAST))
+        return -measured
 
     def _by(self, failed: bool) -> int:
         debounce = self._config.debounce
@@ -144,13 +172,24 @@ class Decisions:
     ) -> Sequence[DtcChanged]:
         """Advance one test's debounce counter; a counter that matures sets or completes codes."""
         if not self._is_new(test, failed):
-            return ()
+            return self._renamed(test, fault, also, t_ns) if failed else ()
         before = self._debounce[test]
         after = before.step(failed=failed, by=by)
         self._debounce[test] = after
         changed: list[Dtc] = []
         if after.failed and not before.failed:
+            self._named[test] = fault
             changed = self.store.fail(fault, t_ns, also)
         elif after.passed and not before.passed:
             changed = self.store.complete(test)
         return [DtcChanged(t_ns, dtc) for dtc in changed]
+
+    def _renamed(
+        self, test: str, fault: str, also: tuple[str, ...], t_ns: int
+    ) -> Sequence[DtcChanged]:
+        """Give a code the name that more evidence speaks for, if both names have the same code."""
+        before = self._named.get(test, fault)
+        if fault == before or CODES[fault] != CODES[before]:
+            return ()
+        self._named[test] = fault
+        return [DtcChanged(t_ns, dtc) for dtc in self.store.fail(fault, t_ns, also)]

@@ -1,18 +1,23 @@
-"""The fault memory on disk: trouble codes that outlive the process.
+"""The fault memory on disk: trouble codes and the vehicle's reference, which outlive the process.
 
 SQLite in WAL mode with full synchronisation: what ``save`` has returned from survives a kill.
 """
 
 import sqlite3
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
+from dataclasses import astuple
 from pathlib import Path
 
+from monitor.config import BiasConfig
 from monitor.dtc import CODES, Dtc, Status
 from monitor.errors import RecordingError
+from monitor.reference import Reference, Seen
 
-SCHEMA_VERSION = 1
-_CREATE = """
+SCHEMA_VERSION = 2
+# what makes a file of version n out of one of version n - 1
+_STEPS = (
+    """
 CREATE TABLE dtc (
     code TEXT PRIMARY KEY,
     fault TEXT NOT NULL,
@@ -22,7 +27,17 @@ CREATE TABLE dtc (
     failed_before INTEGER NOT NULL,
     passed_cycles INTEGER NOT NULL
 ) STRICT
-"""
+""",
+    """
+CREATE TABLE reference (
+    model_sha256 TEXT PRIMARY KEY,
+    offset_low REAL NOT NULL,
+    offset_high REAL NOT NULL,
+    gain REAL NOT NULL,
+    drives INTEGER NOT NULL
+) STRICT
+""",
+)
 
 
 class Memory:
@@ -49,14 +64,15 @@ class Memory:
             raise
 
     def _migrate(self) -> None:
-        """Make the table in a new file; a file of anyone else is left as it is."""
-        if self._number("PRAGMA user_version") == 0:
-            with self._transaction():  # another process may have made the table by now
-                if self._number("PRAGMA user_version") == 0:
-                    if self._number("SELECT count(*) FROM sqlite_master"):
-                        raise sqlite3.DatabaseError("the database belongs to another program")
-                    self._db.execute(_CREATE)
-                    self._db.execute(f"PRAGMA user_version={SCHEMA_VERSION}")
+        """Bring the tables up to date; a file of anyone else is left as it is."""
+        if self._number("PRAGMA user_version") < SCHEMA_VERSION:
+            with self._transaction():  # another process may have made the tables by now
+                version = self._number("PRAGMA user_version")
+                if version == 0 and self._number("SELECT count(*) FROM sqlite_master"):
+                    raise sqlite3.DatabaseError("the database belongs to another program")
+                for step in _STEPS[version:]:
+                    self._db.execute(step)
+                self._db.execute(f"PRAGMA user_version={max(version, SCHEMA_VERSION)}")
         version = self._number("PRAGMA user_version")
         if version != SCHEMA_VERSION:
             raise RecordingError(
@@ -98,6 +114,30 @@ class Memory:
             found.append(Dtc(code, fault, names, Status(status), t_ns, bool(before), passed))
         return tuple(found)
 
+    def reference(self, model_sha256: str) -> Reference:
+        """Return what was learned of the vehicle with that model, an empty one if nothing.
+
+        Raises RecordingError if the file cannot be read.
+        """
+        try:
+            row = self._db.execute(
+                "SELECT offset_low, offset_high, gain, drives FROM reference WHERE model_sha256=?",
+                (model_sha256,),
+            ).fetchone()
+        except sqlite3.Error as error:
+            raise RecordingError(f"{self._path}: cannot read the fault memory: {error}") from None
+        return Reference(*row) if row else Reference()
+
+    def learn(self, model_sha256: str, seen: Seen | None, config: BiasConfig) -> None:
+        """Store what a drive shows of the vehicle, beside what is known with that model.
+
+        Raises RecordingError if the file cannot be read or written.
+        """
+        if seen is None:
+            return
+        row = (model_sha256, *astuple(self.reference(model_sha256).learn(seen, config)))
+        self._write("INSERT OR REPLACE INTO reference VALUES (?, ?, ?, ?, ?)", [row])
+
     def save(self, dtcs: Iterable[Dtc]) -> None:
         """Store codes in one transaction.
 
@@ -108,11 +148,12 @@ class Memory:
              d.passed_cycles)
             for d in dtcs
         ]  # fmt: skip
+        self._write("INSERT OR REPLACE INTO dtc VALUES (?, ?, ?, ?, ?, ?, ?)", rows)
+
+    def _write(self, command: str, rows: Sequence[tuple[object, ...]]) -> None:
         try:
             with self._transaction():
-                self._db.executemany(
-                    "INSERT OR REPLACE INTO dtc VALUES (?, ?, ?, ?, ?, ?, ?)", rows
-                )
+                self._db.executemany(command, rows)
         except sqlite3.Error as error:
             raise RecordingError(f"{self._path}: cannot store the fault memory: {error}") from None
 

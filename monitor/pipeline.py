@@ -25,6 +25,7 @@ from monitor.limits import Limits
 from monitor.model import Model
 from monitor.model_card import ModelCard
 from monitor.plausibility import ActivityTest, Plausibility
+from monitor.reference import Seen
 from monitor.residual import oriented
 from monitor.types import Frame, Sample
 from monitor.window import WindowCollector
@@ -93,6 +94,11 @@ class Monitor:
     def completed(self) -> bool:
         """Return whether the response test has reached a decision."""
         return self._decisions.completed
+
+    @property
+    def seen(self) -> Seen | None:
+        """Return what the vehicle's reference may learn of this drive, None if nothing."""
+        return self._decisions.seen
 
     @property
     def interrupted_windows(self) -> int:

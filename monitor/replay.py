@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib.resources import files
 from itertools import chain, islice
 from pathlib import Path
@@ -37,11 +37,17 @@ class Setup:
     """What every recording of a call is judged with."""
 
     model_path: Path
+    model_sha256: str
     model: Model
     limits: Limits
     config: Config
     bus_map: BusMap
     columns: Path | None = None
+
+    def of_vehicle(self, memory: Memory) -> "Setup":
+        """Return the setup for the vehicle whose reference stands in the memory."""
+        reference = memory.reference(self.model_sha256)
+        return replace(self, limits=self.limits.of_vehicle(reference, self.config.bias))
 
 
 def shipped_model() -> Path:
@@ -64,7 +70,7 @@ def set_up(
     own = [(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))]
     bus_map = load_pairs(pairs or own)
     limits = Limits.from_card(loaded.card, config, str(path))
-    return Setup(path, loaded, limits, config, bus_map, columns)
+    return Setup(path, sha256_of(path), loaded, limits, config, bus_map, columns)
 
 
 def sha256_of(path: Path) -> str:
@@ -152,14 +158,14 @@ def replay(
 ) -> tuple[dict[str, Any], Trace]:
     """Judge one recording as one driving cycle.
 
-    memory : fault memory to go on from; without one the memory is empty
+    memory : fault memory and reference to go on from; without one both are empty
     Returns the recording's entry of ``o2mon.replay/1`` and its series (empty without ``trace``).
     Raises RecordingError, SignalMapError or ModelError.
     """
     sha256 = sha256_of(path)
     store = DtcStore(memory.load() if memory else ())
     store.start_driving_cycle()
-    source = _open(path, setup, store)
+    source = _open(path, setup.of_vehicle(memory) if memory else setup, store)
     collector = Collector(source.monitor, trace=trace)
     for event in source.events():
         collector.push(event)
@@ -168,6 +174,7 @@ def replay(
     recording = collector.result(str(path), sha256, source.counters())
     if memory:
         memory.save(store.all)
+        memory.learn(setup.model_sha256, source.monitor.seen, setup.config.bias)
     return recording | {"source": source_of(path, sha256)}, collector.trace()
 
 
@@ -191,7 +198,7 @@ def result_of(recordings: list[dict[str, Any]], setup: Setup) -> dict[str, Any]:
     return {
         "schema": SCHEMA,
         "o2mon_version": __version__,
-        "model": {"path": setup.model_path.name, "sha256": sha256_of(setup.model_path)},
+        "model": {"path": setup.model_path.name, "sha256": setup.model_sha256},
         "recordings": recordings,
     }
 
@@ -208,7 +215,7 @@ def model_info(setup: Setup) -> dict[str, str]:
     layers = " and ".join(str(n) for n in card.layers)
     return {
         "model": setup.model_path.name,
-        "sha256": sha256_of(setup.model_path),
+        "sha256": setup.model_sha256,
         "kind": f"{card.kind}, lags {card.lags}, hidden layers {layers}",
         "inputs": ", ".join(card.input_names),
         "output": card.output.name,

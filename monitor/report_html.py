@@ -39,11 +39,14 @@ _VERDICTS = {  # class: symbol, words
 _STATISTICS = {
     "evidence": "evidence",
     "hypothesis": "best hypothesis",
-    "dead_time_s": "dead time, s",
-    "lag_s": "lag, s",
+    "dead_time_rich_to_lean_s": "dead time to lean, s",
+    "dead_time_lean_to_rich_s": "dead time to rich, s",
+    "lag_rich_to_lean_s": "lag to lean, s",
+    "lag_lean_to_rich_s": "lag to rich, s",
     "gain": "gain",
     "gain_std": "gain std",
     "offset": "offset",
+    "offset_std": "offset std",
     "excitation": "excitation",
 }
 
@@ -339,9 +342,15 @@ def _is_simulated(recording: Mapping[str, Any]) -> bool:
 
 
 def _limits(limits: Mapping[str, Any]) -> list[tuple[str, str]]:
-    symbols = {"j_mu": "J<sub>μ</sub>", "j_sigma": "J<sub>σ</sub>"}
+    symbols = {
+        "j_mu": "J<sub>μ</sub>",
+        "j_sigma": "J<sub>σ</sub>",
+        "offset_low": "offset from",
+        "offset_high": "to",
+        "gain": "gain of this vehicle",
+    }
     words = [f"{symbols.get(k, text(k))} {_number(v)}" for k, v in limits.items()]
-    return [("Limits of the paper’s rule", ", ".join(words))] if words else []
+    return [("Limits", ", ".join(words))] if words else []
 
 
 def _number(value: object) -> str:

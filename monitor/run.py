@@ -118,6 +118,7 @@ class Loop:
         self._bus, self._memory, self._say, self._now_s = bus, memory, say, monotonic_s
         store = DtcStore(memory.load() if memory else ())
         store.start_driving_cycle()
+        self._setup = setup = setup.of_vehicle(memory) if memory else setup
         self._pipeline = FramePipeline(
             setup.bus_map, setup.model, setup.limits, setup.config, store
         )
@@ -149,7 +150,9 @@ class Loop:
                 for frame in self._receive():
                     self._take(frame)
         if self._memory:
-            self._memory.save(self._pipeline.monitor.store.all)
+            monitor, setup = self._pipeline.monitor, self._setup
+            self._memory.save(monitor.store.all)
+            self._memory.learn(setup.model_sha256, monitor.seen, setup.config.bias)
 
     def _filters(self) -> list[Any]:
         return [

@@ -96,7 +96,13 @@ class Collector:
             "fault_flag": monitor.store.fault_flag,
             "completed": monitor.completed,
             "enable": shares,
-            "limits": {"j_mu": limits.j_mu, "j_sigma": limits.j_sigma},
+            "limits": {
+                "j_mu": limits.j_mu,
+                "j_sigma": limits.j_sigma,
+                "offset_low": limits.offset_low,
+                "offset_high": limits.offset_high,
+                "gain": limits.gain,
+            },
             "counters": dict(counters),
         }
 

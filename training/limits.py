@@ -1,5 +1,6 @@
 """Decision limits from blocks of healthy recordings that neither trained nor chose the model."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +13,7 @@ from monitor.limits import Limits
 from monitor.model import Model
 from monitor.model_card import Limit, ModelCard
 from monitor.pipeline import WindowJudged
+from monitor.types import FloatArray
 from training.export import update_card
 from training.fit import HeldOut
 from training.judge import judge
@@ -20,7 +22,17 @@ from training.recordings import Recording
 MINIMUM_WINDOWS = 10
 MANY_WINDOWS = 100  # with fewer the 0.99 quantiles are the largest values seen
 PAPER_QUANTILE = 0.99
-NO_LIMITS = Limits(j_mu=np.inf, j_sigma=np.inf, noise=1.0, excitation=0.0, offset=np.inf)
+MEMORY_MOST = 0.95  # of the noise; above it nothing would be left of a window
+NO_LIMITS = Limits(
+    j_mu=np.inf,
+    j_sigma=np.inf,
+    noise=1.0,
+    noise_memory=0.0,
+    excitation=0.0,
+    offset_low=-np.inf,
+    offset_high=np.inf,
+    offset_std=1.0,
+)
 
 
 def held_out_windows(
@@ -58,7 +70,7 @@ def limits_of(
         1.0 / w.window.measured if card.transform == "phi" else -w.window.measured for w in windows
     ]
     within = [o - w.window.bank[:, 0] for o, w in zip(oriented, windows, strict=True)]
-    noise = float(np.sqrt(np.mean([np.var(x) for x in within])))
+    noise, memory = _noise(within)
     scale = float(np.concatenate([w.window.measured for w in windows]).std())
     spread = 6.0 * float(means.std())
     floor = config.bias.offset_limit_lambda if card.transform == "phi" else 0.0
@@ -72,6 +84,9 @@ def limits_of(
         "j_mu_z": Limit(j_mu / scale, "z", f"j_mu over the measurement's spread {scale:.4g}"),
         "j_sigma_z": Limit(j_sigma / scale, "z", f"j_sigma over that spread {scale:.4g}"),
         "noise": Limit(noise, phi, f"residual within windows, {where}"),
+        "noise_memory": Limit(
+            memory, "-", f"correlation of the residual's neighbouring samples, {where}"
+        ),
         "excitation": Limit(
             max(config.response.excitation_noise * noise, 1e-9),
             phi,
@@ -80,7 +95,17 @@ def limits_of(
         "offset": Limit(
             max(floor, spread), unit, f"larger of {floor:g} and six times the spread of {where}"
         ),
+        "offset_std": Limit(float(means.std()), unit, f"spread of the means of {where}"),
     }
+
+
+def _noise(within: Sequence[FloatArray]) -> tuple[float, float]:
+    """Return the spread of the residual within windows, and how much a sample keeps of the last."""
+    x = np.array(within)
+    x -= x.mean(axis=1, keepdims=True)
+    power = float((x**2).sum())
+    memory = float((x[:, 1:] * x[:, :-1]).sum()) / power if power > 0.0 else 0.0
+    return math.sqrt(power / x.size), min(max(memory, 0.0), MEMORY_MOST)
 
 
 def _quantile(values: np.ndarray) -> float:
