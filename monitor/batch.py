@@ -123,7 +123,8 @@ class _Batch:
         self._inputs = [block.values[:, places].astype(np.float32) for block in blocks]
         self._measured = [block.values[:, output].copy() for block in blocks]
         self._predicted = [np.full(len(block.t_ns), np.nan) for block in blocks]
-        self._banks: dict[tuple[int, int], FloatArray] = {}  # of a recording's window from there on
+        # of each recording: where a window begins, and what the bank reads in it
+        self._banks: list[dict[int, FloatArray]] = [{} for _ in blocks]
         segments = [
             Segment(i, begin, end)
             for i, held in enumerate(self._conditions)
@@ -157,7 +158,7 @@ class _Batch:
         ).reshape(-1, n, len(self._hypotheses))
         for (row, k), values in zip(at, read, strict=True):
             segment = segments[row]
-            self._banks[segment.recording, segment.begin + k] = values.copy()
+            self._banks[segment.recording][segment.begin + k] = values.copy()
 
     def _windows(self, i: int, begin: int, end: int) -> IntArray:
         """Return where windows begin in a segment, counted from its begin."""
@@ -198,8 +199,7 @@ class _Batch:
         for k, failed, fault in activity.block(measured, active):
             yield k, 3, partial(decisions.activity, failed, fault, t_ns[k])
         n = self._config.window.n_samples
-        begins = sorted(begin for number, begin in self._banks if number == i)
-        for index, begin in enumerate(begins):
+        for index, begin in enumerate(sorted(self._banks[i])):
             last, inside = begin + n - 1, slice(begin, begin + n)
             window = Window(
                 index,
@@ -207,7 +207,7 @@ class _Batch:
                 t_ns[last],
                 measured[inside].copy(),
                 self._predicted[i][inside].copy(),
-                self._banks.pop((i, begin)),
+                self._banks[i].pop(begin),
             )
             yield last, 4, partial(decisions.window, window)
 
