@@ -18,7 +18,7 @@ from monitor.limits import Limits
 from monitor.model import Model
 from monitor.model_card import Limit, ModelCard
 from monitor.pipeline import WindowJudged
-from training.judge import judge
+from training.judge import Judged, judge_recordings
 from training.limits import NO_LIMITS, limits_of
 from training.paper_limits import PaperLimits, Residuals, choose, held_out
 from training.recordings import Recording, sha256
@@ -54,7 +54,8 @@ def calibrate(
             f"[window] n_samples is {config.window.n_samples}"
         )
     good, bad = (
-        [judge(r, model, NO_LIMITS, config).windows for r in drives] for drives in (healthy, faulty)
+        [each.windows for each in judge_recordings(drives, model, NO_LIMITS, config)]
+        for drives in (healthy, faulty)
     )
     seen, seen_bad = _residuals(good), _residuals(bad) if any(bad) else None
     chosen = choose(seen, seen_bad, rate)
@@ -70,8 +71,8 @@ def calibrate(
         "simulated": any(_entry(r).get("source") == "simulated" for r in (*healthy, *faulty)),
         "limits": [_changed(name, card, model.card) for name in card.limits],
         "false_alarms": _false_alarms(chosen, len(healthy)) | {"held_out": alarms},
-        "healthy": [_row(*each, model, limits, config) for each in zip(healthy, good, strict=True)],
-        "faulty": [_row(*each, model, limits, config) for each in zip(faulty, bad, strict=True)],
+        "healthy": _rows(healthy, good, model, limits, config),
+        "faulty": _rows(faulty, bad, model, limits, config),
         "detection": _detection(bad, limits, found),
         "warnings": _warnings(model.card, healthy, good, faulty, bad),
     }
@@ -111,7 +112,7 @@ def _with_limits(
 ) -> ModelCard:
     windows = [w for drive in good for w in drive]
     limits = limits_of(
-        windows, card, config, f"o2train calibrate, {_count(len(good), 'healthy drive')}"
+        good, card, config, f"o2train calibrate, {_count(len(good), 'healthy drive')}"
     )
     scale = float(np.concatenate([w.window.measured for w in windows]).std())
     n_bad = sum(map(len, bad))
@@ -162,19 +163,21 @@ def _false_alarms(chosen: PaperLimits, n_drives: int) -> dict[str, Any]:
     }
 
 
+def _rows(
+    recordings: Sequence[Recording], drives: Drives, model: Model, limits: Limits, config: Config
+) -> list[dict[str, Any]]:
+    """Return what both rules say of each drive with the new limits."""
+    judged = judge_recordings(recordings, model, limits, config)
+    return [_row(*each, limits) for each in zip(recordings, drives, judged, strict=True)]
+
+
 def _row(
-    recording: Recording,
-    windows: list[WindowJudged],
-    model: Model,
-    limits: Limits,
-    config: Config,
+    recording: Recording, windows: list[WindowJudged], judged: Judged, limits: Limits
 ) -> dict[str, Any]:
-    """Return what both rules say of one drive with the new limits."""
     entry = _entry(recording)
     seen = _residuals([windows])
     failed = int(seen.failed(limits.j_mu, limits.j_sigma).sum())
     low, high = rate_bounds(failed, len(windows)) if windows else (0.0, 1.0)
-    judged = judge(recording, model, limits, config)
     return {
         "recording": Path(recording.path).name,
         "sha256": recording.sha256,

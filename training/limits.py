@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import compress
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from monitor.pipeline import WindowJudged
 from monitor.types import FloatArray
 from training.export import update_card
 from training.fit import HeldOut
-from training.judge import judge
+from training.judge import judge_recordings
 from training.recordings import Recording
 
 MINIMUM_WINDOWS = 10
@@ -37,27 +38,30 @@ NO_LIMITS = Limits(
 
 def held_out_windows(
     model: Model, recordings: Sequence[Recording], held_out: Sequence[HeldOut], config: Config
-) -> list[WindowJudged]:
-    """Return the windows that lie wholly in blocks that neither trained nor chose the model."""
+) -> list[list[WindowJudged]]:
+    """Return each recording's windows in blocks that neither trained nor chose the model."""
+    judged = judge_recordings(recordings, model, NO_LIMITS, config)
     found = []
-    for number, recording in enumerate(recordings):
+    for number, (recording, each) in enumerate(zip(recordings, judged, strict=True)):
         spans = [(h.first, h.stop) for h in held_out if h.recording == number and h.role == "test"]
-        for window in judge(recording, model, NO_LIMITS, config).windows:
-            first = window.window.t_start_ns // recording.period_ns
-            last = window.window.t_end_ns // recording.period_ns
-            if any(a <= first and last < b for a, b in spans):
-                found.append(window)
+        ticks = [
+            (w.window.t_start_ns // recording.period_ns, w.window.t_end_ns // recording.period_ns)
+            for w in each.windows
+        ]
+        inside = [any(a <= i and k < b for a, b in spans) for i, k in ticks]
+        found.append(list(compress(each.windows, inside)))
     return found
 
 
 def limits_of(
-    windows: Sequence[WindowJudged], card: ModelCard, config: Config, origin: str
+    drives: Sequence[Sequence[WindowJudged]], card: ModelCard, config: Config, origin: str
 ) -> dict[str, Limit]:
-    """Return every decision limit from healthy windows.
+    """Return every decision limit from the windows of healthy drives.
 
-    origin : what the windows are, for the card
-    Raises RecordingError if there are too few.
+    origin : what the drives are, for the card
+    Raises RecordingError if there are too few windows.
     """
+    windows = [window for drive in drives for window in drive]
     if len(windows) < MINIMUM_WINDOWS:
         raise RecordingError(
             f"{len(windows)} healthy windows, {MINIMUM_WINDOWS} are wanted to set limits: "
@@ -72,7 +76,11 @@ def limits_of(
     within = [o - w.window.bank[:, 0] for o, w in zip(oriented, windows, strict=True)]
     noise, memory = _noise(within)
     scale = float(np.concatenate([w.window.measured for w in windows]).std())
-    spread = 6.0 * float(means.std())
+    offsets = [np.mean([w.mean for w in drive]) for drive in drives if drive]
+    offset_std = math.sqrt(
+        float(np.mean([np.var([w.mean for w in drive]) for drive in drives if drive]))
+    )
+    spread = max(6.0 * offset_std, 4.0 * math.sqrt(float(np.mean(np.square(offsets)))))
     floor = config.bias.offset_limit_lambda if card.transform == "phi" else 0.0
     n = len(windows)
     where = f"{n} healthy windows, {origin}"
@@ -93,9 +101,12 @@ def limits_of(
             f"{config.response.excitation_noise:g} times the noise",
         ),
         "offset": Limit(
-            max(floor, spread), unit, f"larger of {floor:g} and six times the spread of {where}"
+            max(floor, spread),
+            unit,
+            f"largest of {floor:g}, six times the spread of a drive's window means and "
+            f"four times that of the drives' means, {where}",
         ),
-        "offset_std": Limit(float(means.std()), unit, f"spread of the means of {where}"),
+        "offset_std": Limit(offset_std, unit, f"spread of a drive's window means, {where}"),
     }
 
 
@@ -120,10 +131,10 @@ def set_limits(
     Returns the new card and the number of windows that its limits rest on.
     """
     model = Model.load(path)
-    windows = held_out_windows(model, recordings, held_out, config)
+    drives = held_out_windows(model, recordings, held_out, config)
     limits = limits_of(
-        windows, model.card, config, "test blocks held out of the training recordings"
+        drives, model.card, config, "test blocks held out of the training recordings"
     )
     card = replace(model.card, limits={**model.card.limits, **limits})
     update_card(path, card)
-    return card, len(windows)
+    return card, sum(map(len, drives))
