@@ -20,11 +20,11 @@ from monitor import config, enable, hypotheses
 from monitor import replay as o2mon_replay
 from monitor.assemble import Assembler
 from monitor.dtc import DtcStore
-from monitor.evaluate import ResponseRule
 from monitor.hypotheses import SensorBank
 from monitor.pipeline import FramePipeline, Tick, WindowJudged
 from monitor.plausibility import Plausibility
 from monitor.residual import oriented
+from monitor.response import Noise, ResponseRule
 from monitor.sources import read_frames
 from monitor.types import FloatArray, Frame, Sample
 from monitor.window import Window
@@ -120,7 +120,13 @@ class Bench:
         """Return the response rule's share of a window."""
         limits, response = self.setup.limits, self.setup.config.response
         bank = hypotheses.build(response)
-        rule = ResponseRule(response, bank, limits.noise, limits.excitation, self.period_s)
+        rule = ResponseRule(
+            response,
+            bank,
+            Noise(limits.noise, limits.noise_memory),
+            limits.excitation,
+            self.period_s,
+        )
         pairs = [(1.0 / window.measured, window.bank) for window in self.windows]
         start = process_time()
         for measured, read in pairs:
