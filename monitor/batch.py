@@ -158,7 +158,7 @@ class _Batch:
         ).reshape(-1, n, len(self._hypotheses))
         for (row, k), values in zip(at, read, strict=True):
             segment = segments[row]
-            self._banks[segment.recording][segment.begin + k] = values.copy()
+            self._banks[segment.recording][segment.begin + k] = values
 
     def _windows(self, i: int, begin: int, end: int) -> IntArray:
         """Return where windows begin in a segment, counted from its begin."""
