@@ -121,13 +121,14 @@ class ResponseRule:
         n = len(self._claims)
         self._evidence = np.zeros(n)
         self._gain_sums = np.zeros((2, n))
-        self._drive_sums = np.zeros(2)
+        self._drive_sums = np.zeros((3, n))  # like gain sums and evidence, but nothing fades
         self._windows = 0
 
     @property
     def drive_gain(self) -> float:
-        """Return the gain of a sensor in time over all judged windows; 1 without one."""
-        sxx, sxy = self._drive_sums.tolist()
+        """Return the gain of the likeliest sound sensor over all judged windows; 1 without one."""
+        sound = self._sound[self._drive_sums[2, self._sound].argmax()]
+        sxx, sxy, _ = self._drive_sums[:, sound].tolist()
         return sxy / sxx if sxx > 0.0 else 1.0
 
     def judge(self, measured: FloatArray, bank: FloatArray, *, ignore: bool = False) -> Response:
@@ -156,15 +157,16 @@ class ResponseRule:
         independent = config.evidence_weight * len(y)
         log_likelihood = -0.5 * independent * np.log(error_var + self._noise.innovation_var)
         memory = config.evidence_memory
+        log_likelihood -= log_likelihood[0]
         self._evidence *= memory
-        self._evidence += log_likelihood - log_likelihood[0]
+        self._evidence += log_likelihood
         # a long healthy time must not outweigh the fault that follows it (Page's test)
         least = self._evidence.max() - config.evidence_most
         np.maximum(self._evidence, least, out=self._evidence)
         self._gain_sums *= memory
         self._gain_sums[0] += sxx
         self._gain_sums[1] += sxy
-        self._drive_sums += sxx[0], sxy[0]
+        self._drive_sums += (sxx, sxy, log_likelihood)
         self._windows += 1
         return self._decide(excitation)
 
