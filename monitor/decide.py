@@ -92,12 +92,14 @@ class Decisions:
         """Return after how many failed, and how many passed, results in a row a counter stands."""
         return math.ceil(-PASSED / self._fail_by), math.ceil(-PASSED / self._pass_by)
 
-    def ticks(self, results: Sequence[TickResult], t_ns: int) -> Iterator[DtcChanged]:
+    def ticks(self, results: Sequence[TickResult], t_ns: int) -> list[DtcChanged]:
         """Take what one sample says about the signal."""
+        changed: list[DtcChanged] = []
         for result in results:
             if self._is_new(result.test, result.failed):
                 by = self._fail_by if result.failed else self._pass_by
-                yield from self._step(result.test, result.failed, by, result.fault, (), t_ns)
+                changed += self._step(result.test, result.failed, by, result.fault, (), t_ns)
+        return changed
 
     def activity(self, failed: bool, fault: str, t_ns: int) -> Sequence[DtcChanged]:
         """Take a judged stretch of the activity test."""

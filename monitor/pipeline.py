@@ -113,7 +113,9 @@ class Monitor:
         self.samples += 1
         self.enabled_samples += enabled
         yield Tick(sample, predicted, conditions, enabled)
-        yield from self._decisions.ticks(self._plausibility.step(sample), sample.t_ns)
+        changed = self._decisions.ticks(self._plausibility.step(sample), sample.t_ns)
+        if changed:
+            yield from changed
         measured = sample.values.item(self._output)
         if enabled or all(_burning(conditions)):
             judged = self._activity.push(measured)

@@ -13,13 +13,14 @@ from monitor import config, enable, faults, hypotheses
 from monitor.batch import Judged, judge_all
 from monitor.batch_bank import BankBlock, phases
 from monitor.config import Config
-from monitor.dtc import DtcStore
+from monitor.dtc import TESTS, DtcStore
 from monitor.errors import RecordingError
 from monitor.hypotheses import SensorBank
 from monitor.limits import Limits
 from monitor.model import Model
 from monitor.model_card import Channel, ModelCard
 from monitor.pipeline import DtcChanged, Monitor, Tick, WindowJudged
+from monitor.reference import Reference
 from monitor.replay import shipped_model
 from monitor.types import Quality, Sample, SampleBlock
 from training.dyno import ecu, vehicle
@@ -90,6 +91,7 @@ def assert_same(streamed: Streamed, judged: Judged) -> None:
     assert streamed.changes == judged.changes
     assert streamed.monitor.store.active == judged.dtcs
     assert streamed.monitor.completed == judged.completed
+    assert streamed.monitor.seen == judged.seen
 
 
 def fresh() -> DtcStore:
@@ -276,6 +278,21 @@ def test_a_fault_in_the_second_driving_cycle_is_confirmed_as_when_streaming(
     assert_same(stream(missing, names, model, limits, SHIPPED, stores[1]), got)
     # THEN the code is confirmed
     assert [dtc.state for dtc in got.dtcs] == ["confirmed"]
+
+
+def test_every_vehicle_is_judged_by_its_own_reference(
+    drives: tuple[list[SampleBlock], tuple[str, ...]],
+) -> None:
+    blocks, names = drives
+    model = Model.load(shipped_model())
+    limits = Limits.from_card(model.card, SHIPPED, "shipped")
+    references = [Reference(), Reference(-0.03, -0.02, 0.96, 2), Reference(0.2, 0.2, 1.0, 1)]
+    judged = judge_all(blocks[:3], names, model, limits, SHIPPED, references=references, rows=2)
+    for block, reference, got in zip(blocks[:3], references, judged, strict=True):
+        own = limits.of_vehicle(reference, SHIPPED.bias)
+        assert_same(stream(block, names, model, own, SHIPPED, fresh()), got)
+    # a reference that is far off makes the healthy sensor look biased
+    assert {w.fault for w in judged[2].windows} & set(TESTS["bias"])
 
 
 def test_an_input_of_the_model_that_is_not_there_is_named() -> None:
