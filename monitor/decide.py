@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from monitor.config import Config
-from monitor.debounce import PASSED, Debounce
+from monitor.debounce import FAILED, PASSED, Debounce
 from monitor.dtc import CODES, TESTS, Dtc, DtcStore
 from monitor.evaluate import BiasRule, paper_failed
 from monitor.hypotheses import Hypothesis
@@ -129,7 +129,12 @@ class Decisions:
             fault,
             also,
             self._is_excited(response),
-            {**response.statistics, "offset": bias.offset, "offset_std": bias.offset_std},
+            {
+                **response.statistics,
+                "offset": bias.offset,
+                "offset_std": bias.offset_std,
+                "offset_beyond": bias.beyond,
+            },
         )
         self._suspicious |= outcome == "failed"
         self._windows += 1
@@ -166,8 +171,7 @@ class Decisions:
 
     def _is_new(self, test: str, failed: bool) -> bool:
         """Return whether a result can still change a test's debounce counter."""
-        counter = self._debounce[test]
-        return not (counter.failed if failed else counter.passed)
+        return self._debounce[test].count != (FAILED if failed else PASSED)
 
     def _step(
         self, test: str, failed: bool, by: int, fault: str, also: tuple[str, ...], t_ns: int

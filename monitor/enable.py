@@ -156,16 +156,19 @@ class Enable:
 
     def _purge_steps(self, duty: float) -> bool:
         """Return whether the purge valve opens, closes or moves fast, or is not known."""
-        is_open, duties = duty >= self._config.purge_open_percent, self._duties
+        was_open, self._open = self._open, duty >= self._config.purge_open_percent
+        duties = self._duties
         if not duties:
             duties.extend([duty] * self._second)
-            self._open = is_open
-        moved = is_open is not self._open or not (
-            abs(duty - duties[0]) <= self._config.purge_step_percent
-        )
-        self._open = is_open
+            was_open = self._open
+        before = duties[0]
         duties.append(duty)
-        return moved
+        return (
+            was_open is not self._open
+            or not -self._config.purge_step_percent
+            <= duty - before
+            <= self._config.purge_step_percent
+        )
 
     def block(self, values: FloatArray) -> BoolArray:
         """Return the conditions of a recording from switching on, (n, n_conditions).

@@ -24,7 +24,8 @@ class Bias:
     fault: str | None
     also: tuple[str, ...]
     offset: float  # fading mean of the residual, output's unit
-    offset_std: float  # its standard deviation; infinite before the first window
+    offset_std: float | None = None  # its standard deviation
+    beyond: float | None = None  # standard deviations outside the healthy offsets, below 0 inside
 
 
 class BiasRule:
@@ -58,16 +59,14 @@ class BiasRule:
             self._weight = memory * self._weight + 1.0
             self._square = memory**2 * self._square + 1.0
         if not self._windows:
-            return Bias("inconclusive", None, (), 0.0, math.inf)
+            return Bias("inconclusive", None, (), 0.0)
         offset = self._sum / self._weight
         own = (1.0 - config.variance_shared) * self._square / self._weight**2
         std = self._window_std * math.sqrt(config.variance_shared + own)
-        if ignore or self._windows < config.n_windows:
-            return Bias("inconclusive", None, (), offset, std)
-        least = config.certainty * std
-        if offset - least > self._high:
-            return Bias("failed", "biased_lean", (), offset, std)
-        if offset + least < self._low:
-            return Bias("failed", "biased_rich", (), offset, std)
-        inside = self._low < offset < self._high
-        return Bias("passed" if inside else "inconclusive", None, (), offset, std)
+        beyond = max(offset - self._high, self._low - offset) / std
+        if ignore or self._windows < config.n_windows or 0.0 <= beyond <= config.certainty:
+            return Bias("inconclusive", None, (), offset, std, beyond)
+        if beyond < 0.0:
+            return Bias("passed", None, (), offset, std, beyond)
+        fault = "biased_lean" if offset > self._high else "biased_rich"
+        return Bias("failed", fault, (), offset, std, beyond)

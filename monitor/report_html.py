@@ -47,6 +47,7 @@ _STATISTICS = {
     "gain_std": "gain std",
     "offset": "offset",
     "offset_std": "offset std",
+    "offset_beyond": "offset beyond, std",
     "excitation": "excitation",
 }
 
