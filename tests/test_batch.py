@@ -218,6 +218,17 @@ def test_a_model_that_predicts_no_number_fills_no_window_either_way(tmp_path: Pa
     assert_same(stream(block, NAMES, model, TIGHT, SHORT, fresh()), got)
 
 
+def test_an_infinite_input_is_refused_by_name_either_way(tiny: dict[str, Model]) -> None:
+    index = np.arange(30)
+    values = np.tile(USUAL, (30, 1))
+    values[20, NAMES.index("lambda_controller")] = np.inf  # what the assembler never gives
+    block = SampleBlock(index, index * PERIOD_NS, values, np.zeros(values.shape, dtype=np.uint8))
+    with pytest.raises(ValueError, match=r"finite: lambda_controller$"):
+        stream(block, NAMES, tiny["phi"], TIGHT, SHORT, fresh())
+    with pytest.raises(ValueError, match=r"finite: lambda_controller$"):
+        judge_all([block], NAMES, tiny["phi"], TIGHT, SHORT)
+
+
 # The shipped model on simulated drives
 
 WARM = vehicle.conditions(1)._replace(coolant_start_degc=85.0)
