@@ -220,7 +220,8 @@ def _read(
     phi = 1.0 + (f.gain if faulty else 1.0) * (slow - 1.0)
     reading = min(1.0 / max(phi, 1.0 / LAMBDA_MAX), LAMBDA_MAX)
     if faulty:
-        reading = f.stuck_lambda if f.stuck_lambda > 0.0 else reading + f.offset_lambda
+        biased = min(reading + f.offset_lambda, LAMBDA_MAX)
+        reading = f.stuck_lambda if f.stuck_lambda > 0.0 else biased
     return slow, reading
 
 
