@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from training import cli_matrix
 from training.cli_recordings import (
     add_bus_options,
     add_period_option,
@@ -24,6 +25,7 @@ _FIT_EXAMPLES = """examples:
 _EVALUATE_EXAMPLES = """examples:
   o2train evaluate --model model.onnx drive4.log
   o2train evaluate --model model.onnx drive4.log drive5.log --washout 20 --json figures.json
+  o2train evaluate --model model.onnx --matrix --out matrix
 """
 
 
@@ -80,23 +82,25 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
     evaluate = subparsers.add_parser(
         "evaluate",
         help="predict recordings with a model and say how well",
-        description="Free run of the model over each recording, in the output's unit.",
+        description="Free run of the model over each recording, in the output's unit. With "
+        "--matrix the monitor judges many simulated drives, healthy and faulty, instead.",
         epilog=_EVALUATE_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     evaluate.add_argument("--model", type=Path, required=True, metavar="MODEL.onnx")
-    _add_recordings(evaluate)
+    _add_recordings(evaluate, "*")
     evaluate.add_argument(
         "--washout", type=int, metavar="N",
         help="first samples that drive the state with the measured output and are not scored "
         "(default: the longest lag)",
     )  # fmt: skip
     evaluate.add_argument("--json", type=Path, metavar="OUT", help="write the figures as JSON")
+    cli_matrix.add_options(evaluate)
     evaluate.set_defaults(func=run_evaluate)
 
 
-def _add_recordings(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("recordings", nargs="+", type=Path, metavar="RECORDING")
+def _add_recordings(parser: argparse.ArgumentParser, number: str = "+") -> None:
+    parser.add_argument("recordings", nargs=number, type=Path, metavar="RECORDING")
     add_period_option(parser)
     add_bus_options(parser)
 
@@ -200,10 +204,15 @@ def _number(value: float | None) -> str:
 
 
 def run_evaluate(args: argparse.Namespace) -> int:
-    """Predict recordings with a model; returns the exit code."""
+    """Predict recordings with a model, or drive the matrix; returns the exit code."""
+    from monitor.errors import UsageError
     from monitor.model import Model
     from training.evaluate import evaluate, save
 
+    if args.matrix:
+        return cli_matrix.run(args)
+    if not args.recordings:
+        raise UsageError("at least one RECORDING is wanted, or --matrix")
     card = Model.load(args.model).card
     period_s = args.period if args.period is not None else card.period_ns / 1e9
     result = evaluate(args.model, load_all(args, args.recordings, period_s), args.washout)

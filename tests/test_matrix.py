@@ -1,0 +1,396 @@
+"""The matrix: its plan, its faults put on afterwards, its rates, its run and its report."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from monitor import config, faults
+from monitor.errors import UsageError
+from monitor.faults import SensorFault
+from monitor.replay import shipped_model
+from training.cli import main
+from training.dyno import ecu
+from training.dyno.simulate import Experiment, simulate
+from training.matrix import run, tables
+from training.matrix.assess import assess
+from training.matrix.drive import put_on, samples
+from training.matrix.plan import (
+    AMBIENTS,
+    ELECTRICAL,
+    SEVERITIES,
+    Matrix,
+    calibration,
+    reference_drives,
+    refuse_used,
+    trials,
+    weather,
+)
+from training.matrix.rates import median, per_1000_h, rate, roc
+from training.matrix.report import verdict
+from training.matrix.rules import Scored
+from training.matrix.targets import LIMIT_SEVERITY, beyond_limit
+
+FIRST, SEED = 2000, 2_100_000
+DEVELOPMENT = Matrix(first_vehicle=FIRST, seed=SEED)
+SMALL = Matrix(
+    vehicles=2,
+    first_vehicle=FIRST,
+    seed=SEED,
+    repetitions=2,
+    healthy=2,
+    reference_drives=1,
+    cycles=("us06",),
+    ambients=("mild",),
+    faults=(("delay_symmetric", (0.4,)),),
+)
+
+
+def test_a_matrix_is_planned_alike_every_time_and_by_its_seed() -> None:
+    assert trials(DEVELOPMENT) == trials(DEVELOPMENT)
+    assert reference_drives(DEVELOPMENT) == reference_drives(DEVELOPMENT)
+    other = trials(replace(DEVELOPMENT, seed=SEED + 100_000))
+    assert not any(
+        a.conditions == b.conditions for a, b in zip(trials(DEVELOPMENT), other, strict=True)
+    )
+
+
+def test_the_whole_plan_is_large_enough_for_every_target() -> None:
+    planned = trials(DEVELOPMENT)
+    healthy = [t for t in planned if t.kind == "healthy"]
+    assert len(planned) >= 5000
+    assert len(healthy) >= 500
+    assert len({t.vehicle for t in healthy}) >= 50
+    assert {t.ambient for t in healthy} == set(AMBIENTS)
+    for name, limit in LIMIT_SEVERITY.items():
+        for placement in ("loop", "after"):
+            own = [t for t in planned if (t.fault, t.placement) == (name, placement)]
+            at = [t for t in own if t.severity == limit]
+            assert len(at) >= 100
+            assert len({t.vehicle for t in at}) == DEVELOPMENT.vehicles
+            assert {t.ambient for t in at} == set(AMBIENTS)
+            for severity in SEVERITIES[name]:
+                assert sum(t.severity == severity for t in own) >= 20
+    for name in ELECTRICAL:
+        assert sum(t.fault == name for t in planned) >= 20
+    every = [*planned, *(t for own in reference_drives(DEVELOPMENT) for t in own)]
+    assert len({t.seed for t in every}) == len(every)
+    assert all(0.0 <= t.ethanol <= 0.10 for t in every)
+
+
+def test_each_kind_of_weather_is_what_its_name_says() -> None:
+    drawn = {name: [weather(name, seed) for seed in range(200)] for name in AMBIENTS}
+    assert all(35.0 <= c.ambient_degc <= 43.0 for c in drawn["hot"])
+    assert all(-15.0 <= c.ambient_degc <= -5.0 for c in drawn["cold"])
+    assert all(c.coolant_start_degc == c.ambient_degc for c in drawn["cold"])
+    assert all(72.0 <= c.ambient_kpa <= 80.0 for c in drawn["altitude"])
+    assert len({c.ambient_degc for c in drawn["mild"]}) == 200
+    with pytest.raises(UsageError, match="tropical"):
+        weather("tropical", 1)
+
+
+def test_vehicles_and_seeds_that_have_served_before_are_refused() -> None:
+    trained = ["wltc_3b_v1_s1001_healthy.parquet", "drive.log", "udds_v2003_s7_healthy.log"]
+    refuse_used(trials(DEVELOPMENT), trained[:2])
+    with pytest.raises(UsageError, match="vehicle 2003 has trained"):
+        refuse_used(trials(DEVELOPMENT), trained)
+    with pytest.raises(UsageError, match="seed 1001 has trained"):
+        refuse_used(trials(replace(DEVELOPMENT, seed=1000)), trained[:2])
+    with pytest.raises(UsageError, match=r"vehicle 3000, seed .* are set on"):
+        refuse_used(trials(replace(DEVELOPMENT, first_vehicle=2990)), [])
+    with pytest.raises(UsageError, match=r"seed 3000020: .* are set on"):
+        refuse_used(trials(replace(DEVELOPMENT, seed=3_000_020)), [])
+
+
+def test_the_literatures_rules_are_set_on_every_fault_that_must_be_found() -> None:
+    good, bad = calibration(DEVELOPMENT)
+    assert {(t.fault, t.severity) for t in bad} == set(LIMIT_SEVERITY.items())
+    assert {t.placement for t in bad} == {"loop", "after"}
+    own = {t.seed for t in trials(DEVELOPMENT)} | {t.vehicle for t in trials(DEVELOPMENT)}
+    assert not own & {n for t in (*good, *bad) for n in (t.seed, t.vehicle)}
+
+
+@pytest.mark.parametrize(
+    "name", [n for n in faults.NAMES if n not in ("not_ready", "signal_missing")]
+)
+def test_a_fault_put_on_a_whole_drive_is_the_streaming_one_sample_by_sample(name: str) -> None:
+    drive = simulate(Experiment(cycle="us06", vehicle=FIRST, seed=SEED, duration_s=120.0))
+    healthy, fault = drive["lambda_measured"], faults.resolve(name)
+    put = put_on(healthy, fault)
+    streamed = np.array(SensorFault(fault, 0.01).apply(healthy.tolist()))
+    assert np.isnan(healthy).any()
+    np.testing.assert_allclose(put, np.minimum(streamed, 15.9), rtol=1e-12)
+    assert np.nanmax(np.abs(put - healthy)) > 0.01
+
+
+def test_a_fault_of_the_communication_cannot_be_put_on_readings() -> None:
+    with pytest.raises(UsageError, match="not_ready"):
+        put_on(np.ones(10), faults.resolve("not_ready"))
+
+
+def test_only_a_fault_in_the_loop_moves_the_controller() -> None:
+    bus_map = ecu.own_bus()
+    planned = trials(replace(SMALL, faults=(("biased_lean", (0.05,)),)))
+    trial = next(t for t in planned if t.placement == "after")
+    healthy = replace(trial, kind="healthy", fault="", severity=None, placement="")
+    seen = {}
+    for key, each in (("after", trial), ("loop", replace(trial, placement="loop")),
+                      ("healthy", healthy)):  # fmt: skip
+        block = samples(each, bus_map, 100_000_000)
+        trim, reading = (
+            block.values[:, bus_map.names.index(n)]
+            for n in ("lambda_controller", "lambda_measured")
+        )
+        seen[key] = np.nanmean(trim[1000:]), np.nanmedian(reading[1000:])
+    assert seen["after"][0] == seen["healthy"][0]
+    assert seen["loop"][0] > seen["healthy"][0] + 0.02
+    assert seen["after"][1] == pytest.approx(seen["healthy"][1] + 0.05, abs=0.002)
+
+
+def test_rates_times_and_false_alarms_come_with_their_bounds() -> None:
+    found = rate(59, 60)
+    assert found["low"] == pytest.approx(stats.binomtest(59, 60).proportion_ci().low)
+    assert rate(0, 0)["rate"] is None
+    assert per_1000_h(0, 3.6e6)["high"] == pytest.approx(-np.log(0.05))
+    assert per_1000_h(2, 3.6e6)["per_1000_h"] == pytest.approx(2.0)
+    assert median([3.0, 1.0, 2.0, None, None])["median"] == 3.0
+    assert median([1.0, None, None])["median"] is None
+    # the 95 % bounds of ten values are their second and ninth: 1 - 2 * 11 / 1024 = 97.9 %
+    ten = median([float(i) for i in range(1, 11)])
+    assert (ten["low"], ten["median"], ten["high"]) == (2.0, 5.5, 9.0)
+
+
+def test_the_curve_of_a_score_counts_drives_without_one_as_silent() -> None:
+    curve = roc([0.0, 1.0, 2.0, None], [3.0, 1.5, None, 4.0])
+    assert curve["area"] == pytest.approx(
+        np.mean([[1.0 if f > h else 0.5 if f == h else 0.0 for h in (0, 1, 2, -9)]
+                 for f in (3.0, 1.5, -9, 4.0)])
+    )  # fmt: skip
+    assert curve["at_none"] == 0.5
+    assert curve["points"][0] == [0.0, 0.0]
+    assert curve["points"][-1] == [0.75, 0.75]
+
+
+def test_a_drive_scores_and_alarms_by_two_windows_in_a_row() -> None:
+    scores = np.array([5.0, 1.0, 3.0, 4.0, 0.0])
+    assert Scored.of(scores, scores >= 3.0) == Scored(3.0, 3, 3)
+    assert Scored.of(scores, scores >= 4.0).alarm is None
+    assert Scored.of(scores[:1], scores[:1] >= 3.0) == Scored(None, None, 1)
+
+
+def row(
+    number: int, fault: str = "", severity: float | None = None, **changes: Any
+) -> dict[str, Any]:
+    """Return a row of a WLTC; a fault is found and named unless the changes say otherwise."""
+    found = [fault] if fault else []
+    names = (*tables.TITLES, "monitor")
+    return {
+        "number": number, "kind": "faulty" if fault else "healthy", "vehicle": FIRST + number % 2,
+        "cycle": "wltc_3b", "ambient": "mild", "fault": fault, "severity": severity,
+        "placement": "loop" if fault else "", "seed": SEED + number, "aged": None,
+        "completed": True, "codes": ["P0133"] if fault else [], "faults": found, "also": [],
+        "first_code_driving_s": 100.0 if fault else None,
+        "first_code_enabled_s": 30.0 if fault else None,
+        "driving_s": 1800.0, "enabled_s": 900.0, "windows": 100,
+        "not_held": dict.fromkeys(tables.CONDITIONS, 0.1),
+        "scores": dict.fromkeys(names, 1.0 if fault else 0.0),
+        "alarms_enabled_s": dict.fromkeys(names, 40.0 if fault else None),
+        "failed_windows": dict.fromkeys(names, 50 if fault else 1),
+    } | changes  # fmt: skip
+
+
+def hand_made() -> list[dict[str, Any]]:
+    """Return 60 healthy drives, one with a false code; 40 slow ones, two missed, one misnamed."""
+    slow = [row(i, "slow_symmetric", 0.5) for i in range(100, 140)]
+    for i in (0, 1):
+        slow[i] |= {"codes": [], "faults": [], "first_code_enabled_s": None}
+    slow[2]["faults"] = ["transient"]
+    slow[3] = row(103, "slow_symmetric", 0.2, codes=[], faults=[], first_code_enabled_s=None)
+    healthy = [row(i) for i in range(60)]
+    healthy[7] |= {"codes": ["P0133"], "faults": ["slow_symmetric"], "first_code_driving_s": 9.0}
+    healthy[9]["completed"] = False
+    return healthy + slow
+
+
+def target(rows: Sequence[dict[str, Any]], what: str, where: str) -> dict[str, Any]:
+    return next(t for t in assess(rows) if what in t["what"] and where in t["where"])
+
+
+def test_targets_stand_beside_what_was_found_and_by_how_much_they_are_missed() -> None:
+    rows = hand_made()
+    detected = target(rows, "detected", "in the loop, at the limit")
+    assert (detected["found"], detected["trials"]) == (37 / 39, 39)
+    assert detected["low"] == pytest.approx(stats.binomtest(37, 39).proportion_ci().low)
+    assert verdict(detected) == "missed by 4.1 percentage points"
+    named = target(rows, "named", "in the loop, at the limit")
+    assert named["found"] == 36 / 39
+    assert verdict(target(rows, "median", "in the loop, at the limit")) == "met"
+    assert target(rows, "detected", "afterwards, at the limit")["met"] is None
+    assert verdict(target(rows, "pending", "healthy")) == "missed by 1"
+    assert target(rows, "confirmed", "healthy")["met"] is None  # too few drives to say
+    completed = target(rows, "completed", "healthy")
+    assert (completed["found"], completed["met"], completed["proved"]) == (59 / 60, True, False)
+
+
+def test_zero_false_codes_are_a_target_met_only_by_many_drives_of_many_vehicles() -> None:
+    many = [row(i, vehicle=FIRST + i % 50) for i in range(500)]
+    assert target(many, "pending", "healthy")["met"] is True
+    assert target(many[:-1], "pending", "healthy")["met"] is None
+
+
+def test_a_code_of_two_drives_in_a_row_of_a_vehicle_would_be_confirmed() -> None:
+    drives = [row(i, vehicle=1) for i in range(4)]
+    for i in (0, 2):
+        drives[i]["codes"] = ["P0133"]
+    assert tables.confirmed(drives) == 0  # drive 1 has passed
+    drives[1]["completed"] = False
+    assert tables.confirmed(drives) == 1
+    drives[2]["vehicle"] = 2
+    assert tables.confirmed(drives) == 0
+
+
+def test_tables_of_hand_made_rows() -> None:
+    rows = hand_made()
+    cells = {d["severity"]: d for d in tables.detection(rows)}
+    assert (cells[0.5]["detected"]["events"], cells[0.2]["detected"]["events"]) == (37, 0)
+    names = tables.confusion(rows, "loop")
+    counts = dict(zip(names["driven"], names["counts"], strict=True))
+    assert counts["slow_symmetric"][names["named"].index("slow_symmetric")] == 36
+    assert counts["slow_symmetric"][names["named"].index("transient")] == 1
+    assert counts["slow_symmetric"][names["named"].index("none")] == 2
+    assert sum(counts["healthy"]) == 60
+    monitor_, card = (
+        next(r for r in tables.side_by_side(rows) if r["rule"] == name)
+        for name in ("monitor", "paper_card")
+    )
+    assert monitor_["loop"]["detected"]["rate"] == 37 / 39
+    assert card["loop"]["detected"]["rate"] == 1.0
+    assert card["false_windows"]["rate"] == 0.01
+    assert tables.healthy(rows)["all"]["false_1000_h"]["per_1000_h"] == pytest.approx(1000 / 30)
+    assert all(c["area"] == 1.0 for c in tables.curves(rows))
+
+
+def test_what_must_be_found_begins_at_the_limit_severity() -> None:
+    assert beyond_limit("delay_symmetric", 0.4)
+    assert not beyond_limit("delay_symmetric", 0.39)
+    assert not beyond_limit("gain_low", 0.61)
+    assert not beyond_limit("stuck_lean", 0.15)
+
+
+class StoppedError(Exception):
+    """The run was ended."""
+
+
+def test_a_run_that_was_stopped_goes_on_and_gives_the_same_rows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run, "CHUNK", 3)
+    monkeypatch.setattr(run, "_rules", lambda *_: {})
+    driven: list[int] = []
+    whole = samples
+
+    def counted(trial: Any, *others: Any) -> Any:
+        driven.append(trial.seed)
+        return whole(trial, *others)
+
+    monkeypatch.setattr(run, "samples", counted)
+    settings = config.load()
+
+    def do(folder: str, done: Any = lambda _: None, matrix: Matrix = SMALL) -> Any:
+        return run.run(matrix, shipped_model(), settings, tmp_path / folder, 1, done)
+
+    def stop(_: int) -> None:
+        raise StoppedError
+
+    rows = do("whole")
+    assert len(rows) == len(driven) == run.count(SMALL) == 8
+    driven.clear()
+    with pytest.raises(StoppedError):
+        do("stopped", stop)
+    assert 0 < len(driven) < 8
+    assert do("stopped") == rows
+    assert len(driven) == 8  # nothing twice
+    with pytest.raises(UsageError, match="another matrix"):
+        do("stopped", matrix=replace(SMALL, seed=SEED + 1))
+
+
+def test_a_drive_that_fails_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(trial: Any, *_: Any) -> Any:
+        raise ValueError("no road")
+
+    monkeypatch.setattr(run, "_rules", lambda *_: {})
+    monkeypatch.setattr(run, "samples", broken)
+    with pytest.raises(RuntimeError, match=r"trial 0 \(us06, vehicle 2000, reference\).*no road"):
+        run.run(SMALL, shipped_model(), config.load(), tmp_path / "out", 1, lambda _: None)
+
+
+def test_the_command_drives_a_small_matrix_and_reports_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # GIVEN few drives for the literature's rules
+    few = calibration(SMALL)
+    monkeypatch.setattr(
+        run, "calibration",
+        lambda _: ([replace(t, cycle="hwfet", ambient="mild", conditions=weather("hot", t.seed))
+                    for t in few[0][:3]], few[1][:1]),
+    )  # fmt: skip
+    monkeypatch.setattr("training.matrix.rules.FALSE_ALARM_RATE", 0.05)
+    # WHEN the matrix is driven
+    args = ["evaluate", "--model", str(shipped_model()), "--matrix", "--out", str(tmp_path / "m"),
+            "--vehicles", "2", "--first-vehicle", str(FIRST), "--seed", str(SEED), "--healthy", "2",
+            "--repetitions", "1", "--reference-drives", "1", "--cycles", "us06", "--jobs", "1",
+            "--ambient", "mild", "--faults", "delay_symmetric=0.4,2", "signal_missing",
+            "--json", str(tmp_path / "figures.json")]  # fmt: skip
+    assert main(args) == 0
+    # THEN both faults are found, and text, JSON and page say so
+    result = json.loads((tmp_path / "figures.json").read_text())
+    assert result["schema"] == "o2train.matrix/1"
+    assert result["source"] == "simulated"
+    assert result["drives"]["all"] == 9
+    cells = {(d["severity"], d["placement"]): d["named"]["events"] for d in result["detection"]}
+    assert cells[2.0, "loop"] == cells[2.0, "after"] == cells[1.0, "loop"] == 1
+    assert result == json.loads((tmp_path / "m" / "matrix.json").read_text())
+    html = (tmp_path / "m" / "report.html").read_text()
+    assert "Everything here is simulated: 9 drives" in html
+    assert html.count("data:image/svg+xml") == 6
+    assert "9 simulated drives" in capsys.readouterr().out
+    # WHEN it is asked for again THEN nothing is driven anew
+    monkeypatch.setattr(run, "samples", None)
+    monkeypatch.setattr(run, "_rules", lambda *_: {})
+    assert main(args) == 0
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["drive.log"], "no RECORDING is wanted"),
+        (["--faults", "rusty"], "fault 'rusty' is unknown"),
+        (["--faults", "gain_low=1.5"], "wanted below 1"),
+        (["--cycles", "nowhere"], "cycle 'nowhere' is unknown"),
+        (["--ambient", "damp"], "ambient 'damp' is unknown"),
+        (["--vehicles", "0"], "--vehicles is at least 1"),
+        (["--first-vehicle", "1"], "vehicle 1 has trained the model"),
+    ],
+)
+def test_what_cannot_be_driven_is_said_in_one_line(
+    options: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    own = ["--first-vehicle", str(FIRST), "--seed", str(SEED), "--out", str(tmp_path / "m")]
+    model = ["--model", str(shipped_model())]
+    assert main(["evaluate", *options[:1][: options[0][0] != "-"], *model, "--matrix", *own,
+                 *(options if options[0][0] == "-" else [])]) == 2  # fmt: skip
+    error = capsys.readouterr().err
+    assert said in error
+    assert len(error.splitlines()) == 1
+
+
+def test_without_a_recording_or_a_matrix_nothing_is_evaluated(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["evaluate", "--model", str(shipped_model())]) == 2
+    assert "RECORDING is wanted, or --matrix" in capsys.readouterr().err
