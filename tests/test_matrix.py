@@ -181,6 +181,7 @@ def test_a_drive_scores_and_alarms_by_two_windows_in_a_row() -> None:
     assert Scored.of(scores, scores >= 3.0) == Scored(3.0, 3, 3)
     assert Scored.of(scores, scores >= 4.0).alarm is None
     assert Scored.of(scores[:1], scores[:1] >= 3.0) == Scored(None, None, 1)
+    assert Scored.of(np.full(2, -np.inf), scores[:2] > 9.0).score is None
 
 
 def row(

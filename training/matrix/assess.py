@@ -32,14 +32,17 @@ def assess(rows: Sequence[Row]) -> list[Figures]:
         every = tables.wanted(rows, placement)
         limit = [r for r in every if at_limit(r["fault"], r["severity"])]
         for own, scope in ((limit, "at the limit"), (every, "at or beyond the limit")):
-            figures = tables.figures(own)
-            where = f"{place}, {scope}"
-            found += [
-                _share("detected within one drive", where, DETECTED, figures["detected"]),
-                _share("named rightly", where, NAMED, figures["named"]),
-                _time("median enabled time to the code", where, figures["enabled_s"]),
-            ]
+            found += of_faults(tables.figures(own), f"{place}, {scope}")
     return found + _healthy(tables.healthy(rows)["all"])
+
+
+def of_faults(figures: Figures, where: str) -> list[Figures]:
+    """Return the targets of drives with faults beside their figures."""
+    return [
+        _share("detected within one drive", where, DETECTED, figures["detected"]),
+        _share("named rightly", where, NAMED, figures["named"]),
+        _time("median enabled time to the code", where, figures["enabled_s"]),
+    ]
 
 
 def _share(what: str, where: str, wanted: float, share: Figures) -> Figures:

@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 
 from training.matrix import figures, page_beside
-from training.matrix.assess import PLACES
+from training.matrix.assess import PLACES, of_faults
 from training.matrix.plan import PLACEMENTS, SEVERITIES
 from training.matrix.rates import Figures
-from training.matrix.report import NBSP, cells, percent, seconds
+from training.matrix.report import NBSP, cells, number, percent, seconds
 from training.matrix.rows import Row
 from training.matrix.tables import of_kind
 from training.matrix.targets import LIMIT_SEVERITY, at_limit
@@ -25,7 +25,8 @@ def as_page(found: Figures, rows: Sequence[Row]) -> str:
         paragraph(
             "Missed says by how much what was found falls short. Proved is a target whose bound "
             "meets it, too. Bounds, here and in brackets below, are two-sided 95 %, after Clopper "
-            "and Pearson; of medians, order statistics.",
+            "and Pearson; of medians, order statistics. Both count drives as independent, though "
+            "a vehicle has several.",
             "note",
         ),
         _detection(found["detection"]),
@@ -92,12 +93,18 @@ def _detection(detection: Sequence[Figures]) -> str:
         )
     for placement, place in PLACES.items():
         rows = [
-            _cells(f"{d['fault']} {d['severity']:g}{', limit' if d['at_limit'] else ''}", d)
+            (
+                *_cells(f"{d['fault']} {d['severity']:g}{', limit' if d['at_limit'] else ''}", d),
+                _missed(d),
+            )
             for d in sorted(detection, key=lambda d: list(SEVERITIES).index(d["fault"]))
             if d["placement"] == placement
         ]
         if rows:
-            parts += [f"<h3>Simulated, {place}</h3>", table(rows, ("fault, severity", *FOUND))]
+            parts += [
+                f"<h3>Simulated, {place}</h3>",
+                table(rows, ("fault, severity", *FOUND, "missed by")),
+            ]
     parts.append(
         paragraph(
             "Detected is a drive with any code at its end; named rightly one whose every code "
@@ -108,6 +115,19 @@ def _detection(detection: Sequence[Figures]) -> str:
         )
     )
     return "\n".join(parts)
+
+
+def _missed(d: Figures) -> str:
+    """Return by how much drives whose fault must be found miss their targets."""
+    if not d["beyond_limit"]:
+        return ""
+    short = ("detected", "named", "time")
+    missed = [
+        f"{name} never" if t["missed_by"] is None else f"{name} {number(t['missed_by'], t['unit'])}"
+        for name, t in zip(short, of_faults(d, ""), strict=True)
+        if t["met"] is False
+    ]
+    return ", ".join(missed).replace(" ", NBSP) or "-"
 
 
 def _ambient(by_ambient: Sequence[Figures]) -> str:

@@ -6,7 +6,7 @@ wants two; a drive alarms where two windows in a row do.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -40,10 +40,10 @@ class Scored:
     @classmethod
     def of(cls, scores: FloatArray, failed: np.ndarray) -> "Scored":
         """Return what is said of a drive from its windows' scores and verdicts, each (n,)."""
-        pairs = np.minimum(scores[1:], scores[:-1])
+        best = np.minimum(scores[1:], scores[:-1]).max(initial=-np.inf)
         twice = np.flatnonzero(failed[1:] & failed[:-1])
         return cls(
-            float(pairs.max()) if len(pairs) else None,
+            float(best) if np.isfinite(best) else None,
             int(twice[0]) + 1 if len(twice) else None,
             int(failed.sum()),
         )
@@ -70,16 +70,15 @@ def drive_scores(windows: Sequence[WindowJudged], rules: dict[str, Rule]) -> dic
 
 
 def own_scores(windows: Sequence[WindowJudged]) -> dict[str, float | None]:
-    """Return the drive's scores of the monitor's response rule and of its bias rule."""
+    """Return the drive's scores of the monitor's response rule and of its bias rule.
+
+    The one is the evidence for a faulty sensor, the other how far the offset lies beyond the
+    vehicle's range, in standard deviations; negative inside.
+    """
     nothing = np.zeros(len(windows), dtype=np.bool_)
-    evidence = np.array([_number(w, "evidence") for w in windows])
-    beyond = np.array([_number(w, "offset_beyond") for w in windows])
-    return {
-        "response": Scored.of(evidence, nothing).score,
-        "bias": Scored.of(beyond, nothing).score,
-    }
-
-
-def _number(window: WindowJudged, name: str) -> float:
-    value: Any = window.statistics.get(name)
-    return float(value) if isinstance(value, int | float) else 0.0
+    found = {}
+    for name, key in (("response", "evidence"), ("bias", "offset_beyond")):
+        values = [w.statistics[key] for w in windows]
+        scores = np.array([-np.inf if v is None else v for v in values], dtype=np.float64)
+        found[name] = Scored.of(scores, nothing).score
+    return found
