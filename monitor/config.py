@@ -45,6 +45,7 @@ class ResponseConfig:
     delays_s: tuple[float, ...]
     lead_s: float
     lag_limit_s: float
+    lag_limit_symmetric_s: float
     delay_limit_s: float
     gain_sound_min: float
     gain_weak_max: float
@@ -126,6 +127,7 @@ _LOWEST: Final = {
     "enable.range_margin": 0.0,
     "enable.range_recovery_s": 0.0,
     "response.lag_limit_s": 0.0,
+    "response.lag_limit_symmetric_s": 0.0,
     "response.delay_limit_s": 0.0,
     "response.lead_s": 0.0,
     "response.gain_late_min": 0.0,
@@ -252,7 +254,7 @@ def _build(tree: dict[str, Any], where: str) -> Config:
                 f"{higher} = {getattr(bank, higher)}"
             )
     for key, grid, limit_s in (
-        ("lags_s", bank.lags_s, bank.lag_limit_s),
+        ("lags_s", bank.lags_s, max(bank.lag_limit_s, bank.lag_limit_symmetric_s)),
         ("delays_s", bank.delays_s, bank.delay_limit_s),
     ):
         if max(grid) <= limit_s:

@@ -6,7 +6,7 @@ stream or a recording is judged as a whole.
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -19,7 +19,7 @@ from monitor.hypotheses import Hypothesis
 from monitor.limits import Limits
 from monitor.plausibility import TickResult
 from monitor.reference import Seen
-from monitor.residual import mean_and_std
+from monitor.residual import lambda_of, mean_and_std
 from monitor.response import Noise, Outcome, Response, ResponseRule
 from monitor.types import FloatArray
 from monitor.window import Window
@@ -85,7 +85,7 @@ class Decisions:
         self._named: dict[str, str] = {}  # the fault that each matured test has set
         self.completed = False  # the response test reached a decision
         self._suspicious = False  # a window failed
-        self._windows, self._mean_sum = 0, 0.0
+        self._windows, self._offset_sum = 0, 0.0
 
     @property
     def ticks_that_count(self) -> tuple[int, int]:
@@ -112,10 +112,15 @@ class Decisions:
             float(window.measured.max() - window.measured.min())
             <= self._config.plausibility.stuck_range
         )
-        bias = self._bias.judge(mean, ignore=frozen)
         # an offset in lambda would change the gain in phi
         measured = self._orient(window.measured - mean)
         response = self._response.judge(measured, window.bank, ignore=frozen)
+        # a sensor slow or late on one edge rectifies the modulation, which shifts its mean
+        read = lambda_of(window.bank[:, response.column], self._transform)
+        offset = float((window.measured - read).mean())
+        bias = self._bias.judge(offset, ignore=frozen)
+        if response.outcome == "inconclusive" and bias.outcome == "failed":
+            bias = replace(bias, outcome="inconclusive", fault=None)
         outcome, fault, also = response.outcome, response.fault, response.also
         if bias.outcome == "failed" and outcome != "failed":
             outcome, fault, also = "failed", bias.fault, ()
@@ -138,7 +143,7 @@ class Decisions:
         )
         self._suspicious |= outcome == "failed"
         self._windows += 1
-        self._mean_sum += mean
+        self._offset_sum += offset
         for test, result in (("response", response), ("bias", bias)):
             if result.outcome != "inconclusive":
                 failed, name = result.outcome == "failed", result.fault or ""
@@ -158,7 +163,7 @@ class Decisions:
         sound = self._debounce["response"].passed and not self._suspicious
         if self._transform != "phi" or not (enough and sound) or self.store.fault_flag:
             return None
-        return Seen(self._mean_sum / self._windows, self._response.drive_gain)
+        return Seen(self._offset_sum / self._windows, self._response.drive_gain)
 
     def _orient(self, measured: FloatArray) -> FloatArray:
         if self._transform == "phi":

@@ -28,11 +28,12 @@ class Hypothesis:
 def build(config: ResponseConfig) -> tuple[Hypothesis, ...]:
     """Return the healthy hypothesis and every lag and dead time of the configuration."""
     bank = [Hypothesis("", "healthy", "symmetric", 0.0, False)]
-    for kind, grid, limit in (
-        ("slow", config.lags_s, config.lag_limit_s),
-        ("delay", config.delays_s, config.delay_limit_s),
+    for kind, grid, one_sided, symmetric in (
+        ("slow", config.lags_s, config.lag_limit_s, config.lag_limit_symmetric_s),
+        ("delay", config.delays_s, config.delay_limit_s, config.delay_limit_s),
     ):
         for direction in DIRECTIONS:
+            limit = symmetric if direction == "symmetric" else one_sided
             bank += [Hypothesis(f"{kind}_{direction}", kind, direction, s, s > limit) for s in grid]
     return tuple(bank)
 

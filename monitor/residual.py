@@ -28,3 +28,8 @@ def oriented(value: float, transform: str) -> float:
     if transform == "phi":
         return 1.0 / value if value > 0.0 else float("nan")
     return -value
+
+
+def lambda_of(oriented_values: FloatArray, transform: str) -> FloatArray:
+    """Return values oriented like phi, none of them 0, in the output's unit again."""
+    return 1.0 / oriented_values if transform == "phi" else -oriented_values

@@ -44,6 +44,7 @@ class Response:
     outcome: Outcome
     fault: str | None
     also: tuple[str, ...]
+    column: int  # of the bank: what the likeliest sensor reads
     statistics: dict[str, float | str | None]
 
 
@@ -105,7 +106,7 @@ class ResponseRule:
         alpha, beta = config.false_alarm_probability, config.miss_probability
         self.evidence_fail = math.log((1.0 - beta) / alpha)
         self.evidence_pass = math.log((1.0 - alpha) / beta)
-        self._claims = claims(config, bank)
+        self._claims, self._n_columns = claims(config, bank), len(bank)
         self._columns = np.array([c.column for c in self._claims])
         self._gain_low = gain_reference * np.array([c.gain_low for c in self._claims])
         self._gain_high = gain_reference * np.array([c.gain_high for c in self._claims])
@@ -212,7 +213,8 @@ class ResponseRule:
             "evidence": float(margin),
             "hypothesis": claim.fault or "healthy",
         }
-        return Response(outcome, fault, also, statistics | self._estimates(best))
+        column = claim.column if claim.column < self._n_columns else 0
+        return Response(outcome, fault, also, column, statistics | self._estimates(best))
 
     def _estimates(self, best: int) -> dict[str, float | str | None]:
         """Return lag, dead time and gain with their standard deviations.

@@ -240,13 +240,15 @@ def test_the_bank_holds_every_lag_and_dead_time_on_each_edge() -> None:
     response = config.load().response
     assert BANK[0].kind == "healthy"
     assert not BANK[0].beyond_limit
-    for kind, grid, limit_s in (
-        ("slow", response.lags_s, response.lag_limit_s),
-        ("delay", response.delays_s, response.delay_limit_s),
+    for kind, grid, limit_s, symmetric_s in (
+        ("slow", response.lags_s, response.lag_limit_s, response.lag_limit_symmetric_s),
+        ("delay", response.delays_s, response.delay_limit_s, response.delay_limit_s),
     ):
         held = {(h.fault, h.seconds): h.beyond_limit for h in BANK if h.kind == kind}
         assert held == {
-            (f"{kind}_{side}", s): s > limit_s for side in hypotheses.DIRECTIONS for s in grid
+            (f"{kind}_{side}", s): s > (symmetric_s if side == "symmetric" else limit_s)
+            for side in hypotheses.DIRECTIONS
+            for s in grid
         }
     assert len(BANK) == 1 + 3 * (len(response.lags_s) + len(response.delays_s))
 
