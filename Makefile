@@ -6,7 +6,7 @@ DEMO    := .venv-demo
 HEALTHY  = $(firstword $(sort $(wildcard replay_logs/healthy_*)))
 FAULTY   = $(firstword $(sort $(wildcard replay_logs/delay_rich_to_lean_*)))
 
-.PHONY: help demo test lint venv system bench model study replay_logs clean python
+.PHONY: help demo test lint venv system bench model calibration study replay_logs clean python
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z_]+:.*## / {printf "make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -49,6 +49,23 @@ model: venv ## train the shipped model anew (ten minutes)
 	    --cycle $${drive%%:*} --seed $${drive##*:} || exit 1; done
 	$(VENV)/bin/o2train fit build/training/*.parquet --out monitor/models/shipped.onnx \
 	  --lags 5 --hidden 8 8 --budget 10 --report build/fit.html
+	$(MAKE) calibration
+
+# Its limits: twenty other vehicles with fuels from E0 to E10, and sensors at the limit severities.
+LIMIT_FAULTS := slow_rich_to_lean=0.5 slow_lean_to_rich=0.5 slow_symmetric=0.5 delay_rich_to_lean=0.4 \
+                delay_lean_to_rich=0.4 delay_symmetric=0.4 transient=0.5 gain_low=0.6 \
+                biased_lean=0.05 biased_rich=0.05
+
+calibration: venv ## set the limits of the shipped model anew (two minutes)
+	rm -rf build/calibration
+	@set -e; n=0; for fault in $$(yes healthy | head -20) $(LIMIT_FAULTS) $(LIMIT_FAULTS); do \
+	  case $$fault in healthy) own=; folder=healthy;; *) own="--fault $$fault"; folder=faulty;; esac; \
+	  $(VENV)/bin/o2train simulate --out build/calibration/$$folder --format parquet $$own \
+	    --vehicle $$((3000 + n % 20)) --seed $$((3000000 + n)) --effect ethanol=$$((n * 3 % 11)); \
+	  n=$$((n + 1)); done
+	$(VENV)/bin/o2train calibrate --model monitor/models/shipped.onnx \
+	  --healthy build/calibration/healthy/*.parquet --faulty build/calibration/faulty/*.parquet \
+	  --report build/calibration.html --json build/calibration.json
 
 # The paper's study on simulated drives: those of the shipped model train and choose, others judge.
 STUDY_TEST   := wltc_3b:2001 udds:2002 us06:2003
