@@ -194,8 +194,8 @@ class _Batch:
         for place, results in enumerate(tests.block(block.values, block.quality)):
             for k, result in _counting(results, *decisions.ticks_that_count):
                 yield k, place, partial(decisions.ticks, (result,), t_ns[k])
-        activity = ActivityTest(settings, output.maximum, self._period_s)
-        active = np.asarray(conditions[:, BURNING].all(axis=1))  # an enabled sample is, too
+        activity = ActivityTest.of(settings, output, self._names, self._period_s)
+        active = conditions[:, BURNING].all(axis=1) & tests.running(block.values)
         for k, failed, fault in activity.block(measured, active):
             yield k, 3, partial(decisions.activity, failed, fault, t_ns[k])
         n = self._config.window.n_samples

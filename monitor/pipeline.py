@@ -32,7 +32,7 @@ from monitor.window import WindowCollector
 
 __all__ = ["DtcChanged", "Event", "FramePipeline", "Monitor", "Tick", "WindowJudged", "check_names"]
 
-# a live sensor must move while these hold, whatever the model's state
+# a live sensor must move while these hold and the engine runs, whatever the model's state
 BURNING = tuple(
     map(enable.CONDITIONS.index, ("measured_valid", "fuel_cut_recovered", "sensor_ready"))
 )
@@ -81,7 +81,7 @@ class Monitor:
         self._plausibility = Plausibility(
             config.plausibility, self.names, card.output.name, period_s
         )
-        self._activity = ActivityTest(config.plausibility, card.output.maximum, period_s)
+        self._activity = ActivityTest.of(config.plausibility, card.output, self.names, period_s)
         self._running = False
         self.samples = self.enabled_samples = 0
 
@@ -117,7 +117,7 @@ class Monitor:
         if changed:
             yield from changed
         measured = sample.values.item(self._output)
-        if enabled or all(_burning(conditions)):
+        if all(_burning(conditions)) and self._plausibility.is_running(sample):
             judged = self._activity.push(measured)
             if judged is not None:
                 yield from self._decisions.activity(*judged, sample.t_ns)

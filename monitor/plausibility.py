@@ -13,9 +13,11 @@ from typing import NamedTuple
 import numpy as np
 
 from monitor.config import PlausibilityConfig
+from monitor.model_card import Channel
 from monitor.runs import since, stretches
 from monitor.types import BoolArray, FloatArray, IntArray, Quality, QualityArray, Sample
 
+_ENGINE = ("engine_speed_rpm", "sensor_ready")  # tell whether the sensor can be heated
 _GOOD, _STALE, _INVALID, _OUT_OF_RANGE = (int(quality) for quality in Quality)
 
 
@@ -70,7 +72,7 @@ class Plausibility:
         quality = sample.quality.item(self._output)
         ready = self._is_ready(sample, quality)
         gone = self._ready is not None and math.isnan(sample.values.item(self._ready))
-        waiting = not ready and not gone and self._is_running(sample)
+        waiting = not ready and not gone and self.is_running(sample)
         self._not_ready = self._not_ready + 1 if waiting else 0
         # a blank in a table reads as invalid; with the readiness blank, too, nothing came
         missing = quality == _STALE or (quality == _INVALID and gone)
@@ -96,12 +98,7 @@ class Plausibility:
         told = np.full(n, np.nan) if self._ready is None else values[:, self._ready]
         ready = np.where(np.isnan(told), q != _INVALID, told > 0.0)
         gone = np.zeros(n, dtype=np.bool_) if self._ready is None else np.isnan(told)
-        running = (
-            np.ones(n, dtype=np.bool_)
-            if self._speed is None
-            else values[:, self._speed] >= self._running_rpm
-        )
-        not_ready = since(~(~ready & ~gone & running))
+        not_ready = since(~(~ready & ~gone & self.running(values)))
         missing = (q == _STALE) | ((q == _INVALID) & gone)
         invalid = (q == _INVALID) & ready
         unheard = np.cumsum(np.minimum.accumulate(missing))
@@ -132,8 +129,15 @@ class Plausibility:
         ready = math.nan if self._ready is None else sample.values.item(self._ready)
         return quality != _INVALID if math.isnan(ready) else ready > 0.0
 
-    def _is_running(self, sample: Sample) -> bool:
+    def is_running(self, sample: Sample) -> bool:
+        """Return whether the engine runs; without its speed it does."""
         return self._speed is None or sample.values.item(self._speed) >= self._running_rpm
+
+    def running(self, values: FloatArray) -> BoolArray:
+        """Return ``is_running`` of a recording, (n,)."""
+        if self._speed is None:
+            return np.ones(len(values), dtype=np.bool_)
+        return np.asarray(values[:, self._speed] >= self._running_rpm)
 
 
 def _results(allowed: BoolArray, kind: np.ndarray, *kinds: TickResult) -> TickResults:
@@ -147,13 +151,33 @@ class ActivityTest:
     """Finds a frozen signal: no change over so many samples though the engine burns fuel.
 
     saturated : highest output that training saw; there, in fuel cut, a sensor may stand still
+    cold : reading of a healthy sensor that is not heated yet, if it may be read unknowingly
     """
 
-    def __init__(self, config: PlausibilityConfig, saturated: float, period_s: float) -> None:
+    def __init__(
+        self,
+        config: PlausibilityConfig,
+        saturated: float,
+        period_s: float,
+        cold: float = -math.inf,
+    ) -> None:
         self._config = config
-        self._saturated = saturated
+        self._saturated, self._cold = saturated, cold
         self._n = max(round(config.stuck_s / period_s), 2)
         self.reset()
+
+    @classmethod
+    def of(
+        cls, config: PlausibilityConfig, output: Channel, names: Sequence[str], period_s: float
+    ) -> "ActivityTest":
+        """Return the test of a model's output on samples of ``names``.
+
+        Where nothing says whether the engine runs, a healthy sensor may stand still at its lowest
+        reading, heater and engine off, if it dwelt there in training.
+        """
+        dwelt = output.percentile_0_1 - output.minimum <= config.stuck_range
+        cold = output.minimum if dwelt and not set(_ENGINE) & set(names) else -math.inf
+        return cls(config, output.maximum, period_s, cold)
 
     def reset(self) -> None:
         """Begin anew."""
@@ -190,7 +214,8 @@ class ActivityTest:
 
     def _judged(self, low: float, high: float, last: float) -> tuple[bool, str] | None:
         frozen = high - low <= self._config.stuck_range
-        if frozen and last >= self._saturated:
+        at_rest = last >= self._saturated or last <= self._cold + self._config.stuck_range
+        if frozen and at_rest:
             return None
         return frozen, self._name(last)
 

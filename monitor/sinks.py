@@ -162,7 +162,9 @@ def reason(recording: Mapping[str, Any]) -> str:
     worst = sorted(shares, key=lambda name: float(shares[name]))[:2]
     held = ", ".join(f"{name} held {100 * float(shares[name]):.0f} % of the time" for name in worst)
     if windows:
-        return f"not enough evidence in {windows} windows ({held})"
+        excited = sum(window["excited"] for window in recording["windows"])
+        moved = f"in {excited} the prediction moves enough"
+        return f"not enough evidence in {windows} windows: {moved} ({held})"
     return f"no window of enabled samples was filled ({held})"
 
 

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from monitor import config
 from monitor.debounce import Debounce
 from monitor.dtc import CODES
+from monitor.model_card import Channel
 from monitor.plausibility import ActivityTest, Plausibility, TickResult
 from monitor.types import Quality, Sample
 
@@ -226,6 +227,35 @@ def test_a_signal_at_the_trained_lean_end_is_saturated_and_not_judged(reads: flo
 def test_a_sensor_frozen_richer_than_training_ever_was_is_found(reads: float) -> None:
     test = activity()
     assert [test.push(reads) for _ in range(STUCK)][-1] == (True, "stuck_rich")
+
+
+def rests(names: tuple[str, ...], reads: float, percentile_0_1: float = 0.5) -> bool:
+    """Return whether a frozen reading is rest; the lowest that training saw is 0.5."""
+    output = Channel("lambda_measured", "-", 0.5, SATURATED, percentile_0_1, SATURATED)
+    test = ActivityTest.of(CONFIG.plausibility, output, names, PERIOD_S)
+    return [test.push(reads) for _ in range(STUCK)][-1] is None
+
+
+def test_a_cold_sensor_may_rest_where_training_saw_it_rest_if_nothing_tells_that_it_is_cold() -> (
+    None
+):
+    assert rests(("lambda_measured",), 0.5)
+    assert not rests(("lambda_measured",), 0.51)
+    assert not rests(("lambda_measured",), 0.5, percentile_0_1=0.6)  # training only passed there
+    assert not rests(("lambda_measured", "engine_speed_rpm"), 0.5)
+    assert not rests(("lambda_measured", "sensor_ready"), 0.5)
+
+
+@pytest.mark.parametrize(
+    ("names", "rpm", "runs"),
+    [(NAMES, 0.0, False), (NAMES, 800.0, True), (NAMES, math.nan, False), (NAMES[:2], 0.0, True)],
+)
+def test_the_engine_runs_if_its_speed_says_so_or_nothing_does(
+    names: tuple[str, ...], rpm: float, runs: bool
+) -> None:
+    one = sample(Quality.GOOD, rpm=rpm, names=names)
+    assert subject(names).is_running(one) is runs
+    assert subject(names).running(one.values[np.newaxis]).tolist() == [runs]
 
 
 def test_an_ecu_that_was_never_heard_may_start_late_but_not_for_ever() -> None:
