@@ -92,6 +92,10 @@ def test_faulty_sensors_are_found_and_the_figures_say_so(drives: Path, calibrate
         assert row["share"] > 0.8
         assert row["share_low"] < row["share"] <= row["share_high"]
         assert code in row["codes"]
+    own, found = result["monitor"]["healthy"], result["monitor"]["faulty"]
+    assert own["with_code"] == 0 < own["high"] < 1
+    assert own["largest_evidence"] == max(row["evidence"] for row in result["healthy"])
+    assert found["with_code"] == found["drives"] == len(result["faulty"]) == found["named"]
     assert result["detection"]["failed"] == sum(row["paper_failed"] for row in result["faulty"])
     assert result["false_alarms"]["bound"] <= RATE
     assert result["false_alarms"]["bound_drives"] <= RATE

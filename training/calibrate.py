@@ -62,6 +62,8 @@ def calibrate(
     alarms, found = held_out(seen, seen_bad, rate)
     card = _with_limits(model.card, good, bad, chosen, rate, config)
     limits = Limits.from_card(card, config, str(path))
+    healthy_rows = _rows(healthy, good, model, limits, config)
+    faulty_rows = _rows(faulty, bad, model, limits, config)
     return card, {
         "schema": SCHEMA,
         "model": path.name,
@@ -71,8 +73,9 @@ def calibrate(
         "simulated": any(_entry(r).get("source") == "simulated" for r in (*healthy, *faulty)),
         "limits": [_changed(name, card, model.card) for name in card.limits],
         "false_alarms": _false_alarms(chosen, len(healthy)) | {"held_out": alarms},
-        "healthy": _rows(healthy, good, model, limits, config),
-        "faulty": _rows(faulty, bad, model, limits, config),
+        "healthy": healthy_rows,
+        "faulty": faulty_rows,
+        "monitor": {"healthy": _codes(healthy_rows), "faulty": _codes(faulty_rows)},
         "detection": _detection(bad, limits, found),
         "warnings": _warnings(model.card, healthy, good, faulty, bad),
     }
@@ -190,9 +193,31 @@ def _row(
         "share_low": low,
         "share_high": high,
         "codes": sorted({dtc.code for dtc in judged.dtcs}),
+        "named": sorted({dtc.fault for dtc in judged.dtcs}),
         "completed": judged.completed,
+        "evidence": max((_evidence(w) for w in judged.windows if w.excited), default=None),
         "mean": [_short(x) for x in seen.mean],
         "std": [_short(x) for x in seen.std],
+    }
+
+
+def _evidence(window: WindowJudged) -> float:
+    """Return by how much the likeliest fault led the likeliest sound sensor."""
+    return float(window.statistics["evidence"] or 0.0)
+
+
+def _codes(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Return how many drives have a code, bounds of that share and the largest evidence."""
+    n, coded = len(rows), sum(bool(row["codes"]) for row in rows)
+    low, high = rate_bounds(coded, n) if n else (0.0, 1.0)
+    seen = [row["evidence"] for row in rows if row["evidence"] is not None]
+    return {
+        "drives": n,
+        "with_code": coded,
+        "named": sum(row["named"] == [row["fault"]] for row in rows),
+        "low": low,
+        "high": high,
+        "largest_evidence": max(seen, default=None),
     }
 
 

@@ -27,6 +27,7 @@ def as_text(result: dict[str, Any]) -> str:
             )
     if result["detection"]:
         lines.append(detection(result))
+    lines.append(monitor(result))
     return "\n".join(lines)
 
 
@@ -71,6 +72,23 @@ def detection(result: dict[str, Any]) -> str:
     )
 
 
+def monitor(result: dict[str, Any]) -> str:
+    """Return in words how many drives the monitor's own rules give a code."""
+    good, bad = result["monitor"]["healthy"], result["monitor"]["faulty"]
+    largest = "none" if good["largest_evidence"] is None else f"{good['largest_evidence']:.1f}"
+    text = (
+        f"The monitor's own rules give {good['with_code']} of {good['drives']} healthy drives a "
+        f"code, at most {100 * good['high']:.1f} % with 97.5 % confidence; their largest "
+        f"evidence for a fault is {largest}."
+    )
+    if bad["drives"]:
+        text += (
+            f" They give {bad['with_code']} of {bad['drives']} faulty drives a code "
+            f"({100 * bad['low']:.1f} to {100 * bad['high']:.1f} %)."
+        )
+    return text
+
+
 def cells(row: dict[str, Any]) -> tuple[str, ...]:
     """Return one drive as cells, in the order of ``HEAD``."""
     name = row["recording"] + (" (simulated)" if row["source"] == "simulated" else "")
@@ -105,6 +123,7 @@ def as_page(result: dict[str, Any]) -> str:
         ]
     if result["detection"]:
         body.append(paragraph(detection(result)))
+    body.append(paragraph(monitor(result)))
     body.append(_picture(result))
     return page(f"Calibration of {result['model']}", "\n".join(body))
 
