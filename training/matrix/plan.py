@@ -176,12 +176,18 @@ def trials(matrix: Matrix) -> list[Trial]:
 
 
 def calibration(matrix: Matrix) -> tuple[list[Trial], list[Trial]]:
-    """Return healthy drives and drives at the limit severities, on which rules are set."""
+    """Return healthy drives and drives at the limit severities, on which rules are set.
+
+    Every vehicle drives once with a new sensor and once with an aged one.
+    """
     pieces, ambients = CALIBRATION_VEHICLES, matrix.ambients
     good = [
-        _trial(i, "calibration", piece, "wltc_3b", _next(ambients, i), CALIBRATION_SEED + i)
-        for i, piece in enumerate(pieces)
-    ]
+        _trial(
+            i, "calibration", _next(pieces, i), "wltc_3b", _next(ambients, i + i // len(pieces)),
+            CALIBRATION_SEED + i, aged=ageing(CALIBRATION_SEED + i) if i >= len(pieces) else None,
+        )
+        for i in range(2 * len(pieces))
+    ]  # fmt: skip
     bad = [
         _trial(
             i, "calibration", _next(pieces, i), "wltc_3b", _next(ambients, i // 2),

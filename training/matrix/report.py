@@ -15,6 +15,7 @@ from training.matrix.rules import FALSE_ALARM_RATE
 from training.tolerance import CONFIDENCE
 
 NBSP: Final = "\N{NO-BREAK SPACE}"
+TO: Final = "–\N{WORD JOINER}"
 SCHEMA: Final = "o2train.matrix/1"
 PACKAGES: Final = ("numpy", "scipy", "numba", "onnxruntime")
 
@@ -121,15 +122,17 @@ def percent(rate: Figures, *, bounds: bool = True) -> str:
         return "-"
     text = f"{100.0 * rate['rate']:.1f}"
     if bounds:
-        text += f" ({100.0 * rate['low']:.0f}–{100.0 * rate['high']:.0f})"
+        text += f" ({100.0 * rate['low']:.0f}{TO}{100.0 * rate['high']:.0f})"
     return text.replace(" ", NBSP)
 
 
-def seconds(times: Figures) -> str:
+def seconds(times: Figures, *, bounds: bool = True) -> str:
     """Return a median with its bounds in seconds, as a cell of a table that does not break."""
     if times["trials"] == 0:
         return "-"
     median, low, high = (
         "never" if times[k] is None else f"{times[k]:.0f}" for k in ("median", "low", "high")
     )
-    return (median if median == low == high else f"{median} ({low}–{high})").replace(" ", NBSP)
+    if not bounds or median == low == high:
+        return median
+    return f"{median} ({low}{TO}{high})".replace(" ", NBSP)

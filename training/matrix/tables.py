@@ -16,7 +16,7 @@ from training.matrix.rows import Row
 from training.matrix.rules import OWN, TITLES
 from training.matrix.targets import LIMIT_SEVERITY, at_limit, beyond_limit
 
-NONE, SEVERAL = "none", "several names"
+HEALTHY, NONE, SEVERAL = "healthy", "none", "several names"
 MONITOR: Final = "monitor"
 
 
@@ -85,7 +85,7 @@ def healthy(rows: Sequence[Row]) -> Figures:
     cells = [
         {"ambient": ambient, "cycle": cycle, **_false(each)}
         for ambient, own in _split(good, "ambient")
-        for cycle, each in _split(own, "cycle")
+        for cycle, each in sorted(_split(own, "cycle"))
     ]
     return {
         "all": _false(good) | {"vehicles": len({r["vehicle"] for r in good})},
@@ -96,6 +96,7 @@ def healthy(rows: Sequence[Row]) -> Figures:
         "not_held": [
             {"ambient": ambient, "enabled": _mean(r["enabled_s"] / r["driving_s"] for r in own)}
             | {name: _mean(r["not_held"][name] for r in own) for name in CONDITIONS}
+            | {"windows": _mean(r["windows"] for r in own)}
             for ambient, own in _split(good, "ambient")
         ],
         "codes": [
@@ -129,10 +130,13 @@ def confusion(rows: Sequence[Row], placement: str) -> Figures:
         for r in of_kind(rows, "faulty")
         if r["placement"] == placement and r["fault"] in ELECTRICAL
     ]
-    counts = Counter((r["fault"], _given(r)) for r in chosen)
-    counts += Counter(("healthy", _given(r)) for r in of_kind(rows, "healthy"))
+    chosen += of_kind(rows, "healthy")
+    counts = Counter((r["fault"] or HEALTHY, _given(r)) for r in chosen)
+    several = Counter(
+        (r["fault"] or HEALTHY, tuple(r["faults"])) for r in chosen if _given(r) == SEVERAL
+    )
     order = [*LIMIT_SEVERITY, *ELECTRICAL]
-    driven = [name for name in ("healthy", *order) if any(name == fault for fault, _ in counts)]
+    driven = [name for name in (HEALTHY, *order) if any(name == fault for fault, _ in counts)]
     given = {name for _, name in counts}
     names = [n for n in (NONE, *order) if n in given or n in driven]
     names += [*sorted(given - set(names) - {SEVERAL}), SEVERAL]
@@ -140,6 +144,10 @@ def confusion(rows: Sequence[Row], placement: str) -> Figures:
         "driven": driven,
         "named": names,
         "counts": [[counts[fault, name] for name in names] for fault in driven],
+        "several": [
+            {"driven": fault, "names": list(given), "drives": count}
+            for (fault, given), count in several.most_common()
+        ],
     }
 
 
@@ -206,7 +214,6 @@ def _false(rows: Sequence[Row]) -> Figures:
         "confirmed": confirmed(rows),
         "completed": rate(sum(r["completed"] for r in rows), len(rows)),
         "completed_wltc": rate(sum(r["completed"] for r in wltc), len(wltc)),
-        "windows": _mean(r["windows"] for r in rows),
     }
 
 
