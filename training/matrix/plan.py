@@ -128,7 +128,11 @@ def weather(ambient: str, seed: int) -> Conditions:
 
 
 def ageing(seed: int) -> Fault:
-    """Return what a healthy sensor may have lost by age, within its specification."""
+    """Return what a healthy sensor may have lost by age, within its specification.
+
+    Lag up to 0.15 s and dead time up to 0.1 s, together at most 0.2 s, since a specification limits
+    the response as a whole; 0.85 or more of the gain; an offset within 0.01 lambda.
+    """
     rng = np.random.default_rng([0x0_2, 8, seed])
     lag_s = float(rng.uniform(0.0, 0.15))
     return Fault(
@@ -136,7 +140,7 @@ def ageing(seed: int) -> Fault:
         lag_s,
         tau_rising_s=lag_s,
         tau_falling_s=lag_s,
-        delay_s=float(rng.uniform(0.0, 0.1)),
+        delay_s=float(rng.uniform(0.0, min(0.1, 0.2 - lag_s))),
         gain=float(rng.uniform(0.85, 1.0)),
         offset_lambda=float(rng.uniform(-0.01, 0.01)),
     )
