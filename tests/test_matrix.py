@@ -11,7 +11,7 @@ import pytest
 from scipy import stats
 
 from monitor import config, faults
-from monitor.errors import UsageError
+from monitor.errors import RecordingError, UsageError
 from monitor.faults import SensorFault
 from monitor.replay import shipped_model
 from training.cli import main
@@ -332,6 +332,18 @@ def test_a_drive_that_fails_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(run, "_rules", lambda *_: {})
     monkeypatch.setattr(run, "samples", broken)
     with pytest.raises(RuntimeError, match=r"trial 0 \(us06, vehicle 2000, reference\).*no road"):
+        run.run(SMALL, shipped_model(), config.load(), tmp_path / "out", 1, lambda _: None)
+
+
+def test_a_model_that_cannot_judge_the_drives_is_the_users_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def unfit(*_: Any) -> Any:
+        raise RecordingError("the model needs boost_kpa")
+
+    monkeypatch.setattr(run, "_rules", lambda *_: {})
+    monkeypatch.setattr(run, "judge_drives", unfit)
+    with pytest.raises(RecordingError, match="needs boost_kpa"):
         run.run(SMALL, shipped_model(), config.load(), tmp_path / "out", 1, lambda _: None)
 
 

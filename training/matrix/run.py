@@ -14,7 +14,7 @@ from joblib import Parallel, delayed
 import monitor
 from monitor.batch import Judged
 from monitor.config import Config
-from monitor.errors import UsageError
+from monitor.errors import O2Error, UsageError
 from monitor.limits import Limits
 from monitor.model import Model
 from monitor.reference import Reference
@@ -212,6 +212,8 @@ def _judge(
     limits = _limits(model_path, config, model)
     try:
         judged = judge_drives(blocks, bus_map.names, model, limits, config, references)
+    except O2Error:  # a model that cannot judge these drives
+        raise
     except Exception as error:
         between = f"{drives[0].name} to {drives[-1].name}"
         raise RuntimeError(f"{between}: {type(error).__name__}: {error}") from error
