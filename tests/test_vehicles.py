@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 
 from monitor import cli
+from monitor.model import Model
 from training import cli as training_cli
 
 # What of the MX-5 has a canonical name. Its vehicle speed always reads 0 and is left out.
@@ -167,6 +168,20 @@ def test_a_model_too_poor_to_judge_its_own_healthy_car_says_so(
     assert len(windows) > 100
     excited = sum(w["excited"] for w in windows)
     assert f"in {excited} the prediction moves enough (engine_speed held 62 %" in got.out
+
+
+def test_a_model_that_took_its_healthy_car_for_weak_waits_for_more_movement(
+    mx5: Path, folder: Path, replayed: Callable[..., Replayed]
+) -> None:
+    # the battery channel is garbled and leaves a model of few samples
+    names = ("engine_speed_rpm", "manifold_pressure_kpa", "battery_voltage_v", "pw_ms")
+    columns = folder / "mx5.toml"
+    model = fitted(folder / "garbled.onnx", mx5, columns, *names, "lambda_measured")
+    limit = Model.load(model).card.limits["excitation"]
+    assert "raised until the training recordings get no code" in limit.origin
+    got = replayed(mx5, model, columns)
+    assert got.recording["dtcs"] == []
+    assert all(w["verdict"] != "failed" for w in got.recording["windows"])
 
 
 def test_a_dead_vehicle_speed_is_what_kept_it_from_judging(

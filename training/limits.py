@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from monitor.config import Config
+from monitor.dtc import TESTS
 from monitor.errors import RecordingError
 from monitor.limits import Limits
 from monitor.model import Model
@@ -24,6 +25,7 @@ MINIMUM_WINDOWS = 10
 MANY_WINDOWS = 100  # with fewer the 0.99 quantiles are the largest values seen
 PAPER_QUANTILE = 0.99
 MEMORY_MOST = 0.95  # of the noise; above it nothing would be left of a window
+EXCITATION_STEP = 1.25
 NO_LIMITS = Limits(
     j_mu=np.inf,
     j_sigma=np.inf,
@@ -128,7 +130,8 @@ def set_limits(
 ) -> tuple[ModelCard, int]:
     """Set the limits of the model in ``path`` from held-out blocks.
 
-    Returns the new card and the number of windows that its limits rest on.
+    A window needs so much movement that the response rule fails none of the recordings, which are
+    healthy. Returns the new card and the number of windows that its limits rest on.
     """
     model = Model.load(path)
     drives = held_out_windows(model, recordings, held_out, config)
@@ -136,5 +139,26 @@ def set_limits(
         drives, model.card, config, "test blocks held out of the training recordings"
     )
     card = replace(model.card, limits={**model.card.limits, **limits})
+    least = _sound_excitation(model, recordings, Limits.from_card(card, config, str(path)), config)
+    if least > limits["excitation"].value:
+        why = f"{limits['excitation'].origin}, raised until the training recordings get no code"
+        limits["excitation"] = replace(limits["excitation"], value=least, origin=why)
+        card = replace(card, limits={**card.limits, **limits})
     update_card(path, card)
     return card, sum(map(len, drives))
+
+
+def _sound_excitation(
+    model: Model, recordings: Sequence[Recording], limits: Limits, config: Config
+) -> float:
+    """Return the least excitation at which the response rule fails no healthy recording.
+
+    A model that follows its vehicle poorly makes a sound sensor look weak or late.
+    """
+    while any(
+        window.outcome == "failed" and window.fault not in TESTS["bias"]
+        for judged in judge_recordings(recordings, model, limits, config)
+        for window in judged.windows
+    ):
+        limits = replace(limits, excitation=EXCITATION_STEP * limits.excitation)
+    return limits.excitation
