@@ -198,9 +198,14 @@ def report(
     print("|---|---|---|---|---|")
     for name, a, b in errors:
         print(f"| {name} | {a[0]:.4f} | {a[1]:.4f} | {b[0]:.4f} | {b[1]:.4f} |")
-    print(f"\n| found in the loop | {' | '.join(found)} |\n|---|{'---|' * len(found)}")
+    print(f"\n| found, median enabled s | {' | '.join(found)} |\n|---|{'---|' * len(found)}")
     for row in ("healthy", *(fault for fault, _ in FAULTS)):
         print(f"| {row} | {' | '.join(detected[name][row] for name in found)} |")
+
+
+def enabled_s(judged: Judged, t_ns: int) -> float:
+    """Return how long samples were enabled until then, s."""
+    return float(judged.enabled[: t_ns // PERIOD_NS + 1].sum()) * PERIOD_NS / 1e9
 
 
 def outcomes(cases: Sequence[Case], judged: Sequence[Judged]) -> dict[str, str]:
@@ -215,7 +220,7 @@ def outcomes(cases: Sequence[Case], judged: Sequence[Judged]) -> dict[str, str]:
         other = Counter(d.fault for j in each for d in j.dtcs if d.fault != fault)
         passed = sum(j.completed and not j.dtcs for j in each)
         words = [f"{named} of {len(each)} named", *(f"{n} {k}" for n, k in sorted(other.items()))]
-        seconds = [min(d.t_ns for d in j.dtcs) / 1e9 for j in each if j.dtcs]
+        seconds = [enabled_s(j, min(d.t_ns for d in j.dtcs)) for j in each if j.dtcs]
         words += [f"{np.median(seconds):.0f} s"] * bool(seconds) + [f"{passed} passed"] * bool(
             passed
         )
