@@ -375,6 +375,7 @@ def test_the_command_drives_a_small_matrix_and_reports_it(
     assert result == json.loads((tmp_path / "m" / "matrix.json").read_text())
     html = (tmp_path / "m" / "report.html").read_text()
     assert "Everything here is simulated: 9 drives" in html
+    assert "these figures are not final" in html  # of vehicles for development
     assert html.count("data:image/svg+xml") == 6
     assert "9 simulated drives" in capsys.readouterr().out
     # WHEN it is asked for again THEN nothing is driven anew

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from training.matrix import figures, page_beside
 from training.matrix.assess import PLACES, of_faults
-from training.matrix.plan import SEVERITIES
+from training.matrix.plan import SEVERITIES, Matrix
 from training.matrix.rates import Figures
 from training.matrix.report import NBSP, cells, number, percent, seconds
 from training.matrix.rows import Row
@@ -53,9 +53,10 @@ def _head(found: Figures) -> str:
         [
             paragraph(
                 f"Everything here is simulated: {n['all']} drives, {n['hours']:.0f} h, of "
-                f"{matrix['vehicles']} simulated vehicles ({matrix['first_vehicle']} to {last}); "
-                "no vehicle, driver or weather of them was used for training or to set anything. "
-                "The legislated speed traces are the ones the model also saw in training, driven "
+                f"{matrix['vehicles']} simulated vehicles ({matrix['first_vehicle']} to {last}). "
+                "None of these vehicles and seeds trained the model or set the literature's rules. "
+                + _developed(matrix["first_vehicle"])
+                + "The legislated speed traces are the ones the model also saw in training, driven "
                 "by other drivers with other gear changes."
             ),
             paragraph(
@@ -112,6 +113,12 @@ def _detection(detection: Sequence[Figures]) -> str:
         )
     )
     return "\n".join(parts)
+
+
+def _developed(first_vehicle: int) -> str:
+    if first_vehicle >= Matrix().first_vehicle:
+        return ""
+    return "Vehicles with such low numbers serve development, so these figures are not final. "
 
 
 def _missed(d: Figures) -> str:
