@@ -1,0 +1,117 @@
+"""Drives as the gap workflow sees them: signals on the model's grid, phi, and what counts."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+
+from monitor.errors import RecordingError
+from monitor.types import BoolArray, FloatArray
+from training.recordings import Recording
+
+OUTPUT: Final = "lambda_measured"
+NEEDED: Final = ("air_mass_mg", "fuel_mass_mg")
+AFTER_CUT_S: Final = 1.2  # transport, mixing and sensor of a fresh engine have passed on phi = 0
+AFTER_GAP_S: Final = 5.0  # a held value has left the chain
+CUT_FUEL_MG: Final = 0.3  # per stroke; below the smallest injection
+PHI_MAX: Final = 2.0
+MIN_SCORED_S: Final = 60.0
+MG_PER_STROKE_TO_KG_H: Final = 3600.0 / 1e6 / 30.0  # times rpm: four cylinders, four strokes
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """One recording, ready for the chain."""
+
+    name: str
+    sha256: str  # of the file
+    period_s: float
+    signals: Mapping[str, FloatArray]  # canonical name → (n,), gaps held
+    phi_measured: FloatArray  # (n,) 1 / lambda, held where not measured
+    scored: BoolArray  # (n,) measured, outside fuel cut and the recovery from it
+
+    def __len__(self) -> int:
+        return len(self.phi_measured)
+
+
+def from_recording(recording: Recording) -> Drive:
+    """Return the drive of a recording.
+
+    Engine speed is worked out of air meter and charge where it is missing. A sample is scored if
+    lambda and every input the chain needs were measured for some seconds and no fuel was cut.
+    Raises RecordingError if a signal is missing or less than a minute can be scored.
+    """
+    for name in (*NEEDED, OUTPUT):
+        if name not in recording.names:
+            raise RecordingError(f"{recording.path}: has no {name}, the gap workflow needs it")
+    columns = {name: recording.column(name) for name in recording.names if name != OUTPUT}
+    present = {name: x for name, x in columns.items() if np.isfinite(x).any()}
+    lambda_measured = recording.column(OUTPUT)
+    return make(
+        recording.path.name, recording.sha256, recording.period_ns / 1e9, present, lambda_measured
+    )
+
+
+def make(
+    name: str,
+    sha256: str,
+    period_s: float,
+    signals: Mapping[str, FloatArray],
+    lambda_measured: FloatArray,
+) -> Drive:
+    """Return a drive from signals (n,) and measured lambda (n,), NaN where not good.
+
+    Raises RecordingError if less than a minute can be scored.
+    """
+    good = np.isfinite(lambda_measured) & (lambda_measured > 0.0)
+    phi = np.minimum(1.0 / np.where(good, lambda_measured, 1.0), PHI_MAX)
+    inputs_good = np.all([np.isfinite(signals[needed]) for needed in NEEDED], axis=0)
+    held = {each: hold(values) for each, values in signals.items()}
+    _add_engine_speed(name, held)
+    cut = held["fuel_mass_mg"] < CUT_FUEL_MG
+    if "fuel_cut" in held:
+        cut = cut | (held["fuel_cut"] > 0.5)
+    scored = good & ~_until(cut, AFTER_CUT_S, period_s)
+    scored &= ~_until(~inputs_good, AFTER_GAP_S, period_s)
+    if "sensor_ready" in held:
+        scored &= held["sensor_ready"] > 0.5
+    if "engine_speed_rpm" in held:
+        scored &= ~_until(held["engine_speed_rpm"] < 400.0, AFTER_GAP_S, period_s)
+    scored[: round(AFTER_GAP_S / period_s)] = False
+    seconds = float(scored.sum()) * period_s
+    if seconds < MIN_SCORED_S:
+        raise RecordingError(f"{name}: {seconds:.0f} s can be scored, {MIN_SCORED_S:.0f} wanted")
+    phi = np.where(good, phi, hold(np.where(good, phi, np.nan)))
+    return Drive(name, sha256, period_s, MappingProxyType(held), phi, scored)
+
+
+def hold(values: FloatArray) -> FloatArray:
+    """Return (n,) with every gap filled by the value before it, the first by the one after.
+
+    >>> hold(np.array([np.nan, 1.0, np.nan, 3.0]))
+    array([1., 1., 1., 3.])
+    """
+    finite = np.isfinite(values)
+    if not finite.any():
+        return np.zeros_like(values)
+    last = np.maximum.accumulate(np.where(finite, np.arange(len(values)), -1))
+    return np.asarray(values[np.where(last < 0, int(np.argmax(finite)), last)])
+
+
+def _add_engine_speed(name: str, signals: dict[str, FloatArray]) -> None:
+    """Work engine speed out of air meter and charge of four cylinders where it is missing."""
+    if "engine_speed_rpm" not in signals:
+        if "maf_kg_h" not in signals:
+            raise RecordingError(f"{name}: has neither engine_speed_rpm nor maf_kg_h")
+        air = np.maximum(signals["air_mass_mg"], 20.0)
+        signals["engine_speed_rpm"] = signals["maf_kg_h"] / air / MG_PER_STROKE_TO_KG_H
+
+
+def _until(bad: BoolArray, seconds: float, period_s: float) -> BoolArray:
+    """Return (n,): bad now or within the last ``seconds``."""
+    steps = round(seconds / period_s)
+    counts = np.concatenate([[0], np.cumsum(bad)])
+    index = np.arange(len(bad))
+    return np.asarray(counts[index + 1] - counts[np.maximum(index - steps, 0)] > 0)

@@ -1,0 +1,115 @@
+"""Effects on the air that reaches the cylinder, against what the ECU takes it for."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from monitor.types import FloatArray
+from training.chain import Path
+from training.gap.effects.dynamics import lag, slope
+from training.gap.effects.effect import KELVIN, Effect, Parameter, Signals, ambient_kpa
+
+METER_FOLLOWED_S = 2.0  # the ECU's charge follows its air meter over a few seconds
+AIR_FACTOR_MIN, AIR_FACTOR_MAX = 0.5, 2.0
+
+
+def _scaled(path: Path, factor: FloatArray) -> Path:
+    """Return the path with the cylinder's air times a bounded factor."""
+    return replace(path, air_mg=path.air_mg * np.clip(factor, AIR_FACTOR_MIN, AIR_FACTOR_MAX))
+
+
+def _maf_offset(path: Path, p: FloatArray, signals: Signals, period_s: float) -> Path:
+    """The air meter reads a constant flow too much, and the ECU's charge follows it.
+
+    The constant is what the charge takes over; a charge that follows the meter in part only shows
+    that part.
+    """
+    maf = np.maximum(signals["maf_kg_h"], 4.0)
+    return _scaled(path, 1.0 - lag(p[0] / maf, METER_FOLLOWED_S, period_s))
+
+
+def _maf_pulsation(path: Path, p: FloatArray, signals: Signals, period_s: float) -> Path:
+    """Pulsation makes the air meter read too much at low speed and high load.
+
+    A bump over engine speed, growing with manifold pressure above 0.6 of ambient.
+    """
+    magnitude, centre_rpm = p
+    bump = np.exp(-(((signals["engine_speed_rpm"] - centre_rpm) / 450.0) ** 2))
+    load = np.maximum(signals["manifold_pressure_kpa"] / ambient_kpa(signals) - 0.6, 0.0)
+    return _scaled(path, 1.0 - lag(magnitude * bump * load, METER_FOLLOWED_S, period_s))
+
+
+def _scavenging(path: Path, p: FloatArray, signals: Signals, period_s: float) -> Path:
+    """Air blows through both open valves at high load and low speed; the sensor sees it as lean.
+
+    In proportion to manifold pressure above 0.9 of ambient, fading out towards an engine speed.
+    """
+    magnitude, end_rpm = p
+    drive = np.maximum(signals["manifold_pressure_kpa"] / ambient_kpa(signals) - 0.9, 0.0)
+    fade = np.clip((end_rpm - signals["engine_speed_rpm"]) / 600.0, 0.0, 1.0)
+    return _scaled(path, 1.0 + np.minimum(magnitude * drive * fade, 0.5))
+
+
+def _charge_temperature(path: Path, p: FloatArray, signals: Signals, period_s: float) -> Path:
+    """Hot walls warm the charge behind the manifold's sensor, less at high flow."""
+    manifold = signals["manifold_temperature_degc"]
+    excess = signals["coolant_temperature_degc"] - manifold
+    warmed = p[0] * excess / (1.0 + np.maximum(signals["maf_kg_h"], 0.0) / 30.0)
+    return _scaled(path, (manifold + KELVIN) / np.maximum(manifold + KELVIN + warmed, 100.0))
+
+
+def _manifold_filling(path: Path, p: FloatArray, signals: Signals, period_s: float) -> Path:
+    """The runner fills later than the manifold's sensor says, by a time over engine speed."""
+    delay_s = p[0] * 1500.0 / np.maximum(signals["engine_speed_rpm"], 500.0)
+    relative = slope(path.air_mg, period_s) / np.maximum(path.air_mg, 20.0)
+    return _scaled(path, 1.0 - np.clip(delay_s * relative, -0.4, 0.4))
+
+
+EFFECTS = (
+    Effect(
+        "maf_offset",
+        "the air meter reads a constant flow too much",
+        (Parameter("offset", "kg/h", -8.0, 8.0, (0.2,)),),
+        _maf_offset,
+        ("maf_kg_h",),
+        "fault-like",
+    ),
+    Effect(
+        "maf_pulsation",
+        "pulsation makes the air meter read too much",
+        (
+            Parameter("magnitude", "-", -1.0, 4.0, (0.2,)),
+            Parameter("centre", "1/min", 800.0, 2500.0, (1200.0, 1800.0)),
+        ),
+        _maf_pulsation,
+        ("engine_speed_rpm", "manifold_pressure_kpa", "maf_kg_h"),
+        "physics",
+    ),
+    Effect(
+        "scavenging",
+        "air blows through while both valves are open",
+        (
+            Parameter("magnitude", "-", -0.5, 5.0, (0.2,)),
+            Parameter("end", "1/min", 1600.0, 4000.0, (2400.0, 3200.0)),
+        ),
+        _scavenging,
+        ("engine_speed_rpm", "manifold_pressure_kpa"),
+        "physics",
+    ),
+    Effect(
+        "charge_temperature",
+        "walls warm the charge behind the temperature sensor",
+        (Parameter("share", "-", -0.6, 0.8, (0.05,)),),
+        _charge_temperature,
+        ("coolant_temperature_degc", "manifold_temperature_degc", "maf_kg_h"),
+        "physics",
+    ),
+    Effect(
+        "manifold_filling",
+        "the runner fills later than the manifold pressure says",
+        (Parameter("time", "s", -0.1, 0.3, (0.01,)),),
+        _manifold_filling,
+        ("engine_speed_rpm",),
+        "physics",
+    ),
+)

@@ -1,0 +1,50 @@
+"""First-order dynamics of effects at the sample period."""
+# mypy: disable-error-code="no-untyped-def"
+
+import numpy as np
+from numba import njit
+
+from monitor.types import BoolArray, FloatArray
+
+
+@njit(cache=True)
+def _lag(u, share):
+    out = np.empty_like(u)
+    x = u[0]
+    for k in range(len(u)):
+        x += share[k] * (u[k] - x)
+        out[k] = x
+    return out
+
+
+def lag(u: FloatArray, time_s: FloatArray | float, period_s: float) -> FloatArray:
+    """Return ``u`` (n,) through a first-order lag that starts settled.
+
+    time_s : time constant in s, a number or (n,)
+    """
+    share = 1.0 - np.exp(-period_s / np.maximum(time_s, 1e-6))
+    return _lag(u, np.broadcast_to(share, u.shape))
+
+
+def slope(u: FloatArray, period_s: float) -> FloatArray:
+    """Return the time derivative of ``u`` (n,) by central differences, per second."""
+    return np.asarray(np.gradient(u) / period_s)
+
+
+@njit(cache=True)
+def _decay(active, share_up, share_down):
+    out = np.zeros(len(active))
+    x = 0.0
+    for k in range(len(active)):
+        x = x + share_up * (1.0 - x) if active[k] else x * (1.0 - share_down[k])
+        out[k] = x
+    return out
+
+
+def charged(
+    active: BoolArray, up_s: float, down_s: FloatArray | float, period_s: float
+) -> FloatArray:
+    """Return (n,) a store that fills to 1 while ``active`` and empties afterwards."""
+    down = 1.0 - np.exp(-period_s / np.maximum(down_s, 1e-6))
+    share_up = 1.0 - np.exp(-period_s / up_s)
+    return _decay(active, share_up, np.broadcast_to(down, active.shape))

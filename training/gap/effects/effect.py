@@ -1,0 +1,66 @@
+"""What an effect is, and the few quantities that several effects use."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+
+from monitor.types import FloatArray
+from training.chain import Path
+
+Signals = Mapping[str, FloatArray]
+Tag = Literal["physics", "fault-like", "either"]
+Apply = Callable[[Path, FloatArray, Signals, float], Path]
+
+MG_PER_STROKE_TO_KG_H: Final = 3600.0 / 1e6 / 30.0  # times rpm: four cylinders, four strokes
+FLOW_MIN_KG_H: Final = 3.0
+STANDARD_KPA: Final = 101.3
+KELVIN: Final = 273.15
+GAS_KG_PER_M3: Final = 0.44  # exhaust at 800 K and ambient pressure
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One constant of an effect."""
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    start: tuple[float, ...]  # fits begin from each of these
+
+
+@dataclass(frozen=True, slots=True)
+class Effect:
+    """One entry of the library."""
+
+    name: str
+    says: str  # what the vehicle does, as a sentence's end
+    parameters: tuple[Parameter, ...]
+    apply: Apply  # path, parameters (k,), signals, period in s → path
+    needs: tuple[str, ...]  # signals without which it cannot be fitted
+    tag: Tag
+    like: tuple[str, ...] = ()  # what it cannot be told from by construction
+    gain_class: bool = False  # a constant factor on the mixture, seen against a reference only
+
+    @property
+    def low(self) -> FloatArray:
+        """Return the lower bounds, (k,)."""
+        return np.array([p.low for p in self.parameters])
+
+    @property
+    def high(self) -> FloatArray:
+        """Return the upper bounds, (k,)."""
+        return np.array([p.high for p in self.parameters])
+
+
+def flow_kg_h(path: Path, signals: Signals) -> FloatArray:
+    """Return the exhaust's mass flow (n,) from the charge and engine speed."""
+    flow = path.air_mg * signals["engine_speed_rpm"] * MG_PER_STROKE_TO_KG_H
+    return np.maximum(flow, FLOW_MIN_KG_H)
+
+
+def ambient_kpa(signals: Signals) -> FloatArray | float:
+    """Return ambient pressure, the standard one where it is not measured."""
+    return signals.get("ambient_pressure_kpa", STANDARD_KPA)

@@ -1,0 +1,87 @@
+"""Effects on the exhaust's way from the valves to the sensor."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from monitor.types import FloatArray
+from training.chain import Path
+from training.gap.effects.dynamics import charged
+from training.gap.effects.effect import GAS_KG_PER_M3, Effect, Parameter, Signals, flow_kg_h
+
+DEAD_TIME_MAX_S, MIXING_MAX_S = 3.0, 5.0
+
+
+def _passage_s(path: Path, litres: float, signals: Signals) -> FloatArray:
+    """Return how long the exhaust takes through a volume, (n,) in s."""
+    litres_per_s = flow_kg_h(path, signals) / 3600.0 / GAS_KG_PER_M3 * 1e3
+    return np.asarray(litres / litres_per_s)
+
+
+def _delay_flow(path: Path, p: FloatArray, signals: Signals, period_s: float) -> Path:
+    """The exhaust must fill a volume before it reaches the sensor: dead time is volume by flow."""
+    dead_time_s = path.dead_time_s + _passage_s(path, p[0], signals)
+    return replace(path, dead_time_s=np.clip(dead_time_s, 0.0, DEAD_TIME_MAX_S))
+
+
+def _mix_flow(path: Path, p: FloatArray, signals: Signals, period_s: float) -> Path:
+    """The exhaust mixes in a volume: a time constant of volume by flow."""
+    mixing_s = path.mixing_s + _passage_s(path, p[0], signals)
+    return replace(path, mixing_s=np.clip(mixing_s, 0.0, MIXING_MAX_S))
+
+
+def _exhaust_leak(path: Path, p: FloatArray, signals: Signals, period_s: float) -> Path:
+    """Pulsation draws air in through a leak; the share fades with the exhaust's flow."""
+    fraction, fading_kg_h = p
+    drawn = fraction * np.exp(-flow_kg_h(path, signals) / fading_kg_h)
+    return replace(path, gas_factor=path.gas_factor * (1.0 - np.clip(drawn, -0.5, 0.5)))
+
+
+def _fuel_cut_tail(path: Path, p: FloatArray, signals: Signals, period_s: float) -> Path:
+    """After a fuel cut the gas stays lean for a while: air leaves dead volumes and the deposits."""
+    depth, time_s = p
+    cut = path.fuel_mg <= 0.0
+    tail = charged(cut, 1.0, time_s, period_s)
+    return replace(path, gas_offset=path.gas_offset - depth * tail * ~cut)
+
+
+EFFECTS = (
+    Effect(
+        "delay_flow",
+        "dead time follows the exhaust's flow",
+        (Parameter("volume", "l", -1.0, 8.0, (0.5, 2.0)),),
+        _delay_flow,
+        ("engine_speed_rpm",),
+        "physics",
+    ),
+    Effect(
+        "mix_flow",
+        "mixing follows the exhaust's flow",
+        (Parameter("volume", "l", -1.0, 12.0, (0.5, 2.0)),),
+        _mix_flow,
+        ("engine_speed_rpm",),
+        "physics",
+    ),
+    Effect(
+        "exhaust_leak",
+        "a leak draws air into the exhaust at low flow",
+        (
+            Parameter("fraction", "-", -0.3, 0.4, (0.02,)),
+            Parameter("fading", "kg/h", 8.0, 120.0, (20.0, 50.0)),
+        ),
+        _exhaust_leak,
+        ("engine_speed_rpm",),
+        "fault-like",
+    ),
+    Effect(
+        "fuel_cut_tail",
+        "the exhaust stays lean after a fuel cut",
+        (
+            Parameter("depth", "-", -0.5, 1.0, (0.05,)),
+            Parameter("time", "s", 0.2, 6.0, (0.7, 2.0)),
+        ),
+        _fuel_cut_tail,
+        (),
+        "physics",
+    ),
+)
