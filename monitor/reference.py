@@ -45,10 +45,13 @@ class Reference:
         """Return the reference after one more healthy drive."""
         if self.drives == 0:
             return Reference(seen.offset, seen.offset, _bounded(seen.gain, config), 1)
-        low, high = min(self.offset_low, seen.offset), max(self.offset_high, seen.offset)
-        grown = replace(self, drives=self.drives + 1)
-        if high - low <= config.fuel_span_lambda:
-            grown = replace(grown, offset_low=low, offset_high=high)
+        lowest, highest = self.offset_range(config)
+        grown = replace(
+            self,
+            offset_low=min(self.offset_low, max(seen.offset, lowest)),
+            offset_high=max(self.offset_high, min(seen.offset, highest)),
+            drives=self.drives + 1,
+        )
         if grown.drives <= config.gain_drives:
             gain = self.gain + (seen.gain - self.gain) / grown.drives
             grown = replace(grown, gain=_bounded(gain, config))

@@ -69,7 +69,7 @@ def test_the_bias_rule_judges_the_fading_mean(means: list[float]) -> None:
 
 def test_a_small_offset_needs_more_windows_than_a_large_one() -> None:
     needed = []
-    for beyond in (0.05, 0.01, 0.007):
+    for beyond in (0.05, 0.013, 0.01):
         rule = new_rule()
         outcomes = [rule.judge(LIMIT + beyond).outcome for _ in range(40)]
         needed.append(outcomes.index("failed") + 1)

@@ -30,7 +30,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
                        help="drives of each fault and placement at its limit severity, a quarter "
                        "of it at other severities")  # fmt: skip
     group.add_argument("--healthy", type=int, default=600, metavar="N", help="healthy drives")
-    group.add_argument("--reference-drives", type=int, default=20, metavar="N",
+    group.add_argument("--reference-drives", type=int, default=40, metavar="N",
                        help="healthy drives of each vehicle before all others")  # fmt: skip
     group.add_argument("--cycles", nargs="+", default=[], metavar="CYCLE",
                        help="default: WLTC, for some healthy drives others, too")  # fmt: skip

@@ -67,7 +67,7 @@ def _head(found: Figures) -> str:
                 "(mild 5 to 30 °C, hot 35 to 43 °C, cold start at −15 to −5 °C, altitude at 72 to "
                 "80 kPa), driver and noise. Half of the healthy sensors are aged within their "
                 "specification: up to 0.15 s of lag and 0.1 s of dead time, together 0.2 s, 15 % "
-                "less amplitude, 0.01 of offset; those with faults are new otherwise."
+                "less amplitude, 0.008 of offset; those with faults are new otherwise."
             ),
             paragraph(
                 f"Model {found['model']} {found['model_sha256'][:12]}, configuration "

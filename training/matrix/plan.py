@@ -60,7 +60,7 @@ class Matrix:
     seed: int = 5_000_000
     repetitions: int = 100  # of each fault and placement at its limit severity
     healthy: int = 600
-    reference_drives: int = 20  # of each vehicle, before its trials
+    reference_drives: int = 40  # of each vehicle, before its trials
     cycles: tuple[str, ...] = ()  # () is the plan's own choice
     ambients: tuple[str, ...] = AMBIENTS
     faults: tuple[tuple[str, tuple[float, ...]], ...] = tuple(SEVERITIES.items())
@@ -131,7 +131,7 @@ def ageing(seed: int) -> Fault:
     """Return what a healthy sensor may have lost by age, within its specification.
 
     Lag up to 0.15 s and dead time up to 0.1 s, together at most 0.2 s, since a specification limits
-    the response as a whole; 0.85 or more of the gain; an offset within 0.01 lambda.
+    the response as a whole; 0.85 or more of the gain; an offset within 0.008 lambda.
     """
     rng = np.random.default_rng([0x0_2, 8, seed])
     lag_s = float(rng.uniform(0.0, 0.15))
@@ -142,7 +142,7 @@ def ageing(seed: int) -> Fault:
         tau_falling_s=lag_s,
         delay_s=float(rng.uniform(0.0, min(0.1, 0.2 - lag_s))),
         gain=float(rng.uniform(0.85, 1.0)),
-        offset_lambda=float(rng.uniform(-0.01, 0.01)),
+        offset_lambda=float(rng.uniform(-0.008, 0.008)),
     )
 
 
