@@ -34,7 +34,10 @@ class Channel:
 
 @dataclass(frozen=True, slots=True)
 class StateLayout:
-    """Where the output history lies in ``state``, newest first, in model units (phi or output)."""
+    """Where the outputs lie in ``state``, newest first, in model units (phi or output).
+
+    A NARX holds as many as its lags, a greybox the newest alone, beside what else it remembers.
+    """
 
     size: int
     output_start: int
@@ -81,9 +84,9 @@ class ModelCard:
     transform: str  # "phi": the model works on 1/output; "none"
     output_limits: tuple[float, float]  # predictions are clipped to this, in model units
     period_ns: int
-    lags: int  # longest lag of inputs and output
+    lags: int  # longest lag of inputs and output; greybox: samples that a steady input fills it in
     input_lag_start: int
-    layers: tuple[int, ...]  # hidden layers
+    layers: tuple[int, ...]  # hidden layers, none in a greybox
     state: StateLayout
     recordings: tuple[TrainingRecording, ...]
     residual_mean: float  # of the healthy vehicle, enabled samples, in the output's unit
@@ -203,7 +206,7 @@ def _check(data: Mapping[str, Any], path: str) -> None:
         if limit.value < 0.0 or (name == "noise" and limit.value == 0.0):
             raise ModelError(f"{path}: limit {name} is {limit.value}, wanted a positive number")
     layout: StateLayout = data["state"]
-    if layout.output_count != data["lags"]:
+    if data["kind"] == "narx" and layout.output_count != data["lags"]:
         raise ModelError(
             f"{path}: the state holds {layout.output_count} outputs, the lags are {data['lags']}"
         )

@@ -91,22 +91,25 @@ class Network:
         return 1.0 / half, -(s.u_high + s.u_low) / 2 / half
 
 
-class _Graph:
-    """Nodes and constants under construction."""
+class Graph:
+    """Nodes and constants under construction; every method returns the new tensor's name."""
 
     def __init__(self) -> None:
         self.nodes: list[onnx.NodeProto] = []
         self.constants: list[onnx.TensorProto] = []
 
     def constant(self, name: str, value: Any, dtype: type = np.float32) -> str:
+        """Add a constant."""
         self.constants.append(numpy_helper.from_array(np.asarray(value, dtype), name))
         return name
 
     def add(self, kind: str, inputs: list[str], output: str, **attributes: Any) -> str:
+        """Add a node with one output."""
         self.nodes.append(helper.make_node(kind, inputs, [output], **attributes))
         return output
 
     def take(self, source: str, start: int, stop: int, output: str) -> str:
+        """Add the columns start .. stop - 1 of ``source``."""
         bounds = [
             self.constant(f"{output}_{name}", [value], np.int64)
             for name, value in (("start", start), ("stop", stop), ("axis", 1))
@@ -116,7 +119,7 @@ class _Graph:
 
 def build(network: Network) -> onnx.ModelProto:
     """Return the graph ``step``, float32, without a card."""
-    graph, spec = _Graph(), network.spec
+    graph, spec = Graph(), network.spec
     k, size = spec.n_inputs, network.state_layout.size
     gain, offset = network.input_map()
     u = _transformed(graph, network)
@@ -144,10 +147,10 @@ def build(network: Network) -> onnx.ModelProto:
         graph.add("Reciprocal", [graph.add("Clip", [y, *names], "phi_readable")], "lambda_hat")
     kept = graph.take("state", 0, size - k - 1, "kept")
     graph.add("Concat", ["u_scaled", y, kept], "next_state", axis=1)
-    return _model(graph, k, size)
+    return finished(graph, k, size)
 
 
-def _transformed(graph: _Graph, network: Network) -> str:
+def _transformed(graph: Graph, network: Network) -> str:
     source = "u"
     for index, t in enumerate(network.transforms):
         i = network.inputs.index(t["numerator"])
@@ -172,7 +175,9 @@ def _transformed(graph: _Graph, network: Network) -> str:
     return source
 
 
-def _model(graph: _Graph, n_inputs: int, size: int) -> onnx.ModelProto:
+def finished(graph: Graph, n_inputs: int, size: int) -> onnx.ModelProto:
+    """Return the checked graph ``step`` of these nodes."""
+
     def array(name: str, width: int) -> onnx.ValueInfoProto:
         return helper.make_tensor_value_info(name, TensorProto.FLOAT, ["batch", width])
 

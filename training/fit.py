@@ -199,6 +199,16 @@ def held_out(data: Prepared) -> tuple[HeldOut, ...]:
     return tuple(result)
 
 
+def recordings_of(data: Prepared) -> tuple[TrainingRecording, ...]:
+    """Return the recordings for a card, with the samples that each of them gave."""
+    used = [sum(s.stop - s.start for s in data.segments if s.recording == i)
+            for i in range(len(data.recordings))]  # fmt: skip
+    return tuple(
+        TrainingRecording(Path(r.path).name, r.sha256, n, source_of(Path(r.path), r.sha256) or "")
+        for r, n in zip(data.recordings, used, strict=True)
+    )
+
+
 def measures(data: Prepared, predicted: FloatArray, rows: np.ndarray) -> dict[str, float]:
     """Return free-run measures in the output's unit on ``rows`` that have a prediction."""
     rows = rows & np.isfinite(predicted) & (data.samples.weight > 0)
@@ -301,8 +311,6 @@ def _card(
     test = data.role == Role.TEST
     everything = measures(data, predicted, test)
     enabled = measures(data, predicted, test & data.enabled)
-    used = [sum(s.stop - s.start for s in data.segments if s.recording == i)
-            for i in range(len(data.recordings))]  # fmt: skip
     return ModelCard(
         kind="narx",
         inputs=data.inputs,
@@ -314,12 +322,7 @@ def _card(
         input_lag_start=network.spec.boxes[0][0],
         layers=network.spec.hidden,
         state=network.state_layout,
-        recordings=tuple(
-            TrainingRecording(
-                Path(r.path).name, r.sha256, n, source_of(Path(r.path), r.sha256) or ""
-            )
-            for r, n in zip(data.recordings, used, strict=True)
-        ),
+        recordings=recordings_of(data),
         residual_mean=enabled.get("residual_mean", 0.0),
         residual_std=enabled.get("residual_std", everything.get("residual_std", 0.0)),
         transforms=data.transforms,

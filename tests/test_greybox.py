@@ -1,0 +1,309 @@
+"""The grey-box chain as a model: its constants, its file, and effects in its graph."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from monitor.errors import ModelError, RecordingError, UsageError
+from monitor.model import Model
+from monitor.types import FloatArray
+from training.chain import Constants, base_path, simulate
+from training.dyno import vehicle
+from training.dyno.simulate import Experiment
+from training.dyno.write import write
+from training.export import Graph
+from training.greybox import Fitted, fit_constants, reference
+from training.greybox_graph import GraphEffect, Greybox, Nodes, save, with_fields
+from training.greybox_model import GreyboxResult, fit_greybox, greybox_inputs, write_model
+from training.recordings import Recording, load
+
+PERIOD_S = 0.1
+VEHICLE = 2001
+TRUE = Constants(1.01, 0.17, 1.5, 0.05, 0.12, 0.95)
+
+
+def drive(folder: Path, cycle: str, seed: int) -> Recording:
+    return load(write(Experiment(cycle=cycle, seed=seed, vehicle=VEHICLE), folder, "parquet"))
+
+
+@pytest.fixture(scope="module")
+def drives(tmp_path_factory: pytest.TempPathFactory) -> list[Recording]:
+    folder = tmp_path_factory.mktemp("drives")
+    cycles = (("wltc_3b", 2_000_001), ("micro_trips", 2_000_002), ("us06", 2_000_003))
+    return [drive(folder, cycle, seed) for cycle, seed in cycles]
+
+
+@pytest.fixture(scope="module")
+def result(drives: list[Recording], tmp_path_factory: pytest.TempPathFactory) -> GreyboxResult:
+    return fit_greybox(drives, tmp_path_factory.mktemp("greybox") / "model.onnx")
+
+
+def synthetic(seed: int, n: int = 6000) -> tuple[dict[str, FloatArray], FloatArray]:
+    """Signals and the reading of a chain with the constants TRUE and a slow noise."""
+    rng = np.random.default_rng([seed, 7])
+    hold = np.searchsorted(np.cumsum(rng.integers(5, 25, n)), np.arange(n), side="right")
+    mixture = (1.0 + 0.03 * rng.choice([-1.0, 1.0], n))[hold]
+    signals = {
+        "fuel_mass_mg": 300.0 / 14.7 * mixture,
+        "air_mass_mg": np.full(n, 300.0),
+        "engine_speed_rpm": rng.uniform(800.0, 3000.0, n)[hold],
+    }
+    noise = lfilter([1.0], [1.0, -1.3, 0.35], 0.002 * rng.standard_normal(n))
+    return signals, simulate(base_path(TRUE, signals), PERIOD_S) + noise
+
+
+def fitted_synthetic(seed: int) -> Fitted:
+    signals, phi = synthetic(seed)
+    return fit_constants(signals, phi, np.arange(len(phi)) >= 50, PERIOD_S)
+
+
+def test_the_constants_of_a_chain_are_found_within_their_standard_errors() -> None:
+    # GIVEN drives of a chain with known constants and a slow noise
+    fits = [fitted_synthetic(seed) for seed in range(12)]
+    off = np.array([(np.array(f.constants) - TRUE) / f.standard_errors for f in fits])
+    # THEN what was found lies about the truth as the standard errors say
+    rms = np.sqrt(np.mean(off**2, axis=0))
+    assert (rms < 2.0).all()
+    assert (rms > 0.4).all()
+    errors = np.mean([f.standard_errors for f in fits], axis=0)
+    assert errors[0] < 0.002  # gain
+    assert errors[1] < 0.01  # dead time in s
+    assert errors[5] < 0.02  # span
+    assert not any(f.at_bound for f in fits)
+
+
+def test_the_noise_is_whitened_and_every_start_ends_in_one_place() -> None:
+    fit = fitted_synthetic(3)
+    assert fit.noise_model == pytest.approx((1.3, -0.35), abs=0.06)
+    assert fit.white_rmse == pytest.approx(0.002, rel=0.05)
+    assert fit.rmse > 2 * fit.white_rmse
+    assert fit.spread < 1e-3
+
+
+def test_the_sum_of_the_lags_is_known_better_than_each(result: GreyboxResult) -> None:
+    healthy = reference(fitted_synthetic(1))
+    parts = healthy["constants"]
+    assert healthy["derived"]["lag_s"]["value"] == pytest.approx(0.17, abs=0.02)
+    assert healthy["derived"]["lag_s"]["standard_error"] < 0.5 * parts["mixing_s"]["standard_error"]
+    assert result.card.reference == reference(result.fitted)
+
+
+def test_a_simulated_vehicle_s_sensor_and_transport_are_found(result: GreyboxResult) -> None:
+    # GIVEN healthy drives of a vehicle whose charge and injector the chain knows badly
+    piece = vehicle.piece(VEHICLE)
+    late_s = piece.transport_delay_s + 1.5 * 60 / 1500 + piece.mixing_tau_s + piece.sensor_tau_s
+    derived = result.card.reference["derived"]["late_at_1500_rpm_s"]
+    # THEN the whole lateness and the sensor's span are right all the same
+    assert derived["value"] == pytest.approx(late_s, abs=0.02)
+    assert result.fitted.constants.span == pytest.approx(piece.sensor_gain, abs=0.02)
+    assert result.fitted.constants.dead_time_revolutions == pytest.approx(1.5, abs=0.25)
+
+
+def test_too_few_samples_are_an_error() -> None:
+    signals, phi = synthetic(0, 600)
+    with pytest.raises(RecordingError, match="400 samples enabled"):
+        fit_constants(signals, phi, np.arange(600) >= 200, PERIOD_S)
+
+
+def test_the_file_says_what_it_is(result: GreyboxResult) -> None:
+    card = Model.load(result.path).card
+    assert card == result.card
+    assert card.kind == "greybox"
+    assert card.input_names == ("fuel_mass_mg", "air_mass_mg", "engine_speed_rpm")
+    gain = card.structure["constants"]["gain"]
+    assert gain["value"] == result.fitted.constants.gain
+    assert gain["low"] < gain["value"] < gain["high"]
+    assert gain["standard_error"] > 0.0
+    assert card.structure["constants"]["sensor_s"]["unit"] == "s"
+    assert "straight line" in card.structure["fixed"]["offset"]
+    assert card.fit["test_enabled"]["correlation"] > 0.8
+    assert [r.samples > 5000 for r in card.recordings] == [True] * 3
+
+
+def test_the_graph_computes_what_the_arrays_do(
+    result: GreyboxResult, drives: list[Recording]
+) -> None:
+    u = np.stack([drives[0].column(name) for name in result.card.input_names], axis=1)[:4000]
+    expected = simulate(base_path(result.fitted.constants, result.greybox.clipped(u)), PERIOD_S)
+    model = Model.load(result.path)
+    model.reset(u[0])
+    run = model.run_batch(u[None])[0]
+    assert (drives[0].column("fuel_cut")[:4000] > 0.5).any()
+    assert np.abs(1.0 / run - np.maximum(expected, 1 / 16))[result.card.lags :].max() < 1e-5
+    assert result.card.checks["parity"]["onnx_numpy"] < 1e-5
+
+
+def test_a_graph_that_computes_something_else_is_refused(
+    result: GreyboxResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    other = replace(result.greybox, constants=result.fitted.constants._replace(gain=1.1))
+    monkeypatch.setattr(
+        "training.greybox_model.save", lambda path, _, card: save(path, other, card)
+    )
+    with pytest.raises(ModelError, match="ONNX and numpy differ"):
+        write_model(
+            tmp_path / "x.onnx", result.greybox, result.fitted, result.data, result.predicted
+        )
+
+
+def test_two_states_give_one_prediction_within_fifty_samples(result: GreyboxResult) -> None:
+    assert result.card.checks["contraction"]["gap"] < 1e-4
+    model = Model.load(result.path, batch=2)
+    u = np.array([20.0, 300.0, 1500.0])
+    model.reset(u, np.array([0.7, 1.4]))
+    first = model.step_batch(np.stack([u, u]))
+    for _ in range(49):
+        last = model.step_batch(np.stack([u, u]))
+    assert abs(float(first[0] - first[1])) > 0.1
+    assert float(last[0]) == pytest.approx(float(last[1]), abs=1e-6)
+
+
+def test_reset_starts_from_the_inputs_and_the_measured_output(result: GreyboxResult) -> None:
+    model = Model.load(result.path)
+    u = np.array([20.0, 300.0, 1500.0])
+    model.reset(u)
+    alone = model.step(u)
+    assert alone == pytest.approx(300.0 / 20.0 / 14.7, abs=0.02)
+    assert model.step(u) == pytest.approx(alone, abs=1e-5)  # already steady
+    model.reset(u, 0.8)
+    assert float(model.state[0, 0]) == 1.25
+    assert 0.8 < model.step(u) < alone
+
+
+@pytest.mark.parametrize("batch", [2, 3, 17, 64])
+def test_batched_and_single_runs_give_the_same_bits(
+    result: GreyboxResult, tmp_path: Path, batch: int
+) -> None:
+    # GIVEN the base, and a path on which everything follows the inputs
+    moving = replace(result.greybox, effects=(MIXING_BY_SPEED, UNEVEN_SENSOR, FILM))
+    save(tmp_path / "moving.onnx", moving, card_of(result, moving))
+    for path in (result.path, tmp_path / "moving.onnx"):
+        u = wild_inputs(batch, 120)
+        one, many = Model.load(path), Model.load(path, batch)
+        many.reset(u[:, 0])
+        together = many.run_batch(u)
+        for i in range(batch):
+            one.reset(u[i, 0])
+            assert np.array_equal([one.step(x) for x in u[i]], together[i])
+
+
+def wild_inputs(batch: int, n: int) -> FloatArray:
+    rng = np.random.default_rng(batch)
+    u = rng.uniform([10.0, 200.0, 700.0], [60.0, 600.0, 4000.0], (batch, n, 3))
+    u[:, 40:60, 0] = 0.0
+    return u
+
+
+def card_of(result: GreyboxResult, greybox: Greybox) -> "object":
+    return replace(result.card, state=greybox.state_layout, lags=greybox.memory)
+
+
+def test_fuel_cut_reads_lean_even_if_no_recording_had_one(
+    drives: list[Recording], tmp_path: Path
+) -> None:
+    keep = drives[0].column("fuel_cut") < 0.5
+    burning = replace(
+        drives[0],
+        values=np.where(keep[:, None], drives[0].values, np.nan),
+        path=Path("burning.parquet"),
+    )
+    found = fit_greybox([burning], tmp_path / "m.onnx")
+    assert found.card.inputs[0].minimum > 1.0
+    model = Model.load(found.path)
+    for _ in range(30):
+        reading = model.step(np.array([0.0, 100.0, 2000.0]))
+    assert reading > 15.9
+
+
+def test_the_air_meter_serves_where_no_charge_is_broadcast(
+    drives: list[Recording], result: GreyboxResult, tmp_path: Path
+) -> None:
+    names = tuple(n for n in drives[1].names if n != "air_mass_mg")
+    columns = [drives[1].names.index(n) for n in names]
+    metered = replace(
+        drives[1], names=names, values=drives[1].values[:, columns],
+        quality=drives[1].quality[:, columns],
+    )  # fmt: skip
+    assert greybox_inputs([metered]) == ("fuel_mass_mg", "maf_kg_h", "engine_speed_rpm")
+    found = fit_greybox([metered], tmp_path / "m.onnx")
+    assert found.fitted.constants.gain == pytest.approx(result.fitted.constants.gain, abs=0.03)
+    assert found.card.checks["parity"]["onnx_numpy"] < 1e-5
+
+
+@pytest.mark.parametrize(
+    ("inputs", "output", "message"),
+    [
+        (("fuel_mass_mg", "air_mass_mg"), "lambda_measured", "needs fuel_mass_mg, engine_speed"),
+        (("fuel_mass_mg", "engine_speed_rpm"), "lambda_measured", "air_mass_mg or maf_kg_h"),
+        (("fuel_mass_mg", "engine_speed_rpm", "maf_kg_h"), "o2", "predicts lambda_measured"),
+    ],
+)
+def test_inputs_that_make_no_chain_are_refused(
+    drives: list[Recording], tmp_path: Path, inputs: tuple[str, ...], output: str, message: str
+) -> None:
+    with pytest.raises(UsageError, match=message):
+        fit_greybox(drives, tmp_path / "m.onnx", inputs=inputs, output=output)
+
+
+def _film(
+    graph: Graph, nodes: Nodes, signals: Mapping[str, str], states: Sequence[str]
+) -> tuple[Nodes, list[str]]:
+    """A tenth of the fuel through a film that gives back a fifth of itself each sample."""
+    share, rate = graph.constant("film_share", 0.1), graph.constant("film_rate", 0.2)
+    direct = graph.constant("film_direct", 0.9)
+    given = graph.add("Mul", [states[0], rate], "film_given")
+    caught = graph.add("Mul", [nodes.fuel_mg, share], "film_caught")
+    left = graph.add("Add", [graph.add("Sub", [states[0], given], "film_less"), caught], "film")
+    burnt = graph.add("Mul", [nodes.fuel_mg, direct], "film_past")
+    fuel = graph.add("Add", [burnt, given], "film_fuel")
+    return with_fields(nodes, fuel_mg=fuel), [left]
+
+
+def _mixing(
+    graph: Graph, nodes: Nodes, signals: Mapping[str, str], states: Sequence[str]
+) -> tuple[Nodes, list[str]]:
+    top = graph.constant("mix_top", 200.0)
+    time = graph.add("Div", [top, signals["engine_speed_rpm"]], "mix_time")
+    return with_fields(nodes, mixing_s=time), []
+
+
+def _uneven(
+    graph: Graph, nodes: Nodes, signals: Mapping[str, str], states: Sequence[str]
+) -> tuple[Nodes, list[str]]:
+    return with_fields(nodes, sensor_falling_s=graph.constant("slow_s", [[0.3]])), []
+
+
+FILM = GraphEffect("film", 1, _film)
+MIXING_BY_SPEED = GraphEffect("mixing_by_speed", 0, _mixing)
+UNEVEN_SENSOR = GraphEffect("uneven_sensor", 0, _uneven)
+
+
+def test_effects_in_the_graph_are_the_path_s(result: GreyboxResult, tmp_path: Path) -> None:
+    # GIVEN a graph with a film before transport, mixing by speed and an uneven sensor after it
+    greybox = replace(result.greybox, effects=(FILM, MIXING_BY_SPEED, UNEVEN_SENSOR))
+    save(tmp_path / "m.onnx", greybox, card_of(result, greybox))
+    model = Model.load(tmp_path / "m.onnx")
+    assert model.card.state.size == result.card.state.size + 1
+    u = wild_inputs(1, 800)[0]
+    u[:, 0] = u[:, 1] / 14.7 * np.random.default_rng(5).uniform(0.9, 1.1, 800)
+    # WHEN the same is done to the arrays
+    signals = greybox.clipped(u)
+    base = base_path(greybox.constants, signals)
+    film = lfilter([0.1], [1.0, -0.8], signals["fuel_mass_mg"])
+    given = 0.2 * np.r_[0.0, film[:-1]]
+    changed = replace(
+        base,
+        fuel_mg=0.9 * base.fuel_mg + given,
+        mixing_s=200.0 / signals["engine_speed_rpm"],
+        sensor_falling_s=np.full(800, 0.3),
+    )
+    expected = simulate(changed, PERIOD_S)
+    # THEN both read the same
+    model.state[:] = 0.0
+    run = 1.0 / model.run_batch(u[None])[0]
+    assert np.abs(run - expected)[200:].max() < 1e-5
+    assert np.abs(simulate(base, PERIOD_S) - expected)[200:].max() > 0.01

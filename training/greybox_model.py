@@ -1,0 +1,274 @@
+"""From recordings to a grey-box model file: prepare, fit the constants, export, check."""
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from monitor.errors import ModelError, UsageError
+from monitor.model import Model
+from monitor.model_card import ModelCard
+from monitor.signals import OUTPUT
+from monitor.types import BoolArray, FloatArray
+from training.chain import (
+    AIR_LEAST_MG,
+    SPEED_LEAST_RPM,
+    Constants,
+    base_path,
+    settled,
+    simulate,
+)
+from training.fit import HeldOut, held_out, measures, recordings_of
+from training.greybox import Fitted, described, fit_constants, reference
+from training.greybox_graph import Greybox, register_for, save
+from training.prepare import MARGIN, Prepared, Role, prepare
+from training.stability import CONTRACTION_LIMIT, CONTRACTION_SAMPLES, Contraction
+
+if TYPE_CHECKING:
+    from training.recordings import Recording
+
+TOLERANCE = 1e-5  # phi, ONNX against numpy over a free run
+PARITY_SAMPLES = 3000
+PAIRS = 500  # of random states whose predictions must come together
+WASHOUT_S = 5.0  # at the beginning of every stretch, not fitted
+
+
+@dataclass(frozen=True, slots=True)
+class GreyboxResult:
+    """The model and how it was obtained."""
+
+    path: Path
+    card: ModelCard
+    greybox: Greybox
+    fitted: Fitted
+    data: Prepared
+    predicted: FloatArray  # (n,) free run over data.samples in phi, NaN at the beginnings
+    held_out: tuple[HeldOut, ...]
+    seconds: float
+    warnings: tuple[str, ...]
+
+
+def greybox_inputs(recordings: "Sequence[Recording]") -> tuple[str, ...]:
+    """Return the chain's inputs: the charge, or the air meter where a recording lacks it."""
+    charge = all("air_mass_mg" in recording.names for recording in recordings)
+    return ("fuel_mass_mg", "air_mass_mg" if charge else "maf_kg_h", "engine_speed_rpm")
+
+
+def fit_greybox(
+    recordings: "Sequence[Recording]",
+    out: Path | str,
+    *,
+    inputs: Sequence[str] | None = None,
+    output: str = OUTPUT,
+    seed: int = 0,
+    validate: "Sequence[Recording]" = (),
+) -> GreyboxResult:
+    """Fit the chain's constants to ``recordings`` and write the model file ``out``.
+
+    inputs : default those of the chain; more are for effects to be added
+    validate : recordings that are not fitted; without, blocks held out of all of them
+    Raises RecordingError or UsageError if the recordings or names cannot be used, ModelError if
+    ONNX and numpy disagree.
+    """
+    began = time.monotonic()
+    everything = (*recordings, *validate)
+    inputs = tuple(inputs or greybox_inputs(everything))
+    _check_names(inputs, output)
+    judges = range(len(recordings), len(everything))
+    data = prepare(everything, inputs, output, seed=seed, validate=judges)
+    limits = _input_limits(data)
+    signals = _signals(data, limits)
+    fitted = fit_constants(
+        signals, _phi(data), scored_rows(data, signals) & (data.role == Role.TRAIN), _period_s(data)
+    )
+    predicted = _free_run(data, signals, fitted.constants)
+    greybox = _greybox(data, limits, fitted.constants)
+    card = write_model(out, greybox, fitted, data, predicted, seed)
+    warnings = (*data.warnings, *_warnings(fitted, card))
+    return GreyboxResult(
+        Path(out), card, greybox, fitted, data, predicted, held_out(data),
+        time.monotonic() - began, warnings,
+    )  # fmt: skip
+
+
+def scored_rows(data: Prepared, signals: Mapping[str, FloatArray]) -> BoolArray:
+    """Return (n,) bool: enabled, clear of fuel cut, and not at the beginning of a stretch."""
+    rows = np.zeros(len(data.role), dtype=bool)
+    period_s = _period_s(data)
+    for s in data.segments:
+        own = slice(s.start, s.stop)
+        rows[own] = settled(signals["fuel_mass_mg"][own], period_s)
+        rows[s.start : s.start + round(WASHOUT_S / period_s)] = False
+    return np.asarray(rows & data.enabled)
+
+
+def write_model(
+    out: Path | str, greybox: Greybox, fitted: Fitted, data: Prepared, predicted: FloatArray,
+    seed: int = 0,
+) -> ModelCard:  # fmt: skip
+    """Write the model file, its parity proved; return its card.
+
+    Raises ModelError if ONNX and numpy disagree by more than 1e-5 in phi.
+    """
+    card = _card(greybox, fitted, data, predicted, {})
+    save(out, greybox, card)
+    parity, gap = _parity(out, greybox, data), contraction(out, data, seed)
+    checks = {
+        "parity": {"samples": parity[0], "onnx_numpy": parity[1], "tolerance": TOLERANCE},
+        "contraction": {"gap": gap.gap, "samples": CONTRACTION_SAMPLES, "pairs": gap.pairs,
+                        "limit": gap.limit},
+    }  # fmt: skip
+    card = _card(greybox, fitted, data, predicted, checks)
+    save(out, greybox, card)
+    return card
+
+
+def contraction(path: Path | str, data: Prepared, seed: int, pairs: int = PAIRS) -> Contraction:
+    """Return how far predictions from random pairs of states are apart after 50 samples.
+
+    Every entry of the state is drawn evenly from phi 0 .. 1.7; inputs are those of random places.
+    """
+    rng = np.random.default_rng(seed)
+    model = Model.load(path, batch=2 * pairs)
+    u = _physical(data)
+    places = np.concatenate(
+        [np.arange(s.start, max(s.stop - CONTRACTION_SAMPLES, s.start + 1)) for s in data.segments]
+    )
+    at = np.tile(rng.choice(places, pairs), 2)
+    model.state[:] = rng.uniform(*model.card.output_limits, size=model.state.shape)
+    for k in range(CONTRACTION_SAMPLES + 1):
+        model.step_batch(u[np.minimum(at + k, len(u) - 1)])
+    phi = model.state[:, model.card.state.output_start]
+    return Contraction(float(np.abs(phi[:pairs] - phi[pairs:]).max()), CONTRACTION_LIMIT, pairs)
+
+
+def _check_names(inputs: Sequence[str], output: str) -> None:
+    missing = {"fuel_mass_mg", "engine_speed_rpm"} - set(inputs)
+    if missing or not {"air_mass_mg", "maf_kg_h"} & set(inputs):
+        raise UsageError(
+            f"inputs {' '.join(inputs)}: a grey-box model needs fuel_mass_mg, engine_speed_rpm "
+            "and air_mass_mg or maf_kg_h"
+        )
+    if output != OUTPUT:
+        raise UsageError(f"output {output}: a grey-box model predicts {OUTPUT} alone")
+
+
+def _period_s(data: Prepared) -> float:
+    return data.period_ns / 1e9
+
+
+def _physical(data: Prepared) -> FloatArray:
+    """Return the inputs of all samples (n, n_inputs) in physical units, not clipped."""
+    parts = []
+    for s in data.segments:
+        recording = data.recordings[s.recording]
+        order = [list(recording.names).index(name) for name in data.names]
+        parts.append(recording.values[s.first : s.first + s.stop - s.start, order])
+    return np.concatenate(parts)
+
+
+def _phi(data: Prepared) -> FloatArray:
+    return data.scaling.unscale_y(data.samples.y)
+
+
+def _input_limits(data: Prepared) -> tuple[FloatArray, FloatArray]:
+    """Return the range to clip inputs to: the trained one with a margin, fuel from 0 on."""
+    low, high = [], []
+    least = {"air_mass_mg": AIR_LEAST_MG, "engine_speed_rpm": SPEED_LEAST_RPM}
+    for channel in data.inputs:
+        margin = MARGIN["phi"] * (channel.maximum - channel.minimum)
+        floor = least.get(channel.name, -np.inf)
+        fuel = channel.name == "fuel_mass_mg"  # fuel cut must reach the chain, trained or not
+        low.append(0.0 if fuel else max(channel.minimum - margin, floor))
+        high.append(channel.maximum + margin)
+    return np.array(low), np.array(high)
+
+
+def _signals(data: Prepared, limits: tuple[FloatArray, FloatArray]) -> dict[str, FloatArray]:
+    u = np.clip(_physical(data), *limits)
+    return {name: u[:, i] for i, name in enumerate(data.names)}
+
+
+def _free_run(
+    data: Prepared, signals: Mapping[str, FloatArray], constants: Constants
+) -> FloatArray:
+    """Return the prediction (n,) in phi, NaN at the beginning of every stretch."""
+    predicted = np.full(len(data.role), np.nan)
+    washout = round(WASHOUT_S / _period_s(data))
+    for s in data.segments:
+        own = {name: x[s.start : s.stop] for name, x in signals.items()}
+        run = simulate(base_path(constants, own), _period_s(data))
+        predicted[s.start + washout : s.stop] = run[washout:]
+    return predicted
+
+
+def _greybox(
+    data: Prepared, limits: tuple[FloatArray, FloatArray], constants: Constants
+) -> Greybox:
+    slowest_rpm = max(limits[0][data.names.index("engine_speed_rpm")], SPEED_LEAST_RPM)
+    longest_s = constants.dead_time_s + constants.dead_time_revolutions * 60.0 / slowest_rpm
+    register = register_for(longest_s, _period_s(data))
+    return Greybox(constants, data.names, *limits, _period_s(data), register)
+
+
+def _parity(path: Path | str, greybox: Greybox, data: Prepared) -> tuple[int, float]:
+    """Return the samples compared and the largest difference of ONNX from numpy, in phi."""
+    segment = max(data.segments, key=lambda s: s.stop - s.start)
+    u = _physical(data)[segment.start : min(segment.stop, segment.start + PARITY_SAMPLES)]
+    expected = simulate(base_path(greybox.constants, greybox.clipped(u)), greybox.period_s)
+    model = Model.load(path)
+    model.reset(u[0])
+    graph = np.empty(len(u))
+    for k, inputs in enumerate(u):
+        model.step(inputs)
+        graph[k] = model.state[0, 0]
+    off = float(np.abs(graph - expected)[greybox.memory :].max())
+    if not off <= TOLERANCE:
+        raise ModelError(
+            f"{path}: free runs of ONNX and numpy differ by {off:.2g} in phi, "
+            f"tolerance {TOLERANCE:.2g}"
+        )
+    return len(u) - greybox.memory, off
+
+
+def _card(
+    greybox: Greybox, fitted: Fitted, data: Prepared, predicted: FloatArray,
+    checks: Mapping[str, Any],
+) -> ModelCard:  # fmt: skip
+    test = data.role == Role.TEST
+    everything, enabled = (measures(data, predicted, rows) for rows in (test, test & data.enabled))
+    return ModelCard(
+        kind="greybox",
+        inputs=data.inputs,
+        output=data.output,
+        transform=data.transform,
+        output_limits=(data.scaling.y_low, data.scaling.y_high),
+        period_ns=data.period_ns,
+        lags=greybox.memory,
+        input_lag_start=0,
+        layers=(),
+        state=greybox.state_layout,
+        recordings=recordings_of(data),
+        residual_mean=enabled.get("residual_mean", 0.0),
+        residual_std=enabled.get("residual_std", everything.get("residual_std", 0.0)),
+        structure=described(fitted) | {"register_samples": greybox.register},
+        fit={"test": everything, "test_enabled": enabled},
+        checks=dict(checks),
+        reference=reference(fitted),
+        packages={name: version(name) for name in ("numpy", "onnx", "onnxruntime", "scipy")},
+    )  # fmt: skip
+
+
+def _warnings(fitted: Fitted, card: ModelCard) -> list[str]:
+    warnings = [f"{name} ended at its bound" for name in fitted.at_bound]
+    gap = card.checks["contraction"]
+    if not gap["gap"] <= gap["limit"]:
+        warnings.append(
+            f"predictions from two states differ by up to {gap['gap']:.3g} after "
+            f"{CONTRACTION_SAMPLES} samples (limit {gap['limit']:.3g})"
+        )
+    return warnings
