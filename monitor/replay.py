@@ -213,10 +213,11 @@ def model_info(setup: Setup) -> dict[str, str]:
     """Return what the report says of the model."""
     card = setup.model.card
     layers = " and ".join(str(n) for n in card.layers)
+    shape = f"lags {card.lags}, hidden layers {layers}" if layers else f"{card.lags} samples"
     return {
         "model": setup.model_path.name,
         "sha256": setup.model_sha256,
-        "kind": f"{card.kind}, lags {card.lags}, hidden layers {layers}",
+        "kind": f"{card.kind}, {shape}",
         "inputs": ", ".join(card.input_names),
         "output": card.output.name,
         "trained on": f"{len(card.recordings)} recordings ({trained_on(card)})",

@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from training import cli_matrix
+from training import cli_greybox, cli_matrix
 from training.cli_recordings import (
     add_bus_options,
     add_period_option,
@@ -14,13 +14,16 @@ from training.cli_recordings import (
 )
 
 if TYPE_CHECKING:
+    from monitor.model_card import ModelCard
     from training.fit import FitResult
+    from training.greybox_model import GreyboxResult
     from training.recordings import Recording
 
 _FIT_EXAMPLES = """examples:
   o2train fit drive1.log drive2.log drive3.log --out model.onnx
   o2train fit run_*.csv.gz --inputs speed_z load_z ignition_angle_z fuel_cutoff_z \\
       --output lambda_z --out lambda.onnx
+  o2train fit drive*.log --kind greybox --out chain.onnx
 """
 _EVALUATE_EXAMPLES = """examples:
   o2train evaluate --model model.onnx drive4.log
@@ -37,13 +40,15 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         description="Train a NARX: choose its memory and size by free run on held-out blocks, "
         "train it series-parallel, then in closed loop over growing horizons, and keep what "
         "predicts held-out blocks best. --lags or --hidden give the shape instead, without a "
-        "linear path.",
+        "linear path. --kind greybox fits the constants of the physical chain instead.",
         epilog=_FIT_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     _add_recordings(fit)
     fit.add_argument("--out", type=Path, required=True, metavar="MODEL.onnx", help="file to write")
-    fit.add_argument("--kind", choices=("narx",), default="narx", help="kind of model")
+    fit.add_argument("--kind", choices=("narx", "greybox"), default="narx",
+                     help="a network, or the chain charge and fuel, transport, mixing, sensor "
+                     "with a few constants (default narx)")  # fmt: skip
     add_signal_options(fit)
     fit.add_argument(
         "--validate", nargs="+", type=Path, default=[], metavar="RECORDING",
@@ -107,12 +112,29 @@ def _add_recordings(parser: argparse.ArgumentParser, number: str = "+") -> None:
 
 def run_fit(args: argparse.Namespace) -> int:
     """Train and write a model; returns the exit code."""
+    from training import fit_report, greybox_report
+    from training.fit import FitResult
+
+    report = _check_fit(args)
+    recordings = load_all(args, args.recordings, args.period)
+    result = _narx(args, recordings) if args.kind == "narx" else cli_greybox.fit(args, recordings)
+    for warning in (*result.warnings, *_set_limits(result, recordings)):
+        print(f"o2train: warning: {warning}", file=sys.stderr)
+    if isinstance(result, FitResult):
+        _print_fit(result)
+        fit_report.write_report(report, result)
+    else:
+        cli_greybox.print_fit(result)
+        greybox_report.write_report(report, result)
+    _print_measures(result.card)
+    print(f"report: {report}")
+    return 0
+
+
+def _check_fit(args: argparse.Namespace) -> Path:
+    """Return where the report goes; raises UsageError for impossible options."""
     from monitor.errors import UsageError
-    from monitor.signals import NARX_INPUTS, OUTPUT
-    from training.fit import fit
-    from training.fit_report import write_report
-    from training.progress import Bar
-    from training.transforms import fuel_air_ratio
+    from monitor.signals import NARX_INPUTS
 
     if (
         min(*(1 if n is None else n for n in (args.lags, args.starts)), *(args.hidden or (1,))) < 1
@@ -123,18 +145,27 @@ def run_fit(args: argparse.Namespace) -> int:
         raise UsageError(f"--out {args.out}: a model file ends in .onnx")
     if args.seed < 0:
         raise UsageError("--seed is at least 0")
-    report = args.report or args.out.with_suffix(".html")
+    report: Path = args.report or args.out.with_suffix(".html")
     for out in (args.out, report):
         if not out.absolute().parent.is_dir():
             raise UsageError(f"{out}: the folder does not exist")
-    inputs = args.inputs or NARX_INPUTS
-    if args.ratio and not {"fuel_mass_mg", "air_mass_mg"} <= set(inputs):
+    if args.kind == "greybox":
+        cli_greybox.check(args)
+    if args.ratio and not {"fuel_mass_mg", "air_mass_mg"} <= set(args.inputs or NARX_INPUTS):
         raise UsageError("--ratio needs the inputs fuel_mass_mg and air_mass_mg")
-    recordings = load_all(args, args.recordings, args.period)
+    return report
+
+
+def _narx(args: argparse.Namespace, recordings: "list[Recording]") -> "FitResult":
+    from monitor.signals import NARX_INPUTS, OUTPUT
+    from training.fit import fit
+    from training.progress import Bar
+    from training.transforms import fuel_air_ratio
+
     with Bar() as bar:
-        result = fit(
+        return fit(
             recordings,
-            inputs,
+            args.inputs or NARX_INPUTS,
             args.output or OUTPUT,
             args.out,
             lags=args.lags,
@@ -148,15 +179,9 @@ def run_fit(args: argparse.Namespace) -> int:
             progress=bar.update,
             tried=bar.tried,
         )
-    for warning in (*result.warnings, *_set_limits(result, recordings)):
-        print(f"o2train: warning: {warning}", file=sys.stderr)
-    _print_fit(result)
-    write_report(report, result)
-    print(f"report: {report}")
-    return 0
 
 
-def _set_limits(result: "FitResult", recordings: "list[Recording]") -> list[str]:
+def _set_limits(result: "FitResult | GreyboxResult", recordings: "list[Recording]") -> list[str]:
     """Set the decision limits from the blocks held out; return warnings."""
     from monitor import config
     from monitor.errors import RecordingError
@@ -179,7 +204,7 @@ def _set_limits(result: "FitResult", recordings: "list[Recording]") -> list[str]
 def _print_fit(result: "FitResult") -> None:
     from training.narx import describe
 
-    card, spec = result.card, result.network.spec
+    spec = result.network.spec
     n = len(result.data.role)
     if result.tries:
         members = result.starts[result.best].members
@@ -187,6 +212,9 @@ def _print_fit(result: "FitResult") -> None:
         print(f"chosen of {len(result.tries)} structures: {describe(spec)}{mean}")
     print(f"{result.path}: {n} samples, {result.network.spec.n_weights} weights, "
           f"{result.seconds:.0f} s")  # fmt: skip
+
+
+def _print_measures(card: "ModelCard") -> None:
     for name, title in (("test", "held-out blocks"), ("test_enabled", "  enabled samples")):
         figures = card.fit[name]
         if name == "test_enabled" and figures == card.fit["test"]:

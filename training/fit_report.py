@@ -1,18 +1,42 @@
 """A self-contained HTML report of one training."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from monitor.model import from_model_units
+from monitor.model_card import ModelCard
 from monitor.types import FloatArray
 from training.fit import FitResult, HeldOut
 from training.narx import describe
 from training.page import page, paragraph, picture, table
+from training.prepare import Prepared
 
 FIGURE_SAMPLES = 1500  # at most this many of a held-out block are drawn
+
+
+class Fit(Protocol):
+    """What the parts that every kind of model shares need of a fit."""
+
+    @property
+    def card(self) -> ModelCard:
+        """The model's card."""
+
+    @property
+    def data(self) -> Prepared:
+        """The samples."""
+
+    @property
+    def predicted(self) -> FloatArray:
+        """Free run (n,) in model units."""
+
+    @property
+    def held_out(self) -> Sequence[HeldOut]:
+        """Rows that were not trained on."""
 
 
 def write_report(path: Path | str, result: FitResult) -> None:
@@ -22,10 +46,10 @@ def write_report(path: Path | str, result: FitResult) -> None:
             *(paragraph(w, "warning") for w in result.warnings),
             _overview(result),
             _tries(result),
-            _measures(result),
+            measures_table(result),
             picture(_training_curves(result), "Free-run validation over the epochs of each start"),
-            picture(_held_out_run(result), "Free run (orange) and measurement on held-out blocks"),
-            picture(_scatter(result), "Prediction over measurement; residuals"),
+            picture(held_out_run(result), "Free run (orange) and measurement on held-out blocks"),
+            picture(scatter(result), "Prediction over measurement; residuals"),
         ]
     )
     Path(path).parent.mkdir(parents=True, exist_ok=True)
@@ -49,10 +73,15 @@ def _overview(result: FitResult) -> str:
         ("ONNX against numpy, free run",
          f"{parity['onnx_numpy']:.2g} (tolerance {parity['tolerance']:.2g})"),
     ]  # fmt: skip
+    return table(rows) + recordings_table(card)
+
+
+def recordings_table(card: ModelCard) -> str:
+    """Return the recordings that the model was trained on."""
     recordings = [
         (r.path, r.source or "not said", r.sha256[:16], str(r.samples)) for r in card.recordings
     ]
-    return table(rows) + table(recordings, ("recording", "source", "sha256", "samples"))
+    return table(recordings, ("recording", "source", "sha256", "samples"))
 
 
 def _tries(result: FitResult) -> str:
@@ -79,7 +108,8 @@ def _tries(result: FitResult) -> str:
     return f"<h2>Structures tried</h2>{text}{table(rows, head, chosen)}"
 
 
-def _measures(result: FitResult) -> str:
+def measures_table(result: Fit) -> str:
+    """Return the figures on held-out blocks."""
     names = ("samples", "fit_percent", "correlation", "slope", "rmse", "residual_mean",
              "residual_std")  # fmt: skip
     rows = [
@@ -113,7 +143,7 @@ def _training_curves(result: FitResult) -> Figure:
     return figure
 
 
-def _output_units(result: FitResult) -> tuple[FloatArray, FloatArray]:
+def _output_units(result: Fit) -> tuple[FloatArray, FloatArray]:
     data = result.data
     measured = np.where(data.samples.weight > 0, data.scaling.unscale_y(data.samples.y), np.nan)
     return (
@@ -122,7 +152,8 @@ def _output_units(result: FitResult) -> tuple[FloatArray, FloatArray]:
     )
 
 
-def _held_out_run(result: FitResult) -> Figure:
+def held_out_run(result: Fit) -> Figure:
+    """Draw free run and measurement on the longest held-out blocks."""
     measured, predicted = _output_units(result)
     tests = [h for h in result.held_out if h.role == "test"]
     chosen = sorted(tests, key=lambda h: h.first - h.stop)[:3]
@@ -139,14 +170,14 @@ def _held_out_run(result: FitResult) -> Figure:
     return figure
 
 
-def _rows(result: FitResult, block: HeldOut) -> np.ndarray:
+def _rows(result: Fit, block: HeldOut) -> np.ndarray:
     for s in result.data.segments:
         if s.recording == block.recording and s.first <= block.first < s.first + s.stop - s.start:
             return np.arange(s.start + block.first - s.first, s.start + block.stop - s.first)
     raise ValueError(f"{block} lies in no segment")
 
 
-def _robust_limits(result: FitResult) -> tuple[float, float]:
+def _robust_limits(result: Fit) -> tuple[float, float]:
     data = result.data
     values = data.scaling.unscale_y(data.samples.y[data.enabled])
     values = from_model_units(data.transform, values)
@@ -154,7 +185,8 @@ def _robust_limits(result: FitResult) -> tuple[float, float]:
     return float(low - 0.2 * (high - low)), float(high + 0.2 * (high - low))
 
 
-def _scatter(result: FitResult) -> Figure:
+def scatter(result: Fit) -> Figure:
+    """Draw prediction over measurement, and the residuals, on held-out enabled samples."""
     measured, predicted = _output_units(result)
     rows = (result.data.role == 2) & result.data.enabled & np.isfinite(predicted)
     a, b = measured[rows], predicted[rows]

@@ -16,6 +16,7 @@ from monitor.signals import OUTPUT
 from monitor.types import BoolArray, FloatArray
 from training.chain import (
     AIR_LEAST_MG,
+    RANGES,
     SPEED_LEAST_RPM,
     Constants,
     base_path,
@@ -264,7 +265,11 @@ def _card(
 
 
 def _warnings(fitted: Fitted, card: ModelCard) -> list[str]:
-    warnings = [f"{name} ended at its bound" for name in fitted.at_bound]
+    warnings = [
+        f"{name} ended at its bound, {getattr(fitted.constants, name):g} {RANGES[name].unit}: "
+        "the recordings do not hold it"
+        for name in fitted.at_bound
+    ]
     gap = card.checks["contraction"]
     if not gap["gap"] <= gap["limit"]:
         warnings.append(

@@ -1,0 +1,50 @@
+"""The grey-box half of ``o2train fit``."""
+
+import argparse
+from typing import TYPE_CHECKING
+
+from training.cli_recordings import load_all
+
+if TYPE_CHECKING:
+    from training.greybox_model import GreyboxResult
+    from training.recordings import Recording
+
+
+def check(args: argparse.Namespace) -> None:
+    """Raise UsageError for options that shape a NARX."""
+    from monitor.errors import UsageError
+
+    given = {
+        "--lags": args.lags is not None,
+        "--lag-zero": args.lag_zero,
+        "--hidden": args.hidden is not None,
+        "--ratio": args.ratio,
+        "--starts": args.starts is not None,
+    }
+    wrong = [name for name, on in given.items() if on]
+    if wrong:
+        raise UsageError(f"{', '.join(wrong)}: a grey-box model has no such thing, a NARX has")
+
+
+def fit(args: argparse.Namespace, recordings: "list[Recording]") -> "GreyboxResult":
+    """Fit the chain and write the model file."""
+    from monitor.signals import OUTPUT
+    from training.greybox_model import fit_greybox
+
+    return fit_greybox(
+        recordings,
+        args.out,
+        inputs=args.inputs,
+        output=args.output or OUTPUT,
+        seed=args.seed,
+        validate=load_all(args, args.validate, args.period),
+    )
+
+
+def print_fit(result: "GreyboxResult") -> None:
+    """Print the constants with their standard errors."""
+    n = len(result.data.role)
+    print(f"{result.path}: {n} samples, grey-box chain, {result.seconds:.0f} s")
+    for name, constant in result.card.structure["constants"].items():
+        error = constant["standard_error"]
+        print(f"constant {name}: {constant['value']:.4f} ± {error:.4f} {constant['unit']}")
