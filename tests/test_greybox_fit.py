@@ -1,0 +1,100 @@
+"""The grey-box model from command line to verdict, and beside the network and a first try."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from monitor import cli as o2mon
+from monitor import config
+from monitor.model import Model
+from monitor.replay import shipped_model
+from training import metrics
+from training.baseline import fit_baseline
+from training.cli import main as o2train
+from training.dyno.simulate import Experiment
+from training.dyno.write import write
+from training.evaluate import predict
+from training.judge import enabled_samples
+from training.recordings import Recording, load
+
+ROOT = Path(__file__).resolve().parent.parent
+TRAINING = (("wltc_3b", 1001), ("udds", 1002), ("us06", 1003), ("micro_trips", 1006))
+
+
+@pytest.fixture(scope="module")
+def training(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    folder = tmp_path_factory.mktemp("training")
+    return [write(Experiment(cycle=c, seed=s), folder, "parquet") for c, s in TRAINING]
+
+
+@pytest.fixture(scope="module")
+def model(training: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("model") / "chain.onnx"
+    code = o2train(["fit", *map(str, training), "--kind", "greybox", "--out", str(out)])
+    assert code == 0
+    return out
+
+
+def test_fit_writes_limits_and_a_report(model: Path) -> None:
+    card = Model.load(model).card
+    assert card.kind == "greybox"
+    assert {"j_mu", "j_sigma", "noise", "excitation", "offset"} <= set(card.limits)
+    assert "held out" in card.limits["j_mu"].origin
+    page = model.with_suffix(".html").read_text()
+    for text in ("dead_time_revolutions", "standard error", "sandwich", "Held-out", "simulated"):
+        assert text.lower() in page.lower()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--lags", "3"], "--lags: a grey-box model"),
+        (["--hidden", "4", "--ratio"], "--hidden, --ratio"),
+        (["--inputs", "maf_kg_h", "engine_speed_rpm"], "needs fuel_mass_mg"),
+        (["--output", "engine_torque_nm"], "predicts lambda_measured"),
+    ],
+)
+def test_options_of_a_network_are_refused(
+    training: list[Path],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    options: list[str],
+    message: str,
+) -> None:
+    arguments = ["fit", str(training[0]), "--kind", "greybox", "--out", str(tmp_path / "m.onnx")]
+    assert o2train([*arguments, *options]) == 2
+    assert message in capsys.readouterr().err.splitlines()[-1]
+
+
+@pytest.mark.parametrize(
+    ("log", "code"), [("healthy_micro_trips_v102_s102.blf", 0), ("gain_low_micro_trips", 1)]
+)
+def test_the_monitor_runs_it_unchanged(
+    model: Path, log: str, code: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (path,) = (ROOT / "replay_logs").glob(f"{log}*")
+    assert o2mon.main(["replay", str(path), "--model", str(model)]) == code
+    assert ("gain_low" in capsys.readouterr().out) == bool(code)
+
+
+def figures(path: Path, drive: Recording) -> tuple[float, float]:
+    """RMSE and correlation of lambda in free run on enabled samples."""
+    model = Model.load(path)
+    measured, free, _, scored = predict(model, drive, 50)
+    on = scored & enabled_samples(drive, model.card, config.load())
+    return metrics.rmse(measured[on], free[on]), metrics.correlation(measured[on], free[on])
+
+
+def test_on_an_unseen_drive_it_lies_between_a_first_try_and_the_network(
+    model: Path, training: list[Path], tmp_path: Path
+) -> None:
+    drive = load(write(Experiment(seed=2_000_101), tmp_path, "parquet"))
+    first = fit_baseline([load(path) for path in training])
+    card = Model.load(model).card
+    on = enabled_samples(drive, card, config.load())
+    measured, simple = drive.column("lambda_measured")[on], 1.0 / first.predict(drive)[on]
+    chain, network = figures(model, drive), figures(shipped_model(), drive)
+    assert np.all(np.isfinite([*chain, *network]))
+    assert network[0] < chain[0] < metrics.rmse(measured, simple)
+    assert network[1] > chain[1] > metrics.correlation(measured, simple)
