@@ -17,7 +17,7 @@ from training.dyno.simulate import Experiment
 from training.dyno.write import write
 from training.export import Graph
 from training.greybox import Fitted, fit_constants, reference
-from training.greybox_graph import GraphEffect, Greybox, Nodes, save, with_fields
+from training.greybox_graph import GraphEffect, Greybox, Nodes, build, save, with_fields
 from training.greybox_model import GreyboxResult, fit_greybox, greybox_inputs, write_model
 from training.recordings import Recording, load
 
@@ -122,6 +122,16 @@ def test_the_file_says_what_it_is(result: GreyboxResult) -> None:
     assert "straight line" in card.structure["fixed"]["offset"]
     assert card.fit["test_enabled"]["correlation"] > 0.8
     assert [r.samples > 5000 for r in card.recordings] == [True] * 3
+
+
+def test_a_card_rebuilds_its_graph(result: GreyboxResult) -> None:
+    again = Greybox.of(Model.load(result.path).card)
+    assert build(again) == build(result.greybox)
+    with pytest.raises(ModelError, match="a narx model, a greybox is wanted"):
+        Greybox.of(replace(result.card, kind="narx"))
+    with pytest.raises(ModelError, match="lacks part of its structure: 'inputs_low'"):
+        parts = {k: v for k, v in result.card.structure.items() if k != "inputs_low"}
+        Greybox.of(replace(result.card, structure=parts))
 
 
 def test_the_graph_computes_what_the_arrays_do(

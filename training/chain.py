@@ -146,15 +146,6 @@ def settled(fuel_mg: FloatArray, period_s: float, recovery_s: float = RECOVERY_S
     return np.asarray((last_cut < 0) | (at - last_cut > round(recovery_s / period_s)))
 
 
-def in_order(constants: Constants) -> Constants:
-    """Return the constants with the shorter of the two lags first.
-
-    Two lags in a row give the same output in either order.
-    """
-    short, long = sorted((constants.mixing_s, constants.sensor_s))
-    return constants._replace(mixing_s=short, sensor_s=long)
-
-
 @njit(cache=True)
 def _weights(time: float) -> tuple[float, float]:  # pragma: no cover
     """Return what a lag of ``time`` samples keeps of its state, and the newest input's weight.

@@ -10,10 +10,12 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from onnx import ModelProto, helper
 
+from monitor.errors import ModelError
 from monitor.model import LAMBDA_MAX, PHI_MAX
 from monitor.model_card import METADATA_KEY, ModelCard, StateLayout
 from monitor.types import FloatArray
@@ -74,6 +76,33 @@ class Greybox:
     period_s: float
     register: int  # samples of phi at the valve that the state remembers
     effects: tuple[GraphEffect, ...] = ()
+
+    @classmethod
+    def of(cls, card: ModelCard) -> "Greybox":
+        """Return what the graph of a model was built from, without its added effects.
+
+        Raises ModelError if the card is not a grey-box model's.
+        """
+        if card.kind != "greybox":
+            raise ModelError(f"a {card.kind} model, a greybox is wanted")
+        try:
+            given = card.structure
+            constants = Constants(**{n: c["value"] for n, c in given["constants"].items()})
+            low, high = (np.array(given[name]) for name in ("inputs_low", "inputs_high"))
+            register = int(given["register_samples"])
+        except (KeyError, TypeError) as error:
+            raise ModelError(
+                f"the card of a greybox lacks part of its structure: {error}"
+            ) from None
+        return cls(constants, card.input_names, low, high, card.period_ns / 1e9, register)
+
+    def structure(self) -> dict[str, Any]:
+        """Return what the card's structure needs beside the constants."""
+        return {
+            "register_samples": self.register,
+            "inputs_low": self.u_low.tolist(),
+            "inputs_high": self.u_high.tolist(),
+        }
 
     @property
     def state_layout(self) -> StateLayout:

@@ -256,7 +256,7 @@ def _card(
         recordings=recordings_of(data),
         residual_mean=enabled.get("residual_mean", 0.0),
         residual_std=enabled.get("residual_std", everything.get("residual_std", 0.0)),
-        structure=described(fitted) | {"register_samples": greybox.register},
+        structure=described(fitted) | greybox.structure(),
         fit={"test": everything, "test_enabled": enabled},
         checks=dict(checks),
         reference=reference(fitted),
