@@ -6,7 +6,7 @@ DEMO    := .venv-demo
 HEALTHY  = $(firstword $(sort $(wildcard replay_logs/healthy_*)))
 FAULTY   = $(firstword $(sort $(wildcard replay_logs/delay_rich_to_lean_*)))
 
-.PHONY: help demo test lint venv system bench model calibration study replay_logs clean python
+.PHONY: help demo test lint venv system bench matrix model calibration study replay_logs clean python
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z_]+:.*## / {printf "make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -35,12 +35,15 @@ lint: venv ## style, types and the direction of imports
 venv: $(VENV)/.installed ## the development environment in .venv
 
 bench: venv ## the benchmarks
-	@for script in benchmarks/replay_vs_plain_loop.py benchmarks/free_run.py benchmarks/detection.py; do \
+	@for script in benchmarks/replay_vs_plain_loop.py benchmarks/streaming.py benchmarks/batch.py benchmarks/free_run.py; do \
 	  echo "== $$script"; $(VENV)/bin/python "$$script" || exit 1; done
 
 # The shipped model: one healthy vehicle, every cycle, cold and hot weather, all simulated.
 TRAINING := wltc_3b:1001 wltc_3b:1013 udds:1002 us06:1003 hwfet:1007 steady:1004 steady:1005 \
             micro_trips:1006 micro_trips:1014 micro_trips:1020 micro_trips:1036 micro_trips:1152 micro_trips:1198
+
+matrix: venv ## drive the whole detection matrix, build/matrix/report.html (15 minutes)
+	$(VENV)/bin/o2train evaluate --matrix --model monitor/models/shipped.onnx --out build/matrix
 
 model: venv ## train the shipped model anew (ten minutes)
 	rm -rf build/training

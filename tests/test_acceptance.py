@@ -1,18 +1,20 @@
 """What the shipped model and the shipped settings must reach, on simulated drives of their own."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from benchmarks.detection import verdict
 from monitor import config, faults
+from monitor.batch import Judged, judge_all
 from monitor.limits import Limits
 from monitor.model import Model
 from monitor.replay import shipped_model
 from training import metrics
 from training.baseline import fit_baseline
-from training.dyno.simulate import Experiment
+from training.dyno import ecu
+from training.dyno.simulate import Experiment, simulate
 from training.dyno.write import write
 from training.judge import judge
 from training.recordings import load
@@ -32,10 +34,10 @@ def test_the_model_follows_an_unseen_wltc_and_beats_fuel_over_air(tmp_path: Path
         ]
     )
     drive = load(write(Experiment(seed=71_000), tmp_path, "parquet"))
-    judged = judge(drive, model, limits, config.load())
-    on = judged.enabled
+    found = judge(drive, model, limits, config.load())
+    on = found.enabled
     assert on.sum() > 5000
-    measured, predicted = judged.measured[on], judged.predicted[on]
+    measured, predicted = found.measured[on], found.predicted[on]
     assert metrics.correlation(measured, predicted) >= 0.95
     assert metrics.rmse(measured, predicted) <= 0.01
     assert 0.95 <= metrics.slope(measured, predicted) <= 1.05
@@ -62,17 +64,31 @@ def test_predictions_forget_their_history_within_fifty_samples(tmp_path: Path) -
         assert np.ptp(1.0 / predicted) <= 0.01
 
 
-@pytest.mark.parametrize("half", [0, 1])
-def test_healthy_drives_of_many_seeds_get_no_code_and_are_judged(half: int) -> None:
-    seeds = HEALTHY_SEEDS[half::2]
-    results = [verdict(Experiment(seed=seed), shipped_model()) for seed in seeds]
-    assert [names for _, names, _, _, _ in results] == ["-"] * len(seeds)
-    unjudged = sum(not completed for _, _, completed, _, _ in results)
-    assert unjudged <= COLD_START_ALLOWED * half  # nineteen of twenty in all
+@pytest.fixture(scope="module")
+def model() -> Model:
+    return Model.load(shipped_model())
+
+
+def judged(experiments: Sequence[Experiment], model: Model) -> list[Judged]:
+    """Return the verdicts of the shipped settings, as one driving cycle each."""
+    bus_map, settings = ecu.own_bus(), config.load()
+    limits = Limits.from_card(model.card, settings, "shipped")
+    blocks = []
+    for each in experiments:
+        rng = np.random.default_rng([each.seed, each.vehicle])
+        sent = ecu.broadcast(simulate(each), bus_map, rng, each.fault)
+        blocks.append(ecu.samples(sent, bus_map, model.card.period_ns))
+    return judge_all(blocks, bus_map.names, model, limits, settings)
+
+
+def test_healthy_drives_of_many_seeds_get_no_code_and_are_judged(model: Model) -> None:
+    results = judged([Experiment(seed=seed) for seed in HEALTHY_SEEDS], model)
+    assert [each.dtcs for each in results] == [[]] * len(HEALTHY_SEEDS)
+    assert sum(not each.completed for each in results) <= COLD_START_ALLOWED
 
 
 @pytest.mark.parametrize("name", RESPONSE_FAULTS)
-def test_a_faulty_sensor_in_the_loop_gets_its_code_in_the_drive(name: str) -> None:
+def test_a_faulty_sensor_in_the_loop_gets_its_code_in_the_drive(name: str, model: Model) -> None:
     drive = Experiment(vehicle=501, seed=72_000, fault=faults.resolve(name))
-    _, names, _, _, _ = verdict(drive, shipped_model())
-    assert names == name
+    (found,) = judged([drive], model)
+    assert {dtc.fault for dtc in found.dtcs} == {name}

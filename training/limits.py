@@ -82,7 +82,7 @@ def limits_of(
     offset_std = math.sqrt(
         float(np.mean([np.var([w.mean for w in drive]) for drive in drives if drive]))
     )
-    spread = max(6.0 * offset_std, 4.0 * math.sqrt(float(np.mean(np.square(offsets)))))
+    spread = max(6.0 * offset_std, 3.0 * math.sqrt(float(np.mean(np.square(offsets)))))
     floor = config.bias.offset_limit_lambda if card.transform == "phi" else 0.0
     n = len(windows)
     where = f"{n} healthy windows, {origin}"
@@ -106,7 +106,7 @@ def limits_of(
             max(floor, spread),
             unit,
             f"largest of {floor:g}, six times the spread of a drive's window means and "
-            f"four times that of the drives' means, {where}",
+            f"three times that of the drives' means, {where}",
         ),
         "offset_std": Limit(offset_std, unit, f"spread of a drive's window means, {where}"),
     }
