@@ -1,0 +1,167 @@
+"""Variables that an excess may depend on: the signals, and a few made from them."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from monitor.types import FloatArray
+from training.gap.compared import Compared
+from training.gap.drives import hold
+
+STEP_S: Final = 0.3  # over which a rate is taken: above the noise, below a tip-in
+AFTER_CUT_S: Final = 20.0  # later than this, a fuel cut is long ago
+WARM_DEGC: Final = 80.0
+LEAST_VALUES: Final = 3  # distinct values that a driver must take
+
+# What a reader calls them; any other signal goes by its own name.
+WORDS: Final[Mapping[str, str]] = {
+    "air_mass_mg": "load (air per stroke)",
+    "fuel_mass_mg": "fuel per stroke",
+    "maf_kg_h": "air flow",
+    "rail_pressure_mpa": "rail pressure",
+    "manifold_pressure_kpa": "manifold pressure",
+    "manifold_temperature_degc": "manifold temperature",
+    "engine_speed_rpm": "engine speed",
+    "engine_torque_nm": "torque",
+    "vehicle_speed_km_h": "vehicle speed",
+    "throttle_percent": "throttle",
+    "coolant_temperature_degc": "coolant temperature",
+    "ambient_temperature_degc": "ambient temperature",
+    "ambient_pressure_kpa": "ambient pressure",
+    "battery_voltage_v": "battery voltage",
+    "purge_duty_percent": "purge duty",
+    "lambda_controller": "lambda controller",
+    "inverse_flow_h_kg": "1 / air flow",
+    "load_times_speed": "load × engine speed",
+    "after_fuel_cut_s": "time since fuel cut",
+    "fuel_rate_mg_s": "rate of fuel per stroke",
+    "load_rate_mg_s": "rate of load",
+    "cold_fuel_rate_mg_s": "rate of fuel per stroke while the engine is cold",
+    "purge_per_flow": "purge duty / air flow",
+    "phi_slope_1_s": "edge direction (slope of phi)",
+    "phi_predicted": "predicted phi",
+}
+UNITS: Final[Mapping[str, str]] = {
+    "air_mass_mg": "mg", "fuel_mass_mg": "mg", "maf_kg_h": "kg/h", "rail_pressure_mpa": "MPa",
+    "manifold_pressure_kpa": "kPa", "manifold_temperature_degc": "°C", "engine_speed_rpm": "1/min",
+    "engine_torque_nm": "Nm", "vehicle_speed_km_h": "km/h", "throttle_percent": "%",
+    "coolant_temperature_degc": "°C", "ambient_temperature_degc": "°C", "battery_voltage_v": "V",
+    "ambient_pressure_kpa": "kPa", "purge_duty_percent": "%", "inverse_flow_h_kg": "h/kg",
+    "load_times_speed": "mg/min", "after_fuel_cut_s": "s", "fuel_rate_mg_s": "mg/s",
+    "load_rate_mg_s": "mg/s", "phi_slope_1_s": "1/s",
+    "cold_fuel_rate_mg_s": "mg/s", "purge_per_flow": "% h/kg",
+}  # fmt: skip
+# States and targets rather than causes, and what the loop is closed through.
+NO_DRIVERS: Final = frozenset({"closed_loop", "fuel_cut", "sensor_ready", "lambda_measured"})
+AT_SENSOR: Final = frozenset({"phi_predicted", "phi_slope_1_s"})  # already behind the transport
+
+
+@dataclass(frozen=True, slots=True)
+class Driver:
+    """A variable in each recording, without missing values."""
+
+    name: str
+    values: tuple[FloatArray, ...]
+
+    @property
+    def words(self) -> str:
+        """Return what a reader calls it."""
+        return WORDS.get(self.name, self.name.replace("_", " "))
+
+    @property
+    def unit(self) -> str:
+        """Return its unit, empty if it has none or it is not known."""
+        return UNITS.get(self.name, "")
+
+
+def find_drivers(recordings: Sequence[Compared]) -> list[Driver]:
+    """Return the signals that all recordings have and that move, and those made from them."""
+    names = [
+        name
+        for name in recordings[0].signals
+        if name not in NO_DRIVERS and all(name in r.signals for r in recordings)
+    ]
+    found = [Driver(n, tuple(hold(r.signals[n]) for r in recordings)) for n in names]
+    for name, make in DERIVED.items():
+        made = [make(r) for r in recordings]
+        values = tuple(m for m in made if m is not None)
+        if len(values) == len(recordings):
+            found.append(Driver(name, values))
+    return [d for d in found if _moves(d, recordings)]
+
+
+def _moves(driver: Driver, recordings: Sequence[Compared]) -> bool:
+    seen = np.concatenate([v[r.scored] for v, r in zip(driver.values, recordings, strict=True)])
+    return len(np.unique(seen)) >= LEAST_VALUES or (
+        len(recordings) == 1 and len(np.unique(seen)) == 2
+    )
+
+
+def rate(values: FloatArray, period_s: float) -> FloatArray:
+    """Return the rate of change (n,) of ``values`` over the last ``STEP_S``, per second."""
+    k = max(round(STEP_S / period_s), 1)
+    before = np.concatenate([np.full(min(k, len(values)), values[0]), values[:-k]])
+    return np.asarray((values - before[: len(values)]) / (k * period_s))
+
+
+def _signal(r: Compared, name: str) -> FloatArray | None:
+    return hold(r.signals[name]) if name in r.signals else None
+
+
+def _inverse_flow(r: Compared) -> FloatArray | None:
+    flow = _signal(r, "maf_kg_h")
+    return None if flow is None else 1.0 / np.maximum(flow, 1.0)
+
+
+def _load_times_speed(r: Compared) -> FloatArray | None:
+    load, speed = _signal(r, "air_mass_mg"), _signal(r, "engine_speed_rpm")
+    return None if load is None or speed is None else load * speed
+
+
+def _after_fuel_cut(r: Compared) -> FloatArray | None:
+    cut, fuel = _signal(r, "fuel_cut"), _signal(r, "fuel_mass_mg")
+    if cut is None and fuel is None:
+        return None
+    off = cut > 0.5 if cut is not None else np.asarray(fuel) <= 0.0
+    n = len(off)
+    last = np.maximum.accumulate(np.where(off, np.arange(n), -(10**9)))
+    return np.minimum((np.arange(n) - last) * r.period_s, AFTER_CUT_S)
+
+
+def _rate_of(name: str) -> Callable[[Compared], FloatArray | None]:
+    def make(r: Compared) -> FloatArray | None:
+        values = _signal(r, name)
+        return None if values is None else rate(values, r.period_s)
+
+    return make
+
+
+def _cold_fuel_rate(r: Compared) -> FloatArray | None:
+    fuel, coolant = _signal(r, "fuel_mass_mg"), _signal(r, "coolant_temperature_degc")
+    if fuel is None or coolant is None:
+        return None
+    return rate(fuel, r.period_s) * np.clip((WARM_DEGC - coolant) / WARM_DEGC, 0.0, 1.0)
+
+
+def _purge_per_flow(r: Compared) -> FloatArray | None:
+    purge, flow = _signal(r, "purge_duty_percent"), _signal(r, "maf_kg_h")
+    return None if purge is None or flow is None else purge / np.maximum(flow, 1.0)
+
+
+def _phi_slope(r: Compared) -> FloatArray:
+    return rate(hold(r.phi_predicted), r.period_s)
+
+
+DERIVED: Final[Mapping[str, Callable[[Compared], FloatArray | None]]] = {
+    "inverse_flow_h_kg": _inverse_flow,
+    "load_times_speed": _load_times_speed,
+    "after_fuel_cut_s": _after_fuel_cut,
+    "fuel_rate_mg_s": _rate_of("fuel_mass_mg"),
+    "load_rate_mg_s": _rate_of("air_mass_mg"),
+    "cold_fuel_rate_mg_s": _cold_fuel_rate,
+    "purge_per_flow": _purge_per_flow,
+    "phi_slope_1_s": _phi_slope,
+    "phi_predicted": lambda r: hold(r.phi_predicted),
+}
