@@ -17,6 +17,7 @@ from training.dyno.simulate import Experiment
 from training.dyno.write import write
 from training.export import Graph
 from training.greybox import Fitted, fit_constants, reference
+from training.greybox_charge import INPUTS, ChargeMap, fit_with_charge
 from training.greybox_graph import GraphEffect, Greybox, Nodes, build, save, with_fields
 from training.greybox_model import GreyboxResult, fit_greybox, greybox_inputs, write_model
 from training.recordings import Recording, load
@@ -35,6 +36,12 @@ def drives(tmp_path_factory: pytest.TempPathFactory) -> list[Recording]:
     folder = tmp_path_factory.mktemp("drives")
     cycles = (("wltc_3b", 2_000_001), ("micro_trips", 2_000_002), ("us06", 2_000_003))
     return [drive(folder, cycle, seed) for cycle, seed in cycles]
+
+
+@pytest.fixture(scope="module")
+def dense(drives: list[Recording], tmp_path_factory: pytest.TempPathFactory) -> GreyboxResult:
+    """The chain with its own charge."""
+    return fit_greybox(drives, tmp_path_factory.mktemp("dense") / "model.onnx", inputs=INPUTS)
 
 
 @pytest.fixture(scope="module")
@@ -138,7 +145,7 @@ def test_the_graph_computes_what_the_arrays_do(
     result: GreyboxResult, drives: list[Recording]
 ) -> None:
     u = np.stack([drives[0].column(name) for name in result.card.input_names], axis=1)[:4000]
-    expected = simulate(base_path(result.fitted.constants, result.greybox.clipped(u)), PERIOD_S)
+    expected = simulate(base_path(result.fitted.constants, result.greybox.signals(u)), PERIOD_S)
     model = Model.load(result.path)
     model.reset(u[0])
     run = model.run_batch(u[None])[0]
@@ -186,13 +193,15 @@ def test_reset_starts_from_the_inputs_and_the_measured_output(result: GreyboxRes
 
 @pytest.mark.parametrize("batch", [2, 3, 17, 64])
 def test_batched_and_single_runs_give_the_same_bits(
-    result: GreyboxResult, tmp_path: Path, batch: int
+    result: GreyboxResult, dense: GreyboxResult, tmp_path: Path, batch: int
 ) -> None:
-    # GIVEN the base, and a path on which everything follows the inputs
+    # GIVEN the base, a path on which everything follows the inputs, and an own charge
     moving = replace(result.greybox, effects=(MIXING_BY_SPEED, UNEVEN_SENSOR, FILM))
     save(tmp_path / "moving.onnx", moving, card_of(result, moving))
-    for path in (result.path, tmp_path / "moving.onnx"):
+    for path in (result.path, tmp_path / "moving.onnx", dense.path):
         u = wild_inputs(batch, 120)
+        if path == dense.path:  # fuel, manifold pressure and temperature, engine speed
+            u = np.stack([u[..., 0], u[..., 1] / 4, u[..., 1] / 10, u[..., 2]], axis=-1)
         one, many = Model.load(path), Model.load(path, batch)
         many.reset(u[:, 0])
         together = many.run_batch(u)
@@ -248,7 +257,7 @@ def test_the_air_meter_serves_where_no_charge_is_broadcast(
     ("inputs", "output", "message"),
     [
         (("fuel_mass_mg", "air_mass_mg"), "lambda_measured", "needs fuel_mass_mg, engine_speed"),
-        (("fuel_mass_mg", "engine_speed_rpm"), "lambda_measured", "air_mass_mg or maf_kg_h"),
+        (("fuel_mass_mg", "engine_speed_rpm"), "lambda_measured", "for its charge air_mass_mg"),
         (("fuel_mass_mg", "engine_speed_rpm", "maf_kg_h"), "o2", "predicts lambda_measured"),
     ],
 )
@@ -257,6 +266,49 @@ def test_inputs_that_make_no_chain_are_refused(
 ) -> None:
     with pytest.raises(UsageError, match=message):
         fit_greybox(drives, tmp_path / "m.onnx", inputs=inputs, output=output)
+
+
+def test_with_its_own_charge_the_chain_follows_twice_as_well(
+    result: GreyboxResult, dense: GreyboxResult
+) -> None:
+    # GIVEN an ECU whose air per stroke follows its air meter slowly
+    by_air, by_density = (r.card.fit["test_enabled"] for r in (result, dense))
+    # THEN manifold pressure and temperature tell the mixture better
+    assert by_density["rmse_model_units"] < 0.55 * by_air["rmse_model_units"]
+    assert by_density["correlation"] > 0.95
+    assert dense.fitted.constants.gain == pytest.approx(1.0, abs=1e-3)
+    assert dense.fitted.constants.span == pytest.approx(
+        vehicle.piece(VEHICLE).sensor_gain, abs=0.02
+    )
+    assert dense.card.checks["parity"]["onnx_numpy"] < 1e-5
+    again = Greybox.of(Model.load(dense.path).card)
+    assert build(again) == build(dense.greybox)
+    assert again.charge_map is not None
+
+
+def test_a_charge_map_is_found_from_the_reading_alone() -> None:
+    # GIVEN a chain whose efficiency falls with speed and rises with pressure
+    n, rng = 8000, np.random.default_rng(11)
+    hold = np.searchsorted(np.cumsum(rng.integers(5, 25, n)), np.arange(n), side="right")
+    signals = {
+        "manifold_pressure_kpa": rng.uniform(20.0, 150.0, n)[hold],
+        "manifold_temperature_degc": rng.uniform(10.0, 60.0, n)[hold],
+        "engine_speed_rpm": rng.uniform(800.0, 4000.0, n)[hold],
+    }
+    speeds, pressures = np.linspace(700.0, 4100.0, 4), np.linspace(15.0, 160.0, 4)
+    true = ChargeMap(speeds, pressures, 1.2 + 0.05 * np.arange(4)[:, None] - 0.03 * np.arange(4))
+    air = true.air_mass_mg(signals)
+    signals["fuel_mass_mg"] = air / 14.7 * (1.0 + 0.03 * rng.choice([-1.0, 1.0], n))[hold]
+    constants = TRUE._replace(gain=1.0)
+    phi = simulate(base_path(constants, signals | {"air_mass_mg": air}), PERIOD_S)
+    phi += 0.002 * rng.standard_normal(n)
+    # WHEN map and constants are fitted
+    fitted, found = fit_with_charge(signals, phi, np.arange(n) >= 50, PERIOD_S)
+    # THEN both are right
+    off = np.abs(found.air_mass_mg(signals) / air - 1.0)
+    assert np.median(off) < 0.001
+    assert np.quantile(off, 0.99) < 0.01  # corners are hardly driven
+    assert np.abs(np.array(fitted.constants) - constants).max() < 0.02
 
 
 def _film(
@@ -301,7 +353,7 @@ def test_effects_in_the_graph_are_the_path_s(result: GreyboxResult, tmp_path: Pa
     u = wild_inputs(1, 800)[0]
     u[:, 0] = u[:, 1] / 14.7 * np.random.default_rng(5).uniform(0.9, 1.1, 800)
     # WHEN the same is done to the arrays
-    signals = greybox.clipped(u)
+    signals = greybox.signals(u)
     base = base_path(greybox.constants, signals)
     film = lfilter([0.1], [1.0, -0.8], signals["fuel_mass_mg"])
     given = 0.2 * np.r_[0.0, film[:-1]]

@@ -29,6 +29,7 @@ from training.chain import (
     Constants,
 )
 from training.export import Graph, finished
+from training.greybox_charge import KELVIN, MG_K_PER_KPA, TEMPERATURE_LEAST_K, ChargeMap
 
 FORGOTTEN = 12.0  # time constants after which a lag's start no longer matters
 
@@ -75,6 +76,7 @@ class Greybox:
     u_high: FloatArray
     period_s: float
     register: int  # samples of phi at the valve that the state remembers
+    charge_map: ChargeMap | None = None  # without, the charge is an input
     effects: tuple[GraphEffect, ...] = ()
 
     @classmethod
@@ -90,16 +92,21 @@ class Greybox:
             constants = Constants(**{n: c["value"] for n, c in given["constants"].items()})
             low, high = (np.array(given[name]) for name in ("inputs_low", "inputs_high"))
             register = int(given["register_samples"])
+            own = given["charge_map"]
+            charge_map = None if own is None else ChargeMap.from_card(own)
         except (KeyError, TypeError) as error:
             raise ModelError(
                 f"the card of a greybox lacks part of its structure: {error}"
             ) from None
-        return cls(constants, card.input_names, low, high, card.period_ns / 1e9, register)
+        return cls(
+            constants, card.input_names, low, high, card.period_ns / 1e9, register, charge_map
+        )
 
     def structure(self) -> dict[str, Any]:
         """Return what the card's structure needs beside the constants."""
         return {
             "register_samples": self.register,
+            "charge_map": None if self.charge_map is None else self.charge_map.to_card(),
             "inputs_low": self.u_low.tolist(),
             "inputs_high": self.u_high.tolist(),
         }
@@ -115,10 +122,16 @@ class Greybox:
         lags_s = self.constants.mixing_s + self.constants.sensor_s
         return self.register + math.ceil(FORGOTTEN * lags_s / self.period_s)
 
-    def clipped(self, u: FloatArray) -> dict[str, FloatArray]:
-        """Return the signals (n,) of ``u`` (n, n_inputs) as the graph sees them."""
+    def signals(self, u: FloatArray) -> dict[str, FloatArray]:
+        """Return the signals (n,) of ``u`` (n, n_inputs) as the graph sees them, with the charge.
+
+        The inputs are clipped; a charge map makes ``air_mass_mg``, whatever was measured.
+        """
         limited = np.clip(u, self.u_low, self.u_high)
-        return {name: limited[:, i] for i, name in enumerate(self.inputs)}
+        signals = {name: limited[:, i] for i, name in enumerate(self.inputs)}
+        if self.charge_map is not None:
+            signals["air_mass_mg"] = self.charge_map.air_mass_mg(signals)
+        return signals
 
 
 def register_for(longest_s: float, period_s: float) -> int:
@@ -140,6 +153,8 @@ def build(greybox: Greybox) -> ModelProto:
         name: graph.take("u_clipped", i, i + 1, f"signal_{name}")
         for i, name in enumerate(greybox.inputs)
     }
+    if greybox.charge_map is not None:
+        signals["air_mass_mg"] = _charge(graph, greybox.charge_map, signals)
     nodes, at, kept = base_nodes(graph, greybox.constants, signals), 4 + register, []
     for effect in greybox.effects:
         states = [graph.take("state", at + i, at + i + 1, f"{effect.name}_state{i}")
@@ -212,6 +227,49 @@ def with_fields(nodes: Nodes, **changed: str) -> Nodes:
     'film'
     """
     return replace(nodes, **changed)
+
+
+def _charge(graph: Graph, charge_map: ChargeMap, signals: Mapping[str, str]) -> str:
+    """Add ``ChargeMap.air_mass_mg``; no sum has more than two terms that are not zero."""
+    by_speed = _hats(graph, signals["engine_speed_rpm"], charge_map.speeds_rpm, "speed")
+    pressure = signals["manifold_pressure_kpa"]
+    by_pressure = _hats(graph, pressure, charge_map.pressures_kpa, "pressure")
+    middle = graph.constant("charge_middle", [1], np.int64)
+    last = graph.constant("charge_last", [2], np.int64)
+    wide = graph.add("Unsqueeze", [by_pressure, middle], "pressure_wide")  # (batch, 1, b)
+    map_values = graph.constant("inverse_efficiency", charge_map.inverse_efficiency[None])
+    shares = graph.add("Mul", [wide, map_values], "charge_shares")  # (batch, a, b)
+    rows = graph.add("ReduceSum", [shares, last], "charge_rows", keepdims=0)
+    parts = graph.add("Mul", [rows, by_speed], "charge_parts")
+    inverse = graph.add("ReduceSum", [parts, middle], "charge_inverse", keepdims=1)
+    zero = graph.constant("kelvin", KELVIN)
+    kelvin = graph.add("Add", [signals["manifold_temperature_degc"], zero], "charge_kelvin")
+    least = graph.constant("kelvin_least", TEMPERATURE_LEAST_K)
+    warm = graph.add("Max", [kelvin, least], "charge_warm")
+    scale = graph.constant("mg_k_per_kpa", MG_K_PER_KPA)
+    dense = graph.add("Div", [graph.add("Mul", [pressure, scale], "charge_hot"), warm], "dense_mg")
+    return graph.add("Div", [dense, inverse], "charge_mg")
+
+
+def _hats(graph: Graph, x: str, knots: FloatArray, name: str) -> str:
+    """Add the shares (batch, k) of the knots at ``x``: the lower of two ramps, within 0 .. 1."""
+    inside = graph.add(
+        "Min",
+        [graph.add("Max", [x, graph.constant(f"{name}_first", knots[0])], f"{name}_raised"),
+         graph.constant(f"{name}_last", knots[-1])],
+        f"{name}_inside",
+    )  # fmt: skip
+    one, zero = graph.constant(f"{name}_one", 1.0), graph.constant(f"{name}_zero", 0.0)
+    at = graph.constant(f"{name}_knots", knots[None])
+    away = graph.add("Sub", [inside, at], f"{name}_away")
+    gaps = np.diff(knots)
+    below, above = np.append(gaps[:1], gaps), np.append(gaps, gaps[-1:])
+    up = graph.add("Div", [away, graph.constant(f"{name}_below", below[None])], f"{name}_up")
+    down = graph.add("Div", [away, graph.constant(f"{name}_above", above[None])], f"{name}_down")
+    rising = graph.add("Add", [up, one], f"{name}_rising")
+    falling = graph.add("Sub", [one, down], f"{name}_falling")
+    return graph.add("Max", [graph.add("Min", [rising, falling], f"{name}_hat"), zero],
+                     f"{name}_shares")  # fmt: skip
 
 
 def _valve(graph: Graph, nodes: Nodes) -> str:

@@ -25,6 +25,8 @@ from training.chain import (
 )
 from training.fit import HeldOut, held_out, measures, recordings_of
 from training.greybox import Fitted, described, fit_constants, reference
+from training.greybox_charge import INPUTS as CHARGE_INPUTS
+from training.greybox_charge import ChargeMap, fit_with_charge
 from training.greybox_graph import Greybox, register_for, save
 from training.prepare import MARGIN, Prepared, Role, prepare
 from training.stability import CONTRACTION_LIMIT, CONTRACTION_SAMPLES, Contraction
@@ -70,7 +72,8 @@ def fit_greybox(
 ) -> GreyboxResult:
     """Fit the chain's constants to ``recordings`` and write the model file ``out``.
 
-    inputs : default those of the chain; more are for effects to be added
+    inputs : default those of the chain; with manifold pressure and temperature but without the
+        air per stroke the chain makes its own charge; more are for effects to be added
     validate : recordings that are not fitted; without, blocks held out of all of them
     Raises RecordingError or UsageError if the recordings or names cannot be used, ModelError if
     ONNX and numpy disagree.
@@ -83,17 +86,25 @@ def fit_greybox(
     data = prepare(everything, inputs, output, seed=seed, validate=judges)
     limits = _input_limits(data)
     signals = _signals(data, limits)
-    fitted = fit_constants(
-        signals, _phi(data), scored_rows(data, signals) & (data.role == Role.TRAIN), _period_s(data)
-    )
-    predicted = _free_run(data, signals, fitted.constants)
-    greybox = _greybox(data, limits, fitted.constants)
+    scored = scored_rows(data, signals) & (data.role == Role.TRAIN)
+    charge_map = None
+    if has_own_charge(inputs):
+        fitted, charge_map = fit_with_charge(signals, _phi(data), scored, _period_s(data))
+    else:
+        fitted = fit_constants(signals, _phi(data), scored, _period_s(data))
+    greybox = _greybox(data, limits, fitted.constants, charge_map)
+    predicted = _free_run(data, greybox)
     card = write_model(out, greybox, fitted, data, predicted, seed)
     warnings = (*data.warnings, *_warnings(fitted, card))
     return GreyboxResult(
         Path(out), card, greybox, fitted, data, predicted, held_out(data),
         time.monotonic() - began, warnings,
     )  # fmt: skip
+
+
+def has_own_charge(inputs: Sequence[str]) -> bool:
+    """Return whether the chain makes its own charge: no air per stroke, but density."""
+    return "air_mass_mg" not in inputs and set(CHARGE_INPUTS) <= set(inputs)
 
 
 def scored_rows(data: Prepared, signals: Mapping[str, FloatArray]) -> BoolArray:
@@ -149,10 +160,12 @@ def contraction(path: Path | str, data: Prepared, seed: int, pairs: int = PAIRS)
 
 def _check_names(inputs: Sequence[str], output: str) -> None:
     missing = {"fuel_mass_mg", "engine_speed_rpm"} - set(inputs)
-    if missing or not {"air_mass_mg", "maf_kg_h"} & set(inputs):
+    charge = {"air_mass_mg", "maf_kg_h"} & set(inputs) or has_own_charge(inputs)
+    if missing or not charge:
         raise UsageError(
             f"inputs {' '.join(inputs)}: a grey-box model needs fuel_mass_mg, engine_speed_rpm "
-            "and air_mass_mg or maf_kg_h"
+            "and for its charge air_mass_mg, manifold_pressure_kpa and manifold_temperature_degc, "
+            "or maf_kg_h"
         )
     if output != OUTPUT:
         raise UsageError(f"output {output}: a grey-box model predicts {OUTPUT} alone")
@@ -194,33 +207,33 @@ def _signals(data: Prepared, limits: tuple[FloatArray, FloatArray]) -> dict[str,
     return {name: u[:, i] for i, name in enumerate(data.names)}
 
 
-def _free_run(
-    data: Prepared, signals: Mapping[str, FloatArray], constants: Constants
-) -> FloatArray:
+def _free_run(data: Prepared, greybox: Greybox) -> FloatArray:
     """Return the prediction (n,) in phi, NaN at the beginning of every stretch."""
     predicted = np.full(len(data.role), np.nan)
-    washout = round(WASHOUT_S / _period_s(data))
+    washout = round(WASHOUT_S / greybox.period_s)
+    u = _physical(data)
     for s in data.segments:
-        own = {name: x[s.start : s.stop] for name, x in signals.items()}
-        run = simulate(base_path(constants, own), _period_s(data))
+        signals = greybox.signals(u[s.start : s.stop])
+        run = simulate(base_path(greybox.constants, signals), greybox.period_s)
         predicted[s.start + washout : s.stop] = run[washout:]
     return predicted
 
 
 def _greybox(
-    data: Prepared, limits: tuple[FloatArray, FloatArray], constants: Constants
-) -> Greybox:
+    data: Prepared, limits: tuple[FloatArray, FloatArray], constants: Constants,
+    charge_map: ChargeMap | None,
+) -> Greybox:  # fmt: skip
     slowest_rpm = max(limits[0][data.names.index("engine_speed_rpm")], SPEED_LEAST_RPM)
     longest_s = constants.dead_time_s + constants.dead_time_revolutions * 60.0 / slowest_rpm
     register = register_for(longest_s, _period_s(data))
-    return Greybox(constants, data.names, *limits, _period_s(data), register)
+    return Greybox(constants, data.names, *limits, _period_s(data), register, charge_map)
 
 
 def _parity(path: Path | str, greybox: Greybox, data: Prepared) -> tuple[int, float]:
     """Return the samples compared and the largest difference of ONNX from numpy, in phi."""
     segment = max(data.segments, key=lambda s: s.stop - s.start)
     u = _physical(data)[segment.start : min(segment.stop, segment.start + PARITY_SAMPLES)]
-    expected = simulate(base_path(greybox.constants, greybox.clipped(u)), greybox.period_s)
+    expected = simulate(base_path(greybox.constants, greybox.signals(u)), greybox.period_s)
     model = Model.load(path)
     model.reset(u[0])
     graph = np.empty(len(u))
