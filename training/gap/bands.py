@@ -7,14 +7,15 @@ from typing import Final
 import numpy as np
 from scipy import stats
 
-from monitor.types import FloatArray
+from monitor.types import FloatArray, IntArray
 from training.gap.bootstrap import Share, draw_counts, share_of
 from training.gap.compared import Compared
 from training.gap.drivers import WORDS
 from training.gap.segments import Segments, input_names, transform
-from training.gap.surrogates import p_of_largest, slope
+from training.gap.surrogates import Sums, p_of_largest, slope
 
 ALPHA: Final = 0.01  # false bands per localisation, all bands and inputs together
+LEAST_COHERENCE: Final = 0.05  # less explains nothing worth a sentence
 EDGE: Final = 2.0  # a band is an octave
 INDEPENDENT: Final = 0.5  # of the half overlapping segments
 
@@ -34,7 +35,12 @@ class Band:
     @property
     def significant(self) -> bool:
         """Return whether the band's power or its relation to an input is beyond chance."""
-        return min(self.p_level, self.p_coherence) < ALPHA
+        return self.p_level < ALPHA or self.coherent
+
+    @property
+    def coherent(self) -> bool:
+        """Return whether the band moves with an input, beyond chance and worth a sentence."""
+        return self.p_coherence < ALPHA and self.coherence >= LEAST_COHERENCE
 
     @property
     def sentence(self) -> str:
@@ -42,7 +48,7 @@ class Band:
         text = (
             f"{self.share} of the excess lies between {self.low_hz:.2g} and {self.high_hz:.2g} Hz"
         )
-        if self.p_coherence < ALPHA:
+        if self.coherent:
             words = WORDS.get(self.coherent_with, self.coherent_with)
             return f"{text}; it moves with the {words} (coherence {self.coherence:.2f})."
         return f"{text}; it moves with no input there."
@@ -109,7 +115,7 @@ def find_bands(
     )  # fmt: skip
 
 
-def _octaves(frequency_hz: FloatArray) -> list["np.ndarray[tuple[int], np.dtype[np.int64]]"]:
+def _octaves(frequency_hz: FloatArray) -> list[IntArray]:
     number = np.floor(np.log2(frequency_hz / frequency_hz[-1]) / np.log2(EDGE) - 1e-9)
     return [np.flatnonzero(number == k) for k in np.unique(number) if (number == k).sum() >= 2]
 
@@ -117,13 +123,13 @@ def _octaves(frequency_hz: FloatArray) -> list["np.ndarray[tuple[int], np.dtype[
 def _coherence(
     new: Segments,
     known: Segments | None,
-    bins: Sequence["np.ndarray[tuple[int], np.dtype[np.int64]]"],
+    bins: Sequence[IntArray],
     rng: np.random.Generator,
 ) -> tuple[FloatArray, FloatArray]:
     """Return (b, k) the share of the residual's power in each band that each input explains."""
-    products, squares = _products(new)
-    found = slope(products, squares, None if known is None else _products(known), rng)
-    weight = squares.sum(axis=0)  # (f, k)
+    own = _sums(new)
+    found = slope(own, None if known is None else _sums(known), rng)
+    weight = own.squares.sum(axis=0)  # (f, k)
     power = new.power.sum(axis=0)
     value = np.empty((len(bins), len(new.names)))
     chance = np.empty((len(found.chance), *value.shape))
@@ -136,17 +142,16 @@ def _coherence(
     return np.minimum(value, 1.0), p_of_largest(value, chance)[0]
 
 
-def _products(
-    s: Segments,
-) -> tuple["np.ndarray[tuple[int, ...], np.dtype[np.complex128]]", FloatArray]:
-    return s.residual[:, :, np.newaxis] * s.inputs.conj(), np.abs(s.inputs) ** 2 + 1e-300
+def _sums(s: Segments) -> Sums:
+    products = s.residual[:, :, np.newaxis] * s.inputs.conj()
+    return Sums(products, np.abs(s.inputs) ** 2 + 1e-300, s.recording)
 
 
 def _shares(
     new: Segments,
     known: Segments | None,
     reference: FloatArray,
-    bins: Sequence["np.ndarray[tuple[int], np.dtype[np.int64]]"],
+    bins: Sequence[IntArray],
     rng: np.random.Generator,
 ) -> list[Share]:
     n = len(new.residual)
@@ -164,13 +169,29 @@ def _shares(
     ]
 
 
-def _level(
-    new: Segments, known: Segments | None, b: "np.ndarray[tuple[int], np.dtype[np.int64]]"
-) -> float:
+def _level(new: Segments, known: Segments | None, b: IntArray) -> float:
     """Return the p-value that segments have no more power than healthy ones, on logarithms."""
     if known is None:
         return 1.0
     own, other = (np.log(s.power[:, b].sum(axis=1) + 1e-300) for s in (new, known))
     n, m = (max(INDEPENDENT * len(x), 2.0) for x in (own, other))
-    spread = float(np.sqrt(own.var(ddof=1) / n + other.var(ddof=1) / m))
-    return float(stats.t.sf((own.mean() - other.mean()) / max(spread, 1e-300), n + m - 2.0))
+    within = float(own.var(ddof=1) / n + other.var(ddof=1) / m)
+    between, freedom = _between(((own, new.recording), (other, known.recording)))
+    if freedom == 0:
+        freedom = round(n + m) - 2
+    t = float(own.mean() - other.mean()) / max(float(np.sqrt(within + between)), 1e-300)
+    return float(stats.t.sf(t, freedom))
+
+
+def _between(sides: Sequence[tuple[FloatArray, IntArray]]) -> tuple[float, int]:
+    """Return the variance that differences between recordings give the difference of the means.
+
+    And its degrees of freedom, 0 if no side has two recordings.
+    """
+    squares, freedom, inverse = 0.0, 0, 0.0
+    for values, recording in sides:
+        means = np.array([values[recording == r].mean() for r in np.unique(recording)])
+        squares += float(((means - means.mean()) ** 2).sum())
+        freedom += len(means) - 1
+        inverse += 1.0 / len(means)
+    return (squares / freedom * inverse, freedom) if freedom else (0.0, 0)

@@ -33,6 +33,7 @@ WORDS: Final[Mapping[str, str]] = {
     "battery_voltage_v": "battery voltage",
     "purge_duty_percent": "purge duty",
     "lambda_controller": "lambda controller",
+    "lambda_target": "lambda target",
     "inverse_flow_h_kg": "1 / air flow",
     "load_times_speed": "load × engine speed",
     "after_fuel_cut_s": "time since fuel cut",

@@ -13,14 +13,15 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
 
-from monitor.types import FloatArray
+from monitor.types import FloatArray, IntArray
 from training.gap.compared import BLOCK_S, Compared
 from training.gap.drivers import WORDS
 from training.gap.drives import hold
 from training.gap.segments import input_names
-from training.gap.surrogates import Products, p_of_largest, slope
+from training.gap.surrogates import Sums, p_of_largest, slope
 
 ALPHA: Final = 0.01  # false lags per localisation, all lags and inputs together
+LEAST_CORRELATION: Final = 0.1  # 1 % of the whitened squares; less is nobody's gap
 ORDER: Final = 8
 LONGEST_S: Final = 3.0
 # The controller answers the residual at once; only later lags can be an answer to it.
@@ -41,8 +42,8 @@ class Lag:
 
     @property
     def significant(self) -> bool:
-        """Return whether the answer is beyond chance."""
-        return self.p_value < ALPHA
+        """Return whether the answer is beyond chance and worth a sentence."""
+        return self.p_value < ALPHA and abs(self.correlation) >= LEAST_CORRELATION
 
     @property
     def sentence(self) -> str:
@@ -65,19 +66,21 @@ def find_lags(
     period_s = recordings[0].period_s
     lags = np.arange(round(LONGEST_S / period_s) + 1)
     filters = _filters(recordings, names)
-    products, squares, residual = _products(recordings, names, lags, filters)
-    known = _products(healthy, names, lags, filters)[:2] if healthy else None
-    found = slope(products, squares, known, rng)
-    scale = np.sqrt(squares.sum(axis=0) / residual)  # per unit of input → correlation
+    own, residual = _sums(recordings, names, lags, filters)
+    known = _sums(healthy, names, lags, filters)[0] if healthy else None
+    found = slope(own, known, rng)
+    scale = np.sqrt(own.squares.sum(axis=0) / residual)  # per unit of input → correlation
     value, chance = found.value * scale, found.chance * scale
     size, chance_size = np.abs(value), np.abs(chance)
     barred = (lags[:, np.newaxis] == 0) & np.array([n in IN_THE_LOOP for n in names])
     size, chance_size = np.where(barred, 0.0, size), np.where(barred, 0.0, chance_size)
     p, limit = p_of_largest(size, chance_size)
-    band = chance_size.mean(axis=0) + limit * chance_size.std(axis=0)
+    band = chance_size.mean(axis=0) + limit * chance_size.std(axis=0) + 1e-12
     result = []
     for k, name in enumerate(names):
-        top = int(np.argmax(size[:, k] / np.maximum(band[:, k], 1e-12)))
+        clear = p[:, k] < ALPHA
+        rank = np.where(clear, size[:, k], 0.0) if clear.any() else size[:, k] / band[:, k]
+        top = int(np.argmax(rank))
         result.append(
             Lag(name, float(lags[top] * period_s), float(value[top, k]), float(p[top, k]),
                 np.asarray(lags * period_s, dtype=np.float64), value[:, k], band[:, k])
@@ -109,15 +112,15 @@ def _whitening(series: Sequence[FloatArray]) -> FloatArray:
     return np.concatenate([[1.0], -solve_toeplitz(covariance[:-1], covariance[1:])])
 
 
-def _products(
+def _sums(
     recordings: Sequence[Compared],
     names: Sequence[str],
-    lags: "np.ndarray[tuple[int], np.dtype[np.int64]]",
+    lags: IntArray,
     filters: Sequence[FloatArray],
-) -> tuple[Products, FloatArray, float]:
-    """Return products and squares (b, l, k) of whitened signals over blocks, and the residual's."""
-    products, squares, power = [], [], 0.0
-    for r in recordings:
+) -> tuple[Sums, float]:
+    """Return sums (b, l, k) of whitened signals over blocks, and the residual's sum of squares."""
+    products, squares, number, power = [], [], [], 0.0
+    for i, r in enumerate(recordings):
         n = len(r.residual)
         mean = float(r.residual.sum()) / max(int(r.scored.sum()), 1)
         white = lfilter(filters[0], [1.0], np.where(r.scored, r.residual - mean, 0.0))
@@ -135,4 +138,6 @@ def _products(
             both.append((product, np.add.reduceat(late**2 * rows[:, np.newaxis], starts, axis=0)))
         products.append(np.stack([product for product, _ in both], axis=2))
         squares.append(np.stack([square for _, square in both], axis=2))
-    return np.concatenate(products), np.concatenate(squares) + 1e-300, max(power, 1e-300)
+        number.append(np.full(len(starts), i))
+    sums = Sums(np.concatenate(products), np.concatenate(squares) + 1e-300, np.concatenate(number))
+    return sums, max(power, 1e-300)

@@ -150,7 +150,7 @@ def _bands(found: Bands | None) -> str:
             f"{b.low_hz:.2g} to {b.high_hz:.2g} Hz",
             str(b.share),
             p_text(b.p_level),
-            label(b.coherent_with) if b.p_coherence < 0.01 else "none",
+            label(b.coherent_with) if b.coherent else "none",
             f"{b.coherence:.2f}",
             p_text(b.p_coherence),
         )

@@ -26,6 +26,7 @@ from training.gap.compared import gather
 from training.gap.splines import Basis, held_out, normal
 
 ALPHA: Final = 0.01  # false regimes per localisation, all candidates together
+LEAST_SHARE: Final = 0.03  # of the excess; a driver of less is not where the gap is
 CURVES: Final = 4  # of the best regimes are drawn
 SEPARATED: Final = 0.95  # of the draws that the better one of two must win
 NEAR: Final = 0.03  # of the better one's gain: what is nearer than that is as good
@@ -48,8 +49,8 @@ class Regime:
 
     @property
     def significant(self) -> bool:
-        """Return whether the dependence is beyond chance."""
-        return self.p_value < ALPHA
+        """Return whether the dependence is beyond chance and worth a sentence."""
+        return self.p_value < ALPHA and self.share.value >= LEAST_SHARE
 
     @property
     def separated(self) -> bool:

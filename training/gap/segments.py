@@ -11,7 +11,7 @@ import numpy as np
 from scipy.signal import detrend
 from scipy.signal.windows import hann
 
-from monitor.types import FloatArray
+from monitor.types import FloatArray, IntArray
 from training.gap.compared import Compared
 from training.gap.drivers import NO_DRIVERS
 from training.gap.drives import hold
@@ -29,6 +29,7 @@ class Segments:
     residual: "np.ndarray[tuple[int, int], np.dtype[np.complex128]]"  # (s, f)
     inputs: "np.ndarray[tuple[int, int, int], np.dtype[np.complex128]]"  # (s, f, k)
     names: tuple[str, ...]
+    recording: IntArray  # (s,)
 
     @property
     def power(self) -> FloatArray:
@@ -58,8 +59,8 @@ def transform(recordings: Sequence[Compared], names: Sequence[str]) -> Segments 
     length = 2 ** max(round(np.log2(SEGMENT_S / period_s)), 4)
     window = hann(length, sym=False)
     scale = np.sqrt(2.0 / (float((window**2).sum()) * length))
-    residual, inputs = [], []
-    for r in recordings:
+    residual, inputs, number = [], [], []
+    for i, r in enumerate(recordings):
         scored = r.scored.astype(float)
         mean = float(r.residual.sum()) / max(float(scored.sum()), 1.0)
         columns = [(r.residual - mean) * scored, *(hold(r.signals[n]) for n in names)]
@@ -71,7 +72,8 @@ def transform(recordings: Sequence[Compared], names: Sequence[str]) -> Segments 
             spectrum = scale * np.fft.rfft(cut * window[:, np.newaxis], axis=0)
             residual.append(spectrum[1:, 0])
             inputs.append(spectrum[1:, 1:])
+            number.append(i)
     if len(residual) < LEAST_SEGMENTS:
         return None
     frequency = np.asarray(np.fft.rfftfreq(length, period_s)[1:], dtype=np.float64)
-    return Segments(frequency, np.array(residual), np.array(inputs), tuple(names))
+    return Segments(frequency, np.array(residual), np.array(inputs), tuple(names), np.array(number))

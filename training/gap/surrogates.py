@@ -3,7 +3,8 @@
 If residual and input have nothing to do with each other, the sum of their products over a block of
 time is as often positive as negative. So the same statistic with a random sign for each block shows
 what chance gives, whatever the spectra and however unsteady the drive. Beside healthy recordings
-the question is whether the relation has changed; then what both have in common is taken away first.
+the question is whether the relation has changed; then what both have in common is taken away first,
+and how much it differs from one recording to the next of the same kind counts as chance, too.
 Source: Wu, Annals of Statistics 14 (1986), wild bootstrap.
 """
 
@@ -13,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.types import FloatArray
+from monitor.types import FloatArray, IntArray
 
 SURROGATES: Final = 999
 
@@ -28,24 +29,27 @@ class Slope:
     chance: Products  # (SURROGATES, …)
 
 
-def slope(
-    products: Products,
-    squares: FloatArray,
-    healthy: tuple[Products, FloatArray] | None,
-    rng: np.random.Generator,
-) -> Slope:
-    """Return the regression of the residual on each input, each input alone.
+@dataclass(frozen=True, slots=True)
+class Sums:
+    """Sums over blocks of time."""
 
-    products, squares : (b, …) residual times input and input squared, summed over each block
-    """
+    products: Products  # (b, …) residual times input
+    squares: FloatArray  # (b, …) input squared, above 0 in total
+    recording: IntArray  # (b,) each block's recording
+
+
+def slope(new: Sums, healthy: Sums | None, rng: np.random.Generator) -> Slope:
+    """Return the regression of the residual on each input, each input alone."""
+    own = new.squares.sum(axis=0)
     if healthy is None:
-        total = squares.sum(axis=0)
-        return Slope(products.sum(axis=0) / total, _flipped(products, rng) / total)
-    own, known = squares.sum(axis=0), healthy[1].sum(axis=0)
-    both = (products.sum(axis=0) + healthy[0].sum(axis=0)) / (own + known)
-    value = products.sum(axis=0) / own - healthy[0].sum(axis=0) / known
-    chance = _flipped(products - both * squares, rng) / own
-    chance = chance - _flipped(healthy[0] - both * healthy[1], rng) / known
+        return Slope(new.products.sum(axis=0) / own, _flipped(new.products, rng) / own)
+    known = healthy.squares.sum(axis=0)
+    both = (new.products.sum(axis=0) + healthy.products.sum(axis=0)) / (own + known)
+    value = new.products.sum(axis=0) / own - healthy.products.sum(axis=0) / known
+    chance = np.zeros((SURROGATES, *own.shape), dtype=new.products.dtype)
+    for side, total, sign in ((new, own, 1.0), (healthy, known, -1.0)):
+        chance += sign * _flipped(side.products - both * side.squares, rng) / total
+        chance += sign * _between(side, rng) / total
     return Slope(value, chance)
 
 
@@ -53,6 +57,18 @@ def _flipped(products: Products, rng: np.random.Generator) -> Products:
     signs = rng.choice([-1.0, 1.0], size=(SURROGATES, len(products)))
     flat = products.reshape(len(products), -1)
     return np.asarray((signs @ flat).reshape(SURROGATES, *products.shape[1:]))
+
+
+def _between(side: Sums, rng: np.random.Generator) -> Products:
+    """Return random sums of how far each recording lies from all of its side, 0 for one alone."""
+    own = side.products.sum(axis=0) / side.squares.sum(axis=0)
+    rest = side.products - own * side.squares
+    each = np.array([rest[side.recording == r].sum(axis=0) for r in np.unique(side.recording)])
+    n = len(each)
+    if n < 2:
+        return np.zeros((SURROGATES, *own.shape))
+    weights = rng.standard_normal((SURROGATES, n)) * np.sqrt(n / (n - 1.0))
+    return np.asarray((weights @ each.reshape(n, -1)).reshape(SURROGATES, *own.shape))
 
 
 def p_of_largest(value: FloatArray, chance: FloatArray) -> tuple[FloatArray, float]:
