@@ -70,7 +70,7 @@ def fitted_synthetic(seed: int) -> Fitted:
 
 def test_the_constants_of_a_chain_are_found_within_their_standard_errors() -> None:
     # GIVEN drives of a chain with known constants and a slow noise
-    fits = [fitted_synthetic(seed) for seed in range(12)]
+    fits = [fitted_synthetic(seed) for seed in range(10)]
     off = np.array([(np.array(f.constants) - TRUE) / f.standard_errors for f in fits])
     # THEN what was found lies about the truth as the standard errors say
     rms = np.sqrt(np.mean(off**2, axis=0))
@@ -117,6 +117,7 @@ def test_too_few_samples_are_an_error() -> None:
 
 
 def test_the_file_says_what_it_is(result: GreyboxResult) -> None:
+    assert not any("poorly" in w for w in result.warnings)
     card = Model.load(result.path).card
     assert card == result.card
     assert card.kind == "greybox"
@@ -238,18 +239,26 @@ def test_fuel_cut_reads_lean_even_if_no_recording_had_one(
     assert reading > 15.9
 
 
-def test_the_air_meter_serves_where_no_charge_is_broadcast(
-    drives: list[Recording], result: GreyboxResult, tmp_path: Path
-) -> None:
-    names = tuple(n for n in drives[1].names if n != "air_mass_mg")
-    columns = [drives[1].names.index(n) for n in names]
-    metered = replace(
-        drives[1], names=names, values=drives[1].values[:, columns],
-        quality=drives[1].quality[:, columns],
+def without(recording: Recording, *names: str) -> Recording:
+    kept = tuple(n for n in recording.names if n not in names)
+    columns = [recording.names.index(n) for n in kept]
+    return replace(
+        recording, names=kept, values=recording.values[:, columns],
+        quality=recording.quality[:, columns],
     )  # fmt: skip
+
+
+def test_where_no_charge_is_broadcast_density_serves_and_else_the_air_meter(
+    drives: list[Recording], tmp_path: Path
+) -> None:
+    assert greybox_inputs(drives) == ("fuel_mass_mg", "air_mass_mg", "engine_speed_rpm")
+    dense = without(drives[1], "air_mass_mg")
+    assert greybox_inputs([drives[0], dense]) == INPUTS
+    metered = without(dense, "manifold_pressure_kpa")
     assert greybox_inputs([metered]) == ("fuel_mass_mg", "maf_kg_h", "engine_speed_rpm")
+    # An air meter before the manifold tells the charge late: constants that mean little
     found = fit_greybox([metered], tmp_path / "m.onnx")
-    assert found.fitted.constants.gain == pytest.approx(result.fitted.constants.gain, abs=0.03)
+    assert any("follows the measurement poorly" in w for w in found.warnings)
     assert found.card.checks["parity"]["onnx_numpy"] < 1e-5
 
 

@@ -24,6 +24,8 @@ _FIT_EXAMPLES = """examples:
   o2train fit run_*.csv.gz --inputs speed_z load_z ignition_angle_z fuel_cutoff_z \\
       --output lambda_z --out lambda.onnx
   o2train fit drive*.log --kind greybox --out chain.onnx
+  o2train fit drive*.log --kind greybox --out chain.onnx --inputs fuel_mass_mg \\
+      manifold_pressure_kpa manifold_temperature_degc engine_speed_rpm
 """
 _EVALUATE_EXAMPLES = """examples:
   o2train evaluate --model model.onnx drive4.log
@@ -40,7 +42,8 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         description="Train a NARX: choose its memory and size by free run on held-out blocks, "
         "train it series-parallel, then in closed loop over growing horizons, and keep what "
         "predicts held-out blocks best. --lags or --hidden give the shape instead, without a "
-        "linear path. --kind greybox fits the constants of the physical chain instead.",
+        "linear path. --kind greybox fits the constants of the physical chain instead; its charge "
+        "is the air per stroke, or with --inputs manifold pressure and temperature times a map.",
         epilog=_FIT_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

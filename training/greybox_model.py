@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 TOLERANCE = 1e-5  # phi, ONNX against numpy over a free run
 PARITY_SAMPLES = 3000
 PAIRS = 500  # of random states whose predictions must come together
+POOR_CORRELATION = 0.6  # below it constants are warned of
 WASHOUT_S = 5.0  # at the beginning of every stretch, not fitted
 
 
@@ -56,9 +57,15 @@ class GreyboxResult:
 
 
 def greybox_inputs(recordings: "Sequence[Recording]") -> tuple[str, ...]:
-    """Return the chain's inputs: the charge, or the air meter where a recording lacks it."""
-    charge = all("air_mass_mg" in recording.names for recording in recordings)
-    return ("fuel_mass_mg", "air_mass_mg" if charge else "maf_kg_h", "engine_speed_rpm")
+    """Return the inputs: with the charge, else with what tells it at once, else the air meter."""
+
+    def everywhere(names: Sequence[str]) -> bool:
+        return all(set(names) <= set(recording.names) for recording in recordings)
+
+    if not everywhere(["air_mass_mg"]) and everywhere(CHARGE_INPUTS):
+        return CHARGE_INPUTS
+    charge = "air_mass_mg" if everywhere(["air_mass_mg"]) else "maf_kg_h"
+    return ("fuel_mass_mg", charge, "engine_speed_rpm")
 
 
 def fit_greybox(
@@ -283,6 +290,12 @@ def _warnings(fitted: Fitted, card: ModelCard) -> list[str]:
         "the recordings do not hold it"
         for name in fitted.at_bound
     ]
+    found = card.fit["test_enabled"].get("correlation", 1.0)
+    if not found >= POOR_CORRELATION:
+        warnings.append(
+            f"the chain follows the measurement poorly (correlation {found:.2f} on held-out "
+            "enabled samples): its constants mean little"
+        )
     gap = card.checks["contraction"]
     if not gap["gap"] <= gap["limit"]:
         warnings.append(
