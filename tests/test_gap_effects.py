@@ -158,7 +158,7 @@ def test_warm_walls_scavenging_and_pulsation_act_where_their_physics_says() -> N
     before, blown, _ = _with("scavenging", 0.5, 3000.0)
     np.testing.assert_array_equal(blown.air_mg[throttled], before.air_mg[throttled])
     assert (blown.air_mg > before.air_mg).any()
-    before, pulsing, _ = _with("maf_pulsation", 0.5, 1500.0)
+    before, pulsing, _ = _with("maf_pulsation", 0.5, 1500.0, 0.1)
     assert (pulsing.air_mg <= before.air_mg).all()
     assert (pulsing.air_mg < before.air_mg).any()
 

@@ -35,6 +35,15 @@ class Drive:
     def __len__(self) -> int:
         return len(self.phi_measured)
 
+    @property
+    def kept(self) -> BoolArray:
+        """(n,): scored, as are the two samples before, which a whitened error needs."""
+        kept = self.scored.copy()
+        kept[:2] = False
+        kept[1:] &= self.scored[:-1]
+        kept[2:] &= self.scored[:-2]
+        return kept
+
 
 def from_recording(recording: Recording) -> Drive:
     """Return the drive of a recording.

@@ -10,6 +10,7 @@ from training.gap.effects.dynamics import lag, slope
 from training.gap.effects.effect import KELVIN, Effect, Parameter, Signals, ambient_kpa
 
 METER_FOLLOWED_S = 2.0  # the ECU's charge follows its air meter over a few seconds
+METER_MIN_KG_H = 4.0
 AIR_FACTOR_MIN, AIR_FACTOR_MAX = 0.5, 2.0
 
 
@@ -18,25 +19,38 @@ def _scaled(path: Path, factor: FloatArray) -> Path:
     return replace(path, air_mg=path.air_mg * np.clip(factor, AIR_FACTOR_MIN, AIR_FACTOR_MAX))
 
 
+def _taken_over(error_kg_h: FloatArray, signals: Signals, period_s: float) -> FloatArray:
+    """Return the relative error of the ECU's charge (n,) for an error of its air meter.
+
+    Filtered flows are compared, and what differs is learned with the same time constant.
+    """
+    maf = np.maximum(signals["maf_kg_h"], METER_MIN_KG_H)
+    wrong = lag(error_kg_h, METER_FOLLOWED_S, period_s) / lag(maf, METER_FOLLOWED_S, period_s)
+    return lag(wrong, METER_FOLLOWED_S, period_s)
+
+
 def _maf_offset(path: Path, p: FloatArray, signals: Signals, period_s: float) -> Path:
     """The air meter reads a constant flow too much, and the ECU's charge follows it.
 
     The constant is what the charge takes over; a charge that follows the meter in part only shows
     that part.
     """
-    maf = np.maximum(signals["maf_kg_h"], 4.0)
-    return _scaled(path, 1.0 - lag(p[0] / maf, METER_FOLLOWED_S, period_s))
+    offset = np.full(len(path), p[0])
+    return _scaled(path, 1.0 - _taken_over(offset, signals, period_s))
 
 
 def _maf_pulsation(path: Path, p: FloatArray, signals: Signals, period_s: float) -> Path:
     """Pulsation makes the air meter read too much at low speed and high load.
 
-    A bump over engine speed, growing with manifold pressure above 0.6 of ambient.
+    A bump over engine speed, growing with manifold pressure above 0.6 of ambient; the ECU's charge
+    follows up to a limit.
     """
-    magnitude, centre_rpm = p
+    magnitude, centre_rpm, limit = p
     bump = np.exp(-(((signals["engine_speed_rpm"] - centre_rpm) / 450.0) ** 2))
     load = np.maximum(signals["manifold_pressure_kpa"] / ambient_kpa(signals) - 0.6, 0.0)
-    return _scaled(path, 1.0 - lag(magnitude * bump * load, METER_FOLLOWED_S, period_s))
+    error_kg_h = magnitude * bump * load * np.maximum(signals["maf_kg_h"], METER_MIN_KG_H)
+    taken_over = _taken_over(error_kg_h, signals, period_s)
+    return _scaled(path, 1.0 - limit * np.tanh(taken_over / limit))
 
 
 def _scavenging(path: Path, p: FloatArray, signals: Signals, period_s: float) -> Path:
@@ -80,6 +94,7 @@ EFFECTS = (
         (
             Parameter("magnitude", "-", -1.0, 4.0, (0.2,)),
             Parameter("centre", "1/min", 800.0, 2500.0, (1200.0, 1800.0)),
+            Parameter("limit", "-", 0.02, 0.5, (0.1,)),
         ),
         _maf_pulsation,
         ("engine_speed_rpm", "manifold_pressure_kpa", "maf_kg_h"),
@@ -107,7 +122,7 @@ EFFECTS = (
     Effect(
         "manifold_filling",
         "the runner fills later than the manifold pressure says",
-        (Parameter("time", "s", -0.1, 0.3, (0.01,)),),
+        (Parameter("time", "s", -0.1, 0.3, (0.01,), least=0.013),),
         _manifold_filling,
         ("engine_speed_rpm",),
         "physics",

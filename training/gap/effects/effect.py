@@ -29,6 +29,7 @@ class Parameter:
     low: float
     high: float
     start: tuple[float, ...]  # fits begin from each of these
+    least: float = 0.0  # size below which it is not told from the bus's message phases
 
 
 @dataclass(frozen=True, slots=True)

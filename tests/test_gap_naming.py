@@ -1,0 +1,78 @@
+"""Naming on simulated vehicles: the plant's own effects, sensor faults, and nothing at all."""
+
+import pytest
+
+from monitor.errors import RecordingError
+from tests.gap_simulated import healthy, two_drives
+from training.chain import Constants
+from training.gap import drives
+from training.gap.naming import name
+
+
+def test_drives_like_the_healthy_ones_have_no_gap() -> None:
+    found = name(two_drives(2_200_120), healthy())
+    assert found.verdict == "no_gap"
+    assert found.effects == ()
+    assert found.rmse_after is None
+
+
+@pytest.mark.parametrize("effect", ["wall_film", "purge"])
+def test_a_hidden_effect_is_named_and_the_gap_shrinks(effect: str) -> None:
+    # GIVEN drives with an effect four times the noise, in the plant's form
+    # WHEN it is looked for
+    found = name(two_drives(2_200_140, (effect, 4.0)), healthy())
+    # THEN it is named, with constants and their uncertainty, and most of the gap is gone
+    assert (found.verdict, [e.name for e in found.effects]) == ("named", [effect])
+    best = found.effects[0]
+    assert all(error > 0.0 for error in best.standard_errors.values())
+    assert found.rmse_after is not None
+    gap = found.rmse_before**2 - found.noise_floor**2
+    assert found.rmse_after**2 - found.noise_floor**2 < 0.4 * gap
+    assert found.ranking[1].win is not None
+    assert found.ranking[1].win > 0.95
+
+
+def test_a_sensor_slow_from_the_start_is_suspected_and_nothing_is_added() -> None:
+    found = name(two_drives(2_200_180, fault=("slow_symmetric", 0.3)), healthy())
+    assert found.verdict == "sensor_fault_suspected"
+    assert found.effects == ()
+    assert found.rmse_after is None
+    assert found.base_shift is not None
+    lag_s = found.base_shift.mixing_s + found.base_shift.sensor_s
+    assert lag_s == pytest.approx(0.3, abs=0.1)
+
+
+def test_a_sensor_that_turns_late_within_the_drives_is_suspected() -> None:
+    late = two_drives(2_200_186, fault=("delay_rich_to_lean", 0.5), fault_start_s=300.0)
+    found = name(late, healthy())
+    assert found.verdict == "sensor_fault_suspected"
+    assert found.effects == ()
+
+
+def test_a_candidate_without_its_signals_is_skipped_and_said_so() -> None:
+    fed = [
+        drives.make(
+            d.name,
+            d.sha256,
+            d.period_s,
+            {k: v for k, v in d.signals.items() if k != "rail_pressure_mpa"},
+            1.0 / d.phi_measured.clip(0.07),
+        )
+        for d in two_drives(2_200_120)
+    ]
+    found = name(fed, healthy())
+    assert found.skipped == {"rail_exponent": ("rail_pressure_mpa",)}
+    assert "rail_exponent" not in [c.name for c in found.ranking]
+
+
+def test_no_healthy_recordings_means_a_warning_and_no_fault_of_the_sensor_in_the_ranking() -> None:
+    found = name(two_drives(2_200_120), None, None)
+    assert any("no healthy recordings" in text for text in found.warnings)
+    assert any("no reference" in text for text in found.warnings)
+    assert {c.kind for c in found.ranking} == {"effect"}
+    assert found.base_shift is None
+
+
+def test_no_drive_is_refused() -> None:
+    with pytest.raises(RecordingError, match="at least one"):
+        name([], None, Constants())

@@ -1,0 +1,61 @@
+"""The base on the drives before any effect: errors whitened, healthy behaviour taken out."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from training.chain import Constants
+from training.gap import healthy as healthy_drives
+from training.gap import scoring
+from training.gap.drives import Drive
+from training.gap.fitting import Case, Prior, fit
+from training.gap.healthy import Healthy, white
+from training.gap.ranking import State
+from training.gap.variation import Shrink, shrink
+
+# The reference holds: what varies from drive to drive is integrated out, and what shifted for good
+# is for the candidates to explain.
+SPREAD: Final = Constants(
+    gain=2e-5, dead_time_s=1e-4, dead_time_revolutions=1e-3, mixing_s=2e-4, sensor_s=2e-4, span=2e-4
+)
+# Constants from a card: of other drives, without what the base missed on them.
+SPREAD_CARD: Final = Constants(
+    gain=0.002,
+    dead_time_s=0.01,
+    dead_time_revolutions=0.1,
+    mixing_s=0.015,
+    sensor_s=0.015,
+    span=0.02,
+)
+FREE: Final = Constants(*(10.0 * value for value in (0.1, 0.1, 1.0, 0.1, 0.1, 0.1)))
+STARTS: Final = (
+    Constants(),
+    Constants(dead_time_s=0.05, dead_time_revolutions=0.5, mixing_s=0.03, sensor_s=0.05),
+    Constants(dead_time_s=0.35, dead_time_revolutions=3.0, mixing_s=0.1, sensor_s=0.3),
+)
+SIGMA_PHI: Final = 0.004  # of the first fit; the noise is worked out of it
+
+
+def begin(drives: Sequence[Drive], known: Healthy | None, base: Constants | None) -> State:
+    """Return the base fitted to the drives in whitened errors, and the ceiling."""
+    prior = None if base is None else Prior(base, SPREAD if known else SPREAD_CARD)
+    starts = STARTS if base is None else (base,)
+    nothing = tuple(np.zeros(len(d)) for d in drives)
+    corrections = tuple(known.correction(d) for d in drives) if known else nothing
+    case = Case(tuple(drives), corrections, healthy_drives.WHITE, SIGMA_PHI, prior)
+    current = fit(case, (), starts)
+    plain = scoring.plain_columns(case, current)
+    case = scoring.whitened(case, current, plain)
+    if known:
+        case = replace(case, shrinks=tuple(_shrink(case, known, d) for d in drives))
+    current = fit(case, (), [current, *starts])
+    return State(
+        case, current, scoring.ceiling(case, plain), scoring.deviance(current, case.blocks)
+    )
+
+
+def _shrink(case: Case, known: Healthy, drive: Drive) -> Shrink:
+    columns = white(known.columns(drive), case.ar)[drive.kept] / case.sigma
+    return shrink(columns, known.spread)
