@@ -18,8 +18,9 @@ from training.dyno.write import write
 from training.export import Graph
 from training.greybox import Fitted, fit_constants, reference
 from training.greybox_charge import INPUTS, ChargeMap, fit_with_charge
-from training.greybox_graph import GraphEffect, Greybox, Nodes, build, save, with_fields
+from training.greybox_graph import GraphEffect, Greybox, build, save
 from training.greybox_model import GreyboxResult, fit_greybox, greybox_inputs, write_model
+from training.greybox_nodes import Nodes, with_fields
 from training.recordings import Recording, load
 
 PERIOD_S = 0.1

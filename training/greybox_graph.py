@@ -8,7 +8,7 @@ runs give the same bits. Constants and names follow ``chain``; a change there is
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,35 +19,22 @@ from monitor.errors import ModelError
 from monitor.model import LAMBDA_MAX, PHI_MAX
 from monitor.model_card import METADATA_KEY, ModelCard, StateLayout
 from monitor.types import FloatArray
-from training.chain import (
-    AIR_LEAST_MG,
-    CYLINDERS,
-    PHI_VALVE_MOST,
-    SPEED_LEAST_RPM,
-    STOICHIOMETRIC,
-    TIME_LEAST_S,
-    Constants,
-)
+from training.chain import Constants
 from training.export import Graph, finished
-from training.greybox_charge import KELVIN, MG_K_PER_KPA, TEMPERATURE_LEAST_K, ChargeMap
+from training.greybox_charge import ChargeMap
+from training.greybox_nodes import (
+    Nodes,
+    base_nodes,
+    charge_nodes,
+    lag_nodes,
+    lag_weights,
+    late_nodes,
+    pumped_nodes,
+    sensor_weights,
+    valve_nodes,
+)
 
 FORGOTTEN = 12.0  # time constants after which a lag's start no longer matters
-
-
-@dataclass(frozen=True, slots=True)
-class Nodes:
-    """``chain.Path`` in the graph: the name of a (batch, 1) or scalar tensor for each field."""
-
-    fuel_mg: str
-    air_mg: str
-    factor: str
-    dead_time_s: str
-    mixing_s: str
-    sensor_rising_s: str
-    sensor_falling_s: str
-    gas_factor: str
-    gas_offset: str
-    span: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,7 +141,7 @@ def build(greybox: Greybox) -> ModelProto:
         for i, name in enumerate(greybox.inputs)
     }
     if greybox.charge_map is not None:
-        signals["air_mass_mg"] = _charge(graph, greybox.charge_map, signals)
+        signals["air_mass_mg"] = charge_nodes(graph, greybox.charge_map, signals)
     nodes, at, kept = base_nodes(graph, greybox.constants, signals), 4 + register, []
     for effect in greybox.effects:
         states = [graph.take("state", at + i, at + i + 1, f"{effect.name}_state{i}")
@@ -162,17 +149,17 @@ def build(greybox: Greybox) -> ModelProto:
         nodes, after = effect.add(graph, nodes, signals, states)
         kept += list(after)
         at += effect.n_states
-    valve = _valve(graph, nodes)
+    valve = valve_nodes(graph, nodes)
     places = {"read": 0, "late": 1 + register, "mixed": 2 + register, "pumped": 3 + register}
     old = {name: graph.take("state", i, i + 1, f"old_{name}") for name, i in places.items()}
     history = graph.add("Concat", [valve, graph.take("state", 1, 1 + register, "past")],
                         "history", axis=1)  # fmt: skip
-    late = _late(graph, history, nodes.dead_time_s, greybox)
-    weights = _lag_weights(graph, nodes.mixing_s, "mixing", greybox.period_s)
-    mixed = _lag(graph, old["mixed"], late, old["late"], weights, "mixed")
-    pumped = _pumped(graph, nodes, mixed)
-    weights = _sensor_weights(graph, nodes, pumped, old["read"], greybox.period_s)
-    read = _lag(graph, old["read"], pumped, old["pumped"], weights, "read")
+    late = late_nodes(graph, history, nodes.dead_time_s, register, greybox.period_s)
+    weights = lag_weights(graph, nodes.mixing_s, "mixing", greybox.period_s)
+    mixed = lag_nodes(graph, old["mixed"], late, old["late"], weights, "mixed")
+    pumped = pumped_nodes(graph, nodes, mixed)
+    weights = sensor_weights(graph, nodes, pumped, old["read"], greybox.period_s)
+    read = lag_nodes(graph, old["read"], pumped, old["pumped"], weights, "read")
     limits = [graph.constant("phi_low", 0.0), graph.constant("phi_high", PHI_MAX)]
     phi = graph.add("Clip", [read, *limits], "phi")
     least = graph.constant("phi_least", 1.0 / LAMBDA_MAX)
@@ -188,157 +175,3 @@ def save(path: Path | str, greybox: Greybox, card: ModelCard) -> None:
     helper.set_model_props(model, {METADATA_KEY: card.to_json()})
     Path(path).parent.mkdir(parents=True, exist_ok=True)
     Path(path).write_bytes(model.SerializeToString())
-
-
-def base_nodes(graph: Graph, constants: Constants, signals: Mapping[str, str]) -> Nodes:
-    """Add what ``chain.base_path`` computes; effects change what it returns."""
-    c = constants
-    rpm = graph.add(
-        "Max", [signals["engine_speed_rpm"], graph.constant("speed_least", SPEED_LEAST_RPM)], "rpm"
-    )
-    air = signals.get("air_mass_mg")
-    if air is None:
-        scale = graph.constant("charge_scale", 1e6 / 3600.0 * 120.0 / CYLINDERS)
-        scaled = graph.add("Mul", [signals["maf_kg_h"], scale], "air_per_time")
-        air = graph.add("Div", [scaled, rpm], "charge_mg")
-    turning = graph.constant("dead_time_revolutions", 60.0 * c.dead_time_revolutions)
-    moving = graph.add("Div", [turning, rpm], "dead_time_moving")
-    fixed = graph.constant("dead_time_fixed", c.dead_time_s)
-    sensor = graph.constant("sensor_s", [[c.sensor_s]])
-    return Nodes(
-        fuel_mg=signals["fuel_mass_mg"],
-        air_mg=air,
-        factor=graph.constant("gain", c.gain),
-        dead_time_s=graph.add("Add", [moving, fixed], "dead_time_s"),
-        mixing_s=graph.constant("mixing_s", [[c.mixing_s]]),
-        sensor_rising_s=sensor,
-        sensor_falling_s=sensor,
-        gas_factor=graph.constant("gas_factor", 1.0),
-        gas_offset=graph.constant("gas_offset", 0.0),
-        span=graph.constant("span", c.span),
-    )
-
-
-def with_fields(nodes: Nodes, **changed: str) -> Nodes:
-    """Return the nodes with some of them replaced; what an effect returns.
-
-    >>> nodes = Nodes(*("fuel air gain dead mix up down one zero span".split()))
-    >>> with_fields(nodes, fuel_mg="film").fuel_mg
-    'film'
-    """
-    return replace(nodes, **changed)
-
-
-def _charge(graph: Graph, charge_map: ChargeMap, signals: Mapping[str, str]) -> str:
-    """Add ``ChargeMap.air_mass_mg``; no sum has more than two terms that are not zero."""
-    by_speed = _hats(graph, signals["engine_speed_rpm"], charge_map.speeds_rpm, "speed")
-    pressure = signals["manifold_pressure_kpa"]
-    by_pressure = _hats(graph, pressure, charge_map.pressures_kpa, "pressure")
-    middle = graph.constant("charge_middle", [1], np.int64)
-    last = graph.constant("charge_last", [2], np.int64)
-    wide = graph.add("Unsqueeze", [by_pressure, middle], "pressure_wide")  # (batch, 1, b)
-    map_values = graph.constant("inverse_efficiency", charge_map.inverse_efficiency[None])
-    shares = graph.add("Mul", [wide, map_values], "charge_shares")  # (batch, a, b)
-    rows = graph.add("ReduceSum", [shares, last], "charge_rows", keepdims=0)
-    parts = graph.add("Mul", [rows, by_speed], "charge_parts")
-    inverse = graph.add("ReduceSum", [parts, middle], "charge_inverse", keepdims=1)
-    zero = graph.constant("kelvin", KELVIN)
-    kelvin = graph.add("Add", [signals["manifold_temperature_degc"], zero], "charge_kelvin")
-    least = graph.constant("kelvin_least", TEMPERATURE_LEAST_K)
-    warm = graph.add("Max", [kelvin, least], "charge_warm")
-    scale = graph.constant("mg_k_per_kpa", MG_K_PER_KPA)
-    dense = graph.add("Div", [graph.add("Mul", [pressure, scale], "charge_hot"), warm], "dense_mg")
-    return graph.add("Div", [dense, inverse], "charge_mg")
-
-
-def _hats(graph: Graph, x: str, knots: FloatArray, name: str) -> str:
-    """Add the shares (batch, k) of the knots at ``x``: the lower of two ramps, within 0 .. 1."""
-    inside = graph.add(
-        "Min",
-        [graph.add("Max", [x, graph.constant(f"{name}_first", knots[0])], f"{name}_raised"),
-         graph.constant(f"{name}_last", knots[-1])],
-        f"{name}_inside",
-    )  # fmt: skip
-    one, zero = graph.constant(f"{name}_one", 1.0), graph.constant(f"{name}_zero", 0.0)
-    at = graph.constant(f"{name}_knots", knots[None])
-    away = graph.add("Sub", [inside, at], f"{name}_away")
-    gaps = np.diff(knots)
-    below, above = np.append(gaps[:1], gaps), np.append(gaps, gaps[-1:])
-    up = graph.add("Div", [away, graph.constant(f"{name}_below", below[None])], f"{name}_up")
-    down = graph.add("Div", [away, graph.constant(f"{name}_above", above[None])], f"{name}_down")
-    rising = graph.add("Add", [up, one], f"{name}_rising")
-    falling = graph.add("Sub", [one, down], f"{name}_falling")
-    return graph.add("Max", [graph.add("Min", [rising, falling], f"{name}_hat"), zero],
-                     f"{name}_shares")  # fmt: skip
-
-
-def _valve(graph: Graph, nodes: Nodes) -> str:
-    air = graph.add("Max", [nodes.air_mg, graph.constant("air_least", AIR_LEAST_MG)], "air_safe")
-    ratio = graph.add("Div", [nodes.fuel_mg, air], "fuel_over_air")
-    scale = graph.constant("stoichiometric", STOICHIOMETRIC)
-    phi = graph.add("Mul", [graph.add("Mul", [ratio, scale], "phi_unscaled"), nodes.factor],
-                    "phi_free")  # fmt: skip
-    limits = [graph.constant("valve_low", 0.0), graph.constant("valve_high", PHI_VALVE_MOST)]
-    return graph.add("Clip", [phi, *limits], "phi_valve")
-
-
-def _late(graph: Graph, history: str, dead_time_s: str, greybox: Greybox) -> str:
-    """Add the value one dead time ago: hat weights over the register, linear between samples."""
-    period, most = greybox.period_s, float(greybox.register)
-    samples = graph.add("Mul", [dead_time_s, graph.constant("per_period", 1.0 / period)], "dead")
-    limits = [graph.constant("dead_low", 0.0), graph.constant("dead_high", most)]
-    dead = graph.add("Clip", [samples, *limits], "dead_samples")
-    places = graph.constant("places", np.arange(greybox.register + 1)[None])
-    away = graph.add("Abs", [graph.add("Sub", [places, dead], "from_place")], "away")
-    one, zero = graph.constant("one", 1.0), graph.constant("zero", 0.0)
-    hat = graph.add("Max", [graph.add("Sub", [one, away], "hat_free"), zero], "hat")
-    axis = graph.constant("late_axis", [1], np.int64)
-    return graph.add("ReduceSum", [graph.add("Mul", [history, hat], "shares"), axis], "late",
-                     keepdims=1)  # fmt: skip
-
-
-def _lag_weights(graph: Graph, time_s: str, name: str, period_s: float) -> tuple[str, str]:
-    """Add 1 - keep and the newest input's weight of a lag, as in ``chain``."""
-    scale = graph.constant(f"{name}_per_period", 1.0 / period_s)
-    least = graph.constant(f"{name}_least", TIME_LEAST_S)
-    one = graph.constant(f"{name}_one", 1.0)
-    scaled = graph.add("Mul", [time_s, scale], f"{name}_scaled")
-    time = graph.add("Max", [scaled, least], f"{name}_samples")
-    decay = graph.add("Neg", [graph.add("Reciprocal", [time], f"{name}_rate")], f"{name}_decay")
-    keep = graph.add("Exp", [decay], f"{name}_keep")
-    drop = graph.add("Sub", [one, keep], f"{name}_drop")
-    lost = graph.add("Mul", [time, drop], f"{name}_lost")
-    return drop, graph.add("Sub", [one, lost], f"{name}_newest")
-
-
-def _lag(graph: Graph, state: str, new: str, last: str, weights: tuple[str, str], name: str) -> str:
-    """Add state + drop · (last - state) + newest · (new - last): a steady input is met exactly."""
-    drop, newest = weights
-    behind = graph.add("Sub", [last, state], f"{name}_behind")
-    change = graph.add("Sub", [new, last], f"{name}_change")
-    parts = [graph.add("Mul", [drop, behind], f"{name}_caught"),
-             graph.add("Mul", [newest, change], f"{name}_led")]  # fmt: skip
-    step = graph.add("Add", parts, f"{name}_step")
-    return graph.add("Add", [state, step], f"{name}_next")
-
-
-def _pumped(graph: Graph, nodes: Nodes, mixed: str) -> str:
-    scaled = graph.add("Mul", [mixed, nodes.gas_factor], "gas_scaled")
-    gas = graph.add("Add", [scaled, nodes.gas_offset], "gas")
-    one = graph.constant("pumped_one", 1.0)
-    rich = graph.add("Mul", [graph.add("Sub", [gas, one], "gas_rich"), nodes.span], "rich")
-    return graph.add("Add", [rich, one], "pumped")
-
-
-def _sensor_weights(
-    graph: Graph, nodes: Nodes, pumped: str, read: str, period_s: float
-) -> tuple[str, str]:
-    rising = _lag_weights(graph, nodes.sensor_rising_s, "rising", period_s)
-    if nodes.sensor_falling_s == nodes.sensor_rising_s:
-        return rising
-    falling = _lag_weights(graph, nodes.sensor_falling_s, "falling", period_s)
-    up = graph.add("Greater", [pumped, read], "is_rising")
-    return (
-        graph.add("Where", [up, rising[0], falling[0]], "sensor_drop"),
-        graph.add("Where", [up, rising[1], falling[1]], "sensor_newest"),
-    )

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from monitor.errors import ModelError, UsageError
-from monitor.model import Model
+from monitor.errors import UsageError
 from monitor.model_card import ModelCard
 from monitor.signals import OUTPUT
 from monitor.types import BoolArray, FloatArray
@@ -27,16 +26,14 @@ from training.fit import HeldOut, held_out, measures, recordings_of
 from training.greybox import Fitted, described, fit_constants, reference
 from training.greybox_charge import INPUTS as CHARGE_INPUTS
 from training.greybox_charge import ChargeMap, fit_with_charge
+from training.greybox_checks import TOLERANCE, contraction, parity, physical_inputs
 from training.greybox_graph import Greybox, register_for, save
 from training.prepare import MARGIN, Prepared, Role, prepare
-from training.stability import CONTRACTION_LIMIT, CONTRACTION_SAMPLES, Contraction
+from training.stability import CONTRACTION_SAMPLES
 
 if TYPE_CHECKING:
     from training.recordings import Recording
 
-TOLERANCE = 1e-5  # phi, ONNX against numpy over a free run
-PARITY_SAMPLES = 3000
-PAIRS = 500  # of random states whose predictions must come together
 POOR_CORRELATION = 0.6  # below it constants are warned of
 WASHOUT_S = 5.0  # at the beginning of every stretch, not fitted
 
@@ -135,34 +132,15 @@ def write_model(
     """
     card = _card(greybox, fitted, data, predicted, {})
     save(out, greybox, card)
-    parity, gap = _parity(out, greybox, data), contraction(out, data, seed)
+    same, gap = parity(out, greybox, data), contraction(out, data, seed)
     checks = {
-        "parity": {"samples": parity[0], "onnx_numpy": parity[1], "tolerance": TOLERANCE},
+        "parity": {"samples": same[0], "onnx_numpy": same[1], "tolerance": TOLERANCE},
         "contraction": {"gap": gap.gap, "samples": CONTRACTION_SAMPLES, "pairs": gap.pairs,
                         "limit": gap.limit},
     }  # fmt: skip
     card = _card(greybox, fitted, data, predicted, checks)
     save(out, greybox, card)
     return card
-
-
-def contraction(path: Path | str, data: Prepared, seed: int, pairs: int = PAIRS) -> Contraction:
-    """Return how far predictions from random pairs of states are apart after 50 samples.
-
-    Every entry of the state is drawn evenly from phi 0 .. 1.7; inputs are those of random places.
-    """
-    rng = np.random.default_rng(seed)
-    model = Model.load(path, batch=2 * pairs)
-    u = _physical(data)
-    places = np.concatenate(
-        [np.arange(s.start, max(s.stop - CONTRACTION_SAMPLES, s.start + 1)) for s in data.segments]
-    )
-    at = np.tile(rng.choice(places, pairs), 2)
-    model.state[:] = rng.uniform(*model.card.output_limits, size=model.state.shape)
-    for k in range(CONTRACTION_SAMPLES + 1):
-        model.step_batch(u[np.minimum(at + k, len(u) - 1)])
-    phi = model.state[:, model.card.state.output_start]
-    return Contraction(float(np.abs(phi[:pairs] - phi[pairs:]).max()), CONTRACTION_LIMIT, pairs)
 
 
 def _check_names(inputs: Sequence[str], output: str) -> None:
@@ -180,16 +158,6 @@ def _check_names(inputs: Sequence[str], output: str) -> None:
 
 def _period_s(data: Prepared) -> float:
     return data.period_ns / 1e9
-
-
-def _physical(data: Prepared) -> FloatArray:
-    """Return the inputs of all samples (n, n_inputs) in physical units, not clipped."""
-    parts = []
-    for s in data.segments:
-        recording = data.recordings[s.recording]
-        order = [list(recording.names).index(name) for name in data.names]
-        parts.append(recording.values[s.first : s.first + s.stop - s.start, order])
-    return np.concatenate(parts)
 
 
 def _phi(data: Prepared) -> FloatArray:
@@ -210,7 +178,7 @@ def _input_limits(data: Prepared) -> tuple[FloatArray, FloatArray]:
 
 
 def _signals(data: Prepared, limits: tuple[FloatArray, FloatArray]) -> dict[str, FloatArray]:
-    u = np.clip(_physical(data), *limits)
+    u = np.clip(physical_inputs(data), *limits)
     return {name: u[:, i] for i, name in enumerate(data.names)}
 
 
@@ -218,7 +186,7 @@ def _free_run(data: Prepared, greybox: Greybox) -> FloatArray:
     """Return the prediction (n,) in phi, NaN at the beginning of every stretch."""
     predicted = np.full(len(data.role), np.nan)
     washout = round(WASHOUT_S / greybox.period_s)
-    u = _physical(data)
+    u = physical_inputs(data)
     for s in data.segments:
         signals = greybox.signals(u[s.start : s.stop])
         run = simulate(base_path(greybox.constants, signals), greybox.period_s)
@@ -234,26 +202,6 @@ def _greybox(
     longest_s = constants.dead_time_s + constants.dead_time_revolutions * 60.0 / slowest_rpm
     register = register_for(longest_s, _period_s(data))
     return Greybox(constants, data.names, *limits, _period_s(data), register, charge_map)
-
-
-def _parity(path: Path | str, greybox: Greybox, data: Prepared) -> tuple[int, float]:
-    """Return the samples compared and the largest difference of ONNX from numpy, in phi."""
-    segment = max(data.segments, key=lambda s: s.stop - s.start)
-    u = _physical(data)[segment.start : min(segment.stop, segment.start + PARITY_SAMPLES)]
-    expected = simulate(base_path(greybox.constants, greybox.signals(u)), greybox.period_s)
-    model = Model.load(path)
-    model.reset(u[0])
-    graph = np.empty(len(u))
-    for k, inputs in enumerate(u):
-        model.step(inputs)
-        graph[k] = model.state[0, 0]
-    off = float(np.abs(graph - expected)[greybox.memory :].max())
-    if not off <= TOLERANCE:
-        raise ModelError(
-            f"{path}: free runs of ONNX and numpy differ by {off:.2g} in phi, "
-            f"tolerance {TOLERANCE:.2g}"
-        )
-    return len(u) - greybox.memory, off
 
 
 def _card(
