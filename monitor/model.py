@@ -150,7 +150,7 @@ class Model:
         newest[:] = np.where(np.isnan(value), newest, limited)
 
     def reset(self, u: Inputs, y: FloatArray | float | None = None) -> None:
-        """Fill the history as if ``u`` and ``y`` had been there for all lags.
+        """Fill the state as if ``u`` and ``y`` had been there for all lags.
 
         u : (n_inputs,) or (batch, n_inputs); y : scalar or (batch,), default the model's own
         prediction from zero on

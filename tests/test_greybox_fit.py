@@ -1,5 +1,6 @@
 """The grey-box model from command line to verdict, and beside the network and a first try."""
 
+import json
 from pathlib import Path
 
 import pytest
@@ -74,6 +75,19 @@ def dense(training: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Pat
     arguments = ["fit", *map(str, training), "--kind", "greybox", "--out", str(out)]
     assert o2train([*arguments, "--inputs", *INPUTS]) == 0
     return out
+
+
+def test_the_report_says_where_the_charge_comes_from(model: Path, dense: Path) -> None:
+    assert "air per stroke as recorded" in model.with_suffix(".html").read_text()
+    assert "5 speeds by 6 pressures" in dense.with_suffix(".html").read_text()
+
+
+def test_evaluate_takes_it_too(model: Path, training: list[Path], tmp_path: Path) -> None:
+    out = tmp_path / "figures.json"
+    assert o2train(["evaluate", "--model", str(model), str(training[1]), "--json", str(out)]) == 0
+    (found,) = json.loads(out.read_text())["recordings"]
+    assert found["samples"] > 13_000
+    assert found["enabled"]["correlation"] > 0.7
 
 
 @pytest.mark.parametrize("kind", ["model", "dense"])

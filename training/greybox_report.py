@@ -40,6 +40,7 @@ def _overview(result: GreyboxResult) -> str:
         ("output", f"{card.output.name} [{card.output.unit or 'as recorded'}]"),
         ("sample period", f"{card.period_ns / 1e9:g} s"),
         ("chain", "fuel over air, dead time, two lags, span"),
+        ("charge", _charge(result)),
         ("samples", f"{len(result.data.role)} of {len(card.recordings)} recordings, "
                     f"{fitted.samples} of them fitted"),
         ("free run on the fitted samples", f"RMSE {fitted.rmse:.4g} in phi"),
@@ -52,6 +53,19 @@ def _overview(result: GreyboxResult) -> str:
          f"{parity['onnx_numpy']:.2g} (tolerance {parity['tolerance']:.2g})"),
     ]  # fmt: skip
     return table(rows) + recordings_table(card)
+
+
+def _charge(result: GreyboxResult) -> str:
+    charge_map = result.greybox.charge_map
+    if charge_map is not None:
+        speeds, pressures = charge_map.inverse_efficiency.shape
+        return (
+            f"density in the manifold times an efficiency of {speeds} speeds by "
+            f"{pressures} pressures, fitted for a gain of 1"
+        )
+    if "air_mass_mg" in result.card.input_names:
+        return "air per stroke as recorded"
+    return "air meter over engine speed"
 
 
 def _constants(result: GreyboxResult) -> str:
