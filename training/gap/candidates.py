@@ -15,7 +15,7 @@ from typing import Final, Literal, get_args
 import numpy as np
 
 from monitor.types import FloatArray
-from training.gap.bootstrap import Excess, p_of_gains
+from training.gap.bootstrap import Excess
 from training.gap.compared import Compared, Stack, gather
 from training.gap.drivers import AT_SENSOR, Driver, find_drivers, rate
 from training.gap.drives import hold
@@ -84,7 +84,6 @@ class Candidate:
     healthy: Normal | None
     gains: FloatArray  # (n_blocks,) squared error taken away beyond what healthy blocks know
     tested: FloatArray  # (n_blocks,) the same beyond what healthy and new blocks have in common
-    p_value: float
 
     @property
     def name(self) -> str:
@@ -130,7 +129,6 @@ def evaluate(new: Side, healthy: Side | None, name: str, point: Point) -> Candid
         known,
         own.error(reference) - after,
         tested,
-        p_of_gains(tested),
     )
 
 

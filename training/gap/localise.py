@@ -15,13 +15,13 @@ from monitor.types import FloatArray
 from training.gap.bands import Bands, find_bands
 from training.gap.bootstrap import Excess, excess
 from training.gap.candidates import Side
-from training.gap.compared import Compared, Stack, stack
+from training.gap.compared import FOLDS, Compared, Stack, stack
 from training.gap.lags import Lag, find_lags
 from training.gap.noise_floor import NoiseFloor, noise_floor
 from training.gap.operating_map import Excerpt, OperatingMap, excerpt, operating_map
 from training.gap.over_time import Change, find_changes
 from training.gap.regime_tree import Box, find_boxes
-from training.gap.regimes import Regime, explained_by, find_regimes, rivals
+from training.gap.regimes import Regime, between_recordings, explained_by, find_regimes, rivals
 from training.gap.transport import find_transport, like
 
 
@@ -105,7 +105,7 @@ def localise(
     transport = find_transport(recordings)
     new = Side.of(recordings, blocks, transport)
     other = None if known is None else Side.of(healthy, known, like(transport, healthy))
-    offset, regimes = find_regimes(new, other, over)
+    offset, regimes = find_regimes(new, other, over, rng)
     best = regimes[0] if regimes and regimes[0].significant else None
     pair = None if known is None else (healthy, known)
     explained = None if best is None else explained_by(best, new)
@@ -150,6 +150,13 @@ def _notes(new: Side, healthy: Side | None) -> tuple[str, ...]:
             notes.append(
                 f"Not looked at, because healthy recordings lack them: {', '.join(lacking)}."
             )
+    few = between_recordings(new)
+    if few:
+        names = ", ".join(new.drivers[name].words for name in few)
+        notes.append(
+            f"Not looked at, because they differ between these few recordings more than within "
+            f"them: {names}. With {FOLDS} recordings or more they are."
+        )
     if new.transport is None:
         notes.append(
             "Fuel or air per stroke is missing and the model has no chain of its own: what acts "

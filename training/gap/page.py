@@ -77,7 +77,8 @@ def _summary(found: Findings) -> str:
         paragraph(
             "Shares are of the excess squared error, with 90 % bounds from a bootstrap over blocks "
             "of 30 s. They overlap between drivers that move together, bands and boxes, and do not "
-            "add up to one. Each kind of finding is beyond chance at 1 %.",
+            "add up to one. "
+            "What is named is beyond chance at 2 % for regimes, at 1 % for every other kind.",
             "note",
         )
     )

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from monitor.types import FloatArray
-from training.gap.bootstrap import Excess, Share
+from training.gap.bootstrap import Excess, Share, p_of_gains
 from training.gap.candidates import (
     EVERYWHERE,
     Candidate,
@@ -22,11 +22,12 @@ from training.gap.candidates import (
     evaluate,
     points,
 )
-from training.gap.compared import gather
+from training.gap.compared import FOLDS, gather
 from training.gap.splines import Basis, held_out, normal
 
-ALPHA: Final = 0.01  # false regimes per localisation, all candidates together
+ALPHA: Final = 0.02  # false regimes per localisation, all candidates together
 LEAST_SHARE: Final = 0.03  # of the excess; a driver of less is not where the gap is
+LEAST_WITHIN: Final = 0.5  # of a driver's variance must lie within recordings if they are few
 CURVES: Final = 4  # of the best regimes are drawn
 SEPARATED: Final = 0.95  # of the draws that the better one of two must win
 NEAR: Final = 0.03  # of the better one's gain: what is nearer than that is as good
@@ -95,36 +96,61 @@ def _shape(regime: Regime) -> str:
 
 
 def find_regimes(
-    new: Side, healthy: Side | None, excess: Excess
+    new: Side, healthy: Side | None, excess: Excess, rng: np.random.Generator
 ) -> tuple[Regime, tuple[Regime, ...]]:
     """Return the constant offset, and every driver and point that was tried beside it.
 
     What is beyond chance and explains most comes first; a uniform change at a point goes before
     drivers that are not clearly better at that point.
     """
-    names = [n for n in new.drivers if healthy is None or n in healthy.drivers]
+    left_out = set(between_recordings(new))
+    names = [
+        n for n in new.drivers if n not in left_out and (healthy is None or n in healthy.drivers)
+    ]
     tried = [evaluate(new, healthy, n, p) for n in (EVERYWHERE, *names) for p in points(n, new)]
-    tests = len(tried)
+    p_values = dict(
+        zip(map(id, tried), p_of_gains(np.array([c.tested for c in tried]), rng), strict=True)
+    )
     constant, *others = tried
-    others.sort(key=lambda c: (c.p_value * tests >= ALPHA, -float(c.tested.sum())))
+    others.sort(key=lambda c: (p_values[id(c)] >= ALPHA, -float(c.tested.sum())))
     ranked = _simplest_first(others, excess)
     nothing = np.zeros_like(constant.tested)
-    followers = [c.tested if c.p_value * tests < ALPHA else nothing for c in ranked[1:]]
+    followers = [c.tested if p_values[id(c)] < ALPHA else nothing for c in ranked[1:]]
     regimes = tuple(
-        _regime(c, follower, tests, excess, rank < CURVES)
+        _regime(c, float(p_values[id(c)]), follower, excess, rank < CURVES)
         for rank, (c, follower) in enumerate(zip(ranked, [*followers, nothing], strict=True))
     )
-    return _regime(constant, nothing, tests, excess, False), regimes
+    return _regime(constant, float(p_values[id(constant)]), nothing, excess, False), regimes
 
 
-def _regime(c: Candidate, follower: FloatArray, tests: int, excess: Excess, drawn: bool) -> Regime:
+def between_recordings(side: Side) -> tuple[str, ...]:
+    """Return the drivers that mostly tell one recording from another, where there are few.
+
+    Whatever else differs between a handful of drives would be put down to them.
+    """
+    n = len(side.recordings)
+    if not 1 < n < FOLDS:
+        return ()
+    found = []
+    for name, driver in side.drivers.items():
+        each = [v[rows] for v, rows in zip(driver.values, side.blocks.rows, strict=True)]
+        total = float(np.var(np.concatenate(each)))
+        within = sum(len(v) * float(np.var(v)) for v in each) / sum(len(v) for v in each)
+        if within < LEAST_WITHIN * total:
+            found.append(name)
+    return tuple(found)
+
+
+def _regime(
+    c: Candidate, p_value: float, follower: FloatArray, excess: Excess, drawn: bool
+) -> Regime:
     return Regime(
         c.name,
         c.name if c.driver is None else c.driver.words,
         "" if c.driver is None else c.driver.unit,
         c.point,
         excess.share(c.gains),
-        min(c.p_value * tests, 1.0),
+        p_value,
         _wins(c.tested, follower, excess),
         c.tested,
         curve_of(c, excess) if drawn and c.driver is not None else None,
