@@ -9,6 +9,7 @@ from monitor.errors import RecordingError
 from tests.gap_residuals import (
     NOISE,
     Effect,
+    Made,
     at_sensor,
     drive,
     late_edges,
@@ -17,6 +18,7 @@ from tests.gap_residuals import (
     purge,
     wall_film,
 )
+from training.gap.compared import Compared
 from training.gap.localise import Findings, localise
 from training.gap.page import localise_page
 
@@ -183,6 +185,26 @@ def test_without_a_gap_at_most_one_case_in_ten_has_a_finding(beside_healthy: boo
         result = localise(new, healthy if beside_healthy else ())
         hits.append(bool(result.significant))
     assert sum(hits) <= 2
+
+
+def test_a_driver_that_tells_few_drives_apart_is_left_out_and_the_notes_say_so() -> None:
+    def hot(made: Made) -> np.ndarray:
+        made.signals["ambient_temperature_degc"] = (  # type: ignore[index]
+            made.t_s * 0.001 + float(made.signals["engine_speed_rpm"][0])
+        )
+        return np.zeros(len(made.t_s))
+
+    few = localise([drive(seed, hot, n=3000) for seed in (1, 2, 3)])
+    many = localise([drive(seed, hot, n=3000) for seed in range(1, 6)])
+    assert "ambient_temperature_degc" not in {r.driver for r in few.regimes}
+    assert any("ambient temperature" in note for note in few.notes)
+    assert "ambient_temperature_degc" in {r.driver for r in many.regimes}
+
+
+def test_signals_of_another_length_are_refused() -> None:
+    one = drive(1)
+    with pytest.raises(RecordingError, match=r"short: predicted phi has shape \(5999,\)"):
+        Compared("short", 0.1, one.signals, one.phi_measured, one.phi_predicted[1:], one.scored)
 
 
 def test_too_little_to_resample_is_refused() -> None:

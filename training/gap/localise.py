@@ -6,7 +6,7 @@ errors that the model already makes there; without them, what comes on top of th
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -23,6 +23,8 @@ from training.gap.over_time import Change, find_changes
 from training.gap.regime_tree import Box, find_boxes
 from training.gap.regimes import Regime, between_recordings, explained_by, find_regimes, rivals
 from training.gap.transport import find_transport, like
+
+MOST_NAMED: Final = 4  # rivals in a sentence; the page shows them all
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,8 +57,11 @@ class Findings:
         return (*found, *(change.sentence for change in self.changes if change.significant))
 
     def _not_told(self) -> str:
-        names = dict.fromkeys(f"{r.words} ({r.point})" for r in self.rivals)
-        return f" These recordings do not tell it from: {'; '.join(names)}." if names else ""
+        names = list(dict.fromkeys(f"{r.words} ({r.point})" for r in self.rivals))
+        if not names:
+            return ""
+        more = f"; and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
+        return f" These recordings do not tell it from: {'; '.join(names[:MOST_NAMED])}{more}."
 
     def where(self) -> list[dict[str, Any]]:
         """Return the entries of ``where`` in the gap report, regimes before boxes before bands."""
