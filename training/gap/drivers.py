@@ -39,7 +39,7 @@ WORDS: Final[Mapping[str, str]] = {
     "after_fuel_cut_s": "time since fuel cut",
     "fuel_rate_mg_s": "rate of fuel per stroke",
     "load_rate_mg_s": "rate of load",
-    "cold_fuel_rate_mg_s": "rate of fuel per stroke while the engine is cold",
+    "cold_fuel_rate_mg_s": "rate of fuel, engine cold",
     "purge_per_flow": "purge duty / air flow",
     "phi_slope_1_s": "edge direction (slope of phi)",
     "phi_predicted": "predicted phi",
