@@ -20,6 +20,7 @@ def simulated(
     effect: tuple[str, float] | None = None,
     fault: tuple[str, float] | None = None,
     fault_start_s: float = 0.0,
+    also: tuple[str, float] | None = None,
 ) -> Drive:
     """Return ten minutes of a drive as the monitor's grid sees them."""
     fails = resolve(*fault) if fault else None
@@ -27,7 +28,7 @@ def simulated(
         cycle=cycle,
         vehicle=VEHICLE,
         seed=seed,
-        effects=from_severities(dict([effect]) if effect else {}),
+        effects=from_severities(dict(each for each in (effect, also) if each)),
         fault=fails,
         fault_start_s=fault_start_s,
         duration_s=600.0,
@@ -53,9 +54,10 @@ def two_drives(
     effect: tuple[str, float] | None = None,
     fault: tuple[str, float] | None = None,
     fault_start_s: float = 0.0,
+    also: tuple[str, float] | None = None,
 ) -> list[Drive]:
     """Return two drives with the same effect or fault in each."""
     return [
-        simulated(cycle, seed + i, effect, fault, fault_start_s)
+        simulated(cycle, seed + i, effect, fault, fault_start_s, also)
         for i, cycle in enumerate(("micro_trips", "wltc_3b"))
     ]

@@ -32,6 +32,26 @@ def test_a_hidden_effect_is_named_and_the_gap_shrinks(effect: str) -> None:
     assert found.ranking[1].win > 0.95
 
 
+def test_a_leak_is_named_with_a_warning_that_it_may_be_a_fault() -> None:
+    found = name(two_drives(2_200_160, ("exhaust_leak", 4.0)), healthy())
+    assert "exhaust_leak" in [effect.name for effect in found.effects]
+    if found.verdict == "named":
+        assert any("exhaust_leak may be a fault" in text for text in found.warnings)
+    else:
+        assert found.verdict == "ambiguous"
+        assert found.experiment is not None
+        assert found.experiment.rms_phi > 0.001
+
+
+def test_two_effects_at_once_are_named_one_after_the_other() -> None:
+    first = two_drives(2_200_170, ("wall_film", 4.0), also=("delay_flow", 4.0))
+    found = name(first, healthy(), steps=2)
+    assert found.verdict == "named"
+    assert {effect.name for effect in found.effects} == {"wall_film", "delay_flow"}
+    assert found.rmse_after is not None
+    assert found.rmse_after < 0.5 * found.rmse_before
+
+
 def test_a_sensor_slow_from_the_start_is_suspected_and_nothing_is_added() -> None:
     found = name(two_drives(2_200_180, fault=("slow_symmetric", 0.3)), healthy())
     assert found.verdict == "sensor_fault_suspected"

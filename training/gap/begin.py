@@ -15,11 +15,6 @@ from training.gap.healthy import Healthy, white
 from training.gap.ranking import State
 from training.gap.variation import Shrink, shrink
 
-# The reference holds: what varies from drive to drive is integrated out, and what shifted for good
-# is for the candidates to explain.
-SPREAD: Final = Constants(
-    gain=2e-5, dead_time_s=1e-4, dead_time_revolutions=1e-3, mixing_s=2e-4, sensor_s=2e-4, span=2e-4
-)
 # Constants from a card: of other drives, without what the base missed on them.
 SPREAD_CARD: Final = Constants(
     gain=0.002,
@@ -40,11 +35,20 @@ SIGMA_PHI: Final = 0.004  # of the first fit; the noise is worked out of it
 
 def begin(drives: Sequence[Drive], known: Healthy | None, base: Constants | None) -> State:
     """Return the base fitted to the drives in whitened errors, and the ceiling."""
-    prior = None if base is None else Prior(base, SPREAD if known else SPREAD_CARD)
+    # What varies from healthy drive to drive is integrated out, and what shifted for good is for
+    # the candidates to explain: the base itself holds.
+    prior = None if base is None else Prior(base, SPREAD_CARD)
     starts = STARTS if base is None else (base,)
     nothing = tuple(np.zeros(len(d)) for d in drives)
     corrections = tuple(known.correction(d) for d in drives) if known else nothing
-    case = Case(tuple(drives), corrections, healthy_drives.WHITE, SIGMA_PHI, prior)
+    case = Case(
+        tuple(drives),
+        corrections,
+        healthy_drives.WHITE,
+        SIGMA_PHI,
+        prior,
+        known.base if known else None,
+    )
     current = fit(case, (), starts)
     plain = scoring.plain_columns(case, current)
     case = scoring.whitened(case, current, plain)

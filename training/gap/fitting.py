@@ -42,6 +42,7 @@ class Case:
     ar: tuple[float, float] = (0.0, 0.0)  # of the noise
     sigma: float = 1.0  # of the whitened noise, in phi
     prior: Prior | None = None
+    fixed: Constants | None = None  # base constants that hold; a fit moves the terms' only
     shrinks: tuple[Shrink, ...] = ()  # per drive; empty where nothing is known of variation
 
     kept: tuple[BoolArray, ...] = field(init=False)  # per drive (n,), see ``Drive.kept``
@@ -70,14 +71,15 @@ class Fit:
     parameters: tuple[FloatArray, ...]  # per term
     residual: FloatArray  # (m,) whitened, in sigma, kept samples of all drives
     jacobian: FloatArray  # (m, p)
-    hessian: FloatArray  # (p, p) with the prior
+    hessian: FloatArray  # (p, p) with the prior; base first unless it is fixed
     cost: float  # half the sum of squares, with the prior
 
     @property
     def standard_errors(self) -> tuple[FloatArray, ...]:
         """One standard error of each term's parameters."""
         spread = np.sqrt(np.maximum(np.diag(np.linalg.pinv(self.hessian)), 0.0))
-        sizes = np.cumsum([len(LOW), *(len(p) for p in self.parameters)])
+        own = [len(p) for p in self.parameters]
+        sizes = np.cumsum([len(spread) - sum(own), *own])
         return tuple(spread[a:b] for a, b in pairwise(sizes))
 
 
@@ -150,40 +152,75 @@ def _starting_points(terms: Sequence[Term], start: Fit | Constants) -> list[Floa
     ]
 
 
+@dataclass(frozen=True, slots=True)
+class _Layout:
+    """Where the constants that a fit moves stand in one array."""
+
+    case: Case
+    terms: tuple[Term, ...]
+
+    def split(self, x: FloatArray) -> tuple[Constants, list[FloatArray]]:
+        """Return base and parameters of the moving constants."""
+        fixed = self.case.fixed
+        first = 0 if fixed else len(LOW)
+        sizes = np.cumsum([first, *(len(term.parameters) for term in self.terms)])
+        base = fixed or Constants(*x[:first].tolist())
+        return base, [x[a:b] for a, b in pairwise(sizes)]
+
+    def join(self, of_base: Sequence[float], of_terms: Sequence[Sequence[float]]) -> FloatArray:
+        """Return one value per moving constant."""
+        parts = [] if self.case.fixed else [np.array(of_base)]
+        return np.concatenate([np.empty(0), *parts, *(np.array(own) for own in of_terms)])
+
+    @property
+    def limits(self) -> tuple[FloatArray, FloatArray]:
+        """Return the lowest and highest constants."""
+        low = self.join(LOW.tolist(), [[p.low for p in term.parameters] for term in self.terms])
+        high = self.join(HIGH.tolist(), [[p.high for p in term.parameters] for term in self.terms])
+        return low, high
+
+    def cost(self, x: FloatArray) -> FloatArray:
+        """Return the errors in sigma, the prior's after them."""
+        base, own = self.split(x)
+        e = errors(self.case, predict(self.case, base, self.terms, own))
+        return np.concatenate([e, _prior_rows(self.case, base)])
+
+
 def _descend(case: Case, terms: tuple[Term, ...], start: FloatArray) -> Fit:
-    low = np.concatenate([LOW, *([p.low for p in term.parameters] for term in terms)])
-    high = np.concatenate([HIGH, *([p.high for p in term.parameters] for term in terms)])
-    scale = np.concatenate([SCALE, *([_scale(p.start) for p in t.parameters] for t in terms)])
-    sizes = np.cumsum([len(LOW), *(len(term.parameters) for term in terms)])
-
-    def unpack(x: FloatArray) -> tuple[Constants, list[FloatArray]]:
-        own = [x[a:b] for a, b in pairwise(sizes)]
-        return Constants(*x[: sizes[0]].tolist()), own
-
-    def cost(x: FloatArray) -> FloatArray:
-        base, own = unpack(x)
-        e = errors(case, predict(case, base, terms, own))
-        return np.concatenate([e, _prior_rows(case, base)])
+    layout = _Layout(case, terms)
+    low, high = layout.limits
+    scale = layout.join(SCALE, [[_scale(p.start) for p in term.parameters] for term in terms])
+    x = start[len(start) - len(low) :]
+    if len(x) == 0:
+        e = layout.cost(x)
+        nothing = np.empty((len(e), 0))
+        return Fit(terms, layout.split(x)[0], (), e, nothing, np.empty((0, 0)), float(e @ e) / 2.0)
 
     def slope(x: FloatArray) -> FloatArray:
-        at = cost(x)
+        at = layout.cost(x)
         columns = []
         for i in range(len(x)):
             step = STEP * scale[i] * (1.0 if x[i] + STEP * scale[i] < high[i] else -1.0)
             moved = x.copy()
             moved[i] += step
-            columns.append((cost(moved) - at) / step)
+            columns.append((layout.cost(moved) - at) / step)
         return np.column_stack(columns)
 
     margin = INSIDE * (high - low)
-    start = np.clip(start, low + margin, high - margin)
     found = least_squares(
-        cost, start, slope, (low, high), x_scale=scale, ftol=1e-5, xtol=1e-5, max_nfev=40
+        layout.cost,
+        np.clip(x, low + margin, high - margin),
+        slope,
+        (low, high),
+        x_scale=scale,
+        ftol=1e-5,
+        xtol=1e-5,
+        max_nfev=40,
     )
-    base, own = unpack(found.x)
+    base, own = layout.split(found.x)
     jacobian = np.asarray(found.jac, dtype=np.float64)
+    m = len(found.fun) - len(_prior_rows(case, base))
     hessian = jacobian.T @ jacobian
-    m = len(found.fun) - (len(LOW) if case.prior else 0)
     return Fit(terms, base, tuple(own), found.fun[:m], jacobian[:m], hessian, float(found.cost))
 
 
@@ -192,7 +229,7 @@ def _scale(start: Sequence[float]) -> float:
 
 
 def _prior_rows(case: Case, base: Constants) -> FloatArray:
-    if case.prior is None:
+    if case.prior is None or case.fixed is not None:
         return np.empty(0)
     return (np.array(base) - np.array(case.prior.mean)) / np.array(case.prior.spread)
 
@@ -213,15 +250,12 @@ def held_out(found: Fit, blocks: IntArray) -> FloatArray:
 def held_out_rmse(case: Case, found: Fit) -> float:
     """Return the RMSE in phi of every block by the fit without its fold."""
     fold = case.blocks % FOLDS
-    sizes = np.cumsum([len(LOW), *(len(p) for p in found.parameters)])
-    centre = np.concatenate([np.array(found.base), *found.parameters])
-    low = np.concatenate([LOW, *([p.low for p in term.parameters] for term in found.terms)])
-    high = np.concatenate([HIGH, *([p.high for p in term.parameters] for term in found.terms)])
+    layout = _Layout(case, found.terms)
+    low, high = layout.limits
+    centre = layout.join(found.base, [own.tolist() for own in found.parameters])
     squares = 0.0
     for f, step in enumerate(_steps_without(found, fold)):
-        x = np.clip(centre + step, low, high)
-        own = [x[a:b] for a, b in pairwise(sizes)]
-        base = Constants(*x[: sizes[0]].tolist())
+        base, own = layout.split(np.clip(centre + step, low, high))
         e = plain_errors(case, predict(case, base, found.terms, own))
         squares += float((e[fold == f] ** 2).sum())
     return float(np.sqrt(squares / len(fold)))

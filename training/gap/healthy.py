@@ -12,7 +12,7 @@ from training.chain import Constants, Path, base_path, simulate
 from training.gap import ridge
 from training.gap.drives import Drive
 from training.gap.effects import ALL, Effect
-from training.gap.effects.dynamics import slope
+from training.gap.effects.dynamics import ramp_lag
 from training.gap.features import features
 from training.gap.fitting import BLOCK_S, FOLDS, Case, Term, fit, reading
 from training.gap.ridge import Ridge
@@ -120,7 +120,8 @@ def columns(drive: Drive, base: Constants) -> dict[str, FloatArray]:
 
 def _skewed(path: Path, period_s: float) -> Path:
     """Return the path with the charge's message later than the fuel's."""
-    return replace(path, air_mg=path.air_mg + SKEW_S * slope(path.air_mg, period_s))
+    late = np.full(len(path), SKEW_S)
+    return replace(path, air_mg=ramp_lag(path.air_mg, late, period_s))
 
 
 def _fold(drive: Drive, number: int) -> IntArray:

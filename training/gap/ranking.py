@@ -13,7 +13,7 @@ from training.gap.verdict import Candidate
 
 WIN: Final = 0.95  # of resampled blocks
 RIVAL_SCORE: Final = 0.5  # of the best, below which a candidate is no rival
-CEILING_SHARE: Final = 0.10  # of the deviance: what healthy drives leave to explain stays below
+USUAL_SHARE: Final = 0.09  # of the deviance, left to explain by an effect in another form
 RANKED_CLOSELY: Final = 4  # candidates whose adequacy is worked out
 Progress = Callable[[str], None]
 
@@ -41,16 +41,16 @@ def rank(state: State, candidates: Sequence[Term], progress: Progress) -> tuple[
     best = found[0][1]
     ranking = []
     for place, (score, after, fitted) in enumerate(found):
-        adequacy = _adequacy(state, score.gain, fitted) if place < RANKED_CLOSELY else None
+        adequacy = adequacy_of(state, score.gain, fitted) if place < RANKED_CLOSELY else None
         win = None if place == 0 else scoring.win(best, after)
         ranking.append(_candidate(fitted, score, adequacy, win))
     return tuple(ranking)
 
 
-def _adequacy(state: State, gain: float, fitted: Fit) -> float:
-    """Return the gain's share of it and what the ceiling explains of what it leaves."""
+def adequacy_of(state: State, gain: float, fitted: Fit) -> float:
+    """Return a gain's share of it and what the ceiling explains of what it leaves."""
     _, gains = scoring.left(fitted, state.roof, state.case.blocks)
-    usual = CEILING_SHARE * float(state.deviance.sum())
+    usual = USUAL_SHARE * float(state.deviance.sum())
     rest = max(float(gains.sum()) - usual, 0.0)
     return max(gain, 0.0) / max(max(gain, 0.0) + rest, 1e-9)
 

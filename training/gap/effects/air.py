@@ -6,7 +6,7 @@ import numpy as np
 
 from monitor.types import FloatArray
 from training.chain import Path
-from training.gap.effects.dynamics import lag, slope
+from training.gap.effects.dynamics import lag, ramp_lag
 from training.gap.effects.effect import KELVIN, Effect, Parameter, Signals, ambient_kpa
 
 METER_FOLLOWED_S = 2.0  # the ECU's charge follows its air meter over a few seconds
@@ -74,9 +74,8 @@ def _charge_temperature(path: Path, p: FloatArray, signals: Signals, period_s: f
 
 def _manifold_filling(path: Path, p: FloatArray, signals: Signals, period_s: float) -> Path:
     """The runner fills later than the manifold's sensor says, by a time over engine speed."""
-    delay_s = p[0] * 1500.0 / np.maximum(signals["engine_speed_rpm"], 500.0)
-    relative = slope(path.air_mg, period_s) / np.maximum(path.air_mg, 20.0)
-    return _scaled(path, 1.0 - np.clip(delay_s * relative, -0.4, 0.4))
+    time_s = p[0] * 1500.0 / np.maximum(signals["engine_speed_rpm"], 500.0)
+    return replace(path, air_mg=ramp_lag(path.air_mg, time_s, period_s))
 
 
 EFFECTS = (
@@ -122,7 +121,7 @@ EFFECTS = (
     Effect(
         "manifold_filling",
         "the runner fills later than the manifold pressure says",
-        (Parameter("time", "s", -0.1, 0.3, (0.01,), least=0.013),),
+        (Parameter("time", "s", 0.0, 0.4, (0.02,), least=0.013),),
         _manifold_filling,
         ("engine_speed_rpm",),
         "physics",

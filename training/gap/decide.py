@@ -1,0 +1,163 @@
+"""What one step concludes: a name, several, none that explains enough, nothing, or the sensor."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from training.gap import guards, scoring
+from training.gap.begin import FREE
+from training.gap.fitting import Prior, Term, fit
+from training.gap.manoeuvres import Experiment, separate
+from training.gap.ranking import (
+    RANKED_CLOSELY,
+    WIN,
+    Progress,
+    State,
+    against,
+    matters,
+    rank,
+)
+from training.gap.verdict import Candidate, Verdict
+
+SCORE_LEAST: Final = 80.0
+T_LEAST: Final = 3.0
+SCORE_OF_FEW: Final = 250.0  # for an effect that lives in few blocks, where t is small
+FAULT_ADEQUATE: Final = 0.5
+CEILING_SHARE: Final = 0.055  # of the deviance: what healthy drives leave to explain stays below
+WIN_OF_FEW: Final = 0.99  # of resampled blocks, over no effect
+AMBIGUOUS_MOST: Final = 3
+CEILING_T: Final = 3.5
+GAIN_WORDS: Final = "the gain"
+GAIN_CLASS: Final = ("ethanol", "biased")  # a factor on the mixture, and what looks like it
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What a step concludes and what it looked at."""
+
+    verdict: Verdict
+    best: tuple[Candidate, ...]  # the named one, or the ambiguous set
+    suspected: str | None
+    experiment: Experiment | None
+    ranking: tuple[Candidate, ...]
+
+
+def step(
+    state: State,
+    candidates: Sequence[Term],
+    added: Sequence[Candidate],
+    sensor_known_good: bool,
+    progress: Progress,
+) -> Outcome:
+    """Return the outcome of one forward step."""
+    ranking = rank(state, candidates, progress)
+    strong = [c for c in ranking if _holds(state, c) and matters(c)]
+    if strong:
+        ranking, rivals = against(state, strong[0], ranking)
+        return (
+            _of_the_gain(state, ranking, sensor_known_good)
+            or _at_fault(state, (strong[0], *rivals), ranking, sensor_known_good)
+            or _of_effects(strong[0], rivals, ranking)
+        )
+    return (
+        _of_the_gain(state, ranking, sensor_known_good)
+        or _at_fault(state, (), ranking, sensor_known_good)
+        or Outcome(_nothing(state, added), (), None, None, ranking)
+    )
+
+
+def _holds(state: State, candidate: Candidate) -> bool:
+    """Whether a candidate's gain is more than chance: even over blocks, or large and never lost."""
+    if candidate.score < SCORE_LEAST:
+        return False
+    if candidate.t >= T_LEAST:
+        return True
+    after = scoring.deviance(candidate.fit, state.case.blocks)
+    return candidate.score > SCORE_OF_FEW and scoring.win(after, state.deviance) > WIN_OF_FEW
+
+
+def _of_effects(
+    best: Candidate, rivals: Sequence[Candidate], ranking: tuple[Candidate, ...]
+) -> Outcome:
+    """Return the name, or several that explain as much; a fault that explains little is neither."""
+    if best.kind == "sensor fault":
+        return Outcome("unknown_effect", (), None, None, ranking)
+    others = [c for c in rivals if c.kind == "effect"]
+    if others:
+        among = (best, *others)[:AMBIGUOUS_MOST]
+        return Outcome("ambiguous", among, None, separate(best.fit, others[0].fit), ranking)
+    return Outcome("named", (best,), None, None, ranking)
+
+
+def _nothing(state: State, added: Sequence[Candidate]) -> Verdict:
+    """Tell a gap that no candidate explains from no gap."""
+    _, gains = scoring.left(state.current, state.roof, state.case.blocks)
+    ceiling = scoring.score(gains, np.zeros_like(gains))
+    share = ceiling.gain / state.deviance.sum()
+    unknown = share > CEILING_SHARE and ceiling.t > CEILING_T and not added
+    return "unknown_effect" if unknown else "no_gap"
+
+
+def _enough(fault: Candidate) -> bool:
+    """Whether a sensor fault explains half of what can be explained."""
+    return fault.adequacy is None or fault.adequacy >= FAULT_ADEQUATE
+
+
+def _at_fault(
+    state: State,
+    strong: Sequence[Candidate],
+    ranking: tuple[Candidate, ...],
+    sensor_known_good: bool,
+) -> Outcome | None:
+    """Suspect the sensor if a fault explains about as much, something began, or the base moved."""
+    if sensor_known_good:
+        return None
+    words = next((c.name for c in strong if c.kind == "sensor fault" and _enough(c)), None)
+    looked_at = strong[:1] or [c for c in ranking[:RANKED_CLOSELY] if c.score >= SCORE_LEAST]
+    for candidate in () if words else looked_at:
+        began = guards.onset_s(state.case, state.current, candidate.fit)
+        if began is not None:
+            words = f"it begins in {began[0]} at {began[1]:.0f} s"
+    rivals = [c for c in ranking if c.kind == "sensor fault" or c.name in GAIN_CLASS]
+    felt = not strong and any(c.score >= SCORE_LEAST for c in rivals)
+    if words is None and felt and (shift := _shift(state)) is not None:
+        words = f"{shift} left its healthy reference"
+    if words is None:
+        return None
+    return Outcome("sensor_fault_suspected", (), words, None, ranking)
+
+
+def _shift(state: State) -> str | None:
+    """Return in words how the base alone, refitted, left its reference; None if it did not."""
+    prior = state.case.prior
+    if prior is None or state.current.terms:
+        return None
+    free = replace(state.case, prior=Prior(prior.mean, FREE), fixed=None, shrinks=())
+    return guards.shifted(prior.mean, fit(free, (), [state.current]).base)
+
+
+def _of_the_gain(
+    state: State, ranking: tuple[Candidate, ...], sensor_known_good: bool
+) -> Outcome | None:
+    """Tell a factor on the mixture from a biased sensor, where the best candidate is either.
+
+    What varies from drive to drive is left in, because gain and span of the reading differ for the
+    two: a factor leaves the span as it was.
+    """
+    if ranking[0].name not in GAIN_CLASS or _shift(state) != GAIN_WORDS:
+        return None
+    whole = replace(state.case, shrinks=())
+    by_name = {c.name: c for c in ranking if c.name in GAIN_CLASS}
+    own = {
+        name: scoring.deviance(fit(whole, c.fit.terms, [c.fit]), whole.blocks)
+        for name, c in by_name.items()
+    }
+    effect, fault = GAIN_CLASS
+    if effect in own and (fault not in own or scoring.win(own[effect], own[fault]) >= WIN):
+        return Outcome("named", (by_name[effect],), None, None, ranking)
+    if sensor_known_good:
+        return None
+    words = "a factor on the mixture (ethanol, humidity, slope errors) or a biased sensor"
+    return Outcome("sensor_fault_suspected", (), words, None, ranking)
