@@ -13,7 +13,7 @@ from training.recordings import Recording
 
 OUTPUT: Final = "lambda_measured"
 NEEDED: Final = ("air_mass_mg", "fuel_mass_mg")
-AFTER_CUT_S: Final = 1.2  # transport, mixing and sensor of a fresh engine have passed on phi = 0
+AFTER_CUT_S: Final = 2.0  # transport, mixing and sensor have passed on phi = 0, as in the chain
 AFTER_GAP_S: Final = 5.0  # a held value has left the chain
 CUT_FUEL_MG: Final = 0.3  # per stroke; below the smallest injection
 PHI_MAX: Final = 2.0

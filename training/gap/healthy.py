@@ -63,8 +63,7 @@ def learn(drives: Sequence[Drive], start: Constants) -> Healthy:
     target = [d.phi_measured - simulate(base_path(base, d.signals), d.period_s) for d in drives]
     kept = [d.kept for d in drives]
     stacked = np.concatenate([x[k] for x, k in zip(raw, kept, strict=True)])
-    own = np.repeat(np.arange(len(drives)), [k.sum() for k in kept])
-    fold = own if len(drives) > 2 else np.concatenate([_fold(d, i) for i, d in enumerate(drives)])
+    fold = np.concatenate([_fold(d, i) for i, d in enumerate(drives)])
     y = np.concatenate([e[k] for e, k in zip(target, kept, strict=True)])
     ar, sigma = noise(kept, y - ridge.fit(stacked, y, fold).held_out)
     limits = (stacked.min(axis=0), stacked.max(axis=0))
