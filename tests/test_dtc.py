@@ -5,8 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.debounce import FAILED, PASSED, Debounce
-from monitor.dtc import CODES, FRESH, HEALING_CYCLES, Dtc, DtcStore, Status
-from monitor.pipeline import TESTS
+from monitor.dtc import CODES, FRESH, HEALING_CYCLES, TESTS, Dtc, DtcStore, Status
 
 steps = st.lists(st.tuples(st.booleans(), st.integers(1, 127)), max_size=60)
 
