@@ -85,7 +85,9 @@ def find_lags(
             Lag(name, float(lags[top] * period_s), float(value[top, k]), float(p[top, k]),
                 np.asarray(lags * period_s, dtype=np.float64), value[:, k], band[:, k])
         )  # fmt: skip
-    return tuple(sorted(result, key=lambda lag: (lag.p_value, -abs(lag.correlation))))
+    return tuple(
+        sorted(result, key=lambda lag: (not lag.significant, lag.p_value, -abs(lag.correlation)))
+    )
 
 
 def _filters(recordings: Sequence[Compared], names: Sequence[str]) -> list[FloatArray]:
