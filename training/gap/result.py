@@ -1,0 +1,250 @@
+"""All that the gap workflow found about one vehicle, and as ``gap.json`` says it.
+
+The JSON's names are a contract: DESIGN, section 4.
+"""
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from monitor.manifest import source_of
+from monitor.model import Model
+from monitor.model_card import TrainingRecording
+from training.chain import Constants
+from training.gap.added import Added
+from training.gap.localise import Findings
+from training.gap.ranking import RIVAL_SCORE, WIN
+from training.gap.verdict import Candidate, Naming, Verdict
+from training.gap.verified import Verified
+from training.recordings import Recording, sha256
+
+SCHEMA: Final = "o2train.gap/1"
+MOST_EFFECTS: Final = 3
+HELD_OUT_DRIVES: Final = "recordings that no fit saw"
+HELD_OUT_BLOCKS: Final = "blocks held out of the recordings"
+
+
+@dataclass(frozen=True, slots=True)
+class ModelFile:
+    """A model file and what it is."""
+
+    path: Path
+    sha256: str
+    kind: str  # "narx", "greybox"
+
+    @classmethod
+    def of(cls, path: Path) -> "ModelFile":
+        """Return the model in ``path``; raises ModelError if it is none."""
+        return cls(path, sha256(path), Model.load(path).card.kind)
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """What one round of adding was begun with and what came of it."""
+
+    added: str  # the effect, "" for the model as it came
+    rmse: float  # phi, outside fuel cut, after it was added
+    ranking: tuple[Candidate, ...] = ()  # out of which it was chosen, best first
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """What the workflow found, added and verified."""
+
+    model: ModelFile
+    recordings: tuple[TrainingRecording, ...]  # in which the effect was looked for
+    healthy: tuple[TrainingRecording, ...]
+    held_out: tuple[TrainingRecording, ...]  # for verifying; no parameter of the new model saw them
+    findings: Findings | None
+    naming: Naming
+    added: tuple[Added, ...] = ()  # as in the new model
+    form: str = ""  # how it was added, a sentence
+    verified: Verified | None = None
+    new_model: Path | None = None
+    steps: tuple[Step, ...] = ()
+    unknown: str | None = None  # description of an effect that is not in the library, sentences
+    warnings: tuple[str, ...] = ()  # beside those of the naming
+    sensor_known_good: bool = False
+    seconds: float | None = None
+
+    @property
+    def verdict(self) -> Verdict:
+        """Return the naming's verdict."""
+        return self.naming.verdict
+
+    @property
+    def effects(self) -> tuple[Candidate, ...]:
+        """Return what was added, or the ambiguous set, at most three."""
+        found = self.naming.effects
+        if self.verdict == "named":
+            names = {a.name for a in self.added}
+            found = tuple(c for c in found if c.name in names)
+        return found[:MOST_EFFECTS] if self.verdict in ("named", "ambiguous") else ()
+
+    @property
+    def simulated(self) -> bool:
+        """Return whether any recording is known to be simulated."""
+        used = (*self.recordings, *self.healthy, *self.held_out)
+        return any("simulated" in r.source for r in used)
+
+    @property
+    def rmse(self) -> tuple[float, float | None, float, str]:
+        """Return RMSE before and after, the floor, all in phi, and on what: one set of samples."""
+        naming, verified = self.naming, self.verified
+        if verified is not None and verified.overall.floor is not None:
+            whole = verified.overall
+            after = whole.after if self.added else None
+            return whole.before, after, verified.overall.floor, HELD_OUT_DRIVES
+        after = naming.rmse_after if self.added else None
+        return naming.rmse_before, after, naming.noise_floor, HELD_OUT_BLOCKS
+
+    @property
+    def all_warnings(self) -> tuple[str, ...]:
+        """Return the warnings of naming, adding and verifying, each once."""
+        return tuple(dict.fromkeys((*self.naming.warnings, *self.warnings)))
+
+    def ranking_of(self, name: str) -> tuple[Candidate, ...]:
+        """Return the ranking out of which an effect was chosen, best first."""
+        chosen = next((s.ranking for s in self.steps if s.added == name and s.ranking), ())
+        return chosen or self.naming.ranking
+
+
+def of_recording(recording: Recording) -> TrainingRecording:
+    """Return a recording's name, sha256 and where it comes from."""
+    path = recording.path
+    source = source_of(path, recording.sha256) or ""
+    return TrainingRecording(path.name, recording.sha256, len(recording.values), source)
+
+
+def runner_up(result: Result, effect: Candidate) -> Candidate | None:
+    """Return the best other candidate of the ranking out of which an effect was chosen."""
+    others = [c for c in result.ranking_of(effect.name) if c.name != effect.name]
+    return max(others, key=lambda c: c.score, default=None)
+
+
+def separated(result: Result, effect: Candidate) -> bool:
+    """Return whether an effect beats every rival outside its class.
+
+    A rival is a candidate with at least half of its score. ``win`` of a ranking is how often
+    resampled blocks prefer the best to the candidate.
+    """
+    if result.verdict != "named":
+        return False
+    return all(
+        c.win is None or c.win >= WIN
+        for c in result.ranking_of(effect.name)
+        if c.name not in (effect.name, *effect.like) and c.score >= RIVAL_SCORE * effect.score
+    )
+
+
+def as_json(result: Result) -> dict[str, Any]:
+    """Return ``gap.json``; every number is finite or null."""
+    naming, verified = result.naming, result.verified
+    before, after, floor, measured_on = result.rmse
+    found: dict[str, Any] = {
+        "schema": SCHEMA,
+        "verdict": result.verdict,
+        "where": [] if result.findings is None else result.findings.where(),
+        "effects": [_effect(result, c) for c in result.effects],
+        "rmse_before": before,
+        "rmse_after": after,
+        "noise_floor": floor,
+        "rmse_unit": "phi = 1 / lambda, outside fuel cut",
+        "measured_on": measured_on,
+        "detection_before": None if verified is None else verified.rate_before,
+        "detection_after": None if verified is None else verified.rate_after,
+        "experiment": None if naming.experiment is None else str(naming.experiment),
+        "model": None if result.new_model is None else str(result.new_model),
+        "form": result.form or None,
+        "suspected": naming.suspected,
+        "unknown_effect": result.unknown,
+        "explained_share": naming.explained_share,
+        "ranking": [_candidate(c) for c in naming.ranking],
+        "skipped": {name: list(signals) for name, signals in naming.skipped.items()},
+        "steps": [{"added": s.added or None, "rmse": s.rmse} for s in result.steps],
+        "base": _constants(naming.base),
+        "reference": _constants(naming.reference),
+        "base_shift": _constants(naming.base_shift),
+        "verified": None if verified is None else verified.as_json(),
+        "warnings": list(result.all_warnings),
+        "simulated": result.simulated,
+        "sensor_known_good": result.sensor_known_good,
+        "base_model": {
+            "path": str(result.model.path),
+            "sha256": result.model.sha256,
+            "kind": result.model.kind,
+        },
+        **{
+            role: [_recording(r) for r in used]
+            for role, used in (
+                ("recordings", result.recordings),
+                ("healthy", result.healthy),
+                ("held_out", result.held_out),
+            )
+        },
+        "seconds": result.seconds,
+    }
+    return {name: _plain(value) for name, value in found.items()}
+
+
+def save(result: Result, path: Path) -> None:
+    """Write ``gap.json``."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(as_json(result), indent=1, allow_nan=False) + "\n")
+
+
+def _effect(result: Result, chosen: Candidate) -> dict[str, Any]:
+    """Return an entry of ``effects``; its parameters are those in the model."""
+    second = runner_up(result, chosen)
+    entry = _candidate(chosen)
+    own = next((a for a in result.added if a.name == chosen.name), None)
+    if own is not None:
+        entry |= {
+            "parameters": dict(own.parameters),
+            "standard_errors": dict(own.standard_errors),
+        }
+    return entry | {
+        "runner_up": None if second is None else second.name,
+        "runner_up_score": None if second is None else second.score,
+        "runner_up_win": None if second is None else second.win,
+        "separated": separated(result, chosen),
+    }
+
+
+def _candidate(c: Candidate) -> dict[str, Any]:
+    return {
+        "name": c.name,
+        "kind": c.kind,
+        "class": list(c.like),
+        "tag": c.tag,
+        "says": c.says,
+        "parameters": dict(c.parameters),
+        "standard_errors": dict(c.standard_errors),
+        "units": dict(c.units),
+        "score": c.score,
+        "t": c.t,
+        "adequacy": c.adequacy,
+        "win": c.win,
+    }
+
+
+def _recording(r: TrainingRecording) -> dict[str, Any]:
+    return {"path": r.path, "sha256": r.sha256, "samples": r.samples, "source": r.source or None}
+
+
+def _constants(values: Constants | None) -> dict[str, float] | None:
+    return None if values is None else values._asdict()
+
+
+def _plain(value: Any) -> Any:
+    """Return what JSON can hold: numpy's numbers as Python's, what is not finite as None."""
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [_plain(v) for v in value]
+    if hasattr(value, "item"):
+        value = value.item()
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,122 @@
+"""What verifying says: errors before and after on drives no fit saw, and faults still found."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+
+@dataclass(frozen=True, slots=True)
+class Error:
+    """RMSE in phi of both models in one regime of the held-out drives."""
+
+    kind: str  # "all", "speed and load", "temperature", "after fuel cut", "edge"
+    regime: str  # in words
+    samples: int
+    blocks: int  # of time, that the bounds come from
+    before: float
+    after: float | None  # None without a new model
+    floor: float | None  # what a flexible model leaves; None if it is not known
+    change_low: float | None = None  # of after minus before, simultaneous 95 % over all regimes
+    change_high: float | None = None  # both None if the blocks are too few
+
+    @property
+    def worse(self) -> bool:
+        """Return whether the new model is worse beyond confidence."""
+        return self.change_low is not None and self.change_low > 0.0
+
+    @property
+    def better(self) -> bool:
+        """Return whether the new model is better beyond confidence."""
+        return self.change_high is not None and self.change_high < 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Count:
+    """What the monitor made of some drives."""
+
+    drives: int
+    judged: int  # the response test reached a decision, or a code stands
+    found: int  # a code stands at the end
+    named: int  # by exactly the fault that was put on
+    codes: tuple[str, ...]  # names of the faults that stand, of all drives
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """One fault put on the measured lambda of the held-out drives, before both models."""
+
+    fault: str  # "" is none: whatever is found is a false alarm
+    severity: float | None
+    before: Count
+    after: Count | None  # None without a new model
+
+    @property
+    def lost(self) -> bool:
+        """Return whether the new model finds it in fewer drives than the old one."""
+        return self.after is not None and self.after.found < self.before.found
+
+
+@dataclass(frozen=True, slots=True)
+class Verified:
+    """Old and new model on recordings that no fit saw."""
+
+    overall: Error
+    regimes: tuple[Error, ...]
+    healthy: Error | None  # on recordings on which the old model was accepted
+    faults: tuple[Found, ...]  # empty if the monitor could not be asked
+    alarms: Found | None  # without a fault, on the held-out drives
+    healthy_alarms: Found | None  # without a fault, on healthy recordings
+    notes: tuple[str, ...]
+
+    @property
+    def worse(self) -> tuple[Error, ...]:
+        """Return the regimes in which the new model is worse beyond confidence."""
+        return tuple(e for e in self.regimes if e.worse)
+
+    @property
+    def closed(self) -> float | None:
+        """Return how much of the squared error above the floor is gone, None if unknown."""
+        whole = self.overall
+        if whole.after is None or whole.floor is None:
+            return None
+        gap = whole.before**2 - whole.floor**2
+        return (whole.before**2 - whole.after**2) / gap if gap > 0.0 else None
+
+    @property
+    def rate_before(self) -> float | None:
+        """Return the share of faulty drives in which the old model finds a fault."""
+        return rate([f.before for f in self.faults])
+
+    @property
+    def rate_after(self) -> float | None:
+        """Return the share of faulty drives in which the new model finds a fault."""
+        return rate([f.after for f in self.faults if f.after is not None])
+
+    def as_json(self) -> dict[str, Any]:
+        """Return regimes and detection as ``gap.json`` has them."""
+        return {
+            "gap_closed": self.closed,
+            "overall": _error(self.overall),
+            "regimes": [_error(e) for e in self.regimes],
+            "healthy": None if self.healthy is None else _error(self.healthy),
+            "detection": [asdict(f) | {"lost": f.lost} for f in self.faults],
+            "false_alarms": None if self.alarms is None else asdict(self.alarms),
+            "false_alarms_healthy": (
+                None if self.healthy_alarms is None else asdict(self.healthy_alarms)
+            ),
+            "notes": list(self.notes),
+        }
+
+
+def rate(counts: Sequence[Count], of: str = "found") -> float | None:
+    """Return the share of drives that were ``found``, ``named`` or ``judged``, None of no drive.
+
+    >>> rate([Count(4, 4, 3, 2, ("gain_low",))])
+    0.75
+    """
+    drives = sum(c.drives for c in counts)
+    return sum(int(getattr(c, of)) for c in counts) / drives if drives else None
+
+
+def _error(error: Error) -> dict[str, Any]:
+    return asdict(error) | {"worse": error.worse}
