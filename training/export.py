@@ -6,7 +6,7 @@ tried (batch as columns, batched products, sums) this and the doubled batch gave
 for every batch size on onnxruntime's CPU provider.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -94,17 +94,29 @@ class Network:
 class Graph:
     """Nodes and constants under construction; every method returns the new tensor's name."""
 
-    def __init__(self) -> None:
+    def __init__(self, prefix: str = "") -> None:
+        self.prefix = prefix
         self.nodes: list[onnx.NodeProto] = []
         self.constants: list[onnx.TensorProto] = []
 
+    def part(self, prefix: str) -> "Graph":
+        """Return the same graph, in which the names of new tensors begin with ``prefix``.
+
+        Whoever adds nodes goes on with the names returned, so that they may stand in it twice.
+        """
+        part = Graph(self.prefix + prefix)
+        part.nodes, part.constants = self.nodes, self.constants
+        return part
+
     def constant(self, name: str, value: Any, dtype: type = np.float32) -> str:
         """Add a constant."""
+        name = self.prefix + name
         self.constants.append(numpy_helper.from_array(np.asarray(value, dtype), name))
         return name
 
     def add(self, kind: str, inputs: list[str], output: str, **attributes: Any) -> str:
         """Add a node with one output."""
+        output = self.prefix + output
         self.nodes.append(helper.make_node(kind, inputs, [output], **attributes))
         return output
 
@@ -119,17 +131,28 @@ class Graph:
 
 def build(network: Network) -> onnx.ModelProto:
     """Return the graph ``step``, float32, without a card."""
-    graph, spec = Graph(), network.spec
-    k, size = spec.n_inputs, network.state_layout.size
+    graph = Graph()
+    u_scaled, y = network_nodes(graph, network, "u", "state")
+    lambda_nodes(graph, network.transform, y)
+    next_nodes(graph, network, u_scaled, y, "state")
+    return finished(graph, network.spec.n_inputs, network.state_layout.size)
+
+
+def network_nodes(graph: Graph, network: Network, u: str, state: str) -> tuple[str, str]:
+    """Add one step; return the scaled inputs (batch, k) and the output in model units (batch, 1).
+
+    u, state : the network's own inputs (batch, k) and state
+    """
+    spec = network.spec
     gain, offset = network.input_map()
-    u = _transformed(graph, network)
-    graph.add("Gemm", [u, graph.constant("u_gain", np.diag(gain)),
-                       graph.constant("u_offset", offset)], "u_mapped", transB=1)  # fmt: skip
+    u = _transformed(graph, network, u)
+    names = [graph.constant("u_gain", np.diag(gain)), graph.constant("u_offset", offset)]
+    mapped = graph.add("Gemm", [u, *names], "u_mapped", transB=1)
     limits = [graph.constant("u_low", -1.0), graph.constant("u_high", 1.0)]
-    graph.add("Clip", ["u_mapped", *limits], "u_scaled")
-    x = regressor = "state"
+    u_scaled = graph.add("Clip", [mapped, *limits], "u_scaled")
+    x = regressor = state
     if network.sees_newest:
-        x = regressor = graph.add("Concat", ["u_scaled", "state"], "regressor", axis=1)
+        x = regressor = graph.add("Concat", [u_scaled, state], "regressor", axis=1)
     stack = network.folded_layers()
     for i, (w, b) in enumerate(stack):
         if spec.linear_path and i == len(stack) - 1:
@@ -140,32 +163,43 @@ def build(network: Network) -> onnx.ModelProto:
             x = graph.add("Tanh", [x], f"tanh{i}")
     low, high = network.scaling.y_low, network.scaling.y_high
     names = [graph.constant("y_low", low), graph.constant("y_high", high)]
-    phi = network.transform == "phi"
-    y = graph.add("Clip", [x, *names], "phi" if phi else "lambda_hat")
-    if phi:
-        names = [graph.constant("phi_low", 1.0 / LAMBDA_MAX), graph.constant("phi_high", PHI_MAX)]
-        graph.add("Reciprocal", [graph.add("Clip", [y, *names], "phi_readable")], "lambda_hat")
-    kept = graph.take("state", 0, size - k - 1, "kept")
-    graph.add("Concat", ["u_scaled", y, kept], "next_state", axis=1)
-    return finished(graph, k, size)
+    return u_scaled, graph.add("Clip", [x, *names], "y")
 
 
-def _transformed(graph: Graph, network: Network) -> str:
-    source = "u"
+def lambda_nodes(graph: Graph, transform: str, y: str) -> None:
+    """Add the graph's output ``lambda_hat`` for ``y`` in model units."""
+    if transform != "phi":
+        graph.add("Identity", [y], "lambda_hat")
+        return
+    names = [graph.constant("phi_low", 1.0 / LAMBDA_MAX), graph.constant("phi_high", PHI_MAX)]
+    graph.add("Reciprocal", [graph.add("Clip", [y, *names], "phi_readable")], "lambda_hat")
+
+
+def next_nodes(
+    graph: Graph, network: Network, u_scaled: str, y: str, state: str, more: Sequence[str] = ()
+) -> None:
+    """Add the graph's output ``next_state``: the newest sample, the older ones, ``more``."""
+    k, size = network.spec.n_inputs, network.state_layout.size
+    kept = graph.take(state, 0, size - k - 1, "kept")
+    graph.add("Concat", [u_scaled, y, kept, *more], "next_state", axis=1)
+
+
+def _transformed(graph: Graph, network: Network, u: str) -> str:
+    source = u
     for index, t in enumerate(network.transforms):
         i = network.inputs.index(t["numerator"])
         j = network.inputs.index(t["denominator"])
         k = len(network.inputs)
         name = f"ratio{index}"
-        top = graph.take("u", i, i + 1, f"{name}_top")
-        bottom = graph.take("u", j, j + 1, f"{name}_bottom")
+        top = graph.take(u, i, i + 1, f"{name}_top")
+        bottom = graph.take(u, j, j + 1, f"{name}_bottom")
         least = graph.constant(f"{name}_least", t["denominator_minimum"])
-        graph.add("Max", [bottom, least], f"{name}_safe")
-        graph.add("Div", [top, f"{name}_safe"], f"{name}_quotient")
-        graph.add("Mul", [f"{name}_quotient", graph.constant(f"{name}_factor", t["factor"])],
-                  f"{name}_free")  # fmt: skip
+        safe = graph.add("Max", [bottom, least], f"{name}_safe")
+        quotient = graph.add("Div", [top, safe], f"{name}_quotient")
+        factor = graph.constant(f"{name}_factor", t["factor"])
+        free = graph.add("Mul", [quotient, factor], f"{name}_free")
         limits = [graph.constant(f"{name}_low", 0.0), graph.constant(f"{name}_high", t["maximum"])]
-        middle = graph.add("Clip", [f"{name}_free", *limits], f"{name}_value")
+        middle = graph.add("Clip", [free, *limits], f"{name}_value")
         parts = [middle]
         if i > 0:
             parts.insert(0, graph.take(source, 0, i, f"{name}_before"))
