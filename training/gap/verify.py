@@ -69,7 +69,8 @@ def _errors(
 ) -> tuple[Error, tuple[Error, ...]]:
     drives = [from_recording(r) for r in recordings]
     compared, after = _compared(old, new, recordings, drives)
-    best = [r.residual for r in compared] if after is None else after
+    both = [[r.residual for r in compared], *([] if after is None else [after])]
+    best = min(both, key=lambda residuals: rms(scored(compared, residuals)))
     floor = left_over(drives, compared, best, chain)
     overall, *regimes = compare(compared, after, floor)
     return overall, tuple(regimes)
