@@ -1,0 +1,1 @@
+"""The study of the gap workflow: what it answers on simulated vehicles with something hidden."""
