@@ -77,6 +77,11 @@ def test_a_model_with_what_was_missing_is_better_everywhere_and_still_finds_faul
     }  # fmt: skip
     assert all(e.better for e in found.regimes)
     assert found.worse == ()
+    # AND the stretch that is shown has both runs
+    trace = found.trace
+    assert trace is not None
+    off = [np.abs(trace.measured - run)[trace.scored] for run in (trace.before, trace.after)]
+    assert float(off[0].mean()) > 5.0 * float(off[1].mean())
     # AND what it costs on the vehicle as it was is said beside
     assert found.healthy is not None
     assert found.healthy.after == pytest.approx(0.02, rel=0.05)
@@ -121,19 +126,19 @@ def slow_noise(seed: int, n: int) -> FloatArray:
     return np.asarray(lfilter([1.0], [1.0, -0.95], np.random.default_rng(seed).normal(size=n)))
 
 
-def test_models_that_are_equally_good_seldom_come_out_worse_anywhere() -> None:
+def test_models_that_are_equally_good_seldom_differ_beyond_confidence_anywhere() -> None:
     # GIVEN residuals of the same size, correlated over two seconds
     n, trials = 6000, 60
     signals = plain_signals(n, 4)
     scored = np.ones(n, dtype=bool)
     phi = 1.0 + 0.02 * np.sin(np.arange(n) * 0.2)
-    worse = 0
+    told = 0
     for seed in range(trials):
         old, new = slow_noise(2 * seed, n), slow_noise(2 * seed + 1, n)
         drive = Compared("drive", PERIOD_S, signals, phi + old, phi, scored)
-        worse += any(e.worse for e in compare([drive], [new], None, seed)[1:])
-    # THEN at most about one in twenty has a regime that is worse beyond confidence
-    assert worse / trials <= 0.12
+        told += any(e.worse or e.better for e in compare([drive], [new], None, seed)[1:])
+    # THEN about one in twenty has a regime in which they differ beyond confidence
+    assert told / trials <= 0.10
 
 
 def test_a_fault_is_put_on_the_reading_alone() -> None:

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from scipy.stats import norm as normal
+from scipy.stats import t as student
 
 from monitor.types import BoolArray, FloatArray
 from training.gap.bootstrap import draw_counts
@@ -174,4 +176,16 @@ def _bounds(
     spread = np.maximum(changes.std(axis=1), np.finfo(float).tiny)
     distance = np.abs(changes - value[:, np.newaxis]) / spread[:, np.newaxis]
     far = float(np.quantile(distance[told].max(axis=0), CONFIDENCE)) if told.any() else np.inf
-    return np.column_stack([value - far * spread, value + far * spread])
+    reach = far * spread * _few(n**2 / (counts**2).sum(axis=1))
+    return np.column_stack([value - reach, value + reach])
+
+
+def _few(blocks: FloatArray) -> FloatArray:
+    """Return by how much a bootstrap over so many blocks (n_regimes,) reaches too short.
+
+    It draws a normal distribution's tail where Student's has to be, and the spread over n instead
+    of n - 1. Source: Efron and Tibshirani, An Introduction to the Bootstrap, 1993, section 12.
+    """
+    n = np.maximum(blocks, 2.0)
+    tail = 0.5 + CONFIDENCE / 2.0
+    return np.sqrt(n / (n - 1.0)) * student.ppf(tail, n - 1.0) / normal.ppf(tail)

@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from monitor.types import BoolArray, FloatArray
+
 
 @dataclass(frozen=True, slots=True)
 class Error:
@@ -57,6 +59,18 @@ class Found:
 
 
 @dataclass(frozen=True, slots=True)
+class Trace:
+    """A stretch of a held-out drive with both models."""
+
+    recording: str
+    t_s: FloatArray  # (n,)
+    measured: FloatArray  # (n,) phi
+    before: FloatArray
+    after: FloatArray
+    scored: BoolArray
+
+
+@dataclass(frozen=True, slots=True)
 class Verified:
     """Old and new model on recordings that no fit saw."""
 
@@ -67,6 +81,7 @@ class Verified:
     alarms: Found | None  # without a fault, on the held-out drives
     healthy_alarms: Found | None  # without a fault, on healthy recordings
     notes: tuple[str, ...]
+    trace: Trace | None = None  # where the new model helps most; None without one
 
     @property
     def worse(self) -> tuple[Error, ...]:

@@ -17,8 +17,9 @@ from training.gap.detection import FAULTS, monitor_of
 from training.gap.drives import Drive, from_recording
 from training.gap.error_regimes import compare, rms, scored
 from training.gap.healthy import columns
+from training.gap.operating_map import excerpt
 from training.gap.predicted import predicted_phi
-from training.gap.verified import Error, Found, Verified
+from training.gap.verified import Error, Found, Trace, Verified
 from training.recordings import Recording
 
 Progress = Callable[[str], None]
@@ -47,60 +48,68 @@ def verify(
     Raises RecordingError if a recording cannot be scored.
     """
     progress("errors on held-out recordings")
-    overall, regimes = _errors(old, new, recordings, chain)
+    overall, regimes, trace = _errors(old, new, recordings, chain)
     on_healthy = _plain(old, new, healthy) if healthy else None
     if not faults:
-        return Verified(overall, regimes, on_healthy, (), None, None, ())
+        return Verified(overall, regimes, on_healthy, (), None, None, (), trace)
     progress("faults put on held-out recordings")
     try:
         before, after = monitor_of(old), None if new is None else monitor_of(new)
     except (ModelError, ConfigError) as error:
         note = f"The monitor was not asked: {error}."
-        return Verified(overall, regimes, on_healthy, (), None, None, (note,))
+        return Verified(overall, regimes, on_healthy, (), None, None, (note,), trace)
     alarms = detection.alarms(recordings, before, after)
     healthy_alarms = detection.alarms(healthy, before, after) if healthy else None
     found = detection.detect(recordings, faults, before, after)
     notes = (AFTERWARDS, *_short_of_judged(alarms), *_alarmed(alarms))
-    return Verified(overall, regimes, on_healthy, found, alarms, healthy_alarms, notes)
+    return Verified(overall, regimes, on_healthy, found, alarms, healthy_alarms, notes, trace)
 
 
 def _errors(
     old: Path, new: Path | None, recordings: Sequence[Recording], chain: Constants
-) -> tuple[Error, tuple[Error, ...]]:
+) -> tuple[Error, tuple[Error, ...], Trace | None]:
+    before, after = _compared(old, new, recordings)
+    both = [[r.residual for r in each] for each in (before, after) if each is not None]
+    best = min(both, key=lambda residuals: rms(scored(before, residuals)))
     drives = [from_recording(r) for r in recordings]
-    compared, after = _compared(old, new, recordings, drives)
-    both = [[r.residual for r in compared], *([] if after is None else [after])]
-    best = min(both, key=lambda residuals: rms(scored(compared, residuals)))
-    floor = left_over(drives, compared, best, chain)
-    overall, *regimes = compare(compared, after, floor)
-    return overall, tuple(regimes)
+    floor = left_over(drives, before, best, chain)
+    overall, *regimes = compare(before, both[1] if after else None, floor)
+    return overall, tuple(regimes), _trace(before, after) if after else None
 
 
 def _plain(old: Path, new: Path | None, recordings: Sequence[Recording]) -> Error:
     """Return the error of all samples alone, without a floor."""
-    drives = [from_recording(r) for r in recordings]
-    compared, after = _compared(old, new, recordings, drives)
-    whole = compare(compared, after, None)[0]
+    before, after = _compared(old, new, recordings)
+    whole = compare(before, [r.residual for r in after] if after else None, None)[0]
     return replace(whole, kind="healthy", regime="recordings on which the model was accepted")
 
 
 def _compared(
-    old: Path, new: Path | None, recordings: Sequence[Recording], drives: Sequence[Drive]
-) -> tuple[list[Compared], list[FloatArray] | None]:
-    """Return the drives with the old model's residuals, and the new model's (n,) of each.
-
-    Both are scored on the same samples.
-    """
+    old: Path, new: Path | None, recordings: Sequence[Recording]
+) -> tuple[list[Compared], list[Compared] | None]:
+    """Return the drives with each model's prediction, scored on the same samples."""
     before = predicted_phi(old, recordings)
-    if new is None:
-        return [Compared.of(d, b) for d, b in zip(drives, before, strict=True)], None
-    after = predicted_phi(new, recordings)
+    after = before if new is None else predicted_phi(new, recordings)
     drives = [
         replace(d, scored=d.scored & np.isfinite(b) & np.isfinite(a))
-        for d, b, a in zip(drives, before, after, strict=True)
+        for d, b, a in zip(map(from_recording, recordings), before, after, strict=True)
     ]
-    compared = [Compared.of(d, b) for d, b in zip(drives, before, strict=True)]
-    return compared, [Compared.of(d, a).residual for d, a in zip(drives, after, strict=True)]
+    old_run, new_run = (
+        [Compared.of(d, phi) for d, phi in zip(drives, each, strict=True)]
+        for each in (before, after)
+    )
+    return old_run, None if new is None else new_run
+
+
+def _trace(before: Sequence[Compared], after: Sequence[Compared]) -> Trace:
+    """Return the stretch in which the new model takes away most of the squared error."""
+    numbered = [replace(r, name=str(i)) for i, r in enumerate(before)]
+    gained = [b.residual - a.residual for b, a in zip(before, after, strict=True)]
+    shown = excerpt(numbered, gained)
+    drive = after[int(shown.recording)]
+    first = round(float(shown.t_s[0]) / drive.period_s)
+    new = drive.phi_predicted[first : first + len(shown.t_s)]
+    return Trace(drive.name, shown.t_s, shown.measured, shown.predicted, new, shown.scored)
 
 
 def left_over(
