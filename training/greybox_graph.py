@@ -7,7 +7,7 @@ runs give the same bits. Constants and names follow ``chain``; a change there is
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,11 +19,14 @@ from monitor.errors import ModelError
 from monitor.model import LAMBDA_MAX, PHI_MAX
 from monitor.model_card import METADATA_KEY, ModelCard, StateLayout
 from monitor.types import FloatArray
-from training.chain import Constants
+from training.chain import SPEED_LEAST_RPM, Constants
 from training.export import Graph, finished
+from training.gap.added import Added
+from training.gap.effect_nodes import graph_effect
 from training.greybox_charge import ChargeMap
 from training.greybox_nodes import (
-    Nodes,
+    GraphEffect,
+    Prefixed,
     base_nodes,
     charge_nodes,
     lag_nodes,
@@ -35,22 +38,6 @@ from training.greybox_nodes import (
 )
 
 FORGOTTEN = 12.0  # time constants after which a lag's start no longer matters
-
-
-@dataclass(frozen=True, slots=True)
-class GraphEffect:
-    """An effect as nodes: it changes what happens on the way, from inputs and its own states.
-
-    add : (graph, path, signals, states) to the changed path and the next states; ``signals`` are
-        the clipped inputs by name, ``states`` the names of ``n_states`` tensors, each (batch, 1).
-        Names of nodes must be the effect's own.
-    """
-
-    name: str
-    n_states: int
-    add: Callable[
-        [Graph, Nodes, Mapping[str, str], Sequence[str]], tuple[Nodes, Sequence[str]]
-    ]  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +55,7 @@ class Greybox:
 
     @classmethod
     def of(cls, card: ModelCard) -> "Greybox":
-        """Return what the graph of a model was built from, without its added effects.
+        """Return what the graph of a model was built from.
 
         Raises ModelError if the card is not a grey-box model's.
         """
@@ -81,13 +68,16 @@ class Greybox:
             register = int(given["register_samples"])
             own = given["charge_map"]
             charge_map = None if own is None else ChargeMap.from_card(own)
+            period_s = card.period_ns / 1e9
+            effects = tuple(
+                graph_effect(Added.from_card(entry), period_s, entry["reads"])
+                for entry in card.effects
+            )
         except (KeyError, TypeError) as error:
             raise ModelError(
                 f"the card of a greybox lacks part of its structure: {error}"
             ) from None
-        return cls(
-            constants, card.input_names, low, high, card.period_ns / 1e9, register, charge_map
-        )
+        return cls(constants, card.input_names, low, high, period_s, register, charge_map, effects)
 
     def structure(self) -> dict[str, Any]:
         """Return what the card's structure needs beside the constants."""
@@ -105,8 +95,10 @@ class Greybox:
 
     @property
     def memory(self) -> int:
-        """Samples after which a steady input has filled the register and both lags."""
+        """Samples after which a steady input has filled the register and all lags."""
         lags_s = self.constants.mixing_s + self.constants.sensor_s
+        for effect in self.effects:
+            lags_s = lags_s * (1.0 + effect.slower) + effect.lag_s
         return self.register + math.ceil(FORGOTTEN * lags_s / self.period_s)
 
     def signals(self, u: FloatArray) -> dict[str, FloatArray]:
@@ -130,30 +122,57 @@ def register_for(longest_s: float, period_s: float) -> int:
     return max(math.ceil(longest_s / period_s), 1)
 
 
+def longest_dead_time_s(constants: Constants, slowest_rpm: float) -> float:
+    """Return the base's dead time at the slowest engine speed.
+
+    >>> longest_dead_time_s(Constants(dead_time_s=0.1, dead_time_revolutions=2.0), 480.0)
+    0.35
+    """
+    slowest = max(slowest_rpm, SPEED_LEAST_RPM)
+    return constants.dead_time_s + constants.dead_time_revolutions * 60.0 / slowest
+
+
 def build(greybox: Greybox) -> ModelProto:
     """Return the graph ``step``, float32, without a card."""
-    graph, register = Graph(), greybox.register
-    names = [graph.constant("u_low", greybox.u_low[None]),
-             graph.constant("u_high", greybox.u_high[None])]  # fmt: skip
-    graph.add("Min", [graph.add("Max", ["u", names[0]], "u_raised"), names[1]], "u_clipped")
+    graph = Graph()
+    limits = [graph.constant("u_low", greybox.u_low[None]),
+              graph.constant("u_high", greybox.u_high[None])]  # fmt: skip
+    raised = graph.add("Max", ["u", limits[0]], "u_raised")
+    clipped = graph.add("Min", [raised, limits[1]], "u_clipped")
     signals = {
-        name: graph.take("u_clipped", i, i + 1, f"signal_{name}")
+        name: graph.take(clipped, i, i + 1, f"signal_{name}")
         for i, name in enumerate(greybox.inputs)
     }
+    phi, parts = chain_nodes(graph, greybox, signals, "state")
+    least = graph.constant("phi_least", 1.0 / LAMBDA_MAX)
+    graph.add("Reciprocal", [graph.add("Max", [phi, least], "phi_readable")], "lambda_hat")
+    graph.add("Concat", parts, "next_state", axis=1)
+    return finished(graph, len(greybox.inputs), greybox.state_layout.size)
+
+
+def chain_nodes(
+    graph: Graph, greybox: Greybox, signals: Mapping[str, str], state: str
+) -> tuple[str, list[str]]:
+    """Add the chain with its effects: return the reading phi and the parts of its next state.
+
+    signals : clipped inputs by name; state : (batch, n) as ``state_layout`` has it
+    For two chains in one graph give each its own ``greybox_nodes.Prefixed``.
+    """
+    signals, register = dict(signals), greybox.register
     if greybox.charge_map is not None:
         signals["air_mass_mg"] = charge_nodes(graph, greybox.charge_map, signals)
-    nodes, at, kept = base_nodes(graph, greybox.constants, signals), 4 + register, []
-    for effect in greybox.effects:
-        states = [graph.take("state", at + i, at + i + 1, f"{effect.name}_state{i}")
-                  for i in range(effect.n_states)]  # fmt: skip
-        nodes, after = effect.add(graph, nodes, signals, states)
+    nodes, at, kept = base_nodes(graph, greybox.constants, signals), 4 + register, list[str]()
+    for i, effect in enumerate(greybox.effects):
+        own = Prefixed(graph, f"effect{i}_{effect.name}_")
+        states = [own.take(state, at + j, at + j + 1, f"state{j}") for j in range(effect.n_states)]
+        nodes, after = effect.add(own, nodes, signals, states)
         kept += list(after)
         at += effect.n_states
     valve = valve_nodes(graph, nodes)
     places = {"read": 0, "late": 1 + register, "mixed": 2 + register, "pumped": 3 + register}
-    old = {name: graph.take("state", i, i + 1, f"old_{name}") for name, i in places.items()}
-    history = graph.add("Concat", [valve, graph.take("state", 1, 1 + register, "past")],
-                        "history", axis=1)  # fmt: skip
+    old = {name: graph.take(state, i, i + 1, f"old_{name}") for name, i in places.items()}
+    past = graph.take(state, 1, 1 + register, "past")
+    history = graph.add("Concat", [valve, past], "history", axis=1)
     late = late_nodes(graph, history, nodes.dead_time_s, register, greybox.period_s)
     weights = lag_weights(graph, nodes.mixing_s, "mixing", greybox.period_s)
     mixed = lag_nodes(graph, old["mixed"], late, old["late"], weights, "mixed")
@@ -162,11 +181,8 @@ def build(greybox: Greybox) -> ModelProto:
     read = lag_nodes(graph, old["read"], pumped, old["pumped"], weights, "read")
     limits = [graph.constant("phi_low", 0.0), graph.constant("phi_high", PHI_MAX)]
     phi = graph.add("Clip", [read, *limits], "phi")
-    least = graph.constant("phi_least", 1.0 / LAMBDA_MAX)
-    graph.add("Reciprocal", [graph.add("Max", [phi, least], "phi_readable")], "lambda_hat")
-    rest = graph.take("history", 0, register, "next_register")
-    graph.add("Concat", [phi, rest, late, mixed, pumped, *kept], "next_state", axis=1)
-    return finished(graph, len(greybox.inputs), greybox.state_layout.size)
+    rest = graph.take(history, 0, register, "next_register")
+    return phi, [phi, rest, late, mixed, pumped, *kept]
 
 
 def save(path: Path | str, greybox: Greybox, card: ModelCard) -> None:

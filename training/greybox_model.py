@@ -27,7 +27,7 @@ from training.greybox import Fitted, described, fit_constants, reference
 from training.greybox_charge import INPUTS as CHARGE_INPUTS
 from training.greybox_charge import ChargeMap, fit_with_charge
 from training.greybox_checks import TOLERANCE, contraction, parity, physical_inputs
-from training.greybox_graph import Greybox, register_for, save
+from training.greybox_graph import Greybox, longest_dead_time_s, register_for, save
 from training.prepare import MARGIN, Prepared, Role, prepare
 from training.stability import CONTRACTION_SAMPLES
 
@@ -198,9 +198,8 @@ def _greybox(
     data: Prepared, limits: tuple[FloatArray, FloatArray], constants: Constants,
     charge_map: ChargeMap | None,
 ) -> Greybox:  # fmt: skip
-    slowest_rpm = max(limits[0][data.names.index("engine_speed_rpm")], SPEED_LEAST_RPM)
-    longest_s = constants.dead_time_s + constants.dead_time_revolutions * 60.0 / slowest_rpm
-    register = register_for(longest_s, _period_s(data))
+    slowest_rpm = limits[0][data.names.index("engine_speed_rpm")]
+    register = register_for(longest_dead_time_s(constants, slowest_rpm), _period_s(data))
     return Greybox(constants, data.names, *limits, _period_s(data), register, charge_map)
 
 

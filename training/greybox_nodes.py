@@ -3,8 +3,9 @@
 Each mirrors a step of ``chain`` or ``greybox_charge``; a change there is a change here.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -36,6 +37,40 @@ class Nodes:
     gas_factor: str
     gas_offset: str
     span: str
+
+
+class Prefixed(Graph):
+    """A graph whose new names have a prefix, so that the same nodes can stand in it twice."""
+
+    def __init__(self, graph: Graph, prefix: str) -> None:
+        self.nodes, self.constants, self._graph = graph.nodes, graph.constants, graph
+        self._prefix = prefix
+
+    def constant(self, name: str, value: Any, dtype: type = np.float32) -> str:
+        """Add a constant."""
+        return self._graph.constant(self._prefix + name, value, dtype)
+
+    def add(self, kind: str, inputs: list[str], output: str, **attributes: Any) -> str:
+        """Add a node with one output."""
+        return self._graph.add(kind, inputs, self._prefix + output, **attributes)
+
+
+@dataclass(frozen=True, slots=True)
+class GraphEffect:
+    """An effect as nodes: it changes what happens on the way, from inputs and its own states.
+
+    add : (graph, path, signals, states) to the changed path and the next states; ``signals`` are
+        the clipped inputs by name, ``states`` the names of ``n_states`` tensors, each (batch, 1)
+    """
+
+    name: str
+    n_states: int
+    add: Callable[
+        [Graph, Nodes, Mapping[str, str], Sequence[str]], tuple[Nodes, Sequence[str]]
+    ]  # fmt: skip
+    dead_time_s: float = 0.0  # more than the base's, at most
+    lag_s: float = 0.0  # time constants that a start must forget, more than the base's, at most
+    slower: float = 0.0  # relative growth of the base's lags, at most
 
 
 def base_nodes(graph: Graph, constants: Constants, signals: Mapping[str, str]) -> Nodes:
@@ -184,7 +219,7 @@ def pumped_nodes(graph: Graph, nodes: Nodes, mixed: str) -> str:
 def sensor_weights(
     graph: Graph, nodes: Nodes, pumped: str, read: str, period_s: float
 ) -> tuple[str, str]:
-    """Add the weights of the sensor\'s lag, those of its direction where the two differ."""
+    """Add the weights of the sensor's lag, those of its direction where the two differ."""
     rising = lag_weights(graph, nodes.sensor_rising_s, "rising", period_s)
     if nodes.sensor_falling_s == nodes.sensor_rising_s:
         return rising

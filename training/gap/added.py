@@ -2,14 +2,16 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from monitor.errors import ModelError
 from monitor.types import FloatArray
 from training.gap.effects import LIBRARY, Effect
-from training.gap.verdict import Candidate
+
+if TYPE_CHECKING:
+    from training.gap.verdict import Candidate
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +38,7 @@ class Added:
             )
 
     @classmethod
-    def of(cls, candidate: Candidate) -> "Added":
+    def of(cls, candidate: "Candidate") -> "Added":
         """Return what the naming found; raises ModelError for a sensor fault."""
         return cls(
             candidate.name,
