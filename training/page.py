@@ -19,6 +19,9 @@ tr.chosen td {{ font-weight: 600; background: #eef4ff; }}
 figure {{ margin: 1.5em 0; }} img {{ max-width: 100%; }} .warning {{ color: #a33; }}
 figcaption, .note {{ color: #555; }}
 nav a {{ margin-right: 1em; }}
+.verdict {{ font-size: 1.15em; padding: .6em 1em; }}
+.verdict {{ border-left: .3em solid #57a; background: #f3f6fa; }}
+.sensor_fault_suspected {{ border-color: #a33; }} summary {{ cursor: pointer; color: #555; }}
 </style></head><body><h1>{title}</h1>
 {body}
 </body></html>

@@ -1,6 +1,6 @@
 """Errors of two models side by side in regimes of the drives, with bounds of their difference.
 
-Blocks of time are drawn with replacement; the bounds hold for all regimes together.
+Blocks of time are drawn with replacement; the bounds of regimes hold for all of them together.
 Source: Künsch, Annals of Statistics 17 (1989); Westfall and Young, Resampling-Based Multiple
 Testing, 1993, for the largest of several differences.
 """
@@ -167,7 +167,11 @@ def _bounds(
     told: BoolArray,
     rng: np.random.Generator,
 ) -> FloatArray:
-    """Return low and high (n_regimes, 2) of the change of RMSE, for all ``told`` together."""
+    """Return low and high (n_regimes, 2) of the change of RMSE.
+
+    The first is of all samples and stands by itself; those of the others hold for all ``told``
+    together.
+    """
     drawn = draw_counts(counts.shape[1], rng).T
     many = np.maximum(counts @ drawn, 1.0)
     changes = np.sqrt(after @ drawn / many) - np.sqrt(before @ drawn / many)
@@ -175,7 +179,10 @@ def _bounds(
     value = np.sqrt(after.sum(axis=1) / n) - np.sqrt(before.sum(axis=1) / n)
     spread = np.maximum(changes.std(axis=1), np.finfo(float).tiny)
     distance = np.abs(changes - value[:, np.newaxis]) / spread[:, np.newaxis]
-    far = float(np.quantile(distance[told].max(axis=0), CONFIDENCE)) if told.any() else np.inf
+    far = np.full(len(n), np.inf)
+    for rows in (np.arange(1), np.flatnonzero(told[1:]) + 1):  # the whole, then its parts together
+        if len(rows):
+            far[rows] = np.quantile(distance[rows].max(axis=0), CONFIDENCE)
     reach = far * spread * _few(n**2 / (counts**2).sum(axis=1))
     return np.column_stack([value - reach, value + reach])
 

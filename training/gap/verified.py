@@ -18,7 +18,7 @@ class Error:
     before: float
     after: float | None  # None without a new model
     floor: float | None  # what a flexible model leaves; None if it is not known
-    change_low: float | None = None  # of after minus before, simultaneous 95 % over all regimes
+    change_low: float | None = None  # of after minus before, 95 % for all regimes together
     change_high: float | None = None  # both None if the blocks are too few
 
     @property
@@ -91,11 +91,12 @@ class Verified:
     @property
     def closed(self) -> float | None:
         """Return how much of the squared error above the floor is gone, None if unknown."""
-        whole = self.overall
-        if whole.after is None or whole.floor is None:
-            return None
-        gap = whole.before**2 - whole.floor**2
-        return (whole.before**2 - whole.after**2) / gap if gap > 0.0 else None
+        return share_gone(self.overall, self.overall.floor)
+
+    @property
+    def closed_beyond_healthy(self) -> float | None:
+        """Return the same above the old model's error on healthy recordings."""
+        return share_gone(self.overall, None if self.healthy is None else self.healthy.before)
 
     @property
     def rate_before(self) -> float | None:
@@ -111,6 +112,7 @@ class Verified:
         """Return regimes and detection as ``gap.json`` has them."""
         return {
             "gap_closed": self.closed,
+            "gap_closed_beyond_healthy": self.closed_beyond_healthy,
             "overall": _error(self.overall),
             "regimes": [_error(e) for e in self.regimes],
             "healthy": None if self.healthy is None else _error(self.healthy),
@@ -121,6 +123,13 @@ class Verified:
             ),
             "notes": list(self.notes),
         }
+
+
+def share_gone(error: Error, level: float | None) -> float | None:
+    """Return how much of the squared error above a level in phi is gone, None without a gap."""
+    if error.after is None or level is None or error.before <= level:
+        return None
+    return (error.before**2 - error.after**2) / (error.before**2 - level**2)
 
 
 def rate(counts: Sequence[Count], of: str = "found") -> float | None:

@@ -81,7 +81,7 @@ def _plain(old: Path, new: Path | None, recordings: Sequence[Recording]) -> Erro
     """Return the error of all samples alone, without a floor."""
     before, after = _compared(old, new, recordings)
     whole = compare(before, [r.residual for r in after] if after else None, None)[0]
-    return replace(whole, kind="healthy", regime="recordings on which the model was accepted")
+    return replace(whole, kind="healthy", regime="healthy recordings")
 
 
 def _compared(
