@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
         rows = study_run.rows(study, args.out)
         print(report.as_text(rows, study))
         (args.out / REPORT).write_text(report.as_page(rows, study, identity))
-        run_folder.write_json(args.out / RESULT, report.result(rows, study, identity))
+        run_folder.write_json(args.out / RESULT, report.result(rows, study, identity), indent=1)
         print(f"report: {args.out / REPORT}")
     return 0
 

@@ -49,6 +49,7 @@ def run(args: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     from monitor import config
+    from training import run_folder
     from training.matrix import report
     from training.matrix import run as matrix_run
     from training.matrix.page import as_page
@@ -65,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
     jobs = args.jobs or os.cpu_count() or 1
     with tqdm(total=matrix_run.count(matrix), unit="drive", disable=None) as bar:
         rows = matrix_run.run(matrix, args.model, settings, args.out, jobs, bar.update)
-    found = report.result(rows, matrix_run.identity_of(args.out), args.model.name)
+    found = report.result(rows, run_folder.identity_of(args.out), args.model.name)
     print(report.as_text(found))
     (args.out / REPORT).write_text(as_page(found, rows))
     text = json.dumps(found, indent=1, allow_nan=False) + "\n"

@@ -1,8 +1,9 @@
 """A folder that holds one run's results, so that the same run begun again goes on there."""
 
+import ast
 import hashlib
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -19,7 +20,7 @@ def claim(folder: Path, identity: Mapping[str, Any]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / RUN
     if not path.exists():
-        write_json(path, identity)
+        write_json(path, identity, indent=1)
         return
     found = json.loads(path.read_text())
     differs = [key.removesuffix("_sha256") for key in identity if found.get(key) != identity[key]]
@@ -36,10 +37,10 @@ def identity_of(folder: Path) -> dict[str, Any]:
     return found
 
 
-def write_json(path: Path, tree: Any) -> None:
-    """Write a file that is there whole or not at all."""
+def write_json(path: Path, tree: Any, indent: int | None = None) -> None:
+    """Write a file that is there whole or not at all; raises ValueError for NaN."""
     begun = path.with_suffix(".begun")
-    begun.write_text(json.dumps(tree, indent=1, allow_nan=False) + "\n")
+    begun.write_text(json.dumps(tree, indent=indent, allow_nan=False) + "\n")
     begun.replace(path)
 
 
@@ -49,3 +50,27 @@ def code_sha256(paths: Iterable[Path], root: Path) -> str:
     for path in sorted(paths):
         digest.update(path.relative_to(root).as_posix().encode() + path.read_bytes())
     return digest.hexdigest()
+
+
+def sources(module: Path, root: Path) -> set[Path]:
+    """Return a module's file and those of all modules below ``root`` that it imports in turn."""
+    found, new = set[Path](), {module}
+    while new:
+        path = new.pop()
+        found.add(path)
+        new |= {each for each in _imported(path, root) if each not in found}
+    return found
+
+
+def _imported(path: Path, root: Path) -> Iterator[Path]:
+    """Yield the files of the modules below ``root`` that a file names in its imports."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+        else:
+            continue
+        for name in names:
+            stem = root.joinpath(*name.split("."))
+            yield from (p for p in (stem.with_suffix(".py"), stem / "__init__.py") if p.is_file())

@@ -1,17 +1,22 @@
 """One case: its recordings made, the workflow asked, the answer as a row.
 
-The gap of a case is what it adds to the base's held-out squared error, in phi on scored samples:
-sqrt(max(0, MSE with what is hidden - MSE without)), both of the base with what it learned on the
-vehicle's healthy recordings, on the same drives with the same seeds. The noise is what the naming's
-ceiling leaves of the healthy recordings' residual (``scoring.floor_phi``), one value per vehicle.
+The gap of a case is how far what is hidden moves the base's error: the RMS, in phi over samples
+scored in both, of the difference between its error on the drives and on the same drives and seeds
+with nothing hidden. The noise is what the naming's ceiling leaves of the residual of the vehicle's
+healthy recordings (``scoring.floor_phi``). The excess, of which an answer takes a share away, is
+the mean squared error on held-out blocks, less that of the drives with nothing hidden.
 """
 
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import isfinite
 from typing import Any
 
-from training.chain import Constants
+import numpy as np
+
+from monitor.types import FloatArray
+from training.chain import Constants, base_path, simulate
 from training.gap import drives, scoring
 from training.gap.begin import begin
 from training.gap.drives import Drive
@@ -55,20 +60,23 @@ def run(case: Case, study: Study, vehicle: Vehicle | str) -> Row:
         return case.as_row() | {"noise": None, "error": vehicle}
     row = case.as_row() | {"noise": vehicle.noise_phi, "error": None}
     try:
-        return row | _answered(case, study, vehicle)
+        answered = _answered(case, study, vehicle)
+        if wrong := [k for k, v in answered.items() if isinstance(v, float) and not isfinite(v)]:
+            raise ValueError(f"{', '.join(wrong)} not finite")
+        return row | answered
     except Exception as error:  # one case must not end a study of many hours
         return row | {"error": f"{type(error).__name__}: {error}"}
 
 
 def _answered(case: Case, study: Study, vehicle: Vehicle) -> Row:
-    hidden = drive.recordings(case, study.duration_s)
+    recordings = drive.recordings(case, study.duration_s)
     began_s = time.perf_counter()
-    found = ask(hidden, vehicle, 2 if case.kind == "two" else 1)
+    found = ask(recordings, vehicle, 2 if case.kind == "two" else 1)
     took_s = time.perf_counter() - began_s
-    without = found.rmse_before
+    without, gap = found.rmse_before, 0.0
     if case.hidden or case.fault:
-        without = _before(drive.recordings(case, study.duration_s, hidden=False), vehicle)
-    excess = found.rmse_before**2 - without**2
+        driven = _drives(drive.recordings(case, study.duration_s, hidden=False))
+        without, gap = _before(driven, vehicle), moved_phi(_drives(recordings), driven, vehicle)
     after = found.rmse_before if found.rmse_after is None else found.rmse_after
     ranking = found.ranking
     return {
@@ -87,17 +95,31 @@ def _answered(case: Case, study: Study, vehicle: Vehicle) -> Row:
         "rmse_without": without,
         "noise_floor": found.noise_floor,
         "explained_share": found.explained_share,
-        "excess_before": excess,
+        "excess_before": found.rmse_before**2 - without**2,
         "excess_after": after**2 - without**2,
-        "gap": max(excess, 0.0) ** 0.5,
-        "gap_over_noise": max(excess, 0.0) ** 0.5 / vehicle.noise_phi,
+        "gap": gap,
+        "gap_over_noise": gap / vehicle.noise_phi,
         "seconds": took_s,
     }
 
 
-def _before(recordings: Sequence[Recording], vehicle: Vehicle) -> float:
+def moved_phi(hidden: Sequence[Drive], nothing: Sequence[Drive], vehicle: Vehicle) -> float:
+    """Return how far the base's error differs between two series of the same drives, RMS in phi."""
+    moved = []
+    for a, b in zip(hidden, nothing, strict=True):
+        both = a.scored & b.scored
+        moved.append((_error(a, vehicle) - _error(b, vehicle))[both])
+    return float(np.sqrt(np.mean(np.concatenate(moved) ** 2)))
+
+
+def _error(drive: Drive, vehicle: Vehicle) -> FloatArray:
+    path = base_path(vehicle.known.base, drive.signals)
+    return simulate(path, drive.period_s) - drive.phi_measured
+
+
+def _before(driven: Sequence[Drive], vehicle: Vehicle) -> float:
     """Return the base's held-out RMSE in phi, as the naming works it out."""
-    state = begin(_drives(recordings), vehicle.known, vehicle.known.base)
+    state = begin(driven, vehicle.known, vehicle.known.base)
     return held_out_rmse(state.case, state.current)
 
 

@@ -6,14 +6,13 @@ vehicles; their order is random, so that a study that was stopped holds a fair p
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from itertools import product
+from itertools import combinations, product
 from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
 
 from monitor.errors import UsageError
-from training.gap.effects import LIBRARY
 from training.matrix.plan import ELECTRICAL
 from training.matrix.plan import SEVERITIES as FAULT_SEVERITIES
 
@@ -25,10 +24,33 @@ CASES: Final[Mapping[str, Mapping[str, int]]] = MappingProxyType(
                     "fault": 110},
     }
 )  # fmt: skip
-EFFECT_SEVERITIES: Final = (0.5, 1.0, 2.0, 4.0, 8.0)
-UNKNOWN_SEVERITIES: Final = (2.0, 4.0, 8.0)
-TWO_SEVERITIES: Final = (2.0, 4.0)
-LARGEST: Final = {"sensor_asymmetry": 1.5}  # the plant's form gives no more
+USUAL: Final = (0.5, 1.0, 2.0, 4.0, 8.0)  # severities, of which 1 is about the plant's noise
+TWICE: Final = tuple(2.0 * severity for severity in USUAL)
+# So that the strongest moves the base's error by about eight times the noise that the workflow
+# sees, which is more than the plant's, or as far as the plant's form goes: sensor_asymmetry is
+# unstable beyond, maf_pulsation saturates.
+SEVERITIES: Final[Mapping[str, tuple[float, ...]]] = MappingProxyType(
+    {
+        "wall_film": USUAL,
+        "delay_flow": TWICE,
+        "mix_flow": TWICE,
+        "sensor_asymmetry": (0.4, 0.8, 1.2, 1.4, 1.6),
+        "injector_offset": TWICE,
+        "rail_exponent": TWICE,
+        "maf_offset": TWICE,
+        "maf_pulsation": USUAL,
+        "purge": TWICE,
+        "exhaust_leak": TWICE,
+        "back_pressure": USUAL,
+        "scavenging": USUAL,
+        "fuel_cut_tail": TWICE,
+        "charge_temperature": (4.0, 8.0, 16.0, 24.0, 32.0),
+        "manifold_filling": TWICE,
+        "ethanol": TWICE,
+    }
+)
+UNKNOWN_SEVERITIES: Final = (4.0, 8.0, 16.0)
+OF_TWO: Final = (2, 3)  # places of the severities that two effects at once have
 UNKNOWN: Final = ("oil_dilution", "battery_voltage", "intake_resonance")  # not in the library
 CYCLES: Final = ("micro_trips", "wltc_3b", "udds", "us06", "micro_trips", "hwfet")
 LENGTH_S: Final = {"wltc_3b": 1800.0, "udds": 1369.0, "us06": 596.0, "hwfet": 765.0}
@@ -132,11 +154,11 @@ def _of_kind(study: Study, kind: str, number: int) -> Iterator[Case]:
     """Yield the cases of one kind; what is hidden changes first, then the vehicle."""
     rng = np.random.default_rng([0x0_2, 22, KINDS.index(kind), study.seed])
     hidden = _hidden(kind, rng)
-    first = _first(study, kind)
+    first, rounds = _first(study, kind), -(-number // study.vehicles)
+    order = np.array([rng.permutation(study.vehicles) for _ in range(rounds)]).ravel()
     for i in range(number):
-        round_, at = divmod(i, len(hidden))
-        effects, fault = hidden[at]
-        vehicle = study.first_vehicle + (at + round_ * 7 + KINDS.index(kind)) % study.vehicles
+        effects, fault = hidden[i % len(hidden)]
+        vehicle = study.first_vehicle + int(order[i])
         seed = study.seed + MOST_DRIVES * (first + i)
         begins = _begins(study, kind, rng)
         parts = tuple(
@@ -161,15 +183,15 @@ def _hidden(kind: str, rng: np.random.Generator) -> list[Hidden]:
     if kind == "null":
         return [((), None)]
     if kind == "effect":
-        found = [(((n, s),), None) for n in LIBRARY for s in severities(n)]
+        found = [(((n, s),), None) for n, sizes in SEVERITIES.items() for s in sizes]
     elif kind == "unknown":
         found = [(((n, s),), None) for n, s in product(UNKNOWN, UNKNOWN_SEVERITIES)]
     elif kind == "two":
         found = [
-            (((a, min(s, severities(a)[-1])), (b, min(t, severities(b)[-1]))), None)
-            for a in LIBRARY for b in LIBRARY if a < b
-            for s, t in [rng.choice(TWO_SEVERITIES, 2).tolist()]
-        ]  # fmt: skip
+            (((a, SEVERITIES[a][i]), (b, SEVERITIES[b][j])), None)
+            for a, b in combinations(SEVERITIES, 2)
+            for i, j in [rng.choice(OF_TWO, 2).tolist()]
+        ]
     else:
         found = [
             ((), (name, severity))
@@ -178,18 +200,6 @@ def _hidden(kind: str, rng: np.random.Generator) -> list[Hidden]:
             for severity in sizes
         ]
     return [found[i] for i in rng.permutation(len(found))]
-
-
-def severities(effect: str) -> tuple[float, ...]:
-    """Return how strong an effect is hidden, in multiples of about the noise.
-
-    >>> severities("purge"), severities("sensor_asymmetry")
-    ((0.5, 1.0, 2.0, 4.0, 8.0), (0.5, 0.75, 1.0, 1.25, 1.5))
-    """
-    most = LARGEST.get(effect)
-    if most is None:
-        return EFFECT_SEVERITIES
-    return tuple(np.linspace(EFFECT_SEVERITIES[0], most, len(EFFECT_SEVERITIES)).tolist())
 
 
 def _begins(study: Study, kind: str, rng: np.random.Generator) -> list[float | None]:

@@ -125,12 +125,13 @@ def _head(rows: Sequence[Row], study: Study, identity: dict[str, Any]) -> str:
                 "vehicle, with other seeds, are given."
             ),
             paragraph(
-                "The gap of a case is the root of what it adds to the base's mean squared error "
-                "on held-out blocks of scored samples, against the same base on the same drives "
-                "and seeds with nothing hidden. The noise is what the naming's ceiling leaves of "
-                f"the residual on the vehicle's healthy recordings, {noise} in phi. Gap closed is "
-                "the share of that excess squared error that the answer takes away, 0 where "
-                "nothing is named.",
+                "The gap of a case is how far what is hidden moves the base's error: the RMS of "
+                "the difference between its error on the drives and on the same drives and seeds with "
+                "nothing hidden, over samples scored in both. The noise is what the naming's "
+                "ceiling leaves of the residual of the vehicle's healthy recordings, "
+                f"{noise} in phi. Gap closed is the share that the answer takes away of the excess "
+                "squared error on held-out blocks, 0 where nothing is named; the excess is over "
+                "the same base on the drives with nothing hidden."
             ),
             paragraph(f"Code {identity['code_sha256'][:12]}.", "note"),
         ]

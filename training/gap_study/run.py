@@ -11,13 +11,12 @@ from joblib import Parallel, delayed
 
 import monitor
 from training import run_folder
-from training.gap_study.case import Row, Vehicle, prepare
-from training.gap_study.case import run as run_case
+from training.gap_study import case
+from training.gap_study.case import Row, Vehicle
 from training.gap_study.plan import Case, Study, cases
 
 CASES: Final = "cases"
 VEHICLES: Final = "vehicles"
-MODULES: Final = ("plan", "drive", "case")  # of this package, that rows depend on
 Progress = Callable[[int], None]  # takes how many cases are done more
 
 
@@ -36,19 +35,19 @@ def begin(study: Study, folder: Path) -> dict[str, Any]:
 def run(study: Study, folder: Path, jobs: int, done: Progress) -> None:
     """Do all cases that the folder does not hold."""
     planned = cases(study)
-    missing = [case for case in planned if not _path(folder, case).exists()]
+    missing = [each for each in planned if not _path(folder, each).exists()]
     done(len(planned) - len(missing))
-    numbers = dict.fromkeys(case.vehicle for case in missing)
+    numbers = dict.fromkeys(each.vehicle for each in missing)
     new = [number for number in numbers if not _pickle(folder, number).exists()]
     Parallel(jobs)(delayed(_prepare)(study, number, folder) for number in new)
-    work = (delayed(_do)(case, study, folder) for case in missing)
+    work = (delayed(_do)(each, study, folder) for each in missing)
     for _ in Parallel(jobs, return_as="generator_unordered")(work):
         done(1)
 
 
 def rows(study: Study, folder: Path) -> list[Row]:
     """Return the rows that a folder holds, in the order of the plan's numbers."""
-    found = [_path(folder, case) for case in cases(study)]
+    found = [_path(folder, each) for each in cases(study)]
     there = [json.loads(path.read_text()) for path in found if path.exists()]
     return sorted(there, key=lambda row: int(row["number"]))
 
@@ -56,18 +55,15 @@ def rows(study: Study, folder: Path) -> list[Row]:
 def identity(study: Study) -> dict[str, Any]:
     """Return what the rows depend on."""
     root = Path(monitor.__file__).parent.parent
-    own = Path(__file__).parent
-    paths = [*own.parent.glob("gap/**/*.py"), *own.parent.glob("dyno/*.py")]
-    paths += [own.parent / "chain.py", root / "monitor" / "faults.py"]
-    paths += [own / f"{name}.py" for name in MODULES]
+    paths = run_folder.sources(Path(case.__file__), root)
     return {
         "study": json.loads(json.dumps(dataclasses.asdict(study))),
         "code_sha256": run_folder.code_sha256(paths, root),
     }
 
 
-def _path(folder: Path, case: Case) -> Path:
-    return folder / CASES / f"{case.number:05d}.json"
+def _path(folder: Path, asked: Case) -> Path:
+    return folder / CASES / f"{asked.number:05d}.json"
 
 
 def _pickle(folder: Path, vehicle: int) -> Path:
@@ -78,13 +74,13 @@ def _prepare(study: Study, number: int, folder: Path) -> None:
     path = _pickle(folder, number)
     begun = path.with_suffix(".begun")
     try:
-        found: Vehicle | str = prepare(study, number)
+        found: Vehicle | str = case.prepare(study, number)
     except Exception as error:  # its cases say so, the others go on
         found = f"{type(error).__name__}: {error}"
     begun.write_bytes(pickle.dumps(found))
     begun.replace(path)
 
 
-def _do(case: Case, study: Study, folder: Path) -> None:
-    vehicle: Vehicle | str = pickle.loads(_pickle(folder, case.vehicle).read_bytes())
-    run_folder.write_json(_path(folder, case), run_case(case, study, vehicle))
+def _do(asked: Case, study: Study, folder: Path) -> None:
+    vehicle: Vehicle | str = pickle.loads(_pickle(folder, asked.vehicle).read_bytes())
+    run_folder.write_json(_path(folder, asked), case.run(asked, study, vehicle))

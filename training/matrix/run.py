@@ -14,11 +14,12 @@ from joblib import Parallel, delayed
 import monitor
 from monitor.batch import Judged
 from monitor.config import Config
-from monitor.errors import O2Error, UsageError
+from monitor.errors import O2Error
 from monitor.limits import Limits
 from monitor.model import Model
 from monitor.reference import Reference
 from monitor.types import SampleBlock
+from training import run_folder
 from training.dyno import ecu
 from training.matrix.drive import samples
 from training.matrix.judging import from_json, judge_drives, learn, to_json
@@ -30,7 +31,6 @@ from training.rules.windows import Rule
 
 CHUNK: Final = 32  # trials side by side; their windows take some megabytes each
 VEHICLES: Final = 10  # whose reference drives run side by side
-RUN: Final = "run.json"
 DRIVES: Final = ("plan", "drive", "judging", "rules", "rows", "run")  # modules of this package
 References = dict[str, Any]  # vehicle → its reference, as JSON has it
 Progress = Callable[[int], None]  # takes how many drives are done more
@@ -63,7 +63,7 @@ def run(
     planned, references = trials(matrix), reference_drives(matrix)
     card = Model.load(model_path).card
     refuse_used([*chain(*references), *planned], [r.path for r in card.recordings])
-    _claim(folder, matrix, model_path, config)
+    run_folder.claim(folder, identity(matrix, model_path, config))
     bench = Bench(model_path, config, _rules(matrix, model_path, config, jobs))
     first = [
         Chunk(f"reference_{i:05d}", tuple(t for own in references[i : i + VEHICLES] for t in own))
@@ -93,38 +93,13 @@ def identity(matrix: Matrix, model_path: Path, config: Config) -> dict[str, Any]
     }
 
 
-def identity_of(folder: Path) -> dict[str, Any]:
-    """Return what the results in a folder depend on."""
-    found: dict[str, Any] = json.loads((folder / RUN).read_text())
-    return found
-
-
 def _code_sha256() -> str:
     """Return the digest of all that drives and judges, not of what makes tables of it."""
     at, matrix = Path(monitor.__file__).parent, Path(__file__).parent
     paths = [*at.rglob("*.py"), *at.glob("*.toml")]
     paths += [*matrix.parent.glob("dyno/*.py"), *matrix.parent.glob("rules/*.py")]
     paths += [matrix / f"{name}.py" for name in DRIVES]
-    digest = hashlib.sha256()
-    for path in sorted(paths):
-        digest.update(path.relative_to(at.parent).as_posix().encode() + path.read_bytes())
-    return digest.hexdigest()
-
-
-def _claim(folder: Path, matrix: Matrix, model_path: Path, config: Config) -> None:
-    """Say in the folder which run it holds."""
-    folder.mkdir(parents=True, exist_ok=True)
-    own, path = identity(matrix, model_path, config), folder / RUN
-    if not path.exists():
-        path.write_text(json.dumps(own, indent=1) + "\n")
-        return
-    found = json.loads(path.read_text())
-    differs = [key.removesuffix("_sha256") for key in own if found.get(key) != own[key]]
-    if differs:
-        raise UsageError(
-            f"{folder}: holds a run with another {' and another '.join(differs)}; choose another "
-            "--out, or remove it"
-        )
+    return run_folder.code_sha256(paths, at.parent)
 
 
 def _rules(matrix: Matrix, model_path: Path, config: Config, jobs: int) -> dict[str, Rule]:
@@ -182,9 +157,7 @@ def _do(chunk: Chunk, bench: Bench, learned: References, folder: Path) -> int:
                 references[str(trial.vehicle)] = learn(reference, drive, bench.config)
     found = {key: to_json(each) for key, each in references.items() if each} if learning else {}
     path = folder / f"{chunk.name}.json"
-    begun = path.with_suffix(".begun")
-    begun.write_text(json.dumps({"rows": rows, "references": found}, allow_nan=False))
-    begun.replace(path)
+    run_folder.write_json(path, {"rows": rows, "references": found})
     return len(chunk.drives)
 
 
