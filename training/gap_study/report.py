@@ -126,8 +126,8 @@ def _head(rows: Sequence[Row], study: Study, identity: dict[str, Any]) -> str:
             ),
             paragraph(
                 "The gap of a case is how far what is hidden moves the base's error: the RMS of "
-                "the difference between its error on the drives and on the same drives and seeds with "
-                "nothing hidden, over samples scored in both. The noise is what the naming's "
+                "the difference between its error on the drives and on the same drives and seeds "
+                "with nothing hidden, over samples scored in both. The noise is what the naming's "
                 "ceiling leaves of the residual of the vehicle's healthy recordings, "
                 f"{noise} in phi. Gap closed is the share that the answer takes away of the excess "
                 "squared error on held-out blocks, 0 where nothing is named; the excess is over "
