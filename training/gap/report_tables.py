@@ -173,11 +173,11 @@ def recordings_table(result: Result) -> str:
         ("healthy", result.healthy),
     )
     rows = [
-        (r.path, role, r.source or "not said", f"{r.samples:,}", r.sha256)
+        (r.path, role, r.source or "not said", f"{r.samples:,}", r.sha256[:16])
         for role, group in groups
         for r in group
     ]
-    return table(rows, ("recording", "served as", "source", "samples", "sha256"))
+    return table(rows, ("recording", "served as", "source", "samples", "sha256 begins"))
 
 
 def _unit(unit: str) -> str:

@@ -13,7 +13,11 @@ def verdict_sentence(result: Result) -> str:
         "unknown_effect": _unknown,
         "sensor_fault_suspected": _sensor,
     }[result.verdict](result)
-    return sentence + (" All of it is about simulated recordings." if result.simulated else "")
+    if not any(result.simulated):
+        return sentence
+    every = all(result.simulated)
+    words = "All of it is about" if every else "Some of the recordings are"
+    return f"{sentence} {words} simulated{' recordings' if every else ''}."
 
 
 def _named(result: Result) -> str:

@@ -85,10 +85,10 @@ class Result:
         return found[:MOST_EFFECTS] if self.verdict in ("named", "ambiguous") else ()
 
     @property
-    def simulated(self) -> bool:
-        """Return whether any recording is known to be simulated."""
+    def simulated(self) -> tuple[bool, ...]:
+        """Return of each recording whether it is known to be simulated."""
         used = (*self.recordings, *self.healthy, *self.held_out)
-        return any("simulated" in r.source for r in used)
+        return tuple("simulated" in r.source for r in used)
 
     @property
     def rmse(self) -> tuple[float, float | None, float, str]:
@@ -170,7 +170,7 @@ def as_json(result: Result) -> dict[str, Any]:
         "base_shift": _constants(naming.base_shift),
         "verified": None if verified is None else verified.as_json(),
         "warnings": list(result.all_warnings),
-        "simulated": result.simulated,
+        "simulated": any(result.simulated),
         "sensor_known_good": result.sensor_known_good,
         "base_model": {
             "path": str(result.model.path),
