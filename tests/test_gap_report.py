@@ -324,6 +324,18 @@ def test_worse_regimes_and_lost_faults_are_warned_of() -> None:
     assert ">lost<" in page
 
 
+def test_a_bias_that_the_gap_itself_had_helped_to_find_is_told_apart() -> None:
+    own = verified()
+    whole = replace(own.overall, mean_before=0.0180, mean_after=0.0020)
+    counts = (Count(4, 4, 3, 3, ()), Count(4, 4, 1, 1, ()))
+    for fault, words in (
+        ("biased_rich", "the gap itself read 0.0160 in phi to that side and is gone."),
+        ("biased_lean", "in 1 with the new one."),
+    ):
+        lost = replace(own, overall=whole, faults=(Found(fault, 0.1, *counts),))
+        assert words in report.as_page(made("named", verified=lost))
+
+
 def test_a_gap_is_measured_from_the_error_on_healthy_recordings_where_there_are_some() -> None:
     healthy = replace(error("healthy", "healthy recordings", 0.0300), before=0.0110)
     own = replace(verified(), healthy=healthy)

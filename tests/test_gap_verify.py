@@ -70,6 +70,8 @@ def test_a_model_with_what_was_missing_is_better_everywhere_and_still_finds_faul
     assert whole.before == pytest.approx(0.02, rel=0.05)
     assert whole.after == pytest.approx(noise, rel=0.05)
     assert whole.floor == pytest.approx(noise, rel=0.05)
+    assert whole.mean_before == pytest.approx(0.02, rel=0.05)
+    assert whole.mean_after == pytest.approx(0.0, abs=5e-4)
     assert found.closed is not None
     assert found.closed > 0.99
     assert {e.kind for e in found.regimes} == {

@@ -134,6 +134,8 @@ def compare(
                 None if floor is None else rms(floor[rows]),
                 low,
                 high,
+                float(old[rows].mean()),
+                None if new is None else float(new[rows].mean()),
             )
         )
     return tuple(found)

@@ -2,6 +2,7 @@
 
 from training.gap.report_tables import percent, phi
 from training.gap.result import Result
+from training.gap.verified import Count, Error, Found
 
 
 def verdict_sentence(result: Result) -> str:
@@ -147,12 +148,7 @@ def cautions(result: Result) -> list[str]:
         f"Worse beyond confidence: {e.regime}, from {phi(e.before)} to {phi(e.after)} in phi."
         for e in verified.worse
     ]
-    found += [
-        f"{f.fault} {f.severity:g} was found in {f.before.found} of {f.before.drives} held-out "
-        f"drives with the old model, in {f.after.found} with the new one."
-        for f in verified.faults
-        if f.lost and f.after is not None
-    ]
+    found += [_lost(f, f.after, verified.overall) for f in verified.faults if f.lost and f.after]
     alarms = verified.alarms
     if alarms is not None and alarms.after is not None and alarms.after.found:
         found.append(
@@ -160,6 +156,19 @@ def cautions(result: Result) -> list[str]:
             f"{alarms.after.drives} held-out drives without any fault."
         )
     return found
+
+
+def _lost(f: Found, after: Count, whole: Error) -> str:
+    """Return what was found no more, and whether the gap itself had helped to find it."""
+    text = (
+        f"{f.fault} {f.severity:g} was found in {f.before.found} of {f.before.drives} held-out "
+        f"drives with the old model, in {after.found} with the new one"
+    )
+    side = {"biased_rich": 1.0, "biased_lean": -1.0}.get(f.fault, 0.0)
+    helped = side * (whole.mean_before - (whole.mean_after or 0.0))
+    if helped <= 0.0:
+        return f"{text}."
+    return f"{text}; the gap itself read {helped:.4f} in phi to that side and is gone."
 
 
 def _and(parts: list[str], word: str = "and") -> str:

@@ -20,6 +20,8 @@ class Error:
     floor: float | None  # what a flexible model leaves; None if it is not known
     change_low: float | None = None  # of after minus before, 95 % for all regimes together
     change_high: float | None = None  # both None if the blocks are too few
+    mean_before: float = 0.0  # of the residual in phi; above 0 the sensor reads richer
+    mean_after: float | None = None
 
     @property
     def worse(self) -> bool:
