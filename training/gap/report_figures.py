@@ -35,7 +35,7 @@ def error_figure(errors: Sequence[Error]) -> Figure:
     for i in changes:
         axes.axhline(i - 0.5, color="0.85", linewidth=0.8)
     axes.set_yticks(range(len(errors)), [e.regime for e in errors], fontsize=8)
-    axes.invert_yaxis()
+    axes.set_ylim(len(errors) - 0.4, -0.6)
     axes.set_xlim(left=0.0)
     axes.set_xlabel("RMSE [phi]")
     axes.legend(frameon=False, fontsize=8, ncols=4, loc="lower right", bbox_to_anchor=(1.0, 1.0))
