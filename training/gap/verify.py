@@ -61,7 +61,7 @@ def verify(
     alarms = detection.alarms(recordings, before, after)
     healthy_alarms = detection.alarms(healthy, before, after) if healthy else None
     found = detection.detect(recordings, faults, before, after)
-    notes = (AFTERWARDS, *_short_of_judged(alarms), *_alarmed(alarms))
+    notes = (AFTERWARDS, *_undecided(alarms, found), *_alarmed(alarms))
     return Verified(overall, regimes, on_healthy, found, alarms, healthy_alarms, notes, trace)
 
 
@@ -141,16 +141,18 @@ def _folds(compared: Sequence[Compared]) -> IntArray:
     return np.asarray(np.concatenate(own) % FOLDS)
 
 
-def _short_of_judged(alarms: Found) -> tuple[str, ...]:
-    """Return a note if drives are too short or calm for the monitor to reach a decision."""
-    counts = [c for c in (alarms.before, alarms.after) if c is not None]
-    least = min(counts, key=lambda c: c.judged)
-    if least.judged == least.drives:
-        return ()
-    return (
-        f"In {least.drives - least.judged} of {least.drives} held-out drives the monitor reached "
-        "no decision: they are too short or too calm for it. Detection counts them as not found.",
-    )
+def _undecided(alarms: Found, found: Sequence[Found]) -> tuple[str, ...]:
+    """Return notes if drives are too short or calm for the monitor to reach a decision."""
+    notes = []
+    for words, each in (("held-out drives", [alarms]), ("drives with a fault put on", found)):
+        counts = [c for f in each for c in (f.before, f.after) if c is not None]
+        drives, judged = sum(c.drives for c in counts), sum(c.judged for c in counts)
+        if judged < drives:
+            notes.append(
+                f"In {drives - judged} of {drives} {words}, both models counted, the monitor "
+                "reached no decision: too short or too calm for it. They count as not found."
+            )
+    return tuple(notes)
 
 
 def _alarmed(alarms: Found) -> tuple[str, ...]:
