@@ -1,35 +1,70 @@
 """Added effects in the network's graph, on simulated drives of which one has a hidden effect."""
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from monitor.errors import RecordingError
+from monitor import config
+from monitor.errors import ModelError, RecordingError, UsageError
 from monitor.model import Model, from_model_units
+from monitor.model_card import ModelCard, TrainingRecording
 from monitor.replay import shipped_model
+from monitor.signals import NARX_INPUTS, OUTPUT
+from monitor.types import FloatArray
+from training.chain import Constants
+from training.committee import committee
+from training.dyno import vehicle
 from training.dyno.ecu import broadcast, own_bus, samples
 from training.dyno.effects import from_severities
 from training.dyno.simulate import Experiment, simulate
 from training.evaluate import predict
+from training.export import Network, save
+from training.fit import FitResult, fit
+from training.gap import fitting
+from training.gap.add_narx import add, retrain
+from training.gap.add_narx_chain import ChainDifference
+from training.gap.add_narx_network import AS_INPUT, DIFFERENCE, TO_OUTPUT, network_of
+from training.gap.add_narx_training import old_weights, spec_of, with_difference
+from training.gap.added import Added
+from training.gap.drives import Drive, from_recording
+from training.gap.effects import LIBRARY
 from training.gap.predicted import predicted_phi
+from training.judge import judge
+from training.limits import NO_LIMITS
+from training.narx import Spec
+from training.narx import simulate as run_network
+from training.prepare import Prepared, prepare
 from training.recordings import Recording
 
 VEHICLE = 2011
+FILM = ("wall_film", 4.0)
+CYCLES = ("wltc_3b", "micro_trips", "us06")
+FIT = (TrainingRecording("gap.log", "ab" * 32, 4000, "simulated"),)
+NOTHING = Added.with_values("injector_offset", [0.0])
+CHAIN = Constants(1.0, 0.1, 1.3, 0.08, 0.09, 0.98)
 
 
 @cache
 def drive(
-    cycle: str, seed: int, effect: tuple[str, float] | None = None, duration_s: float = 400.0
+    cycle: str,
+    seed: int,
+    effect: tuple[str, float] | None = None,
+    duration_s: float = 400.0,
+    coolant_degc: float | None = None,
 ) -> Recording:
     """Return a recording as the monitor's grid sees it, the plant's own effect inside the loop."""
+    weather = vehicle.conditions(seed)
+    start_degc = weather.coolant_start_degc if coolant_degc is None else coolant_degc
     experiment = Experiment(
         cycle=cycle,
         vehicle=VEHICLE,
         seed=seed,
         effects=from_severities(dict([effect] if effect else [])),
         duration_s=duration_s,
+        conditions=weather._replace(coolant_start_degc=start_degc),
     )
     bus, rng = own_bus(), np.random.default_rng([5, seed])
     block = samples(broadcast(simulate(experiment), bus, rng), bus, 100_000_000)
@@ -83,3 +118,266 @@ def test_a_signal_that_is_never_good_is_refused() -> None:
     missing = without(drive("wltc_3b", 2_020_101), slice(None), "maf_kg_h")
     with pytest.raises(RecordingError, match="maf_kg_h is never good"):
         predicted_phi(shipped_model(), [missing])
+
+
+@pytest.fixture(scope="module")
+def base(tmp_path_factory: pytest.TempPathFactory) -> FitResult:
+    """A small network of the healthy vehicle, with boxes and a linear path."""
+    healthy = [drive(cycle, 2_020_110 + i) for i, cycle in enumerate(CYCLES)]
+    out = tmp_path_factory.mktemp("base") / "base.onnx"
+    return fit(
+        healthy, NARX_INPUTS, OUTPUT, out, lags=5, hidden=(5,), starts=1, threads=1,
+        budget_minutes=0.5, seed=2,
+    )  # fmt: skip
+
+
+@cache
+def gap_drives() -> tuple[Recording, ...]:
+    return tuple(drive(cycle, 2_020_120 + i, FILM) for i, cycle in enumerate(CYCLES))
+
+
+@cache
+def fitted() -> tuple[Constants, Added]:
+    """Return the library's film in the chain, fitted to drives with the plant's."""
+    drives = tuple(map(from_recording, gap_drives()))
+    nothing = tuple(np.zeros(len(each)) for each in drives)
+    case = fitting.Case(drives, nothing, ar=(0.9, 0.0), sigma=0.005)
+    alone = fitting.fit(case, (), [CHAIN])
+    found = fitting.fit(case, (LIBRARY["wall_film"],), [alone])
+    return found.base, Added.with_values("wall_film", found.parameters[0].tolist())
+
+
+def ranges(*recordings: Recording) -> dict[str, tuple[float, float]]:
+    drives = [from_recording(each) for each in recordings]
+    return {
+        name: (
+            min(float(each.signals[name].min()) for each in drives),
+            max(float(each.signals[name].max()) for each in drives),
+        )
+        for name in drives[0].signals
+    }
+
+
+def inputs_of(model: Model, driven: Drive) -> FloatArray:
+    return np.column_stack([driven.signals[name] for name in model.card.input_names])
+
+
+def again(card: ModelCard, old: Network, data: Prepared) -> tuple[Spec, list[FloatArray]]:
+    spec = spec_of(card, old, data)
+    return spec, old_weights(card, old, spec, data.scaling)
+
+
+def free(network: Network, u: FloatArray) -> FloatArray:
+    """Return the free run in phi after a history of 1."""
+    spec, scale, first = network.spec, network.scaling, network.spec.memory
+    history = np.full((1, spec.lags), float(scale.scale_y(1.0)))
+    begin, end = np.array([first]), np.array([len(u)])
+    run = run_network(spec, network.weights, scale.scale_u(u), begin, end, history)
+    return scale.unscale_y(run)[first:]
+
+
+def rmse(phi: FloatArray, driven: Drive) -> float:
+    return float(np.sqrt(np.mean((phi - driven.phi_measured)[driven.scored] ** 2)))
+
+
+@pytest.fixture(scope="module")
+def extended(base: FitResult, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("added") / "model.onnx"
+    chain, film = fitted()
+    add(
+        base.path, [film], chain, out, ranges=ranges(*gap_drives()), recordings=FIT,
+        drives=[from_recording(gap_drives()[1])],
+    )  # fmt: skip
+    return out
+
+
+@pytest.fixture(scope="module")
+def retrained(base: FitResult, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("retrained") / "model.onnx"
+    chain, film = fitted()
+    retrain(
+        base.path, [film], chain, gap_drives(), out, ranges=ranges(*gap_drives()),
+        budget_minutes=0.1,
+    )  # fmt: skip
+    return out
+
+
+def test_an_effect_of_size_zero_changes_no_bit(base: FitResult, tmp_path: Path) -> None:
+    out = tmp_path / "model.onnx"
+    add(base.path, [NOTHING], CHAIN, out, ranges=ranges(*gap_drives()), recordings=FIT)
+    recordings = gap_drives()[:2]
+    for old, new in zip(
+        predicted_phi(base.path, recordings), predicted_phi(out, recordings), strict=True
+    ):
+        assert np.array_equal(old, new)
+
+
+def test_the_hidden_film_s_gap_shrinks_on_a_drive_no_fit_saw(
+    base: FitResult, extended: Path, retrained: Path
+) -> None:
+    fresh = drive("udds", 2_020_130, FILM)
+    before, added, again = (
+        rmse(predicted_phi(path, [fresh])[0], from_recording(fresh))
+        for path in (base.path, extended, retrained)
+    )
+    assert added < 0.5 * before
+    assert again < 0.5 * before
+
+
+def test_the_card_says_what_was_added_and_where_it_came_from(
+    base: FitResult, extended: Path, retrained: Path
+) -> None:
+    chain, film = fitted()
+    old = base.card
+    for path, form in ((extended, TO_OUTPUT), (retrained, AS_INPUT)):
+        card = Model.load(path).card
+        assert Added.from_card(card.effects[0]) == film
+        assert card.structure["form"] == form
+        assert card.structure["chain"]["constants"] == chain._asdict()
+        assert card.input_names == (*NARX_INPUTS, "engine_speed_rpm", "coolant_temperature_degc")
+        assert card.inputs[: len(old.inputs)] == old.inputs
+        assert (card.lags, card.layers, card.kind) == (old.lags, old.layers, "narx")
+        assert set(old.recordings) < set(card.recordings)
+        assert ChainDifference.from_card(card).inputs[:2] == ("fuel_mass_mg", "air_mass_mg")
+    came_from = Model.load(extended).card.effects[0]["recordings"]
+    assert [each["sha256"] for each in came_from] == ["ab" * 32]
+    came_from = Model.load(retrained).card.effects[0]["recordings"]
+    assert [each["sha256"] for each in came_from] == [each.sha256 for each in gap_drives()]
+
+
+@pytest.mark.parametrize("which", ["extended", "retrained"])
+def test_onnx_torch_and_numpy_agree_on_drives(
+    which: str, base: FitResult, request: pytest.FixtureRequest
+) -> None:
+    card = Model.load(request.getfixturevalue(which)).card
+    found = card.checks["parity"]
+    assert found["samples"] > 2900
+    assert max(found["onnx_numpy"], found["torch_numpy"]) < 1e-5 < found["tolerance"]
+
+
+def test_a_file_that_computes_something_else_is_refused(
+    base: FitResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    right = ChainDifference.values
+    monkeypatch.setattr(ChainDifference, "values", lambda self, s: right(self, s) + 0.002)
+    with pytest.raises(ModelError, match=r"differ by 0\.002 \(ONNX\)"):
+        add(base.path, [NOTHING], CHAIN, tmp_path / "model.onnx", ranges=ranges(*gap_drives()),
+            recordings=FIT)  # fmt: skip
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("which", ["extended", "retrained"])
+def test_the_monitor_judges_with_effects_as_streaming_and_in_a_batch(
+    which: str, request: pytest.FixtureRequest
+) -> None:
+    path = request.getfixturevalue(which)
+    model, recording = Model.load(path), drive("micro_trips", 2_020_131, FILM, coolant_degc=85.0)
+    u = inputs_of(model, from_recording(recording))
+    both = np.stack([u[1000:1400], u[2000:2400]])
+    together = model.with_batch(2)
+    together.reset(both[:, 0])
+    batch = together.run_batch(both)
+    for i, rows in enumerate(both):
+        model.reset(rows[0])
+        assert np.array_equal([model.step(each) for each in rows], batch[i])
+    judged = judge(recording, model, NO_LIMITS, config.load())
+    assert len(judged.windows) > 5
+
+
+def test_a_measured_output_forces_the_network_without_the_effect_s_part(
+    base: FitResult, extended: Path
+) -> None:
+    # GIVEN the old model in free run, and the new one with its state forced by old output plus part
+    driven = from_recording(gap_drives()[0])
+    old, new = Model.load(base.path), Model.load(extended)
+    u_old, u_new = inputs_of(old, driven), inputs_of(new, driven)
+    newest, part = old.card.state.output_start, network_of(base.path).state_layout.size
+    parts = []
+    for k in range(1000):
+        y = 0.95 + 0.05 * np.sin(k / 7.0)
+        # THEN the network sees the same history in both, and predicts the same
+        old.step(u_old[k])
+        new.step(u_new[k])
+        parts.append(float(new.state[0, part]))
+        whole = float(old.state[0, newest]) + parts[-1]
+        assert new.state[0, newest] == pytest.approx(whole, abs=1e-6)
+        old.force_output(1.0 / y)
+        new.force_output(1.0 / (y + parts[-1]))
+    assert np.ptp(parts) > 0.02
+
+
+def test_a_start_in_the_middle_of_a_drive_is_forgotten(base: FitResult, extended: Path) -> None:
+    driven = from_recording(gap_drives()[0])
+    through, late = Model.load(extended), Model.load(extended)
+    u = inputs_of(through, driven)
+    through.reset(u[0])
+    apart = []
+    for k, inputs in enumerate(u[:2500]):
+        whole = through.step(inputs)
+        if k == 1500:
+            late.reset(inputs)
+        if k >= 1500:
+            apart.append(abs(1.0 / late.step(inputs) - 1.0 / whole))
+    assert max(apart) > 0.003
+    assert max(apart[300:]) < 0.001
+
+
+def test_a_further_effect_is_added_to_a_model_that_has_one(
+    base: FitResult, extended: Path, tmp_path: Path
+) -> None:
+    chain, film = fitted()
+    more = Added.with_values("back_pressure", [1.0])
+    seen = ranges(*gap_drives())
+    twice, at_once = tmp_path / "twice.onnx", tmp_path / "at_once.onnx"
+    card = add(extended, [more], chain, twice, ranges=seen, recordings=FIT)
+    add(base.path, [film, more], chain, at_once, ranges=seen, recordings=FIT)
+    assert [each["name"] for each in card.effects] == ["wall_film", "back_pressure"]
+    recordings = gap_drives()[:1]
+    (one,), (other,) = predicted_phi(twice, recordings), predicted_phi(at_once, recordings)
+    assert np.array_equal(one, other)
+    assert not np.array_equal(one, predicted_phi(extended, recordings)[0])
+
+
+@pytest.mark.parametrize("members", [1, 2])
+def test_the_old_network_is_a_start_of_its_retraining(
+    members: int, base: FitResult, tmp_path: Path
+) -> None:
+    # GIVEN a network, or the mean of two, and data of another scaling with an input more
+    rng = np.random.default_rng(3)
+    one = base.network
+    every = [one.weights + 0.02 * i * rng.normal(size=len(one.weights)) for i in range(members)]
+    wide, weights = committee(one.spec, every)
+    path = tmp_path / "model.onnx"
+    structure = dict(base.card.structure) | {"members": members}
+    card = replace(base.card, layers=wide.hidden, structure=structure)
+    save(path, replace(one, spec=wide, weights=weights), card)
+    old, chain = network_of(path), fitted()
+    difference = ChainDifference.of(card, [chain[1]], chain[0], ranges(*gap_drives()))
+    columns = [with_difference(each, difference) for each in gap_drives()]
+    data = prepare(columns, (*NARX_INPUTS, DIFFERENCE), OUTPUT, lags=card.lags)
+    # WHEN the starts' mean runs freely, whatever the new input is
+    spec, starts = again(card, old, data)
+    assert len(starts) == members
+    u = inputs_of(Model.load(path), from_recording(gap_drives()[0]))
+    u = np.clip(u, data.scaling.u_low[:-1], data.scaling.u_high[:-1])
+    u = np.clip(u, old.scaling.u_low, old.scaling.u_high)
+    noisy = np.column_stack([u, 0.1 * rng.normal(size=len(u))])
+    new = Network(*committee(spec, starts), data.scaling, "phi", (), data.names)
+    # THEN it is the old network
+    assert np.abs(free(new, noisy) - free(old, u)).max() < 1e-6
+
+
+def test_what_has_no_place_for_effects_is_refused(
+    base: FitResult, retrained: Path, tmp_path: Path
+) -> None:
+    seen, out = ranges(*gap_drives()), tmp_path / "model.onnx"
+    with pytest.raises(ModelError, match="was retrained with effects"):
+        add(retrained, [NOTHING], CHAIN, out, ranges=seen, recordings=FIT)
+    lacking = {name: each for name, each in seen.items() if name != "engine_speed_rpm"}
+    with pytest.raises(ModelError, match="the chain needs engine_speed_rpm"):
+        add(base.path, [NOTHING], CHAIN, out, ranges=lacking, recordings=FIT)
+    with pytest.raises(UsageError, match="budget ended before the first epoch"):
+        retrain(
+            base.path, [fitted()[1]], CHAIN, gap_drives(), out, ranges=seen, budget_minutes=1e-6
+        )
+    assert not out.exists()

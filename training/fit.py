@@ -116,8 +116,8 @@ def fit(
         starts = STARTS_SHORT if len(data.role) < SHORT_SAMPLES else STARTS
     jobs = [(index, *shape) for shape in shapes for index in range(starts)]
     trained = _train_all(data, jobs, seed, began + 60.0 * budget_minutes, threads, progress)
-    trained = (*trained, *_committees(data, trained)) if tries else trained
-    best, gap = _choose(data, trained, seed)
+    trained = (*trained, *committees(data, trained)) if tries else trained
+    best, gap = choose(data, trained, seed)
     if not np.isfinite(trained[best].score):
         raise UsageError(f"the budget of {budget_minutes:g} min ended before the first epoch")
     warnings += _training_warnings(trained, gap, data.must_forget)
@@ -228,7 +228,7 @@ def measures(data: Prepared, predicted: FloatArray, rows: np.ndarray) -> dict[st
     }
 
 
-def _committees(data: Prepared, trained: Sequence[Trained]) -> list[Trained]:
+def committees(data: Prepared, trained: Sequence[Trained]) -> list[Trained]:
     """Return the means of the two, three ... best trainings of each shape.
 
     The score of a committee is raised by what a larger model must be better.
@@ -244,7 +244,7 @@ def _committees(data: Prepared, trained: Sequence[Trained]) -> list[Trained]:
     return found
 
 
-def _choose(data: Prepared, trained: Sequence[Trained], seed: int) -> tuple[int, Contraction]:
+def choose(data: Prepared, trained: Sequence[Trained], seed: int) -> tuple[int, Contraction]:
     """Return the best start; a lambda that forgets its history comes before one that does not."""
     gaps = [contraction(data, t.spec, t.weights, seed) for t in trained]
     best = min(
