@@ -63,8 +63,8 @@ def _run(model: Model, rows: Sequence[tuple[FloatArray, FloatArray]]) -> list[Fl
     model.reset(u[0], forced[0])
     newest = model.card.state.output_start
     phi = np.empty((len(rows), len(u)))
-    for k, inputs in enumerate(u):
-        model.step_batch(inputs)
+    for k, row in enumerate(u):
+        model.step_batch(row)
         phi[:, k] = model.state[:, newest]
         if k < len(forced):
             model.force_output(forced[k])
