@@ -201,7 +201,7 @@ def test_an_error_in_a_case_is_a_row_and_not_the_end(monkeypatch: pytest.MonkeyP
 
     monkeypatch.setattr(case, "ask", fails)
     study = replace(WHOLE, drives=1, duration_s=120.0)
-    vehicle = case.Vehicle(2100, None, 0.007)  # type: ignore[arg-type]
+    vehicle = case.Vehicle(2100, Path(), (), None, 0.007)  # type: ignore[arg-type]
     found = case.run(cases(study)[0], study, vehicle)
     assert found["error"] == "RuntimeError: no convergence"
     page = as_page([found], study, {"code_sha256": "0" * 64})

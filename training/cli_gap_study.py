@@ -17,7 +17,8 @@ def add_parsers(commands: "argparse._SubParsersAction[Any]") -> None:
     study = commands.add_parser(
         "gap-study", help="hide effects and faults in simulated vehicles and count the answers"
     )
-    study.add_argument("--base", default="greybox", metavar="NAME", help="greybox")
+    study.add_argument("--base", default="greybox", metavar="NAME",
+                       help="greybox (default) or narx, fitted to healthy recordings")  # fmt: skip
     study.add_argument("--out", type=Path, required=True, metavar="DIR",
                        help="folder of the cases and of report.html; a run that was stopped goes "
                        "on there")  # fmt: skip
@@ -31,6 +32,8 @@ def add_parsers(commands: "argparse._SubParsersAction[Any]") -> None:
                        help="of the first drive, the others count up")  # fmt: skip
     study.add_argument("--drives", type=int, default=6, metavar="N", help="recordings of a case")
     study.add_argument("--minutes", type=float, default=10.0, help="of a recording")
+    study.add_argument("--fitted-with-effect", action="store_true",
+                       help="fit the base to the case's own recordings")  # fmt: skip
     study.add_argument("--jobs", type=int, metavar="N", help="default: one for each core")
     study.set_defaults(func=run)
 
@@ -86,4 +89,5 @@ def _study(args: argparse.Namespace) -> "Study":
         seed=args.seed,
         drives=args.drives,
         duration_s=60.0 * args.minutes,
+        fitted_with_effect=args.fitted_with_effect,
     )

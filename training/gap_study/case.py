@@ -1,30 +1,34 @@
 """One case: its recordings made, the workflow asked, the answer as a row.
 
-The gap of a case is how far what is hidden moves the base's error: the RMS, in phi over samples
-scored in both, of the difference between its error on the drives and on the same drives and seeds
-with nothing hidden. The noise is what the naming's ceiling leaves of the residual of the vehicle's
-healthy recordings (``scoring.floor_phi``). The excess, of which an answer takes a share away, is
-the mean squared error on held-out blocks, less that of the drives with nothing hidden.
+The gap of a case is how far what is hidden moves the error of the base that was fitted to the
+vehicle's healthy recordings: the RMS, in phi over samples scored in both, of the difference between
+its error on the drives and on the same drives and seeds with nothing hidden. The noise is what the
+naming's ceiling leaves of the residual of the healthy recordings (``scoring.floor_phi``). The
+excess, of which an answer takes a share away, is the mean squared error on held-out blocks, less
+that of the same base, fitted alike, on the drives with nothing hidden.
 """
 
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
 from monitor.types import FloatArray
-from training.chain import Constants, base_path, simulate
-from training.gap import drives, scoring
+from training.gap import scoring
 from training.gap.begin import begin
-from training.gap.drives import Drive
+from training.gap.drives import from_recording
 from training.gap.fitting import held_out_rmse
 from training.gap.healthy import Healthy, learn
 from training.gap.naming import name
+from training.gap.predicted import predicted_phi
 from training.gap.verdict import Naming
 from training.gap_study import drive
+from training.gap_study.base import constants_of, drives_of, fit_base
 from training.gap_study.plan import Case, Study, healthy_parts
 from training.recordings import Recording
 
@@ -36,22 +40,26 @@ class Vehicle:
     """What all cases of one vehicle share."""
 
     number: int
+    model: Path  # the base, fitted to the healthy recordings
+    healthy: tuple[Recording, ...]
     known: Healthy
     noise_phi: float
 
 
-def prepare(study: Study, number: int) -> Vehicle:
-    """Return what a vehicle's healthy recordings teach."""
+def prepare(study: Study, number: int, model: Path) -> Vehicle:
+    """Return what a vehicle's healthy recordings teach; the base goes to the file ``model``."""
     made = drive.healthy(healthy_parts(study, number), number, study.duration_s)
-    driven = _drives(made)
-    known = learn(driven, Constants())
+    fit_base(study.base, made, model)
+    driven = drives_of(model, made)
+    known = learn(driven, constants_of(model))
     state = begin(driven, known, known.base)
-    return Vehicle(number, known, scoring.floor_phi(state.case, state.current))
+    noise_phi = scoring.floor_phi(state.case, state.current)
+    return Vehicle(number, model, tuple(made), known, noise_phi)
 
 
-def ask(recordings: Sequence[Recording], vehicle: Vehicle, steps: int) -> Naming:
+def ask(model: Path, recordings: Sequence[Recording], known: Healthy, steps: int) -> Naming:
     """Return the workflow's answer to the recordings."""
-    return name(_drives(recordings), vehicle.known, steps=steps)
+    return name(drives_of(model, recordings), known, steps=steps)
 
 
 def run(case: Case, study: Study, vehicle: Vehicle | str) -> Row:
@@ -70,13 +78,19 @@ def run(case: Case, study: Study, vehicle: Vehicle | str) -> Row:
 
 def _answered(case: Case, study: Study, vehicle: Vehicle) -> Row:
     recordings = drive.recordings(case, study.duration_s)
-    began_s = time.perf_counter()
-    found = ask(recordings, vehicle, 2 if case.kind == "two" else 1)
-    took_s = time.perf_counter() - began_s
-    without, gap = found.rmse_before, 0.0
+    nothing = recordings
     if case.hidden or case.fault:
-        driven = _drives(drive.recordings(case, study.duration_s, hidden=False))
-        without, gap = _before(driven, vehicle), moved_phi(_drives(recordings), driven, vehicle)
+        nothing = drive.recordings(case, study.duration_s, hidden=False)
+    with TemporaryDirectory() as folder:
+        base = _base(study, vehicle, recordings, Path(folder) / "base.onnx")
+        began_s = time.perf_counter()
+        found = ask(base.model, recordings, base.known, 2 if case.kind == "two" else 1)
+        took_s = time.perf_counter() - began_s
+        without = found.rmse_before
+        if nothing is not recordings:
+            reference = _base(study, vehicle, nothing, Path(folder) / "reference.onnx")
+            without = _before(reference, nothing)
+    gap = moved_phi(vehicle.model, recordings, nothing)
     after = found.rmse_before if found.rmse_after is None else found.rmse_after
     ranking = found.ranking
     return {
@@ -103,25 +117,39 @@ def _answered(case: Case, study: Study, vehicle: Vehicle) -> Row:
     }
 
 
-def moved_phi(hidden: Sequence[Drive], nothing: Sequence[Drive], vehicle: Vehicle) -> float:
-    """Return how far the base's error differs between two series of the same drives, RMS in phi."""
-    moved = []
-    for a, b in zip(hidden, nothing, strict=True):
-        both = a.scored & b.scored
-        moved.append((_error(a, vehicle) - _error(b, vehicle))[both])
-    return float(np.sqrt(np.mean(np.concatenate(moved) ** 2)))
+def moved_phi(model: Path, hidden: Sequence[Recording], nothing: Sequence[Recording]) -> float:
+    """Return how far a model's error differs between two series of the same drives, RMS in phi."""
+    a, b = _errors(model, hidden), _errors(model, nothing)
+    moved = np.concatenate([x - y for x, y in zip(a, b, strict=True)])
+    return float(np.sqrt(np.nanmean(moved**2)))
 
 
-def _error(drive: Drive, vehicle: Vehicle) -> FloatArray:
-    path = base_path(vehicle.known.base, drive.signals)
-    return simulate(path, drive.period_s) - drive.phi_measured
+def _errors(model: Path, recordings: Sequence[Recording]) -> list[FloatArray]:
+    """Return the model's error over each recording, (n,) in phi, NaN where not scored."""
+    run = predicted_phi(model, recordings)
+    made = [from_recording(each) for each in recordings]
+    return [
+        np.where(d.scored, phi - d.phi_measured, np.nan) for d, phi in zip(made, run, strict=True)
+    ]
 
 
-def _before(driven: Sequence[Drive], vehicle: Vehicle) -> float:
+@dataclass(frozen=True, slots=True)
+class _Base:
+    """A base model and what it misses on the vehicle's healthy recordings."""
+
+    model: Path
+    known: Healthy
+
+
+def _base(study: Study, vehicle: Vehicle, recordings: Sequence[Recording], out: Path) -> _Base:
+    """Return the vehicle's base, or one fitted to the recordings themselves."""
+    if not study.fitted_with_effect:
+        return _Base(vehicle.model, vehicle.known)
+    fit_base(study.base, recordings, out)
+    return _Base(out, learn(drives_of(out, vehicle.healthy), constants_of(out)))
+
+
+def _before(base: _Base, recordings: Sequence[Recording]) -> float:
     """Return the base's held-out RMSE in phi, as the naming works it out."""
-    state = begin(driven, vehicle.known, vehicle.known.base)
+    state = begin(drives_of(base.model, recordings), base.known, base.known.base)
     return held_out_rmse(state.case, state.current)
-
-
-def _drives(recordings: Sequence[Recording]) -> list[Drive]:
-    return [drives.from_recording(each) for each in recordings]

@@ -17,11 +17,12 @@ from training.matrix.plan import ELECTRICAL
 from training.matrix.plan import SEVERITIES as FAULT_SEVERITIES
 
 KINDS: Final = ("effect", "null", "unknown", "two", "onset", "fault")
-BASES: Final = ("greybox",)
+BASES: Final = ("greybox", "narx")
 CASES: Final[Mapping[str, Mapping[str, int]]] = MappingProxyType(
     {
         "greybox": {"effect": 240, "null": 400, "unknown": 60, "two": 60, "onset": 110,
                     "fault": 110},
+        "narx": {"effect": 240, "null": 200, "unknown": 60, "two": 60, "onset": 110, "fault": 110},
     }
 )  # fmt: skip
 USUAL: Final = (0.5, 1.0, 2.0, 4.0, 8.0)  # severities, of which 1 is about the plant's noise
@@ -74,6 +75,7 @@ class Study:
     seed: int = 2_000_000
     drives: int = 6
     duration_s: float = 600.0
+    fitted_with_effect: bool = False  # the base, to the case's own recordings
 
     def __post_init__(self) -> None:
         if self.base not in BASES:

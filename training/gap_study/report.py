@@ -9,7 +9,7 @@ import monitor
 from training.gap_study import tables
 from training.gap_study.assess import Target, assess
 from training.gap_study.case import Row
-from training.gap_study.plan import Study
+from training.gap_study.plan import HEALTHY_DRIVES, Study
 from training.matrix.figures import confusion_figure
 from training.page import page, paragraph, picture, table
 
@@ -121,17 +121,20 @@ def _head(rows: Sequence[Row], study: Study, identity: dict[str, Any]) -> str:
                 f"A case is {study.drives} recordings of {study.duration_s / 60.0:g} minutes each, "
                 "values as decoded from the vehicle's bus at 100 ms, half of them from the start "
                 "of the engine and half from the midst of a drive. What is hidden acts in the "
-                "plant's own form inside the lambda control loop; healthy recordings of the "
-                "vehicle, with other seeds, are given."
+                "plant's own form inside the lambda control loop. The base is fitted to "
+                + ("the case's own recordings" if study.fitted_with_effect else "the healthy ones")
+                + f"; {HEALTHY_DRIVES} healthy recordings of the vehicle, with other seeds, are "
+                "given."
             ),
             paragraph(
-                "The gap of a case is how far what is hidden moves the base's error: the RMS of "
-                "the difference between its error on the drives and on the same drives and seeds "
-                "with nothing hidden, over samples scored in both. The noise is what the naming's "
-                "ceiling leaves of the residual of the vehicle's healthy recordings, "
-                f"{noise} in phi. Gap closed is the share that the answer takes away of the excess "
-                "squared error on held-out blocks, 0 where nothing is named; the excess is over "
-                "the same base on the drives with nothing hidden."
+                "The gap of a case is how far what is hidden moves the error of the base that was "
+                "fitted to the vehicle's healthy recordings: the RMS of the difference between its "
+                "error on the drives and on the same drives and seeds with nothing hidden, over "
+                "samples scored in both. The noise is what the naming's ceiling leaves of the "
+                f"residual of the healthy recordings, {noise} in phi. Gap closed is the share that "
+                "the answer takes away of the excess squared error on held-out blocks, 0 where "
+                "nothing is named; the excess is over the same base, fitted alike, on the drives "
+                "with nothing hidden."
             ),
             paragraph(f"Code {identity['code_sha256'][:12]}.", "note"),
         ]

@@ -1,9 +1,9 @@
 """All cases of a study in parallel, each in a file that a run begun again finds done."""
 
-import dataclasses
 import json
 import pickle
 from collections.abc import Callable
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -57,7 +57,7 @@ def identity(study: Study) -> dict[str, Any]:
     root = Path(monitor.__file__).parent.parent
     paths = run_folder.sources(Path(case.__file__), root)
     return {
-        "study": json.loads(json.dumps(dataclasses.asdict(study))),
+        "study": json.loads(json.dumps(asdict(study))),
         "code_sha256": run_folder.code_sha256(paths, root),
     }
 
@@ -74,7 +74,7 @@ def _prepare(study: Study, number: int, folder: Path) -> None:
     path = _pickle(folder, number)
     begun = path.with_suffix(".begun")
     try:
-        found: Vehicle | str = case.prepare(study, number)
+        found: Vehicle | str = case.prepare(study, number, path.with_suffix(".onnx"))
     except Exception as error:  # its cases say so, the others go on
         found = f"{type(error).__name__}: {error}"
     begun.write_bytes(pickle.dumps(found))
@@ -82,5 +82,8 @@ def _prepare(study: Study, number: int, folder: Path) -> None:
 
 
 def _do(asked: Case, study: Study, folder: Path) -> None:
-    vehicle: Vehicle | str = pickle.loads(_pickle(folder, asked.vehicle).read_bytes())
+    path = _pickle(folder, asked.vehicle)
+    vehicle: Vehicle | str = pickle.loads(path.read_bytes())
+    if isinstance(vehicle, Vehicle):  # the folder may have been moved
+        vehicle = replace(vehicle, model=path.with_suffix(".onnx"))
     run_folder.write_json(_path(folder, asked), case.run(asked, study, vehicle))
