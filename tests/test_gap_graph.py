@@ -32,7 +32,6 @@ from training.gap.effects import ALL, LIBRARY, Effect
 from training.gap.fitting import reading
 from training.greybox_graph import Greybox, build, chain_nodes
 from training.greybox_model import fit_greybox
-from training.greybox_nodes import Prefixed
 from training.recordings import load
 
 FIT = (TrainingRecording("gap.parquet", "ab" * 32, 6000, "simulated"),)
@@ -278,7 +277,7 @@ def test_two_chains_can_stand_in_one_graph(base: Path) -> None:
     signals = {n: graph.take("u", i, i + 1, f"signal_{n}") for i, n in enumerate(without.inputs)}
     phis = []
     for i, each in enumerate((with_film, without)):
-        phi, parts = chain_nodes(Prefixed(graph, f"chain{i}_"), each, signals, f"state{i}")
+        phi, parts = chain_nodes(graph.part(f"chain{i}_"), each, signals, f"state{i}")
         graph.add("Concat", parts, f"next{i}", axis=1)
         phis.append(phi)
     graph.add("Sub", phis, "difference")

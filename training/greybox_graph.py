@@ -26,7 +26,6 @@ from training.gap.effect_nodes import graph_effect
 from training.greybox_charge import ChargeMap
 from training.greybox_nodes import (
     GraphEffect,
-    Prefixed,
     base_nodes,
     charge_nodes,
     lag_nodes,
@@ -156,14 +155,14 @@ def chain_nodes(
     """Add the chain with its effects: return the reading phi and the parts of its next state.
 
     signals : clipped inputs by name; state : (batch, n) as ``state_layout`` has it
-    For two chains in one graph give each its own ``greybox_nodes.Prefixed``.
+    For two chains in one graph give each its own ``graph.part``.
     """
     signals, register = dict(signals), greybox.register
     if greybox.charge_map is not None:
         signals["air_mass_mg"] = charge_nodes(graph, greybox.charge_map, signals)
     nodes, at, kept = base_nodes(graph, greybox.constants, signals), 4 + register, list[str]()
     for i, effect in enumerate(greybox.effects):
-        own = Prefixed(graph, f"effect{i}_{effect.name}_")
+        own = graph.part(f"effect{i}_{effect.name}_")
         states = [own.take(state, at + j, at + j + 1, f"state{j}") for j in range(effect.n_states)]
         nodes, after = effect.add(own, nodes, signals, states)
         kept += list(after)

@@ -5,7 +5,6 @@ Each mirrors a step of ``chain`` or ``greybox_charge``; a change there is a chan
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -37,22 +36,6 @@ class Nodes:
     gas_factor: str
     gas_offset: str
     span: str
-
-
-class Prefixed(Graph):
-    """A graph whose new names have a prefix, so that the same nodes can stand in it twice."""
-
-    def __init__(self, graph: Graph, prefix: str) -> None:
-        self.nodes, self.constants, self._graph = graph.nodes, graph.constants, graph
-        self._prefix = prefix
-
-    def constant(self, name: str, value: Any, dtype: type = np.float32) -> str:
-        """Add a constant."""
-        return self._graph.constant(self._prefix + name, value, dtype)
-
-    def add(self, kind: str, inputs: list[str], output: str, **attributes: Any) -> str:
-        """Add a node with one output."""
-        return self._graph.add(kind, inputs, self._prefix + output, **attributes)
 
 
 @dataclass(frozen=True, slots=True)
