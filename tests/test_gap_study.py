@@ -11,13 +11,23 @@ import pytest
 
 from monitor.errors import UsageError
 from training import run_folder
+from training.chain import Constants
 from training.cli import main
 from training.gap.effects import LIBRARY
-from training.gap_study import case, drive, run, tables
-from training.gap_study.answers import CLASSES, closed, right, right_or_among, wrong_names
+from training.gap_study import base, case, drive, run, tables
+from training.gap_study.answers import (
+    AMONG,
+    CLASSES,
+    answer,
+    closed,
+    right,
+    right_or_among,
+    wrong_names,
+)
 from training.gap_study.assess import Target, assess, quantile
 from training.gap_study.plan import CASES, SEVERITIES, Study, cases, healthy_parts
 from training.gap_study.report import as_page, as_text
+from training.recordings import Recording
 
 WHOLE = Study()
 TINY = ["gap-study", "--cases", "effect=1", "null=1", "--kinds", "effect,null", "--vehicles", "1",
@@ -185,6 +195,8 @@ def test_the_confusion_matrix_counts_every_case_once() -> None:
     purge = counts[found["driven"].index("purge")]
     assert [purge[found["named"].index(n)] for n in ("purge", "ethanol", "error")] == [1, 1, 1]
     assert tables.two(rows)["both right"] == 1
+    assert answer(row(verdict="ambiguous", names=[], among=["purge"])) == AMONG
+    assert answer(row(verdict="ambiguous", names=[], among=["ethanol"])) == "ambiguous"
 
 
 def test_cells_by_size_of_the_gap_add_up() -> None:
@@ -241,6 +253,46 @@ def test_a_small_study_runs_stops_goes_on_and_is_reported(
     assert "<h2>Hidden and answered</h2>" in page
     assert "data:image/svg+xml" in page
     assert rows[0]["hidden"][0] in page
+
+
+def test_the_base_is_fitted_to_the_healthy_recordings_or_to_those_of_the_case(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    # GIVEN a vehicle, and a case with an effect in it
+    study = Study(cases=(("effect", 1),), drives=1, duration_s=180.0, vehicles=1)
+    (asked,) = cases(study)
+    vehicle = case.prepare(study, asked.vehicle, tmp_path / "base.onnx")
+    fitted: list[str] = []
+
+    def takes_note(kind: str, recordings: list[Recording], out: Path) -> None:
+        fitted.extend(each.sha256 for each in recordings)
+        base.fit_base(kind, recordings, out)
+
+    monkeypatch.setattr(case, "fit_base", takes_note)
+    # WHEN it is run with either base
+    rows = [
+        case.run(asked, replace(study, fitted_with_effect=own), vehicle) for own in (False, True)
+    ]
+    # THEN only the second is fitted, to the drives with the effect and to those without
+    assert [r["error"] for r in rows] == [None, None]
+    assert fitted == [
+        each.sha256 for h in (True, False) for each in drive.recordings(asked, 180.0, hidden=h)
+    ]
+    # and the gap is that of the vehicle's base in both
+    assert rows[0]["gap"] == rows[1]["gap"] > 0.0
+
+
+def test_a_network_as_base_tells_the_naming_what_it_reads(tmp_path: Path) -> None:
+    study = replace(WHOLE, duration_s=180.0)
+    recordings = drive.healthy(healthy_parts(study, 2100), 2100, 180.0)
+    base.fit_base("narx", recordings, tmp_path / "narx.onnx")
+    for each in base.drives_of(tmp_path / "narx.onnx", recordings):
+        assert each.phi_of_model is not None
+        off = (each.phi_of_model - each.phi_measured)[each.scored]
+        assert np.sqrt(np.mean(off**2)) < 0.02
+    base.fit_base("greybox", recordings, tmp_path / "greybox.onnx")
+    assert base.constants_of(tmp_path / "greybox.onnx") != Constants()
+    assert base.drives_of(tmp_path / "greybox.onnx", recordings)[0].phi_of_model is None
 
 
 def test_another_study_in_the_folder_is_refused_in_one_line(

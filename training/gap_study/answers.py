@@ -9,6 +9,7 @@ from training.gap_study.case import Row
 CLASSES: Final = ("below the noise", "1 to 2 times the noise", "at least twice the noise")
 SUSPECTED: Final = "sensor_fault_suspected"
 SEVERAL: Final = "several names"
+AMONG: Final = "ambiguous, it among them"
 ERROR: Final = "error"
 
 
@@ -67,6 +68,8 @@ def answer(row: Row) -> str:
     """Return the answer as a column of the confusion matrix."""
     if row["error"] is not None:
         return ERROR
+    if row["verdict"] == "ambiguous" and right_or_among(row):
+        return AMONG
     if row["verdict"] != "named":
         return str(row["verdict"])
     names: Sequence[str] = row["names"]

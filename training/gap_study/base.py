@@ -1,11 +1,13 @@
 """The base models of a study: fitted to a vehicle's recordings, as ``o2train fit`` does."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
 from monitor import config
+from monitor.errors import RecordingError
 from monitor.model import Model
 from monitor.signals import NARX_INPUTS, OUTPUT
 from training import fit
@@ -26,7 +28,7 @@ HIDDEN: Final = (8, 8)
 
 
 def fit_base(base: str, recordings: Sequence[Recording], out: Path) -> None:
-    """Fit a model of the kind ``base`` and write it with its limits to ``out``."""
+    """Fit a model of the kind ``base`` and write it to ``out``, with limits if they can be set."""
     if base == GREYBOX:
         held_out = fit_greybox(recordings, out).held_out
     else:
@@ -34,7 +36,8 @@ def fit_base(base: str, recordings: Sequence[Recording], out: Path) -> None:
             recordings, NARX_INPUTS, OUTPUT, out, lags=LAGS, hidden=HIDDEN, input_lag_start=0,
             starts=1, budget_minutes=BUDGET_MINUTES, threads=1,
         ).held_out  # fmt: skip
-    set_limits(out, recordings, held_out, config.load())
+    with suppress(RecordingError):  # too few windows: the model stands without limits
+        set_limits(out, recordings, held_out, config.load())
 
 
 def constants_of(model: Path) -> Constants:

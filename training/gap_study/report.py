@@ -7,6 +7,7 @@ from typing import Any, Final
 
 import monitor
 from training.gap_study import tables
+from training.gap_study.answers import done, large
 from training.gap_study.assess import Target, assess
 from training.gap_study.case import Row
 from training.gap_study.plan import HEALTHY_DRIVES, Study
@@ -150,19 +151,25 @@ def _two(rows: Sequence[Row]) -> str:
 
 
 def _confusion(rows: Sequence[Row]) -> str:
-    found = tables.confusion(rows)
     if not rows:
         return ""
-    figure = confusion_figure(found)
-    figure.axes[0].set(xlabel="answered", ylabel="hidden")
+    found = tables.confusion(rows)
     used = [j for j in range(len(found["named"])) if any(c[j] for c in found["counts"])]
     lines = [
         (what, *(str(counts[j] or "") for j in used), str(sum(counts)))
         for what, counts in zip(found["driven"], found["counts"], strict=True)
     ]
     head = ("hidden", *(found["named"][j] for j in used), "cases")
-    caption = "Simulated: what was answered, percent of the cases with the same thing hidden"
-    return "<h2>Hidden and answered</h2>" + picture(figure, caption) + table(lines, head)
+    parts = ["<h2>Hidden and answered</h2>", _matrix(found, "all cases")]
+    if big := large(done(rows)):
+        parts.append(_matrix(tables.confusion(big), "cases whose gap is at least twice the noise"))
+    return "".join([*parts, table(lines, head)])
+
+
+def _matrix(found: dict[str, Any], which: str) -> str:
+    figure = confusion_figure(found)
+    figure.axes[0].set(xlabel="answered", ylabel="hidden")
+    return picture(figure, f"Simulated, {which}: answers in percent of those with the same hidden")
 
 
 def _by_size(rows: Sequence[Row]) -> str:

@@ -7,6 +7,7 @@ from typing import Any, Final
 
 from training.gap.effects import LIBRARY
 from training.gap_study.answers import (
+    AMONG,
     CLASSES,
     ERROR,
     SEVERAL,
@@ -23,7 +24,7 @@ from training.gap_study.case import Row
 from training.gap_study.plan import UNKNOWN
 
 FIRST: Final = ("no_gap",)
-LAST: Final = ("ambiguous", "unknown_effect", SUSPECTED, SEVERAL, ERROR)
+LAST: Final = (AMONG, "ambiguous", "unknown_effect", SUSPECTED, SEVERAL, ERROR)
 
 
 @dataclass(frozen=True, slots=True)
