@@ -207,6 +207,12 @@ def test_cells_by_size_of_the_gap_add_up() -> None:
     assert found["all effects", CLASSES[2]].right == 1
 
 
+def test_the_text_lists_wrong_names_with_what_was_hidden() -> None:
+    text = as_text([row(), row(names=["ethanol"])], WHOLE)
+    assert "purge 1/2, all effects 1/2" in text
+    assert "wrong name: case 0, purge 4, gap 3.0 times the noise: ethanol" in text
+
+
 def test_an_error_in_a_case_is_a_row_and_not_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
     def fails(*_: object) -> None:
         raise RuntimeError("no convergence")

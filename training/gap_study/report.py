@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import monitor
 from training.gap_study import tables
-from training.gap_study.answers import done, large
+from training.gap_study.answers import CLASSES, done, large
 from training.gap_study.assess import Target, assess
 from training.gap_study.case import Row
 from training.gap_study.plan import HEALTHY_DRIVES, Study
@@ -51,13 +51,22 @@ def planned(study: Study) -> int:
 
 
 def as_text(rows: Sequence[Row], study: Study) -> str:
-    """Return reached and targets as lines."""
+    """Return reached, targets and wrong names as lines."""
     lines = [reached(rows, study)]
     for target in assess(rows, study.base):
         what, want, got, bounds, cases, verdict = cells(target)
         lines.append(f"{what}: {got} ({bounds}) of {cases}, wanted {want}: {verdict}")
     if found := tables.two(rows):
         lines.append("two effects: " + ", ".join(f"{n} {what}" for what, n in found.items()))
+    big = [c for c in tables.by_size(rows) if c.size == CLASSES[2]]
+    if big:
+        each = ", ".join(f"{c.effect} {c.right}/{c.cases}" for c in big)
+        lines.append(f"named rightly at a gap of at least twice the noise: {each}")
+    lines += [
+        f"wrong name: case {r['number']}, {_what(r)}, gap {r['gap_over_noise']:.1f} times the "
+        f"noise: {' + '.join(r['names'])}"
+        for r in tables.wrong(rows)
+    ]
     return "\n".join(lines)
 
 
