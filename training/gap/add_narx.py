@@ -160,7 +160,7 @@ def _card(
     ranges: Ranges,
     recordings: Sequence[TrainingRecording],
 ) -> ModelCard:
-    """Return the card of a model with effects; limits and reference are those of the old one."""
+    """Return the card with effects; measures, limits and reference stay those of the old model."""
     by_sha = {r.sha256: r for r in (*card.recordings, *recordings)}
     structure = {"form": model.form, "chain": model.difference.to_card()}
     return replace(
