@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -33,6 +33,7 @@ from training.gap_study.plan import Case, Study, healthy_parts
 from training.recordings import Recording
 
 Row = dict[str, Any]
+RANKED: Final = 5  # candidates of the last step that a row keeps
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,12 +99,12 @@ def _answered(case: Case, study: Study, vehicle: Vehicle) -> Row:
         "names": [e.name for e in found.effects] if found.verdict == "named" else [],
         "among": [e.name for e in found.effects] if found.verdict == "ambiguous" else [],
         "suspected": found.suspected,
-        "best": ranking[0].name if ranking else None,
         "runner_up": ranking[1].name if len(ranking) > 1 else None,
-        "score": ranking[0].score if ranking else None,
-        "t": ranking[0].t if ranking else None,
-        "adequacy": ranking[0].adequacy if ranking else None,
         "win": ranking[1].win if len(ranking) > 1 else None,
+        "ranking": [
+            {k: getattr(c, k) for k in ("name", "score", "t", "adequacy", "win")}
+            for c in ranking[:RANKED]
+        ],
         "rmse_before": found.rmse_before,
         "rmse_after": found.rmse_after,
         "rmse_without": without,
