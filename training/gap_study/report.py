@@ -178,7 +178,7 @@ def _confusion(rows: Sequence[Row]) -> str:
 def _matrix(found: dict[str, Any], which: str) -> str:
     figure = confusion_figure(found)
     figure.axes[0].set(xlabel="answered", ylabel="hidden")
-    return picture(figure, f"Simulated, {which}: answers in percent of those with the same hidden")
+    return picture(figure, f"Simulated, {which}: answers in percent of each row")
 
 
 def _by_size(rows: Sequence[Row]) -> str:
