@@ -1,6 +1,7 @@
 """Effects in the grey-box graph: they are their numpy forms, and the monitor runs them."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import fields, replace
 from functools import cache
 from pathlib import Path
@@ -16,7 +17,7 @@ from monitor.model import Model
 from monitor.model_card import TrainingRecording
 from monitor.types import FloatArray
 from tests.gap_drives import PERIOD_S, plain_signals
-from tests.gap_simulated import simulated
+from tests.gap_simulated import healthy, simulated, two_drives
 from training import chain, greybox_graph
 from training.chain import Constants, base_path
 from training.dyno.simulate import Experiment
@@ -30,9 +31,11 @@ from training.gap.effect_nodes import FORMS, graph_effect, signals_of
 from training.gap.effect_parity import TOLERANCE, made_inputs
 from training.gap.effects import ALL, LIBRARY, Effect
 from training.gap.fitting import reading
+from training.gap.naming import name as named
+from training.greybox_charge import INPUTS as CHARGE_INPUTS
 from training.greybox_graph import Greybox, build, chain_nodes
 from training.greybox_model import fit_greybox
-from training.recordings import load
+from training.recordings import Recording, load
 
 FIT = (TrainingRecording("gap.parquet", "ab" * 32, 6000, "simulated"),)
 MOVED = Constants(1.01, 0.17, 1.6, 0.05, 0.12, 0.96)
@@ -43,12 +46,15 @@ PURGE = Added.with_values("purge", [1.5])
 
 
 @pytest.fixture(scope="module")
-def base(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A chain fitted to one simulated drive."""
-    folder = tmp_path_factory.mktemp("base")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
     experiment = Experiment(cycle="micro_trips", seed=2_000_002, vehicle=2001)
-    recording = load(write(experiment, folder, "parquet"))
-    return fit_greybox([recording], folder / "base.onnx").path
+    return load(write(experiment, tmp_path_factory.mktemp("drive"), "parquet"))
+
+
+@pytest.fixture(scope="module")
+def base(recording: Recording, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A chain fitted to one simulated drive."""
+    return fit_greybox([recording], tmp_path_factory.mktemp("base") / "base.onnx").path
 
 
 @cache
@@ -162,6 +168,7 @@ def test_the_card_says_what_was_added(base: Path, tmp_path: Path) -> None:
     lag = card.reference["derived"]["lag_s"]
     assert lag["value"] == pytest.approx(MOVED.mixing_s + MOVED.sensor_s)
     assert "before effects were added" in card.reference["standard_errors"]
+    assert card.fit == {"before_effects": old.fit}
     assert [p.name for p in tmp_path.iterdir()] == ["m.onnx"]
 
 
@@ -236,6 +243,46 @@ def test_a_reset_starts_every_lag_settled(base: Path, tmp_path: Path) -> None:
     for _ in range(1000):
         last = model.step(u)
     assert first == pytest.approx(last, abs=2e-6)
+
+
+@pytest.mark.parametrize(
+    "inputs", [CHARGE_INPUTS, ("fuel_mass_mg", "maf_kg_h", "engine_speed_rpm")]
+)
+def test_effects_act_on_whatever_charge_the_chain_has(
+    recording: Recording, tmp_path: Path, inputs: Sequence[str]
+) -> None:
+    # GIVEN a chain with a charge of its own, or from the air meter
+    bare, out = tmp_path / "bare.onnx", tmp_path / "m.onnx"
+    fit_greybox([recording], bare, inputs=inputs)
+    effects = [Added.with_values("manifold_filling", [0.05]), Added.with_values("mix_flow", [1.0]),
+               Added.with_values("maf_offset", [1.0])]  # fmt: skip
+    card = add(bare, effects, out, ranges=ranges_of(), recordings=FIT, drives=[driven()])
+    # THEN flow and filling are that charge's
+    greybox = Greybox.of(card)
+    u = np.column_stack([driven().signals[name] for name in card.input_names])
+    expected = reading(
+        replace(driven(), signals=greybox.signals(u)), greybox.constants,
+        [e.effect for e in effects], [e.values for e in effects],
+    )  # fmt: skip
+    assert np.abs(run(out, driven()) - expected)[card.lags :].max() < TOLERANCE
+
+
+def test_a_named_effect_in_the_file_makes_the_gap_smaller_on_a_drive_no_fit_saw(
+    base: Path, tmp_path: Path
+) -> None:
+    # GIVEN drives of a vehicle with a wall film in the plant's form, and its name
+    drives = two_drives(2_200_140, ("wall_film", 4.0))
+    found = named(drives, healthy())
+    assert [e.name for e in found.effects] == ["wall_film"]
+    # WHEN it is added with the constants it was found with, and without it
+    fresh = simulated("wltc_3b", 2_200_153, ("wall_film", 4.0))
+    off = []
+    for i, effects in enumerate(([], [Added.of(e) for e in found.effects])):
+        out = tmp_path / f"{i}.onnx"
+        add(base, effects, out, ranges=ranges_of(), recordings=FIT, constants=found.base)
+        off.append(np.mean((run(out, fresh) - fresh.phi_measured)[fresh.scored] ** 2))
+    # THEN the model with it is nearer to the measurement
+    assert off[1] < 0.6 * off[0]
 
 
 def test_the_register_holds_the_longest_dead_time(base: Path, tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from training.gap.effect_parity import TOLERANCE, Entry, parity
 from training.greybox import Fitted, described, reference
 from training.greybox_graph import Greybox, longest_dead_time_s, register_for, save
 
+BEFORE = "before_effects"  # what the card's measures are of: the new model's are not known here
 BEFORE_EFFECTS = "; of the base before effects were added, with other values"
 
 
@@ -116,6 +117,7 @@ def _card(
         recordings=tuple(by_sha.values()),
         effects=(*card.effects, *entries),
         structure=dict(card.structure) | greybox.structure(),
+        fit={BEFORE: card.fit.get(BEFORE, card.fit)},
         checks={},
     )
 
