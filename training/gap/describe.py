@@ -12,13 +12,13 @@ import numpy as np
 
 from monitor.types import FloatArray, IntArray
 from training.chain import Constants, base_path, simulate
-from training.gap import scoring
-from training.gap.decide import SCORE_LEAST, T_LEAST
+from training.gap import ridge, scoring
+from training.gap.decide import T_LEAST
 from training.gap.drives import Drive
 from training.gap.feature_words import words_of
 from training.gap.features import features
 from training.gap.fitting import FOLDS
-from training.gap.ranking import State
+from training.gap.ranking import SCORE_LEAST, State
 from training.gap.signal_functions import columns, functions_of
 from training.greybox import sandwich
 
@@ -76,9 +76,11 @@ class Description:
 def describe(state: State) -> Description:
     """Return a sparse formula of the errors that are left.
 
-    Shares are of the fall of held-out deviance that the ceiling reaches, or all terms if more.
+    Shares are of the fall of held-out deviance by all terms and what the ceiling explains of what
+    they leave.
     """
     case, blocks = state.case, state.case.blocks
+    fold = blocks % FOLDS
     told, plain = _plain(state)
     table = scoring.ceiling(case, plain).columns
     known, target = state.current.jacobian, -state.current.residual
@@ -88,7 +90,10 @@ def describe(state: State) -> Description:
     design = np.column_stack([table[:, [step.columns[0] for step in steps]], known])
     weights = np.linalg.lstsq(design, target)[0]
     errors = np.sqrt(np.diag(sandwich(design, target - design @ weights, blocks)))
-    explainable = max(by_ceiling, sum(step.gain for step in steps))
+    rest = _held_out(design, target, blocks)
+    further = rest - ridge.fit(np.column_stack([state.roof.columns, design]), rest, fold).held_out
+    more = scoring.by_block(rest, blocks).sum() - scoring.by_block(further, blocks).sum()
+    explainable = sum(step.gain for step in steps) + max(float(more), 0.0)
     terms = []
     for step, weight, error in zip(steps, weights.tolist(), errors.tolist(), strict=False):
         best, *others = (told[i] for i in step.columns)
