@@ -13,16 +13,17 @@ import numpy as np
 from monitor.types import FloatArray, IntArray
 from training.chain import Constants, base_path, simulate
 from training.gap import ridge, scoring
-from training.gap.decide import T_LEAST
 from training.gap.drives import Drive
 from training.gap.feature_words import words_of
 from training.gap.features import features
 from training.gap.fitting import FOLDS
-from training.gap.ranking import SCORE_LEAST, State
+from training.gap.ranking import State
 from training.gap.signal_functions import columns, functions_of
 from training.greybox import sandwich
 
 TERMS_MOST: Final = 4
+GAIN_LEAST: Final = 80.0  # fall of the held-out deviance by a term, as for an effect to be named
+T_LEAST: Final = 3.0  # of the signed square roots of the blocks' falls
 SHARE_LEAST: Final = 0.05  # of what can be explained, that a term must add
 ANSWERS: Final = ("trim",)  # what the controller makes of the mixture, no cause
 NEARLY: Final = 0.95  # of the largest cosine
@@ -86,7 +87,7 @@ def describe(state: State) -> Description:
     known, target = state.current.jacobian, -state.current.residual
     _, gains = scoring.left(state.current, state.roof, blocks)
     by_ceiling = float(gains.sum())
-    steps = _pursue(table, known, target, blocks, max(SCORE_LEAST, SHARE_LEAST * by_ceiling))
+    steps = _pursue(table, known, target, blocks, max(GAIN_LEAST, SHARE_LEAST * by_ceiling))
     design = np.column_stack([table[:, [step.columns[0] for step in steps]], known])
     weights = np.linalg.lstsq(design, target)[0]
     errors = np.sqrt(np.diag(sandwich(design, target - design @ weights, blocks)))
