@@ -5,11 +5,13 @@ from functools import cache
 import numpy as np
 
 from monitor.faults import resolve
+from training.chain import Constants
 from training.dyno.ecu import broadcast, own_bus, samples
 from training.dyno.effects import from_severities
 from training.dyno.simulate import Experiment, simulate
-from training.gap import drives
+from training.gap import accepted, drives
 from training.gap.drives import Drive
+from training.gap.healthy import Healthy
 
 VEHICLE = 2001
 
@@ -40,6 +42,12 @@ def simulated(
     columns = {name: values[:, i] for i, name in enumerate(bus.names)}
     measured = columns.pop("lambda_measured")
     return drives.make(experiment.name, str(seed), 0.1, columns, measured)
+
+
+@cache
+def known() -> Healthy:
+    """Return what these drives say, and how far they contradict each other."""
+    return accepted.learn(healthy(), Constants())
 
 
 @cache

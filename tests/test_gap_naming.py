@@ -3,14 +3,14 @@
 import pytest
 
 from monitor.errors import RecordingError
-from tests.gap_simulated import healthy, two_drives
+from tests.gap_simulated import known, two_drives
 from training.chain import Constants
 from training.gap import drives
 from training.gap.naming import name
 
 
 def test_drives_like_the_healthy_ones_have_no_gap() -> None:
-    found = name(two_drives(2_200_120), healthy())
+    found = name(two_drives(2_200_120), known())
     assert found.verdict == "no_gap"
     assert found.effects == ()
     assert found.rmse_after is None
@@ -20,7 +20,7 @@ def test_drives_like_the_healthy_ones_have_no_gap() -> None:
 def test_a_hidden_effect_is_named_and_the_gap_shrinks(effect: str) -> None:
     # GIVEN drives with an effect four times the noise, in the plant's form
     # WHEN it is looked for
-    found = name(two_drives(2_200_140, (effect, 4.0)), healthy())
+    found = name(two_drives(2_200_140, (effect, 4.0)), known())
     # THEN it is named, with constants and their uncertainty, and most of the gap is gone
     assert (found.verdict, [e.name for e in found.effects]) == ("named", [effect])
     best = found.effects[0]
@@ -33,7 +33,7 @@ def test_a_hidden_effect_is_named_and_the_gap_shrinks(effect: str) -> None:
 
 
 def test_a_leak_is_named_with_a_warning_that_it_may_be_a_fault() -> None:
-    found = name(two_drives(2_200_160, ("exhaust_leak", 4.0)), healthy())
+    found = name(two_drives(2_200_160, ("exhaust_leak", 4.0)), known())
     assert "exhaust_leak" in [effect.name for effect in found.effects]
     if found.verdict == "named":
         assert any("exhaust_leak may be a fault" in text for text in found.warnings)
@@ -45,7 +45,7 @@ def test_a_leak_is_named_with_a_warning_that_it_may_be_a_fault() -> None:
 
 def test_two_effects_at_once_are_named_one_after_the_other() -> None:
     first = two_drives(2_200_170, ("wall_film", 4.0), also=("delay_flow", 4.0))
-    found = name(first, healthy(), steps=2)
+    found = name(first, known(), steps=2)
     assert found.verdict == "named"
     assert {effect.name for effect in found.effects} == {"wall_film", "delay_flow"}
     assert found.rmse_after is not None
@@ -53,7 +53,7 @@ def test_two_effects_at_once_are_named_one_after_the_other() -> None:
 
 
 def test_a_sensor_slow_from_the_start_is_suspected_and_nothing_is_added() -> None:
-    found = name(two_drives(2_200_180, fault=("slow_symmetric", 0.3)), healthy())
+    found = name(two_drives(2_200_180, fault=("slow_symmetric", 0.3)), known())
     assert found.verdict == "sensor_fault_suspected"
     assert found.effects == ()
     assert found.rmse_after is None
@@ -64,7 +64,7 @@ def test_a_sensor_slow_from_the_start_is_suspected_and_nothing_is_added() -> Non
 
 def test_a_sensor_that_turns_late_within_the_drives_is_suspected() -> None:
     late = two_drives(2_200_186, fault=("delay_rich_to_lean", 0.5), fault_start_s=300.0)
-    found = name(late, healthy())
+    found = name(late, known())
     assert found.verdict == "sensor_fault_suspected"
     assert found.effects == ()
 
@@ -80,7 +80,7 @@ def test_a_candidate_without_its_signals_is_skipped_and_said_so() -> None:
         )
         for d in two_drives(2_200_120)
     ]
-    found = name(fed, healthy())
+    found = name(fed, known())
     assert found.skipped == {"rail_exponent": ("rail_pressure_mpa",)}
     assert "rail_exponent" not in [c.name for c in found.ranking]
 

@@ -6,10 +6,11 @@ from typing import Final
 
 import numpy as np
 
+from monitor.errors import RecordingError
 from training.chain import Constants
 from training.gap import healthy as healthy_drives
 from training.gap import scoring
-from training.gap.drives import Drive
+from training.gap.drives import MIN_SCORED_S, Drive
 from training.gap.fitting import Case, Prior, fit
 from training.gap.healthy import Healthy, white
 from training.gap.ranking import State
@@ -34,7 +35,12 @@ SIGMA_PHI: Final = 0.004  # of the first fit; the noise is worked out of it
 
 
 def begin(drives: Sequence[Drive], known: Healthy | None, base: Constants | None) -> State:
-    """Return the base fitted to the drives in whitened errors, and the ceiling."""
+    """Return the base fitted to the drives in whitened errors, and the ceiling.
+
+    Raises RecordingError if too little lies where healthy drives have been.
+    """
+    if known:
+        drives = _where_known(drives, known)
     # What varies from healthy drive to drive is integrated out, and what shifted for good is for
     # the candidates to explain: the base itself holds.
     prior = None if base is None else Prior(base, SPREAD_CARD)
@@ -56,8 +62,25 @@ def begin(drives: Sequence[Drive], known: Healthy | None, base: Constants | None
         case = replace(case, shrinks=tuple(_shrink(case, known, d) for d in drives))
     current = fit(case, (), [current, *starts])
     return State(
-        case, current, scoring.ceiling(case, plain), scoring.deviance(current, case.blocks)
+        case,
+        current,
+        scoring.ceiling(case, plain),
+        scoring.deviance(current, case.blocks),
+        known.surplus if known else {},
+        known.unexplained if known else 0.0,
     )
+
+
+def _where_known(drives: Sequence[Drive], known: Healthy) -> list[Drive]:
+    """Return the drives that can be judged, with what of them can."""
+    made = [known.known_of(drive) for drive in drives]
+    left = [drive for drive in made if drive.kept.sum() * drive.period_s >= MIN_SCORED_S]
+    if not left:
+        raise RecordingError(
+            f"{drives[0].name}: less than {MIN_SCORED_S:.0f} s at speeds, loads and temperatures "
+            "that the healthy recordings have visited; give healthy recordings of such driving"
+        )
+    return left
 
 
 def _shrink(case: Case, known: Healthy, drive: Drive) -> Shrink:

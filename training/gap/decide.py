@@ -21,13 +21,13 @@ from training.gap.ranking import (
 )
 from training.gap.verdict import Candidate, Verdict
 
-SCORE_LEAST: Final = 80.0
 T_LEAST: Final = 3.0
-SCORE_OF_FEW: Final = 250.0  # for an effect that lives in few blocks, where t is small
+FEW: Final = 3.0  # times the score needed, for an effect that lives in few blocks, where t is small
 FAULT_ADEQUATE: Final = 0.5
 CEILING_SHARE: Final = 0.08  # of the deviance: what healthy drives leave to explain stays below
 WIN_OF_FEW: Final = 0.99  # of resampled blocks, over no effect
 AMBIGUOUS_MOST: Final = 3
+EQUAL: Final = 0.9  # of a score, from which it is as good
 CEILING_T: Final = 3.5
 GAIN_WORDS: Final = "the gain"
 GAIN_CLASS: Final = ("ethanol", "biased")  # a factor on the mixture, and what looks like it
@@ -53,8 +53,10 @@ def step(
 ) -> Outcome:
     """Return the outcome of one forward step."""
     ranking = rank(state, candidates, progress)
-    strong = [c for c in ranking if _holds(state, c) and matters(c)]
-    if strong:
+    held = [c for c in ranking if _holds(state, c)]
+    strong = [c for c in held if matters(c)]
+    strange = held[:1] if held and strong[:1] != held[:1] else []  # explains more than any name
+    if strong and not (strange and strong[0].score < EQUAL * strange[0].score):
         ranking, rivals = against(state, strong[0], ranking)
         return (
             _of_the_gain(state, ranking, sensor_known_good)
@@ -64,18 +66,20 @@ def step(
     return (
         _of_the_gain(state, ranking, sensor_known_good)
         or _at_fault(state, (), ranking, sensor_known_good)
-        or Outcome(_nothing(state, added), (), None, None, ranking)
+        or Outcome(_nothing(state, added, strange), (), None, None, ranking)
     )
 
 
 def _holds(state: State, candidate: Candidate) -> bool:
     """Whether a candidate's gain is more than chance: even over blocks, or large and never lost."""
-    if candidate.score < SCORE_LEAST:
+    if candidate.score < candidate.needed:
         return False
     if candidate.t >= T_LEAST:
         return True
     after = scoring.deviance(candidate.fit, state.case.blocks)
-    return candidate.score > SCORE_OF_FEW and scoring.win(after, state.deviance) > WIN_OF_FEW
+    return (
+        candidate.score > FEW * candidate.needed and scoring.win(after, state.deviance) > WIN_OF_FEW
+    )
 
 
 def _of_effects(
@@ -91,8 +95,13 @@ def _of_effects(
     return Outcome("named", (best,), None, None, ranking)
 
 
-def _nothing(state: State, added: Sequence[Candidate]) -> Verdict:
-    """Tell a gap that no candidate explains from no gap."""
+def _nothing(state: State, added: Sequence[Candidate], strange: Sequence[Candidate]) -> Verdict:
+    """Tell a gap that no candidate explains from no gap.
+
+    strange : what explains more than any name, with constants that the effect cannot have
+    """
+    if not added and any(not c.physical for c in strange):
+        return "unknown_effect"
     _, gains = scoring.left(state.current, state.roof, state.case.blocks)
     ceiling = scoring.score(gains, np.zeros_like(gains))
     share = ceiling.gain / state.deviance.sum()
@@ -115,13 +124,13 @@ def _at_fault(
     if sensor_known_good:
         return None
     words = next((c.name for c in strong if c.kind == "sensor fault" and _enough(c)), None)
-    looked_at = strong[:1] or [c for c in ranking[:RANKED_CLOSELY] if c.score >= SCORE_LEAST]
+    looked_at = strong[:1] or [c for c in ranking[:RANKED_CLOSELY] if c.score >= c.needed]
     for candidate in () if words else looked_at:
         began = guards.onset_s(state.case, state.current, candidate.fit)
         if began is not None:
             words = f"it begins in {began[0]} at {began[1]:.0f} s"
     rivals = [c for c in ranking if c.kind == "sensor fault" or c.name in GAIN_CLASS]
-    felt = not strong and any(c.score >= SCORE_LEAST for c in rivals)
+    felt = not strong and any(c.score >= c.needed for c in rivals)
     if words is None and felt and (shift := _shift(state)) is not None:
         words = f"{shift} left its healthy reference"
     if words is None:

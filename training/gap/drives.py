@@ -9,6 +9,7 @@ import numpy as np
 
 from monitor.errors import RecordingError
 from monitor.types import BoolArray, FloatArray
+from training.chain import charge_mg
 from training.recordings import Recording
 
 OUTPUT: Final = "lambda_measured"
@@ -31,6 +32,7 @@ class Drive:
     signals: Mapping[str, FloatArray]  # canonical name → (n,), gaps held
     phi_measured: FloatArray  # (n,) 1 / lambda, held where not measured
     scored: BoolArray  # (n,) measured, outside fuel cut and the recovery from it
+    phi_of_model: FloatArray | None = None  # (n,) of a model that is not the chain alone
 
     def __len__(self) -> int:
         return len(self.phi_measured)
@@ -45,18 +47,26 @@ class Drive:
         return kept
 
 
-def from_recording(recording: Recording) -> Drive:
+def from_recording(recording: Recording, air_mass_mg: FloatArray | None = None) -> Drive:
     """Return the drive of a recording.
 
-    Engine speed is worked out of air meter and charge where it is missing. A sample is scored if
-    lambda and every input the chain needs were measured for some seconds and no fuel was cut.
+    air_mass_mg : (n,) charge that the model makes of other signals, instead of the broadcast one
+    Charge is worked out of air meter and engine speed where it is missing, and engine speed of air
+    meter and charge. A sample is scored if lambda and every input the chain needs were measured for
+    some seconds and no fuel was cut.
     Raises RecordingError if a signal is missing or less than a minute can be scored.
     """
-    for name in (*NEEDED, OUTPUT):
-        if name not in recording.names:
-            raise RecordingError(f"{recording.path}: has no {name}, the gap workflow needs it")
     columns = {name: recording.column(name) for name in recording.names if name != OUTPUT}
+    if air_mass_mg is not None:
+        columns["air_mass_mg"] = air_mass_mg
     present = {name: x for name, x in columns.items() if np.isfinite(x).any()}
+    if "air_mass_mg" not in present and {"maf_kg_h", "engine_speed_rpm"} <= set(present):
+        present["air_mass_mg"] = charge_mg(present)
+    for name in (*NEEDED, OUTPUT):
+        if name not in (*present, *recording.names):
+            raise RecordingError(f"{recording.path}: has no {name}, the gap workflow needs it")
+        if name != OUTPUT and name not in present:
+            raise RecordingError(f"{recording.path}: {name} has no good value")
     lambda_measured = recording.column(OUTPUT)
     return make(
         recording.path.name, recording.sha256, recording.period_ns / 1e9, present, lambda_measured

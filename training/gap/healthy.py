@@ -1,7 +1,7 @@
 """What the base misses on healthy drives: learned there, taken as known on the others."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
@@ -17,6 +17,7 @@ from training.gap.features import features
 from training.gap.fitting import BLOCK_S, FOLDS, Case, Term, fit, reading
 from training.gap.ridge import Ridge
 from training.gap.sensor_faults import FAULTS
+from training.gap.visited import Visited
 
 WHITE = (0.9, 0.0)  # differences, nearly: what changes slowly is for the correction
 SCALE_MIN = 1e-3  # of a column, below which it is not taken for better known
@@ -41,6 +42,9 @@ class Healthy:
     names: tuple[str, ...]  # of the columns
     ridge: Ridge
     spread: FloatArray  # (k,) of the columns' coefficients over drives
+    visited: Visited
+    surplus: Mapping[str, float] = field(default_factory=dict)  # see ``training.gap.accepted``
+    unexplained: float = 0.0  # see there
 
     def columns(self, drive: Drive) -> FloatArray:
         """Return the columns of ``drive`` in the order of the names, (n, k)."""
@@ -48,9 +52,20 @@ class Healthy:
         nothing = np.zeros(len(drive))
         return np.column_stack([made.get(name, nothing) for name in self.names])
 
+    def known_of(self, drive: Drive) -> Drive:
+        """Return the drive with those samples scored where healthy drives have been."""
+        return replace(drive, scored=drive.scored & self.visited.on(drive))
+
     def correction(self, drive: Drive) -> FloatArray:
-        """Return what the base misses on ``drive`` by what it missed when healthy, (n,) in phi."""
-        return self.ridge.predict(self.columns(drive))
+        """Return what the chain misses on ``drive`` by what was missed when healthy, (n,) in phi.
+
+        With another model than the chain, what that model reads instead is part of it.
+        """
+        learned = self.ridge.predict(self.columns(drive))
+        if drive.phi_of_model is None:
+            return learned
+        own = simulate(base_path(self.base, drive.signals), drive.period_s)
+        return np.asarray(learned + drive.phi_of_model - own)
 
 
 def learn(drives: Sequence[Drive], start: Constants) -> Healthy:
@@ -60,7 +75,7 @@ def learn(drives: Sequence[Drive], start: Constants) -> Healthy:
     tables = [columns(drive, base) for drive in drives]
     names = tuple(name for name in tables[0] if all(name in table for table in tables))
     raw = [np.column_stack([table[name] for name in names]) for table in tables]
-    target = [d.phi_measured - simulate(base_path(base, d.signals), d.period_s) for d in drives]
+    target = [_left(drive, base) for drive in drives]
     kept = [d.kept for d in drives]
     stacked = np.concatenate([x[k] for x, k in zip(raw, kept, strict=True)])
     fold = np.concatenate([_fold(d, i) for i, d in enumerate(drives)])
@@ -77,7 +92,15 @@ def learn(drives: Sequence[Drive], start: Constants) -> Healthy:
     for column, value in KNOWN_VARIATION.items():
         if column in names:
             spread[names.index(column)] = value
-    return Healthy(base, names, whole, spread)
+    return Healthy(base, names, whole, spread, Visited.of(drives))
+
+
+def _left(drive: Drive, base: Constants) -> FloatArray:
+    """Return what the model leaves unexplained, (n,) in phi."""
+    phi = drive.phi_of_model
+    if phi is None:
+        phi = simulate(base_path(base, drive.signals), drive.period_s)
+    return np.asarray(drive.phi_measured - phi)
 
 
 def white(series: FloatArray, ar: tuple[float, float]) -> FloatArray:

@@ -14,8 +14,7 @@ import numpy as np
 
 from monitor.errors import RecordingError
 from training.chain import Constants
-from training.gap import healthy as healthy_drives
-from training.gap import scoring
+from training.gap import accepted, scoring
 from training.gap.begin import FREE, begin
 from training.gap.decide import Outcome, step
 from training.gap.drives import Drive
@@ -24,7 +23,7 @@ from training.gap.fitting import Case, Prior, Term, fit, held_out_rmse
 from training.gap.healthy import Healthy
 from training.gap.ranking import Progress, State, adequacy_of
 from training.gap.sensor_faults import FAULTS
-from training.gap.verdict import Candidate, Naming, Verdict
+from training.gap.verdict import Candidate, Naming, Round, Verdict
 
 ADEQUATE: Final = 0.85  # of what can be explained at all; DESIGN, "what a prototype taught"
 
@@ -42,7 +41,7 @@ def name(
 
     drives : recordings of one vehicle with the gap
     healthy : recordings of the same vehicle on which the base was accepted; without them every
-        weakness of the base itself is part of the gap; or what ``healthy.learn`` made of them
+        weakness of the base itself is part of the gap; or what ``accepted.learn`` made of them
     reference : base constants of the healthy vehicle, if ``healthy`` is not given
     steps : effects to add at most, one after the other
     sensor_known_good : leave the sensor's faults out
@@ -53,7 +52,7 @@ def name(
     if not drives or len({round(d.period_s, 6) for d in every}) != 1:
         raise RecordingError("the gap workflow wants drives of one sample period, at least one")
     progress("base")
-    known = _known(healthy, reference)
+    known = _known(healthy, reference, progress)
     state = begin(drives, known, known.base if known else reference)
     skipped = {
         e.name: missing
@@ -63,7 +62,7 @@ def name(
     candidates: list[Term] = [e for e in ALL if e.name not in skipped]
     if not sensor_known_good and state.case.prior is not None:
         candidates += FAULTS
-    first, added = state, list[Candidate]()
+    first, added, rounds = state, list[Candidate](), list[Round]()
     warnings = _doubts(state.case, known)
     outcome = Outcome("no_gap", (), None, None, ())
     for _ in range(steps):
@@ -71,6 +70,8 @@ def name(
         if outcome.verdict != "named":
             break
         added.append(outcome.best[0])
+        rmse = held_out_rmse(state.case, added[-1].fit)
+        rounds.append(Round(added[-1], rmse, outcome.ranking))
         if added[-1].tag == "fault-like" and not sensor_known_good:
             warnings.append(
                 f"{added[-1].name} may be a fault: add it only if it is known not to be"
@@ -81,15 +82,15 @@ def name(
             current=added[-1].fit,
             deviance=scoring.deviance(added[-1].fit, state.case.blocks),
         )
-    return _answer(first, state, outcome, added, skipped, known, reference, warnings)
+    return _answer(first, state, outcome, rounds, skipped, known, reference, warnings)
 
 
 def _known(
-    healthy: Sequence[Drive] | Healthy | None, reference: Constants | None
+    healthy: Sequence[Drive] | Healthy | None, reference: Constants | None, progress: Progress
 ) -> Healthy | None:
     if isinstance(healthy, Healthy):
         return healthy
-    return healthy_drives.learn(healthy, reference or Constants()) if healthy else None
+    return accepted.learn(healthy, reference or Constants(), progress) if healthy else None
 
 
 def _doubts(case: Case, known: Healthy | None) -> list[str]:
@@ -121,13 +122,13 @@ def _answer(
     first: State,
     last: State,
     outcome: Outcome,
-    added: Sequence[Candidate],
+    rounds: Sequence[Round],
     skipped: dict[str, tuple[str, ...]],
     known: Healthy | None,
     reference: Constants | None,
     warnings: Sequence[str],
 ) -> Naming:
-    added = _kept(first, last, outcome, added)
+    added = _kept(first, last, outcome, [r.effect for r in rounds])
     verdict: Verdict = "named" if added else outcome.verdict
     if verdict == "named" and not added:
         verdict = "unknown_effect"
@@ -154,4 +155,5 @@ def _answer(
         float(gains.sum() / first.deviance.sum()),
         outcome.experiment,
         tuple(warnings),
+        tuple(rounds) if added else (),
     )

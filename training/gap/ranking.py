@@ -1,6 +1,6 @@
 """Every candidate fitted together with the base and what was added, scored on held-out blocks."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -15,6 +15,8 @@ WIN: Final = 0.95  # of resampled blocks
 RIVAL_SCORE: Final = 0.5  # of the best, below which a candidate is no rival
 USUAL_SHARE: Final = 0.09  # of the deviance, left to explain by an effect in another form
 RANKED_CLOSELY: Final = 4  # candidates whose adequacy is worked out
+SCORE_LEAST: Final = 80.0
+OVER_HEALTHY: Final = 12.0  # times what healthy drives give: noise alone in one of a thousand
 Progress = Callable[[str], None]
 
 
@@ -26,6 +28,12 @@ class State:
     current: Fit
     roof: scoring.Ceiling
     deviance: FloatArray  # (n_blocks,)
+    surplus: Mapping[str, float]  # of candidates on healthy drives, see ``accepted``
+    unexplained: float  # the same of the ceiling
+
+    def needed(self, name: str) -> float:
+        """Return the score from which a candidate is more than what healthy drives show."""
+        return max(SCORE_LEAST, OVER_HEALTHY * self.surplus.get(name, 1.0))
 
 
 def rank(state: State, candidates: Sequence[Term], progress: Progress) -> tuple[Candidate, ...]:
@@ -43,7 +51,8 @@ def rank(state: State, candidates: Sequence[Term], progress: Progress) -> tuple[
     for place, (score, after, fitted) in enumerate(found):
         adequacy = adequacy_of(state, score.gain, fitted) if place < RANKED_CLOSELY else None
         win = None if place == 0 else scoring.win(best, after)
-        ranking.append(_candidate(fitted, score, adequacy, win))
+        needed = state.needed(fitted.terms[-1].name)
+        ranking.append(_candidate(fitted, score, needed, adequacy, win))
     return tuple(ranking)
 
 
@@ -56,7 +65,7 @@ def adequacy_of(state: State, gain: float, fitted: Fit) -> float:
 
 
 def _candidate(
-    fitted: Fit, score: scoring.Score, adequacy: float | None, win: float | None
+    fitted: Fit, score: scoring.Score, needed: float, adequacy: float | None, win: float | None
 ) -> Candidate:
     term, values, errors = fitted.terms[-1], fitted.parameters[-1], fitted.standard_errors[-1]
     names = [p.name for p in term.parameters]
@@ -71,7 +80,9 @@ def _candidate(
         dict(zip(names, errors.tolist(), strict=True)),
         {p.name: p.unit for p in term.parameters},
         score.gain,
+        needed,
         score.t,
+        all(v > 0.0 for p, v in zip(term.parameters, values, strict=True) if p.positive),
         adequacy,
         win,
         fitted,
@@ -84,7 +95,7 @@ def matters(candidate: Candidate) -> bool:
     if isinstance(term, SensorFault):
         return guards.large_enough(term, candidate.fit.parameters[-1])
     sizes = zip(term.parameters, candidate.parameters.values(), strict=True)
-    return all(abs(size) >= p.least for p, size in sizes)
+    return candidate.physical and all(abs(size) >= p.least for p, size in sizes)
 
 
 def against(

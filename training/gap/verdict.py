@@ -24,10 +24,21 @@ class Candidate:
     standard_errors: Mapping[str, float]
     units: Mapping[str, str]
     score: float  # fall of the deviance on held-out blocks
+    needed: float  # score below which it is nothing new, by what healthy drives give it
     t: float  # of the signed square roots of the blocks' falls
+    physical: bool  # whether its constants have the sign that the effect has
     adequacy: float | None  # of what can be explained at all; None if not worth asking
     win: float | None  # how often resampled blocks prefer the best to this; None for the best
     fit: Fit
+
+
+@dataclass(frozen=True, slots=True)
+class Round:
+    """One effect that was added and what it was chosen from."""
+
+    effect: Candidate
+    rmse: float  # phi, on held-out blocks, with it
+    ranking: tuple[Candidate, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,3 +59,4 @@ class Naming:
     explained_share: float  # of the whitened deviance, by the ceiling
     experiment: Experiment | None
     warnings: tuple[str, ...]
+    rounds: tuple[Round, ...] = ()  # of what was named, in the order found

@@ -103,7 +103,7 @@ EFFECTS = (
         "scavenging",
         "air blows through while both valves are open",
         (
-            Parameter("magnitude", "-", -0.5, 5.0, (0.2,)),
+            Parameter("magnitude", "-", -0.5, 5.0, (0.2,), positive=True),
             Parameter("end", "1/min", 1600.0, 4000.0, (2400.0, 3200.0)),
         ),
         _scavenging,

@@ -30,6 +30,7 @@ class Parameter:
     high: float
     start: tuple[float, ...]  # fits begin from each of these
     least: float = 0.0  # size below which it is not told from the bus's message phases
+    positive: bool = False  # below 0 it is something else than this effect
 
 
 @dataclass(frozen=True, slots=True)

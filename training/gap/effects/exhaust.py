@@ -49,7 +49,7 @@ EFFECTS = (
     Effect(
         "delay_flow",
         "dead time follows the exhaust's flow",
-        (Parameter("volume", "l", -1.0, 8.0, (0.5, 2.0)),),
+        (Parameter("volume", "l", -1.0, 8.0, (0.5, 2.0), positive=True),),
         _delay_flow,
         ("engine_speed_rpm",),
         "physics",
@@ -57,7 +57,7 @@ EFFECTS = (
     Effect(
         "mix_flow",
         "mixing follows the exhaust's flow",
-        (Parameter("volume", "l", -1.0, 12.0, (0.5, 2.0)),),
+        (Parameter("volume", "l", -1.0, 12.0, (0.5, 2.0), positive=True),),
         _mix_flow,
         ("engine_speed_rpm",),
         "physics",
@@ -66,7 +66,7 @@ EFFECTS = (
         "exhaust_leak",
         "a leak draws air into the exhaust at low flow",
         (
-            Parameter("fraction", "-", -0.3, 0.4, (0.02,)),
+            Parameter("fraction", "-", -0.3, 0.4, (0.02,), positive=True),
             Parameter("fading", "kg/h", 8.0, 120.0, (20.0, 50.0)),
         ),
         _exhaust_leak,
@@ -77,7 +77,7 @@ EFFECTS = (
         "fuel_cut_tail",
         "the exhaust stays lean after a fuel cut",
         (
-            Parameter("depth", "-", -0.5, 1.0, (0.05,)),
+            Parameter("depth", "-", -0.5, 1.0, (0.05,), positive=True),
             Parameter("time", "s", 0.2, 6.0, (0.7, 2.0)),
         ),
         _fuel_cut_tail,

@@ -82,7 +82,7 @@ EFFECTS = (
         "wall_film",
         "part of the fuel lands on walls and evaporates later",
         (
-            Parameter("share", "-", -0.1, 0.6, (0.1,)),
+            Parameter("share", "-", -0.1, 0.6, (0.1,), positive=True),
             Parameter("time", "s", 0.1, 4.0, (0.4, 1.2)),
             Parameter("cold_growth", "-", 0.0, 4.0, (1.0,)),
         ),
@@ -109,7 +109,7 @@ EFFECTS = (
     Effect(
         "purge",
         "canister purge brings fuel vapour",
-        (Parameter("concentration", "mg/s/kPa", -2.0, 8.0, (0.3,)),),
+        (Parameter("concentration", "mg/s/kPa", -2.0, 8.0, (0.3,), positive=True),),
         _purge,
         ("manifold_pressure_kpa", "engine_speed_rpm"),
         "physics",

@@ -43,7 +43,7 @@ EFFECTS = (
     Effect(
         "back_pressure",
         "exhaust pressure raises the sensor's sensitivity",
-        (Parameter("sensitivity", "1/bar", -2.0, 6.0, (0.3,)),),
+        (Parameter("sensitivity", "1/bar", -2.0, 6.0, (0.3,), positive=True),),
         _back_pressure,
         ("engine_speed_rpm",),
         "physics",

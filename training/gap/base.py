@@ -1,0 +1,66 @@
+"""The model under study as the naming sees it: the chain, or the chain beside what it reads."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from monitor.errors import ModelError
+from monitor.model import Model
+from monitor.model_card import ModelCard
+from monitor.types import FloatArray
+from training.chain import Constants
+from training.gap.drives import Drive, from_recording, hold
+from training.gap.predicted import predicted_phi
+from training.greybox_graph import Greybox
+from training.recordings import Recording
+
+GREYBOX: Final = "greybox"
+
+
+def check(model: Path) -> ModelCard:
+    """Return the card of a model that the workflow can extend.
+
+    Raises ModelError if the model does not predict lambda by way of phi.
+    """
+    card = Model.load(model).card
+    if card.transform != "phi":
+        raise ModelError(
+            f"{model}: predicts {card.output.name} as it is; the gap workflow wants a model of "
+            "lambda_measured from o2train fit"
+        )
+    return card
+
+
+def constants_of(card: ModelCard) -> Constants:
+    """Return a grey-box model's constants, usual ones for a network."""
+    return Greybox.of(card).constants if card.kind == GREYBOX else Constants()
+
+
+def drives_of(model: Path, recordings: Sequence[Recording]) -> list[Drive]:
+    """Return the recordings with the charge that the model sees and, if need be, what it reads.
+
+    The plain chain is what the naming is built on. Another model, or a chain that effects were
+    added to already, stands beside it with its own free run.
+    Raises RecordingError if a recording lacks a signal or too little of it can be scored.
+    """
+    card = check(model)
+    if card.kind == GREYBOX:
+        chain = Greybox.of(card)
+        made = [from_recording(each, _charge(each, chain)) for each in recordings]
+        if not card.effects:
+            return made
+    else:
+        made = [from_recording(each) for each in recordings]
+    run = predicted_phi(model, recordings)
+    return [replace(d, phi_of_model=phi) for d, phi in zip(made, run, strict=True)]
+
+
+def _charge(recording: Recording, chain: Greybox) -> FloatArray | None:
+    """Return the air per stroke (n,) that the model makes for itself, None if it makes none."""
+    if chain.charge_map is None:
+        return None
+    inputs = np.stack([hold(recording.column(name)) for name in chain.inputs], axis=1)
+    return chain.signals(inputs)["air_mass_mg"]

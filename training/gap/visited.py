@@ -1,0 +1,52 @@
+"""Operating points that healthy drives have visited: elsewhere nothing can be held against a model.
+
+What the model misses at an operating point is learned from healthy drives. A new drive's samples
+where none of them was would show that miss as a gap, so they do not count.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from monitor.types import BoolArray, FloatArray, IntArray
+from training.gap.drives import Drive
+
+SPEEDS_RPM: Final = np.array([1050.0, 1550.0, 2100.0, 2800.0, 3600.0, 4500.0])
+LOADS_MG: Final = np.array([125.0, 210.0, 330.0, 500.0])
+COOLANTS_DEGC: Final = np.array([15.0, 40.0, 65.0])
+ENOUGH_S: Final = 15.0  # in a cell, in all healthy drives together
+
+
+@dataclass(frozen=True, slots=True)
+class Visited:
+    """Cells of speed and load, and ranges of coolant temperature, that were visited."""
+
+    cells: BoolArray  # (n_speeds + 1, n_loads + 1)
+    coolants: BoolArray  # (n_coolants + 1,)
+
+    @classmethod
+    def of(cls, drives: Sequence[Drive]) -> "Visited":
+        """Return what scored samples of the drives visited."""
+        seconds = np.zeros((len(SPEEDS_RPM) + 1, len(LOADS_MG) + 1))
+        warm = np.zeros(len(COOLANTS_DEGC) + 1)
+        for drive in drives:
+            speed, load, coolant = (each[drive.scored] for each in _places(drive.signals))
+            np.add.at(seconds, (speed, load), drive.period_s)
+            np.add.at(warm, coolant, drive.period_s)
+        return cls(seconds >= ENOUGH_S, warm >= ENOUGH_S)
+
+    def on(self, drive: Drive) -> BoolArray:
+        """Return where a drive is within, (n,)."""
+        speed, load, coolant = _places(drive.signals)
+        return np.asarray(self.cells[speed, load] & self.coolants[coolant])
+
+
+def _places(signals: Mapping[str, FloatArray]) -> tuple[IntArray, IntArray, IntArray]:
+    speed = np.searchsorted(SPEEDS_RPM, signals["engine_speed_rpm"])
+    load = np.searchsorted(LOADS_MG, signals["air_mass_mg"])
+    coolant = signals.get("coolant_temperature_degc")
+    if coolant is None:
+        return speed, load, np.zeros(len(speed), dtype=np.int64)
+    return speed, load, np.searchsorted(COOLANTS_DEGC, coolant)
