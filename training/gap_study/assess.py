@@ -95,9 +95,10 @@ def assess(rows: Sequence[Row], base: str) -> list[Target]:
         _share("suspected", "sensor fault from the start", 0.95,
                [r["verdict"] == SUSPECTED for r in fault]),
         _most("added to the model", "sensor fault from the start", 0.0,
-              [bool(r["names"]) for r in fault]),
+              [bool(r["added"]) for r in fault]),
         *_closing(named, "rightly named, gap at least twice"),
         *_closing(big, f"all of {wide}"),
+        *_detection(named),
         _quantile("seconds per case, 95 % of them", "all", "s", False, SECONDS_MOST[base],
                   [r["seconds"] for r in done(rows)], SLOW),
     ]  # fmt: skip
@@ -146,6 +147,23 @@ def _closing(rows: Sequence[Row], where: str) -> list[Target]:
         _quantile("gap closed, median", where, "share", True, 0.90, shares, 0.5),
         _quantile("gap closed, tenth percentile", where, "share", True, 0.60, shares, 0.1),
     ]
+
+
+def _detection(rows: Sequence[Row]) -> list[Target]:
+    """Return what the new models find of faults put on, held against what the old ones find."""
+    found = []
+    for what, key, at_least in (("faults put on and found", "faults", True),
+                                ("false alarms", "alarms", False)):  # fmt: skip
+        counts = [r[key] for r in rows if r[key]]
+        drives, before, after = (
+            sum(c[part] for c in counts) for part in ("drives", "before", "after")
+        )
+        wanted = before / drives if drives else 0.0
+        share = rate(after, drives)
+        where = "new models, rightly named; wanted is what the old ones do"
+        found.append(Target(what, where, "share", at_least, wanted, share["rate"], share["low"],
+                            share["high"], drives))  # fmt: skip
+    return found
 
 
 def _quantile(

@@ -4,8 +4,9 @@ The gap of a case is how far what is hidden moves the error of the base that was
 vehicle's healthy recordings: the RMS, in phi over samples scored in both, of the difference between
 its error on the drives and on the same drives and seeds with nothing hidden. The noise is what the
 naming's ceiling leaves of the residual of the healthy recordings (``scoring.floor_phi``). The
-excess, of which an answer takes a share away, is the mean squared error on held-out blocks, less
-that of the same base, fitted alike, on the drives with nothing hidden.
+excess, of which a new model takes a share away, is the mean squared error on the recordings that
+the workflow holds out, less that of the same base, fitted alike, on the same drives with nothing
+hidden.
 """
 
 import time
@@ -18,22 +19,27 @@ from typing import Any, Final
 
 import numpy as np
 
+from monitor.faults import Fault
 from monitor.types import FloatArray
-from training.gap import scoring
+from training.gap import accepted, base, scoring
 from training.gap.begin import begin
+from training.gap.detection import FAULTS
 from training.gap.drives import from_recording
-from training.gap.fitting import held_out_rmse
-from training.gap.healthy import Healthy, learn
-from training.gap.naming import name
+from training.gap.effects import ALL
+from training.gap.healthy import Healthy
 from training.gap.predicted import predicted_phi
-from training.gap.verdict import Naming
+from training.gap.result import Result
+from training.gap.verified import Found, Verified
+from training.gap.workflow import Given, Options, investigate
 from training.gap_study import drive
-from training.gap_study.base import constants_of, drives_of, fit_base
+from training.gap_study.base import fit_base
 from training.gap_study.plan import Case, Study, healthy_parts
 from training.recordings import Recording
 
 Row = dict[str, Any]
 RANKED: Final = 5  # candidates of the last step that a row keeps
+# The workflow adds what may be a fault only if told to, and is told so in every case.
+ADD: Final = tuple(effect.name for effect in ALL if effect.tag == "fault-like")
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,16 +57,17 @@ def prepare(study: Study, number: int, model: Path) -> Vehicle:
     """Return what a vehicle's healthy recordings teach; the base goes to the file ``model``."""
     made = drive.healthy(healthy_parts(study, number), number, study.duration_s)
     fit_base(study.base, made, model)
-    driven = drives_of(model, made)
-    known = learn(driven, constants_of(model))
-    state = begin(driven, known, known.base)
+    known = _learn(model, made)
+    state = begin(base.drives_of(model, made), known, known.base)
     noise_phi = scoring.floor_phi(state.case, state.current)
     return Vehicle(number, model, tuple(made), known, noise_phi)
 
 
-def ask(model: Path, recordings: Sequence[Recording], known: Healthy, steps: int) -> Naming:
-    """Return the workflow's answer to the recordings."""
-    return name(drives_of(model, recordings), known, steps=steps)
+def ask(given: Given, known: Healthy, steps: int, faults: tuple[Fault, ...]) -> Result:
+    """Return the workflow's answer; ``faults`` are put on to see that they are still found."""
+    with TemporaryDirectory() as out:
+        options = Options(steps, add=ADD, faults=faults, localise=False)
+        return investigate(given, Path(out), options, known=known)
 
 
 def run(case: Case, study: Study, vehicle: Vehicle | str) -> Row:
@@ -83,38 +90,74 @@ def _answered(case: Case, study: Study, vehicle: Vehicle) -> Row:
     if case.hidden or case.fault:
         nothing = drive.recordings(case, study.duration_s, hidden=False)
     with TemporaryDirectory() as folder:
-        base = _base(study, vehicle, recordings, Path(folder) / "base.onnx")
+        model, known, reference = vehicle.model, vehicle.known, vehicle.model
+        if study.fitted_with_effect:
+            model, reference = Path(folder) / "base.onnx", Path(folder) / "reference.onnx"
+            fit_base(study.base, recordings, model)
+            fit_base(study.base, nothing, reference)
+            known = _learn(model, vehicle.healthy)
         began_s = time.perf_counter()
-        found = ask(base.model, recordings, base.known, 2 if case.kind == "two" else 1)
+        steps, faults = 2 if case.kind == "two" else 1, FAULTS if case.hidden else ()
+        found = ask(Given(model, recordings, vehicle.healthy), known, steps, faults)
         took_s = time.perf_counter() - began_s
-        without = found.rmse_before
-        if nothing is not recordings:
-            reference = _base(study, vehicle, nothing, Path(folder) / "reference.onnx")
-            without = _before(reference, nothing)
+        held_out = {each.sha256 for each in found.held_out}
+        pairs = zip(recordings, nothing, strict=True)
+        without = rms_phi(reference, [b for a, b in pairs if a.sha256 in held_out])
     gap = moved_phi(vehicle.model, recordings, nothing)
-    after = found.rmse_before if found.rmse_after is None else found.rmse_after
-    ranking = found.ranking
     return {
-        "verdict": found.verdict,
-        "names": [e.name for e in found.effects] if found.verdict == "named" else [],
-        "among": [e.name for e in found.effects] if found.verdict == "ambiguous" else [],
-        "suspected": found.suspected,
-        "runner_up": ranking[1].name if len(ranking) > 1 else None,
-        "win": ranking[1].win if len(ranking) > 1 else None,
-        "ranking": [
-            {k: getattr(c, k) for k in ("name", "score", "t", "adequacy", "win")}
-            for c in ranking[:RANKED]
-        ],
-        "rmse_before": found.rmse_before,
-        "rmse_after": found.rmse_after,
-        "rmse_without": without,
-        "noise_floor": found.noise_floor,
-        "explained_share": found.explained_share,
-        "excess_before": found.rmse_before**2 - without**2,
-        "excess_after": after**2 - without**2,
+        **_said(found),
+        **_closed(found.verified, without),
         "gap": gap,
         "gap_over_noise": gap / vehicle.noise_phi,
         "seconds": took_s,
+    }
+
+
+def _said(found: Result) -> Row:
+    naming, ranking = found.naming, found.naming.ranking
+    names = [candidate.name for candidate in naming.effects]
+    return {
+        "verdict": naming.verdict,
+        "names": names if naming.verdict == "named" else [],
+        "among": names if naming.verdict == "ambiguous" else [],
+        "added": [each.name for each in found.added],
+        "suspected": naming.suspected,
+        "runner_up": ranking[1].name if len(ranking) > 1 else None,
+        "win": ranking[1].win if len(ranking) > 1 else None,
+        "ranking": [
+            {k: getattr(c, k) for k in ("name", "score", "needed", "t", "adequacy", "win")}
+            for c in ranking[:RANKED]
+        ],
+        "explained_share": naming.explained_share,
+        "noise_floor": naming.noise_floor,
+    }
+
+
+def _closed(verified: Verified | None, without: float) -> Row:
+    """Return errors on the held-out recordings, beside the reference ``without`` in phi."""
+    if verified is None:
+        raise ValueError("nothing was held out")
+    before, after = verified.overall.before, verified.overall.after
+    return {
+        "faults": _counts(verified.faults),
+        "alarms": _counts([verified.alarms] if verified.alarms else []),
+        "rmse_before": before,
+        "rmse_after": after,
+        "rmse_without": without,
+        "excess_before": before**2 - without**2,
+        "excess_after": (before if after is None else after) ** 2 - without**2,
+    }
+
+
+def _counts(found: Sequence[Found]) -> dict[str, int] | None:
+    """Return drives and how many of them each model finds faulty, None without a new model."""
+    after = [each.after.found for each in found if each.after is not None]
+    if not after:
+        return None
+    return {
+        "drives": sum(each.before.drives for each in found),
+        "before": sum(each.before.found for each in found),
+        "after": sum(after),
     }
 
 
@@ -123,6 +166,11 @@ def moved_phi(model: Path, hidden: Sequence[Recording], nothing: Sequence[Record
     a, b = _errors(model, hidden), _errors(model, nothing)
     moved = np.concatenate([x - y for x, y in zip(a, b, strict=True)])
     return float(np.sqrt(np.nanmean(moved**2)))
+
+
+def rms_phi(model: Path, recordings: Sequence[Recording]) -> float:
+    """Return the RMS of a model's error on scored samples, in phi."""
+    return float(np.sqrt(np.nanmean(np.concatenate(_errors(model, recordings)) ** 2)))
 
 
 def _errors(model: Path, recordings: Sequence[Recording]) -> list[FloatArray]:
@@ -134,23 +182,5 @@ def _errors(model: Path, recordings: Sequence[Recording]) -> list[FloatArray]:
     ]
 
 
-@dataclass(frozen=True, slots=True)
-class _Base:
-    """A base model and what it misses on the vehicle's healthy recordings."""
-
-    model: Path
-    known: Healthy
-
-
-def _base(study: Study, vehicle: Vehicle, recordings: Sequence[Recording], out: Path) -> _Base:
-    """Return the vehicle's base, or one fitted to the recordings themselves."""
-    if not study.fitted_with_effect:
-        return _Base(vehicle.model, vehicle.known)
-    fit_base(study.base, recordings, out)
-    return _Base(out, learn(drives_of(out, vehicle.healthy), constants_of(out)))
-
-
-def _before(base: _Base, recordings: Sequence[Recording]) -> float:
-    """Return the base's held-out RMSE in phi, as the naming works it out."""
-    state = begin(drives_of(base.model, recordings), base.known, base.known.base)
-    return held_out_rmse(state.case, state.current)
+def _learn(model: Path, healthy: Sequence[Recording]) -> Healthy:
+    return accepted.learn(base.drives_of(model, healthy), base.constants_of(base.check(model)))

@@ -89,8 +89,8 @@ class Study:
             raise UsageError(f"--vehicles is 1 to {MOST_VEHICLES}")
         if min(self.first_vehicle, self.seed) < 0:
             raise UsageError("--first-vehicle and --seed are at least 0")
-        if not 1 <= self.drives <= MOST_DRIVES:
-            raise UsageError(f"--drives is 1 to {MOST_DRIVES}")
+        if not 2 <= self.drives <= MOST_DRIVES:
+            raise UsageError(f"--drives is 2 to {MOST_DRIVES}: one is held out")
         if not 120.0 <= self.duration_s <= 3600.0:
             raise UsageError("--minutes is 2 to 60")
 

@@ -9,7 +9,7 @@ import monitor
 from training.gap_study import tables
 from training.gap_study.answers import CLASSES, done, large
 from training.gap_study.assess import Target, assess
-from training.gap_study.case import Row
+from training.gap_study.case import ADD, Row
 from training.gap_study.plan import HEALTHY_DRIVES, Study
 from training.matrix.figures import confusion_figure
 from training.page import page, paragraph, picture, table
@@ -142,9 +142,11 @@ def _head(rows: Sequence[Row], study: Study, identity: dict[str, Any]) -> str:
                 "error on the drives and on the same drives and seeds with nothing hidden, over "
                 "samples scored in both. The noise is what the naming's ceiling leaves of the "
                 f"residual of the healthy recordings, {noise} in phi. Gap closed is the share that "
-                "the answer takes away of the excess squared error on held-out blocks, 0 where "
-                "nothing is named; the excess is over the same base, fitted alike, on the drives "
-                "with nothing hidden."
+                "the new model takes away of the excess squared error on recordings that it was "
+                "not fitted to, 0 where nothing is added; the excess is over the same base, fitted "
+                "alike, on the same drives with nothing hidden. Effects that may be faults are "
+                f"added, too ({', '.join(ADD)}), as if the user had said that they are none. "
+                "Faults are put on the measured lambda of the held-out recordings afterwards."
             ),
             paragraph(f"Code {identity['code_sha256'][:12]}.", "note"),
         ]
