@@ -48,7 +48,9 @@ def candidate(name: str, score: float, win: float | None) -> Candidate:
         dict.fromkeys(values, 0.01),
         {p.name: p.unit for p in term.parameters},
         score,
+        80.0,
         score / 100.0,
+        True,
         0.95 if win is None else None,
         win,
         NO_FIT,
@@ -182,11 +184,11 @@ def test_an_effect_carries_the_constants_that_stand_in_the_model() -> None:
     assert effect["separated"] is True
 
 
-def test_what_was_named_but_not_added_is_not_among_the_effects() -> None:
+def test_what_was_named_but_not_added_says_so() -> None:
     tree = as_json(made("named", added=(), new_model=None, steps=()))
-    assert tree["effects"] == []
+    assert [(e["name"], e["added"]) for e in tree["effects"]] == [("purge", False)]
     assert tree["rmse_after"] is None
-    assert tree["ranking"][0]["name"] == "purge"
+    assert tree["model"] is None
 
 
 def test_an_effect_is_separated_if_it_beats_every_rival_outside_its_class() -> None:

@@ -57,16 +57,19 @@ def learn(
             )
     names = set[str]().union(*(each.ratio for each in left))
     surplus = {
-        name: max(_mean([each.ratio[name] for each in left if name in each.ratio]), 1.0)
-        for name in names
+        name: _typical([each.ratio[name] for each in left if name in each.ratio]) for name in names
     }
     return replace(
         known, surplus=surplus, unexplained=max((each.share for each in left), default=0.0)
     )
 
 
-def _mean(ratios: Sequence[float]) -> float:
-    return (sum(ratios) + PRIOR_GROUPS) / (len(ratios) + PRIOR_GROUPS)
+def _typical(ratios: Sequence[float]) -> float:
+    """Return the geometric mean of ratios, none below 1: a single drive of another kind weighs
+    little.
+    """
+    logarithms = np.log(np.maximum(ratios, 1.0))
+    return float(np.exp(logarithms.sum() / (len(ratios) + PRIOR_GROUPS)))
 
 
 def _left_out(drives: Sequence[Drive], known: Healthy) -> _Left:

@@ -24,11 +24,11 @@ from training.gap.verdict import Candidate, Verdict
 T_LEAST: Final = 3.0
 FEW: Final = 3.0  # times the score needed, for an effect that lives in few blocks, where t is small
 FAULT_ADEQUATE: Final = 0.5
-CEILING_SHARE: Final = 0.08  # of the deviance: what healthy drives leave to explain stays below
+CEILING_SHARE: Final = 0.045  # of the deviance: what healthy drives leave to explain stays below
 WIN_OF_FEW: Final = 0.99  # of resampled blocks, over no effect
 AMBIGUOUS_MOST: Final = 3
 EQUAL: Final = 0.9  # of a score, from which it is as good
-CEILING_T: Final = 3.5
+CEILING_T: Final = 5.5
 GAIN_WORDS: Final = "the gain"
 GAIN_CLASS: Final = ("ethanol", "biased")  # a factor on the mixture, and what looks like it
 

@@ -16,7 +16,7 @@ RIVAL_SCORE: Final = 0.5  # of the best, below which a candidate is no rival
 USUAL_SHARE: Final = 0.09  # of the deviance, left to explain by an effect in another form
 RANKED_CLOSELY: Final = 4  # candidates whose adequacy is worked out
 SCORE_LEAST: Final = 80.0
-OVER_HEALTHY: Final = 12.0  # times what healthy drives give: noise alone in one of a thousand
+OVER_HEALTHY: Final = 40.0  # times what healthy drives give: the most in 24 simulated ones
 Progress = Callable[[str], None]
 
 

@@ -23,11 +23,9 @@ def verdict_sentence(result: Result) -> str:
 
 def _named(result: Result) -> str:
     names = _and([f"{c.name} ({c.says})" for c in result.effects])
-    if not result.effects:
-        return f"A name was found, but nothing was added: {_level(result)}."
     before, after, floor, on = result.rmse
     if after is None:
-        return f"Named: {names}; {_level(result)}."
+        return f"Named: {names}, but not added; {_level(result)}."
     return (
         f"Named: {names}. With it in the model the error on {on} "
         f"{'falls' if after < before else 'does not fall'}, from {phi(before)} to {phi(after)} "

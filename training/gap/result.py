@@ -77,12 +77,9 @@ class Result:
 
     @property
     def effects(self) -> tuple[Candidate, ...]:
-        """Return what was added, or the ambiguous set, at most three."""
-        found = self.naming.effects
-        if self.verdict == "named":
-            names = {a.name for a in self.added}
-            found = tuple(c for c in found if c.name in names)
-        return found[:MOST_EFFECTS] if self.verdict in ("named", "ambiguous") else ()
+        """Return what was named, or the ambiguous set, at most three."""
+        found = self.naming.effects if self.verdict in ("named", "ambiguous") else ()
+        return found[:MOST_EFFECTS]
 
     @property
     def simulated(self) -> tuple[bool, ...]:
@@ -211,6 +208,7 @@ def _effect(result: Result, chosen: Candidate) -> dict[str, Any]:
         "runner_up_score": None if second is None else second.score,
         "runner_up_win": None if second is None else second.win,
         "separated": separated(result, chosen),
+        "added": own is not None,
     }
 
 
@@ -225,6 +223,8 @@ def _candidate(c: Candidate) -> dict[str, Any]:
         "standard_errors": dict(c.standard_errors),
         "units": dict(c.units),
         "score": c.score,
+        "score_needed": c.needed,
+        "physical": c.physical,
         "t": c.t,
         "adequacy": c.adequacy,
         "win": c.win,
