@@ -229,7 +229,9 @@ def test_an_error_in_a_case_is_a_row_and_not_the_end(monkeypatch: pytest.MonkeyP
     assert found["error"] == "RuntimeError: no convergence"
     page = as_page([found], study, {"code_sha256": "0" * 64})
     assert "no convergence" in page
-    assert "1 of them ended in an error" in as_text([found], study)
+    text = as_text([found], study)
+    assert "1 of them ended in an error" in text
+    assert "error in 1 cases: RuntimeError: no convergence" in text
 
 
 def test_a_small_study_runs_stops_goes_on_and_is_reported(

@@ -1,5 +1,6 @@
 """The result of a study as JSON, as the lines that the command prints, and as a page."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict
 from importlib import metadata
@@ -51,7 +52,7 @@ def planned(study: Study) -> int:
 
 
 def as_text(rows: Sequence[Row], study: Study) -> str:
-    """Return reached, targets and wrong names as lines."""
+    """Return reached, targets, wrong names and errors as lines."""
     lines = [reached(rows, study)]
     for target in assess(rows, study.base):
         what, want, got, bounds, cases, verdict = cells(target)
@@ -67,6 +68,8 @@ def as_text(rows: Sequence[Row], study: Study) -> str:
         f"noise: {' + '.join(r['names'])}"
         for r in tables.wrong(rows)
     ]
+    errors = Counter(r["error"] for r in rows if r["error"] is not None)
+    lines += [f"error in {n} cases: {error}" for error, n in errors.most_common(ERRORS_SHOWN)]
     return "\n".join(lines)
 
 
