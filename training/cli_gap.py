@@ -35,8 +35,9 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
                      help="of a healthy vehicle on which the model disagrees")  # fmt: skip
     gap.add_argument("--model", type=Path, required=True, metavar="MODEL.onnx")
     gap.add_argument("--healthy", nargs="+", type=Path, default=[], metavar="RECORDING",
-                     help="of the same vehicle, on which the model was accepted: without them a "
-                     "weakness of the model itself cannot be told from an effect")  # fmt: skip
+                     help="of the same vehicle, on which the model was accepted: without them the "
+                     "reference that fit left in the model serves; if it has none, a weakness of "
+                     "the model itself cannot be told from an effect")  # fmt: skip
     gap.add_argument("--verify", nargs="+", type=Path, default=[], metavar="RECORDING",
                      help="on which the new model is verified and which nothing else sees "
                      "(default: every third RECORDING)")  # fmt: skip

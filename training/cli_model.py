@@ -121,7 +121,8 @@ def run_fit(args: argparse.Namespace) -> int:
     report = _check_fit(args)
     recordings = load_all(args, args.recordings, args.period)
     result = _narx(args, recordings) if args.kind == "narx" else cli_greybox.fit(args, recordings)
-    for warning in (*result.warnings, *_set_limits(result, recordings)):
+    warnings = (*_set_limits(result, recordings), *_set_reference(result, recordings))
+    for warning in (*result.warnings, *warnings):
         print(f"o2train: warning: {warning}", file=sys.stderr)
     if isinstance(result, FitResult):
         _print_fit(result)
@@ -202,6 +203,16 @@ def _set_limits(result: "FitResult | GreyboxResult", recordings: "list[Recording
             "a healthy drive may be judged faulty; train on more or longer drives"
         ]
     return []
+
+
+def _set_reference(result: "FitResult | GreyboxResult", recordings: "list[Recording]") -> list[str]:
+    """Put into the card what the recordings teach ``o2train gap``; return warnings."""
+    from training.gap.learn_reference import set_reference
+
+    card, warning = set_reference(result.path, recordings)
+    if learned := card.reference.get("gap"):
+        print(f"healthy reference of o2train gap: {len(learned['recordings'])} recordings")
+    return [warning] if warning else []
 
 
 def _print_fit(result: "FitResult") -> None:

@@ -140,5 +140,5 @@ def _with_constants(card: ModelCard, constants: Constants) -> ModelCard:
     return replace(
         card,
         structure=dict(given) | described(fitted) | note,
-        reference=reference(fitted) | note,
+        reference=dict(card.reference) | reference(fitted) | note,
     )

@@ -11,7 +11,8 @@ from monitor.errors import ModelError
 from monitor.model import Model
 from monitor.model_card import ModelCard
 from monitor.types import FloatArray
-from training.chain import Constants
+from training.chain import Constants, base_path, simulate
+from training.gap.add_narx_chain import ChainDifference
 from training.gap.drives import Drive, from_recording, hold
 from training.gap.predicted import predicted_phi
 from training.greybox_graph import Greybox
@@ -56,6 +57,29 @@ def drives_of(model: Path, recordings: Sequence[Recording]) -> list[Drive]:
         made = [from_recording(each) for each in recordings]
     run = predicted_phi(model, recordings)
     return [replace(d, phi_of_model=phi) for d, phi in zip(made, run, strict=True)]
+
+
+def chain_drives_of(
+    model: Path, recordings: Sequence[Recording], constants: Constants
+) -> list[Drive]:
+    """Return the recordings for a reference that is of the chain, whatever the model is.
+
+    constants : of that reference's chain; what was added to a network moves it by as much
+    Raises RecordingError as ``drives_of``.
+    """
+    card = check(model)
+    if card.kind == GREYBOX:
+        return drives_of(model, recordings)
+    made = [from_recording(each) for each in recordings]
+    if not card.effects:
+        return made
+    added = ChainDifference.from_card(card)
+    return [replace(d, phi_of_model=_moved(d, constants, added)) for d in made]
+
+
+def _moved(drive: Drive, constants: Constants, added: ChainDifference) -> FloatArray:
+    plain = simulate(base_path(constants, drive.signals), drive.period_s)
+    return np.asarray(plain + added.values(drive.signals))
 
 
 def _charge(recording: Recording, chain: Greybox) -> FloatArray | None:

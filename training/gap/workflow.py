@@ -16,7 +16,7 @@ from monitor.errors import UsageError
 from monitor.faults import Fault
 from monitor.model_card import ModelCard
 from training.chain import Constants
-from training.gap import accepted, add_greybox, add_narx, base
+from training.gap import accepted, add_greybox, add_narx, base, learn_reference, reference_card
 from training.gap.added import Added
 from training.gap.begin import begin
 from training.gap.compared import Compared
@@ -79,7 +79,8 @@ def investigate(
 ) -> Result:
     """Return what was found; a new model, if there is one, is ``out``/model.onnx.
 
-    known : what ``accepted.learn`` made of the healthy recordings, if it is there already
+    known : what ``accepted.learn`` made of the healthy recordings, if it is there already; without
+        healthy recordings it is what the model's card says
     stages : where results of a run that was stopped are kept
     Raises RecordingError or ModelError if recordings or model cannot be used.
     """
@@ -87,8 +88,13 @@ def investigate(
     model, card = given.model, base.check(given.model)
     drives = base.drives_of(model, given.recordings)
     start = base.constants_of(card)
+    doubts = list[str]()
     if known is None and given.healthy:
         known = stages.done("healthy", lambda: _learn(given, start, progress))
+    elif known is None:
+        known, doubts = reference_card.known_of(card)
+        if known is not None:
+            drives = base.chain_drives_of(model, given.recordings, known.base)
     reference = known.base if known else start
     found = stages.done("where", lambda: _localise(given, progress)) if options.localise else None
     naming = stages.done(
@@ -109,6 +115,8 @@ def investigate(
         added = _refitted(naming, [drives[i] for i in fitted_to], known, reference)
         progress("adding")
         new, form = _add(given, out / NEW_MODEL, card, added, reference, fitted_to, options)
+        if card.kind == base.GREYBOX and known is not None and given.healthy:
+            learn_reference.store(new, known, given.healthy)  # with which its constants go
     checked = None
     if held_out:
         checked = stages.done(
@@ -131,7 +139,7 @@ def investigate(
         new,
         _steps(naming),
         _unknown(naming, drives, known, reference),
-        (*warnings, *_of_verifying(checked, held_out)),
+        (*doubts, *warnings, *_of_verifying(checked, held_out)),
         options.sensor_known_good,
         time.monotonic() - began_s,
     )
@@ -226,7 +234,7 @@ def _add(
     }
     used = tuple(map(of_recording, recordings))
     if card.kind == base.GREYBOX:
-        constants = reference if given.healthy else None
+        constants = None if reference == base.constants_of(card) else reference
         add_greybox.add(
             given.model, added, out, ranges=ranges, recordings=used, constants=constants,
             drives=drives,

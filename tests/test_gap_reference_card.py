@@ -1,0 +1,223 @@
+"""The healthy reference in the model card: as good as the healthy recordings, and carried on."""
+
+import shutil
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from monitor.model import Model
+from monitor.model_card import ModelCard
+from monitor.replay import shipped_model
+from training.chain import Constants
+from training.cli import main as o2train
+from training.dyno.simulate import Experiment
+from training.dyno.write import write
+from training.export import update_card
+from training.gap import accepted, base
+from training.gap.healthy import Healthy, columns
+from training.gap.learn_reference import set_reference, store
+from training.gap.reference_card import KEY, from_card, known_of, to_card
+from training.gap.result import Result
+from training.gap.workflow import Given, Options, investigate
+from training.gap_study import drive
+from training.gap_study.plan import Part
+from training.greybox_model import fit_greybox
+from training.recordings import Recording
+
+VEHICLE = 2011
+HEALTHY = ("wltc_3b", "micro_trips", "udds", "us06")
+DRIVEN = ("micro_trips", "wltc_3b")
+FILM = {"wall_film": 4.0}
+
+
+@cache
+def recordings(
+    seed: int, cycles: tuple[str, ...] = DRIVEN, **effects: float
+) -> tuple[Recording, ...]:
+    """Return ten minutes of each cycle."""
+    parts = [Part(cycle, seed + i, 0.0, None) for i, cycle in enumerate(cycles)]
+    return tuple(drive.recording(part, VEHICLE, 600.0, effects, None) for part in parts)
+
+
+@cache
+def known() -> Healthy:
+    """Return what healthy drives teach of the chain."""
+    drives = [base.from_recording(each) for each in recordings(2_310_000, HEALTHY)]
+    return accepted.learn(drives, Constants())
+
+
+@pytest.fixture(scope="module")
+def chain(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Give a grey-box model file with a reference in its card."""
+    path = tmp_path_factory.mktemp("chain") / "chain.onnx"
+    healthy = recordings(2_310_000, HEALTHY)
+    fit_greybox(healthy, path)
+    store(path, known(), healthy)
+    return path
+
+
+@pytest.fixture(scope="module")
+def alone(chain: Path, tmp_path_factory: pytest.TempPathFactory) -> Result:
+    """Give what is found of a hidden effect without healthy recordings."""
+    return asked(chain, recordings(2_311_000, **FILM), tmp_path_factory.mktemp("alone"))
+
+
+def asked(model: Path, seen: tuple[Recording, ...], out: Path, **healthy: Any) -> Result:
+    """Return what the workflow says, quickly."""
+    options = Options(faults=(), localise=False)
+    given = Given(model, seen, healthy.get("healthy", ()))
+    return investigate(given, out, options, known=healthy.get("known"))
+
+
+def test_the_reference_in_a_model_file_corrects_drives_as_what_was_learned(chain: Path) -> None:
+    read, doubts = from_card(Model.load(chain).card)
+    assert doubts is None
+    assert read is not None
+    for recording in (*recordings(2_310_000, HEALTHY), *recordings(2_311_000, **FILM)):
+        (driven,) = base.drives_of(chain, [recording])
+        learned = known().correction(driven)
+        assert np.abs(learned).max() > 1e-3
+        assert np.abs(read.correction(driven) - learned).max() < 1e-6
+        assert (read.known_of(driven).scored == known().known_of(driven).scored).all()
+    assert read.spread == pytest.approx(known().spread, rel=1e-6)
+    assert read.surplus == pytest.approx(known().surplus, rel=1e-6)
+    assert read.unexplained == pytest.approx(known().unexplained, rel=1e-6)
+
+
+def test_without_healthy_recordings_an_effect_is_named_as_with_them(
+    chain: Path, alone: Result, tmp_path: Path
+) -> None:
+    # GIVEN drives with a hidden effect
+    driven, healthy = recordings(2_311_000, **FILM), recordings(2_310_000, HEALTHY)[1:]
+    # WHEN it is looked for with the healthy recordings, and with the model's own reference
+    given = asked(chain, driven, tmp_path, healthy=healthy, known=known())
+    # THEN the answer is the same, but for what the report says of the drives that are not there
+    for found in (given, alone):
+        assert (found.verdict, [a.name for a in found.added]) == ("named", ["wall_film"])
+    for name, value in given.added[0].parameters.items():
+        assert alone.added[0].parameters[name] == pytest.approx(value, rel=0.01)
+    assert alone.naming.reference == pytest.approx(known().base, rel=1e-5)
+    text = [w for w in alone.all_warnings if "no healthy recordings were given" in w]
+    assert len(text) == 1
+    assert "of 4 recordings" in text[0]
+    assert not any("no healthy recordings" in w for w in given.all_warnings)
+    # AND the new model has the reference with which its constants go
+    assert given.new_model is not None
+    stored = Model.load(given.new_model).card.reference[KEY]
+    assert stored["recordings"] == [each.path.name for each in healthy]
+
+
+def test_a_model_extended_without_healthy_recordings_has_no_gap_left(
+    chain: Path, alone: Result, tmp_path: Path
+) -> None:
+    assert alone.new_model is not None
+    card = Model.load(alone.new_model).card
+    assert card.reference[KEY] == Model.load(chain).card.reference[KEY]
+    assert base.constants_of(card) == pytest.approx(known().base, rel=1e-5)
+    again = asked(alone.new_model, recordings(2_311_000, **FILM), tmp_path)
+    assert again.verdict == "no_gap"
+
+
+def test_drives_like_the_healthy_ones_get_no_name(chain: Path, tmp_path: Path) -> None:
+    found = asked(chain, recordings(2_313_000), tmp_path)
+    assert found.verdict == "no_gap"
+    assert found.new_model is None
+
+
+def test_a_network_has_the_reference_of_the_chain_and_keeps_it(tmp_path: Path) -> None:
+    # GIVEN a network of another vehicle, with this vehicle's reference
+    network = tmp_path / "network.onnx"
+    shutil.copy(shipped_model(), network)
+    store(network, known(), recordings(2_310_000, HEALTHY))
+    # WHEN an effect is hidden
+    found = asked(network, recordings(2_311_000, **FILM), tmp_path / "first")
+    # THEN it alone is named, not what the network makes wrong on this vehicle
+    assert (found.verdict, [a.name for a in found.added]) == ("named", ["wall_film"])
+    assert any("what the network alone makes wrong" in w for w in found.all_warnings)
+    # AND the network with it has no gap left
+    assert found.new_model is not None
+    again = asked(found.new_model, recordings(2_311_000, **FILM), tmp_path / "again")
+    assert again.verdict == "no_gap"
+
+
+@pytest.mark.parametrize(
+    ("broken", "words"),
+    [
+        ({"schema": "o2train.gap_reference/0"}, "has schema 'o2train.gap_reference/0'"),
+        ({"columns": "renamed"}, "columns of other code: tyre pressure"),
+        ({"size": "doubled"}, "columns of other code: map 00"),
+        ({"weight": [1.0]}, "cannot be read"),
+        ({"base": {"gain": 1.0}}, "cannot be read"),
+        ({"visited": {"cells": ["01"], "coolants": "0111"}}, "cannot be read"),
+    ],
+)
+def test_a_reference_of_other_code_is_left_out_with_a_warning(
+    broken: dict[str, Any], words: str
+) -> None:
+    stored = to_card(known(), recordings(2_310_000, HEALTHY))
+    if "columns" in broken:
+        broken = {"columns": ["tyre pressure", *stored["columns"][1:]]}
+    if "size" in broken:
+        broken = {"size": [2.0 * size for size in stored["size"]]}
+    card = with_reference(stored | broken)
+    assert from_card(with_reference(stored))[1] is None
+    read, why = from_card(card)
+    assert read is None
+    assert why is not None
+    assert words in why
+    assert known_of(card) == (None, [why])
+
+
+def with_reference(stored: dict[str, Any]) -> ModelCard:
+    return replace(Model.load(shipped_model()).card, reference={KEY: stored})
+
+
+def test_every_column_of_a_drive_can_be_checked() -> None:
+    (driven,) = [base.from_recording(each) for each in recordings(2_313_000)[:1]]
+    stored = to_card(known(), recordings(2_310_000, HEALTHY))
+    assert set(stored["columns"]) == set(columns(driven, known().base))
+    assert min(stored["size"]) > 1e-6
+
+
+def test_a_card_without_a_reference_says_nothing() -> None:
+    card = replace(Model.load(shipped_model()).card, reference={})
+    assert from_card(card) == (None, None)
+    assert known_of(card) == (None, [])
+
+
+def test_too_few_recordings_teach_nothing_and_say_so(chain: Path, tmp_path: Path) -> None:
+    bare = tmp_path / "bare.onnx"
+    shutil.copy(chain, bare)
+    update_card(bare, replace(Model.load(bare).card, reference={}))
+    two, short = recordings(2_310_000, HEALTHY)[:2], recordings(2_313_000)[0]
+    short = replace(
+        short, values=short.values[:300], quality=short.quality[:300], t_s=short.t_s[:300]
+    )
+    card, warning = set_reference(bare, [*two, short])
+    assert KEY not in card.reference
+    assert warning is not None
+    assert "2 of 3 recordings can be used, 3 are wanted" in warning
+    assert "s can be scored" in warning
+
+
+def test_fit_leaves_a_reference_in_the_card(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = [
+        write(Experiment(cycle=c, vehicle=VEHICLE, seed=2_314_000 + i, duration_s=300.0), tmp_path,
+              "parquet")
+        for i, c in enumerate(("wltc_3b", "micro_trips", "us06"))
+    ]  # fmt: skip
+    out = tmp_path / "chain.onnx"
+    assert o2train(["fit", *map(str, files), "--kind", "greybox", "--out", str(out)]) == 0
+    assert "healthy reference of o2train gap: 3 recordings" in capsys.readouterr().out
+    card = Model.load(out).card
+    assert card.reference[KEY]["recordings"] == [file.name for file in files]
+    assert {"derived", KEY} <= set(card.reference)
+    read, _ = from_card(card)
+    assert read is not None
+    assert set(read.surplus) >= {"wall_film", "biased"}
