@@ -12,7 +12,6 @@ from training.gap.fitting import Prior, Term, fit
 from training.gap.manoeuvres import Experiment, separate
 from training.gap.ranking import (
     RANKED_CLOSELY,
-    WIN,
     Progress,
     State,
     against,
@@ -150,23 +149,15 @@ def _shift(state: State) -> str | None:
 def _of_the_gain(
     state: State, ranking: tuple[Candidate, ...], sensor_known_good: bool
 ) -> Outcome | None:
-    """Tell a factor on the mixture from a biased sensor, where the best candidate is either.
+    """Suspect the sensor where the best candidate is a factor on the mixture or an offset.
 
-    What varies from drive to drive is left in, because gain and span of the reading differ for the
-    two: a factor leaves the span as it was.
+    A biased sensor in the control loop looks like another fuel: the controller makes the reading
+    right, and what tells the two apart is smaller than what the base misses.
     """
     if ranking[0].name not in GAIN_CLASS or _shift(state) != GAIN_WORDS:
         return None
-    whole = replace(state.case, shrinks=())
-    by_name = {c.name: c for c in ranking if c.name in GAIN_CLASS}
-    own = {
-        name: scoring.deviance(fit(whole, c.fit.terms, [c.fit]), whole.blocks)
-        for name, c in by_name.items()
-    }
-    effect, fault = GAIN_CLASS
-    if effect in own and (fault not in own or scoring.win(own[effect], own[fault]) >= WIN):
-        return Outcome("named", (by_name[effect],), None, None, ranking)
-    if sensor_known_good:
-        return None
+    effect = [c for c in ranking if c.name == GAIN_CLASS[0]]
+    if sensor_known_good and effect:
+        return Outcome("named", (effect[0],), None, None, ranking)
     words = "a factor on the mixture (ethanol, humidity, slope errors) or a biased sensor"
     return Outcome("sensor_fault_suspected", (), words, None, ranking)

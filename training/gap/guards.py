@@ -1,5 +1,6 @@
 """What speaks against naming an effect: too little left explained, an onset, a sensor at fault."""
 
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -13,7 +14,8 @@ from training.gap.sensor_faults import SensorFault
 SMALLEST: Final = {"time": 0.020, "gain": 0.02, "offset": 0.004}
 ONSET_T: Final = 5.0
 ONSET_BEFORE: Final = 0.25  # of the strength after, below which it was absent before
-ONSET_BLOCKS: Final = 3  # at least, on either side
+ONSET_BLOCKS: Final = 4  # at least, on either side
+ONSET_WEIGHT: Final = 1e-4  # of all that is known of the strength, below which a block says nothing
 
 
 GAIN_SHIFT: Final = 0.004  # DESIGN, "what a prototype taught"
@@ -46,37 +48,70 @@ def large_enough(fault: SensorFault, parameters: FloatArray) -> bool:
 def onset_s(case: Case, before: Fit, after: Fit) -> tuple[str, float] | None:
     """Return the drive and time at which what ``after`` explains began, None if always there.
 
-    Every block says how strong the explanation is in it; a step from nothing to something within
-    a drive, with a t above 5 for the best place of the step, is an onset.
+    Every block says how strong the explanation is in it. What begins stays: in all drives, one
+    after the other, the strength steps up once from nothing. The drives are looked at in the order
+    given, and in the order of their own strengths, because files may not come as they were driven.
     """
-    signature = after.residual - before.residual
-    first = 0
-    for drive, kept in zip(case.drives, case.kept, strict=True):
-        stop = first + int(kept.sum())
-        block = case.blocks[first:stop]
-        place = _step(-before.residual[first:stop], signature[first:stop], block - block[0])
+    every = _strengths(case, before, after)
+    by_strength = sorted(every, key=lambda each: each.mean)
+    for order in (every, by_strength):
+        place = _step(
+            np.concatenate([each.strength for each in order]),
+            np.concatenate([each.weight for each in order]),
+        )
         if place is not None:
-            sample = np.flatnonzero(kept)[np.searchsorted(block - block[0], place)]
-            return drive.name, float(sample) * drive.period_s
-        first = stop
+            times = [(each.name, t_s) for each in order for t_s in each.t_s]
+            return times[place]
     return None
 
 
-def _step(wanted: FloatArray, signature: FloatArray, block: IntArray) -> int | None:
-    """Return the block at which the strength steps up from nothing."""
-    weight = np.bincount(block, signature**2)
-    strength = np.bincount(block, wanted * signature) / np.maximum(weight, 1e-12)
-    used = np.flatnonzero(weight > 1e-3 * weight.sum())
-    if len(used) < 2 * ONSET_BLOCKS:
-        return None
-    w, a = weight[used], strength[used]
+@dataclass(frozen=True, slots=True)
+class _Strengths:
+    """How strong an explanation is in the blocks of one drive that say anything."""
+
+    name: str
+    t_s: list[float]  # (n_blocks,) since the drive's beginning
+    strength: FloatArray  # (n_blocks,)
+    weight: FloatArray  # (n_blocks,) its inverse variance
+
+    @property
+    def mean(self) -> float:
+        """Return the mean strength, 0 of no block."""
+        return float((self.strength * self.weight).sum() / max(float(self.weight.sum()), 1e-12))
+
+
+def _strengths(case: Case, before: Fit, after: Fit) -> list[_Strengths]:
+    wanted, signature = -before.residual, after.residual - before.residual
+    least = ONSET_WEIGHT * float((signature**2).sum())
+    found, first = [], 0
+    blocks = case.blocks
+    for drive, kept in zip(case.drives, case.kept, strict=True):
+        rows = slice(first, first + int(kept.sum()))
+        first = rows.stop
+        number, block = np.unique(blocks[rows], return_inverse=True)
+        weight = _sums(block, signature[rows] ** 2)
+        moved = _sums(block, wanted[rows] * signature[rows])
+        begins = np.flatnonzero(kept)[np.searchsorted(block, np.arange(len(number)))]
+        used = weight > least
+        times = (begins[used] * drive.period_s).tolist()
+        strength = moved[used] / weight[used]
+        found.append(_Strengths(drive.name, times, strength, weight[used]))
+    return found
+
+
+def _sums(block: IntArray, values: FloatArray) -> FloatArray:
+    return np.asarray(np.bincount(block, values), dtype=np.float64)
+
+
+def _step(a: FloatArray, w: FloatArray) -> int | None:
+    """Return the place at which strengths (n,) of inverse variances (n,) step up from nothing."""
     best: tuple[float, int] | None = None
-    for k in range(ONSET_BLOCKS, len(used) - ONSET_BLOCKS + 1):
+    for k in range(ONSET_BLOCKS, len(a) - ONSET_BLOCKS + 1):
         low, high = np.average(a[:k], weights=w[:k]), np.average(a[k:], weights=w[k:])
-        left = np.concatenate([a[:k] - low, a[k:] - high])
-        scatter = max(float((w * left**2).sum()) / (len(used) - 2), 1.0)
+        rest = np.concatenate([a[:k] - low, a[k:] - high])
+        scatter = max(float((w * rest**2).sum()) / (len(a) - 2), 1.0)
         t = (high - low) / np.sqrt(scatter * (1.0 / w[:k].sum() + 1.0 / w[k:].sum()))
         absent = abs(low) < ONSET_BEFORE * high
         if absent and t > ONSET_T and (best is None or t > best[0]):
-            best = (float(t), int(used[k]))
+            best = (float(t), k)
     return None if best is None else best[1]
