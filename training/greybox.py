@@ -53,7 +53,7 @@ class Fitted:
     @property
     def standard_errors(self) -> Constants:
         """One standard error of each constant, in its unit."""
-        return Constants(*np.sqrt(np.diag(self.covariance)).tolist())
+        return Constants(*np.sqrt(np.maximum(np.diag(self.covariance), 0.0)).tolist())
 
 
 def fit_constants(
@@ -207,7 +207,7 @@ def reference(fitted: Fitted) -> dict[str, Any]:
     derived = {}
     for name, parts in sums.items():
         w = np.array([parts.get(field, 0.0) for field in Constants._fields])
-        error = float(np.sqrt(w @ fitted.covariance @ w))
+        error = float(np.sqrt(max(w @ fitted.covariance @ w, 0.0)))
         derived[name] = {"value": float(w @ np.array(c)), "standard_error": error, "unit": "s"}
     single = {
         name: {"value": value, "standard_error": error, "unit": RANGES[name].unit}

@@ -35,7 +35,7 @@ def limits_of(
     """Return the range to clip to: the base's and that of the effects' fit with a margin."""
     ranges = [] if old is None else [old]
     if seen is not None:
-        seen = _used(name, seen)
+        seen = _used(name, old is None, seen)
         margin = MARGIN["phi"] * (seen[1] - seen[0])
         ranges.append((max(seen[0] - margin, LEAST.get(name, -np.inf)), seen[1] + margin))
     return min(low for low, _ in ranges), max(high for _, high in ranges)
@@ -46,18 +46,19 @@ def channel_of(name: str, old: Channel | None, seen: tuple[float, float] | None)
     if seen is None:
         assert old is not None
         return old
-    low, high = _used(name, seen)
+    low, high = _used(name, old is None, seen)
     if old is None:
         return Channel(name, BY_NAME[name].unit, low, high, float(seen[0]), float(seen[1]))
     return replace(old, minimum=min(old.minimum, low), maximum=max(old.maximum, high))
 
 
-def _used(name: str, seen: tuple[float, float]) -> tuple[float, float]:
-    """Return the range in which an input is used: as the fit saw it, the surroundings wherever.
+def _used(name: str, new: bool, seen: tuple[float, float]) -> tuple[float, float]:
+    """Return the range in which an input is used: as the fit saw it, or wherever it may be.
 
-    A few drives hardly know more than one altitude or weather, but an effect's form holds in all.
+    A few drives hardly know more than one altitude or weather, but an effect's form holds in all:
+    the monitor must not stop judging because of an input that only the effect reads.
     """
     signal = BY_NAME.get(name)
-    if signal is None or signal.role != SURROUNDINGS:
+    if signal is None or not (new or signal.role == SURROUNDINGS):
         return float(seen[0]), float(seen[1])
     return min(signal.minimum, float(seen[0])), max(signal.maximum, float(seen[1]))
