@@ -207,9 +207,17 @@ def _set_limits(result: "FitResult | GreyboxResult", recordings: "list[Recording
 
 def _set_reference(result: "FitResult | GreyboxResult", recordings: "list[Recording]") -> list[str]:
     """Put into the card what the recordings teach ``o2train gap``; return warnings."""
+    from tqdm import tqdm
+
     from training.gap.learn_reference import set_reference
 
-    card, warning = set_reference(result.path, recordings)
+    with tqdm(unit="step", leave=False, disable=None) as bar:
+
+        def progress(text: str) -> None:
+            bar.set_description_str(text)
+            bar.update()
+
+        card, warning = set_reference(result.path, recordings, progress)
     if learned := card.reference.get("gap"):
         print(f"healthy reference of o2train gap: {len(learned['recordings'])} recordings")
     return [warning] if warning else []

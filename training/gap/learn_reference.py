@@ -20,11 +20,14 @@ from training.gap import accepted, base
 from training.gap.accepted import GROUPS_LEAST
 from training.gap.drives import Drive
 from training.gap.healthy import Healthy
+from training.gap.ranking import Progress
 from training.gap.reference_card import KEY, to_card
 from training.recordings import Recording
 
 
-def set_reference(path: Path, recordings: Sequence[Recording]) -> tuple[ModelCard, str | None]:
+def set_reference(
+    path: Path, recordings: Sequence[Recording], progress: Progress = lambda _: None
+) -> tuple[ModelCard, str | None]:
     """Put the healthy reference into the card of the model in ``path``.
 
     recordings : from which the model was fitted, of a healthy vehicle
@@ -47,7 +50,7 @@ def set_reference(path: Path, recordings: Sequence[Recording]) -> tuple[ModelCar
             f"can be used, {GROUPS_LEAST} are wanted{why}"
         )
     with threadpool_limits(1):  # many small matrices
-        known = accepted.learn(drives, start)
+        known = accepted.learn(drives, start, progress)
     return store(path, known, used), None
 
 
