@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from monitor.errors import RecordingError
-from training.chain import Constants
+from training.chain import Constants, base_path, simulate
 from training.gap import healthy, scoring
 from training.gap.begin import begin
 from training.gap.drives import Drive
@@ -27,6 +27,7 @@ from training.gap.sensor_faults import FAULTS
 
 GROUPS_MOST: Final = 6  # of drives that are left out together
 GROUPS_LEAST: Final = 3  # fewer say nothing of how drives differ
+CONSTANT: Final = "constant"  # among the functions of ``features``
 PRIOR_GROUPS: Final = 2.0  # groups that count as having given what noise gives
 
 
@@ -46,15 +47,17 @@ def learn(
     groups = min(len(drives), GROUPS_MOST)
     if groups < GROUPS_LEAST:
         return known
-    left = []
+    held_out = []
     for k in range(groups):
-        progress(f"healthy drives without {k + 1} of {groups} groups")
+        progress(f"healthy drives without group {k + 1} of {groups}")
         out = set(range(k, len(drives), groups))
-        others = [d for i, d in enumerate(drives) if i not in out]
+        others = healthy.learn([d for i, d in enumerate(drives) if i not in out], known.base)
+        held_out.append(([drives[i] for i in sorted(out)], others))
+    known = _with_offsets(known, [m for own, others in held_out for m in _offsets(own, others)])
+    left = []
+    for own, others in held_out:
         with suppress(RecordingError):  # of driving that the others do not know
-            left.append(
-                _left_out([drives[i] for i in sorted(out)], healthy.learn(others, known.base))
-            )
+            left.append(_left_out(own, replace(others, spread=known.spread_of(others.names))))
     names = set[str]().union(*(each.ratio for each in left))
     surplus = {
         name: _typical([each.ratio[name] for each in left if name in each.ratio]) for name in names
@@ -62,6 +65,27 @@ def learn(
     return replace(
         known, surplus=surplus, unexplained=max((each.share for each in left), default=0.0)
     )
+
+
+def _offsets(drives: Sequence[Drive], known: Healthy) -> list[float]:
+    """Return by how much each drive's phi lies off what the others say, on the whole."""
+    offsets = []
+    for drive in drives:
+        rows = known.known_of(drive).kept
+        own = simulate(base_path(known.base, drive.signals), drive.period_s)
+        error = own + known.correction(drive) - drive.phi_measured
+        offsets += [float(error[rows].mean())] if rows.any() else []
+    return offsets
+
+
+def _with_offsets(known: Healthy, offsets: Sequence[float]) -> Healthy:
+    """Return what is known with drives' offsets as large as healthy ones have them."""
+    if CONSTANT not in known.names or len(offsets) < GROUPS_LEAST:
+        return known
+    spread = known.spread.copy()
+    at = known.names.index(CONSTANT)
+    spread[at] = max(spread[at], float(np.sqrt(np.mean(np.square(offsets)))))
+    return replace(known, spread=spread)
 
 
 def _typical(ratios: Sequence[float]) -> float:

@@ -55,7 +55,7 @@ def step(
     held = [c for c in ranking if _holds(state, c)]
     strong = [c for c in held if matters(c)]
     strange = held[:1] if held and strong[:1] != held[:1] else []  # explains more than any name
-    if strong and not (strange and strong[0].score < EQUAL * strange[0].score):
+    if strong and not any(_rules_out(c, strong[0]) for c in strange):
         ranking, rivals = against(state, strong[0], ranking)
         return (
             _of_the_gain(state, ranking, sensor_known_good)
@@ -76,9 +76,17 @@ def _holds(state: State, candidate: Candidate) -> bool:
     if candidate.t >= T_LEAST:
         return True
     after = scoring.deviance(candidate.fit, state.case.blocks)
-    return (
-        candidate.score > FEW * candidate.needed and scoring.win(after, state.deviance) > WIN_OF_FEW
-    )
+    return _is_large(candidate) and scoring.win(after, state.deviance) > WIN_OF_FEW
+
+
+def _rules_out(strange: Candidate, best: Candidate) -> bool:
+    """Whether what cannot be, or is too small, explains more than the best that can be."""
+    return not strange.physical or best.score < EQUAL * strange.score
+
+
+def _is_large(candidate: Candidate) -> bool:
+    """Whether the gain is far more than healthy drives give, if only in some blocks."""
+    return candidate.score > FEW * candidate.needed
 
 
 def _of_effects(
@@ -123,13 +131,13 @@ def _at_fault(
     if sensor_known_good:
         return None
     words = next((c.name for c in strong if c.kind == "sensor fault" and _enough(c)), None)
-    looked_at = strong[:1] or [c for c in ranking[:RANKED_CLOSELY] if c.score >= c.needed]
+    looked_at = strong[:1] or [c for c in ranking[:RANKED_CLOSELY] if _is_large(c)]
     for candidate in () if words else looked_at:
         began = guards.onset_s(state.case, state.current, candidate.fit)
         if began is not None:
             words = f"it begins in {began[0]} at {began[1]:.0f} s"
     rivals = [c for c in ranking if c.kind == "sensor fault" or c.name in GAIN_CLASS]
-    felt = not strong and any(c.score >= c.needed for c in rivals)
+    felt = not strong and any(_is_large(c) or _holds(state, c) for c in rivals)
     if words is None and felt and (shift := _shift(state)) is not None:
         words = f"{shift} left its healthy reference"
     if words is None:
@@ -154,7 +162,10 @@ def _of_the_gain(
     A biased sensor in the control loop looks like another fuel: the controller makes the reading
     right, and what tells the two apart is smaller than what the base misses.
     """
-    if ranking[0].name not in GAIN_CLASS or _shift(state) != GAIN_WORDS:
+    best = ranking[0]
+    if best.name not in GAIN_CLASS or not (_is_large(best) or _holds(state, best)):
+        return None
+    if _shift(state) != GAIN_WORDS:
         return None
     effect = [c for c in ranking if c.name == GAIN_CLASS[0]]
     if sensor_known_good and effect:

@@ -12,7 +12,8 @@ from training.gap.sensor_faults import SensorFault
 
 # A sensor that shifted by less is no suspect: DESIGN, "what a prototype taught".
 SMALLEST: Final = {"time": 0.020, "gain": 0.02, "offset": 0.004}
-ONSET_T: Final = 5.0
+ONSET_T: Final = 6.0
+ONSET_T_SORTED: Final = 9.0  # if drives were put in the order that suits an onset best
 ONSET_BEFORE: Final = 0.25  # of the strength after, below which it was absent before
 ONSET_BLOCKS: Final = 4  # at least, on either side
 ONSET_WEIGHT: Final = 1e-4  # of all that is known of the strength, below which a block says nothing
@@ -54,10 +55,11 @@ def onset_s(case: Case, before: Fit, after: Fit) -> tuple[str, float] | None:
     """
     every = _strengths(case, before, after)
     by_strength = sorted(every, key=lambda each: each.mean)
-    for order in (every, by_strength):
+    for order, least in ((every, ONSET_T), (by_strength, ONSET_T_SORTED)):
         place = _step(
             np.concatenate([each.strength for each in order]),
             np.concatenate([each.weight for each in order]),
+            least,
         )
         if place is not None:
             times = [(each.name, t_s) for each in order for t_s in each.t_s]
@@ -103,7 +105,7 @@ def _sums(block: IntArray, values: FloatArray) -> FloatArray:
     return np.asarray(np.bincount(block, values), dtype=np.float64)
 
 
-def _step(a: FloatArray, w: FloatArray) -> int | None:
+def _step(a: FloatArray, w: FloatArray, t_least: float) -> int | None:
     """Return the place at which strengths (n,) of inverse variances (n,) step up from nothing."""
     best: tuple[float, int] | None = None
     for k in range(ONSET_BLOCKS, len(a) - ONSET_BLOCKS + 1):
@@ -112,6 +114,6 @@ def _step(a: FloatArray, w: FloatArray) -> int | None:
         scatter = max(float((w * rest**2).sum()) / (len(a) - 2), 1.0)
         t = (high - low) / np.sqrt(scatter * (1.0 / w[:k].sum() + 1.0 / w[k:].sum()))
         absent = abs(low) < ONSET_BEFORE * high
-        if absent and t > ONSET_T and (best is None or t > best[0]):
+        if absent and t > t_least and (best is None or t > best[0]):
             best = (float(t), k)
     return None if best is None else best[1]

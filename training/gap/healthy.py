@@ -52,6 +52,11 @@ class Healthy:
         nothing = np.zeros(len(drive))
         return np.column_stack([made.get(name, nothing) for name in self.names])
 
+    def spread_of(self, names: Sequence[str]) -> FloatArray:
+        """Return the spread of columns (k,) by their names; it is 0 of one that is not known."""
+        known = dict(zip(self.names, self.spread.tolist(), strict=True))
+        return np.array([known.get(name, 0.0) for name in names])
+
     def known_of(self, drive: Drive) -> Drive:
         """Return the drive with those samples scored where healthy drives have been."""
         return replace(drive, scored=drive.scored & self.visited.on(drive))
