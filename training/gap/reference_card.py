@@ -85,7 +85,8 @@ def known_of(card: ModelCard) -> tuple[Healthy | None, list[str]]:
     if card.kind == "narx":
         doubts.append(
             "the reference is of the chain charge, fuel, transport, mixing, sensor, and names what "
-            "the vehicle has now and had not then: what the network alone makes wrong is not looked at"
+            "the vehicle has now and had not then: what the network alone makes wrong is not "
+            "looked at"
         )
     return known, doubts
 
