@@ -103,3 +103,15 @@ def _entry(name: str) -> Effect:
     if name not in LIBRARY:
         raise ModelError(f"effect {name!r} is not in the library: {', '.join(LIBRARY)}")
     return LIBRARY[name]
+
+
+def uncertain(added: Sequence[Added]) -> list[str]:
+    """Return warnings of constants whose standard error is larger than they are."""
+    return [
+        f"{each.name}: {name} is {value:.2g} {each.units[name]} with a standard error of "
+        f"{each.standard_errors[name]:.2g}, larger than itself: record driving in which the effect "
+        "is stronger"
+        for each in added
+        for name, value in each.parameters.items()
+        if each.standard_errors[name] > abs(value)
+    ]

@@ -40,6 +40,11 @@ def constants_of(card: ModelCard) -> Constants:
     return Greybox.of(card).constants if card.kind == GREYBOX else Constants()
 
 
+def own_charge(card: ModelCard) -> bool:
+    """Return whether the model makes the air per stroke of other signals."""
+    return card.kind == GREYBOX and Greybox.of(card).charge_map is not None
+
+
 def drives_of(model: Path, recordings: Sequence[Recording]) -> list[Drive]:
     """Return the recordings with the charge that the model sees and, if need be, what it reads.
 
@@ -48,15 +53,22 @@ def drives_of(model: Path, recordings: Sequence[Recording]) -> list[Drive]:
     Raises RecordingError if a recording lacks a signal or too little of it can be scored.
     """
     card = check(model)
-    if card.kind == GREYBOX:
-        chain = Greybox.of(card)
-        made = [from_recording(each, _charge(each, chain)) for each in recordings]
-        if not card.effects:
-            return made
-    else:
-        made = [from_recording(each) for each in recordings]
+    made = plain_drives_of(card, recordings)
+    if card.kind == GREYBOX and not card.effects:
+        return made
     run = predicted_phi(model, recordings)
     return [replace(d, phi_of_model=phi) for d, phi in zip(made, run, strict=True)]
+
+
+def plain_drives_of(card: ModelCard, recordings: Sequence[Recording]) -> list[Drive]:
+    """Return the recordings with the charge that the model sees, and without what it reads.
+
+    Raises RecordingError as ``drives_of``.
+    """
+    if card.kind != GREYBOX:
+        return [from_recording(each) for each in recordings]
+    chain = Greybox.of(card)
+    return [from_recording(each, _charge(each, chain)) for each in recordings]
 
 
 def chain_drives_of(

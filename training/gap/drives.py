@@ -1,6 +1,6 @@
 """Drives as the gap workflow sees them: signals on the model's grid, phi, and what counts."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final
@@ -79,17 +79,22 @@ def make(
     period_s: float,
     signals: Mapping[str, FloatArray],
     lambda_measured: FloatArray,
+    needed: Sequence[str] = NEEDED,
 ) -> Drive:
     """Return a drive from signals (n,) and measured lambda (n,), NaN where not good.
 
+    needed : signals without which nothing can be predicted, default those of the chain
     Raises RecordingError if less than a minute can be scored.
     """
     good = np.isfinite(lambda_measured) & (lambda_measured > 0.0)
     phi = np.minimum(1.0 / np.where(good, lambda_measured, 1.0), PHI_MAX)
-    inputs_good = np.all([np.isfinite(signals[needed]) for needed in NEEDED], axis=0)
+    inputs_good = np.all([np.isfinite(signals[each]) for each in needed], axis=0)
     held = {each: hold(values) for each, values in signals.items()}
-    _add_engine_speed(name, held)
-    cut = held["fuel_mass_mg"] < CUT_FUEL_MG
+    if set(NEEDED) <= set(needed):
+        _add_engine_speed(name, held)
+    cut = np.zeros(len(phi), dtype=bool)
+    if "fuel_mass_mg" in held:
+        cut = held["fuel_mass_mg"] < CUT_FUEL_MG
     if "fuel_cut" in held:
         cut = cut | (held["fuel_cut"] > 0.5)
     scored = good & ~_until(cut, AFTER_CUT_S, period_s)

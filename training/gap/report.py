@@ -32,6 +32,16 @@ SECTIONS: Final = (
     ("steps", "Steps"),
     ("from", "Recordings and model"),
 )
+SCORES: Final = (
+    "Score: fall of the deviance on held-out blocks. t: of the blocks' signed square roots. "
+    "Adequacy: share of what can be explained at all, worked out for the first few. Beaten in: how "
+    "often resampled blocks prefer the best."
+)
+FLOOR: Final = (
+    "The noise floor is what a flexible model, with plain functions of all signals and every "
+    "candidate's signature, leaves of the same samples, each block by a fit without it. The floor "
+    "under Where is of other recordings, from repeated operating points."
+)
 PACKAGES: Final = ("numpy", "scipy", "onnx", "onnxruntime")
 
 
@@ -74,23 +84,14 @@ def _much(result: Result) -> str:
     rows = [("before", phi(before)), ("after", phi(after)), ("noise floor", phi(floor))]
     if verified is not None and verified.healthy is not None:
         rows.append(("before, on healthy recordings", phi(verified.healthy.before)))
-    parts = [
-        table(rows, ("RMSE in phi = 1 / lambda, outside fuel cut", measured_on)),
-        paragraph(
-            "The noise floor is what a flexible model, with plain functions of all signals and "
-            "every candidate's signature, leaves of the same samples, each block by a fit without "
-            "it. The floor under Where is of other recordings, from repeated operating points.",
-            "note",
-        ),
-    ]
+    parts = [table(rows, ("RMSE in phi = 1 / lambda, outside fuel cut", measured_on))]
+    if result.tried:
+        parts.append(paragraph(FLOOR, "note"))
     if verified is None:
-        parts.append(
-            paragraph(
-                "Not verified: no recording was kept from the fits. Give --verify, or more "
-                "recordings.",
-                "warning",
-            )
-        )
+        words = "no recording was kept from the fits. Give --verify, or more recordings."
+        if not result.tried:
+            words = "nothing was fitted and nothing added."
+        parts.append(paragraph(f"Not verified: {words}", "warning" if result.tried else "note"))
         return "".join(parts)
     if verified.trace is not None:
         words = "The stretch in which the new model helps most; grey: not scored"
@@ -126,20 +127,14 @@ def _what(result: Result) -> str:
     for title, ranking in _rankings(result):
         parts.append(f"<h3>{html.escape(title)}</h3>")
         parts.append(_ranking(ranking, [c.name for c in result.effects]))
-    parts.append(
-        paragraph(
-            "Score: fall of the deviance on held-out blocks. t: of the blocks' signed square "
-            "roots. Adequacy: share of what can be explained at all, worked out for the first few. "
-            "Beaten in: how often resampled blocks prefer the best.",
-            "note",
-        )
-    )
+    if result.tried:
+        parts.append(paragraph(SCORES, "note"))
     if naming.skipped:
         rows = [(name, ", ".join(signals)) for name, signals in naming.skipped.items()]
         parts += ["<h3>Not looked at</h3>", table(rows, ("candidate", "signals that are missing"))]
-    return "".join(
-        [*parts, "<h3>Base</h3>", base_table(naming.base, naming.reference, naming.base_shift)]
-    )
+    if naming.base is not None:
+        parts += ["<h3>Base</h3>", base_table(naming.base, naming.reference, naming.base_shift)]
+    return "".join(parts)
 
 
 def _rankings(result: Result) -> list[tuple[str, tuple[Candidate, ...]]]:

@@ -45,7 +45,13 @@ def _gone(result: Result) -> str:
 
 
 def _no_gap(result: Result) -> str:
-    return f"No gap: {_level(result)}, and no candidate explains more than chance."
+    found = "no candidate explains more than chance"
+    if not result.tried:
+        found = "nothing in it is beyond chance"
+        if result.healthy:
+            found = "it is not beyond what the model left before"
+        found += "; no effect could be tried"
+    return f"No gap: {_level(result)}, and {found}."
 
 
 def _ambiguous(result: Result) -> str:
@@ -54,9 +60,11 @@ def _ambiguous(result: Result) -> str:
 
 
 def _unknown(result: Result) -> str:
-    return (
-        f"Unknown effect: {_level(result)}, and no candidate of the library explains enough of it."
-    )
+    found = "no candidate of the library explains enough of it"
+    if not result.tried:
+        before = "what the model left before" if result.healthy else "the noise"
+        found = f"it exceeds {before}; no effect could be tried"
+    return f"Unknown effect: {_level(result)}, and {found}."
 
 
 def _sensor(result: Result) -> str:
@@ -117,6 +125,8 @@ def _check_sensor(result: Result) -> list[str]:
 def _skipped(result: Result) -> list[str]:
     if not result.naming.skipped:
         return []
+    if not result.tried:
+        return ["Record fuel and air per stroke, or what tells them, to have effects named."]
     names = ", ".join(result.naming.skipped)
     return [f"Not looked at for want of signals: {names}. Record them if one of these is likely."]
 

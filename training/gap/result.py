@@ -25,6 +25,7 @@ SCHEMA: Final = "o2train.gap/1"
 MOST_EFFECTS: Final = 3
 HELD_OUT_DRIVES: Final = "recordings that no fit saw"
 HELD_OUT_BLOCKS: Final = "blocks held out of the recordings"
+NOTHING_FITTED: Final = "the recordings, to which nothing was fitted"
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +83,11 @@ class Result:
         return found[:MOST_EFFECTS]
 
     @property
+    def tried(self) -> bool:
+        """Return whether any effect could be tried; without fuel and air none can."""
+        return self.naming.base is not None
+
+    @property
     def simulated(self) -> tuple[bool, ...]:
         """Return of each recording whether it is known to be simulated."""
         used = (*self.recordings, *self.healthy, *self.held_out)
@@ -96,7 +102,8 @@ class Result:
             after = whole.after if self.added else None
             return whole.before, after, verified.overall.floor, HELD_OUT_DRIVES
         after = naming.rmse_after if self.added else None
-        return naming.rmse_before, after, naming.noise_floor, HELD_OUT_BLOCKS
+        measured_on = HELD_OUT_BLOCKS if self.tried else NOTHING_FITTED
+        return naming.rmse_before, after, naming.noise_floor, measured_on
 
     @property
     def all_warnings(self) -> tuple[str, ...]:

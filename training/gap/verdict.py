@@ -50,7 +50,7 @@ class Naming:
     suspected: str | None  # the sensor fault, or the onset
     ranking: tuple[Candidate, ...]  # of the last step, best first
     skipped: Mapping[str, tuple[str, ...]]  # effect → signals that are missing
-    base: Constants  # with what was added
+    base: Constants | None  # with what was added; None where no effect could be tried
     reference: Constants | None
     base_shift: Constants | None  # of the base refitted alone, against the reference
     rmse_before: float  # phi, on held-out blocks

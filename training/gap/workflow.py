@@ -16,8 +16,18 @@ from monitor.errors import UsageError
 from monitor.faults import Fault
 from monitor.model_card import ModelCard
 from training.chain import Constants
-from training.gap import accepted, add_greybox, add_narx, base, learn_reference, reference_card
-from training.gap.added import Added
+from training.gap import (
+    accepted,
+    add_greybox,
+    add_narx,
+    base,
+    learn_reference,
+    located,
+    mixed,
+    reference_card,
+    usable,
+)
+from training.gap.added import Added, uncertain
 from training.gap.begin import begin
 from training.gap.compared import Compared
 from training.gap.describe import describe
@@ -67,6 +77,11 @@ class Given:
     healthy: Sequence[Recording] = ()
     verify: Sequence[Recording] = ()  # seen by nothing but the verification
 
+    @property
+    def roles(self) -> dict[str, Sequence[Recording]]:
+        """Return the recordings by what the command calls them."""
+        return {"RECORDING": self.recordings, "--healthy": self.healthy, "--verify": self.verify}
+
 
 def investigate(
     given: Given,
@@ -86,9 +101,18 @@ def investigate(
     """
     began_s, stages = time.monotonic(), stages or Stages()
     model, card = given.model, base.check(given.model)
+    missing = usable.check_files(given.roles, card, model.name)
+    if missing:
+        every = (*given.recordings, *given.verify)
+        return located.investigate(
+            model, card, every, given.healthy, missing, sensor_known_good=options.sensor_known_good,
+            progress=progress,
+        )  # fmt: skip
     drives = base.drives_of(model, given.recordings)
+    usable.check_long(drives, "new")
+    usable.check_moving(drives)
     start = base.constants_of(card)
-    doubts = list[str]()
+    doubts = usable.unlearned(given.recordings, given.healthy)
     if known is None and given.healthy:
         known = stages.done("healthy", lambda: _learn(given, start, progress))
     elif known is None:
@@ -109,6 +133,8 @@ def investigate(
         ),
     )
     wanted, warnings = _to_add(naming, options)
+    healthy = base.plain_drives_of(card, given.healthy)
+    doubts += usable.poor(card) + mixed.warn(drives, mixed.chain_of(naming, reference), healthy)
     fitted_to, held_out = _split(given)
     new, form, added = None, "", tuple[Added, ...]()
     if wanted:
@@ -139,14 +165,16 @@ def investigate(
         new,
         _steps(naming),
         _unknown(naming, drives, known, reference),
-        (*doubts, *warnings, *_of_verifying(checked, held_out)),
+        (*doubts, *warnings, *uncertain(added), *_of_verifying(checked, held_out)),
         options.sensor_known_good,
         time.monotonic() - began_s,
     )
 
 
 def _learn(given: Given, start: Constants, progress: Progress) -> Healthy:
-    return accepted.learn(base.drives_of(given.model, given.healthy), start, progress)
+    drives = base.drives_of(given.model, given.healthy)
+    usable.check_long(drives, "healthy")
+    return accepted.learn(drives, start, progress)
 
 
 def _localise(given: Given, progress: Progress) -> Findings:

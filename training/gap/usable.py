@@ -1,0 +1,169 @@
+"""What recordings must be before anything is fitted to them: each once, on one grid, and moving."""
+
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import numpy as np
+
+from monitor.errors import RecordingError
+from monitor.model_card import ModelCard
+from monitor.types import FloatArray
+from training.chain import Constants, base_path, valve_phi
+from training.gap import base
+from training.gap.drives import NEEDED, Drive
+from training.gap.effects import ALL
+from training.recordings import Recording
+
+SCORED_LEAST_S: Final = 300.0  # in all drives together: ten blocks to hold out in turn
+MOVES_LEAST: Final = 0.1  # of the median, of load or engine speed
+QUANTILES: Final = (0.05, 0.95)  # between which a signal moves
+CORRELATION_LEAST: Final = 0.6
+CHARGE: Final = ("maf_kg_h", "engine_speed_rpm")  # instead of the air per stroke
+SPEED: Final = ("engine_speed_rpm", "maf_kg_h")  # either, with the charge
+
+
+def check_files(
+    roles: Mapping[str, Sequence[Recording]], card: ModelCard, model: str
+) -> dict[str, list[str]]:
+    """Return the signals that the chain needs and that are missing → recordings without them.
+
+    roles : "RECORDING", "--healthy", "--verify" → recordings
+    A chain cannot do without them, a network can still be looked at.
+    Raises RecordingError if a recording stands twice, is on another grid than the model, or if it
+    is a chain's or a healthy one that lacks a signal.
+    """
+    check_once(roles)
+    check_period([each for group in roles.values() for each in group], card.period_ns, model)
+    own_charge = base.own_charge(card)
+    missing = lacking([*roles["RECORDING"], *roles["--verify"]], own_charge)
+    if missing and card.kind == base.GREYBOX:
+        names = sorted({name for group in missing.values() for name in group})
+        raise RecordingError(
+            f"{', '.join(names)}: no good value of {' and '.join(missing)}, without which the "
+            "chain does not run; a network on other inputs (o2train fit --inputs) can be localised"
+        )
+    if not missing:
+        check_healthy(roles["--healthy"], own_charge)
+    return missing
+
+
+def check_once(groups: Mapping[str, Sequence[Recording]]) -> None:
+    """Raise RecordingError if the same bytes stand twice in the groups, role → recordings."""
+    seen: dict[str, tuple[str, Recording]] = {}
+    for role, recordings in groups.items():
+        for each in recordings:
+            if each.sha256 in seen:
+                other_role, other = seen[each.sha256]
+                where = role if role == other_role else f"{other_role} and {role}"
+                raise RecordingError(
+                    f"{each.path}: the same bytes as {other.path} ({where}); a recording can serve "
+                    "for one thing, once"
+                )
+            seen[each.sha256] = (role, each)
+
+
+def check_period(recordings: Sequence[Recording], period_ns: int, model: str) -> None:
+    """Raise RecordingError if a recording has another sample period than the model."""
+    for each in recordings:
+        if each.period_ns != period_ns:
+            raise RecordingError(
+                f"{each.path}: sample period {each.period_ns / 1e9:g} s, {model} has "
+                f"{period_ns / 1e9:g} s; without --period recordings are brought to the model's"
+            )
+
+
+def lacking(recordings: Sequence[Recording], own_charge: bool = False) -> dict[str, list[str]]:
+    """Return the signals that the chain needs and that are missing → recordings without them.
+
+    own_charge : the chain makes the air per stroke of other signals
+    """
+    missing: dict[str, list[str]] = {}
+    for each in recordings:
+        present = _present(each)
+        names = [n for n in NEEDED if n not in present]
+        if "air_mass_mg" in names and (own_charge or set(CHARGE) <= present):
+            names.remove("air_mass_mg")
+        if not present & set(SPEED):
+            names.append(SPEED[0])
+        for name in names:
+            missing.setdefault(name, []).append(each.path.name)
+    return missing
+
+
+def check_healthy(recordings: Sequence[Recording], own_charge: bool = False) -> None:
+    """Raise RecordingError if healthy recordings lack what the chain needs and others have."""
+    for signal, names in lacking(recordings, own_charge).items():
+        raise RecordingError(
+            f"{', '.join(names)}: healthy, without a good value of {signal}, which the recordings "
+            "to be looked at have; what the model misses when healthy is learned with it"
+        )
+
+
+def check_long(drives: Sequence[Drive], role: str) -> None:
+    """Raise RecordingError if all drives together are too short to hold blocks out."""
+    seconds = sum(float(d.scored.sum()) * d.period_s for d in drives)
+    if seconds < SCORED_LEAST_S:
+        raise RecordingError(
+            f"{_names(drives)}: {seconds:.0f} s of {role} recordings can be scored in all, "
+            f"{SCORED_LEAST_S:.0f} s are wanted, better several recordings of ten minutes"
+        )
+
+
+def check_moving(drives: Sequence[Drive]) -> None:
+    """Raise RecordingError if the drives stand at one operating point: nothing can be told apart.
+
+    With closed-loop control phi at the valve moves everywhere; what effects differ by is how
+    they follow load and speed.
+    """
+    load, load_moves = _moves([d.signals["air_mass_mg"][d.scored] for d in drives])
+    speed, speed_moves = _moves([d.signals["engine_speed_rpm"][d.scored] for d in drives])
+    if max(load_moves, speed_moves) >= MOVES_LEAST:
+        return
+    valve = [valve_phi(base_path(Constants(), d.signals))[d.scored] for d in drives]
+    phi, phi_moves = _moves(valve)
+    raise RecordingError(
+        f"{_names(drives)}: no excitation, 90 % of the samples lie within {load_moves:.1%} of "
+        f"{load:.0f} mg of air per stroke, {speed_moves:.1%} of {speed:.0f} rpm and "
+        f"{phi_moves:.1%} of phi {phi:.2f} at the valve; load or speed must move by "
+        f"{MOVES_LEAST:.0%}, better mixed driving"
+    )
+
+
+def poor(card: ModelCard) -> list[str]:
+    """Return a warning if the model hardly follows its own vehicle: then little is told by it."""
+    figures = card.fit.get("test_enabled") or card.fit.get("test") or {}
+    found = figures.get("correlation", 1.0)
+    if found >= CORRELATION_LEAST:
+        return []
+    return [
+        f"the model follows blocks held out of its own training poorly (correlation {found:.2f}): "
+        "what it says of recordings, and any verdict here, means little"
+    ]
+
+
+def unlearned(recordings: Sequence[Recording], healthy: Sequence[Recording]) -> list[str]:
+    """Return warnings of effects whose signals healthy recordings lack and the others have."""
+    if not healthy:
+        return []
+    here, there = (set.intersection(*map(_present, each)) for each in (recordings, healthy))
+    return [
+        f"{effect.name}: healthy recordings lack {', '.join(sorted(set(effect.needs) - there))}, "
+        "so its score is not held against what healthy drives show"
+        for effect in ALL
+        if set(effect.needs) <= here and not set(effect.needs) <= there | set(NEEDED)
+    ]
+
+
+def _present(recording: Recording) -> set[str]:
+    """Return the signals that have a good value."""
+    return {n for n in recording.names if np.isfinite(recording.column(n)).any()}
+
+
+def _moves(values: Sequence[FloatArray]) -> tuple[float, float]:
+    """Return the median and the width of 90 % of the values, of the median."""
+    low, middle, high = np.quantile(np.concatenate(values), (QUANTILES[0], 0.5, QUANTILES[1]))
+    return float(middle), float((high - low) / max(abs(middle), 1e-9))
+
+
+def _names(drives: Sequence[Drive]) -> str:
+    return ", ".join(d.name for d in drives)
