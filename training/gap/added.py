@@ -106,12 +106,20 @@ def _entry(name: str) -> Effect:
 
 
 def uncertain(added: Sequence[Added]) -> list[str]:
-    """Return warnings of constants whose standard error is larger than they are."""
-    return [
-        f"{each.name}: {name} is {value:.2g} {each.units[name]} with a standard error of "
-        f"{each.standard_errors[name]:.2g}, larger than itself: record driving in which the effect "
-        "is stronger"
-        for each in added
-        for name, value in each.parameters.items()
-        if each.standard_errors[name] > abs(value)
-    ]
+    """Return warnings of constants that the recordings hardly determine, or not at all.
+
+    A constant that moves nothing on them has a standard error of 0.
+    """
+    warnings = []
+    for each in added:
+        for name, value in each.parameters.items():
+            error = each.standard_errors[name]
+            says = f"{each.name}: {name} is {value:.2g} {each.units[name]}"
+            more = "record driving in which the effect is stronger"
+            if error == 0.0:
+                warnings.append(f"{says}, which the recordings of the fit do not determine: {more}")
+            elif error > abs(value):
+                warnings.append(
+                    f"{says} with a standard error of {error:.2g}, larger than it: {more}"
+                )
+    return warnings

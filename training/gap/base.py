@@ -46,18 +46,34 @@ def own_charge(card: ModelCard) -> bool:
 
 
 def drives_of(model: Path, recordings: Sequence[Recording]) -> list[Drive]:
-    """Return the recordings with the charge that the model sees and, if need be, what it reads.
+    """Return the recordings as the naming wants them: with the charge that the model sees.
 
-    The plain chain is what the naming is built on. Another model, or a chain that effects were
-    added to already, stands beside it with its own free run.
+    Effects are named on the chain, whatever the model is: what a network misses on new drives
+    differs from what it misses on those it was trained on, and looks like an effect. Effects that
+    the model has already move the chain as well.
     Raises RecordingError if a recording lacks a signal or too little of it can be scored.
     """
     card = check(model)
     made = plain_drives_of(card, recordings)
-    if card.kind == GREYBOX and not card.effects:
+    if not card.effects:
         return made
-    run = predicted_phi(model, recordings)
-    return [replace(d, phi_of_model=phi) for d, phi in zip(made, run, strict=True)]
+    if card.kind == GREYBOX:
+        return _with_readings(made, predicted_phi(model, recordings))
+    added = ChainDifference.from_card(card)
+    return [replace(d, phi_of_model=_moved(d, added)) for d in made]
+
+
+def read_by(model: Path, recordings: Sequence[Recording]) -> list[Drive]:
+    """Return the recordings with what the model reads, for constants that suit the model.
+
+    Raises RecordingError as ``drives_of``.
+    """
+    made = plain_drives_of(check(model), recordings)
+    return _with_readings(made, predicted_phi(model, recordings))
+
+
+def _with_readings(drives: Sequence[Drive], run: Sequence[FloatArray]) -> list[Drive]:
+    return [replace(d, phi_of_model=phi) for d, phi in zip(drives, run, strict=True)]
 
 
 def plain_drives_of(card: ModelCard, recordings: Sequence[Recording]) -> list[Drive]:
@@ -71,26 +87,8 @@ def plain_drives_of(card: ModelCard, recordings: Sequence[Recording]) -> list[Dr
     return [from_recording(each, _charge(each, chain)) for each in recordings]
 
 
-def chain_drives_of(
-    model: Path, recordings: Sequence[Recording], constants: Constants
-) -> list[Drive]:
-    """Return the recordings for a reference that is of the chain, whatever the model is.
-
-    constants : of that reference's chain; what was added to a network moves it by as much
-    Raises RecordingError as ``drives_of``.
-    """
-    card = check(model)
-    if card.kind == GREYBOX:
-        return drives_of(model, recordings)
-    made = [from_recording(each) for each in recordings]
-    if not card.effects:
-        return made
-    added = ChainDifference.from_card(card)
-    return [replace(d, phi_of_model=_moved(d, constants, added)) for d in made]
-
-
-def _moved(drive: Drive, constants: Constants, added: ChainDifference) -> FloatArray:
-    plain = simulate(base_path(constants, drive.signals), drive.period_s)
+def _moved(drive: Drive, added: ChainDifference) -> FloatArray:
+    plain = simulate(base_path(added.without.constants, drive.signals), drive.period_s)
     return np.asarray(plain + added.values(drive.signals))
 
 

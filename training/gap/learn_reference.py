@@ -40,7 +40,7 @@ def set_reference(
     drives, used, why = list[Drive](), list[Recording](), ""
     for recording in recordings:
         try:
-            drives += base.chain_drives_of(path, [recording], start)
+            drives += base.drives_of(path, [recording])
             used.append(recording)
         except RecordingError as error:
             why = f" ({error})"

@@ -70,7 +70,8 @@ def _optimism(found: Findings, card: ModelCard, healthy: Sequence[Recording]) ->
     trained = {each.sha256 for each in card.recordings}
     if not trained & {each.sha256 for each in healthy}:
         return None
-    held_out = float((card.fit.get("test_enabled") or card.fit["test"])["rmse_model_units"])
+    figures = card.fit.get("test_enabled") or card.fit.get("test") or {}
+    held_out = float(figures.get("rmse_model_units", 0.0))
     return max(held_out**2 - found.excess.reference, 0.0)
 
 

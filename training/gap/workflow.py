@@ -21,6 +21,7 @@ from training.gap import (
     add_greybox,
     add_narx,
     base,
+    healthy,
     learn_reference,
     located,
     mixed,
@@ -53,6 +54,10 @@ FORMS: Final = {
     "output": "beside the network: its output plus the chain with the effect less that without",
     "input": "as one more input of the network, trained anew",
 }
+NO_USE: Final = (
+    "what was named is not added: with it the model predicts the recordings of the fit no better, "
+    "it follows the effect already"
+)
 WORSE: Final = 1.02  # of the RMSE, up to which a form counts as no worse
 
 
@@ -117,8 +122,6 @@ def investigate(
         known = stages.done("healthy", lambda: _learn(given, start, progress))
     elif known is None:
         known, doubts = reference_card.known_of(card)
-        if known is not None:
-            drives = base.chain_drives_of(model, given.recordings, known.base)
     reference = known.base if known else start
     found = stages.done("where", lambda: _localise(given, progress)) if options.localise else None
     naming = stages.done(
@@ -133,15 +136,21 @@ def investigate(
         ),
     )
     wanted, warnings = _to_add(naming, options)
-    healthy = base.plain_drives_of(card, given.healthy)
-    doubts += usable.poor(card) + mixed.warn(drives, mixed.chain_of(naming, reference), healthy)
+    doubts += usable.poor(card)
+    doubts += mixed.warn(
+        drives,
+        mixed.chain_of(naming, reference),
+        base.plain_drives_of(card, given.healthy),
+    )
     fitted_to, held_out = _split(given)
     new, form, added = None, "", tuple[Added, ...]()
     if wanted:
-        added = _refitted(naming, [drives[i] for i in fitted_to], known, reference)
         progress("adding")
+        added = _refitted(given, fitted_to, naming, known, reference)
         new, form = _add(given, out / NEW_MODEL, card, added, reference, fitted_to, options)
-        if card.kind == base.GREYBOX and known is not None and given.healthy:
+        if new is None:
+            added, warnings = (), [*warnings, NO_USE]
+        elif card.kind == base.GREYBOX and known is not None and given.healthy:
             learn_reference.store(new, known, given.healthy)  # with which its constants go
     checked = None
     if held_out:
@@ -221,9 +230,22 @@ def _split(given: Given) -> tuple[list[int], list[Recording]]:
 
 
 def _refitted(
-    naming: Naming, drives: Sequence[Drive], known: Healthy | None, reference: Constants
+    given: Given,
+    fitted_to: Sequence[int],
+    naming: Naming,
+    known: Healthy | None,
+    reference: Constants,
 ) -> tuple[Added, ...]:
-    """Return what was named with constants from ``drives`` alone."""
+    """Return what was named with constants from those recordings alone.
+
+    A network's own errors are what the constants have to suit, where healthy recordings tell which
+    of them it makes anyway.
+    """
+    recordings = [given.recordings[i] for i in fitted_to]
+    drives = base.drives_of(given.model, recordings)
+    if given.healthy and base.check(given.model).kind != base.GREYBOX:
+        drives = base.read_by(given.model, recordings)
+        known = healthy.learn(base.read_by(given.model, given.healthy), reference)
     last = naming.effects[-1].fit
     state = begin(drives, known, reference)
     again = fit(state.case, last.terms, [last])
@@ -247,8 +269,11 @@ def _refitted(
 def _add(
     given: Given, out: Path, card: ModelCard, added: Sequence[Added], reference: Constants,
     fitted_to: Sequence[int], options: Options,
-) -> tuple[Path, str]:  # fmt: skip
-    """Write the new model in the form that predicts best; return it and the form."""
+) -> tuple[Path | None, str]:  # fmt: skip
+    """Write the new model in the form that predicts best; return it and the form.
+
+    There is none if it predicts the recordings of the fit no better than the old one.
+    """
     out.parent.mkdir(parents=True, exist_ok=True)
     recordings = [given.recordings[i] for i in fitted_to]
     drives = base.drives_of(given.model, recordings)
@@ -267,10 +292,10 @@ def _add(
             given.model, added, out, ranges=ranges, recordings=used, constants=constants,
             drives=drives,
         )  # fmt: skip
-        return out, FORMS["greybox"]
+        return _if_better(given.model, out, recordings, FORMS["greybox"])
     add_narx.add(given.model, added, reference, out, ranges=ranges, recordings=used, drives=drives)
     if options.retrain_minutes <= 0.0:
-        return out, FORMS["output"]
+        return _if_better(given.model, out, recordings, FORMS["output"])
     other = out.with_name("retrained.onnx")
     add_narx.retrain(
         given.model, added, reference, recordings, other, ranges=ranges,
@@ -282,7 +307,17 @@ def _add(
         other.replace(out)
         return out, f"{FORMS['input']} (RMSE {inside:.4f} against {beside:.4f} beside it)"
     other.unlink()
-    return out, f"{FORMS['output']} (RMSE {beside:.4f} against {inside:.4f} trained anew)"
+    form = f"{FORMS['output']} (RMSE {beside:.4f} against {inside:.4f} trained anew)"
+    return _if_better(given.model, out, recordings, form)
+
+
+def _if_better(
+    old: Path, new: Path, recordings: Sequence[Recording], form: str
+) -> tuple[Path | None, str]:
+    if _rmse(new, recordings) < _rmse(old, recordings):
+        return new, form
+    new.unlink()
+    return None, ""
 
 
 def _rmse(model: Path, recordings: Sequence[Recording]) -> float:
