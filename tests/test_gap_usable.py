@@ -162,7 +162,9 @@ def test_a_constant_smaller_than_its_standard_error_is_warned_of() -> None:
     name = next(iter(sure.parameters))
     doubtful = replace(sure, standard_errors={name: 0.3})
     assert uncertain([replace(sure, standard_errors={name: 0.1})]) == []
-    assert f"{name} is 0.2 " in uncertain([doubtful])[0]
+    assert f"{name} is 0.2 mg/stroke with a standard error of 0.3" in uncertain([doubtful])[0]
+    unseen = replace(sure, standard_errors={name: 0.0})
+    assert "do not determine" in uncertain([unseen])[0]
 
 
 def test_cells_count_as_visited_from_fifteen_seconds_on() -> None:

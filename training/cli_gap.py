@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 from training.cli_recordings import add_bus_options, add_period_option, load_all
 
 if TYPE_CHECKING:
+    from training.gap.given import Given, Options
     from training.gap.result import Result
-    from training.gap.workflow import Given, Options
 
 REPORT, RESULT, STAGES = "report.html", "gap.json", "stages"
 _EXAMPLES = """examples:
@@ -63,9 +63,10 @@ def run(args: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     from training.gap import report
+    from training.gap.given import Given, options_of
     from training.gap.result import save
     from training.gap.stages import Stages
-    from training.gap.workflow import Given, investigate, options_of
+    from training.gap.workflow import investigate
 
     options = options_of(args.steps, args.sensor_known_good, _effects(args.add), args.retrain)
     period_s = args.period if args.period is not None else _period_s(args.model)

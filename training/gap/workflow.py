@@ -6,22 +6,14 @@ not held out, and what is said of the new model from those that are.
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
-import numpy as np
-
-from monitor.errors import UsageError
-from monitor.faults import Fault
-from monitor.model_card import ModelCard
 from training.chain import Constants
 from training.gap import (
     accepted,
-    add_greybox,
-    add_narx,
+    adding,
     base,
-    healthy,
     learn_reference,
     located,
     mixed,
@@ -32,9 +24,8 @@ from training.gap.added import Added, uncertain
 from training.gap.begin import begin
 from training.gap.compared import Compared
 from training.gap.describe import describe
-from training.gap.detection import FAULTS
 from training.gap.drives import Drive
-from training.gap.fitting import fit
+from training.gap.given import Given, Options, split
 from training.gap.healthy import Healthy
 from training.gap.localise import Findings, localise
 from training.gap.naming import name
@@ -47,45 +38,11 @@ from training.gap.verify import verify
 from training.recordings import Recording
 
 Progress = Callable[[str], None]
-HELD_OUT_EVERY: Final = 3  # recordings, of which the last is held out
 NEW_MODEL: Final = "model.onnx"
-FORMS: Final = {
-    "greybox": "inside the chain, where it acts on the mixture's way",
-    "output": "beside the network: its output plus the chain with the effect less that without",
-    "input": "as one more input of the network, trained anew",
-}
 NO_USE: Final = (
     "what was named is not added: with it the model predicts the recordings of the fit no better, "
     "it follows the effect already"
 )
-WORSE: Final = 1.02  # of the RMSE, up to which a form counts as no worse
-
-
-@dataclass(frozen=True, slots=True)
-class Options:
-    """What the user chose."""
-
-    steps: int = 1
-    sensor_known_good: bool = False
-    add: tuple[str, ...] = ()  # effects that may be faults, and are known to be none
-    retrain_minutes: float = 0.0  # for a network with the effect as an input; 0 is none
-    faults: tuple[Fault, ...] = FAULTS  # put on for verifying; none leaves the monitor out
-    localise: bool = True
-
-
-@dataclass(frozen=True, slots=True)
-class Given:
-    """What the workflow works on."""
-
-    model: Path
-    recordings: Sequence[Recording]
-    healthy: Sequence[Recording] = ()
-    verify: Sequence[Recording] = ()  # seen by nothing but the verification
-
-    @property
-    def roles(self) -> dict[str, Sequence[Recording]]:
-        """Return the recordings by what the command calls them."""
-        return {"RECORDING": self.recordings, "--healthy": self.healthy, "--verify": self.verify}
 
 
 def investigate(
@@ -142,12 +99,12 @@ def investigate(
         mixed.chain_of(naming, reference),
         base.plain_drives_of(card, given.healthy),
     )
-    fitted_to, held_out = _split(given)
+    _, held_out = split(given)
     new, form, added = None, "", tuple[Added, ...]()
     if wanted:
         progress("adding")
-        added = _refitted(given, fitted_to, naming, known, reference)
-        new, form = _add(given, out / NEW_MODEL, card, added, reference, fitted_to, options)
+        added = adding.refitted(given, naming, known, reference)
+        new, form = adding.add(given, out / NEW_MODEL, added, reference, options)
         if new is None:
             added, warnings = (), [*warnings, NO_USE]
         elif card.kind == base.GREYBOX and known is not None and given.healthy:
@@ -219,116 +176,6 @@ def _to_add(naming: Naming, options: Options) -> tuple[bool, list[str]]:
     ]
 
 
-def _split(given: Given) -> tuple[list[int], list[Recording]]:
-    """Return which recordings the constants come from, and the recordings held out."""
-    n = len(given.recordings)
-    out = set() if given.verify else set(range(HELD_OUT_EVERY - 1, n, HELD_OUT_EVERY))
-    if n == HELD_OUT_EVERY - 1 and not given.verify:
-        out = {n - 1}
-    fitted_to = [i for i in range(n) if i not in out]
-    return fitted_to, [*given.verify, *(given.recordings[i] for i in sorted(out))]
-
-
-def _refitted(
-    given: Given,
-    fitted_to: Sequence[int],
-    naming: Naming,
-    known: Healthy | None,
-    reference: Constants,
-) -> tuple[Added, ...]:
-    """Return what was named with constants from those recordings alone.
-
-    A network's own errors are what the constants have to suit, where healthy recordings tell which
-    of them it makes anyway.
-    """
-    recordings = [given.recordings[i] for i in fitted_to]
-    drives = base.drives_of(given.model, recordings)
-    if given.healthy and base.check(given.model).kind != base.GREYBOX:
-        drives = base.read_by(given.model, recordings)
-        known = healthy.learn(base.read_by(given.model, given.healthy), reference)
-    last = naming.effects[-1].fit
-    state = begin(drives, known, reference)
-    again = fit(state.case, last.terms, [last])
-    added = []
-    for candidate, values, errors in zip(
-        naming.effects, again.parameters, again.standard_errors, strict=True
-    ):
-        names = list(candidate.parameters)
-        added.append(
-            Added.of(
-                replace(
-                    candidate,
-                    parameters=dict(zip(names, values.tolist(), strict=True)),
-                    standard_errors=dict(zip(names, errors.tolist(), strict=True)),
-                )
-            )
-        )
-    return tuple(added)
-
-
-def _add(
-    given: Given, out: Path, card: ModelCard, added: Sequence[Added], reference: Constants,
-    fitted_to: Sequence[int], options: Options,
-) -> tuple[Path | None, str]:  # fmt: skip
-    """Write the new model in the form that predicts best; return it and the form.
-
-    There is none if it predicts the recordings of the fit no better than the old one.
-    """
-    out.parent.mkdir(parents=True, exist_ok=True)
-    recordings = [given.recordings[i] for i in fitted_to]
-    drives = base.drives_of(given.model, recordings)
-    ranges = {
-        name: (
-            float(min(np.min(d.signals[name]) for d in drives)),
-            float(max(np.max(d.signals[name]) for d in drives)),
-        )
-        for name in drives[0].signals
-        if all(name in d.signals for d in drives)
-    }
-    used = tuple(map(of_recording, recordings))
-    if card.kind == base.GREYBOX:
-        constants = None if reference == base.constants_of(card) else reference
-        add_greybox.add(
-            given.model, added, out, ranges=ranges, recordings=used, constants=constants,
-            drives=drives,
-        )  # fmt: skip
-        return _if_better(given.model, out, recordings, FORMS["greybox"])
-    add_narx.add(given.model, added, reference, out, ranges=ranges, recordings=used, drives=drives)
-    if options.retrain_minutes <= 0.0:
-        return _if_better(given.model, out, recordings, FORMS["output"])
-    other = out.with_name("retrained.onnx")
-    add_narx.retrain(
-        given.model, added, reference, recordings, other, ranges=ranges,
-        budget_minutes=options.retrain_minutes,
-    )  # fmt: skip
-    _, held_out = _split(given)
-    beside, inside = (_rmse(each, held_out or recordings) for each in (out, other))
-    if inside * WORSE < beside:
-        other.replace(out)
-        return out, f"{FORMS['input']} (RMSE {inside:.4f} against {beside:.4f} beside it)"
-    other.unlink()
-    form = f"{FORMS['output']} (RMSE {beside:.4f} against {inside:.4f} trained anew)"
-    return _if_better(given.model, out, recordings, form)
-
-
-def _if_better(
-    old: Path, new: Path, recordings: Sequence[Recording], form: str
-) -> tuple[Path | None, str]:
-    if _rmse(new, recordings) < _rmse(old, recordings):
-        return new, form
-    new.unlink()
-    return None, ""
-
-
-def _rmse(model: Path, recordings: Sequence[Recording]) -> float:
-    """Return the RMSE in phi on the scored samples of recordings."""
-    squares = []
-    for recording, phi in zip(recordings, predicted_phi(model, recordings), strict=True):
-        (drive,) = base.drives_of(model, [recording])
-        squares.append((phi - drive.phi_measured)[drive.scored] ** 2)
-    return float(np.sqrt(np.concatenate(squares).mean()))
-
-
 def _steps(naming: Naming) -> tuple[Step, ...]:
     first = Step("", naming.rmse_before)
     return (first, *(Step(r.effect.name, r.rmse, r.ranking) for r in naming.rounds))
@@ -350,14 +197,3 @@ def _of_verifying(checked: Verified | None, held_out: Sequence[Recording]) -> li
         f"worse than before beyond its bounds: {error.regime}"
         for error in (checked.worse if checked else ())
     ]
-
-
-def options_of(
-    steps: int, sensor_known_good: bool, add: Sequence[str], retrain_minutes: float
-) -> Options:
-    """Return the options; raises UsageError if they make no sense."""
-    if steps < 1:
-        raise UsageError("--steps is at least 1")
-    if retrain_minutes < 0.0:
-        raise UsageError("--retrain takes minutes, 0 or more")
-    return Options(steps, sensor_known_good, tuple(add), retrain_minutes)

@@ -26,11 +26,12 @@ from training.gap.begin import begin
 from training.gap.detection import FAULTS
 from training.gap.drives import from_recording
 from training.gap.effects import ALL
+from training.gap.given import Given, Options
 from training.gap.healthy import Healthy
 from training.gap.predicted import predicted_phi
 from training.gap.result import Result
 from training.gap.verified import Found, Verified
-from training.gap.workflow import Given, Options, investigate
+from training.gap.workflow import investigate
 from training.gap_study import drive
 from training.gap_study.base import fit_base
 from training.gap_study.plan import Case, Study, healthy_parts
