@@ -35,7 +35,7 @@ lint: venv ## style, types and the direction of imports
 venv: $(VENV)/.installed ## the development environment in .venv
 
 bench: venv ## the benchmarks
-	@for script in benchmarks/replay_vs_plain_loop.py benchmarks/streaming.py benchmarks/batch.py benchmarks/free_run.py; do \
+	@for script in benchmarks/replay_vs_plain_loop.py benchmarks/streaming.py benchmarks/batch.py benchmarks/free_run.py benchmarks/gap.py; do \
 	  echo "== $$script"; $(VENV)/bin/python "$$script" || exit 1; done
 
 # The shipped model: one healthy vehicle, every cycle, cold and hot weather, all simulated.
