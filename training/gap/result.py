@@ -25,7 +25,7 @@ SCHEMA: Final = "o2train.gap/1"
 MOST_EFFECTS: Final = 3
 HELD_OUT_DRIVES: Final = "recordings that no fit saw"
 HELD_OUT_BLOCKS: Final = "blocks held out of the recordings"
-NOTHING_FITTED: Final = "the recordings, to which nothing was fitted"
+NOTHING_FITTED: Final = "recordings to which nothing was fitted"
 
 
 @dataclass(frozen=True, slots=True)
