@@ -11,6 +11,7 @@ from training.gap.begin import FREE
 from training.gap.fitting import Prior, Term, fit
 from training.gap.manoeuvres import Experiment, separate
 from training.gap.ranking import (
+    ADEQUATE,
     RANKED_CLOSELY,
     Progress,
     State,
@@ -49,8 +50,13 @@ def step(
     added: Sequence[Candidate],
     sensor_known_good: bool,
     progress: Progress,
+    *,
+    more: bool = False,
 ) -> Outcome:
-    """Return the outcome of one forward step."""
+    """Return the outcome of one forward step.
+
+    more : whether another may follow; then of two that explain a part each the better one goes on
+    """
     ranking = rank(state, candidates, progress)
     held = [c for c in ranking if _holds(state, c)]
     strong = [c for c in held if matters(c)]
@@ -60,7 +66,7 @@ def step(
         return (
             _of_the_gain(state, ranking, sensor_known_good)
             or _at_fault(state, (strong[0], *rivals), ranking, sensor_known_good)
-            or _of_effects(strong[0], rivals, ranking)
+            or _of_effects(strong[0], rivals, ranking, more)
         )
     return (
         _of_the_gain(state, ranking, sensor_known_good)
@@ -90,13 +96,14 @@ def _is_large(candidate: Candidate) -> bool:
 
 
 def _of_effects(
-    best: Candidate, rivals: Sequence[Candidate], ranking: tuple[Candidate, ...]
+    best: Candidate, rivals: Sequence[Candidate], ranking: tuple[Candidate, ...], more: bool
 ) -> Outcome:
     """Return the name, or several that explain as much; a fault that explains little is neither."""
     if best.kind == "sensor fault":
         return Outcome("unknown_effect", (), None, None, ranking)
     others = [c for c in rivals if c.kind == "effect"]
-    if others:
+    parts = more and all((c.adequacy or 0.0) < ADEQUATE for c in (best, *others))
+    if others and not parts:
         among = (best, *others)[:AMBIGUOUS_MOST]
         return Outcome("ambiguous", among, None, separate(best.fit, others[0].fit), ranking)
     return Outcome("named", (best,), None, None, ranking)

@@ -8,7 +8,6 @@ is about as good, and nothing speaks for the sensor.
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Final
 
 import numpy as np
 
@@ -21,11 +20,9 @@ from training.gap.drives import Drive
 from training.gap.effects import ALL
 from training.gap.fitting import Case, Prior, Term, fit, held_out_rmse
 from training.gap.healthy import Healthy
-from training.gap.ranking import Progress, State, adequacy_of
+from training.gap.ranking import ADEQUATE, Progress, State, adequacy_of
 from training.gap.sensor_faults import FAULTS
 from training.gap.verdict import Candidate, Naming, Round, Verdict
-
-ADEQUATE: Final = 0.85  # of what can be explained at all; DESIGN, "what a prototype taught"
 
 
 def name(
@@ -65,8 +62,9 @@ def name(
     first, added, rounds = state, list[Candidate](), list[Round]()
     warnings = _doubts(state.case, known)
     outcome = Outcome("no_gap", (), None, None, ())
-    for _ in range(steps):
-        outcome = step(state, candidates, added, sensor_known_good, progress)
+    for number in range(steps):
+        more = number + 1 < steps
+        outcome = step(state, candidates, added, sensor_known_good, progress, more=more)
         if outcome.verdict != "named":
             break
         added.append(outcome.best[0])

@@ -12,6 +12,7 @@ from training.gap.sensor_faults import SensorFault
 from training.gap.verdict import Candidate
 
 WIN: Final = 0.95  # of resampled blocks
+ADEQUATE: Final = 0.85  # of what can be explained at all; DESIGN, "what a prototype taught"
 RIVAL_SCORE: Final = 0.5  # of the best, below which a candidate is no rival
 USUAL_SHARE: Final = 0.09  # of the deviance, left to explain by an effect in another form
 RANKED_CLOSELY: Final = 4  # candidates whose adequacy is worked out
