@@ -13,6 +13,7 @@ from training.gap.manoeuvres import Experiment, separate
 from training.gap.ranking import (
     ADEQUATE,
     RANKED_CLOSELY,
+    RIVAL_SCORE,
     Progress,
     State,
     against,
@@ -144,7 +145,10 @@ def _at_fault(
         if began is not None:
             words = f"it begins in {began[0]} at {began[1]:.0f} s"
     rivals = [c for c in ranking if c.kind == "sensor fault" or c.name in GAIN_CLASS]
-    felt = not strong and any(_is_large(c) or _holds(state, c) for c in rivals)
+    least = RIVAL_SCORE * ranking[0].score
+    felt = not strong and any(
+        c.score >= least and (_is_large(c) or _holds(state, c)) for c in rivals
+    )
     if words is None and felt and (shift := _shift(state)) is not None:
         words = f"{shift} left its healthy reference"
     if words is None:
