@@ -23,9 +23,10 @@ from training.chain import Constants
 from training.dyno.effects import from_severities
 from training.dyno.simulate import Experiment
 from training.dyno.write import write
-from training.gap import accepted, report
 from training.gap.drives import from_recording
-from training.gap.naming import name
+from training.gap.name.naming import name
+from training.gap.pages import report
+from training.gap.reference import accepted
 from training.gap.result import save
 from training.gap.stages import Stages
 from training.gap.workflow import Given, Options, investigate

@@ -9,9 +9,10 @@ from training.chain import Constants
 from training.dyno.ecu import broadcast, own_bus, samples
 from training.dyno.effects import from_severities
 from training.dyno.simulate import Experiment, simulate
-from training.gap import accepted, drives
+from training.gap import drives
 from training.gap.drives import Drive
-from training.gap.healthy import Healthy
+from training.gap.reference import accepted
+from training.gap.reference.healthy import Healthy
 
 VEHICLE = 2001
 

@@ -11,8 +11,9 @@ from monitor import cli as o2mon
 from monitor.model import Model
 from tests.gap_files import drives, run
 from training import cli
-from training.gap import add_greybox, base, workflow
-from training.gap.added import Added
+from training.gap import base, workflow
+from training.gap.add import add_greybox
+from training.gap.add.added import Added
 from training.gap.given import Given, Options
 from training.gap.stages import Stages
 from training.gap.workflow import investigate

@@ -12,13 +12,13 @@ from monitor.types import FloatArray
 from tests.gap_drives import PERIOD_S, plain_signals
 from tests.gap_simulated import healthy, two_drives
 from training.chain import Constants, Path, base_path, simulate
-from training.gap.begin import begin
-from training.gap.describe import ANSWERS, TERMS_MOST, Description, describe
 from training.gap.drives import Drive, make
-from training.gap.feature_words import _WORDS, words_of
-from training.gap.features import features
-from training.gap.healthy import Healthy, learn
-from training.gap.signal_functions import functions_of
+from training.gap.name.begin import begin
+from training.gap.name.describe import ANSWERS, TERMS_MOST, Description, describe
+from training.gap.name.feature_words import _WORDS, words_of
+from training.gap.name.signal_functions import functions_of
+from training.gap.reference.features import features
+from training.gap.reference.healthy import Healthy, learn
 
 BASE = Constants(1.0, 0.15, 1.5, 0.06, 0.1, 1.0)
 Change = Callable[[Path, dict[str, FloatArray]], Path]

@@ -9,10 +9,10 @@ from monitor import faults
 from monitor.types import FloatArray
 from tests.gap_drives import PERIOD_S, plain_signals
 from training.chain import Constants, base_path, simulate
-from training.gap import guards, ridge, scoring
 from training.gap.drives import Drive, make
 from training.gap.effects import LIBRARY
-from training.gap.fitting import (
+from training.gap.name import guards, scoring
+from training.gap.name.fitting import (
     Case,
     Fit,
     Prior,
@@ -22,9 +22,10 @@ from training.gap.fitting import (
     plain_errors,
     predict,
 )
-from training.gap.manoeuvres import library, separate
-from training.gap.sensor_faults import FAULTS
-from training.gap.variation import shrink
+from training.gap.name.manoeuvres import library, separate
+from training.gap.name.sensor_faults import FAULTS
+from training.gap.reference import ridge
+from training.gap.reference.variation import shrink
 
 BASE = Constants(1.01, 0.13, 1.5, 0.04, 0.11, 0.98)
 FAULT = {fault.name: fault for fault in FAULTS}

@@ -14,8 +14,8 @@ from onnxruntime import InferenceSession
 from monitor import cli
 from monitor.errors import ModelError
 from monitor.model import Model
-from monitor.signals import BY_NAME
 from monitor.model_card import TrainingRecording
+from monitor.signals import BY_NAME
 from monitor.types import FloatArray
 from tests.gap_drives import PERIOD_S, plain_signals
 from tests.gap_simulated import healthy, simulated, two_drives
@@ -24,15 +24,15 @@ from training.chain import Constants, base_path
 from training.dyno.simulate import Experiment
 from training.dyno.write import write
 from training.export import Graph, update_card
-from training.gap import add_greybox
-from training.gap.add_greybox import add
-from training.gap.added import Added
+from training.gap.add import add_greybox
+from training.gap.add.add_greybox import add
+from training.gap.add.added import Added
+from training.gap.add.effect_nodes import FORMS, graph_effect, signals_of
+from training.gap.add.effect_parity import TOLERANCE, made_inputs
 from training.gap.drives import Drive, make
-from training.gap.effect_nodes import FORMS, graph_effect, signals_of
-from training.gap.effect_parity import TOLERANCE, made_inputs
 from training.gap.effects import ALL, LIBRARY, Effect
-from training.gap.fitting import reading
-from training.gap.naming import name as named
+from training.gap.name.fitting import reading
+from training.gap.name.naming import name as named
 from training.greybox_charge import INPUTS as CHARGE_INPUTS
 from training.greybox_graph import Greybox, build, chain_nodes
 from training.greybox_model import fit_greybox
@@ -403,7 +403,7 @@ def test_a_graph_that_computes_something_else_is_not_left_behind(
     if wrong == "another size":
         monkeypatch.setattr(add_greybox, "save", save)
     else:
-        from training.gap import effect_parity
+        from training.gap.add import effect_parity
 
         whole = effect_parity._phi
         monkeypatch.setattr(effect_parity, "_phi", uneven)

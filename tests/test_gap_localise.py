@@ -19,8 +19,8 @@ from tests.gap_residuals import (
     wall_film,
 )
 from training.gap.compared import Compared
-from training.gap.localise import Findings, localise
-from training.gap.page import localise_page
+from training.gap.pages.page import localise_page
+from training.gap.where.localise import Findings, localise
 
 FLOW = {"maf_kg_h", "inverse_flow_h_kg", "load_times_speed"}
 

@@ -13,8 +13,8 @@ from training.dyno.effects import from_severities
 from training.dyno.simulate import Experiment
 from training.gap.compared import Compared
 from training.gap.drives import Drive, make
-from training.gap.localise import Findings, localise
-from training.gap.transport import transported
+from training.gap.where.localise import Findings, localise
+from training.gap.where.transport import transported
 
 PERIOD_S = 0.1
 VEHICLE = 2000

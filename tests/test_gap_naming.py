@@ -6,7 +6,7 @@ from monitor.errors import RecordingError
 from tests.gap_simulated import known, two_drives
 from training.chain import Constants
 from training.gap import drives
-from training.gap.naming import name
+from training.gap.name.naming import name
 
 
 def test_drives_like_the_healthy_ones_have_no_gap() -> None:

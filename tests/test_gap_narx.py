@@ -23,14 +23,14 @@ from training.dyno.simulate import Experiment, simulate
 from training.evaluate import predict
 from training.export import Network, save
 from training.fit import FitResult, fit
-from training.gap import fitting
-from training.gap.add_narx import add, retrain
-from training.gap.add_narx_chain import ChainDifference
-from training.gap.add_narx_network import AS_INPUT, DIFFERENCE, TO_OUTPUT, network_of
-from training.gap.add_narx_training import old_weights, spec_of, with_difference
-from training.gap.added import Added
+from training.gap.add.add_narx import add, retrain
+from training.gap.add.add_narx_chain import ChainDifference
+from training.gap.add.add_narx_network import AS_INPUT, DIFFERENCE, TO_OUTPUT, network_of
+from training.gap.add.add_narx_training import old_weights, spec_of, with_difference
+from training.gap.add.added import Added
 from training.gap.drives import Drive, from_recording
 from training.gap.effects import LIBRARY
+from training.gap.name import fitting
 from training.gap.predicted import predicted_phi
 from training.judge import judge
 from training.limits import NO_LIMITS

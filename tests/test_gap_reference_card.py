@@ -17,10 +17,11 @@ from training.cli import main as o2train
 from training.dyno.simulate import Experiment
 from training.dyno.write import write
 from training.export import update_card
-from training.gap import accepted, base
-from training.gap.healthy import Healthy, columns
-from training.gap.learn_reference import set_reference, store
-from training.gap.reference_card import KEY, from_card, known_of, to_card
+from training.gap import base
+from training.gap.reference import accepted
+from training.gap.reference.healthy import Healthy, columns
+from training.gap.reference.learn_reference import set_reference, store
+from training.gap.reference.reference_card import KEY, from_card, known_of, to_card
 from training.gap.result import Result
 from training.gap.workflow import Given, Options, investigate
 from training.gap_study import drive

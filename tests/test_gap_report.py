@@ -13,16 +13,17 @@ import pytest
 from monitor.model_card import TrainingRecording
 from tests.gap_residuals import drive, purge
 from training.chain import Constants
-from training.gap import report, result
-from training.gap.added import Added
+from training.gap import result
+from training.gap.add.added import Added
+from training.gap.check.verified import Count, Error, Found, Trace, Verified
 from training.gap.effects import LIBRARY
-from training.gap.fitting import Fit
-from training.gap.localise import Findings, localise
-from training.gap.manoeuvres import Experiment
+from training.gap.name.fitting import Fit
+from training.gap.name.manoeuvres import Experiment
+from training.gap.name.sensor_faults import FAULTS
+from training.gap.name.verdict import Candidate, Naming, Verdict
+from training.gap.pages import report
 from training.gap.result import ModelFile, Result, Step, as_json
-from training.gap.sensor_faults import FAULTS
-from training.gap.verdict import Candidate, Naming, Verdict
-from training.gap.verified import Count, Error, Found, Trace, Verified
+from training.gap.where.localise import Findings, localise
 
 VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
 NOTHING = np.empty(0)

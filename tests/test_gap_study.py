@@ -347,9 +347,9 @@ def test_what_a_study_cannot_hold_is_refused(
 def test_results_depend_on_all_code_that_makes_them_and_on_no_other() -> None:
     root = Path(run.__file__).parents[2]
     used = {p.relative_to(root).as_posix() for p in run_folder.sources(Path(case.__file__), root)}
-    assert {"training/gap/naming.py", "training/gap/effects/air.py", "training/chain.py",
+    assert {"training/gap/name/naming.py", "training/gap/effects/air.py", "training/chain.py",
             "training/dyno/mixture.py", "monitor/faults.py"} <= used  # fmt: skip
-    assert not used & {"training/gap_study/report.py", "training/gap/page.py", "tests/plants.py"}
+    assert not used & {"training/gap_study/report.py", "training/gap/pages/page.py", "tests/plants.py"}
 
 
 def test_a_study_with_an_unknown_base_is_refused() -> None:

@@ -14,12 +14,12 @@ from monitor.types import FloatArray
 from tests.gap_drives import PERIOD_S, plain_signals
 from training.chain import Constants, base_path, simulate
 from training.gap import usable
-from training.gap.added import Added, uncertain
+from training.gap.add.added import Added, uncertain
 from training.gap.drives import Drive, make
 from training.gap.effects import LIBRARY
 from training.gap.mixed import Chain, parted, warn
+from training.gap.reference.visited import Visited
 from training.gap.stages import Stages
-from training.gap.visited import Visited
 from training.recordings import Recording
 
 USUAL = Constants()

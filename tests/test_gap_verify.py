@@ -15,11 +15,11 @@ from monitor.types import FloatArray
 from tests.gap_drives import PERIOD_S, plain_signals
 from training.chain import Constants, base_path, simulate
 from training.export import update_card
+from training.gap.check.detection import FAULTS, put_on
+from training.gap.check.error_regimes import compare
+from training.gap.check.verified import Count, Found, rate
+from training.gap.check.verify import verify
 from training.gap.compared import Compared
-from training.gap.detection import FAULTS, put_on
-from training.gap.error_regimes import compare
-from training.gap.verified import Count, Found, rate
-from training.gap.verify import verify
 from training.greybox_model import fit_greybox
 from training.limits import set_limits
 from training.recordings import Recording

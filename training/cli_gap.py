@@ -62,8 +62,8 @@ def run(args: argparse.Namespace) -> int:
     """Look for the gap and write what was found; returns the exit code."""
     from tqdm import tqdm
 
-    from training.gap import report
     from training.gap.given import Given, options_of
+    from training.gap.pages import report
     from training.gap.result import save
     from training.gap.stages import Stages
     from training.gap.workflow import investigate
@@ -127,7 +127,7 @@ def _identity(given: "Given", options: "Options") -> dict[str, Any]:
 
 
 def _print(found: "Result", out: Path) -> None:
-    from training.gap.report_words import verdict_sentence
+    from training.gap.pages.report_words import verdict_sentence
 
     print(verdict_sentence(found))
     before, after, floor, measured_on = found.rmse

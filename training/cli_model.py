@@ -209,7 +209,7 @@ def _set_reference(result: "FitResult | GreyboxResult", recordings: "list[Record
     """Put into the card what the recordings teach ``o2train gap``; return warnings."""
     from tqdm import tqdm
 
-    from training.gap.learn_reference import set_reference
+    from training.gap.reference.learn_reference import set_reference
 
     with tqdm(unit="step", leave=False, disable=None) as bar:
 

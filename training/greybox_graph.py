@@ -21,8 +21,8 @@ from monitor.model_card import METADATA_KEY, ModelCard, StateLayout
 from monitor.types import FloatArray
 from training.chain import SPEED_LEAST_RPM, Constants
 from training.export import Graph, finished
-from training.gap.added import Added
-from training.gap.effect_nodes import graph_effect
+from training.gap.add.added import Added
+from training.gap.add.effect_nodes import graph_effect
 from training.greybox_charge import ChargeMap
 from training.greybox_nodes import (
     GraphEffect,

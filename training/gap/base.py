@@ -12,7 +12,7 @@ from monitor.model import Model
 from monitor.model_card import ModelCard
 from monitor.types import FloatArray
 from training.chain import Constants, base_path, simulate
-from training.gap.add_narx_chain import ChainDifference
+from training.gap.add.add_narx_chain import ChainDifference
 from training.gap.drives import Drive, from_recording, hold
 from training.gap.predicted import predicted_phi
 from training.greybox_graph import Greybox

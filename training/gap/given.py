@@ -7,7 +7,7 @@ from typing import Final
 
 from monitor.errors import UsageError
 from monitor.faults import Fault
-from training.gap.detection import FAULTS
+from training.gap.check.detection import FAULTS
 from training.recordings import Recording
 
 HELD_OUT_EVERY: Final = 3  # recordings, of which the last is held out

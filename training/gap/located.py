@@ -19,10 +19,10 @@ from training.gap import usable
 from training.gap.compared import Compared
 from training.gap.drives import AFTER_CUT_S, OUTPUT, Drive, make
 from training.gap.effects import ALL
-from training.gap.localise import Findings, localise
+from training.gap.name.verdict import Naming, Verdict
 from training.gap.predicted import predicted_phi
 from training.gap.result import ModelFile, Result, of_recording
-from training.gap.verdict import Naming, Verdict
+from training.gap.where.localise import Findings, localise
 from training.recordings import Recording
 
 Progress = Callable[[str], None]

@@ -14,11 +14,11 @@ from monitor.manifest import source_of
 from monitor.model import Model
 from monitor.model_card import TrainingRecording
 from training.chain import Constants
-from training.gap.added import Added
-from training.gap.localise import Findings
-from training.gap.ranking import RIVAL_SCORE, WIN
-from training.gap.verdict import Candidate, Naming, Verdict
-from training.gap.verified import Verified
+from training.gap.add.added import Added
+from training.gap.check.verified import Verified
+from training.gap.name.ranking import RIVAL_SCORE, WIN
+from training.gap.name.verdict import Candidate, Naming, Verdict
+from training.gap.where.localise import Findings
 from training.recordings import Recording, sha256
 
 SCHEMA: Final = "o2train.gap/1"

@@ -10,31 +10,24 @@ from pathlib import Path
 from typing import Final
 
 from training.chain import Constants
-from training.gap import (
-    accepted,
-    adding,
-    base,
-    learn_reference,
-    located,
-    mixed,
-    reference_card,
-    usable,
-)
-from training.gap.added import Added, uncertain
-from training.gap.begin import begin
+from training.gap import base, located, mixed, usable
+from training.gap.add import adding
+from training.gap.add.added import Added, uncertain
+from training.gap.check.verified import Verified
+from training.gap.check.verify import verify
 from training.gap.compared import Compared
-from training.gap.describe import describe
 from training.gap.drives import Drive
 from training.gap.given import Given, Options, split
-from training.gap.healthy import Healthy
-from training.gap.localise import Findings, localise
-from training.gap.naming import name
+from training.gap.name.begin import begin
+from training.gap.name.describe import describe
+from training.gap.name.naming import name
+from training.gap.name.verdict import Naming
 from training.gap.predicted import predicted_phi
+from training.gap.reference import accepted, learn_reference, reference_card
+from training.gap.reference.healthy import Healthy
 from training.gap.result import ModelFile, Result, Step, of_recording
 from training.gap.stages import Stages
-from training.gap.verdict import Naming
-from training.gap.verified import Verified
-from training.gap.verify import verify
+from training.gap.where.localise import Findings, localise
 from training.recordings import Recording
 
 Progress = Callable[[str], None]

@@ -21,16 +21,18 @@ import numpy as np
 
 from monitor.faults import Fault
 from monitor.types import FloatArray
-from training.gap import accepted, base, scoring
-from training.gap.begin import begin
-from training.gap.detection import FAULTS
+from training.gap import base
+from training.gap.check.detection import FAULTS
+from training.gap.check.verified import Found, Verified
 from training.gap.drives import from_recording
 from training.gap.effects import ALL
 from training.gap.given import Given, Options
-from training.gap.healthy import Healthy
+from training.gap.name import scoring
+from training.gap.name.begin import begin
 from training.gap.predicted import predicted_phi
+from training.gap.reference import accepted
+from training.gap.reference.healthy import Healthy
 from training.gap.result import Result
-from training.gap.verified import Found, Verified
 from training.gap.workflow import investigate
 from training.gap_study import drive
 from training.gap_study.base import fit_base

@@ -1,0 +1,1 @@
+"""What was named becomes part of the model's graph."""

@@ -1,0 +1,197 @@
+"""Effects become part of a network's file: added to its output, or as an input it is retrained on.
+
+The chain with the effects minus the chain without is what they change. Added to the output it needs
+no training and leaves the network as it is; as an input the network may weigh it by regime.
+"""
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from monitor.errors import ModelError
+from monitor.model import Model
+from monitor.model_card import Channel, ModelCard, TrainingRecording
+from training.chain import Constants
+from training.export import Network
+from training.fit import measures, recordings_of
+from training.gap.add.add_narx_chain import ChainDifference
+from training.gap.add.add_narx_network import (
+    AS_INPUT,
+    DIFFERENCE,
+    TO_OUTPUT,
+    NetworkWithEffects,
+    network_of,
+)
+from training.gap.add.add_narx_parity import parity
+from training.gap.add.add_narx_training import Progress, train_again, with_difference
+from training.gap.add.added import Added
+from training.gap.add.effect_inputs import Ranges, channel_of
+from training.gap.drives import Drive, from_recording
+from training.prepare import Prepared, Role, prepare
+from training.recordings import Recording
+from training.stability import CONTRACTION_SAMPLES, Contraction
+from training.stages import Trained, free_run
+
+
+def add(
+    model: Path | str,
+    added: Sequence[Added],
+    chain: Constants,
+    out: Path | str,
+    *,
+    ranges: Ranges,
+    recordings: Sequence[TrainingRecording],
+    drives: Sequence[Drive] = (),
+) -> ModelCard:
+    """Write ``model`` with effects beside its output to ``out``; return its card.
+
+    chain : constants of the chain that the effects were fitted in
+    ranges : low and high of every signal present in the drives of the fit; an optional signal
+        that is not among them was not there, and the effect takes its own default for it
+    recordings : what the effects were fitted to
+    drives : on which ONNX, torch and numpy must agree; made inputs if there are none
+    Effects that the model has already stay, in the chain of the new constants.
+    Raises ModelError if the model is not a network, was retrained with effects, a signal is
+    missing, or the three disagree.
+    """
+    network, card = network_of(model), Model.load(model).card
+    _check(card, str(model))
+    older = (
+        [entry.added for entry in ChainDifference.from_card(card).entries] if card.effects else []
+    )
+    difference = ChainDifference.of(card, [*older, *added], chain, ranges)
+    inputs = tuple(dict.fromkeys((*card.input_names, *difference.inputs)))
+    extended = NetworkWithEffects(TO_OUTPUT, network, difference, inputs)
+    entries = (*card.effects, *difference.effects_to_card(recordings)[len(older) :])
+    return save(out, extended, _card(card, extended, entries, ranges, recordings), drives)
+
+
+def retrain(
+    model: Path | str,
+    added: Sequence[Added],
+    chain: Constants,
+    recordings: Sequence[Recording],
+    out: Path | str,
+    *,
+    ranges: Ranges,
+    validate: Sequence[Recording] = (),
+    budget_minutes: float = 5.0,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> ModelCard:
+    """Train ``model`` again with what the effects change as an input; return the card of ``out``.
+
+    added, chain, ranges : see ``add``
+    recordings : to train on; blocks of them are held out to choose and to measure
+    validate : recordings that choose and stop instead of held-out blocks
+    budget_minutes : after which the best so far is kept
+    progress : called with start, horizon, epoch and best validation score after every epoch
+    Decision limits and reference stay those of the old model.
+    Raises ModelError as ``add``, RecordingError or UsageError if the recordings cannot be used or
+    the budget is too small.
+    """
+    deadline_s = time.monotonic() + 60.0 * budget_minutes
+    network, card = network_of(model), Model.load(model).card
+    _check(card, str(model))
+    difference = ChainDifference.of(card, [*_older(card), *added], chain, ranges)
+    everything = [with_difference(each, difference) for each in (*recordings, *validate)]
+    data = prepare(
+        everything, (*network.inputs, DIFFERENCE), card.output.name, card.transforms,
+        lags=card.lags, seed=seed, validate=range(len(recordings), len(everything)),
+    )  # fmt: skip
+    best, gap = train_again(data, card, network, seed, deadline_s, progress)
+    trained = Network(
+        best.spec, best.weights, data.scaling, card.transform, card.transforms, data.names
+    )
+    inputs = tuple(dict.fromkeys((*network.inputs, *difference.inputs)))
+    extended = NetworkWithEffects(AS_INPUT, trained, difference, inputs)
+    used = recordings_of(data)
+    entries = _entries(card, difference, used[: len(recordings)])
+    card = _card(card, extended, entries, ranges, used)
+    longest = max(recordings, key=lambda each: len(each.values))
+    return save(out, extended, _trained_card(card, data, best, gap), [from_recording(longest)])
+
+
+def save(
+    out: Path | str, model: NetworkWithEffects, card: ModelCard, drives: Sequence[Drive]
+) -> ModelCard:
+    """Write the file once its parity is proved; return the card with the proof.
+
+    Raises ModelError if ONNX, torch and numpy disagree.
+    """
+    path = Path(out)
+    partial = path.with_suffix(".partial")
+    model.save(partial, card)
+    try:
+        same = parity(partial, model, drives)
+    finally:
+        partial.unlink()
+    found = {"samples": same.samples, "onnx_numpy": same.onnx_numpy,
+             "torch_numpy": same.torch_numpy, "tolerance": same.tolerance}  # fmt: skip
+    card = replace(card, checks=dict(card.checks) | {"parity": found})
+    model.save(path, card)
+    return card
+
+
+def _check(card: ModelCard, path: str) -> None:
+    if card.transform != "phi":
+        raise ModelError(f"{path}: predicts {card.output.name}, effects are added to lambda alone")
+
+
+def _older(card: ModelCard) -> list[Added]:
+    return (
+        [entry.added for entry in ChainDifference.from_card(card).entries] if card.effects else []
+    )
+
+
+def _entries(
+    card: ModelCard, difference: ChainDifference, recordings: Sequence[TrainingRecording]
+) -> tuple[Mapping[str, Any], ...]:
+    """Return the card's effects: the old ones as they stand, then the new ones."""
+    return (*card.effects, *difference.effects_to_card(recordings)[len(card.effects) :])
+
+
+def _card(
+    card: ModelCard,
+    model: NetworkWithEffects,
+    entries: Sequence[Mapping[str, Any]],
+    ranges: Ranges,
+    recordings: Sequence[TrainingRecording],
+) -> ModelCard:
+    """Return the card with effects; measures, limits and reference stay those of the old model."""
+    by_sha = {r.sha256: r for r in (*card.recordings, *recordings)}
+    structure = {"form": model.form, "chain": model.difference.to_card()}
+    return replace(
+        card,
+        inputs=channels(card, model.inputs, ranges),
+        state=model.state_layout,
+        recordings=tuple(by_sha.values()),
+        effects=tuple(entries),
+        structure=dict(card.structure) | structure,
+    )
+
+
+def channels(card: ModelCard, inputs: Sequence[str], ranges: Ranges) -> tuple[Channel, ...]:
+    """Return the inputs for a card; those that the network has keep what it was trained on."""
+    known = {each.name: each for each in card.inputs}
+    return tuple(known.get(name) or channel_of(name, None, ranges[name]) for name in inputs)
+
+
+def _trained_card(card: ModelCard, data: Prepared, best: Trained, gap: Contraction) -> ModelCard:
+    """Return the card with shape and measures of the new training."""
+    predicted = data.scaling.unscale_y(free_run(data, best.spec, best.weights))
+    test = data.role == Role.TEST
+    everything, enabled = (measures(data, predicted, rows) for rows in (test, test & data.enabled))
+    contraction = {"gap": gap.gap, "samples": CONTRACTION_SAMPLES, "pairs": gap.pairs,
+                   "limit": gap.limit}  # fmt: skip
+    return replace(
+        card,
+        layers=best.spec.hidden,
+        residual_mean=enabled.get("residual_mean", 0.0),
+        residual_std=enabled.get("residual_std", everything.get("residual_std", 0.0)),
+        structure=dict(card.structure) | {"members": best.members},
+        fit={"test": everything, "test_enabled": enabled},
+        checks={"contraction": contraction},
+    )

@@ -1,0 +1,137 @@
+"""Does a network's file with effects compute what numpy and torch do, alone and in a batch?
+
+The network is that of ``parity``; the chains' difference is that of the arrays.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from monitor.errors import ModelError
+from monitor.model import Model
+from monitor.model_card import ModelCard
+from monitor.types import FloatArray
+from training.gap.add.add_narx_network import TO_OUTPUT, NetworkWithEffects
+from training.gap.add.effect_parity import made_inputs
+from training.gap.drives import Drive
+from training.narx import simulate
+from training.parity import TOLERANCE, Step
+from training.transforms import apply
+
+SAMPLES = 3000  # of each drive
+TOGETHER = 300  # samples that run side by side and alone
+
+
+@dataclass(frozen=True, slots=True)
+class Parity:
+    """Largest differences over free runs, in model units."""
+
+    samples: int
+    onnx_numpy: float
+    torch_numpy: float
+    tolerance: float
+
+
+def parity(path: Path | str, model: NetworkWithEffects, drives: Sequence[Drive] = ()) -> Parity:
+    """Compare free runs of a file with those of numpy and torch over ``drives``, or made inputs.
+
+    The network starts from the measured output, the chains settled at the first sample.
+    Raises ModelError if a difference exceeds 2e-3 of the output's standard deviation, or if runs
+    side by side are not bit for bit those alone.
+    """
+    runs = [_of_drive(model, drive) for drive in drives] or _made(model, Model.load(path).card)
+    samples, off_onnx, off_torch, tolerance = 0, 0.0, 0.0, np.inf
+    for u, y in runs:
+        first = model.network.spec.memory
+        reference, difference, inputs = _numpy(model, u, y)
+        onnx = _onnx(path, model, u, y)[first:]
+        other = model.whole(_torch(model, inputs, y)[first:], difference[first:])
+        off_onnx = max(off_onnx, float(np.abs(onnx - reference).max()))
+        off_torch = max(off_torch, float(np.abs(other - reference).max()))
+        tolerance = min(tolerance, TOLERANCE * float(reference.std()))
+        samples += len(reference)
+    if not max(off_onnx, off_torch) <= tolerance:
+        raise ModelError(
+            f"{path}: free runs differ by {off_onnx:.2g} (ONNX) and {off_torch:.2g} (torch) from "
+            f"numpy, tolerance {tolerance:.2g}"
+        )
+    _check_batch(path, runs[0][0])
+    return Parity(samples, off_onnx, off_torch, tolerance)
+
+
+def _of_drive(model: NetworkWithEffects, drive: Drive) -> tuple[FloatArray, FloatArray]:
+    """Return inputs as the graph gets them and the measured output in model units."""
+    u = np.column_stack([drive.signals[name] for name in model.inputs])[:SAMPLES]
+    y = drive.phi_measured[:SAMPLES]
+    scale = model.network.scaling
+    return _single(u), np.clip(y, scale.y_low, scale.y_high)
+
+
+def _made(model: NetworkWithEffects, card: ModelCard) -> list[tuple[FloatArray, FloatArray]]:
+    low, high = (np.array([getattr(c, end) for c in card.inputs]) for end in ("minimum", "maximum"))
+    ranges = replace(model.difference.without, inputs=model.inputs, u_low=low, u_high=high)
+    made = made_inputs(ranges, SAMPLES)
+    return [(_single(u), np.ones(len(u))) for u in made]
+
+
+def _single(u: FloatArray) -> FloatArray:
+    return u.astype(np.float32).astype(np.float64)
+
+
+def _numpy(
+    model: NetworkWithEffects, u: FloatArray, y: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the output after the first samples, the difference (n,), the network's inputs."""
+    net = model.network
+    spec, scale, first = net.spec, net.scaling, net.spec.memory
+    inputs, difference = model.split(u)
+    scaled = scale.scale_u(apply(net.transforms, net.inputs, inputs))
+    history = scale.scale_y(y[first - spec.lags : first])[::-1][None].copy()
+    begin, end = np.array([first]), np.array([len(u)])
+    own = scale.unscale_y(simulate(spec, net.weights, scaled, begin, end, history))
+    return model.whole(own, difference)[first:], difference, inputs
+
+
+def _onnx(path: Path | str, model: NetworkWithEffects, u: FloatArray, y: FloatArray) -> FloatArray:
+    loaded = Model.load(path)
+    loaded.reset(u[0])
+    for _ in range(model.difference.memory):
+        loaded.step(u[0])
+    newest, part = loaded.card.state.output_start, model.network.state_layout.size
+    found = np.empty(len(u))
+    for k, inputs in enumerate(u):
+        loaded.step(inputs)
+        if k < model.network.spec.memory:  # the network's own output is the measured one
+            more = loaded.state[0, part] if model.form == TO_OUTPUT else 0.0
+            loaded.state[0, newest] = y[k] + more
+        found[k] = loaded.state[0, newest]
+    return found
+
+
+def _torch(model: NetworkWithEffects, inputs: FloatArray, y: FloatArray) -> FloatArray:
+    """Return what the network itself says (n,)."""
+    layout, module = model.network.state_layout, Step(model.network)
+    state, found = torch.zeros((1, layout.size)), np.empty(len(y))
+    u = torch.tensor(inputs, dtype=torch.float32)
+    with torch.no_grad():
+        for k in range(len(y)):
+            _, state = module(u[k : k + 1], state)
+            if k < model.network.spec.memory:
+                state[0, layout.output_start] = float(y[k])
+            found[k] = float(state[0, layout.output_start])
+    return found
+
+
+def _check_batch(path: Path | str, u: FloatArray) -> None:
+    """Raise ModelError if runs over a drive's begin and end differ side by side from alone."""
+    both = np.stack([u[:TOGETHER], u[-TOGETHER:]])
+    runs = []
+    for rows in (both, both[:1], both[1:]):
+        model = Model.load(path, len(rows))
+        model.reset(rows[:, 0])
+        runs.append(model.run_batch(rows))
+    if not np.array_equal(runs[0], np.concatenate(runs[1:])):
+        raise ModelError(f"{path}: runs side by side differ from the same runs alone")

@@ -1,0 +1,127 @@
+"""What was named becomes part of the model: constants, the form that predicts best, the file."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from training.chain import Constants
+from training.gap import base
+from training.gap.add import add_greybox, add_narx
+from training.gap.add.added import Added
+from training.gap.given import Given, Options, split
+from training.gap.name.begin import begin
+from training.gap.name.fitting import fit
+from training.gap.name.verdict import Naming
+from training.gap.predicted import predicted_phi
+from training.gap.reference import healthy
+from training.gap.reference.healthy import Healthy
+from training.gap.result import of_recording
+from training.recordings import Recording
+
+FORMS: Final = {
+    "greybox": "inside the chain, where it acts on the mixture's way",
+    "output": "beside the network: its output plus the chain with the effect less that without",
+    "input": "as one more input of the network, trained anew",
+}
+WORSE: Final = 1.02  # of the RMSE, up to which a form counts as no worse
+
+
+def refitted(
+    given: Given,
+    naming: Naming,
+    known: Healthy | None,
+    reference: Constants,
+) -> tuple[Added, ...]:
+    """Return what was named, with constants from the recordings that are not held out.
+
+    A network's own errors are what the constants have to suit, where healthy recordings tell which
+    of them it makes anyway.
+    """
+    recordings = [given.recordings[i] for i in split(given)[0]]
+    drives = base.drives_of(given.model, recordings)
+    if given.healthy and base.check(given.model).kind != base.GREYBOX:
+        drives = base.read_by(given.model, recordings)
+        known = healthy.learn(base.read_by(given.model, given.healthy), reference)
+    last = naming.effects[-1].fit
+    state = begin(drives, known, reference)
+    again = fit(state.case, last.terms, [last])
+    added = []
+    for candidate, values, errors in zip(
+        naming.effects, again.parameters, again.standard_errors, strict=True
+    ):
+        names = list(candidate.parameters)
+        added.append(
+            Added.of(
+                replace(
+                    candidate,
+                    parameters=dict(zip(names, values.tolist(), strict=True)),
+                    standard_errors=dict(zip(names, errors.tolist(), strict=True)),
+                )
+            )
+        )
+    return tuple(added)
+
+
+def add(
+    given: Given, out: Path, added: Sequence[Added], reference: Constants, options: Options
+) -> tuple[Path | None, str]:
+    """Write the new model in the form that predicts best; return it and the form.
+
+    There is none if it predicts the recordings of the fit no better than the old one.
+    """
+    card = base.check(given.model)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    recordings = [given.recordings[i] for i in split(given)[0]]
+    drives = base.drives_of(given.model, recordings)
+    ranges = {
+        name: (
+            float(min(np.min(d.signals[name]) for d in drives)),
+            float(max(np.max(d.signals[name]) for d in drives)),
+        )
+        for name in drives[0].signals
+        if all(name in d.signals for d in drives)
+    }
+    used = tuple(map(of_recording, recordings))
+    if card.kind == base.GREYBOX:
+        constants = None if reference == base.constants_of(card) else reference
+        add_greybox.add(
+            given.model, added, out, ranges=ranges, recordings=used, constants=constants,
+            drives=drives,
+        )  # fmt: skip
+        return _if_better(given.model, out, recordings, FORMS["greybox"])
+    add_narx.add(given.model, added, reference, out, ranges=ranges, recordings=used, drives=drives)
+    if options.retrain_minutes <= 0.0:
+        return _if_better(given.model, out, recordings, FORMS["output"])
+    other = out.with_name("retrained.onnx")
+    add_narx.retrain(
+        given.model, added, reference, recordings, other, ranges=ranges,
+        budget_minutes=options.retrain_minutes,
+    )  # fmt: skip
+    beside, inside = (_rmse(each, split(given)[1] or recordings) for each in (out, other))
+    if inside * WORSE < beside:
+        other.replace(out)
+        return out, f"{FORMS['input']} (RMSE {inside:.4f} against {beside:.4f} beside it)"
+    other.unlink()
+    form = f"{FORMS['output']} (RMSE {beside:.4f} against {inside:.4f} trained anew)"
+    return _if_better(given.model, out, recordings, form)
+
+
+def _if_better(
+    old: Path, new: Path, recordings: Sequence[Recording], form: str
+) -> tuple[Path | None, str]:
+    if _rmse(new, recordings) < _rmse(old, recordings):
+        return new, form
+    new.unlink()
+    return None, ""
+
+
+def _rmse(model: Path, recordings: Sequence[Recording]) -> float:
+    """Return the RMSE in phi on the scored samples of recordings."""
+    squares = []
+    for recording, phi in zip(recordings, predicted_phi(model, recordings), strict=True):
+        (drive,) = base.drives_of(model, [recording])
+        squares.append((phi - drive.phi_measured)[drive.scored] ** 2)
+    return float(np.sqrt(np.concatenate(squares).mean()))

@@ -1,0 +1,51 @@
+"""Effects on the exhaust's way from the valves to the sensor, as ``effects.exhaust`` has them."""
+
+from training.gap.add.effect_nodes.form import Form, Parameters
+from training.gap.add.effect_nodes.place import Place
+from training.gap.add.effect_nodes.value import Value, clip, exp, where
+from training.gap.effects.effect import FLOW_MIN_KG_H, GAS_KG_PER_M3
+from training.gap.effects.exhaust import DEAD_TIME_MAX_S, MIXING_MAX_S
+from training.greybox_nodes import Nodes
+
+KG_PER_H_AND_LITRE_PER_S = 3.6 * GAS_KG_PER_M3
+TAIL_UP_S = 1.0
+
+
+def _passage_s(at: Place, litres: float) -> Value:
+    return litres * KG_PER_H_AND_LITRE_PER_S / at.flow_kg_h()
+
+
+def _longest_s(p: Parameters) -> float:
+    """Return the passage at the least flow."""
+    return max(p[0], 0.0) * KG_PER_H_AND_LITRE_PER_S / FLOW_MIN_KG_H
+
+
+def _delay_flow(at: Place, p: Parameters) -> Nodes:
+    dead_time_s = at.of("dead_time_s") + _passage_s(at, p[0])
+    return at.changed(dead_time_s=clip(dead_time_s, 0.0, DEAD_TIME_MAX_S))
+
+
+def _mix_flow(at: Place, p: Parameters) -> Nodes:
+    mixing_s = at.of("mixing_s") + _passage_s(at, p[0])
+    return at.changed(mixing_s=clip(mixing_s, 0.0, MIXING_MAX_S))
+
+
+def _exhaust_leak(at: Place, p: Parameters) -> Nodes:
+    fraction, fading_kg_h = p
+    drawn = fraction * exp(-at.flow_kg_h() / fading_kg_h)
+    return at.changed(gas_factor=at.of("gas_factor") * (1.0 - clip(drawn, -0.5, 0.5)))
+
+
+def _fuel_cut_tail(at: Place, p: Parameters) -> Nodes:
+    depth, time_s = p
+    cut = at.of("fuel_mg") <= 0.0
+    tail = at.charged(cut, TAIL_UP_S, time_s)
+    return at.changed(gas_offset=at.of("gas_offset") - depth * where(cut, 0.0, tail))
+
+
+FORMS = {
+    "delay_flow": Form(_delay_flow, dead_time_s=lambda p: min(_longest_s(p), DEAD_TIME_MAX_S)),
+    "mix_flow": Form(_mix_flow, lag_s=lambda p: min(_longest_s(p), MIXING_MAX_S)),
+    "exhaust_leak": Form(_exhaust_leak),
+    "fuel_cut_tail": Form(_fuel_cut_tail, 1, lag_s=lambda p: max(p[1], TAIL_UP_S)),
+}

@@ -1,0 +1,111 @@
+"""Does a grey-box file with effects compute what their numpy forms do, alone and in a batch?"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from monitor.errors import ModelError
+from monitor.model import Model
+from monitor.types import FloatArray
+from training.chain import STOICHIOMETRIC, base_path, charge_mg, simulate
+from training.gap.add.added import Added
+from training.gap.drives import Drive
+from training.greybox_checks import TOLERANCE
+from training.greybox_graph import Greybox
+
+__all__ = ["TOLERANCE", "Entry", "Parity", "made_inputs", "parity", "reading"]
+
+MADE = 3  # drives
+MADE_SAMPLES = 900  # of each, beside the memory
+CUT_EVERY, CUT_SAMPLES = 150, 20
+KNOT_SAMPLES = 10  # inputs run straight between places that far apart, or jump there
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """An effect of a card and the signals that it reads."""
+
+    added: Added
+    reads: tuple[str, ...]
+
+    @classmethod
+    def of(cls, given: Mapping[str, Any]) -> "Entry":
+        """Return the entry of a card."""
+        return cls(Added.from_card(given), tuple(given["reads"]))
+
+
+@dataclass(frozen=True, slots=True)
+class Parity:
+    """What was compared, and the largest difference in phi."""
+
+    samples: int
+    onnx_numpy: float
+
+
+def reading(greybox: Greybox, entries: Sequence[Entry], u: FloatArray) -> FloatArray:
+    """Return the phi (n,) that the arrays read for inputs ``u`` (n, n_inputs)."""
+    signals = greybox.signals(u)
+    path = base_path(greybox.constants, signals)
+    for entry in entries:
+        seen = {name: signals[name] for name in entry.reads}
+        path = entry.added.effect.apply(path, entry.added.values, seen, greybox.period_s)
+    return simulate(path, greybox.period_s)
+
+
+def parity(
+    file: Path | str, greybox: Greybox, entries: Sequence[Entry], drives: Sequence[Drive] = ()
+) -> Parity:
+    """Compare free runs of a file and of its numpy form over made inputs and ``drives``.
+
+    Raises ModelError if they differ by more than 1e-5 in phi, or if a run in a batch differs from
+    the same run alone in a single bit.
+    """
+    made = made_inputs(greybox, greybox.memory + MADE_SAMPLES)
+    runs = [np.column_stack([drive.signals[name] for name in greybox.inputs]) for drive in drives]
+    seen = [u.astype(np.float32) for u in (*made, *runs)]
+    model = Model.load(file)
+    alone = [_phi(model, u[None])[0] for u in seen]
+    after = slice(greybox.memory, None)
+    off = 0.0
+    for phi, u in zip(alone, seen, strict=True):
+        away = np.abs(phi - reading(greybox, entries, u.astype(np.float64)))[after]
+        off = max(off, float(away.max(initial=0.0)))
+    if not off <= TOLERANCE:
+        raise ModelError(
+            f"{file}: free runs of ONNX and numpy differ by {off:.2g} in phi, "
+            f"tolerance {TOLERANCE:.2g}"
+        )
+    if not np.array_equal(_phi(model.with_batch(MADE), np.stack(seen[:MADE])), alone[:MADE]):
+        raise ModelError(f"{file}: runs side by side differ from the same runs alone")
+    return Parity(sum(len(u[after]) for u in seen), off)
+
+
+def made_inputs(greybox: Greybox, n: int, seed: int = 8) -> FloatArray:
+    """Return inputs (3, n, n_inputs) all over their ranges, with fuel near to the charge or cut."""
+    rng = np.random.default_rng(seed)
+    knots = np.arange(0, n + KNOT_SAMPLES, KNOT_SAMPLES)
+    u = np.empty((MADE, n, len(greybox.inputs)))
+    for run in range(MADE):
+        for i, limits in enumerate(zip(greybox.u_low, greybox.u_high, strict=True)):
+            values = rng.uniform(*limits, len(knots))
+            jumps = np.repeat(values, KNOT_SAMPLES)[:n]
+            u[run, :, i] = jumps if run == 0 else np.interp(np.arange(n), knots, values)
+        fuel = greybox.inputs.index("fuel_mass_mg")
+        mixture = rng.uniform(0.9, 1.1, len(knots)).repeat(KNOT_SAMPLES)[:n]
+        charge = charge_mg(greybox.signals(u[run]))
+        u[run, :, fuel] = charge / STOICHIOMETRIC / greybox.constants.gain * mixture
+        u[run, np.arange(n) % CUT_EVERY >= CUT_EVERY - CUT_SAMPLES, fuel] = 0.0
+    return u
+
+
+def _phi(model: Model, u: FloatArray | np.ndarray) -> FloatArray:
+    """Return the free runs (batch, n) in phi for inputs (batch, n, n_inputs)."""
+    model.reset(u[:, 0])
+    phi = np.empty(u.shape[:2])
+    for k in range(u.shape[1]):
+        model.step_batch(u[:, k])
+        phi[:, k] = model.state[:, 0]
+    return phi

@@ -1,0 +1,1 @@
+"""Old and new model on recordings that no fit saw."""

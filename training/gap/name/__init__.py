@@ -1,0 +1,1 @@
+"""Which effect explains the gap, and whether one may say so."""

@@ -1,0 +1,119 @@
+"""What speaks against naming an effect: too little left explained, an onset, a sensor at fault."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from monitor.types import FloatArray, IntArray
+from training.chain import Constants
+from training.gap.name.fitting import Case, Fit
+from training.gap.name.sensor_faults import SensorFault
+
+# A sensor that shifted by less is no suspect: DESIGN, "what a prototype taught".
+SMALLEST: Final = {"time": 0.020, "gain": 0.02, "offset": 0.004}
+ONSET_T: Final = 6.0
+ONSET_T_SORTED: Final = 9.0  # if drives were put in the order that suits an onset best
+ONSET_BEFORE: Final = 0.25  # of the strength after, below which it was absent before
+ONSET_BLOCKS: Final = 4  # at least, on either side
+ONSET_WEIGHT: Final = 1e-4  # of all that is known of the strength, below which a block says nothing
+
+
+GAIN_SHIFT: Final = 0.004  # DESIGN, "what a prototype taught"
+TIME_SHIFT_S: Final = 0.020
+REFERENCE_RPM: Final = 1500.0
+
+
+def shifted(reference: Constants, refitted: Constants) -> str | None:
+    """Return what of the base left its healthy reference, None if nothing did.
+
+    Time is dead time at 1,500 rpm and both lags together: data hold the sum best.
+    """
+    change = np.array(refitted) - np.array(reference)
+    moved = dict(zip(Constants._fields, change.tolist(), strict=True))
+    dead_time_s = moved["dead_time_s"] + moved["dead_time_revolutions"] * 60.0 / REFERENCE_RPM
+    if abs(dead_time_s + moved["mixing_s"] + moved["sensor_s"]) > TIME_SHIFT_S:
+        return "the lag or dead time"
+    return "the gain" if abs(moved["gain"]) > GAIN_SHIFT else None
+
+
+def large_enough(fault: SensorFault, parameters: FloatArray) -> bool:
+    """Whether a fitted sensor fault is more than a piece's or a drive's own variation."""
+    around = {"gain": 1.0}
+    return any(
+        abs(value - around.get(p.name, 0.0)) > SMALLEST[p.name]
+        for p, value in zip(fault.parameters, parameters, strict=True)
+    )
+
+
+def onset_s(case: Case, before: Fit, after: Fit) -> tuple[str, float] | None:
+    """Return the drive and time at which what ``after`` explains began, None if always there.
+
+    Every block says how strong the explanation is in it. What begins stays: in all drives, one
+    after the other, the strength steps up once from nothing. The drives are looked at in the order
+    given, and in the order of their own strengths, because files may not come as they were driven.
+    """
+    every = _strengths(case, before, after)
+    by_strength = sorted(every, key=lambda each: each.mean)
+    for order, least in ((every, ONSET_T), (by_strength, ONSET_T_SORTED)):
+        place = _step(
+            np.concatenate([each.strength for each in order]),
+            np.concatenate([each.weight for each in order]),
+            least,
+        )
+        if place is not None:
+            times = [(each.name, t_s) for each in order for t_s in each.t_s]
+            return times[place]
+    return None
+
+
+@dataclass(frozen=True, slots=True)
+class _Strengths:
+    """How strong an explanation is in the blocks of one drive that say anything."""
+
+    name: str
+    t_s: list[float]  # (n_blocks,) since the drive's beginning
+    strength: FloatArray  # (n_blocks,)
+    weight: FloatArray  # (n_blocks,) its inverse variance
+
+    @property
+    def mean(self) -> float:
+        """Return the mean strength, 0 of no block."""
+        return float((self.strength * self.weight).sum() / max(float(self.weight.sum()), 1e-12))
+
+
+def _strengths(case: Case, before: Fit, after: Fit) -> list[_Strengths]:
+    wanted, signature = -before.residual, after.residual - before.residual
+    least = ONSET_WEIGHT * float((signature**2).sum())
+    found, first = [], 0
+    blocks = case.blocks
+    for drive, kept in zip(case.drives, case.kept, strict=True):
+        rows = slice(first, first + int(kept.sum()))
+        first = rows.stop
+        number, block = np.unique(blocks[rows], return_inverse=True)
+        weight = _sums(block, signature[rows] ** 2)
+        moved = _sums(block, wanted[rows] * signature[rows])
+        begins = np.flatnonzero(kept)[np.searchsorted(block, np.arange(len(number)))]
+        used = weight > least
+        times = (begins[used] * drive.period_s).tolist()
+        strength = moved[used] / weight[used]
+        found.append(_Strengths(drive.name, times, strength, weight[used]))
+    return found
+
+
+def _sums(block: IntArray, values: FloatArray) -> FloatArray:
+    return np.asarray(np.bincount(block, values), dtype=np.float64)
+
+
+def _step(a: FloatArray, w: FloatArray, t_least: float) -> int | None:
+    """Return the place at which strengths (n,) of inverse variances (n,) step up from nothing."""
+    best: tuple[float, int] | None = None
+    for k in range(ONSET_BLOCKS, len(a) - ONSET_BLOCKS + 1):
+        low, high = np.average(a[:k], weights=w[:k]), np.average(a[k:], weights=w[k:])
+        rest = np.concatenate([a[:k] - low, a[k:] - high])
+        scatter = max(float((w * rest**2).sum()) / (len(a) - 2), 1.0)
+        t = (high - low) / np.sqrt(scatter * (1.0 / w[:k].sum() + 1.0 / w[k:].sum()))
+        absent = abs(low) < ONSET_BEFORE * high
+        if absent and t > t_least and (best is None or t > best[0]):
+            best = (float(t), k)
+    return None if best is None else best[1]

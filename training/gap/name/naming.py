@@ -1,0 +1,158 @@
+"""Which effect explains the gap between a base model and a vehicle, and whether one may say so.
+
+Every effect of the library, and every gradual sensor fault as a rival, is fitted together with the
+base's constants and scored on held-out blocks. A name is given only if the score is far above what
+healthy drives show against each other, most of what can be explained at all is explained, no rival
+is about as good, and nothing speaks for the sensor.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from monitor.errors import RecordingError
+from training.chain import Constants
+from training.gap.drives import Drive
+from training.gap.effects import ALL
+from training.gap.name import scoring
+from training.gap.name.begin import FREE, begin
+from training.gap.name.decide import Outcome, step
+from training.gap.name.fitting import Case, Prior, Term, fit, held_out_rmse
+from training.gap.name.ranking import ADEQUATE, Progress, State, adequacy_of
+from training.gap.name.sensor_faults import FAULTS
+from training.gap.name.verdict import Candidate, Naming, Round, Verdict
+from training.gap.reference import accepted
+from training.gap.reference.healthy import Healthy
+
+
+def name(
+    drives: Sequence[Drive],
+    healthy: Sequence[Drive] | Healthy | None = None,
+    reference: Constants | None = None,
+    *,
+    steps: int = 1,
+    sensor_known_good: bool = False,
+    progress: Progress = lambda _: None,
+) -> Naming:
+    """Return which effect, if any, explains the drives.
+
+    drives : recordings of one vehicle with the gap
+    healthy : recordings of the same vehicle on which the base was accepted; without them every
+        weakness of the base itself is part of the gap; or what ``accepted.learn`` made of them
+    reference : base constants of the healthy vehicle, if ``healthy`` is not given
+    steps : effects to add at most, one after the other
+    sensor_known_good : leave the sensor's faults out
+    progress : is told what goes on
+    Raises RecordingError if there is no drive or their sample periods differ.
+    """
+    every = (*drives, *(() if isinstance(healthy, Healthy) else healthy or ()))
+    if not drives or len({round(d.period_s, 6) for d in every}) != 1:
+        raise RecordingError("the gap workflow wants drives of one sample period, at least one")
+    progress("base")
+    known = _known(healthy, reference, progress)
+    state = begin(drives, known, known.base if known else reference)
+    skipped = {
+        e.name: missing
+        for e in ALL
+        if (missing := tuple(n for n in e.needs if any(n not in d.signals for d in drives)))
+    }
+    candidates: list[Term] = [e for e in ALL if e.name not in skipped]
+    if not sensor_known_good and state.case.prior is not None:
+        candidates += FAULTS
+    first, added, rounds = state, list[Candidate](), list[Round]()
+    warnings = _doubts(state.case, known)
+    outcome = Outcome("no_gap", (), None, None, ())
+    for number in range(steps):
+        more = number + 1 < steps
+        outcome = step(state, candidates, added, sensor_known_good, progress, more=more)
+        if outcome.verdict != "named":
+            break
+        added.append(outcome.best[0])
+        rmse = held_out_rmse(state.case, added[-1].fit)
+        rounds.append(Round(added[-1], rmse, outcome.ranking))
+        if added[-1].tag == "fault-like" and not sensor_known_good:
+            warnings.append(
+                f"{added[-1].name} may be a fault: add it only if it is known not to be"
+            )
+        candidates = [c for c in candidates if c.name != added[-1].name]
+        state = replace(
+            state,
+            current=added[-1].fit,
+            deviance=scoring.deviance(added[-1].fit, state.case.blocks),
+        )
+    return _answer(first, state, outcome, rounds, skipped, known, reference, warnings)
+
+
+def _known(
+    healthy: Sequence[Drive] | Healthy | None, reference: Constants | None, progress: Progress
+) -> Healthy | None:
+    if isinstance(healthy, Healthy):
+        return healthy
+    return accepted.learn(healthy, reference or Constants(), progress) if healthy else None
+
+
+def _doubts(case: Case, known: Healthy | None) -> list[str]:
+    doubts = []
+    if known is None:
+        doubts.append(
+            "no healthy recordings: a weakness of the base itself cannot be told from an effect"
+        )
+    if case.prior is None:
+        doubts.append("no reference: a shift of gain, dead time or lag cannot be seen")
+    return doubts
+
+
+def _kept(
+    first: State, last: State, outcome: Outcome, added: Sequence[Candidate]
+) -> Sequence[Candidate]:
+    """Return the added effects, or none if they leave much that could be explained.
+
+    Judged after the last step, because one of two effects leaves the other.
+    """
+    if not added or outcome.verdict == "sensor_fault_suspected":
+        return ()
+    gain = float((first.deviance - last.deviance).sum())
+    share = adequacy_of(last, gain, last.current)
+    return added if share >= ADEQUATE else ()
+
+
+def _answer(
+    first: State,
+    last: State,
+    outcome: Outcome,
+    rounds: Sequence[Round],
+    skipped: dict[str, tuple[str, ...]],
+    known: Healthy | None,
+    reference: Constants | None,
+    warnings: Sequence[str],
+) -> Naming:
+    added = _kept(first, last, outcome, [r.effect for r in rounds])
+    verdict: Verdict = "named" if added else outcome.verdict
+    if verdict == "named" and not added:
+        verdict = "unknown_effect"
+    base = known.base if known else reference
+    alone = (
+        fit(replace(first.case, prior=Prior(base, FREE), fixed=None), (), [first.current])
+        if base
+        else None
+    )
+    shift = Constants(*(np.array(alone.base) - np.array(base)).tolist()) if alone else None
+    _, gains = scoring.left(first.current, first.roof, first.case.blocks)
+    return Naming(
+        verdict,
+        tuple(added) or (outcome.best if outcome.verdict == "ambiguous" else ()),
+        outcome.suspected,
+        outcome.ranking,
+        skipped,
+        last.current.base,
+        base,
+        shift,
+        held_out_rmse(first.case, first.current),
+        held_out_rmse(last.case, last.current) if added else None,
+        scoring.floor_phi(first.case, first.current),
+        float(gains.sum() / first.deviance.sum()),
+        outcome.experiment,
+        tuple(warnings),
+        tuple(rounds) if added else (),
+    )

@@ -1,0 +1,113 @@
+"""Every candidate fitted together with the base and what was added, scored on held-out blocks."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+from monitor.types import FloatArray
+from training.gap.effects import Effect
+from training.gap.name import guards, scoring
+from training.gap.name.fitting import Case, Fit, Term, fit
+from training.gap.name.sensor_faults import SensorFault
+from training.gap.name.verdict import Candidate
+
+WIN: Final = 0.95  # of resampled blocks
+ADEQUATE: Final = 0.85  # of what can be explained at all; DESIGN, "what a prototype taught"
+RIVAL_SCORE: Final = 0.5  # of the best, below which a candidate is no rival
+USUAL_SHARE: Final = 0.09  # of the deviance, left to explain by an effect in another form
+RANKED_CLOSELY: Final = 4  # candidates whose adequacy is worked out
+SCORE_LEAST: Final = 80.0
+OVER_HEALTHY: Final = 40.0  # times what healthy drives give: the most in 24 simulated ones
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """What one forward step starts from."""
+
+    case: Case
+    current: Fit
+    roof: scoring.Ceiling
+    deviance: FloatArray  # (n_blocks,)
+    surplus: Mapping[str, float]  # of candidates on healthy drives, see ``accepted``
+    unexplained: float  # the same of the ceiling
+
+    def needed(self, name: str) -> float:
+        """Return the score from which a candidate is more than what healthy drives show."""
+        return max(SCORE_LEAST, OVER_HEALTHY * self.surplus.get(name, 1.0))
+
+
+def rank(state: State, candidates: Sequence[Term], progress: Progress) -> tuple[Candidate, ...]:
+    """Return all candidates, the best first; the first few with their adequacy."""
+    found = []
+    for term in candidates:
+        progress(term.name)
+        fitted = fit(state.case, (*state.current.terms, term), [state.current])
+        after = scoring.deviance(fitted, state.case.blocks)
+        moved = scoring.moved(state.current, fitted, state.case.blocks)
+        found.append((scoring.score(state.deviance, after, moved), after, fitted))
+    found.sort(key=lambda each: -each[0].gain)
+    best = found[0][1]
+    ranking = []
+    for place, (score, after, fitted) in enumerate(found):
+        adequacy = adequacy_of(state, score.gain, fitted) if place < RANKED_CLOSELY else None
+        win = None if place == 0 else scoring.win(best, after)
+        needed = state.needed(fitted.terms[-1].name)
+        ranking.append(_candidate(fitted, score, needed, adequacy, win))
+    return tuple(ranking)
+
+
+def adequacy_of(state: State, gain: float, fitted: Fit) -> float:
+    """Return a gain's share of it and what the ceiling explains of what it leaves."""
+    _, gains = scoring.left(fitted, state.roof, state.case.blocks)
+    usual = USUAL_SHARE * float(state.deviance.sum())
+    rest = max(float(gains.sum()) - usual, 0.0)
+    return max(gain, 0.0) / max(max(gain, 0.0) + rest, 1e-9)
+
+
+def _candidate(
+    fitted: Fit, score: scoring.Score, needed: float, adequacy: float | None, win: float | None
+) -> Candidate:
+    term, values, errors = fitted.terms[-1], fitted.parameters[-1], fitted.standard_errors[-1]
+    names = [p.name for p in term.parameters]
+    effect = term if isinstance(term, Effect) else None
+    return Candidate(
+        term.name,
+        "effect" if effect else "sensor fault",
+        term.says,
+        effect.tag if effect else "sensor",
+        effect.like if effect else (),
+        dict(zip(names, values.tolist(), strict=True)),
+        dict(zip(names, errors.tolist(), strict=True)),
+        {p.name: p.unit for p in term.parameters},
+        score.gain,
+        needed,
+        score.t,
+        all(v > 0.0 for p, v in zip(term.parameters, values, strict=True) if p.positive),
+        adequacy,
+        win,
+        fitted,
+    )
+
+
+def matters(candidate: Candidate) -> bool:
+    """Whether the size is more than what drives and pieces differ by anyway."""
+    term = candidate.fit.terms[-1]
+    if isinstance(term, SensorFault):
+        return guards.large_enough(term, candidate.fit.parameters[-1])
+    sizes = zip(term.parameters, candidate.parameters.values(), strict=True)
+    return candidate.physical and all(abs(size) >= p.least for p, size in sizes)
+
+
+def against(
+    state: State, best: Candidate, ranking: Sequence[Candidate]
+) -> tuple[tuple[Candidate, ...], list[Candidate]]:
+    """Return the ranking with wins of ``best``, and the rivals it does not beat."""
+    blocks = state.case.blocks
+    own = scoring.deviance(best.fit, blocks)
+    judged = [
+        c if c is best else replace(c, win=scoring.win(own, scoring.deviance(c.fit, blocks)))
+        for c in ranking
+    ]
+    rivals = [c for c in judged if c.win is not None and c.name != best.name and c.win < WIN]
+    return tuple(judged), [c for c in rivals if c.score >= RIVAL_SCORE * best.score and matters(c)]

@@ -1,0 +1,119 @@
+"""Scores on held-out blocks: gain in deviance, its t, adequacy against a ceiling, wins."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from scipy.signal import lfilter
+
+from monitor.types import FloatArray, IntArray
+from training.gap.name.fitting import FOLDS, Case, Fit, held_out, plain_errors, predict
+from training.gap.reference import ridge
+from training.gap.reference.healthy import columns, noise
+
+LARGEST: Final = 5.0  # of a whitened error in sigma, beyond which it counts no more
+BOOTSTRAPS: Final = 2000
+MOVED_LEAST: Final = 4.0  # sum of squares of a block
+BLOCKS_LEAST: Final = 6
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """How much better a model explains held-out blocks than another."""
+
+    gains: FloatArray  # (n_blocks,) fall of the deviance
+    gain: float  # their sum
+    t: float  # of the signed square roots of the blocks' gains
+
+
+def deviance(found: Fit, blocks: IntArray) -> FloatArray:
+    """Return the held-out deviance of every block, (n_blocks,)."""
+    return by_block(held_out(found, blocks), blocks)
+
+
+def moved(before: Fit, after: Fit, blocks: IntArray) -> FloatArray:
+    """Return how far two predictions differ in every block, (n_blocks,)."""
+    change = (after.residual - before.residual) ** 2
+    return np.asarray(np.bincount(blocks, change), dtype=np.float64)
+
+
+def by_block(error: FloatArray, blocks: IntArray) -> FloatArray:
+    """Return the sum of bounded squares per block."""
+    return np.asarray(
+        np.bincount(blocks, np.minimum(np.abs(error), LARGEST) ** 2), dtype=np.float64
+    )
+
+
+def score(before: FloatArray, after: FloatArray, moved: FloatArray | None = None) -> Score:
+    """Return the score of deviances per block (n_blocks,).
+
+    moved : (n_blocks,) how far the two predictions differ, a sum of squares in sigma; blocks in
+        which they agree say nothing and do not count for t
+    """
+    gains = before - after
+    used = gains if moved is None else gains[moved > MOVED_LEAST]
+    if len(used) < BLOCKS_LEAST:
+        return Score(gains, float(gains.sum()), 0.0)
+    roots = np.sign(used) * np.sqrt(np.abs(used))
+    spread = float(roots.std(ddof=1))
+    t = float(roots.mean()) / max(spread, 1e-12) * np.sqrt(len(roots))
+    return Score(gains, float(gains.sum()), float(t))
+
+
+def win(better: FloatArray, other: FloatArray, seed: int = 5) -> float:
+    """Return how often resampled blocks prefer the first of two deviances (n_blocks,).
+
+    Source: Efron and Tibshirani, An Introduction to the Bootstrap, 1993, chapter 8.
+    """
+    rng = np.random.default_rng(seed)
+    difference = other - better
+    drawn = rng.integers(0, len(difference), (BOOTSTRAPS, len(difference)))
+    return float((difference[drawn].sum(axis=1) > 0.0).mean())
+
+
+@dataclass(frozen=True, slots=True)
+class Ceiling:
+    """Columns of everything that could be explained, whitened."""
+
+    columns: FloatArray  # (m, k)
+
+
+def plain_columns(case: Case, found: Fit) -> list[FloatArray]:
+    """Return the functions of every drive, (n, k) each."""
+    return [np.column_stack([*columns(d, found.base).values()]) for d in case.drives]
+
+
+def ceiling(case: Case, plain: Sequence[FloatArray]) -> Ceiling:
+    """Return the columns whitened as the case's errors are, in sigma."""
+    taps = np.array([1.0, -case.ar[0], -case.ar[1]])
+    white = [lfilter(taps, [1.0], x, axis=0)[k] for x, k in zip(plain, case.kept, strict=True)]
+    if case.shrinks:
+        white = [shrink.apply_columns(x) for shrink, x in zip(case.shrinks, white, strict=True)]
+    return Ceiling(np.concatenate(white) / case.sigma)
+
+
+def left(found: Fit, roof: Ceiling, blocks: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Return what the ceiling's held-out fit leaves of the errors (m,), and its score's gains."""
+    table = np.column_stack([roof.columns, found.jacobian])
+    rest = found.residual - ridge.fit(table, found.residual, blocks % FOLDS).held_out
+    return rest, by_block(found.residual, blocks) - by_block(rest, blocks)
+
+
+def whitened(case: Case, found: Fit, plain: Sequence[FloatArray]) -> Case:
+    """Return the case with the noise's AR(2) and sigma, from what the ceiling leaves in phi."""
+    ar, sigma = noise(case.kept, _plain_rest(case, found, plain))
+    return replace(case, ar=ar, sigma=sigma)
+
+
+def floor_phi(case: Case, found: Fit) -> float:
+    """Return the RMSE in phi that the ceiling leaves on held-out blocks."""
+    rest = _plain_rest(case, found, plain_columns(case, found))
+    return float(np.sqrt(np.mean(rest**2)))
+
+
+def _plain_rest(case: Case, found: Fit, plain: Sequence[FloatArray]) -> FloatArray:
+    flat = replace(case, ar=(0.0, 0.0), sigma=1.0, shrinks=())
+    e = plain_errors(case, predict(case, found.base, found.terms, found.parameters))
+    table = ceiling(flat, plain).columns
+    return e - ridge.fit(table, e, flat.blocks % FOLDS).held_out

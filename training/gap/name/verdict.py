@@ -1,0 +1,62 @@
+"""What the naming says: verdict, effects with their constants, ranking, warnings."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from training.chain import Constants
+from training.gap.name.fitting import Fit
+from training.gap.name.manoeuvres import Experiment
+
+Verdict = Literal["named", "no_gap", "ambiguous", "unknown_effect", "sensor_fault_suspected"]
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """One effect or sensor fault and how well it explains the gap."""
+
+    name: str
+    kind: Literal["effect", "sensor fault"]
+    says: str
+    tag: str  # physics, fault-like or either; sensor for a sensor fault
+    like: tuple[str, ...]  # what it cannot be told from by construction
+    parameters: Mapping[str, float]
+    standard_errors: Mapping[str, float]
+    units: Mapping[str, str]
+    score: float  # fall of the deviance on held-out blocks
+    needed: float  # score below which it is nothing new, by what healthy drives give it
+    t: float  # of the signed square roots of the blocks' falls
+    physical: bool  # whether its constants have the sign that the effect has
+    adequacy: float | None  # of what can be explained at all; None if not worth asking
+    win: float | None  # how often resampled blocks prefer the best to this; None for the best
+    fit: Fit
+
+
+@dataclass(frozen=True, slots=True)
+class Round:
+    """One effect that was added and what it was chosen from."""
+
+    effect: Candidate
+    rmse: float  # phi, on held-out blocks, with it
+    ranking: tuple[Candidate, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Naming:
+    """The answer of the workflow's second step."""
+
+    verdict: Verdict
+    effects: tuple[Candidate, ...]  # added, or the ambiguous set
+    suspected: str | None  # the sensor fault, or the onset
+    ranking: tuple[Candidate, ...]  # of the last step, best first
+    skipped: Mapping[str, tuple[str, ...]]  # effect → signals that are missing
+    base: Constants | None  # with what was added; None where no effect could be tried
+    reference: Constants | None
+    base_shift: Constants | None  # of the base refitted alone, against the reference
+    rmse_before: float  # phi, on held-out blocks
+    rmse_after: float | None
+    noise_floor: float  # phi, what the ceiling leaves on held-out blocks
+    explained_share: float  # of the whitened deviance, by the ceiling
+    experiment: Experiment | None
+    warnings: tuple[str, ...]
+    rounds: tuple[Round, ...] = ()  # of what was named, in the order found

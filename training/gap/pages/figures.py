@@ -1,0 +1,159 @@
+"""Pictures of where a model and a vehicle disagree."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from training.gap.where.bands import Bands
+from training.gap.where.drivers import UNITS, WORDS
+from training.gap.where.lags import Lag
+from training.gap.where.operating_map import Excerpt, OperatingMap
+from training.gap.where.over_time import Change
+from training.gap.where.regimes import Regime
+
+CURVE_UNITS = {"timing": "s early", "sensitivity": "relative"}
+
+
+def label(name: str) -> str:
+    """Return a signal's words with its unit."""
+    unit = UNITS.get(name, "")
+    words = WORDS.get(name, name.replace("_", " "))
+    return f"{words} [{unit}]" if unit else words
+
+
+def excerpt_figure(part: Excerpt) -> Figure:
+    """Draw measured and predicted phi and their difference."""
+    figure = Figure(figsize=(9, 3.8), layout="constrained")
+    top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
+    top.plot(part.t_s, part.measured, color="0.2", linewidth=1.0, label="measured")
+    top.plot(part.t_s, part.predicted, color="C0", linewidth=1.0, label="predicted")
+    shown = np.concatenate([part.measured[part.scored], part.predicted[part.scored]])
+    if len(shown):
+        low, high = (float(v) for v in np.percentile(shown, [0.5, 99.5]))
+        margin = 0.15 * (high - low) + 1e-4
+        top.set_ylim(low - margin, high + margin)
+    residual = np.where(part.scored, part.measured - part.predicted, np.nan)
+    bottom.plot(part.t_s, residual, color="C3", linewidth=0.9)
+    bottom.axhline(0.0, color="0.6", linewidth=0.7)
+    for axes in (top, bottom):
+        _grey(axes, part)
+        axes.margins(x=0)
+    top.set_ylabel("phi")
+    top.legend(ncols=2, frameon=False, fontsize=8, loc="lower right", bbox_to_anchor=(1.0, 1.0))
+    bottom.set(xlabel=f"s of {part.recording}", ylabel="residual")
+    return figure
+
+
+def _grey(axes: Axes, part: Excerpt) -> None:
+    low, high = axes.get_ylim()
+    axes.fill_between(part.t_s, low, high, where=~part.scored, color="0.9", step="mid", lw=0)
+    axes.set_ylim(low, high)
+
+
+def map_figure(over: OperatingMap) -> Figure:
+    """Draw root excess and mean residual over speed and load."""
+    figure = Figure(figsize=(9, 3.4), layout="constrained")
+    left, right = figure.subplots(1, 2, sharey=True)
+    root = np.sqrt(np.maximum(over.excess, 0.0))
+    grid = (over.speed_edges, over.load_edges)
+    drawn = left.pcolormesh(*grid, root, cmap="Reds", vmin=0.0)
+    figure.colorbar(drawn, ax=left, label="root of the excess [phi]")
+    most = float(np.nanmax(np.abs(over.mean))) if np.isfinite(over.mean).any() else 1.0
+    drawn = right.pcolormesh(*grid, over.mean, cmap="RdBu_r", vmin=-most, vmax=most)
+    figure.colorbar(drawn, ax=right, label="mean residual [phi], red is rich")
+    left.set_ylabel(label(over.load))
+    for axes in (left, right):
+        axes.set_xlabel(label(over.speed))
+        axes.set_facecolor("0.93")
+    return figure
+
+
+def regime_figure(regimes: Sequence[Regime]) -> Figure:
+    """Draw shares of the excess with their bounds."""
+    figure = Figure(figsize=(9, 0.5 + 0.32 * len(regimes)), layout="constrained")
+    axes = figure.subplots()
+    at = np.arange(len(regimes))
+    shares = np.array([[r.share.low, r.share.value, r.share.high] for r in regimes]) * 100.0
+    axes.barh(at, shares[:, 1], color="C0", height=0.7)
+    spread = [shares[:, 1] - shares[:, 0], shares[:, 2] - shares[:, 1]]
+    axes.errorbar(shares[:, 1], at, xerr=spread, fmt="none", ecolor="0.3", elinewidth=1.0)
+    axes.set_yticks(at, [f"{r.words}, {r.point}" for r in regimes], fontsize=8)
+    axes.invert_yaxis()
+    axes.set(xlabel="share of the excess squared error in held-out blocks [%]", xlim=(0, 105))
+    return figure
+
+
+def curve_figure(regimes: Sequence[Regime]) -> Figure:
+    """Draw how the excess depends on each driver that has a curve."""
+    with_curve = [r for r in regimes if r.curve is not None]
+    figure = Figure(figsize=(9, 2.9), layout="constrained")
+    for axes, r in zip(figure.subplots(1, len(with_curve), squeeze=False)[0], with_curve,
+                       strict=True):  # fmt: skip
+        c = r.curve
+        assert c is not None
+        axes.fill_between(c.x, c.low, c.high, color="C0", alpha=0.25, linewidth=0)
+        axes.plot(c.x, c.y, color="C0", linewidth=1.2)
+        axes.axhline(0.0, color="0.5", linewidth=0.7)
+        axes.set_title(r.point, fontsize=9)
+        axes.set_xlabel(f"{r.words} [{r.unit}]" if r.unit else r.words, fontsize=8)
+        axes.set_ylabel(f"excess [{CURVE_UNITS.get(r.point, 'phi')}]", fontsize=8)
+        axes.tick_params(labelsize=8)
+    return figure
+
+
+def band_figure(found: Bands) -> Figure:
+    """Draw the spectrum beside its reference, and the coherence with each input."""
+    figure = Figure(figsize=(9, 3.4), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    left.loglog(found.frequency_hz, found.density, color="C3", linewidth=1.0, label="residual")
+    left.loglog(found.frequency_hz, found.reference, color="0.3", linewidth=1.0, label="reference")
+    left.set(xlabel="Hz", ylabel="phi² per Hz")
+    left.legend(frameon=False, fontsize=8)
+    drawn = right.imshow(found.coherence.T, aspect="auto", cmap="Blues", vmin=0.0)
+    figure.colorbar(drawn, ax=right, label="coherence")
+    clear = np.argwhere(found.p_values < 0.01)
+    right.plot(clear[:, 0], clear[:, 1], ".", color="C3", markersize=4)
+    right.set_yticks(range(len(found.names)), [WORDS.get(n, n) for n in found.names], fontsize=7)
+    names = [f"{b.low_hz:.2g}–{b.high_hz:.2g}" for b in found.bands]
+    right.set_xticks(range(len(names)), names, fontsize=7, rotation=45, ha="right")
+    right.set_xlabel("band [Hz]")
+    return figure
+
+
+def lag_figure(lags: Sequence[Lag]) -> Figure:
+    """Draw correlations over the lag with what chance gives."""
+    figure = Figure(figsize=(9, 2.5), layout="constrained")
+    panels = figure.subplots(1, len(lags), sharey=True, squeeze=False)[0]
+    for axes, lag in zip(panels, lags, strict=True):
+        axes.fill_between(lag.lags_s, -lag.band, lag.band, color="0.88", step="mid")
+        axes.plot(lag.lags_s, lag.correlations, marker=".", markersize=3, linewidth=0.8)
+        axes.axvline(lag.lag_s, color="C3", linestyle="--", linewidth=0.8)
+        axes.set_title(WORDS.get(lag.input, lag.input), fontsize=9)
+        axes.tick_params(labelsize=8)
+    figure.supxlabel("s after the input", fontsize=9)
+    panels[0].set_ylabel("correlation")
+    return figure
+
+
+def time_figure(changes: Sequence[Change]) -> Figure:
+    """Draw the residual in blocks over each recording, and its cumulative sum."""
+    rows = len(changes)
+    figure = Figure(figsize=(9, 0.6 + 1.5 * rows), layout="constrained")
+    for (left, right), c in zip(figure.subplots(rows, 2, squeeze=False), changes, strict=True):
+        colour = "C3" if c.significant else "C0"
+        left.plot(c.block_s, c.blocks, drawstyle="steps-mid", color=colour, linewidth=1.0)
+        for start, stop, value in (
+            (c.block_s[0], c.t_s, c.before),
+            (c.t_s, c.block_s[-1], c.after),
+        ):
+            left.plot([start, stop], [value, value], color="0.2", linewidth=1.0)
+        left.set_title(f"{c.recording}: {c.quantity}", fontsize=8, loc="left")
+        right.plot(c.block_s, c.cumulative, color=colour, linewidth=1.0)
+        right.axvline(c.t_s, color="0.2", linestyle="--", linewidth=0.8)
+        right.set_title("cumulative sum", fontsize=8, loc="left")
+        for axes in (left, right):
+            axes.tick_params(labelsize=7)
+    figure.supxlabel("s of the recording", fontsize=9)
+    return figure

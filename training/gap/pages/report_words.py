@@ -1,0 +1,185 @@
+"""Sentences of the gap report: the verdict with its figures, what to do, what to beware of."""
+
+from training.gap.check.verified import Count, Error, Found
+from training.gap.pages.report_tables import percent, phi
+from training.gap.result import Result
+
+
+def verdict_sentence(result: Result) -> str:
+    """Return the verdict in one sentence with the figures, and whether it is about simulation."""
+    sentence = {
+        "named": _named,
+        "no_gap": _no_gap,
+        "ambiguous": _ambiguous,
+        "unknown_effect": _unknown,
+        "sensor_fault_suspected": _sensor,
+    }[result.verdict](result)
+    if not any(result.simulated):
+        return sentence
+    every = all(result.simulated)
+    words = "All of it is about" if every else "Some of the recordings are"
+    return f"{sentence} {words} simulated{' recordings' if every else ''}."
+
+
+def _named(result: Result) -> str:
+    names = _and([f"{c.name} ({c.says})" for c in result.effects])
+    before, after, floor, on = result.rmse
+    if after is None:
+        return f"Named: {names}, but not added; {_level(result)}."
+    return (
+        f"Named: {names}. With it in the model the error on {on} "
+        f"{'falls' if after < before else 'does not fall'}, from {phi(before)} to {phi(after)} "
+        f"RMS in phi; the noise floor is {phi(floor)}{_gone(result)}."
+    )
+
+
+def _gone(result: Result) -> str:
+    """Return how much of the gap is gone, measured from healthy recordings where there are some."""
+    verified = result.verified
+    if verified is None:
+        return ""
+    beyond, closed = verified.closed_beyond_healthy, verified.closed
+    if beyond is not None:
+        return f", and {percent(beyond)} of what exceeds the error on healthy recordings is gone"
+    return "" if closed is None else f", and {percent(closed)} of what exceeds it is gone"
+
+
+def _no_gap(result: Result) -> str:
+    found = "no candidate explains more than chance"
+    if not result.tried:
+        found = "nothing in it is beyond chance"
+        if result.healthy:
+            found = "it is not beyond what the model left before"
+        found += "; no effect could be tried"
+    return f"No gap: {_level(result)}, and {found}."
+
+
+def _ambiguous(result: Result) -> str:
+    names = _and([f"{c.name} ({c.says})" for c in result.effects], "or")
+    return f"Ambiguous: {names} explain the gap about equally well; {_level(result)}."
+
+
+def _unknown(result: Result) -> str:
+    found = "no candidate of the library explains enough of it"
+    if not result.tried:
+        before = "what the model left before" if result.healthy else "the noise"
+        found = f"it exceeds {before}; no effect could be tried"
+    return f"Unknown effect: {_level(result)}, and {found}."
+
+
+def _sensor(result: Result) -> str:
+    why = result.naming.suspected or "the discrepancy lies in the measured channel"
+    return f"Sensor fault suspected: {why}; {_level(result)}. Nothing was added to the model."
+
+
+def _level(result: Result) -> str:
+    before, _, floor, on = result.rmse
+    return f"the error on {on} is {phi(before)} RMS in phi, the noise floor {phi(floor)}"
+
+
+def actions(result: Result) -> list[str]:
+    """Return what to do next, the most important first."""
+    found = {
+        "named": _take_over,
+        "no_gap": lambda _: ["Keep the model."],
+        "ambiguous": _drive,
+        "unknown_effect": _describe,
+        "sensor_fault_suspected": _check_sensor,
+    }[result.verdict](result)
+    return [*found, *_skipped(result)]
+
+
+def _take_over(result: Result) -> list[str]:
+    if result.new_model is None:
+        return ["No model file was written."]
+    verified = result.verified
+    at_risk = verified is None or verified.worse or any(f.lost for f in verified.faults)
+    verb = "Look at the warnings before using" if at_risk else "Use"
+    return [
+        f"{verb} {result.new_model}: the monitor runs it unchanged, with the limits of "
+        f"{result.model.path.name}.",
+        "Set its limits anew with o2train calibrate on recordings of vehicles with healthy sensors "
+        "if they differ from those on which the limits were set.",
+    ]
+
+
+def _drive(result: Result) -> list[str]:
+    experiment = result.naming.experiment
+    if experiment is None:
+        return ["Record more varied driving and run again."]
+    return [f"To tell them apart drive: {experiment}. Then run again with that recording added."]
+
+
+def _describe(result: Result) -> list[str]:
+    found = [result.unknown] if result.unknown else []
+    return [*found, "Look at the regimes under Where for what the library lacks."]
+
+
+def _check_sensor(result: Result) -> list[str]:
+    return [
+        "Check the sensor, its wiring and its supply, or record again with a sensor known good.",
+        "If the sensor is known to be good, run again with --sensor-known-good.",
+    ]
+
+
+def _skipped(result: Result) -> list[str]:
+    if not result.naming.skipped:
+        return []
+    if not result.tried:
+        return ["Record fuel and air per stroke, or what tells them, to have effects named."]
+    names = ", ".join(result.naming.skipped)
+    return [f"Not looked at for want of signals: {names}. Record them if one of these is likely."]
+
+
+def cautions(result: Result) -> list[str]:
+    """Return all warnings: of naming and adding, worse regimes, lost faults, fault-like effects."""
+    found = list(result.all_warnings)
+    found += [
+        f"{c.name} is what a fault may look like, too."
+        for c in result.effects
+        if c.tag == "fault-like" and not result.sensor_known_good
+    ]
+    verified = result.verified
+    if verified is None:
+        return found
+    if verified.overall.after is not None and not verified.overall.better:
+        found.append(
+            "The fall of the error is not beyond confidence on these held-out recordings: keep "
+            "more of them from the fits."
+        )
+    if verified.healthy is not None and verified.healthy.worse:
+        found.append(
+            f"On the healthy recordings the error rises from {phi(verified.healthy.before)} to "
+            f"{phi(verified.healthy.after)}: the new model is one of the vehicle as it is now."
+        )
+    found += [
+        f"Worse beyond confidence: {e.regime}, from {phi(e.before)} to {phi(e.after)} in phi."
+        for e in verified.worse
+    ]
+    found += [_lost(f, f.after, verified.overall) for f in verified.faults if f.lost and f.after]
+    alarms = verified.alarms
+    if alarms is not None and alarms.after is not None and alarms.after.found:
+        found.append(
+            f"With the new model the monitor raises codes in {alarms.after.found} of "
+            f"{alarms.after.drives} held-out drives without any fault."
+        )
+    return found
+
+
+def _lost(f: Found, after: Count, whole: Error) -> str:
+    """Return what was found no more, and whether the gap itself had helped to find it."""
+    text = (
+        f"{f.fault} {f.severity:g} was found in {f.before.found} of {f.before.drives} held-out "
+        f"drives with the old model, in {after.found} with the new one"
+    )
+    side = {"biased_rich": 1.0, "biased_lean": -1.0}.get(f.fault, 0.0)
+    helped = side * (whole.mean_before - (whole.mean_after or 0.0))
+    if helped <= 0.0:
+        return f"{text}."
+    return f"{text}; the gap itself read {helped:.4f} in phi to that side and is gone."
+
+
+def _and(parts: list[str], word: str = "and") -> str:
+    """Return a list in words."""
+    *others, last = parts or [""]
+    return f"{', '.join(others)} {word} {last}" if others else last

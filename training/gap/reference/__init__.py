@@ -1,0 +1,1 @@
+"""What healthy drives show: the yardstick of every score."""

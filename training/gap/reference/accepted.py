@@ -1,0 +1,111 @@
+"""What the vehicle's healthy drives show against each other: the yardstick of every score.
+
+Healthy drives are left out in turn and judged by what the others say. A candidate should gain on
+them what noise gives it, one unit of the likelihood ratio for each of its constants. Where healthy
+drives give it more (weather, fuel and operating points move the vehicle in the candidate's own
+direction), its score on new drives must be larger by as much.
+Source: Wedderburn, Quasi-likelihood functions, Biometrika 61 (1974), whose dispersion this is.
+"""
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from monitor.errors import RecordingError
+from training.chain import Constants, base_path, simulate
+from training.gap.drives import Drive
+from training.gap.effects import ALL
+from training.gap.name import scoring
+from training.gap.name.begin import begin
+from training.gap.name.fitting import Term, fit
+from training.gap.name.ranking import Progress
+from training.gap.name.sensor_faults import FAULTS
+from training.gap.reference import healthy
+from training.gap.reference.healthy import Healthy
+
+GROUPS_MOST: Final = 6  # of drives that are left out together
+GROUPS_LEAST: Final = 3  # fewer say nothing of how drives differ
+CONSTANT: Final = "constant"  # among the functions of ``features``
+PRIOR_GROUPS: Final = 2.0  # groups that count as having given what noise gives
+
+
+@dataclass(frozen=True, slots=True)
+class _Left:
+    """What was found on healthy drives that were left out."""
+
+    ratio: dict[str, float]  # likelihood ratio of a candidate, for each of its constants
+    share: float  # of the deviance, that the ceiling explains
+
+
+def learn(
+    drives: Sequence[Drive], start: Constants, progress: Progress = lambda _: None
+) -> Healthy:
+    """Return the healthy behaviour in ``drives`` and how far they contradict each other."""
+    known = healthy.learn(drives, start)
+    groups = min(len(drives), GROUPS_MOST)
+    if groups < GROUPS_LEAST:
+        return known
+    held_out = []
+    for k in range(groups):
+        progress(f"healthy drives without group {k + 1} of {groups}")
+        out = set(range(k, len(drives), groups))
+        others = healthy.learn([d for i, d in enumerate(drives) if i not in out], known.base)
+        held_out.append(([drives[i] for i in sorted(out)], others))
+    known = _with_offsets(known, [m for own, others in held_out for m in _offsets(own, others)])
+    left = []
+    for own, others in held_out:
+        with suppress(RecordingError):  # of driving that the others do not know
+            left.append(_left_out(own, replace(others, spread=known.spread_of(others.names))))
+    names = set[str]().union(*(each.ratio for each in left))
+    surplus = {
+        name: _typical([each.ratio[name] for each in left if name in each.ratio]) for name in names
+    }
+    return replace(
+        known, surplus=surplus, unexplained=max((each.share for each in left), default=0.0)
+    )
+
+
+def _offsets(drives: Sequence[Drive], known: Healthy) -> list[float]:
+    """Return by how much each drive's phi lies off what the others say, on the whole."""
+    offsets = []
+    for drive in drives:
+        rows = known.known_of(drive).kept
+        own = simulate(base_path(known.base, drive.signals), drive.period_s)
+        error = own + known.correction(drive) - drive.phi_measured
+        offsets += [float(error[rows].mean())] if rows.any() else []
+    return offsets
+
+
+def _with_offsets(known: Healthy, offsets: Sequence[float]) -> Healthy:
+    """Return what is known with drives' offsets as large as healthy ones have them."""
+    if CONSTANT not in known.names or len(offsets) < GROUPS_LEAST:
+        return known
+    spread = known.spread.copy()
+    at = known.names.index(CONSTANT)
+    spread[at] = max(spread[at], float(np.sqrt(np.mean(np.square(offsets)))))
+    return replace(known, spread=spread)
+
+
+def _typical(ratios: Sequence[float]) -> float:
+    """Return the geometric mean of ratios, none below 1: a single drive of another kind weighs
+    little.
+    """
+    logarithms = np.log(np.maximum(ratios, 1.0))
+    return float(np.exp(logarithms.sum() / (len(ratios) + PRIOR_GROUPS)))
+
+
+def _left_out(drives: Sequence[Drive], known: Healthy) -> _Left:
+    state = begin(drives, known, known.base)
+    terms: tuple[Term, ...] = (*ALL, *FAULTS)
+    ratio = {}
+    for term in terms:
+        if any(not set(getattr(term, "needs", ())) <= set(d.signals) for d in drives):
+            continue
+        fitted = fit(state.case, (term,), [state.current])
+        gain = 2.0 * (state.current.cost - fitted.cost)
+        ratio[term.name] = max(gain, 0.0) / len(term.parameters)
+    _, gains = scoring.left(state.current, state.roof, state.case.blocks)
+    return _Left(ratio, float(gains.sum() / np.sum(state.deviance)))

@@ -1,0 +1,158 @@
+"""What the base misses on healthy drives: learned there, taken as known on the others."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import product
+
+import numpy as np
+from scipy.signal import lfilter
+
+from monitor.types import BoolArray, FloatArray, IntArray
+from training.chain import Constants, Path, base_path, simulate
+from training.gap.drives import Drive
+from training.gap.effects import ALL, Effect
+from training.gap.effects.dynamics import ramp_lag
+from training.gap.name.fitting import BLOCK_S, FOLDS, Case, Term, fit, reading
+from training.gap.name.sensor_faults import FAULTS
+from training.gap.reference import ridge
+from training.gap.reference.features import features
+from training.gap.reference.ridge import Ridge
+from training.gap.reference.visited import Visited
+
+WHITE = (0.9, 0.0)  # differences, nearly: what changes slowly is for the correction
+SCALE_MIN = 1e-3  # of a column, below which it is not taken for better known
+# Spread of the coefficients from drive to drive, of a column's own size: plain functions,
+# signatures. On nulls of three simulated vehicles larger values hide effects, smaller ones let
+# drives that differ in weather and bus timing look like an effect.
+VARIATION_PHI = (8e-5, 5e-5)
+SKEW_S = 0.01
+KNOWN_VARIATION = {
+    "constant": 0.0008,  # phi: gain with weather and fuel
+    "above": 0.008,  # span
+    "rate": 0.005,  # s: phase of the sensor's message
+    "skew": 0.008,  # s: phase of the charge's message against the fuel's, both every 20 ms
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Healthy:
+    """Base constants of healthy drives, what these leave, and how drives differ."""
+
+    base: Constants
+    names: tuple[str, ...]  # of the columns
+    ridge: Ridge
+    spread: FloatArray  # (k,) of the columns' coefficients over drives
+    visited: Visited
+    surplus: Mapping[str, float] = field(
+        default_factory=dict
+    )  # see ``accepted``
+    unexplained: float = 0.0  # see there
+
+    def columns(self, drive: Drive) -> FloatArray:
+        """Return the columns of ``drive`` in the order of the names, (n, k)."""
+        made = columns(drive, self.base)
+        nothing = np.zeros(len(drive))
+        return np.column_stack([made.get(name, nothing) for name in self.names])
+
+    def spread_of(self, names: Sequence[str]) -> FloatArray:
+        """Return the spread of columns (k,) by their names; it is 0 of one that is not known."""
+        known = dict(zip(self.names, self.spread.tolist(), strict=True))
+        return np.array([known.get(name, 0.0) for name in names])
+
+    def known_of(self, drive: Drive) -> Drive:
+        """Return the drive with those samples scored where healthy drives have been."""
+        return replace(drive, scored=drive.scored & self.visited.on(drive))
+
+    def correction(self, drive: Drive) -> FloatArray:
+        """Return what the chain misses on ``drive`` by what was missed when healthy, (n,) in phi.
+
+        With another model than the chain, what that model reads instead is part of it.
+        """
+        learned = self.ridge.predict(self.columns(drive))
+        if drive.phi_of_model is None:
+            return learned
+        own = simulate(base_path(self.base, drive.signals), drive.period_s)
+        return np.asarray(learned + drive.phi_of_model - own)
+
+
+def learn(drives: Sequence[Drive], start: Constants) -> Healthy:
+    """Return the healthy behaviour in ``drives``."""
+    nothing = tuple(np.zeros(len(drive)) for drive in drives)
+    base = fit(Case(tuple(drives), nothing, WHITE), (), [start, Constants()]).base
+    tables = [columns(drive, base) for drive in drives]
+    names = tuple(name for name in tables[0] if all(name in table for table in tables))
+    raw = [np.column_stack([table[name] for name in names]) for table in tables]
+    target = [_left(drive, base) for drive in drives]
+    kept = [d.kept for d in drives]
+    stacked = np.concatenate([x[k] for x, k in zip(raw, kept, strict=True)])
+    fold = np.concatenate([_fold(d, i) for i, d in enumerate(drives)])
+    y = np.concatenate([e[k] for e, k in zip(target, kept, strict=True)])
+    ar, sigma = noise(kept, y - ridge.fit(stacked, y, fold).held_out)
+    limits = (stacked.min(axis=0), stacked.max(axis=0))
+    x = [white(r, ar)[k] / sigma for r, k in zip(raw, kept, strict=True)]
+    e = [white(t, ar)[k] / sigma for t, k in zip(target, kept, strict=True)]
+    x_all, e_all = np.concatenate(x), np.concatenate(e)
+    whole = ridge.fit(x_all, e_all, fold, limits)
+    scale = np.maximum(np.sqrt((stacked**2).mean(axis=0)), SCALE_MIN)
+    group = np.array([int(name.endswith(")")) for name in names])  # signatures apart
+    spread = np.array(VARIATION_PHI)[group] / scale
+    for column, value in KNOWN_VARIATION.items():
+        if column in names:
+            spread[names.index(column)] = value
+    return Healthy(base, names, whole, spread, Visited.of(drives))
+
+
+def _left(drive: Drive, base: Constants) -> FloatArray:
+    """Return what the model leaves unexplained, (n,) in phi."""
+    phi = drive.phi_of_model
+    if phi is None:
+        phi = simulate(base_path(base, drive.signals), drive.period_s)
+    return np.asarray(drive.phi_measured - phi)
+
+
+def white(series: FloatArray, ar: tuple[float, float]) -> FloatArray:
+    """Return series (n,) or (n, k) through the noise's inverse."""
+    return np.asarray(lfilter([1.0, -ar[0], -ar[1]], [1.0], series, axis=0))
+
+
+def noise(kept: Sequence[BoolArray], rest: FloatArray) -> tuple[tuple[float, float], float]:
+    """Return AR(2) and the whitened spread of ``rest`` (m,), kept samples of all drives."""
+    rows, at = [], 0
+    for k in kept:
+        series = np.full(len(k), np.nan)
+        series[k] = rest[at : at + int(k.sum())]
+        at += int(k.sum())
+        rows.append(np.column_stack([series[2:], series[1:-1], series[:-2]]))
+    table = np.concatenate(rows)
+    table = table[np.isfinite(table).all(axis=1)]
+    a, b = np.linalg.lstsq(table[:, 1:], table[:, 0], rcond=None)[0]
+    left = table[:, 0] - table[:, 1] * a - table[:, 2] * b
+    return (float(a), float(b)), float(np.quantile(np.abs(left), 0.683))
+
+
+def columns(drive: Drive, base: Constants) -> dict[str, FloatArray]:
+    """Return all that may be missing on a drive: plain functions and every effect's signature."""
+    path = base_path(base, drive.signals)
+    phi = simulate(path, drive.period_s)
+    found = features(drive, path, phi)
+    made = dict(zip(found.names, found.values.T, strict=True))
+    made["skew"] = (simulate(_skewed(path, drive.period_s), drive.period_s) - phi) / SKEW_S
+    terms: tuple[Term, ...] = (*ALL, *FAULTS)
+    for term in terms:
+        if isinstance(term, Effect) and not set(term.needs) <= set(drive.signals):
+            continue
+        for start in product(*(p.start for p in term.parameters)):
+            changed = reading(drive, base, (term,), (np.array(start),))
+            made[f"{term.name} {start}"] = (changed - phi) / abs(start[0])
+    return made
+
+
+def _skewed(path: Path, period_s: float) -> Path:
+    """Return the path with the charge's message later than the fuel's."""
+    late = np.full(len(path), SKEW_S)
+    return replace(path, air_mg=ramp_lag(path.air_mg, late, period_s))
+
+
+def _fold(drive: Drive, number: int) -> IntArray:
+    block = np.arange(len(drive)) // round(BLOCK_S / drive.period_s) + number
+    return np.asarray(block % FOLDS, dtype=np.int64)[drive.kept]

@@ -1,0 +1,166 @@
+"""Candidates for what an excess depends on: a smooth function of one driver at one point.
+
+The function enters at one of four points:
+
+    before the transport   it travels the dead time and the lag to the sensor
+    at the sensor          it acts where and when the sensor reads
+    timing                 it times the slope of phi: an edge comes too early or too late
+    sensitivity            it times phi - 1: the sensor reads too much or too little
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, Literal, get_args
+
+import numpy as np
+
+from monitor.types import FloatArray
+from training.gap.compared import Compared, Stack, gather
+from training.gap.drives import hold
+from training.gap.where.bootstrap import Excess
+from training.gap.where.drivers import AT_SENSOR, Driver, find_drivers, rate
+from training.gap.where.splines import (
+    Basis,
+    Normal,
+    common_coefficients,
+    healthy_coefficients,
+    held_out,
+    normal,
+    offset,
+    solve,
+)
+from training.gap.where.transport import Transport
+
+Point = Literal["before the transport", "at the sensor", "timing", "sensitivity"]
+POINTS: Final[tuple[Point, ...]] = get_args(Point)
+EVERYWHERE: Final = "everywhere"
+
+
+@dataclass(frozen=True, slots=True)
+class Side:
+    """Recordings with what every candidate needs of them."""
+
+    recordings: Sequence[Compared]
+    blocks: Stack
+    drivers: dict[str, Driver]
+    transport: Transport | None
+
+    @classmethod
+    def of(
+        cls, recordings: Sequence[Compared], blocks: Stack, transport: Transport | None
+    ) -> "Side":
+        """Return the side with all its drivers."""
+        drivers = {d.name: d for d in find_drivers(recordings)}
+        return cls(recordings, blocks, drivers, transport)
+
+    def design(self, name: str, point: Point, basis: Basis | None) -> FloatArray:
+        """Return the candidate's functions (m, k) at the scored samples."""
+        made = []
+        for i, r in enumerate(self.recordings):
+            n = len(r.residual)
+            values = np.ones((n, 1)) if basis is None else basis(self.drivers[name].values[i])
+            if point == "before the transport" and self.transport is not None:
+                values = self.transport.move(values, i, r.period_s)
+            phi = hold(r.phi_predicted)
+            if point == "timing":
+                values = np.column_stack(
+                    [values * rate(phi, r.period_s)[:, np.newaxis], np.ones(n)]
+                )
+            if point == "sensitivity":
+                values = np.column_stack([values * (phi - 1.0)[:, np.newaxis], np.ones(n)])
+            made.append(values)
+        return gather(made, self.blocks)
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A driver and point with what it explains."""
+
+    driver: Driver | None
+    point: Point
+    basis: Basis | None
+    median: float  # of the driver
+    new: Normal
+    healthy: Normal | None
+    gains: FloatArray  # (n_blocks,) squared error taken away beyond what healthy blocks know
+    tested: FloatArray  # (n_blocks,) the same beyond what healthy and new blocks have in common
+
+    @property
+    def name(self) -> str:
+        """Return the driver's name."""
+        return EVERYWHERE if self.driver is None else self.driver.name
+
+
+def points(name: str, side: Side) -> tuple[Point, ...]:
+    """Return the points at which a driver may enter."""
+    if name == EVERYWHERE:
+        return ("at the sensor", "timing", "sensitivity")
+    if name == "phi_predicted":
+        return ("at the sensor",)  # times phi - 1 it is the same again
+    if name in AT_SENSOR or side.transport is None:
+        return ("at the sensor", "timing", "sensitivity")
+    return POINTS
+
+
+def evaluate(new: Side, healthy: Side | None, name: str, point: Point) -> Candidate:
+    """Return a candidate fitted to some blocks and scored on others."""
+    driver = new.drivers.get(name)
+    values = np.zeros(1) if driver is None else gather(driver.values, new.blocks)
+    basis = None if driver is None else Basis.of(values)
+    own = normal(new.design(name, point, basis), new.blocks)
+    fold = new.blocks.fold
+    if healthy is None:
+        known, reference, common = None, np.zeros_like(own.right), np.zeros_like(own.right)
+    else:
+        known = normal(healthy.design(name, point, basis), healthy.blocks)
+        reference = np.tile(healthy_coefficients(known), (len(fold), 1))
+        common = common_coefficients(own, known, fold)
+    if driver is not None or point != "at the sensor":  # an offset explains nothing of a regime
+        level = _constant(own.right.shape[1], point)
+        reference, common = (offset(own, c, level, fold) for c in (reference, common))
+    after = own.error(held_out(own, fold))
+    tested = own.error(common) - after
+    return Candidate(
+        driver,
+        point,
+        basis,
+        float(np.median(values)),
+        own,
+        known,
+        own.error(reference) - after,
+        tested,
+    )
+
+
+def _constant(k: int, point: Point) -> FloatArray:
+    """Return the coefficients (k,) of the candidate's functions that make a constant of 1."""
+    return np.eye(k)[-1] if point in ("timing", "sensitivity") else np.ones(k)
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """How the excess depends on the driver, with its 90 % band from the block bootstrap."""
+
+    x: FloatArray  # (p,) in the driver's unit
+    y: FloatArray  # (p,) phi; s for timing, a ratio for sensitivity
+    low: FloatArray
+    high: FloatArray
+    typical: float  # value of y at the driver's median
+
+
+def curve_of(c: Candidate, excess: Excess) -> Curve:
+    """Return what the new recordings show beyond the healthy ones, over the driver's range."""
+    assert c.basis is not None
+    x = np.linspace(*c.basis.ends, 60)
+    functions = c.basis(x)
+    k = functions.shape[1]
+    known = 0.0 if c.healthy is None else healthy_coefficients(c.healthy)
+    drawn = solve(
+        np.einsum("db,bij->dij", excess.counts.astype(float), c.new.gram),
+        excess.counts @ c.new.right,
+    )
+    best = solve(c.new.gram.sum(0), c.new.right.sum(0)) - known
+    curves = (drawn - known)[:, :k] @ functions.T
+    low, high = np.percentile(curves, [5, 95], axis=0)
+    y = functions @ best[:k]
+    return Curve(x, y, low, high, float(np.interp(c.median, x, y)))
