@@ -12,7 +12,7 @@ from monitor.model import Model
 from tests.gap_files import drives, run
 from training import cli
 from training.gap import base, workflow
-from training.gap.add import add_greybox
+from training.gap.add import add_greybox, adding
 from training.gap.add.added import Added
 from training.gap.given import Given, Options
 from training.gap.stages import Stages
@@ -223,3 +223,19 @@ def test_a_slow_sensor_is_suspected_and_no_model_is_written(
     assert not (out / "model.onnx").exists()
     assert "Nothing was added" in (out / "report.html").read_text()
     assert "Sensor fault suspected" in capsys.readouterr().out
+
+
+def test_a_model_that_predicts_no_better_with_the_effect_is_not_written(
+    chain: Path, healthy: list[Path], tmp_path: Path
+) -> None:
+    # GIVEN healthy drives, which lack the effect
+    recordings = [load(path) for path in healthy[:2]]
+    given = Given(chain, recordings, verify=recordings[:1])
+    lag = Added.with_values("mix_flow", [4.0])
+    # WHEN it is to be added all the same
+    new, form = adding.add(
+        given, tmp_path / "m.onnx", [lag], base.constants_of(base.check(chain)), Options()
+    )
+    # THEN the error grows, and no file is left
+    assert (new, form) == (None, "")
+    assert not list(tmp_path.iterdir())

@@ -349,7 +349,8 @@ def test_results_depend_on_all_code_that_makes_them_and_on_no_other() -> None:
     used = {p.relative_to(root).as_posix() for p in run_folder.sources(Path(case.__file__), root)}
     assert {"training/gap/name/naming.py", "training/gap/effects/air.py", "training/chain.py",
             "training/dyno/mixture.py", "monitor/faults.py"} <= used  # fmt: skip
-    assert not used & {"training/gap_study/report.py", "training/gap/pages/page.py", "tests/plants.py"}
+    others = {"training/gap_study/report.py", "training/gap/pages/page.py", "tests/plants.py"}
+    assert not used & others
 
 
 def test_a_study_with_an_unknown_base_is_refused() -> None:

@@ -103,9 +103,10 @@ def add(
     beside, inside = (_rmse(each, split(given)[1] or recordings) for each in (out, other))
     if inside * WORSE < beside:
         other.replace(out)
-        return out, f"{FORMS['input']} (RMSE {inside:.4f} against {beside:.4f} beside it)"
-    other.unlink()
-    form = f"{FORMS['output']} (RMSE {beside:.4f} against {inside:.4f} trained anew)"
+        form = f"{FORMS['input']} (RMSE {inside:.4f} against {beside:.4f} beside it)"
+    else:
+        other.unlink()
+        form = f"{FORMS['output']} (RMSE {beside:.4f} against {inside:.4f} trained anew)"
     return _if_better(given.model, out, recordings, form)
 
 
