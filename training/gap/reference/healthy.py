@@ -43,9 +43,7 @@ class Healthy:
     ridge: Ridge
     spread: FloatArray  # (k,) of the columns' coefficients over drives
     visited: Visited
-    surplus: Mapping[str, float] = field(
-        default_factory=dict
-    )  # see ``accepted``
+    surplus: Mapping[str, float] = field(default_factory=dict)  # see ``accepted``
     unexplained: float = 0.0  # see there
 
     def columns(self, drive: Drive) -> FloatArray:
