@@ -122,7 +122,10 @@ def test_an_injector_s_voltage_is_described_though_no_effect_of_the_library_has_
 def test_a_resonance_of_the_intake_is_described_by_its_speed() -> None:
     # GIVEN more charge around 1,850 rpm than the ECU knows
     term = simulated("intake_resonance").terms[0]
-    assert term.words.startswith("engine speed around 1,8")
+    assert term.words.startswith("engine speed around 1,")
+    assert float(term.name.removeprefix("engine_speed_rpm about ")) == pytest.approx(
+        1850.0, abs=100.0
+    )
     assert term.unit == "% of the mixture"
     assert -4.0 < term.coefficient < -1.0
 
