@@ -180,6 +180,17 @@ def test_cells_count_as_visited_from_fifteen_seconds_on() -> None:
     assert not visited.on(cold).any()
 
 
+def test_drives_that_do_not_say_their_coolant_temperature_count_as_of_any() -> None:
+    n = 6000
+    warm = drive(1, engine_speed_rpm=np.full(n, 2000.0), air_mass_mg=np.full(n, 250.0))
+    silent = replace(
+        warm, signals={k: v for k, v in warm.signals.items() if k != "coolant_temperature_degc"}
+    )
+    assert "coolant_temperature_degc" in warm.signals
+    assert Visited.of([warm]).on(silent)[warm.scored].all()
+    assert Visited.of([silent]).on(warm)[warm.scored].all()
+
+
 def test_a_stage_is_made_once_for_a_run_and_again_for_another(tmp_path: Path) -> None:
     made = []
 

@@ -28,25 +28,36 @@ class Visited:
 
     @classmethod
     def of(cls, drives: Sequence[Drive]) -> "Visited":
-        """Return what scored samples of the drives visited."""
+        """Return what scored samples of the drives visited.
+
+        If one of them does not say its coolant temperature, every temperature counts as visited.
+        """
         seconds = np.zeros((len(SPEEDS_RPM) + 1, len(LOADS_MG) + 1))
         warm = np.zeros(len(COOLANTS_DEGC) + 1)
         for drive in drives:
-            speed, load, coolant = (each[drive.scored] for each in _places(drive.signals))
+            speed, load = (each[drive.scored] for each in _places(drive.signals))
             np.add.at(seconds, (speed, load), drive.period_s)
-            np.add.at(warm, coolant, drive.period_s)
+            coolant = _coolant(drive.signals)
+            if coolant is None:
+                warm[:] = np.inf
+            else:
+                np.add.at(warm, coolant[drive.scored], drive.period_s)
         return cls(seconds >= ENOUGH_S, warm >= ENOUGH_S)
 
     def on(self, drive: Drive) -> BoolArray:
         """Return where a drive is within, (n,)."""
-        speed, load, coolant = _places(drive.signals)
-        return np.asarray(self.cells[speed, load] & self.coolants[coolant])
+        speed, load = _places(drive.signals)
+        coolant = _coolant(drive.signals)
+        within = self.cells[speed, load]
+        return np.asarray(within if coolant is None else within & self.coolants[coolant])
 
 
-def _places(signals: Mapping[str, FloatArray]) -> tuple[IntArray, IntArray, IntArray]:
+def _places(signals: Mapping[str, FloatArray]) -> tuple[IntArray, IntArray]:
     speed = np.searchsorted(SPEEDS_RPM, signals["engine_speed_rpm"])
     load = np.searchsorted(LOADS_MG, signals["air_mass_mg"])
+    return speed, load
+
+
+def _coolant(signals: Mapping[str, FloatArray]) -> IntArray | None:
     coolant = signals.get("coolant_temperature_degc")
-    if coolant is None:
-        return speed, load, np.zeros(len(speed), dtype=np.int64)
-    return speed, load, np.searchsorted(COOLANTS_DEGC, coolant)
+    return None if coolant is None else np.searchsorted(COOLANTS_DEGC, coolant)
