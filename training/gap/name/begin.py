@@ -67,7 +67,7 @@ def begin(drives: Sequence[Drive], known: Healthy | None, base: Constants | None
         scoring.ceiling(case, plain),
         scoring.deviance(current, case.blocks),
         known.surplus if known else {},
-        known.unexplained if known else 0.0,
+        known.offset_phi if known else 0.0,
     )
 
 

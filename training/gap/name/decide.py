@@ -6,14 +6,17 @@ from typing import Final
 
 import numpy as np
 
+from monitor.types import FloatArray
+from training.gap.effects.fuel import ETHANOL_AIR_FUEL, PETROL_AIR_FUEL
 from training.gap.name import guards, scoring
 from training.gap.name.begin import FREE
-from training.gap.name.fitting import Prior, Term, fit
+from training.gap.name.fitting import Fit, Prior, Term, fit
 from training.gap.name.manoeuvres import Experiment, separate
 from training.gap.name.ranking import (
     ADEQUATE,
     RANKED_CLOSELY,
     RIVAL_SCORE,
+    WIN,
     Progress,
     State,
     against,
@@ -31,6 +34,8 @@ AMBIGUOUS_MOST: Final = 3
 EQUAL: Final = 0.9  # of a score, from which it is as good
 CEILING_T: Final = 5.5
 GAIN_WORDS: Final = "the gain"
+OFFSETS: Final = 2.0  # times healthy drives' own, from which an offset of all drives is one
+GAIN_OF_ETHANOL: Final = 1.0 - ETHANOL_AIR_FUEL / PETROL_AIR_FUEL  # of the mixture, per fraction
 GAIN_CLASS: Final = ("ethanol", "biased")  # a factor on the mixture, and what looks like it
 
 
@@ -165,6 +170,28 @@ def _shift(state: State) -> str | None:
     return guards.shifted(prior.mean, fit(free, (), [state.current]).base)
 
 
+def _hides_the_gain(state: State, best: Candidate, ranking: Sequence[Candidate]) -> bool:
+    """Whether a factor or offset explains more than ``best`` if drives' own offsets are left in.
+
+    Healthy drives differ in fuel and weather, so an offset is integrated out of every drive. A
+    large one of all drives then shows in its traces only, which look like something else.
+    """
+    whole = replace(state.case, shrinks=())
+
+    def alone(candidate: Candidate) -> tuple[FloatArray, Fit]:
+        found = fit(whole, candidate.fit.terms, [candidate.fit])
+        return scoring.deviance(found, whole.blocks), found
+
+    own, _ = alone(best)
+    for candidate in (c for c in ranking if c.name in GAIN_CLASS):
+        deviance, found = alone(candidate)
+        offset = float(np.abs(found.parameters[-1]).max())
+        size = offset * (GAIN_OF_ETHANOL if candidate.name == GAIN_CLASS[0] else 1.0)
+        if size > OFFSETS * state.offset_phi and scoring.win(deviance, own) >= WIN:
+            return True
+    return False
+
+
 def _of_the_gain(
     state: State, ranking: tuple[Candidate, ...], sensor_known_good: bool
 ) -> Outcome | None:
@@ -174,9 +201,9 @@ def _of_the_gain(
     right, and what tells the two apart is smaller than what the base misses.
     """
     best = ranking[0]
-    if best.name not in GAIN_CLASS or not (_is_large(best) or _holds(state, best)):
+    if not (_is_large(best) or _holds(state, best)) or _shift(state) != GAIN_WORDS:
         return None
-    if _shift(state) != GAIN_WORDS:
+    if best.name not in GAIN_CLASS and not _hides_the_gain(state, best, ranking):
         return None
     effect = [c for c in ranking if c.name == GAIN_CLASS[0]]
     if sensor_known_good and effect:

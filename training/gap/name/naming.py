@@ -113,7 +113,7 @@ def _kept(
     if not added or outcome.verdict == "sensor_fault_suspected":
         return ()
     gain = float((first.deviance - last.deviance).sum())
-    share = adequacy_of(last, gain, last.current)
+    share = adequacy_of(first, gain, last.current)
     return added if share >= ADEQUATE else ()
 
 

@@ -30,7 +30,7 @@ class State:
     roof: scoring.Ceiling
     deviance: FloatArray  # (n_blocks,)
     surplus: Mapping[str, float]  # of candidates on healthy drives, see ``accepted``
-    unexplained: float  # the same of the ceiling
+    offset_phi: float  # by which healthy drives lie off each other
 
     def needed(self, name: str) -> float:
         """Return the score from which a candidate is more than what healthy drives show."""

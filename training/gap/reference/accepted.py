@@ -24,11 +24,10 @@ from training.gap.name.fitting import Term, fit
 from training.gap.name.ranking import Progress
 from training.gap.name.sensor_faults import FAULTS
 from training.gap.reference import healthy
-from training.gap.reference.healthy import Healthy
+from training.gap.reference.healthy import CONSTANT, Healthy
 
 GROUPS_MOST: Final = 6  # of drives that are left out together
 GROUPS_LEAST: Final = 3  # fewer say nothing of how drives differ
-CONSTANT: Final = "constant"  # among the functions of ``features``
 PRIOR_GROUPS: Final = 2.0  # groups that count as having given what noise gives
 
 

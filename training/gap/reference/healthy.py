@@ -26,8 +26,9 @@ SCALE_MIN = 1e-3  # of a column, below which it is not taken for better known
 # drives that differ in weather and bus timing look like an effect.
 VARIATION_PHI = (8e-5, 5e-5)
 SKEW_S = 0.01
+CONSTANT = "constant"  # among the functions of ``features``
 KNOWN_VARIATION = {
-    "constant": 0.0008,  # phi: gain with weather and fuel
+    CONSTANT: 0.0008,  # phi: gain with weather and fuel
     "above": 0.008,  # span
     "rate": 0.005,  # s: phase of the sensor's message
     "skew": 0.008,  # s: phase of the charge's message against the fuel's, both every 20 ms
@@ -51,6 +52,11 @@ class Healthy:
         made = columns(drive, self.base)
         nothing = np.zeros(len(drive))
         return np.column_stack([made.get(name, nothing) for name in self.names])
+
+    @property
+    def offset_phi(self) -> float:
+        """Return by how much drives lie off each other on the whole."""
+        return float(self.spread_of([CONSTANT])[0])
 
     def spread_of(self, names: Sequence[str]) -> FloatArray:
         """Return the spread of columns (k,) by their names; it is 0 of one that is not known."""
