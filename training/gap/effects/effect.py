@@ -45,6 +45,7 @@ class Effect:
     tag: Tag
     like: tuple[str, ...] = ()  # what it cannot be told from by construction
     gain_class: bool = False  # a constant factor on the mixture, seen against a reference only
+    varies: bool = False  # from drive to drive, so that it may begin between two of them
 
     @property
     def low(self) -> FloatArray:

@@ -113,6 +113,7 @@ EFFECTS = (
         _purge,
         ("manifold_pressure_kpa", "engine_speed_rpm"),
         "physics",
+        varies=True,
     ),
     Effect(
         "ethanol",

@@ -146,6 +146,8 @@ def _at_fault(
     words = next((c.name for c in strong if c.kind == "sensor fault" and _enough(c)), None)
     looked_at = strong[:1] or [c for c in ranking[:RANKED_CLOSELY] if _is_large(c)]
     for candidate in () if words else looked_at:
+        if strong and getattr(candidate.fit.terms[-1], "varies", False):
+            continue
         began = guards.onset_s(state.case, state.current, candidate.fit)
         if began is not None:
             words = f"it begins in {began[0]} at {began[1]:.0f} s"
