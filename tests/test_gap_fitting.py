@@ -71,6 +71,26 @@ def test_a_prior_holds_the_base_where_the_data_would_move_it() -> None:
     assert fit(_case(drive), (), [reference]).base.gain == pytest.approx(1.01, abs=1e-3)
 
 
+def test_a_constant_that_the_drives_do_not_hold_stays_where_it_is_expected() -> None:
+    # GIVEN a warm engine with a wall film: how it grows in the cold cannot be seen
+    signals = plain_signals(seed=1) | {"coolant_temperature_degc": np.full(6000, 90.0)}
+    signals = {name: x[:6000] for name, x in signals.items()}
+    path = LIBRARY["wall_film"].apply(
+        base_path(BASE, signals), np.array([0.1, 0.6, 3.0]), signals, PERIOD_S
+    )
+    phi = simulate(path, PERIOD_S)
+    phi += 0.003 * np.random.default_rng(1).standard_normal(len(phi))
+    warm = make("warm", "", PERIOD_S, signals, 1.0 / np.maximum(phi, 0.07))
+    alone = fit(_case(warm), (), [Constants()])
+    # WHEN it is fitted
+    found = fit(_case(warm), (LIBRARY["wall_film"],), [alone])
+    # THEN what can be seen is found, and the rest is as expected, with its uncertainty
+    share, time_s, cold_growth = found.parameters[0]
+    assert (share, time_s) == (pytest.approx(0.1, rel=0.2), pytest.approx(0.6, rel=0.3))
+    assert cold_growth == pytest.approx(1.0, abs=0.01)
+    assert found.standard_errors[0][2] == pytest.approx(1.0, abs=0.05)
+
+
 def test_held_out_errors_are_those_of_a_fit_without_the_fold() -> None:
     drive = _drive(1)
     case = _case(drive)

@@ -31,6 +31,7 @@ class Parameter:
     start: tuple[float, ...]  # fits begin from each of these
     least: float = 0.0  # size below which it is not told from the bus's message phases
     positive: bool = False  # below 0 it is something else than this effect
+    spread: float | None = None  # about its start, for drives that do not hold it; None is any
 
 
 @dataclass(frozen=True, slots=True)

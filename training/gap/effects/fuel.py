@@ -84,7 +84,7 @@ EFFECTS = (
         (
             Parameter("share", "-", -0.1, 0.6, (0.1,), positive=True),
             Parameter("time", "s", 0.1, 4.0, (0.4, 1.2)),
-            Parameter("cold_growth", "-", 0.0, 4.0, (1.0,)),
+            Parameter("cold_growth", "-", 0.0, 4.0, (1.0,), spread=1.0),
         ),
         _wall_film,
         ("engine_speed_rpm",),

@@ -183,7 +183,7 @@ class _Layout:
         """Return the errors in sigma, the prior's after them."""
         base, own = self.split(x)
         e = errors(self.case, predict(self.case, base, self.terms, own))
-        return np.concatenate([e, _prior_rows(self.case, base)])
+        return np.concatenate([e, _prior_rows(self.case, base), _term_rows(self.terms, own)])
 
 
 def _descend(case: Case, terms: tuple[Term, ...], start: FloatArray) -> Fit:
@@ -219,7 +219,7 @@ def _descend(case: Case, terms: tuple[Term, ...], start: FloatArray) -> Fit:
     )
     base, own = layout.split(found.x)
     jacobian = np.asarray(found.jac, dtype=np.float64)
-    m = len(found.fun) - len(_prior_rows(case, base))
+    m = len(found.fun) - len(_prior_rows(case, base)) - len(_term_rows(terms, own))
     hessian = jacobian.T @ jacobian
     return Fit(terms, base, tuple(own), found.fun[:m], jacobian[:m], hessian, float(found.cost))
 
@@ -232,6 +232,17 @@ def _prior_rows(case: Case, base: Constants) -> FloatArray:
     if case.prior is None or case.fixed is not None:
         return np.empty(0)
     return (np.array(base) - np.array(case.prior.mean)) / np.array(case.prior.spread)
+
+
+def _term_rows(terms: Sequence[Term], own: Sequence[FloatArray]) -> FloatArray:
+    """Return how far constants are from where they are expected, for those that have a spread."""
+    rows = [
+        (value - p.start[0]) / p.spread
+        for term, values in zip(terms, own, strict=True)
+        for p, value in zip(term.parameters, values, strict=True)
+        if p.spread is not None
+    ]
+    return np.array(rows, dtype=np.float64)
 
 
 def held_out(found: Fit, blocks: IntArray) -> FloatArray:
