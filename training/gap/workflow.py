@@ -85,23 +85,14 @@ def investigate(
             progress=progress,
         ),
     )
-    wanted, warnings = _to_add(naming, options)
     doubts += usable.poor(card)
     doubts += mixed.warn(
         drives,
         mixed.chain_of(naming, reference),
         base.plain_drives_of(card, given.healthy),
     )
+    new, form, added, warnings = _add(given, out, options, naming, known, reference, progress)
     _, held_out = split(given)
-    new, form, added = None, "", tuple[Added, ...]()
-    if wanted:
-        progress("adding")
-        added = adding.refitted(given, naming, known, reference)
-        new, form = adding.add(given, out / NEW_MODEL, added, reference, options)
-        if new is None:
-            added, warnings = (), [*warnings, NO_USE]
-        elif card.kind == base.GREYBOX and known is not None and given.healthy:
-            learn_reference.store(new, known, given.healthy)  # with which its constants go
     checked = None
     if held_out:
         checked = stages.done(
@@ -148,6 +139,24 @@ def _localise(given: Given, progress: Progress) -> Findings:
         for each in (given.recordings, given.healthy)
     )
     return localise(new, known)
+
+
+def _add(
+    given: Given, out: Path, options: Options, naming: Naming, known: Healthy | None,
+    reference: Constants, progress: Progress,
+) -> tuple[Path | None, str, tuple[Added, ...], list[str]]:  # fmt: skip
+    """Return the new model, its form, what it has more, and what to say of that."""
+    wanted, warnings = _to_add(naming, options)
+    if not wanted:
+        return None, "", (), warnings
+    progress("adding")
+    added = adding.refitted(given, naming, known, reference)
+    new, form = adding.add(given, out / NEW_MODEL, added, reference, options)
+    if new is None:
+        return None, "", (), [*warnings, NO_USE]
+    if known is not None and given.healthy and base.check(given.model).kind == base.GREYBOX:
+        learn_reference.store(new, known, given.healthy)  # with which its constants go
+    return new, form, added, warnings
 
 
 def _to_add(naming: Naming, options: Options) -> tuple[bool, list[str]]:

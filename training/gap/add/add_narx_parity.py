@@ -4,7 +4,7 @@ The network is that of ``parity``; the chains' difference is that of the arrays.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,21 +18,11 @@ from training.gap.add.add_narx_network import TO_OUTPUT, NetworkWithEffects
 from training.gap.add.effect_parity import made_inputs
 from training.gap.drives import Drive
 from training.narx import simulate
-from training.parity import TOLERANCE, Step
+from training.parity import TOLERANCE, Parity, Step
 from training.transforms import apply
 
 SAMPLES = 3000  # of each drive
 TOGETHER = 300  # samples that run side by side and alone
-
-
-@dataclass(frozen=True, slots=True)
-class Parity:
-    """Largest differences over free runs, in model units."""
-
-    samples: int
-    onnx_numpy: float
-    torch_numpy: float
-    tolerance: float
 
 
 def parity(path: Path | str, model: NetworkWithEffects, drives: Sequence[Drive] = ()) -> Parity:
