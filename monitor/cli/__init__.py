@@ -1,0 +1,43 @@
+"""The command ``o2mon``; each subcommand is a module of its name."""
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+
+from monitor.errors import O2Error
+
+USAGE_ERROR, INTERNAL_ERROR = 2, 4
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run ``o2mon``; return the exit code."""
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+    try:
+        args = _parser().parse_args(argv)
+        return int(args.func(args))
+    except O2Error as error:
+        print(f"o2mon: {error}", file=sys.stderr)
+        return USAGE_ERROR
+    except KeyboardInterrupt:
+        return 130
+    except Exception as error:  # a bug of ours must not look like a fault of the sensor
+        if os.environ.get("O2_TRACEBACK"):
+            raise
+        print(f"o2mon: internal error: {type(error).__name__}: {error}", file=sys.stderr)
+        return INTERNAL_ERROR
+
+
+def _parser() -> argparse.ArgumentParser:
+    from monitor import __version__
+    from monitor.cli import check, replay, run
+
+    parser = argparse.ArgumentParser(
+        prog="o2mon", description="Monitor of the upstream wideband oxygen sensor."
+    )
+    parser.add_argument("--version", action="version", version=f"o2mon {__version__}")
+    commands = parser.add_subparsers(required=True, metavar="command")
+    for command in (replay, run, check):
+        command.add(commands)
+    return parser

@@ -1,0 +1,146 @@
+"""What the subcommands of ``o2mon`` share: options, opening a bus, writing results."""
+
+import argparse
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from monitor.errors import BusError, UsageError
+
+if TYPE_CHECKING:
+    import can
+
+    from monitor.replay import Setup
+
+NOT_JUDGED = 3
+
+
+def positive(text: str) -> float:
+    """Return a positive number given as an option."""
+    value = float(text)
+    if not 0.0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text}: a positive number is wanted")
+    return value
+
+
+def check_outputs(args: argparse.Namespace) -> None:
+    """Find out before the work whether its result can be written.
+
+    Raises UsageError.
+    """
+    for path in (args.json, args.html, getattr(args, "record", None)):
+        if path is not None and not path.absolute().parent.is_dir():
+            raise UsageError(f"{path}: the folder does not exist")
+
+
+def say(line: str) -> None:
+    """Print a line; when nobody reads any more go on without, for the verdict still counts."""
+    try:
+        print(line, flush=True)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def add_command(
+    commands: Any, name: str, text: str, examples: str, func: Any
+) -> argparse.ArgumentParser:
+    """Add a subcommand with examples in its help."""
+    parser: argparse.ArgumentParser = commands.add_parser(
+        name,
+        help=text,
+        description=text.capitalize() + ".",
+        epilog=examples,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.set_defaults(func=func)
+    return parser
+
+
+def add_setup(parser: argparse.ArgumentParser, *, memory: bool = True) -> None:
+    """Add model, database, map, settings and fault memory."""
+    parser.add_argument("--model", type=Path, help="ONNX model with its card (default: shipped)")
+    parser.add_argument("--dbc", type=Path, action="append", default=[], help="CAN database")
+    parser.add_argument("--map", type=Path, action="append", default=[], help="its signal map")
+    parser.add_argument("--config", type=Path, help="TOML that changes shipped settings")
+    if memory:
+        parser.add_argument(
+            "--memory", type=Path, metavar="FILE", help="fault memory to go on from"
+        )
+
+
+def add_outputs(parser: argparse.ArgumentParser) -> None:
+    """Add where results are written."""
+    parser.add_argument("--json", type=Path, metavar="OUT", help="write the result as JSON")
+    parser.add_argument("--html", type=Path, metavar="OUT", help="write a report")
+
+
+def add_bus(parser: argparse.ArgumentParser) -> None:
+    """Add python-can's bus options."""
+    from can.cli import add_bus_arguments
+
+    add_bus_arguments(parser)
+
+
+def set_up(args: argparse.Namespace) -> "Setup":
+    """Load what the options name; raises O2Error for what cannot be used."""
+    from monitor import config, replay
+
+    if len(args.dbc) != len(args.map):
+        raise UsageError(
+            f"--dbc and --map come in pairs: {len(args.dbc)} --dbc, {len(args.map)} --map"
+        )
+    pairs = list(zip(args.dbc, args.map, strict=True))
+    columns = getattr(args, "columns", None)
+    return replay.set_up(args.model, pairs, config.load(args.config), columns)
+
+
+def write_outputs(
+    args: argparse.Namespace, setup: "Setup", recordings: list[dict[str, Any]], traces: list[Any]
+) -> None:
+    """Write JSON and report as asked for; raises UsageError if a file cannot be written."""
+    from monitor import replay, sinks
+    from monitor.report import write_report
+
+    result = replay.result_of(recordings, setup)
+    try:
+        if args.json:
+            sinks.write_json(args.json, result)
+        if args.html:
+            write_report(
+                args.html,
+                result,
+                traces,
+                title="Oxygen sensor monitor",
+                model_info=replay.model_info(setup),
+            )
+            say(f"report: {args.html}")
+    except OSError as error:
+        raise UsageError(f"{error.filename}: {error.strerror}") from None
+
+
+def bus_name(args: argparse.Namespace) -> str:
+    """Return interface and channel as given; python-can leaves out what was not."""
+    given = (getattr(args, name, None) for name in ("interface", "channel"))
+    return " ".join(str(part) for part in given if part)
+
+
+def open_bus(args: argparse.Namespace) -> "can.BusABC":
+    """Open the bus of the options; raises BusError saying why it cannot be."""
+    import can
+    from can.cli import create_bus_from_namespace
+
+    try:
+        return create_bus_from_namespace(args)
+    except (
+        can.CanError,
+        argparse.ArgumentError,
+        OSError,
+        ValueError,
+        ImportError,
+        NotImplementedError,
+    ) as error:
+        where = bus_name(args) or "no -i and -c given"
+        cause = error.__cause__ or error
+        reason = str(cause) or type(cause).__name__
+        raise BusError(f"cannot open the bus ({where}): {reason}") from None

@@ -1,0 +1,55 @@
+"""``o2mon replay``."""
+
+import argparse
+from contextlib import closing, nullcontext
+from pathlib import Path
+from typing import Any
+
+from monitor.cli.options import (
+    add_command,
+    add_outputs,
+    add_setup,
+    check_outputs,
+    say,
+    set_up,
+    write_outputs,
+)
+
+_REPLAY = """examples:
+  o2mon replay drive.blf                     a log of the project's own ECU, shipped model
+  o2mon replay *.log --html report.html      several drives and a report to look at
+  o2mon replay drive.log --dbc engine.dbc --map engine.toml --model mine.onnx
+  o2mon replay table.csv --model mine.onnx --columns names.toml
+
+exit code: 0 judged and no fault, 1 a fault code is pending or confirmed, 2 unusable input,
+3 not judged"""
+
+
+def add(commands: Any) -> None:
+    """Add the subcommand."""
+    replay = add_command(commands, "replay", "judge recorded drives", _REPLAY, _replay)
+    replay.add_argument("log", nargs="+", type=Path, metavar="LOG", help="CAN log or table")
+    add_setup(replay)
+    replay.add_argument("--columns", type=Path, help="TOML: canonical name = column of the table")
+    replay.add_argument("--windows", action="store_true", help="print every window")
+    replay.add_argument("--quiet", action="store_true", help="print no verdicts")
+    add_outputs(replay)
+
+
+def _replay(args: argparse.Namespace) -> int:
+    from monitor import replay
+    from monitor.memory import Memory
+    from monitor.sinks import print_recording
+
+    check_outputs(args)
+    setup = set_up(args)
+    memory = Memory(args.memory) if args.memory else None
+    recordings, traces = [], []
+    with closing(memory) if memory else nullcontext():
+        for recording, trace in replay.replay_all(args.log, setup, memory, trace=bool(args.html)):
+            recordings.append(recording)
+            traces.append(trace)
+            for line in () if args.quiet else print_recording(recording, windows=args.windows):
+                say(line)
+    write_outputs(args, setup, recordings, traces)
+    return replay.exit_code(recordings)
