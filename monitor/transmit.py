@@ -1,7 +1,7 @@
 """The monitor's own CAN messages: fault flag, codes and the last window."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Sequence
 from typing import Final
 
 from cantools.database.can import Message
@@ -38,6 +38,9 @@ def dtc_number(code: str) -> int:
 class Transmitter:
     """Turns events into the frames of ``o2_monitor.dbc``; time comes with the samples."""
 
+    identifiers: tuple[tuple[int, bool], ...] = ()
+    due_s = math.inf  # the events alone say when something is to be sent
+
     def __init__(self, monitor: Monitor) -> None:
         database = load_database(dbc.path("o2_monitor.dbc"))
         self._monitor = monitor
@@ -45,23 +48,27 @@ class Transmitter:
         self._window = database.get_message_by_name("O2MON_Window")
         self._counters = {self._status.name: 0, self._window.name: 0}
         self._next_ns = 0
+        self._ready: list[Frame] = []
 
-    def push(self, event: Event) -> Iterator[Frame]:
-        """Yield the frames that this event makes due."""
+    def receive(self, frame: Frame) -> tuple[Frame, ...]:
+        """Return nothing: no frame is wanted."""
+        return ()
+
+    def push(self, event: Event) -> None:
+        """Make the frames that this event makes due."""
         if isinstance(event, WindowJudged):
-            yield self._frame(
-                self._window,
-                event.window.t_end_ns,
-                {
-                    "WindowIndex": event.window.index % 65536,
-                    "ResidualMean": event.mean,
-                    "ResidualStd": event.std,
-                    "Verdict": VERDICTS[event.outcome],
-                },
-            )
+            self._ready.append(self._frame(self._window, event.window.t_end_ns, _fields(event)))
         elif isinstance(event, Tick) and self._is_due(event.sample.t_ns):
             self._next_ns = event.sample.t_ns + STATUS_PERIOD_NS
-            yield self._frame(self._status, event.sample.t_ns, self._state(event))
+            self._ready.append(self._frame(self._status, event.sample.t_ns, self._state(event)))
+
+    def work(self, now_s: float) -> Sequence[Frame]:
+        """Return the frames made since the last call."""
+        ready, self._ready = self._ready, []
+        return ready
+
+    def close(self) -> None:
+        """Nothing is held."""
 
     def _is_due(self, t_ns: int) -> bool:
         """The next time has come, or the clock has stepped back."""
@@ -102,3 +109,12 @@ class Transmitter:
             "crc8_sae_j1850_id", message.frame_id, bytes(payload), CHECKSUM_BYTE
         )
         return Frame(t_ns, message.frame_id, message.is_extended_frame, bytes(payload))
+
+
+def _fields(event: WindowJudged) -> dict[str, float]:
+    return {
+        "WindowIndex": event.window.index % 65536,
+        "ResidualMean": event.mean,
+        "ResidualStd": event.std,
+        "Verdict": VERDICTS[event.outcome],
+    }

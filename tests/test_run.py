@@ -12,10 +12,13 @@ from cantools.database import load_file
 
 import dbc
 from monitor import config, replay
+from monitor.clock import TIME_MARK_ID
 from monitor.errors import RecordingError
 from monitor.memory import Memory
-from monitor.run import TIME_MARK_ID, Loop, message_of
+from monitor.recorder import message_of
+from monitor.run import Loop
 from monitor.sources import read_frames
+from monitor.transmit import Transmitter
 from monitor.types import Frame
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -76,11 +79,16 @@ def late_sensor() -> list[Frame]:
 
 
 def run_on(
-    script: Iterable[Frame | Pause | can.Message], setup: replay.Setup, **options: Any
+    script: Iterable[Frame | Pause | can.Message],
+    setup: replay.Setup,
+    transmit: bool = False,
+    **options: Any,
 ) -> tuple[dict[str, Any], PlayedBus]:
     bus = PlayedBus(script)
     with bus:
         loop = Loop(bus, setup, say=lambda _: None, monotonic_s=lambda: bus.now_s, **options)
+        if transmit:
+            loop.attachments.append(Transmitter(loop.pipeline.monitor))
         bus.stop = loop.stop
         loop.run()
     return loop.result("played"), bus

@@ -61,7 +61,7 @@ def _check(args: argparse.Namespace) -> int:
 
 
 def _listen(bus: "can.BusABC", seconds: float) -> "Iterator[Frame]":
-    from monitor.run import receive
+    from monitor.bus import receive
     from monitor.sources import frame_of
 
     until_s = time.monotonic() + seconds

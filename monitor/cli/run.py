@@ -44,6 +44,8 @@ def _run(args: argparse.Namespace) -> int:
     from monitor.memory import Memory
     from monitor.run import Loop, run
     from monitor.sinks import print_recording
+    from monitor.terminal import Lines
+    from monitor.transmit import Transmitter
 
     check_outputs(args)
     setup = set_up(args)
@@ -54,10 +56,13 @@ def _run(args: argparse.Namespace) -> int:
             setup,
             memory=memory,
             record=args.record,
-            transmit=args.transmit,
             trace=bool(args.html),
-            say=(lambda _: None) if args.quiet else say,
+            say=say,
         )
+        if not args.quiet:
+            loop.attachments.append(Lines(loop.collector, say))
+        if args.transmit:
+            loop.attachments.append(Transmitter(loop.pipeline.monitor))
         try:
             run(loop, args.duration)
         finally:  # a bus that fails takes no result with it
