@@ -3,6 +3,7 @@
 import math
 import tomllib
 from dataclasses import dataclass
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final, TypeVar
@@ -101,6 +102,41 @@ class DebounceConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class CyclesConfig:
+    """When a driving cycle begins, and what counts in it."""
+
+    engine_off_s: float
+    silent_s: float
+    start_s: float
+    denominator_run_s: float
+    denominator_moving_s: float
+    denominator_moving_km_h: float
+    denominator_idle_s: float
+    denominator_idle_km_h: float
+    denominator_ambient_min_degc: float
+    denominator_pressure_min_kpa: float
+
+
+@dataclass(frozen=True, slots=True)
+class ProfileConfig:
+    """Counts of a regulation until codes and lamp change."""
+
+    confirm_cycles: int
+    lamp_off_cycles: int
+    erase_warm_ups: int
+    permanent_most: int
+    warm_up_degc: float
+    warm_up_rise_degc: float
+
+
+@dataclass(frozen=True, slots=True)
+class ObdConfig:
+    """Which regulation's counts hold."""
+
+    profile: str
+
+
+@dataclass(frozen=True, slots=True)
 class Config:
     """Everything that is set and not learned."""
 
@@ -110,8 +146,18 @@ class Config:
     bias: BiasConfig
     plausibility: PlausibilityConfig
     debounce: DebounceConfig
+    cycles: CyclesConfig
+    obd: ObdConfig
+    carb: ProfileConfig
+    eobd: ProfileConfig
+
+    @property
+    def profile(self) -> ProfileConfig:
+        """Return the counts of the regulation that is chosen."""
+        return self.carb if self.obd.profile == "carb" else self.eobd
 
 
+PROFILES: Final = ("carb", "eobd")
 _Section = TypeVar("_Section")
 
 # Numbers are above 0 unless a lowest value stands here.
@@ -142,6 +188,11 @@ _LOWEST: Final = {
     "plausibility.stuck_band_at_one": 0.0,
     "plausibility.not_ready_s": 0.0,
     "plausibility.engine_running_rpm": 0.0,
+    "cycles.denominator_idle_km_h": 0.0,
+    "cycles.denominator_ambient_min_degc": -273.15,
+    "cycles.denominator_pressure_min_kpa": 0.0,
+    "carb.permanent_most": 0.0,
+    "eobd.permanent_most": 0.0,
 }
 _HIGHEST: Final = {
     "enable.purge_open_percent": 100.0,
@@ -184,6 +235,12 @@ def load(path: Path | None = None) -> Config:
     return _build(shipped, str(path))
 
 
+@cache
+def shipped() -> Config:
+    """Return the configuration as shipped, read once."""
+    return load()
+
+
 def _check(path: Path, section: str, key: str, value: Any, known: dict[str, Any]) -> None:
     if key not in known:
         raise ConfigError(f"{path}: [{section}] {key} is unknown; there are {list(known)}")
@@ -199,7 +256,7 @@ def _check(path: Path, section: str, key: str, value: Any, known: dict[str, Any]
         name = f"list of {'names' if texts else 'numbers'}" if wanted is list else wanted.__name__
         raise ConfigError(f"{path}: [{section}] {key} = {value!r}, wanted {name}")
     for number in value if wanted is list else [value]:
-        if not texts:
+        if not texts and wanted is not str:
             _check_size(path, section, key, number)
 
 
@@ -231,7 +288,15 @@ def _build(tree: dict[str, Any], where: str) -> Config:
         bias=section(BiasConfig, "bias"),
         plausibility=section(PlausibilityConfig, "plausibility"),
         debounce=section(DebounceConfig, "debounce"),
+        cycles=section(CyclesConfig, "cycles"),
+        obd=section(ObdConfig, "obd"),
+        carb=section(ProfileConfig, "carb"),
+        eobd=section(ProfileConfig, "eobd"),
     )
+    if config.obd.profile not in PROFILES:
+        raise ConfigError(
+            f"{where}: [obd] profile = {config.obd.profile!r}, wanted one of {list(PROFILES)}"
+        )
     on = config.enable
     for key, low, high in (
         ("engine_speed_{}_rpm", on.engine_speed_min_rpm, on.engine_speed_max_rpm),

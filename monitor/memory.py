@@ -1,23 +1,27 @@
-"""The fault memory on disk: trouble codes and the vehicle's reference, which outlive the process.
+"""The fault memory on disk: what on-board diagnostics and the vehicle's reference remember.
 
 SQLite in WAL mode with full synchronisation: what ``save`` has returned from survives a kill.
 """
 
+import json
 import sqlite3
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager
-from dataclasses import astuple
+from dataclasses import asdict, astuple
 from pathlib import Path
+from typing import Any, Final
 
 from monitor.config import BiasConfig
-from monitor.dtc import CODES, Dtc, Status
+from monitor.dtc import CODES, Dtc, Saved, Status
 from monitor.errors import RecordingError
+from monitor.obd_records import Counts, FreezeFrame, Ratio, TestResult
 from monitor.reference import Reference, Seen
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 # what makes a file of version n out of one of version n - 1
 _STEPS = (
-    """
+    (
+        """
 CREATE TABLE dtc (
     code TEXT PRIMARY KEY,
     fault TEXT NOT NULL,
@@ -28,7 +32,9 @@ CREATE TABLE dtc (
     passed_cycles INTEGER NOT NULL
 ) STRICT
 """,
-    """
+    ),
+    (
+        """
 CREATE TABLE reference (
     model_sha256 TEXT PRIMARY KEY,
     offset_low REAL NOT NULL,
@@ -37,17 +43,61 @@ CREATE TABLE reference (
     drives INTEGER NOT NULL
 ) STRICT
 """,
+    ),
+    (
+        "ALTER TABLE dtc RENAME COLUMN failed_before TO failed_cycles",
+        "ALTER TABLE dtc ADD COLUMN warm_ups INTEGER NOT NULL DEFAULT 0",
+        """
+CREATE TABLE freeze_frame (
+    place INTEGER NOT NULL,
+    code TEXT PRIMARY KEY,
+    t_ns INTEGER NOT NULL,
+    signals TEXT NOT NULL
+) STRICT
+""",
+        """
+CREATE TABLE permanent (
+    place INTEGER NOT NULL,
+    code TEXT PRIMARY KEY,
+    fault TEXT NOT NULL
+) STRICT
+""",
+        """
+CREATE TABLE result (
+    test TEXT NOT NULL,
+    quantity TEXT NOT NULL,
+    value REAL NOT NULL,
+    low REAL NOT NULL,
+    high REAL NOT NULL,
+    PRIMARY KEY (test, quantity)
+) STRICT
+""",
+        """
+CREATE TABLE ratio (
+    test TEXT PRIMARY KEY,
+    numerator INTEGER NOT NULL,
+    denominator INTEGER NOT NULL
+) STRICT
+""",
+        "CREATE TABLE counted (name TEXT PRIMARY KEY, number ANY NOT NULL) STRICT",
+        "CREATE TABLE completed (test TEXT PRIMARY KEY) STRICT",
+    ),
 )
+# what the tables hold, by table: the rows of each are replaced together
+Rows = dict[str, list[tuple[Any, ...]]]
+_ORDER: Final = {"freeze_frame": "place", "permanent": "place"}
 
 
 class Memory:
-    """Stores trouble codes in an SQLite file, made when it does not exist.
+    """Stores the fault memory in an SQLite file, made when it does not exist.
 
     Raises RecordingError if the file is no fault memory or of another schema version.
     """
 
     def __init__(self, path: Path) -> None:
         self._path = path
+        self._stored: Rows = {}  # what is known to stand in the file
+        self._data_version = -1  # of the file, as long as no other process has written to it
         try:
             self._db = sqlite3.connect(path, isolation_level=None)
         except sqlite3.Error as error:
@@ -70,8 +120,9 @@ class Memory:
                 version = self._number("PRAGMA user_version")
                 if version == 0 and self._number("SELECT count(*) FROM sqlite_master"):
                     raise sqlite3.DatabaseError("the database belongs to another program")
-                for step in _STEPS[version:]:
-                    self._db.execute(step)
+                for statements in _STEPS[version:]:
+                    for statement in statements:
+                        self._db.execute(statement)
                 self._db.execute(f"PRAGMA user_version={max(version, SCHEMA_VERSION)}")
         version = self._number("PRAGMA user_version")
         if version != SCHEMA_VERSION:
@@ -94,25 +145,26 @@ class Memory:
             if self._db.in_transaction:
                 self._db.execute("ROLLBACK")
 
-    def load(self) -> tuple[Dtc, ...]:
-        """Return the stored codes.
+    def load(self) -> Saved:
+        """Return what is stored.
 
-        Raises RecordingError if the file cannot be read or holds a code that is not known.
+        Raises RecordingError if the file cannot be read or holds what is not known.
         """
-        found = []
-        known = {code for group in CODES.values() for code in group}
         try:
-            rows = self._db.execute(
-                "SELECT code, fault, also, status, t_ns, failed_before, passed_cycles FROM dtc"
-            ).fetchall()
+            rows = {table: self._read(table) for table in _rows_of(Saved())}
         except sqlite3.Error as error:
             raise RecordingError(f"{self._path}: cannot read the fault memory: {error}") from None
-        for code, fault, also, status, t_ns, before, passed in rows:
+        known = {code for group in CODES.values() for code in group}
+        for code in (row[0] for row in rows["dtc"]):
             if code not in known:
                 raise RecordingError(f"{self._path}: unknown trouble code {code!r}")
-            names = tuple(name for name in also.split(",") if name)
-            found.append(Dtc(code, fault, names, Status(status), t_ns, bool(before), passed))
-        return tuple(found)
+        try:
+            return _saved_of(rows)
+        except (ValueError, TypeError) as error:
+            raise RecordingError(f"{self._path}: damaged fault memory: {error}") from None
+
+    def _read(self, table: str) -> list[tuple[Any, ...]]:
+        return self._db.execute(f"SELECT * FROM {table} ORDER BY {_ORDER.get(table, 1)}").fetchall()
 
     def reference(self, model_sha256: str) -> Reference:
         """Return what was learned of the vehicle with that model, an empty one if nothing.
@@ -136,27 +188,83 @@ class Memory:
         if seen is None:
             return
         row = (model_sha256, *astuple(self.reference(model_sha256).learn(seen, config)))
-        self._write("INSERT OR REPLACE INTO reference VALUES (?, ?, ?, ?, ?)", [row])
+        with self._writing():
+            self._db.execute("INSERT OR REPLACE INTO reference VALUES (?, ?, ?, ?, ?)", row)
 
-    def save(self, dtcs: Iterable[Dtc]) -> None:
-        """Store codes in one transaction.
+    def save(self, saved: Saved) -> None:
+        """Store all that differs from what is stored, in one transaction.
 
-        Raises RecordingError if the file cannot be written.
+        What another process has written in the meantime is replaced. Raises RecordingError if the
+        file cannot be written; it then holds what it held before.
         """
-        rows = [
-            (d.code, d.fault, ",".join(d.also), int(d.status), d.t_ns, d.failed_before,
-             d.passed_cycles)
-            for d in dtcs
-        ]  # fmt: skip
-        self._write("INSERT OR REPLACE INTO dtc VALUES (?, ?, ?, ?, ?, ?, ?)", rows)
+        rows = _rows_of(saved)
+        if self._is_as_left and rows == self._stored:
+            return
+        with self._writing():
+            known = self._stored if self._is_as_left else {}
+            for table, new in rows.items():
+                if new != known.get(table):
+                    self._replace(table, new)
+        self._stored = rows
 
-    def _write(self, command: str, rows: Sequence[tuple[object, ...]]) -> None:
+    @property
+    def _is_as_left(self) -> bool:
+        """Return whether nobody else has written since; inside a transaction it stays so."""
+        return self._data_version == self._number("PRAGMA data_version")
+
+    def _replace(self, table: str, rows: Iterable[tuple[Any, ...]]) -> None:
+        self._db.execute(f"DELETE FROM {table}")
+        for row in rows:
+            self._db.execute(f"INSERT INTO {table} VALUES ({', '.join('?' * len(row))})", row)
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        """Write all or nothing; raises RecordingError."""
         try:
             with self._transaction():
-                self._db.executemany(command, rows)
-        except sqlite3.Error as error:
+                yield
+                self._data_version = self._number("PRAGMA data_version")
+        except (sqlite3.Error, OverflowError) as error:
+            self._data_version = -1
             raise RecordingError(f"{self._path}: cannot store the fault memory: {error}") from None
 
     def close(self) -> None:
         """Close the file."""
         self._db.close()
+
+
+def _rows_of(saved: Saved) -> Rows:
+    """Return what stands in the tables, in the order of their columns."""
+    return {
+        "dtc": [
+            (d.code, d.fault, ",".join(d.also), int(d.status), d.t_ns, d.failed_cycles,
+             d.passed_cycles, d.warm_ups)
+            for d in saved.dtcs
+        ],
+        "freeze_frame": [
+            (place, f.code, f.t_ns, json.dumps(dict(f.values)))
+            for place, f in enumerate(saved.freeze_frames)
+        ],
+        "permanent": [(i, code, fault) for i, (code, fault) in enumerate(saved.permanent.items())],
+        "result": [astuple(result) for result in saved.results],
+        "ratio": [astuple(ratio) for ratio in saved.ratios],
+        "counted": list(asdict(saved.counts).items()),
+        "completed": [(test,) for test in sorted(saved.completed)],
+    }  # fmt: skip
+
+
+def _saved_of(rows: Mapping[str, list[tuple[Any, ...]]]) -> Saved:
+    """Return what rows of the tables say; raises ValueError or TypeError if they say nothing."""
+    dtcs = []
+    for code, fault, also, status, t_ns, failed, passed, warm_ups in rows["dtc"]:
+        names = tuple(name for name in also.split(",") if name)
+        dtcs.append(Dtc(code, fault, names, Status(status), t_ns, failed, passed, warm_ups))
+    return Saved(
+        tuple(dtcs),
+        tuple(FreezeFrame(code, t_ns, json.loads(s)) for _, code, t_ns, s in rows["freeze_frame"]),
+        {code: fault for _, code, fault in rows["permanent"]},
+        tuple(TestResult(*row) for row in rows["result"]),
+        tuple(Ratio(*row) for row in rows["ratio"]),
+        Counts(**dict(rows["counted"])),
+        frozenset(test for (test,) in rows["completed"]),
+    )

@@ -18,7 +18,7 @@ class TestResult:
     """The latest result of a test against its limits, as service $06 reports it."""
 
     test: str  # a key of dtc.TESTS
-    quantity: str  # with its unit, as lag_rising_s
+    quantity: str  # with its unit, as lag_rich_to_lean_s
     value: float
     low: float  # least value that passes
     high: float  # greatest value that passes
@@ -29,8 +29,8 @@ class Ratio:
     """In-use monitor performance of one test."""
 
     test: str  # a key of dtc.TESTS
-    numerator: int  # driving cycles in which all conditions to find a fault were met
-    denominator: int
+    numerator: int = 0  # driving cycles in which all conditions to find a fault were met
+    denominator: int = 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -163,7 +163,7 @@ def replay(
     Raises RecordingError, SignalMapError or ModelError.
     """
     sha256 = sha256_of(path)
-    store = DtcStore(memory.load() if memory else ())
+    store = DtcStore(memory.load() if memory else None, setup.config.profile)
     store.start_driving_cycle()
     source = _open(path, setup.of_vehicle(memory) if memory else setup, store)
     collector = Collector(source.monitor, trace=trace)
@@ -173,7 +173,7 @@ def replay(
         raise RecordingError(f"{path}: shorter than one sample of the model's grid")
     recording = collector.result(str(path), sha256, source.counters())
     if memory:
-        memory.save(store.all)
+        memory.save(store.saved)
         memory.learn(setup.model_sha256, source.monitor.seen, setup.config.bias)
     return recording | {"source": source_of(path, sha256)}, collector.trace()
 

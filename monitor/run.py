@@ -18,7 +18,7 @@ import can
 from monitor.attachment import Attachment
 from monitor.bus import BusHealth, Port
 from monitor.clock import Clock
-from monitor.dtc import Dtc, DtcStore
+from monitor.dtc import DtcStore
 from monitor.errors import RecordingError
 from monitor.memory import Memory
 from monitor.pipeline import DtcChanged, Event, FramePipeline
@@ -55,7 +55,7 @@ class Loop:
         monotonic_s: Callable[[], float] = time.monotonic,
     ) -> None:
         self._memory, self._say, self._now_s = memory, say, monotonic_s
-        store = DtcStore(memory.load() if memory else ())
+        store = DtcStore(memory.load() if memory else None, setup.config.profile)
         store.start_driving_cycle()
         self._setup = setup = setup.of_vehicle(memory) if memory else setup
         self.pipeline = FramePipeline(setup.bus_map, setup.model, setup.limits, setup.config, store)
@@ -103,7 +103,7 @@ class Loop:
         """Clear the codes, store that, then tell it to everything attached."""
         t_ns = self._clock.t_ns
         changed = self.pipeline.monitor.store.clear(t_ns)
-        self._store(self.pipeline.monitor.store.all)
+        self._store()
         for dtc in changed:
             self._tell(DtcChanged(t_ns, dtc))
 
@@ -127,7 +127,7 @@ class Loop:
 
     def _handle(self, event: Event) -> None:
         if isinstance(event, DtcChanged):
-            self._store([event.dtc])
+            self._store()
         self._tell(event)
 
     def _tell(self, event: Event) -> None:
@@ -139,7 +139,7 @@ class Loop:
         """Send what the attachments want sent and find out when they are due again."""
         now_s = self._now_s()
         if now_s >= self._store_again_s:
-            self._store(self.pipeline.monitor.store.all)
+            self._store()
         for attachment in tuple(self.attachments):
             for frame in self._ask(attachment, attachment.work, now_s):
                 self._port.send(frame)
@@ -184,13 +184,13 @@ class Loop:
             self._recorder = None  # a log with a hole would not replay to the same events
             self._say(f"{error}; the log ends here, judging goes on")
 
-    def _store(self, dtcs: Iterable[Dtc]) -> None:
-        """Store codes; when that fails say so once and try again later, with all of them."""
+    def _store(self) -> None:
+        """Store what has changed; when that fails say so once and try again later."""
         if self._memory is None:
             return
         failing = self._store_again_s < math.inf
         try:
-            self._memory.save(self.pipeline.monitor.store.all if failing else dtcs)
+            self._memory.save(self.pipeline.monitor.store.saved)
         except RecordingError as error:
             self.health.memory_errors += 1
             self._store_again_s = self._now_s() + STORE_AGAIN_S
@@ -215,7 +215,7 @@ class Loop:
             self._say(str(error))
         if self._memory:
             monitor, setup = self.pipeline.monitor, self._setup
-            self._store(monitor.store.all)
+            self._store()
             try:
                 self._memory.learn(setup.model_sha256, monitor.seen, setup.config.bias)
             except RecordingError as error:

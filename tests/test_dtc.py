@@ -4,8 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from monitor.config import shipped
 from monitor.debounce import FAILED, PASSED, Debounce
-from monitor.dtc import CODES, FRESH, HEALING_CYCLES, TESTS, Dtc, DtcStore, Status
+from monitor.dtc import CODES, FRESH, TESTS, Dtc, DtcStore, Status
 
 steps = st.lists(st.tuples(st.booleans(), st.integers(1, 127)), max_size=60)
 
@@ -179,7 +180,7 @@ def test_the_lamp_goes_out_after_three_passing_driving_cycles_in_a_row() -> None
     for _ in range(2):
         store.fail("biased_lean", 1)
         store.start_driving_cycle()
-    for cycle in range(1, HEALING_CYCLES + 1):
+    for cycle in range(1, shipped().carb.lamp_off_cycles + 1):
         assert code_of(store, "P2195").status & Status.WARNING_INDICATOR, cycle
         store.complete("bias")
         store.start_driving_cycle()

@@ -8,33 +8,73 @@ import sys
 import threading
 import time
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from monitor.dtc import CODES, Dtc, DtcStore, Status
+from monitor import obd_records
+from monitor.dtc import CODES, TESTS, Dtc, DtcStore, Saved, Status
 from monitor.errors import RecordingError
 from monitor.memory import SCHEMA_VERSION, Memory
 
 KNOWN = sorted({code for group in CODES.values() for code in group})
+numbers = st.integers(0, 2**62)
+names = st.sampled_from(["", *CODES])
+quantities = st.floats(allow_nan=False, allow_infinity=False)
 dtcs = st.builds(
     Dtc,
     st.sampled_from(KNOWN),
-    st.sampled_from(["", *CODES]),
+    names,
     st.lists(st.sampled_from(sorted(CODES)), max_size=3, unique=True).map(tuple),
     st.integers(0, 255).map(Status),
-    st.integers(0, 2**62),
-    st.booleans(),
+    numbers,
+    st.integers(0, 10),
     st.integers(0, 40),
+    st.integers(0, 40),
+)
+frames = st.builds(
+    obd_records.FreezeFrame,
+    st.sampled_from(KNOWN),
+    numbers,
+    st.dictionaries(st.text(), quantities, max_size=4),
+)
+tests = st.sampled_from(sorted(TESTS))
+saved_stores = st.builds(
+    Saved,
+    st.lists(dtcs, max_size=10, unique_by=lambda dtc: dtc.code).map(tuple),
+    st.lists(frames, max_size=4, unique_by=lambda frame: frame.code).map(tuple),
+    st.dictionaries(st.sampled_from(KNOWN), names, max_size=4),
+    st.lists(
+        st.builds(obd_records.TestResult, tests, st.text(), quantities, quantities, quantities),
+        max_size=5,
+        unique_by=lambda r: (r.test, r.quantity),
+    ).map(tuple),
+    st.lists(
+        st.builds(obd_records.Ratio, tests, numbers, numbers),
+        max_size=5,
+        unique_by=lambda r: r.test,
+    ).map(tuple),
+    st.builds(
+        obd_records.Counts,
+        numbers,
+        numbers,
+        numbers,
+        quantities,
+        quantities,
+        quantities,
+        quantities,
+    ),
+    st.frozensets(tests),
 )
 
 # Saves whole stores in a loop; says which one it has saved only after ``save`` has returned.
 SAVES_IN_A_LOOP = """
 import sys
 from pathlib import Path
-from monitor.dtc import CODES, Dtc
+from monitor.dtc import CODES, Dtc, Saved
 from monitor.memory import Memory
 
 memory = Memory(Path(sys.argv[1]))
@@ -42,25 +82,41 @@ number = int(sys.argv[2])
 codes = sorted({code for group in CODES.values() for code in group})
 while True:
     number += 1
-    memory.save([Dtc(code, t_ns=number) for code in codes])
+    memory.save(Saved(tuple(Dtc(code, t_ns=number) for code in codes)))
     print(number, flush=True)
 """
 
 
-def reopened(path: Path) -> tuple[Dtc, ...]:
+def reopened(path: Path) -> Saved:
     with closing(Memory(path)) as memory:
         return memory.load()
 
 
-@settings(max_examples=30)
-@given(st.lists(dtcs, max_size=10, unique_by=lambda dtc: dtc.code))
-def test_codes_are_loaded_as_they_were_saved(
-    tmp_path_factory: pytest.TempPathFactory, saved: list[Dtc]
+def times(saved: Saved) -> dict[str, int]:
+    return {dtc.code: dtc.t_ns for dtc in saved.dtcs}
+
+
+def sorted_out(saved: Saved) -> Saved:
+    """Return what is saved in the order in which the file gives it."""
+    return replace(
+        saved,
+        dtcs=tuple(sorted(saved.dtcs, key=lambda d: d.code)),
+        results=tuple(sorted(saved.results, key=lambda r: (r.test, r.quantity))),
+        ratios=tuple(sorted(saved.ratios, key=lambda r: r.test)),
+    )
+
+
+@settings(max_examples=60)
+@given(saved=saved_stores, later=saved_stores)
+def test_everything_is_loaded_as_it_was_saved(
+    tmp_path_factory: pytest.TempPathFactory, saved: Saved, later: Saved
 ) -> None:
     path = tmp_path_factory.mktemp("memory") / "dtc.db"
     with closing(Memory(path)) as memory:
-        memory.save(saved)
-    assert sorted(reopened(path), key=lambda d: d.code) == sorted(saved, key=lambda d: d.code)
+        for each in (saved, later, saved):
+            memory.save(each)
+            assert sorted_out(reopened(path)) == sorted_out(each)
+            assert list(reopened(path).permanent) == list(each.permanent)  # oldest first
 
 
 def test_a_code_matures_over_processes_as_it_does_in_one(tmp_path: Path) -> None:
@@ -70,21 +126,33 @@ def test_a_code_matures_over_processes_as_it_does_in_one(tmp_path: Path) -> None
             store = DtcStore(memory.load())
             store.start_driving_cycle()
             store.fail("slow_symmetric", 5)
-            memory.save(store.all)
+            memory.save(store.saved)
         (stored,) = DtcStore(reopened(path)).active
         assert (stored.code, stored.fault, stored.state) == ("P0133", "slow_symmetric", expected)
 
 
-def test_a_later_save_replaces_the_code_and_keeps_the_others(tmp_path: Path) -> None:
+def test_what_another_process_has_written_in_between_is_replaced(tmp_path: Path) -> None:
     path = tmp_path / "dtc.db"
-    with closing(Memory(path)) as memory:
-        memory.save([Dtc("P0133", t_ns=1), Dtc("P2195", t_ns=1)])
-        memory.save([Dtc("P0133", t_ns=2)])
-    assert {d.code: d.t_ns for d in reopened(path)} == {"P0133": 2, "P2195": 1}
+    with closing(Memory(path)) as memory, closing(Memory(path)) as other:
+        memory.save(Saved((Dtc("P0133", t_ns=1),)))
+        other.save(Saved((Dtc("P0133", t_ns=2),), permanent={"P2195": "biased_lean"}))
+        memory.save(Saved((Dtc("P0133", t_ns=1),)))
+    assert reopened(path) == Saved((Dtc("P0133", t_ns=1),))
+
+
+def test_what_is_stored_already_is_not_written_again(tmp_path: Path) -> None:
+    path = tmp_path / "dtc.db"
+    with closing(Memory(path)) as memory, closing(sqlite3.connect(path)) as watcher:
+        memory.save(Saved((Dtc("P0133", t_ns=1),)))
+        before = watcher.execute("PRAGMA data_version").fetchone()
+        memory.save(Saved((Dtc("P0133", t_ns=1),)))
+        assert watcher.execute("PRAGMA data_version").fetchone() == before
+        memory.save(Saved((Dtc("P0133", t_ns=2),)))
+        assert watcher.execute("PRAGMA data_version").fetchone() != before
 
 
 def test_a_new_memory_is_empty(tmp_path: Path) -> None:
-    assert reopened(tmp_path / "dtc.db") == ()
+    assert reopened(tmp_path / "dtc.db") == Saved()
 
 
 def test_what_is_no_database_is_refused_and_left_as_it_is(tmp_path: Path) -> None:
@@ -111,6 +179,41 @@ def test_a_database_of_another_program_is_refused_and_left_as_it_is(
     assert names == [table]
 
 
+OLD_TABLES = (
+    "CREATE TABLE dtc (code TEXT PRIMARY KEY, fault TEXT NOT NULL, also TEXT NOT NULL,"
+    " status INTEGER NOT NULL, t_ns INTEGER NOT NULL, failed_before INTEGER NOT NULL,"
+    " passed_cycles INTEGER NOT NULL) STRICT",
+    "CREATE TABLE reference (model_sha256 TEXT PRIMARY KEY, offset_low REAL NOT NULL,"
+    " offset_high REAL NOT NULL, gain REAL NOT NULL, drives INTEGER NOT NULL) STRICT",
+)
+
+
+@pytest.mark.parametrize("version", [1, 2])
+def test_a_memory_of_an_older_schema_is_brought_up_to_date(tmp_path: Path, version: int) -> None:
+    # GIVEN a file as an older version wrote it: a code that was pending in an earlier drive
+    path = tmp_path / "dtc.db"
+    with closing(sqlite3.connect(path)) as db:
+        for table in OLD_TABLES[:version]:
+            db.execute(table)
+        db.execute("INSERT INTO dtc VALUES ('P0133', 'transient', 'slow_symmetric', 100, 0, 1, 0)")
+        if version == 2:
+            db.execute("INSERT INTO reference VALUES ('sha', -0.01, 0.02, 0.97, 4)")
+        db.execute(f"PRAGMA user_version={version}")
+        db.commit()
+    # WHEN it is opened
+    with closing(Memory(path)) as memory:
+        saved = memory.load()
+        # THEN all of it is there
+        old = Dtc("P0133", "transient", ("slow_symmetric",), Status(0x64), failed_cycles=1)
+        assert saved == Saved((old,))
+        assert memory.reference("sha").drives == (4 if version == 2 else 0)
+        # and the code is confirmed when it fails again
+        store = DtcStore(saved)
+        store.fail("transient", 7)
+        memory.save(store.saved)
+    assert DtcStore(reopened(path)).active[0].state == "confirmed"
+
+
 def test_another_schema_version_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "dtc.db"
     Memory(path).close()
@@ -125,7 +228,7 @@ def test_another_schema_version_is_refused(tmp_path: Path) -> None:
 def test_an_unknown_code_in_the_memory_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "dtc.db"
     with closing(Memory(path)) as memory:
-        memory.save([Dtc("P9999")])
+        memory.save(Saved((Dtc("P9999"),)))
         with pytest.raises(RecordingError, match=r"dtc\.db: unknown trouble code 'P9999'"):
             memory.load()
 
@@ -146,15 +249,15 @@ def test_a_folder_that_is_not_there_is_an_error_that_names_the_file(tmp_path: Pa
 def test_a_save_that_fails_leaves_the_memory_as_it_was_and_usable(tmp_path: Path) -> None:
     path = tmp_path / "dtc.db"
     with closing(Memory(path)) as memory:
-        memory.save([Dtc("P0133", t_ns=1)])
+        memory.save(Saved((Dtc("P0133", t_ns=1),)))
         # GIVEN a save that breaks half way: the second row does not fit the table
         too_large = Dtc("P2195", t_ns=2**70)
-        with pytest.raises((RecordingError, OverflowError)):
-            memory.save([Dtc("P0133", t_ns=2), too_large])
-        assert [d.t_ns for d in memory.load()] == [1]
+        with pytest.raises(RecordingError, match=r"dtc\.db: cannot store"):
+            memory.save(Saved((Dtc("P0133", t_ns=2), too_large)))
+        assert times(memory.load()) == {"P0133": 1}
         # THEN the next one works
-        memory.save([Dtc("P0133", t_ns=3)])
-    assert [d.t_ns for d in reopened(path)] == [3]
+        memory.save(Saved((Dtc("P0133", t_ns=3),)))
+    assert times(reopened(path)) == {"P0133": 3}
 
 
 def test_two_processes_may_make_the_same_memory_at_once(tmp_path: Path) -> None:
@@ -167,7 +270,7 @@ def test_two_processes_may_make_the_same_memory_at_once(tmp_path: Path) -> None:
     for maker in makers:
         _, complaint = maker.communicate(timeout=60)
         assert maker.returncode == 0, complaint
-    assert reopened(path) == ()
+    assert reopened(path) == Saved()
 
 
 def test_a_kill_at_any_instant_loses_no_acknowledged_save(tmp_path: Path) -> None:
@@ -199,11 +302,11 @@ def test_a_kill_at_any_instant_loses_no_acknowledged_save(tmp_path: Path) -> Non
             continue
         with closing(sqlite3.connect(path)) as db:
             assert db.execute("PRAGMA integrity_check").fetchall() == [("ok",)]
-        stored = reopened(path)
-        numbers = {dtc.t_ns for dtc in stored} or {0}
-        assert len(numbers) == 1
+        stored = reopened(path).dtcs
+        found = {dtc.t_ns for dtc in stored} or {0}
+        assert len(found) == 1
         assert len(stored) in (0, len(KNOWN))
-        (number,) = numbers
+        (number,) = found
         assert acknowledged <= number <= acknowledged + 1
         acknowledged = number
     assert acknowledged > 100  # the savers did save

@@ -109,7 +109,7 @@ def test_a_memory_of_the_first_schema_is_brought_up_to_date(tmp_path: Path) -> N
     # WHEN it is opened
     with closing(Memory(path)) as memory:
         # THEN the code is there, and there is room for a reference
-        assert [dtc.code for dtc in memory.load()] == ["P0133"]
+        assert [dtc.code for dtc in memory.load().dtcs] == ["P0133"]
         memory.learn("model", Seen(0.0, 1.0), BIAS)
     with closing(sqlite3.connect(path)) as db:
         assert db.execute("PRAGMA user_version").fetchone() == (SCHEMA_VERSION,)

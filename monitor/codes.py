@@ -1,0 +1,40 @@
+"""Which codes a fault has, and which test finds it. Source: SAE J2012 (codes)."""
+
+CODES: dict[str, tuple[str, ...]] = {
+    "slow_rich_to_lean": ("P014C",),
+    "slow_lean_to_rich": ("P014D",),
+    "slow_symmetric": ("P0133",),
+    "delay_rich_to_lean": ("P015A",),
+    "delay_lean_to_rich": ("P015B",),
+    "delay_symmetric": ("P015A", "P015B"),
+    "transient": ("P0133",),
+    "gain_low": ("P2A00",),
+    "biased_lean": ("P2195",),
+    "biased_rich": ("P2196",),
+    "stuck_lean": ("P2195",),
+    "stuck_rich": ("P2196",),
+    "stuck_at_one": ("P0134",),
+    "not_ready": ("P0134",),
+    "out_of_range": ("P2A00",),
+    "signal_missing": ("U0100",),
+    "signal_invalid": ("U0401",),
+}
+# test → the faults it can find
+TESTS: dict[str, tuple[str, ...]] = {
+    "response": tuple(
+        name for name in CODES if name.startswith(("slow_", "delay_", "transient", "gain_"))
+    ),
+    "bias": ("biased_lean", "biased_rich"),
+    "activity": ("stuck_lean", "stuck_rich", "stuck_at_one"),
+    "communication": ("signal_missing", "signal_invalid"),
+    "range": ("out_of_range",),
+    "ready": ("not_ready",),
+}
+# tests that judge every sample; in-use performance asks nothing of these (13 CCR 1968.2 (d)(3.2))
+CONTINUOUS = ("communication", "range", "ready")
+TEST_OF: dict[str, str] = {fault: test for test, faults in TESTS.items() for fault in faults}
+
+
+def tests_of(code: str) -> set[str]:
+    """Return the tests that can set a code."""
+    return {test for test, faults in TESTS.items() if any(code in CODES[f] for f in faults)}
