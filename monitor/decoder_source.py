@@ -146,7 +146,7 @@ def _branches(members: Sequence[Member]) -> list[str]:
     """Return the code that decodes and returns the values, one branch per multiplexer value."""
     groups: dict[tuple[tuple[str, tuple[int, ...]], ...], list[Member]] = {}
     for member in members:
-        groups.setdefault(_conditions(member[1]), []).append(member)
+        groups.setdefault(multiplexing(member[1]), []).append(member)
     if list(groups) == [()]:
         return _values(groups[()])
     message = members[0][1].message
@@ -156,7 +156,7 @@ def _branches(members: Sequence[Member]) -> list[str]:
             f"{_raw(message, message.get_signal_by_name(name))} in {ids!r}"
             for name, ids in conditions
         ]
-        needed = max(_last_byte(message, channel.signal) for _, channel in group) + 1
+        needed = max(last_byte(message, channel.signal) for _, channel in group) + 1
         code = _values(group)
         code[-1] = code[-1].replace("return ", "more = ")
         if tests:
@@ -214,7 +214,7 @@ def _named(channel: Channel, name: str) -> Signal:
     return channel.message.get_signal_by_name(name)
 
 
-def _conditions(channel: Channel) -> tuple[tuple[str, tuple[int, ...]], ...]:
+def multiplexing(channel: Channel) -> tuple[tuple[str, tuple[int, ...]], ...]:
     """Return the multiplexer values under which the frame carries the channel, outermost first."""
     found: list[tuple[str, tuple[int, ...]]] = []
     signal = channel.signal
@@ -225,10 +225,11 @@ def _conditions(channel: Channel) -> tuple[tuple[str, tuple[int, ...]], ...]:
 
 
 def _multiplexers(members: Sequence[Member]) -> list[str]:
-    return [name for _, channel in members for name, _ in _conditions(channel)]
+    return [name for _, channel in members for name, _ in multiplexing(channel)]
 
 
-def _last_byte(message: Message, signal: Signal) -> int:
+def last_byte(message: Message, signal: Signal) -> int:
+    """Return the number of the last byte of the payload that holds a bit of the signal."""
     position = bit_position(message, signal)
     if signal.byte_order == "little_endian":
         return (position + signal.length - 1) // 8

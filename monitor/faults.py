@@ -13,6 +13,7 @@ into its control loop; ``SensorFault`` applies them to a stream.
 """
 
 import math
+import random
 from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
@@ -163,9 +164,99 @@ class SensorFault:
         if math.isnan(self._x):
             self._x = phi
         self._x = lag_step(self._x, phi, fault.tau_rising_s, fault.tau_falling_s, self._period_s)
-        phi = max(1.0 + fault.gain * (self._x - 1.0), 1.0 / 16.0)
-        return 1.0 / phi + fault.offset_lambda
+        return _reading(fault, self._x)
 
     def apply(self, lambda_healthy: Iterable[float]) -> list[float]:
         """Return the faulty readings of a whole series."""
         return [self.push(value) for value in lambda_healthy]
+
+
+def _reading(fault: Fault, x: float) -> float:
+    """Return the lambda that is read of ``x``, phi behind dead time and lag."""
+    phi = max(1.0 + fault.gain * (x - 1.0), 1.0 / 16.0)
+    return 1.0 / phi + fault.offset_lambda
+
+
+class TimedSensorFault:
+    """A fault put onto readings that come at their own times, as frames on a bus do.
+
+    At even times it reads exactly what ``SensorFault`` reads. Between readings phi is a straight
+    line, so that a dead time need not be a whole number of periods.
+    """
+
+    def __init__(self, fault: Fault) -> None:
+        self._fault = fault
+        self._delay_ns = round(fault.delay_s * 1e9)
+        self._history: deque[tuple[int, float]] = deque()  # (t_ns, phi), back to the dead time
+        self._x = math.nan
+        self._last_ns = 0
+
+    def push(self, t_ns: int, lambda_healthy: float) -> float:
+        """Return what the faulty sensor reads; NaN stays NaN, and what no sensor can read stays."""
+        fault = self._fault
+        if not math.isfinite(lambda_healthy) or fault.not_ready or fault.missing:
+            return math.nan
+        if fault.stuck_lambda:
+            return fault.stuck_lambda
+        if lambda_healthy <= 0.0:
+            return lambda_healthy
+        phi = 1.0 / lambda_healthy
+        if self._delay_ns:
+            self._history.append((t_ns, phi))
+            phi = one_sided(phi, self._delayed(t_ns - self._delay_ns), fault.delay_direction)
+        if math.isnan(self._x):
+            self._x, self._last_ns = phi, t_ns
+        step_s = max(t_ns - self._last_ns, 0) / 1e9
+        self._x = lag_step(self._x, phi, fault.tau_rising_s, fault.tau_falling_s, step_s)
+        self._last_ns = t_ns
+        return _reading(fault, self._x)
+
+    def _delayed(self, t_ns: int) -> float:
+        """Return phi as it was then; before the first reading, that of the first."""
+        history = self._history
+        while len(history) > 1 and history[1][0] <= t_ns:
+            history.popleft()
+        (t0_ns, phi) = history[0]
+        if len(history) == 1 or t0_ns >= t_ns:
+            return phi
+        t1_ns, later = history[1]
+        return phi + (later - phi) * (t_ns - t0_ns) / (t1_ns - t0_ns)
+
+
+# Disturbances of the sensor's line. They have no code of their own and are random.
+DEFAULT_DISTURBANCE = {"noise": 0.02, "drop_outs": 0.1}
+DROP_OUT_S = 0.3  # mean length of a drop-out
+
+
+class Noise:
+    """White noise from reading to reading, with a standard deviation in lambda."""
+
+    def __init__(self, std_lambda: float, seed: str) -> None:
+        self._std_lambda, self._random = std_lambda, random.Random(seed)
+
+    def push(self, _: int, lambda_healthy: float) -> float:
+        """Return the noisy reading."""
+        return lambda_healthy + self._random.gauss(0.0, self._std_lambda)
+
+
+class DropOuts:
+    """A loose contact: at random instants there is no reading for a while, NaN.
+
+    share : of the time without a reading, below 1
+    """
+
+    def __init__(self, share: float, seed: str) -> None:
+        self._ends_per_s = 1.0 / DROP_OUT_S
+        self._begins_per_s = share / ((1.0 - share) * DROP_OUT_S)
+        self._random = random.Random(seed)
+        self._is_out = False
+        self._last_ns: int | None = None
+
+    def push(self, t_ns: int, lambda_healthy: float) -> float:
+        """Return the reading, NaN during a drop-out."""
+        step_s = max(t_ns - (t_ns if self._last_ns is None else self._last_ns), 0) / 1e9
+        self._last_ns = t_ns
+        rate = self._ends_per_s if self._is_out else self._begins_per_s
+        if self._random.random() < 1.0 - math.exp(-rate * step_s):
+            self._is_out = not self._is_out
+        return math.nan if self._is_out else lambda_healthy

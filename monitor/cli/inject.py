@@ -1,0 +1,207 @@
+"""``o2mon inject``: faults between two buses, or from log to log."""
+
+import argparse
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from monitor.cli.options import (
+    add_bus,
+    add_command,
+    add_setup,
+    bus_name,
+    open_bus,
+    positive,
+    say,
+    set_up,
+)
+from monitor.errors import UsageError
+
+if TYPE_CHECKING:
+    from monitor.bus_map import BusMap
+    from monitor.expected import Recording
+    from monitor.replay import Setup
+    from monitor.scenario import Scenario
+    from monitor.types import Frame
+
+_INJECT = """examples:
+  o2mon inject drive.log --out late.log --fault delay_rich_to_lean=0.8@60
+  o2mon inject drive.log --scenario late.toml --assert
+  o2mon inject -i socketcan -c can0 --to-channel can1 --fault gain_low=0.5@60-300
+  o2mon inject -i socketcan -c vcan0 --to-channel vcan1 --scenario late.toml --assert --duration 900
+
+Between buses -i and -c name the ECU's side, --to-... the other one. Faults act on the bus only:
+the ECU's own control loop has its sensor on a wire and does not see them.
+
+exit code: 0 done, and with --assert all expectations are met; 1 one is not; 2 unusable input"""
+
+
+def add(commands: Any) -> None:
+    """Add the subcommand."""
+    from can.cli import add_bus_arguments
+
+    inject = add_command(commands, "inject", "put faults into an ECU's frames", _INJECT, _inject)
+    inject.add_argument("log", nargs="?", type=Path, metavar="LOG", help="CAN log instead of buses")
+    inject.add_argument("--out", type=Path, metavar="LOG", help="log to write, from LOG")
+    inject.add_argument(
+        "--fault",
+        action="append",
+        default=[],
+        metavar="NAME[=SEVERITY][@START[-END]]",
+        help="fault to put in, times in s after the first frame; may repeat",
+    )
+    inject.add_argument("--scenario", type=Path, metavar="TOML", help="faults and expectations")
+    inject.add_argument(
+        "--assert",
+        dest="check",
+        action="store_true",
+        help="judge the frames that go out and compare with the scenario's expectations",
+    )
+    inject.add_argument("--seed", type=int, help="of everything random (default: the scenario's)")
+    inject.add_argument(
+        "--keep-counters",
+        action="store_true",
+        help="no gaps in alive counters where frames are lost or doubled on purpose",
+    )
+    inject.add_argument("--duration", type=positive, metavar="S", help="between buses: stop then")
+    add_bus(inject)
+    add_bus_arguments(inject, prefix="to", group_title="bus arguments of the other side")
+    add_setup(inject, memory=False)
+
+
+def _inject(args: argparse.Namespace) -> int:
+    scenario = _scenario(args)
+    if args.log and (bus_name(args) or "to_channel" in args or args.duration):
+        raise UsageError("give either a LOG or two buses (-i, -c, --to-channel), not both")
+    if args.check and not scenario.expectations:
+        raise UsageError("--assert needs a --scenario with an [[expect]]")
+    setup = set_up(args) if args.check else None
+    bus_map = setup.bus_map if setup else _bus_map(args)
+    recordings = (_logs if args.log else _buses)(args, scenario, bus_map, setup)
+    if not args.check:
+        return 0
+    from monitor.expected import compare, table
+
+    rows = compare(scenario, recordings)
+    for line in table(rows):
+        say(line)
+    return 0 if all(row.met for row in rows) else 1
+
+
+def _scenario(args: argparse.Namespace) -> "Scenario":
+    from dataclasses import replace
+
+    from monitor.scenario import Scenario, load, parse_fault
+
+    scenario = load(args.scenario) if args.scenario else Scenario(())
+    faults = (*scenario.faults, *map(parse_fault, args.fault))
+    return replace(
+        scenario,
+        faults=faults,
+        seed=scenario.seed if args.seed is None else args.seed,
+        keep_counters=scenario.keep_counters or args.keep_counters,
+    )
+
+
+def _bus_map(args: argparse.Namespace) -> "BusMap":
+    import dbc
+    from monitor.bus_map import load_pairs
+
+    if len(args.dbc) != len(args.map):
+        raise UsageError(
+            f"--dbc and --map come in pairs: {len(args.dbc)} --dbc, {len(args.map)} --map"
+        )
+    own = [(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))]
+    return load_pairs(list(zip(args.dbc, args.map, strict=True)) or own)
+
+
+def _logs(
+    args: argparse.Namespace, scenario: "Scenario", bus_map: "BusMap", setup: "Setup | None"
+) -> "list[Recording]":
+    from monitor.expected import Judge, fresh_memory
+    from monitor.inject import write_log
+    from monitor.injector import Injector
+    from monitor.sources import read_frames
+
+    if not (args.out or args.check):
+        raise UsageError("nothing to do with LOG: give --out, or --scenario and --assert")
+    recordings: list[Recording] = []
+    with ExitStack() as stack:
+        memory = stack.enter_context(fresh_memory()) if setup else None
+        for drive in range(1, scenario.n_drives + 1):
+            injector = Injector(
+                bus_map,
+                scenario.faults_of(drive),
+                seed=scenario.seed + drive - 1,
+                keep_counters=scenario.keep_counters,
+            )
+            judge = Judge(setup, memory) if setup and memory else None
+            out = _numbered(args.out, drive, scenario.n_drives) if args.out else None
+            frames = injector.stream(read_frames(args.log))
+            frames = _seen(frames, judge.push) if judge else frames
+            n = write_log(out, frames) if out else sum(1 for _ in frames)
+            for line in injector.counts.lines():
+                say(f"{out or args.log}: {line}")
+            if n == 0:
+                raise UsageError(f"{args.log}: no frame is left to judge or write")
+            if judge:
+                recordings.append(judge.finish(str(out or args.log)))
+    return recordings
+
+
+def _seen(frames: "Iterable[Frame]", take: Any) -> "Iterator[Frame]":
+    for frame in frames:
+        take(frame)
+        yield frame
+
+
+def _numbered(path: Path, drive: int, n_drives: int) -> Path:
+    """Return the output's name for one of several drives: drive_2.log.gz for drive.log.gz."""
+    if n_drives == 1:
+        return path
+    stem, dot, suffixes = path.name.partition(".")
+    return path.with_name(f"{stem}_{drive}{dot}{suffixes}")
+
+
+def _buses(
+    args: argparse.Namespace, scenario: "Scenario", bus_map: "BusMap", setup: "Setup | None"
+) -> "list[Recording]":
+    from monitor.expected import Judge, fresh_memory
+    from monitor.inject import Gateway, ended_by_signals
+    from monitor.injector import Injector
+
+    if args.out:
+        raise UsageError("--out is for a LOG; o2mon run --record writes what is on a bus")
+    if "to_channel" not in args:
+        raise UsageError("give the other side with --to-channel (and --to-interface), or a LOG")
+    if scenario.n_drives > 1:
+        raise UsageError(f"{args.scenario}: drives = {scenario.n_drives} is for a LOG, not a bus")
+    other = _other_side(args)
+    if bus_name(args) == bus_name(other):
+        raise UsageError(f"both sides are {bus_name(args)}, two buses are wanted")
+    injector = Injector(
+        bus_map, scenario.faults, seed=scenario.seed, keep_counters=scenario.keep_counters
+    )
+    with ExitStack() as stack:
+        memory = stack.enter_context(fresh_memory()) if setup else None
+        judge = Judge(setup, memory) if setup and memory else None
+        ecu_bus = stack.enter_context(open_bus(args))
+        other_bus = stack.enter_context(open_bus(other))
+        gateway = Gateway(ecu_bus, other_bus, injector, judge.push if judge else lambda _: None)
+        with ended_by_signals(gateway.stop):
+            say(f"{bus_name(args)} to {bus_name(other)}: {', '.join(map(str, scenario.faults))}")
+            try:
+                gateway.run(args.duration)
+            finally:  # a bus that fails takes no result with it
+                for line in gateway.lines():
+                    say(line)
+        return [judge.finish(bus_name(other))] if judge else []
+
+
+def _other_side(args: argparse.Namespace) -> argparse.Namespace:
+    """Return the options of the other bus, its interface that of the ECU's unless given."""
+    own = {k.removeprefix("to_"): v for k, v in vars(args).items() if k.startswith("to_")}
+    if "interface" not in own and "interface" in args:
+        own["interface"] = args.interface
+    return argparse.Namespace(**own)

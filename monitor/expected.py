@@ -1,0 +1,117 @@
+"""Judges the frames that go out, drive by drive, and compares with what a scenario expects."""
+
+import math
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from monitor.dtc import DtcStore
+from monitor.memory import Memory
+from monitor.pipeline import FramePipeline
+from monitor.replay import Setup, frame_counters
+from monitor.scenario import NO_CODE, Expectation, Scenario
+from monitor.sinks import Collector
+from monitor.types import Frame
+
+Recording = Mapping[str, Any]  # an entry of o2mon.replay/1
+
+
+class Judge:
+    """The shipped pipeline on the frames of one driving cycle, as ``o2mon replay`` has it."""
+
+    def __init__(self, setup: Setup, memory: Memory) -> None:
+        self._memory, self._setup = memory, setup
+        store = DtcStore(memory.load(), setup.config.profile)
+        store.start_driving_cycle()
+        setup = setup.of_vehicle(memory)
+        self._pipeline = FramePipeline(
+            setup.bus_map, setup.model, setup.limits, setup.config, store
+        )
+        self._collector = Collector(self._pipeline.monitor)
+
+    def push(self, frame: Frame) -> None:
+        """Take a frame."""
+        for event in self._pipeline.push(frame):
+            self._collector.push(event)
+
+    def finish(self, name: str) -> Recording:
+        """End the driving cycle; return the recording's entry of ``o2mon.replay/1``."""
+        monitor = self._pipeline.monitor
+        self._memory.save(monitor.store.saved)
+        self._memory.learn(self._setup.model_sha256, monitor.seen, self._setup.config.bias)
+        return self._collector.result(name, None, frame_counters(self._pipeline))
+
+
+@contextmanager
+def fresh_memory() -> Iterator[Memory]:
+    """Give an empty fault memory that is gone afterwards."""
+    with (
+        tempfile.TemporaryDirectory(prefix="o2mon-") as folder,
+        closing(Memory(Path(folder, "memory.db"))) as memory,
+    ):
+        yield memory
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One line of the table: what was expected of a drive, what came."""
+
+    drive: int
+    expected: str
+    seen: str
+    met: bool
+
+
+def compare(scenario: Scenario, recordings: Sequence[Recording]) -> list[Row]:
+    """Return a row for every expectation, and one for every code that nothing expects.
+
+    recordings : of the scenario's drives, in their order
+    """
+    rows = []
+    for drive, recording in enumerate(recordings, 1):
+        expected = [each for each in scenario.expectations if each.drive == drive]
+        begin_s = scenario.begin_s(drive)
+        rows += [_row(each, recording, begin_s) for each in expected]
+        if not expected or any(each.code == NO_CODE for each in expected):
+            continue  # nothing is said of this drive, or the row above tells
+        known = {each.code for each in expected}
+        rows += [
+            Row(drive, "no other code", _seen(dtc, begin_s), False)
+            for dtc in recording["dtcs"]
+            if dtc["code"] not in known
+        ]
+    return rows
+
+
+def _row(expected: Expectation, recording: Recording, begin_s: float) -> Row:
+    if expected.code == NO_CODE:
+        seen = ", ".join(_seen(dtc, begin_s) for dtc in recording["dtcs"]) or "no code"
+        if not recording["completed"]:
+            seen += ", not judged"
+        met = not recording["dtcs"] and (recording["completed"] or not expected.judged)
+        return Row(expected.drive, str(expected), seen, met)
+    for dtc in recording["dtcs"]:
+        if dtc["code"] == expected.code:
+            late_s = math.inf if dtc["t_s"] is None else dtc["t_s"] - begin_s
+            in_time = math.isinf(expected.within_s) or 0.0 <= late_s <= expected.within_s
+            met = in_time and expected.state in ("", dtc["state"])
+            return Row(expected.drive, str(expected), _seen(dtc, begin_s), met)
+    seen = ", ".join(_seen(dtc, begin_s) for dtc in recording["dtcs"]) or "no code"
+    return Row(expected.drive, str(expected), seen, False)
+
+
+def _seen(dtc: Mapping[str, Any], begin_s: float) -> str:
+    when = "" if dtc["t_s"] is None else f" after {dtc['t_s'] - begin_s:.1f} s"
+    return f"{dtc['code']} {dtc['state']} ({dtc['fault']}){when}"
+
+
+def table(rows: Iterable[Row]) -> Iterator[str]:
+    """Yield the lines of the table."""
+    cells = [("drive", "expected", "seen", "")]
+    cells += [(str(r.drive), r.expected, r.seen, "met" if r.met else "NOT MET") for r in rows]
+    widths = [max(len(cell) for cell in column) for column in zip(*cells, strict=True)]
+    for line in cells:
+        yield "  ".join(f"{cell:<{w}}" for cell, w in zip(line, widths, strict=True)).rstrip()

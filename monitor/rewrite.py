@@ -1,0 +1,190 @@
+"""Puts other values into an ECU's frames: any DBC and map, counter and checksum repaired.
+
+Only the bits of the signal, the counter and the checksum change. A frame that is not sound as it
+comes (wrong length, checksum that does not hold) is not for rewriting: repairing it would hide
+what is wrong with it.
+"""
+
+import math
+import struct
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+from monitor.bus_map import Channel
+from monitor.checksum import payload_checksum
+from monitor.decoder_source import last_byte, multiplexing
+from monitor.errors import SignalMapError
+from monitor.raw_values import bit_position, not_available_raw
+
+_FLOATS: Final = {16: struct.Struct("<e"), 32: struct.Struct("<f"), 64: struct.Struct("<d")}
+
+
+class Field:
+    """Where the raw value of one signal of a message lies in the payload."""
+
+    def __init__(self, channel: Channel, signal_name: str) -> None:
+        message = channel.message
+        signal = message.get_signal_by_name(signal_name)
+        self._order = "little" if signal.byte_order == "little_endian" else "big"
+        self._length = message.length
+        self._position = bit_position(message, signal)
+        self.bits = int(signal.length)
+        self.mask = (1 << self.bits) - 1
+        self.last_byte = last_byte(message, signal)
+
+    def get(self, data: bytes) -> int:
+        """Return the unsigned raw value; a payload that is shorter than the message reads as 0."""
+        word = int.from_bytes(data.ljust(self._length, b"\0"), self._order)  # type: ignore[arg-type]
+        return word >> self._position & self.mask
+
+    def set(self, data: bytes, raw: int) -> bytes:
+        """Return the payload with this raw value, as long as it was."""
+        order = self._order
+        word = int.from_bytes(data.ljust(self._length, b"\0"), order)  # type: ignore[arg-type]
+        word = word & ~(self.mask << self._position) | (raw & self.mask) << self._position
+        return word.to_bytes(self._length, order)[: len(data)]  # type: ignore[arg-type]
+
+
+class SignalWriter:
+    """Reads and writes one mapped signal in its message's payloads, in the map's unit."""
+
+    def __init__(self, channel: Channel) -> None:
+        signal, mapped = channel.signal, channel.mapped
+        self.channel, self._field = channel, Field(channel, signal.name)
+        self._scale, self._offset = float(signal.scale), float(signal.offset)
+        self._factor, self._shift = mapped.factor, mapped.offset
+        self._is_signed, self._is_float = signal.is_signed, signal.is_float
+        self._missing = not_available_raw(channel)
+        self._conditions = [
+            (Field(channel, name), frozenset(values)) for name, values in multiplexing(channel)
+        ]
+        bits = self._field.bits
+        low, high = (
+            (-(1 << bits - 1), (1 << bits - 1) - 1) if signal.is_signed else (0, (1 << bits) - 1)
+        )
+        self._low, self._high = low + (low == self._missing), high - (high == self._missing)
+
+    @property
+    def can_be_missing(self) -> bool:
+        """Return whether the message can say that the value is not available."""
+        return self._missing is not None or self._is_float
+
+    @property
+    def step(self) -> float:
+        """Return the quantisation step in the map's unit; 0 for a floating-point signal."""
+        return 0.0 if self._is_float else abs(self._scale * self._factor)
+
+    def is_in(self, data: bytes) -> bool:
+        """Return whether this payload carries the signal: long enough, its multiplexer set so."""
+        return len(data) > self._field.last_byte and all(
+            len(data) > field.last_byte and field.get(data) in values
+            for field, values in self._conditions
+        )
+
+    def read(self, data: bytes) -> float:
+        """Return the value, NaN for not available."""
+        raw: float = self._field.get(data)
+        if self._is_float:
+            bits = self._field.bits
+            raw = _FLOATS[bits].unpack(int(raw).to_bytes(bits // 8, "little"))[0]
+        elif self._is_signed and raw > self._field.mask >> 1:
+            raw -= self._field.mask + 1
+        if raw == self._missing:
+            return math.nan
+        return (raw * self._scale + self._offset) * self._factor + self._shift
+
+    def write(self, data: bytes, value: float) -> bytes:
+        """Return the payload with the value, rounded; what does not fit saturates.
+
+        value : in the map's unit; NaN is written as not available
+        Raises SignalMapError for NaN if the message cannot say so.
+        """
+        return self._field.set(data, self._raw(value))
+
+    def _raw(self, value: float) -> int:
+        dbc_value = ((value - self._shift) / self._factor - self._offset) / self._scale
+        if self._is_float:
+            bits = self._field.bits
+            try:
+                return int.from_bytes(_FLOATS[bits].pack(dbc_value), "little")
+            except OverflowError:
+                return int.from_bytes(
+                    _FLOATS[bits].pack(math.copysign(math.inf, dbc_value)), "little"
+                )
+        if math.isnan(value):
+            if self._missing is None:
+                channel = self.channel
+                raise SignalMapError(
+                    f"{channel.map_path}: {channel.mapped.name} cannot be sent as not available: "
+                    f"not_available of {channel.message.name} is not set"
+                )
+            return self._missing
+        if math.isinf(dbc_value):
+            return self._low if dbc_value < 0 else self._high
+        return min(max(round(dbc_value), self._low), self._high)
+
+
+class MessageWriter:
+    """Rewrites the frames of one message.
+
+    channels : what the map takes from that message
+    """
+
+    def __init__(self, channels: Sequence[Channel]) -> None:
+        first = channels[0]
+        message, integrity = first.message, first.integrity
+        self.name, self.frame_id = message.name, message.frame_id
+        self.is_extended = message.is_extended_frame
+        self.signals = {each.mapped.name: SignalWriter(each) for each in channels}
+        self._lengths = (
+            range(1, message.length + 1)
+            if message.is_multiplexed()
+            else range(message.length, message.length + 1)
+        )
+        self._counter = Field(first, integrity.counter) if integrity.counter else None
+        self._checksum = Field(first, integrity.checksum) if integrity.checksum else None
+        self._algorithm = integrity.algorithm
+
+    @property
+    def has_counter(self) -> bool:
+        """Return whether its frames are counted."""
+        return self._counter is not None
+
+    def is_sound(self, data: bytes) -> bool:
+        """Return whether length and checksum hold."""
+        if len(data) not in self._lengths:
+            return False
+        return self._checksum is None or self._checksum.get(data) == self._sum(data)
+
+    def write(self, data: bytes, values: Mapping[str, float], shift: int = 0) -> bytes:
+        """Return the payload with other values of some signals, its checksum repaired.
+
+        values : by mapped name, in the map's unit; a signal that this payload does not carry is
+            left out
+        shift : is added to the counter, for frames left out or added before this one
+        Raises SignalMapError for NaN where the message cannot say not available.
+        """
+        changed = data
+        for name, value in values.items():
+            signal = self.signals[name]
+            if signal.is_in(data):
+                changed = signal.write(changed, value)
+        if shift and self._counter is not None:
+            changed = self._counter.set(changed, self._counter.get(changed) + shift)
+        if changed != data and self._checksum is not None:
+            changed = self._checksum.set(changed, self._sum(changed))
+        return changed
+
+    def _sum(self, data: bytes) -> int:
+        assert self._checksum is not None
+        whole = data.ljust(self._lengths[-1], b"\0")
+        return payload_checksum(self._algorithm, self.frame_id, whole, self._checksum.last_byte)
+
+
+def writers(channels: Mapping[str, Channel]) -> dict[tuple[int, bool], MessageWriter]:
+    """Return a writer for every message of a bus map, by identifier and whether it has 29 bits."""
+    groups: dict[tuple[int, bool], list[Channel]] = {}
+    for channel in channels.values():
+        message = channel.message
+        groups.setdefault((message.frame_id, message.is_extended_frame), []).append(channel)
+    return {key: MessageWriter(group) for key, group in groups.items()}
