@@ -51,7 +51,10 @@ def test_every_obd_parameter_survives_encoding() -> None:
     for signal in parameters:
         assert signal.multiplexer_ids is not None
         raw = (1 << signal.length) - 1
-        sent = {"Length": 4, "Service": 0x41, "Pid": signal.multiplexer_ids[0], signal.name: raw}
+        pid = signal.multiplexer_ids[0]
+        header = {"FrameType": 0, "Length": 4, "Service": 0x41, "Pid": pid}
+        beside = [s for s in parameters if pid in (s.multiplexer_ids or ())]
+        sent = header | {s.name: raw if s is signal else 0 for s in beside}
         payload = message.encode(sent, scaling=False)
         assert message.decode(payload, scaling=False, decode_choices=False) == sent
 

@@ -11,6 +11,8 @@ from monitor.errors import BusError, UsageError
 if TYPE_CHECKING:
     import can
 
+    from monitor.bus_map import BusMap
+    from monitor.obd_poll import ObdPoller
     from monitor.replay import Setup
 
 NOT_JUDGED = 3
@@ -82,8 +84,46 @@ def add_bus(parser: argparse.ArgumentParser) -> None:
     add_bus_arguments(parser)
 
 
+def add_obd(parser: argparse.ArgumentParser) -> None:
+    """Add the options of polling."""
+    parser.add_argument(
+        "--obd",
+        action="store_true",
+        help="ask the engine for OBD-II parameters, 12 requests a second; "
+        "without --dbc and --map those of obd2.toml",
+    )
+    parser.add_argument(
+        "--obd-rate", type=positive, metavar="HZ", default=12.0, help="most requests a second"
+    )
+    parser.add_argument(
+        "--obd-request",
+        type=lambda text: int(text, 16),
+        metavar="ID",
+        help="identifier to ask under, hexadecimal (default: 7E0, 7DF and their 29-bit "
+        "counterparts, until one is answered)",
+    )
+
+
+def obd_poller(args: argparse.Namespace, bus_map: "BusMap") -> "ObdPoller":
+    """Return what asks for everything the map provides; raises O2Error if there is nothing."""
+    from monitor.obd_answer import Address
+    from monitor.obd_pids import lengths, wanted
+    from monitor.obd_poll import ADDRESSES, ObdPoller
+
+    parameters = wanted(bus_map, bus_map.names)
+    only = args.obd_request
+    return ObdPoller(
+        parameters,
+        lengths(bus_map, parameters),
+        addresses=ADDRESSES if only is None else (Address.of(only),),
+        rate_hz=args.obd_rate,
+        say=say,
+    )
+
+
 def set_up(args: argparse.Namespace) -> "Setup":
     """Load what the options name; raises O2Error for what cannot be used."""
+    import dbc
     from monitor import config, replay
 
     if len(args.dbc) != len(args.map):
@@ -91,6 +131,8 @@ def set_up(args: argparse.Namespace) -> "Setup":
             f"--dbc and --map come in pairs: {len(args.dbc)} --dbc, {len(args.map)} --map"
         )
     pairs = list(zip(args.dbc, args.map, strict=True))
+    if getattr(args, "obd", False) and not pairs:
+        pairs = [(dbc.path("obd2.dbc"), dbc.path("obd2.toml"))]
     columns = getattr(args, "columns", None)
     return replay.set_up(args.model, pairs, config.load(args.config), columns)
 

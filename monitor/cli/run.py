@@ -9,10 +9,12 @@ from monitor.cli.options import (
     NOT_JUDGED,
     add_bus,
     add_command,
+    add_obd,
     add_outputs,
     add_setup,
     bus_name,
     check_outputs,
+    obd_poller,
     open_bus,
     positive,
     say,
@@ -24,6 +26,7 @@ _RUN = """examples:
   o2mon run -i socketcan -c can0                         listen only
   o2mon run -i socketcan -c vcan0 --record drive.log --duration 600
   o2mon run -i socketcan -c can0 --memory o2.db --transmit
+  o2mon run -i socketcan -c can0 --obd --model own.onnx  ask for OBD-II parameters
 
 exit code: 0 done, 2 the bus cannot be used, 3 nothing could be judged"""
 
@@ -36,6 +39,7 @@ def add(commands: Any) -> None:
     run.add_argument("--duration", type=positive, metavar="S", help="stop after so many seconds")
     run.add_argument("--record", type=Path, metavar="LOG", help="write all frames to a log")
     run.add_argument("--transmit", action="store_true", help="send fault flag and codes")
+    add_obd(run)
     run.add_argument("--quiet", action="store_true", help="print only the final verdict")
     add_outputs(run)
 
@@ -61,6 +65,8 @@ def _run(args: argparse.Namespace) -> int:
         )
         if not args.quiet:
             loop.attachments.append(Lines(loop.collector, say))
+        if args.obd:
+            loop.attachments.append(obd_poller(args, setup.bus_map))
         if args.transmit:
             loop.attachments.append(Transmitter(loop.pipeline.monitor))
         try:
