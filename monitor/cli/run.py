@@ -1,10 +1,14 @@
 """``o2mon run``: judge a live bus."""
 
 import argparse
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing, nullcontext
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from monitor.cli.diagnostics import add_diagnostics, diagnostics
 from monitor.cli.options import (
     NOT_JUDGED,
     add_bus,
@@ -22,10 +26,16 @@ from monitor.cli.options import (
     write_outputs,
 )
 
+if TYPE_CHECKING:
+    from monitor.attachment import Attachment
+    from monitor.run import Loop
+    from monitor.terminal import Out
+
 _RUN = """examples:
   o2mon run -i socketcan -c can0                         listen only
   o2mon run -i socketcan -c vcan0 --record drive.log --duration 600
   o2mon run -i socketcan -c can0 --memory o2.db --transmit
+  o2mon run -i socketcan -c can0 --json-lines --realtime 50 --cpu 1
   o2mon run -i socketcan -c can0 --obd --model own.onnx  ask for OBD-II parameters
 
 exit code: 0 done, 2 the bus cannot be used, 3 nothing could be judged"""
@@ -39,20 +49,28 @@ def add(commands: Any) -> None:
     run.add_argument("--duration", type=positive, metavar="S", help="stop after so many seconds")
     run.add_argument("--record", type=Path, metavar="LOG", help="write all frames to a log")
     run.add_argument("--transmit", action="store_true", help="send fault flag and codes")
+    add_diagnostics(run)
     add_obd(run)
     run.add_argument("--quiet", action="store_true", help="print only the final verdict")
+    run.add_argument("--json-lines", action="store_true", help="print one JSON object per line")
+    run.add_argument(
+        "--realtime", type=int, metavar="PRIORITY", help="run under SCHED_FIFO, 1 to 99"
+    )
+    run.add_argument("--cpu", type=int, metavar="N", help="run on that processor alone")
     add_outputs(run)
 
 
 def _run(args: argparse.Namespace) -> int:
     from monitor.memory import Memory
     from monitor.run import Loop, run
-    from monitor.sinks import print_recording
-    from monitor.terminal import Lines
+    from monitor.realtime import settle
+    from monitor.terminal import Out
     from monitor.transmit import Transmitter
 
     check_outputs(args)
+    _take_place(args)
     setup = set_up(args)
+    out = Out(sys.stdout)
     memory = Memory(args.memory) if args.memory else None
     with closing(memory) if memory else nullcontext(), open_bus(args) as bus:
         loop = Loop(
@@ -61,19 +79,69 @@ def _run(args: argparse.Namespace) -> int:
             memory=memory,
             record=args.record,
             trace=bool(args.html),
-            say=say,
+            reopen=lambda: open_bus(args),
+            say=_speaker(args, out),
         )
-        if not args.quiet:
-            loop.attachments.append(Lines(loop.collector, say))
+        loop.attachments.extend(_views(args, loop, out))
         if args.obd:
             loop.attachments.append(obd_poller(args, setup.bus_map))
         if args.transmit:
             loop.attachments.append(Transmitter(loop.pipeline.monitor))
+        loop.attachments.extend(diagnostics(args, setup, loop))
+        settle()
         try:
             run(loop, args.duration)
         finally:  # a bus that fails takes no result with it
             recording = loop.result(str(getattr(args, "channel", None) or bus_name(args)))
-            for line in print_recording(recording):
+            for line in _ending(args, recording):
                 say(line)
             write_outputs(args, setup, [recording], [loop.collector.trace()])
     return 0 if recording["completed"] or recording["fault_flag"] else NOT_JUDGED
+
+
+def _take_place(args: argparse.Namespace) -> None:
+    from monitor.realtime import use_cpu, use_priority
+
+    if args.cpu is not None:
+        use_cpu(args.cpu)
+    if args.realtime is not None:
+        use_priority(args.realtime)
+
+
+def _speaker(args: argparse.Namespace, out: "Out") -> Callable[[str], None]:
+    """Return what takes the loop's lines about itself."""
+    from monitor.terminal import json_line
+
+    if args.json_lines:
+        return lambda text: out.say(json_line("note", time.time(), {"text": text}))
+    return out.say
+
+
+def _views(args: argparse.Namespace, loop: "Loop", out: "Out") -> "Iterator[Attachment]":
+    """Yield what shows the loop's state: to a person, a program, a journal, a service manager."""
+    from monitor.terminal import JsonLines, Lines, Screen, Status
+    from monitor.watchdog import Watchdog
+
+    monitor, health = loop.pipeline.monitor, loop.health
+    view = Status(monitor, health)
+    if args.json_lines:
+        view = JsonLines(monitor, health, out)
+    elif not args.quiet:
+        kind = Screen if sys.stdout.isatty() else Lines
+        view = kind(monitor, health, loop.collector, out)
+    yield view
+    watchdog = Watchdog.of(view.line)
+    if watchdog:
+        yield watchdog
+
+
+def _ending(args: argparse.Namespace, recording: dict[str, Any]) -> Iterable[str]:
+    """Return the lines about the whole run."""
+    from monitor.sinks import print_recording, verdict_text
+    from monitor.terminal import json_line
+
+    if not args.json_lines:
+        return print_recording(recording)
+    wanted = ("samples", "enabled_samples", "dtcs", "fault_flag", "completed", "counters")
+    fields = {name: recording[name] for name in wanted}
+    return [json_line("end", time.time(), {"verdict": verdict_text(recording), **fields})]

@@ -1,0 +1,72 @@
+"""Options of ``o2mon run`` for diagnostics on ISO-TP."""
+
+import argparse
+from importlib.util import find_spec
+from typing import TYPE_CHECKING
+
+from monitor.cli.options import say
+from monitor.errors import UsageError
+
+if TYPE_CHECKING:
+    from monitor.attachment import Attachment
+    from monitor.replay import Setup
+    from monitor.run import Loop
+
+_NONE = "none"
+_MISSING = "can-isotp is not installed; pip install 'o2-monitor[diagnostics]'"
+
+
+def add_diagnostics(parser: argparse.ArgumentParser) -> None:
+    """Add the options; they matter only with --transmit."""
+    parser.add_argument(
+        "--diagnostics-id",
+        metavar="HEX",
+        help="answer testers under this identifier: 7E9 to 7EF, 18DAF1xx, or none "
+        "(default: 7E9; only with --transmit)",
+    )
+    parser.add_argument("--vin", help="vehicle identification number to answer with")
+    parser.add_argument(
+        "--clear-while-running",
+        action="store_true",
+        help="let testers clear codes while the engine runs, or when its speed is not known",
+    )
+
+
+def diagnostics(args: argparse.Namespace, setup: "Setup", loop: "Loop") -> "list[Attachment]":
+    """Return what answers testers: one attachment, or none.
+
+    Raises UsageError for options that cannot be followed.
+    """
+    asked = args.diagnostics_id not in (None, _NONE)
+    if not args.transmit:
+        if asked or args.vin or args.clear_while_running:
+            raise UsageError("diagnostics answers only with --transmit")
+        return []
+    if args.diagnostics_id == _NONE:
+        return []
+    if find_spec("isotp") is None:
+        if asked:
+            raise UsageError(_MISSING)
+        say(f"no diagnostics: {_MISSING}")
+        return []
+    from monitor import __version__
+    from monitor.diagnostics.server import DEFAULT_RESPONSE_ID, Address, Diagnostics
+    from monitor.diagnostics.state import Identity, State
+
+    monitor, config = loop.pipeline.monitor, setup.config
+    state = State(
+        store=monitor.store,
+        identity=Identity(
+            model_name=setup.model_path.name,
+            model_sha256=setup.model_sha256,
+            version=__version__,
+            profile=config.obd.profile,
+            vin=args.vin,
+        ),
+        clear=loop.clear_codes,
+        names=monitor.names,
+        output=monitor.output,
+        running_rpm=config.plausibility.engine_running_rpm,
+        clear_while_running=args.clear_while_running,
+    )
+    return [Diagnostics(state, Address.parse(args.diagnostics_id or DEFAULT_RESPONSE_ID))]
