@@ -2,6 +2,7 @@
 
 import select
 import signal
+import socket
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -11,9 +12,13 @@ from typing import Final
 
 import can
 
-from monitor.errors import BusError, RecordingError
+from monitor.bus import receive
+from monitor.clock import BEHIND_S, SILENCE_S
 from monitor.injector import Injector
-from monitor.sources import frame_of, log_kind
+from monitor.own_frames import time_mark
+from monitor.recorder import Recorder, message_of
+from monitor.socketcan import RECEIVE_BUFFER_BYTES
+from monitor.sources import frame_of
 from monitor.types import Frame
 
 POLL_S: Final = 0.001  # between two looks at buses that cannot be waited for together
@@ -27,33 +32,12 @@ def write_log(path: Path, frames: Iterable[Frame]) -> int:
 
     Raises RecordingError if the format is unknown or the file cannot be written.
     """
-    log_kind(path)
     n = 0
-    try:
-        with can.Logger(path) as logger:
-            for frame in frames:
-                logger.on_message_received(message_of(frame))
-                n += 1
-    except RecordingError:
-        raise
-    except (OSError, ValueError, NotImplementedError, ImportError) as error:
-        raise RecordingError(f"{path}: cannot write the log: {error}") from None
+    with Recorder(path) as recorder:
+        for frame in frames:
+            recorder.write(frame)
+            n += 1
     return n
-
-
-def message_of(frame: Frame, like: can.Message | None = None) -> can.Message:
-    """Return a frame as python-can's message.
-
-    like : a message whose CAN FD flags it takes; without one a long frame is CAN FD
-    """
-    return can.Message(
-        timestamp=frame.t_ns / 1e9,
-        arbitration_id=frame.can_id,
-        is_extended_id=frame.is_extended,
-        data=frame.data,
-        is_fd=like.is_fd if like else len(frame.data) > 8,
-        bitrate_switch=like.bitrate_switch if like else False,
-    )
 
 
 @dataclass(slots=True)
@@ -69,7 +53,7 @@ class Passed:
 class Gateway:
     """Passes frames between the ECU's bus and another, faults put into those of the ECU.
 
-    taken : takes every frame of the ECU's side that goes out
+    taken : takes every frame of the ECU's side that goes out, and a time mark where none does
     """
 
     def __init__(
@@ -84,7 +68,10 @@ class Gateway:
         self._now_s = monotonic_s
         self._stop = False
         self._heard: tuple[int, float] | None = None  # bus time and clock of the last ECU frame
+        self._last_ns = 0  # bus time of what was last given or marked
         self._filenos = _filenos(ecu, other)
+        for bus in (ecu, other):
+            _enlarge(bus)
         self.passed = Passed()
 
     def stop(self, *_: object) -> None:
@@ -109,7 +96,7 @@ class Gateway:
     def _from_ecu(self) -> bool:
         message: can.Message | None = None
         for _ in range(BURST):
-            message = _receive(self._ecu)
+            message = receive(self._ecu, 0.0)
             if message is None:
                 return False
             if message.is_error_frame:
@@ -120,6 +107,8 @@ class Gateway:
                 frame = frame_of(message)
                 if not message.timestamp:  # the interface gives none
                     frame = frame._replace(t_ns=time.time_ns() // 1000 * 1000)
+                if self._heard is None:
+                    self._last_ns = frame.t_ns
                 self._heard = (frame.t_ns, self._now_s())
                 if message.is_fd:
                     self.passed.flags[message.arbitration_id, message.is_extended_id] = message
@@ -129,7 +118,7 @@ class Gateway:
 
     def _to_ecu(self) -> bool:
         for _ in range(BURST):
-            message = _receive(self._other)
+            message = receive(self._other, 0.0)
             if message is None:
                 return False
             if message.is_error_frame:
@@ -139,15 +128,25 @@ class Gateway:
         return True
 
     def _due(self) -> None:
-        """Give what is due although the ECU says nothing just now."""
-        if self._heard is not None and self._injector.due_ns < float("inf"):
-            t_ns, at_s = self._heard
-            for frame in self._injector.advance(t_ns + round((self._now_s() - at_s) * 1e9)):
+        """Give what is due although the ECU says nothing just now; say that time passes."""
+        if self._heard is None:
+            return
+        t_ns, at_s = self._heard
+        now_ns = t_ns + round((self._now_s() - at_s) * 1e9)
+        if self._injector.due_ns <= now_ns:
+            for frame in self._injector.advance(now_ns):
                 self._give(frame)
+        if now_ns - self._last_ns > SILENCE_S * 1e9:
+            self._last_ns = now_ns
+            self._taken(time_mark(now_ns - round(BEHIND_S * 1e9)))
 
     def _give(self, frame: Frame) -> None:
+        message = message_of(frame)
         like = self.passed.flags.get((frame.can_id, frame.is_extended))
-        if self._send(self._other, message_of(frame, like)):
+        if like is not None:
+            message.is_fd, message.bitrate_switch = True, like.bitrate_switch
+        if self._send(self._other, message):
+            self._last_ns = frame.t_ns
             self._taken(frame)
 
     def _send(self, bus: can.BusABC, message: can.Message) -> bool:
@@ -189,11 +188,11 @@ def _filenos(*buses: can.BusABC) -> list[int]:
     return found if all(each >= 0 for each in found) else []
 
 
-def _receive(bus: can.BusABC) -> can.Message | None:
-    try:
-        return bus.recv(0)
-    except (can.CanError, OSError) as error:
-        raise BusError(f"{bus.channel_info}: {error}") from None
+def _enlarge(bus: can.BusABC) -> None:
+    """Give SocketCAN's socket room for a burst; other interfaces keep theirs."""
+    own = getattr(bus, "socket", None)
+    if isinstance(own, socket.socket):
+        own.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
 
 
 @contextmanager
