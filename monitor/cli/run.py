@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from monitor.cli.diagnostics import add_diagnostics, diagnostics
+from monitor.cli.live import add_live, live_feed, live_server
 from monitor.cli.options import (
     NOT_JUDGED,
     add_bus,
@@ -28,6 +29,7 @@ from monitor.cli.options import (
 
 if TYPE_CHECKING:
     from monitor.attachment import Attachment
+    from monitor.live.process import Server
     from monitor.run import Loop
     from monitor.terminal import Out
 
@@ -37,6 +39,7 @@ _RUN = """examples:
   o2mon run -i socketcan -c can0 --memory o2.db --transmit
   o2mon run -i socketcan -c can0 --json-lines --realtime 50 --cpu 1
   o2mon run -i socketcan -c can0 --obd --model own.onnx  ask for OBD-II parameters
+  o2mon run -i socketcan -c can0 --live 8765             and show it on http://127.0.0.1:8765/
 
 exit code: 0 done, 2 the bus cannot be used, 3 nothing could be judged"""
 
@@ -51,6 +54,7 @@ def add(commands: Any) -> None:
     run.add_argument("--transmit", action="store_true", help="send fault flag and codes")
     add_diagnostics(run)
     add_obd(run)
+    add_live(run)
     run.add_argument("--quiet", action="store_true", help="print only the final verdict")
     run.add_argument("--json-lines", action="store_true", help="print one JSON object per line")
     run.add_argument(
@@ -61,13 +65,18 @@ def add(commands: Any) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
+    check_outputs(args)
+    with live_server(args) as server:  # before the process takes its place before others
+        return _judge(args, server)
+
+
+def _judge(args: argparse.Namespace, server: "Server | None") -> int:
     from monitor.memory import Memory
-    from monitor.run import Loop, run
     from monitor.realtime import settle
+    from monitor.run import Loop, run
     from monitor.terminal import Out
     from monitor.transmit import Transmitter
 
-    check_outputs(args)
     _take_place(args)
     setup = set_up(args)
     out = Out(sys.stdout)
@@ -88,6 +97,7 @@ def _run(args: argparse.Namespace) -> int:
         if args.transmit:
             loop.attachments.append(Transmitter(loop.pipeline.monitor))
         loop.attachments.extend(diagnostics(args, setup, loop))
+        loop.attachments.extend(live_feed(server, setup, loop, bus_name(args), _speaker(args, out)))
         settle()
         try:
             run(loop, args.duration)

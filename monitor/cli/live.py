@@ -1,0 +1,65 @@
+"""``--live`` of ``o2mon run``: the page that shows the monitor at work."""
+
+import argparse
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from typing import TYPE_CHECKING
+
+from monitor.live.address import parse
+
+if TYPE_CHECKING:
+    from monitor.live.feed import LiveFeed
+    from monitor.live.process import Server
+    from monitor.replay import Setup
+    from monitor.run import Loop
+
+
+def add_live(parser: argparse.ArgumentParser) -> None:
+    """Add the option."""
+    parser.add_argument(
+        "--live",
+        type=parse,
+        metavar="HOST:PORT",
+        help="serve a live page there, PORT alone for this machine only (127.0.0.1)",
+    )
+
+
+@contextmanager
+def live_server(args: argparse.Namespace) -> "Iterator[Server | None]":
+    """Give the page's server if one is asked for, and end it.
+
+    Raises UsageError if it cannot be had.
+    """
+    if args.live is None:
+        yield None
+        return
+    from monitor.live.process import Server
+
+    server = Server(args.live)
+    try:
+        yield server
+    finally:
+        server.close()
+
+
+def live_feed(
+    server: "Server | None", setup: "Setup", loop: "Loop", channel: str, say: Callable[[str], None]
+) -> "Iterator[LiveFeed]":
+    """Yield what feeds the page, if there is a server, and say where the page is."""
+    if server is None:
+        return
+    from monitor.live.feed import LiveFeed
+    from monitor.replay import frame_counters
+
+    say(f"live page: {server.address.url}")
+    if not server.is_loopback:
+        say(f"warning: everyone who reaches {server.address.host} can read the live page")
+    yield LiveFeed(
+        server,
+        loop.pipeline.monitor,
+        setup,
+        health=lambda: asdict(loop.health) | frame_counters(loop.pipeline),
+        channel=channel,
+        say=say,
+    )

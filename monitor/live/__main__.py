@@ -1,0 +1,77 @@
+"""The server's process: ``python -m monitor.live SOCKET HOST``, started by the feed.
+
+It reads the loop's messages from its standard input and ends with it.
+"""
+
+import asyncio
+import os
+import socket
+import sys
+from typing import Final
+
+import uvicorn
+
+from monitor.live.address import is_loopback, may_ask
+from monitor.live.app import create_app
+from monitor.live.hub import Hub
+from monitor.live.protocol import REQUEST_BYTES, BoundedProtocol
+
+NICE: Final = 10  # the loop comes first
+LINE_BYTES: Final = 4 << 20  # longest message
+
+
+def main() -> None:
+    """Serve until the loop's end of the pipe is closed."""
+    number, host = int(sys.argv[1]), sys.argv[2]
+    step_back()
+    with socket.socket(fileno=number) as listening:
+        loopback = is_loopback(listening)
+        hub = Hub()
+        app = create_app(hub, lambda header: may_ask(header, host, loopback=loopback))
+        config = uvicorn.Config(
+            app,
+            http=BoundedProtocol,
+            ws="none",
+            lifespan="off",
+            log_level="error",
+            access_log=False,
+            server_header=False,
+            proxy_headers=False,
+            h11_max_incomplete_event_size=REQUEST_BYTES,
+            timeout_graceful_shutdown=1,
+        )
+        asyncio.run(serve(uvicorn.Server(config), hub, listening))
+
+
+def step_back() -> None:
+    """Leave the loop its priority, should it have one."""
+    if hasattr(os, "sched_setscheduler"):
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    os.nice(NICE)
+
+
+async def serve(server: uvicorn.Server, hub: Hub, listening: socket.socket) -> None:
+    """Run the server beside the reader of the loop's messages."""
+    reading = asyncio.create_task(read(hub))
+    reading.add_done_callback(lambda _: setattr(server, "should_exit", True))
+    await server.serve([listening])
+    if reading.done():
+        reading.result()  # what went wrong in it, if anything
+    reading.cancel()
+
+
+async def read(hub: Hub) -> None:
+    """Give the hub every message until the loop's end."""
+    reader = asyncio.StreamReader(limit=LINE_BYTES)
+    loop = asyncio.get_running_loop()
+    await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin.buffer)
+    try:
+        while line := await reader.readline():
+            if line.endswith(b"\n"):  # the loop may die within a message
+                hub.take(line)
+    finally:
+        hub.end()
+
+
+if __name__ == "__main__":
+    main()

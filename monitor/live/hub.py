@@ -1,0 +1,69 @@
+"""What the server knows: the last minutes for browsers that come, the last messages for the rest.
+
+Memory is bounded whatever the loop says and however slow a browser is: a browser has no queue,
+only a place in the ring of messages; one that falls behind it gets the whole state anew.
+"""
+
+import asyncio
+import json
+from collections import deque
+from typing import Any, Final
+
+SAMPLES: Final = 6000  # ten minutes at ten a second
+WINDOWS: Final = 240
+RING: Final = 64  # messages, a quarter of a minute
+STREAMS: Final = 16  # browsers at once
+
+_LISTS: Final = ("samples", "windows")
+
+
+class Hub:
+    """Takes the loop's messages, gives them to any number of streams."""
+
+    def __init__(self) -> None:
+        self.streams = 0
+        self.ended = False
+        self._state: dict[str, Any] = {}
+        self._kept: dict[str, deque[Any]] = {
+            "samples": deque(maxlen=SAMPLES),
+            "windows": deque(maxlen=WINDOWS),
+        }
+        self._ring: deque[bytes] = deque(maxlen=RING)
+        self._count = 0  # messages ever taken
+        self._news = asyncio.Event()
+
+    def take(self, line: bytes) -> None:
+        """Take one message of the loop: a JSON object in one line."""
+        message = json.loads(line)
+        for name in _LISTS:
+            self._kept[name].extend(message.pop(name, ()))
+        self._state |= message
+        self._announce(b"data: " + line.rstrip() + b"\n\n")
+
+    def end(self) -> None:
+        """Say that the loop has ended."""
+        self.ended = True
+        self._announce(b"event: ended\ndata: {}\n\n")
+
+    def _announce(self, event: bytes) -> None:
+        self._ring.append(event)
+        self._count += 1
+        self._news.set()
+        self._news = asyncio.Event()
+
+    def snapshot(self) -> bytes:
+        """Return the event that brings a browser up to date."""
+        state = self._state | {name: list(kept) for name, kept in self._kept.items()}
+        return b"event: snapshot\ndata: " + json.dumps(state).encode() + b"\n\n"
+
+    async def after(self, place: int | None) -> tuple[int, bytes]:
+        """Return what a stream at ``place`` has not seen yet, and its new place.
+
+        Waits for news if there is none. None, or a place that has left the ring, gets a snapshot.
+        """
+        if place is None or self._count - place > len(self._ring):
+            return self._count, self.snapshot()
+        while place == self._count:
+            await self._news.wait()
+        missed = min(self._count - place, len(self._ring))
+        return self._count, b"".join(list(self._ring)[-missed:])
