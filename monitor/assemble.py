@@ -24,7 +24,7 @@ MAX_JUMP_NS = 60_000_000_000  # a longer pause is a break in the recording, not 
 MAX_LATE = 100  # so many late frames in a row mean that the clock went backwards
 
 _NAN, _INF = math.nan, math.inf
-_GOOD, _STALE, _INVALID, _OUT_OF_RANGE = (int(quality) for quality in Quality)
+_GOOD, _STALE, _INVALID, _OUT_OF_RANGE, _OFF_BUS = (int(quality) for quality in Quality)
 
 
 @dataclass(slots=True)
@@ -59,6 +59,7 @@ class Assembler:
         self.names = tuple(names)
         self.period_ns = period_ns
         self.counters = AssemblerCounters()
+        self.is_off_bus = False  # the monitor itself hears nothing: no sender is to blame
         self._timeouts_ns = list(timeouts_ns)
         self._output = Output(channels, names, derived)
         self._sums = [0.0] * n
@@ -77,6 +78,11 @@ class Assembler:
     def of(cls, decoder: Decoder, period_ns: int) -> "Assembler":
         """Return an assembler for what ``decoder`` yields."""
         return cls(decoder.channels, decoder.names, period_ns, decoder.timeouts_ns, decoder.derived)
+
+    @property
+    def tick_end_ns(self) -> int:
+        """Return the end of the open tick, 0 before the first frame."""
+        return self._end_ns
 
     def push(self, t_ns: int, update: Update | None) -> Sequence[Sample]:
         """Take one frame's time and values, return the samples that are complete before it.
@@ -175,7 +181,7 @@ class Assembler:
                 self._bads[channel] = _GOOD
             elif end_ns - self._times_ns[channel] > self._timeouts_ns[channel]:
                 values[channel] = _NAN
-                quality[channel] = _STALE
+                quality[channel] = _OFF_BUS if self.is_off_bus else _STALE
         sample = Sample(self._index, end_ns, *self._output.of(values, quality))
         self._index += 1
         self._first_ns = end_ns + 1

@@ -1,85 +1,228 @@
-"""The bus of the live loop: receiving, sending, filters and how well it is."""
+"""The bus of the live loop: received from, sent to, watched, and opened again when it is lost."""
 
-import socket
-from collections.abc import Collection
-from dataclasses import dataclass
-from typing import Final
+import math
+import time
+from collections.abc import Callable, Collection
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from typing import Any, Final, Literal
 
 import can
 
+from monitor.error_frames import error_frame
 from monitor.errors import BusError
 from monitor.recorder import message_of
+from monitor.socketcan import ErrorMessage, SocketReader
 from monitor.sources import frame_of
 from monitor.types import Frame
 
-RECEIVE_BUFFER_BYTES: Final = 8 << 20  # the default holds about 320 frames
+FIRST_TRY_S: Final = 0.1  # after a loss; every further try waits twice as long
+LAST_TRY_S: Final = 5.0
+QUIET_S: Final = 10.0  # between two lines about the controller's state
+
+State = Literal["active", "warning", "passive", "bus off", "gone"]
+OFF: Final = ("bus off", "gone")
 
 
 @dataclass(slots=True)
 class BusHealth:
-    """What the loop counts beside the frames it judges."""
+    """How the bus and the loop on it are."""
 
-    frames: int = 0
+    state: State = "active"  # of the controller; "gone": the interface itself
+    frames: int = 0  # received and not refused below
     error_frames: int = 0
     remote_frames: int = 0
+    overruns: int = 0  # error frames that say the controller has lost frames
+    drops: int = 0  # frames that the socket's buffer had no room for
+    bus_off: int = 0  # times the controller went off the bus
+    passive: int = 0  # times it became error passive
+    warning: int = 0  # times its error counters reached the warning limit
+    unacknowledged: int = 0  # error frames that say nobody acknowledges
+    losses: int = 0  # times the interface went away
+    reconnects: int = 0  # times it came back
     transmit_errors: int = 0
-    memory_errors: int = 0  # the fault memory could not be stored
+    stale: tuple[str, ...] = ()  # signals that no frame brings any more, now
+    stale_samples: int = 0  # samples with such a signal
+    memory_errors: int = 0  # times the fault memory could not be stored
     detached: int = 0  # attachments that raised and were let go
+    receive_buffer_bytes: int = 0  # of SocketCAN, 0 if not known
+    timestamps: Literal["kernel", "interface"] = "interface"
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the counters by name."""
+        return asdict(self)
 
 
 class Port:
     """One bus, received from by one thread.
 
     health : is kept up to date
+    reopen : opens the bus again after it was lost; without it a loss is an error
+    say : takes the lines about losses
     """
 
-    def __init__(self, bus: can.BusABC, health: BusHealth) -> None:
-        self._bus, self._health = bus, health
-        enlarge_receive_buffer(bus)
+    def __init__(
+        self,
+        bus: can.BusABC,
+        health: BusHealth,
+        reopen: Callable[[], can.BusABC] | None = None,
+        say: Callable[[str], None] = print,
+        monotonic_s: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        self._health, self._reopen, self._say = health, reopen, say
+        self._now_s, self._sleep = monotonic_s, sleep
+        self._filters: list[Any] | None = None
+        self._next_try_s = self._lost_s = 0.0
+        self._quiet_until_s = -math.inf
+        self._back_off_s = FIRST_TRY_S
+        self._drops_before = 0  # on sockets that are closed
+        self._use(bus)
+
+    def _use(self, bus: can.BusABC) -> None:
+        self._bus: can.BusABC | None = bus
+        self._reader = SocketReader.of(bus)
+        if self._filters is not None:
+            bus.set_filters(self._filters)
+        if self._reader:
+            self._health.receive_buffer_bytes = self._reader.buffer_bytes
+            self._health.timestamps = "kernel"
+
+    @property
+    def is_off(self) -> bool:
+        """Return whether the monitor itself cannot hear the bus."""
+        return self._health.state in OFF
 
     def set_filters(self, identifiers: Collection[tuple[int, bool]]) -> None:
         """Receive nothing but these identifiers, each with whether it has 29 bits."""
-        self._bus.set_filters(
-            [
-                {
-                    "can_id": can_id,
-                    "can_mask": 0x1FFFFFFF if extended else 0x7FF,
-                    "extended": extended,
-                }
-                for can_id, extended in identifiers
-            ]
-        )
+        self._filters = [
+            {"can_id": can_id, "can_mask": 0x1FFFFFFF if long else 0x7FF, "extended": long}
+            for can_id, long in sorted(identifiers)
+        ]
+        if self._bus:
+            self._bus.set_filters(self._filters)
 
-    def receive(self, timeout_s: float) -> Frame | None:
+    def receive(self, timeout_s: float, tick_end_ns: int = 0) -> Frame | None:
         """Return the next frame, None if none came in time.
 
-        Raises BusError when the interface fails.
+        tick_end_ns : bus time before which nobody waits for a frame, so that frames may gather
+        Raises BusError when the interface fails and cannot be opened again.
         """
-        message = receive(self._bus, timeout_s)
+        if self._bus is None:
+            self._try_again(timeout_s)
+            return None
+        try:
+            if self._reader:
+                frame = self._read(self._reader, timeout_s, tick_end_ns)
+            else:
+                frame = self._take(self._bus.recv(timeout_s))
+        except (can.CanError, OSError) as error:
+            self._lose(error)
+            return None
+        if self._health.state in OFF:
+            self._recover(frame)
+        return frame
+
+    def _read(self, reader: SocketReader, timeout_s: float, tick_end_ns: int) -> Frame | None:
+        got = reader.receive(timeout_s, tick_end_ns)
+        if type(got) is Frame:
+            self._health.frames += 1
+            return got
+        self._health.remote_frames = reader.remote_frames
+        self._health.drops = self._drops_before + reader.drops
+        if type(got) is ErrorMessage:
+            self._heed(got.can_id, got.data)
+        return None
+
+    def _take(self, message: can.Message | None) -> Frame | None:
         if message is None:
             return None
         if message.is_error_frame:
-            self._health.error_frames += 1
-            return None
-        if message.is_remote_frame:
+            self._heed(message.arbitration_id, bytes(message.data))
+        elif message.is_remote_frame:
             self._health.remote_frames += 1
-            return None
-        self._health.frames += 1
-        return frame_of(message)
+        else:
+            self._health.frames += 1
+            return frame_of(message)
+        return None
+
+    def _heed(self, can_id: int, data: bytes) -> None:
+        """Take an error frame."""
+        health, said = self._health, error_frame(can_id, data)
+        if health.state == "gone":
+            self._recover(None)
+        health.error_frames += 1
+        health.overruns += said.overflow
+        health.unacknowledged += said.no_acknowledge
+        if said.state is None or said.state == health.state:
+            return
+        health.state = said.state
+        health.bus_off += said.state == "bus off"
+        health.passive += said.state == "passive"
+        health.warning += said.state == "warning"
+        if said.state in ("bus off", "passive") and self._now_s() >= self._quiet_until_s:
+            self._quiet_until_s = self._now_s() + QUIET_S
+            self._say(f"bus: the controller is {'error ' * (said.state == 'passive')}{said.state}")
+
+    def _lose(self, error: Exception) -> None:
+        """Let go of a bus that has failed."""
+        bus, self._bus = self._bus, None
+        if self._reader:
+            self._drops_before += self._reader.drops
+        if self._reopen is None:
+            raise BusError(f"{bus and bus.channel_info}: {error}") from None
+        if self._health.state != "gone":
+            self._health.losses += 1
+            self._lost_s = self._now_s()
+            self._say(f"bus: lost: {error}; it is tried again and again")
+        self._health.state = "gone"
+        self._next_try_s = self._now_s() + self._back_off_s
+        self._back_off_s = min(2.0 * self._back_off_s, LAST_TRY_S)
+        if bus:
+            _shut_down(bus)
+
+    def _try_again(self, timeout_s: float) -> None:
+        """Wait for the next try, or make it."""
+        left_s = self._next_try_s - self._now_s()
+        if left_s > 0.0:
+            self._sleep(min(left_s, timeout_s))
+            return
+        try:
+            assert self._reopen is not None
+            self._use(self._reopen())
+        except (BusError, can.CanError, OSError) as error:
+            self._lose(error)
+
+    def _recover(self, frame: Frame | None) -> None:
+        """Note that a bus that was off has been read from without an error."""
+        health = self._health
+        if health.state == "gone":
+            health.state = "active"
+            health.reconnects += 1
+            self._say(f"bus: back after {self._now_s() - self._lost_s:.1f} s")
+        elif frame is not None:
+            health.state = "active"
+        if frame is not None:
+            self._back_off_s = FIRST_TRY_S
 
     def send(self, frame: Frame) -> None:
         """Send a frame or count that it could not be sent."""
         try:
+            if self._bus is None:
+                raise can.CanOperationError("the bus is lost")
             self._bus.send(message_of(frame), timeout=0)
         except (can.CanError, OSError):
             self._health.transmit_errors += 1
 
+    def close(self) -> None:
+        """Let go of a bus that was opened again; the first is its opener's."""
+        if self._bus is not None and self._health.losses:
+            _shut_down(self._bus)
 
-def enlarge_receive_buffer(bus: can.BusABC) -> None:
-    """Give SocketCAN's socket room for seconds of traffic; other interfaces keep theirs."""
-    own = getattr(bus, "socket", None)
-    if isinstance(own, socket.socket):
-        own.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
+
+def _shut_down(bus: can.BusABC) -> None:
+    with suppress(can.CanError, OSError):  # it is broken already
+        bus.shutdown()
 
 
 def receive(bus: can.BusABC, timeout_s: float) -> can.Message | None:

@@ -1,17 +1,12 @@
-"""Bus time when no frame says it: time marks of a silent bus, and other frames of the loop's own.
-
-They go through the pipeline and into the recording alike, so that a replay of the recording gives
-exactly the same events. Their identifiers are the last of the 29-bit ones, with the lowest
-priority; nothing on a bus uses them, and the loop never sends them.
-"""
+"""Bus time when no frame says it."""
 
 import time
 from collections.abc import Callable
 from typing import Final
 
+from monitor.own_frames import time_mark
 from monitor.types import Frame
 
-TIME_MARK_ID: Final = 0x1FFFFFFF  # no data
 SILENCE_S: Final = 0.5  # after which time marks are made
 FIRST_FRAME_S: Final = 10.0  # the same while nothing was ever heard, in wall-clock time
 BEHIND_S: Final = 0.1  # of a time mark, so that a frame that comes now is not late
@@ -32,13 +27,13 @@ class Clock:
         passed_s = self._monotonic_s() - self._received_s - BEHIND_S
         return self._last_ns + max(round(passed_s * 1e6), 0) * 1000
 
-    def heard(self, t_ns: int) -> None:
-        """Note the time of a frame that has just come in."""
-        self._last_ns, self._received_s, self._heard = t_ns, self._monotonic_s(), True
+    def heard(self, t_ns: int, now_s: float) -> None:
+        """Note the time of a frame that has come in by the monotonic time ``now_s``."""
+        self._last_ns, self._received_s, self._heard = t_ns, now_s, True
 
     def mark(self) -> Frame | None:
         """Return a time mark if the bus has been silent for long enough."""
         silent_s = self._monotonic_s() - self._received_s
         if silent_s < (SILENCE_S if self._heard else FIRST_FRAME_S):
             return None
-        return Frame(self.t_ns, TIME_MARK_ID, True, b"")
+        return time_mark(self.t_ns)

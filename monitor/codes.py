@@ -18,6 +18,7 @@ CODES: dict[str, tuple[str, ...]] = {
     "out_of_range": ("P2A00",),
     "signal_missing": ("U0100",),
     "signal_invalid": ("U0401",),
+    "bus_off": ("U0001",),  # of the monitor itself, which then blames no sender
 }
 # test → the faults it can find
 TESTS: dict[str, tuple[str, ...]] = {
@@ -26,7 +27,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     ),
     "bias": ("biased_lean", "biased_rich"),
     "activity": ("stuck_lean", "stuck_rich", "stuck_at_one"),
-    "communication": ("signal_missing", "signal_invalid"),
+    "communication": ("signal_missing", "signal_invalid", "bus_off"),
     "range": ("out_of_range",),
     "ready": ("not_ready",),
 }

@@ -24,6 +24,7 @@ from monitor.hypotheses import SensorBank
 from monitor.limits import Limits
 from monitor.model import Model
 from monitor.model_card import ModelCard
+from monitor.own_frames import BUS_STATE_ID, says_off
 from monitor.plausibility import ActivityTest, Plausibility
 from monitor.reference import Seen
 from monitor.residual import oriented
@@ -169,7 +170,10 @@ class FramePipeline:
 
     def samples(self, frame: Frame) -> Sequence[Sample]:
         """Take one frame and return the samples it completes, not judged yet."""
-        return self.assembler.push(frame[0], self.decoder.push(frame))
+        samples = self.assembler.push(frame[0], self.decoder.push(frame))
+        if frame[1] == BUS_STATE_ID and frame[2]:
+            self.assembler.is_off_bus = says_off(frame)
+        return samples
 
     def push(self, frame: Frame) -> Iterable[Event]:
         """Take one frame and return what it causes, for most frames nothing."""

@@ -18,7 +18,7 @@ from monitor.runs import since, stretches
 from monitor.types import BoolArray, FloatArray, IntArray, Quality, QualityArray, Sample
 
 _ENGINE = ("engine_speed_rpm", "sensor_ready")  # tell whether the sensor can be heated
-_GOOD, _STALE, _INVALID, _OUT_OF_RANGE = (int(quality) for quality in Quality)
+_GOOD, _STALE, _INVALID, _OUT_OF_RANGE, _OFF_BUS = (int(quality) for quality in Quality)
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,9 +75,11 @@ class Plausibility:
         waiting = not ready and not gone and self.is_running(sample)
         self._not_ready = self._not_ready + 1 if waiting else 0
         # a blank in a table reads as invalid; with the readiness blank, too, nothing came
-        missing = quality == _STALE or (quality == _INVALID and gone)
+        missing = quality in (_STALE, _OFF_BUS) or (quality == _INVALID and gone)
         invalid = quality == _INVALID and ready
         absence = "signal_invalid" if invalid else "signal_missing"
+        if quality == _OFF_BUS:
+            absence = "bus_off"
         self._heard = self._heard or not missing
         self._unheard += not self._heard
         results = []

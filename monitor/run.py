@@ -7,8 +7,8 @@ When the bus falls silent the loop makes time marks, frames of its own that only
 import math
 import signal
 import time
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from types import FrameType
 from typing import Any, Final
@@ -21,13 +21,14 @@ from monitor.clock import Clock
 from monitor.dtc import DtcStore
 from monitor.errors import RecordingError
 from monitor.memory import Memory
-from monitor.pipeline import DtcChanged, Event, FramePipeline
+from monitor.own_frames import bus_state
+from monitor.pipeline import DtcChanged, Event, FramePipeline, Tick
 from monitor.recorder import Recorder
 from monitor.replay import Setup, frame_counters
 from monitor.sinks import Collector
-from monitor.types import Frame
+from monitor.socketcan import BLOCK_S
+from monitor.types import Frame, Quality
 
-RECEIVE_TIMEOUT_S: Final = 0.1
 KEEP: Final = 200_000  # windows (11 days at 10 Hz) and samples of the report (5 h), the latest
 STORE_AGAIN_S: Final = 10.0  # after the fault memory could not be stored
 
@@ -35,11 +36,13 @@ STORE_AGAIN_S: Final = 10.0  # after the fault memory could not be stored
 class Loop:
     """One run on a bus.
 
+    reopen : opens the bus again after it was lost; without it a loss ends the run
     memory : fault memory; every change is stored before it is announced
     record : log to write
     attachments : what hangs on the loop; more may be appended to ``attachments`` before ``run``
     say : takes the lines about the run itself
     monotonic_s : clock that says how long the bus has been silent
+    sleep : waits while the bus is lost
     """
 
     def __init__(
@@ -47,12 +50,14 @@ class Loop:
         bus: can.BusABC,
         setup: Setup,
         *,
+        reopen: Callable[[], can.BusABC] | None = None,
         memory: Memory | None = None,
         record: Path | None = None,
         attachments: Sequence[Attachment] = (),
         trace: bool = False,
         say: Callable[[str], None] = print,
         monotonic_s: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
     ) -> None:
         self._memory, self._say, self._now_s = memory, say, monotonic_s
         store = DtcStore(memory.load() if memory else None, setup.config.profile)
@@ -62,13 +67,13 @@ class Loop:
         self.collector = Collector(self.pipeline.monitor, trace=trace, keep=KEEP)
         self.attachments = list(attachments)
         self.health = BusHealth()
-        self._port = Port(bus, self.health)
+        self._port = Port(bus, self.health, reopen, say, monotonic_s, sleep)
         self._record_path = record
         self._recorder: Recorder | None = None
         self._clock = Clock(monotonic_s)
         self._due_s = self._store_again_s = math.inf
         self._wanted: dict[tuple[int, bool], list[Attachment]] = {}
-        self._stop = False
+        self._stop = self._is_off = False
 
     def stop(self, *_: int | FrameType | None) -> None:
         """End the loop after the frame in hand; may be called from a signal handler."""
@@ -77,7 +82,7 @@ class Loop:
     def run(self, duration_s: float | None = None) -> None:
         """Receive and judge until stopped, or for so long.
 
-        Raises BusError when the interface fails.
+        Raises BusError when the interface fails and cannot be opened again.
         """
         until_s = math.inf if duration_s is None else self._now_s() + duration_s
         self._rewire()
@@ -87,17 +92,30 @@ class Loop:
                 self._port.set_filters({*self.pipeline.decoder.identifiers, *self._wanted})
             else:
                 self._recorder = Recorder(self._record_path)
-            while not self._stop and (now_s := self._now_s()) < until_s:
+            receive, heard = self._port.receive, self._clock.heard
+            assembler = self.pipeline.assembler
+            now_s = self._now_s()
+            while not self._stop and now_s < until_s:
                 if now_s >= self._due_s:
                     self._work()
-                wait_s = min(RECEIVE_TIMEOUT_S, max(self._due_s - now_s, 0.0))
-                frame = self._port.receive(wait_s)
-                if frame is None:
-                    frame = self._clock.mark()
-                else:
-                    self._clock.heard(frame.t_ns)
+                wait_s = min(BLOCK_S, max(self._due_s - now_s, 0.0))
+                frame = receive(wait_s, assembler.tick_end_ns)
+                now_s = self._now_s()
+                if frame is None or self._is_off:
+                    for own in self._own_frames():
+                        self._judge(own)
                 if frame is not None:
+                    heard(frame.t_ns, now_s)
                     self._take(frame)
+
+    def _own_frames(self) -> Iterator[Frame]:
+        """Yield what the loop itself has to tell the pipeline."""
+        if self._port.is_off != self._is_off:
+            self._is_off = self._port.is_off
+            yield bus_state(self._clock.t_ns, off=self._is_off)
+        mark = self._clock.mark()
+        if mark is not None:
+            yield mark
 
     def clear_codes(self) -> None:
         """Clear the codes, store that, then tell it to everything attached."""
@@ -117,8 +135,8 @@ class Loop:
             self._work()
 
     def _judge(self, frame: Frame) -> None:
-        if self._recorder:
-            self._record(frame)
+        if self._recorder is not None:
+            self._record(self._recorder, frame)
         events = self.pipeline.push(frame)
         if events:
             for event in events:
@@ -128,12 +146,23 @@ class Loop:
     def _handle(self, event: Event) -> None:
         if isinstance(event, DtcChanged):
             self._store()
+        elif isinstance(event, Tick):
+            self._note_stale(event)
         self._tell(event)
 
     def _tell(self, event: Event) -> None:
         self.collector.push(event)
         for attachment in tuple(self.attachments):
             self._ask(attachment, attachment.push, event)
+
+    def _note_stale(self, tick: Tick) -> None:
+        stale = tick.sample.quality == Quality.STALE
+        if not stale.any():
+            self.health.stale = ()
+            return
+        names = self.pipeline.monitor.names
+        self.health.stale = tuple(names[i] for i in stale.nonzero()[0])
+        self.health.stale_samples += 1
 
     def _work(self) -> None:
         """Send what the attachments want sent and find out when they are due again."""
@@ -176,13 +205,14 @@ class Loop:
                 self._wanted.setdefault(identifier, []).append(attachment)
         self._due_s = -math.inf
 
-    def _record(self, frame: Frame) -> None:
+    def _record(self, recorder: Recorder, frame: Frame) -> None:
         try:
-            if self._recorder:
-                self._recorder.write(frame)
+            recorder.write(frame)
         except RecordingError as error:
             self._recorder = None  # a log with a hole would not replay to the same events
             self._say(f"{error}; the log ends here, judging goes on")
+            with suppress(RecordingError):
+                recorder.close()
 
     def _store(self) -> None:
         """Store what has changed; when that fails say so once and try again later."""
@@ -213,6 +243,7 @@ class Loop:
                 self._recorder.close()
         except RecordingError as error:
             self._say(str(error))
+        self._port.close()
         if self._memory:
             monitor, setup = self.pipeline.monitor, self._setup
             self._store()

@@ -207,17 +207,17 @@ def print_recording(recording: Mapping[str, Any], *, windows: bool = False) -> I
 
 def write_json(path: Path, result: Mapping[str, Any]) -> None:
     """Write a result as JSON; the same result gives the same bytes."""
-    path.write_text(json.dumps(_rounded(result), indent=1, allow_nan=False) + "\n")
+    path.write_text(json.dumps(rounded(result), indent=1, allow_nan=False) + "\n")
 
 
-def _rounded(value: Any) -> Any:
+def rounded(value: Any) -> Any:
     """Round floats to nine decimals; what is not finite becomes null."""
     if isinstance(value, bool | np.bool_):
         return bool(value)
     if isinstance(value, float):
         return round(value, 9) if math.isfinite(value) else None
     if isinstance(value, Mapping):
-        return {k: _rounded(v) for k, v in value.items()}
+        return {k: rounded(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
-        return [_rounded(v) for v in value]
+        return [rounded(v) for v in value]
     return value

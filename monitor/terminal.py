@@ -1,34 +1,254 @@
-"""What ``o2mon run`` prints while it runs."""
+"""What ``o2mon run`` prints while it runs: a status line, plain lines, or lines of JSON."""
 
+import json
 import math
-from collections.abc import Callable
+import os
+import select
+import shutil
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from typing import Any, Final, TextIO
 
-from monitor.pipeline import Event, Tick
-from monitor.sinks import Collector, event_line
+from monitor.bus import BusHealth
+from monitor.enable import CONDITIONS
+from monitor.pipeline import DtcChanged, Event, Monitor, Tick, WindowJudged
+from monitor.sinks import Collector, event_line, rounded
 from monitor.types import Frame
 
+SCHEMA: Final = "o2mon.run/1"
+REDRAW_S: Final = 0.25
+HEALTH_S: Final = 10.0  # between two lines of JSON about the bus
+WAITING_LINES: Final = 1000  # kept for a reader that hangs
+_ERASE: Final = "\r\x1b[K"
 
-class Lines:
-    """One line for every window and every changed code: what a service's journal wants."""
+
+class Out:
+    """Prints lines, and never waits for a reader that hangs: what it cannot take is dropped."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+        self._waiting: deque[str] = deque(maxlen=WAITING_LINES)
+        self._drawn = ""
+        self.dropped = 0
+        try:
+            self._number = stream.fileno()
+        except (OSError, ValueError):  # not a file: it does not hang
+            self._number = -1
+
+    def say(self, line: str) -> None:
+        """Print a line, above the one that is drawn."""
+        self.dropped += len(self._waiting) == WAITING_LINES
+        self._waiting.append(line)
+        self.flush()
+
+    def draw(self, line: str) -> None:
+        """Put a line in the place of the one drawn before."""
+        if self._is_free() and line != self._drawn:
+            self._write(_ERASE + line)
+            self._drawn = line
+
+    def flush(self) -> None:
+        """Print what waits, as far as the reader takes it."""
+        while self._waiting and self._is_free():
+            line = self._waiting.popleft()
+            self._write(f"{_ERASE}{line}\n{self._drawn}" if self._drawn else f"{line}\n")
+
+    def close(self) -> None:
+        """Leave a clean line behind."""
+        if self._drawn and self._is_free():
+            self._write(_ERASE)
+        self._drawn = ""
+        self.flush()
+
+    def _is_free(self) -> bool:
+        if self._number < 0:
+            return True
+        try:
+            return bool(select.select([], [self._number], [], 0.0)[1])
+        except (OSError, ValueError):  # no select on files here
+            return True
+
+    def _write(self, text: str) -> None:
+        try:
+            self._stream.write(text)
+            self._stream.flush()
+        except BrokenPipeError:  # nobody reads any more; the verdict still counts
+            os.dup2(os.open(os.devnull, os.O_WRONLY), self._number)
+
+
+class Status:
+    """The loop's state in one line: an attachment that only listens."""
 
     identifiers: tuple[tuple[int, bool], ...] = ()
     due_s = math.inf
 
-    def __init__(self, collector: Collector, say: Callable[[str], None]) -> None:
-        self._collector, self._say = collector, say
+    def __init__(self, monitor: Monitor, health: BusHealth) -> None:
+        self._monitor, self._health = monitor, health
+        self._output = monitor.names.index(monitor.output)
+        self._tick: Tick | None = None
+        self._windows = self._failed = 0
 
-    def receive(self, _: Frame) -> tuple[Frame, ...]:
+    def receive(self, frame: Frame) -> tuple[Frame, ...]:
         """Return nothing: no frame is wanted."""
         return ()
 
     def push(self, event: Event) -> None:
-        """Print an event that is no tick."""
-        if not isinstance(event, Tick):
-            self._say(event_line(event, self._collector))
+        """Note the latest sample and count the windows."""
+        if isinstance(event, Tick):
+            self._tick = event
+        elif isinstance(event, WindowJudged):
+            self._windows += 1
+            self._failed += event.outcome == "failed"
 
-    def work(self, _: float) -> tuple[Frame, ...]:
+    def work(self, now_s: float) -> tuple[Frame, ...]:
         """Return nothing: no frame is sent."""
         return ()
 
     def close(self) -> None:
         """Nothing is held."""
+
+    def line(self) -> str:
+        """Return what the monitor does now."""
+        windows = f"windows {self._windows}" + (f" ({self._failed} failed)" if self._failed else "")
+        return "  ".join((self._signals(), windows, self._codes(), self._bus()))
+
+    def _signals(self) -> str:
+        tick = self._tick
+        if tick is None:
+            return "nothing received yet"
+        measured = float(tick.sample.values[self._output])
+        values = f"{self._monitor.output} {measured:.3f} predicted {tick.predicted:.3f}"
+        if tick.enabled:
+            return f"{values}  enabled"
+        return f"{values}  waits: {CONDITIONS[tick.conditions.index(False)]}"
+
+    def _codes(self) -> str:
+        active = self._monitor.store.active
+        return ", ".join(f"{d.code} {d.state}" for d in active) if active else "no code"
+
+    def _bus(self) -> str:
+        health = self._health
+        bad = {
+            "errors": health.error_frames,
+            "lost": health.drops + health.overruns,
+            "stale": len(health.stale),
+            "reconnects": health.reconnects,
+            "not stored": health.memory_errors,
+            "off": health.detached,
+        }
+        counted = "".join(f" {name} {n}" for name, n in bad.items() if n)
+        return f"bus {health.state} {health.frames} frames{counted}"
+
+
+class Lines(Status):
+    """One line for every window and every changed code: what a service's journal wants."""
+
+    def __init__(self, monitor: Monitor, health: BusHealth, collector: Collector, out: Out) -> None:
+        super().__init__(monitor, health)
+        self._collector, self._out = collector, out
+
+    def push(self, event: Event) -> None:
+        """Print an event that is no tick."""
+        super().push(event)
+        if not isinstance(event, Tick):
+            self._out.say(event_line(event, self._collector))
+
+    def work(self, now_s: float) -> tuple[Frame, ...]:
+        """Print what a slow reader did not take before."""
+        self._out.flush()
+        return ()
+
+    def close(self) -> None:
+        """Print what is left."""
+        self._out.close()
+
+
+class Screen(Lines):
+    """The lines, and under them the state, drawn anew four times a second at most."""
+
+    due_s = -math.inf
+
+    def work(self, now_s: float) -> tuple[Frame, ...]:
+        """Draw the state if it is time."""
+        if now_s >= self.due_s:
+            self.due_s = now_s + REDRAW_S
+            self._out.flush()
+            columns = shutil.get_terminal_size().columns
+            self._out.draw(self.line()[: max(columns - 1, 20)])
+        return ()
+
+
+class JsonLines(Status):
+    """Every event but ticks, and the bus health from time to time, as one line of JSON each."""
+
+    due_s = -math.inf
+
+    def __init__(
+        self, monitor: Monitor, health: BusHealth, out: Out, wall_s: Callable[[], float] = time.time
+    ) -> None:
+        super().__init__(monitor, health)
+        self._out, self._wall_s = out, wall_s
+
+    def push(self, event: Event) -> None:
+        """Print an event that is no tick."""
+        super().push(event)
+        if isinstance(event, WindowJudged):
+            window = event.window
+            self._print(
+                "window",
+                t_start_ns=window.t_start_ns,
+                t_end_ns=window.t_end_ns,
+                index=window.index,
+                mean=event.mean,
+                std=event.std,
+                paper_failed=event.paper_failed,
+                verdict=event.outcome,
+                fault=event.fault,
+                also=list(event.also),
+                excited=event.excited,
+                statistics=event.statistics,
+            )
+        elif isinstance(event, DtcChanged):
+            dtc = event.dtc
+            self._print(
+                "dtc",
+                t_ns=event.t_ns,
+                code=dtc.code,
+                fault=dtc.fault or None,
+                also=list(dtc.also),
+                status=int(dtc.status),
+                state=dtc.state,
+            )
+
+    def work(self, now_s: float) -> tuple[Frame, ...]:
+        """Print the bus health if it is time."""
+        if now_s >= self.due_s:
+            self.due_s = now_s + HEALTH_S
+            self._health_line()
+        self._out.flush()
+        return ()
+
+    def close(self) -> None:
+        """Print the health once more and what is left."""
+        self._health_line()
+        self._out.close()
+
+    def _health_line(self) -> None:
+        monitor = self._monitor
+        self._print(
+            "health",
+            samples=monitor.samples,
+            enabled_samples=monitor.enabled_samples,
+            windows=self._windows,
+            **self._health.as_dict(),
+        )
+
+    def _print(self, kind: str, **fields: Any) -> None:
+        self._out.say(json_line(kind, self._wall_s(), fields))
+
+
+def json_line(kind: str, wall_s: float, fields: Mapping[str, Any]) -> str:
+    """Return one line of ``o2mon.run/1``; docs/service.md has the fields of each kind."""
+    line = {"schema": SCHEMA, "type": kind, "wall_s": round(wall_s, 3), **fields}
+    return json.dumps(rounded(line), allow_nan=False)

@@ -32,6 +32,7 @@ class Quality(IntEnum):
     STALE = 1  # nothing received for longer than the signal's timeout
     INVALID = 2  # the sender says: not available
     OUT_OF_RANGE = 3  # outside the plausible range
+    OFF_BUS = 4  # nothing received for as long, but the monitor itself was off the bus
 
 
 class Sample(NamedTuple):

@@ -12,9 +12,9 @@ from cantools.database import load_file
 
 import dbc
 from monitor import config, replay
-from monitor.clock import TIME_MARK_ID
 from monitor.errors import RecordingError
 from monitor.memory import Memory
+from monitor.own_frames import TIME_MARK_ID
 from monitor.recorder import message_of
 from monitor.run import Loop
 from monitor.sources import read_frames
@@ -201,3 +201,219 @@ def test_a_run_of_days_keeps_the_latest_windows_and_says_how_many_it_dropped(
     live, _ = run_on(late_sensor, setup)
     assert len(live["windows"]) == 3
     assert live["windows_dropped"] == live["windows"][-1]["index"] + 1 - 3 > 0
+
+
+def bus_off(t_ns: int) -> can.Message:
+    return can.Message(
+        timestamp=t_ns / 1e9, arbitration_id=0x40, is_error_frame=True, data=bytes(8)
+    )
+
+
+def test_while_the_monitor_itself_is_off_the_bus_no_sender_is_blamed(
+    setup: replay.Setup, late_sensor: list[Frame], tmp_path: Path
+) -> None:
+    # GIVEN a bus on which the monitor's own controller goes off and stays off
+    record = tmp_path / "off.log"
+    script = [*late_sensor[:4000], bus_off(late_sensor[4000].t_ns), Pause(10.0)]
+    live, _ = run_on(script, setup, record=record)
+    # THEN the code is that of its own communication
+    assert [d["code"] for d in live["dtcs"]] == ["U0001"]
+    # AND the recording says so, too
+    again, _ = replay.replay(record, setup)
+    assert judged(live) == judged(again)
+
+
+def test_after_the_bus_came_back_a_sender_that_stays_away_is_not_excused(
+    setup: replay.Setup, late_sensor: list[Frame], tmp_path: Path
+) -> None:
+    record = tmp_path / "back.log"
+    stranger = Frame(late_sensor[3999].t_ns + 1_000_000_000, 0x7A0, False, b"")
+    script = [*late_sensor[:4000], bus_off(0), Pause(1.0), stranger, Pause(10.0)]
+    live, _ = run_on(script, setup, record=record)
+    assert [d["code"] for d in live["dtcs"]] == ["U0100"]
+    again, _ = replay.replay(record, setup)
+    assert judged(live) == judged(again)
+
+
+class Ear:
+    """An attachment that keeps what it is given, and answers one identifier."""
+
+    identifiers = ((0x6F0, False),)
+    due_s = float("inf")
+
+    def __init__(self, answer: Iterable[Frame] = (), fails_at: str = "") -> None:
+        self.answer, self.fails_at = list(answer), fails_at
+        self.heard: list[Frame] = []
+        self.events: list[Any] = []
+        self.worked = self.closed = 0
+
+    def _maybe_fail(self, where: str) -> None:
+        if where == self.fails_at:
+            raise RuntimeError(f"no more {where}")
+
+    def receive(self, frame: Frame) -> list[Frame]:
+        self._maybe_fail("receive")
+        self.heard.append(frame)
+        answer, self.answer = self.answer, []
+        return answer
+
+    def push(self, event: Any) -> None:
+        self._maybe_fail("push")
+        self.events.append(event)
+
+    def work(self, now_s: float) -> list[Frame]:
+        self._maybe_fail("work")
+        self.worked += 1
+        return []
+
+    def close(self) -> None:
+        self.closed += 1
+        self._maybe_fail("close")
+
+
+def test_what_an_attachment_makes_of_a_frame_is_recorded_and_judged(
+    setup: replay.Setup, late_sensor: list[Frame], tmp_path: Path
+) -> None:
+    # GIVEN an attachment that, asked, knows what the next thousand frames were
+    record = tmp_path / "made.log"
+    begin, rest = late_sensor[:1000], late_sensor[1000:2000]
+    ear = Ear(answer=rest)
+    asked = Frame(rest[0].t_ns, 0x6F0, False, b"")
+    live, bus = run_on([*begin, asked], setup, record=record, attachments=[ear])
+    # THEN these are judged like received ones, and stand in the log
+    assert ear.heard == [asked]
+    assert live["samples"] > 90
+    again, _ = replay.replay(record, setup)
+    assert judged(live) == judged(again)
+    assert (ear.closed, bus.sent) == (1, [])
+
+
+def test_the_filters_are_what_is_judged_and_what_is_attached(
+    setup: replay.Setup, late_sensor: list[Frame]
+) -> None:
+    _, bus = run_on(late_sensor[:10], setup, attachments=[Ear()])
+    assert bus.filters is not None
+    wanted = {(f["can_id"], f["extended"]) for f in bus.filters}
+    assert (0x6F0, False) in wanted
+    assert len(wanted) > 5
+
+
+@pytest.mark.parametrize("where", ["receive", "push", "work", "close"])
+def test_an_attachment_that_raises_is_let_go_and_the_judging_goes_on(
+    where: str, setup: replay.Setup, late_sensor: list[Frame]
+) -> None:
+    bad, good, said = Ear(fails_at=where), Ear(), []
+    asked = Frame(late_sensor[100].t_ns, 0x6F0, False, b"")
+    bus = PlayedBus([*late_sensor[:100], asked, *late_sensor[100:2000]])
+    with bus:
+        loop = Loop(
+            bus, setup, attachments=[bad, good], say=said.append, monotonic_s=lambda: bus.now_s
+        )
+        bus.stop = loop.stop
+        loop.run()
+    assert loop.result("played")["samples"] > 90
+    assert len(good.events) > 90
+    assert good.heard == [asked]
+    assert (bad.closed, good.closed) == (1, 1)
+    assert loop.health.detached == (where != "close")
+    assert [line for line in said if f"no more {where}" in line] == said
+    assert len(said) == 1
+
+
+class FullDisk(Memory):
+    """A fault memory that cannot be written for its first so many tries."""
+
+    def __init__(self, path: Path, tries: int) -> None:
+        super().__init__(path)
+        self.tries_left = tries
+
+    def save(self, saved: Any) -> None:
+        self.tries_left -= 1
+        if self.tries_left >= 0:
+            raise RecordingError("o2.db: cannot store the fault memory: disk is full")
+        super().save(saved)
+
+
+@pytest.mark.parametrize("tries", [2, 1_000_000])
+def test_a_memory_that_cannot_be_written_is_told_once_and_the_judging_goes_on(
+    tries: int, setup: replay.Setup, late_sensor: list[Frame], tmp_path: Path
+) -> None:
+    said: list[str] = []
+    memory = FullDisk(tmp_path / "o2.db", tries)
+    bus = PlayedBus([*late_sensor, Pause(30.0)])
+    with bus:
+        loop = Loop(bus, setup, memory=memory, say=said.append, monotonic_s=lambda: bus.now_s)
+        bus.stop = loop.stop
+        loop.run()
+    assert "P015A" in [d["code"] for d in loop.result("played")["dtcs"]]
+    assert loop.health.memory_errors >= 2
+    assert len([line for line in said if "disk is full" in line]) == 1
+    # AND once there is room again, what was not stored is
+    stored = {d.code for d in memory.load().dtcs if d.state}
+    assert ("P015A" in stored) == (tries == 2)
+    memory.close()
+
+
+def test_a_log_that_cannot_be_written_any_more_ends_and_the_judging_goes_on(
+    setup: replay.Setup, late_sensor: list[Frame]
+) -> None:
+    said: list[str] = []
+    if not Path("/dev/full").exists():
+        pytest.skip("no /dev/full")
+    record = Path("/dev/full")
+    bus = PlayedBus(late_sensor)
+    with bus, pytest.MonkeyPatch.context() as patch:
+        patch.setattr("monitor.recorder.log_kind", lambda path: ".log")
+        patch.setattr("monitor.recorder.can.Logger", can.CanutilsLogWriter)
+        loop = Loop(bus, setup, record=record, say=said.append, monotonic_s=lambda: bus.now_s)
+        bus.stop = loop.stop
+        loop.run()
+    assert loop.result("played")["fault_flag"]
+    assert len([line for line in said if "No space left" in line]) == 1
+
+
+class GoneBus(PlayedBus):
+    """A played bus that fails where its script ends."""
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        message = super().recv(timeout)
+        if message is None and self._pending is None:
+            raise can.CanOperationError("Network is down", 100)
+        return message
+
+
+def test_a_drive_goes_on_after_the_interface_was_away(
+    setup: replay.Setup, late_sensor: list[Frame], tmp_path: Path
+) -> None:
+    # GIVEN an interface that goes away for twenty seconds in the middle of a drive
+    gap_s, n = 20.0, 15_000
+    later = [f._replace(t_ns=f.t_ns + round(gap_s * 1e9)) for f in late_sensor[n:]]
+    first, second = GoneBus(late_sensor[:n]), PlayedBus(later)
+    said: list[str] = []
+    now = [0.0]
+
+    def reopen() -> can.BusABC:
+        if now[0] < gap_s:
+            raise OSError(19, "No such device")
+        return second
+
+    def sleep(seconds: float) -> None:
+        now[0] += seconds
+
+    record = tmp_path / "gap.log"
+    loop = Loop(
+        first, setup, reopen=reopen, record=record, say=said.append,
+        monotonic_s=lambda: now[0], sleep=sleep,
+    )  # fmt: skip
+    second.stop = loop.stop
+    loop.run()
+    live = loop.result("played")
+    # THEN it is the monitor's own communication that failed, and the sensor is judged before and
+    # after; the recording replays to the same
+    codes = {d["code"] for d in live["dtcs"]}
+    assert "U0001" in codes
+    assert "U0100" not in codes
+    assert live["windows"][-1]["t_start_s"] > n / 200 + gap_s
+    assert (loop.health.losses, loop.health.reconnects) == (1, 1)
+    again, _ = replay.replay(record, setup)
+    assert judged(live) == judged(again)
