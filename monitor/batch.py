@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from monitor import enable, hypotheses
 from monitor.batch_bank import BankBlock, phases
 from monitor.config import Config
-from monitor.decide import Decisions, DtcChanged, WindowJudged
+from monitor.decide import Change, Decisions, DtcChanged, WindowJudged
 from monitor.dtc import Dtc, DtcStore
 from monitor.enable import Enable
 from monitor.limits import Limits
@@ -33,7 +33,7 @@ from monitor.window import Window
 _INPUTS_VALID = enable.CONDITIONS.index("inputs_valid")
 
 # sample, place within the sample, and what then is decided
-Result = tuple[int, int, Callable[[], Iterable[WindowJudged | DtcChanged]]]
+Result = tuple[int, int, Callable[[], Iterable[WindowJudged | Change]]]
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,20 +7,21 @@ stream or a recording is judged as a whole.
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 
 from monitor.config import Config
 from monitor.debounce import FAILED, PASSED, Debounce
 from monitor.dtc import CODES, TESTS, Dtc, DtcStore
-from monitor.evaluate import BiasRule, paper_failed
+from monitor.evaluate import Bias, BiasRule, paper_failed
 from monitor.hypotheses import Hypothesis
 from monitor.limits import Limits
+from monitor.obd_records import TestResult
 from monitor.plausibility import TickResult
 from monitor.reference import Seen
 from monitor.residual import lambda_of, mean_and_std
-from monitor.response import Noise, Outcome, Response, ResponseRule
+from monitor.response import EDGES, Noise, Outcome, Response, ResponseRule
 from monitor.types import FloatArray
 from monitor.window import Window
 
@@ -48,6 +49,17 @@ class DtcChanged:
 
     t_ns: int
     dtc: Dtc
+
+
+@dataclass(frozen=True, slots=True)
+class Counted:
+    """The fault memory has counted something that is to be stored."""
+
+    t_ns: int
+    what: Literal["ignition_cycle", "warm_up", "general_denominator", "numerator"]
+
+
+Change = DtcChanged | Counted
 
 
 class Decisions:
@@ -92,20 +104,20 @@ class Decisions:
         """Return after how many failed, and how many passed, results in a row a counter stands."""
         return math.ceil(-PASSED / self._fail_by), math.ceil(-PASSED / self._pass_by)
 
-    def ticks(self, results: Sequence[TickResult], t_ns: int) -> list[DtcChanged]:
+    def ticks(self, results: Sequence[TickResult], t_ns: int) -> list[Change]:
         """Take what one sample says about the signal."""
-        changed: list[DtcChanged] = []
+        changed: list[Change] = []
         for result in results:
             if self._is_new(result.test, result.failed):
                 by = self._fail_by if result.failed else self._pass_by
                 changed += self._step(result.test, result.failed, by, result.fault, (), t_ns)
         return changed
 
-    def activity(self, failed: bool, fault: str, t_ns: int) -> Sequence[DtcChanged]:
+    def activity(self, failed: bool, fault: str, t_ns: int) -> Sequence[Change]:
         """Take a judged stretch of the activity test."""
         return self._step("activity", failed, self._by(failed), fault, (), t_ns)
 
-    def window(self, window: Window) -> Iterator[WindowJudged | DtcChanged]:
+    def window(self, window: Window) -> Iterator[WindowJudged | Change]:
         """Take a full window; yield its verdict, then the codes that it changes."""
         mean, std = mean_and_std(window.residual)
         frozen = (
@@ -141,6 +153,7 @@ class Decisions:
                 "offset_beyond": bias.beyond,
             },
         )
+        self.store.report(self._results(response, bias))
         self._suspicious |= outcome == "failed"
         self._windows += 1
         self._offset_sum += offset
@@ -151,6 +164,28 @@ class Decisions:
                     test, failed, self._by(failed), name, result.also, window.t_end_ns
                 )
         self.completed |= self._debounce["response"].failed or self._debounce["response"].passed
+
+    def _results(self, response: Response, bias: Bias) -> list[TestResult]:
+        """Return what service $06 says: the estimates so far against their limits."""
+        config, limits, found = self._config.response, self._limits, response.statistics
+        high = {"lag": config.lag_limit_s, "dead_time": config.delay_limit_s}
+        results = [
+            TestResult("response", f"{what}_{edge}_s", value, 0.0, high[what])
+            for what in high
+            for edge in EDGES
+            if isinstance(value := found[f"{what}_{edge}_s"], float)
+        ]
+        gain, unit = found["gain"], limits.gain
+        if not isinstance(gain, float):
+            results = []  # no window was judged yet
+        else:
+            low = unit * config.gain_sound_min
+            results.append(TestResult("response", "gain", gain, low, unit * config.gain_max))
+        if bias.beyond is not None:
+            results.append(
+                TestResult("bias", "offset", bias.offset, limits.offset_low, limits.offset_high)
+            )
+        return results
 
     def _is_excited(self, response: Response) -> bool:
         excitation = response.statistics["excitation"]
@@ -180,24 +215,24 @@ class Decisions:
 
     def _step(
         self, test: str, failed: bool, by: int, fault: str, also: tuple[str, ...], t_ns: int
-    ) -> Sequence[DtcChanged]:
+    ) -> Sequence[Change]:
         """Advance one test's debounce counter; a counter that matures sets or completes codes."""
         if not self._is_new(test, failed):
             return self._renamed(test, fault, also, t_ns) if failed else ()
         before = self._debounce[test]
         after = before.step(failed=failed, by=by)
         self._debounce[test] = after
-        changed: list[Dtc] = []
-        if after.failed and not before.failed:
+        if not after.failed and not after.passed:
+            return ()
+        counted = [Counted(t_ns, "numerator")] if self.store.count_judged(test) else []
+        if after.failed:
             self._named[test] = fault
             changed = self.store.fail(fault, t_ns, also)
-        elif after.passed and not before.passed:
+        else:
             changed = self.store.complete(test)
-        return [DtcChanged(t_ns, dtc) for dtc in changed]
+        return [*(DtcChanged(t_ns, dtc) for dtc in changed), *counted]
 
-    def _renamed(
-        self, test: str, fault: str, also: tuple[str, ...], t_ns: int
-    ) -> Sequence[DtcChanged]:
+    def _renamed(self, test: str, fault: str, also: tuple[str, ...], t_ns: int) -> Sequence[Change]:
         """Give a code the name that more evidence speaks for, if both names have the same code."""
         before = self._named.get(test, fault)
         if fault == before or CODES[fault] != CODES[before]:

@@ -156,7 +156,15 @@ class DtcStore:
             lit = dtc.status & Status.WARNING_INDICATOR
             if lit and (code in self._permanent or self._has_room):
                 self._permanent[code] = fault
-        return self._update(new)
+            if dtc.state == "confirmed" != self._dtcs[code].state:
+                self._frames.pop(code, None)  # those of its confirming replace the pending ones
+        was_lit = self.mil
+        changed = self._update(new)
+        if self.mil and not was_lit:
+            self._counts = replace(
+                self._counts, distance_with_mil_km=0.0, engine_run_with_mil_s=0.0
+            )
+        return changed
 
     @property
     def _has_room(self) -> bool:
@@ -179,13 +187,8 @@ class DtcStore:
         return not self._dtcs[code].fault and self._passed >= tests_of(code)
 
     def freeze(self, frame: FreezeFrame) -> None:
-        """Keep the signals of a code's setting; those of its confirming replace the pending ones.
-
-        What a confirmed code has is kept until the code goes.
-        """
-        before = self._frames.get(frame.code)
-        if before is None or self._dtcs[frame.code].state == "pending":
-            self._frames[frame.code] = frame
+        """Keep the signals at the moment of a code's setting; the first of a state are kept."""
+        self._frames.setdefault(frame.code, frame)
 
     def start_driving_cycle(self) -> list[Dtc]:
         """Begin the next driving cycle; return the codes that changed."""
@@ -241,7 +244,7 @@ class DtcStore:
 
     def count_judged(self, test: str) -> bool:
         """Count that a fault of a test would have been found; return whether it is new."""
-        if test in self._judged:
+        if test in self._judged or self._is_paused(test):
             return False
         self._judged.add(test)
         before = self._ratios[test]
@@ -256,7 +259,15 @@ class DtcStore:
         general = self._counts.general_denominator + 1
         self._counts = replace(self._counts, general_denominator=general)
         for test, ratio in self._ratios.items():
+            if self._is_paused(test):
+                continue
             self._ratios[test] = _bounded(replace(ratio, denominator=ratio.denominator + 1))
+
+    def _is_paused(self, test: str) -> bool:
+        """Return whether a code of another test keeps this one from judging, (d)(4.6)."""
+        if test in CONTINUOUS:
+            return False
+        return any(d.state and TEST_OF.get(d.fault) in CONTINUOUS for d in self._dtcs.values())
 
     def count_ignition_cycle(self) -> None:
         """Count an engine start."""
@@ -270,13 +281,13 @@ class DtcStore:
 
     def drive(self, engine_run_s: float, distance_km: float) -> None:
         """Count what was driven."""
-        counts, lit = self._counts, self.mil
+        counts, lit = self._counts, float(self.mil)
         self._counts = replace(
             counts,
             distance_since_clear_km=counts.distance_since_clear_km + distance_km,
             engine_run_since_clear_s=counts.engine_run_since_clear_s + engine_run_s,
-            distance_with_mil_km=counts.distance_with_mil_km + distance_km if lit else 0.0,
-            engine_run_with_mil_s=counts.engine_run_with_mil_s + engine_run_s if lit else 0.0,
+            distance_with_mil_km=counts.distance_with_mil_km + lit * distance_km,
+            engine_run_with_mil_s=counts.engine_run_with_mil_s + lit * engine_run_s,
         )
 
     @property

@@ -18,6 +18,7 @@ from monitor.obd_records import Counts, FreezeFrame, Ratio, TestResult
 from monitor.reference import Reference, Seen
 
 SCHEMA_VERSION = 3
+BUSY_MS: Final = 250  # how long another process may hold the file up: the live loop waits for it
 # what makes a file of version n out of one of version n - 1
 _STEPS = (
     (
@@ -106,6 +107,7 @@ class Memory:
             self._db.execute("PRAGMA synchronous=FULL")
             self._migrate()
             self._db.execute("PRAGMA journal_mode=WAL")
+            self._db.execute(f"PRAGMA busy_timeout={BUSY_MS}")
         except sqlite3.Error as error:
             self._db.close()
             raise RecordingError(f"{path}: not a fault memory: {error}") from None

@@ -5,6 +5,7 @@ Time comes with the frames, so a live bus and a replayed log run the same code.
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from functools import partial
 from itertools import chain
 from operator import itemgetter
 from typing import NamedTuple
@@ -15,15 +16,18 @@ from monitor import enable, hypotheses
 from monitor.assemble import Assembler
 from monitor.bus_map import BusMap
 from monitor.config import Config
-from monitor.decide import Decisions, DtcChanged, WindowJudged
+from monitor.cycles import SIGNALS as CYCLE_SIGNALS
+from monitor.cycles import Cycles, Moment
+from monitor.decide import Change, Counted, Decisions, DtcChanged, WindowJudged
 from monitor.decode import Decoder
-from monitor.dtc import DtcStore
+from monitor.dtc import DtcStore, Status
 from monitor.enable import Enable
 from monitor.errors import RecordingError
 from monitor.hypotheses import SensorBank
 from monitor.limits import Limits
 from monitor.model import Model
 from monitor.model_card import ModelCard
+from monitor.obd_records import FreezeFrame
 from monitor.own_frames import BUS_STATE_ID, says_off
 from monitor.plausibility import ActivityTest, Plausibility
 from monitor.reference import Seen
@@ -31,7 +35,17 @@ from monitor.residual import oriented
 from monitor.types import Frame, Sample
 from monitor.window import WindowCollector
 
-__all__ = ["DtcChanged", "Event", "FramePipeline", "Monitor", "Tick", "WindowJudged", "check_names"]
+__all__ = [
+    "Counted",
+    "CycleStarted",
+    "DtcChanged",
+    "Event",
+    "FramePipeline",
+    "Monitor",
+    "Tick",
+    "WindowJudged",
+    "check_names",
+]
 
 # a live sensor must move while these hold and the engine runs, whatever the model's state
 BURNING = tuple(
@@ -50,14 +64,23 @@ class Tick(NamedTuple):
     enabled: bool
 
 
-Event = Tick | WindowJudged | DtcChanged
+class CycleStarted(NamedTuple):
+    """The next driving cycle begins; the changes of codes that it brings follow."""
+
+    t_ns: int
+    seen: Seen | None  # what the vehicle's reference may learn of the one before
+
+
+Event = Tick | CycleStarted | WindowJudged | DtcChanged | Counted
+_COUNT_S = 1.0  # driving is counted in steps of so much
 
 
 class Monitor:
     """Judges one sensor.
 
     names : what each sample holds; must contain the model's inputs and output
-    store : fault memory; a new driving cycle begins in the caller's hands
+    store : fault memory; the first driving cycle begins in the caller's hands, any other where
+        the samples show one
     Raises RecordingError if a signal the model needs is not among ``names``.
     """
 
@@ -78,7 +101,13 @@ class Monitor:
         self._bank = SensorBank(bank, period_s)
         n = config.window.n_samples
         self._windows = WindowCollector(n, len(bank))
-        self._decisions = Decisions(limits, config, bank, card.transform, period_s, store)
+        self._decide = partial(Decisions, limits, config, bank, card.transform, period_s, store)
+        self._decisions = self._decide()
+        self._clearings = store.clearings
+        running_rpm = config.plausibility.engine_running_rpm
+        self._cycles = Cycles(
+            config.cycles, config.profile, self.names, card.output.name, running_rpm
+        )
         self._plausibility = Plausibility(
             config.plausibility, self.names, card.output.name, period_s
         )
@@ -108,6 +137,14 @@ class Monitor:
 
     def push(self, sample: Sample) -> Iterator[Event]:
         """Take one sample and yield what it causes."""
+        moments = self._cycles.push(sample)
+        if self._cycles.engine_run_s >= _COUNT_S:
+            self.store.drive(*self._cycles.take())
+        if moments:
+            yield from self._count(moments, sample.t_ns)
+        if self._clearings != self.store.clearings:  # what was found before is forgotten
+            self._clearings = self.store.clearings
+            self._decisions = self._decide()
         conditions = self._enable.step(sample)
         predicted = self._predict(sample, inputs_valid=conditions[_INPUTS_VALID])
         enabled = all(conditions)
@@ -116,12 +153,12 @@ class Monitor:
         yield Tick(sample, predicted, conditions, enabled)
         changed = self._decisions.ticks(self._plausibility.step(sample), sample.t_ns)
         if changed:
-            yield from changed
+            yield from self._frozen(changed, sample)
         measured = sample.values.item(self._output)
         if all(_burning(conditions)) and self._plausibility.is_running(sample):
             judged = self._activity.push(measured)
             if judged is not None:
-                yield from self._decisions.activity(*judged, sample.t_ns)
+                yield from self._frozen(self._decisions.activity(*judged, sample.t_ns), sample)
         else:
             self._activity.reset()
         if math.isnan(predicted):
@@ -133,7 +170,51 @@ class Monitor:
             return
         window = self._windows.push(sample.t_ns, measured, predicted, row)
         if window is not None:
-            yield from self._decisions.window(window)
+            yield from self._frozen(self._decisions.window(window), sample)
+
+    def _count(self, moments: Sequence[Moment], t_ns: int) -> Iterator[Event]:
+        """Let the fault memory count; begin the next driving cycle."""
+        store = self.store
+        for moment in moments:
+            match moment:
+                case "driving_cycle":
+                    yield from self._next_cycle(t_ns)
+                    continue
+                case "ignition_cycle":
+                    store.count_ignition_cycle()
+                case "warm_up":
+                    store.count_warm_up()
+                case "general_denominator":
+                    store.count_general_denominator()
+            yield Counted(t_ns, moment)
+
+    def _next_cycle(self, t_ns: int) -> Iterator[Event]:
+        """Begin the next driving cycle as one begins after switching on."""
+        seen = self._decisions.seen
+        were_active = {dtc.code for dtc in self.store.active}
+        changed = self.store.start_driving_cycle()
+        self._decisions = self._decide()
+        self._enable.reset()
+        self._plausibility.reset()
+        self._activity.reset()
+        self._windows.interrupt()
+        self._running = False
+        yield CycleStarted(t_ns, seen)
+        for dtc in changed:
+            if dtc.code in were_active:
+                yield DtcChanged(t_ns, dtc)
+
+    def _frozen(
+        self, events: Iterable[WindowJudged | Change], sample: Sample
+    ) -> Iterator[WindowJudged | Change]:
+        """Yield the events; what a code that fails is set by is kept with it."""
+        for event in events:
+            if isinstance(event, DtcChanged) and event.dtc.status & Status.TEST_FAILED:
+                good = ~np.isnan(sample.values)
+                values = zip(self.names, sample.values.tolist(), good.tolist(), strict=True)
+                signals = {name: value for name, value, is_good in values if is_good}
+                self.store.freeze(FreezeFrame(event.dtc.code, event.t_ns, signals))
+            yield event
 
     def _predict(self, sample: Sample, *, inputs_valid: bool) -> float:
         if not inputs_valid:
@@ -162,7 +243,9 @@ class FramePipeline:
         self, bus_map: BusMap, model: Model, limits: Limits, config: Config, store: DtcStore
     ) -> None:
         card = model.card
-        wanted = dict.fromkeys((*card.input_names, card.output.name, *enable.SIGNALS))
+        wanted = dict.fromkeys(
+            (*card.input_names, card.output.name, *enable.SIGNALS, *CYCLE_SIGNALS)
+        )
         names = [name for name in wanted if name in bus_map.names]
         self.monitor = Monitor(model, limits, config, names, store)
         self.decoder = Decoder(bus_map, names)

@@ -21,7 +21,7 @@ from monitor.manifest import source_of
 from monitor.memory import Memory
 from monitor.model import Model
 from monitor.model_card import ModelCard
-from monitor.pipeline import Event, FramePipeline, Monitor
+from monitor.pipeline import CycleStarted, Event, FramePipeline, Monitor
 from monitor.report import Trace
 from monitor.sinks import SCHEMA, Collector
 from monitor.sources import LogCounters, is_table, read_frames, read_table
@@ -156,7 +156,7 @@ def frame_counters(pipeline: FramePipeline) -> dict[str, int]:
 def replay(
     path: Path, setup: Setup, memory: Memory | None = None, *, trace: bool = False
 ) -> tuple[dict[str, Any], Trace]:
-    """Judge one recording as one driving cycle.
+    """Judge one recording; a driving cycle begins with it, others where its samples show one.
 
     memory : fault memory and reference to go on from; without one both are empty
     Returns the recording's entry of ``o2mon.replay/1`` and its series (empty without ``trace``).
@@ -169,6 +169,8 @@ def replay(
     collector = Collector(source.monitor, trace=trace)
     for event in source.events():
         collector.push(event)
+        if memory and isinstance(event, CycleStarted):
+            memory.learn(setup.model_sha256, event.seen, setup.config.bias)
     if source.monitor.samples == 0:
         raise RecordingError(f"{path}: shorter than one sample of the model's grid")
     recording = collector.result(str(path), sha256, source.counters())

@@ -22,8 +22,9 @@ from monitor.dtc import DtcStore
 from monitor.errors import RecordingError
 from monitor.memory import Memory
 from monitor.own_frames import bus_state
-from monitor.pipeline import DtcChanged, Event, FramePipeline, Tick
+from monitor.pipeline import CycleStarted, DtcChanged, Event, FramePipeline, Tick, WindowJudged
 from monitor.recorder import Recorder
+from monitor.reference import Seen
 from monitor.replay import Setup, frame_counters
 from monitor.sinks import Collector
 from monitor.socketcan import BLOCK_S
@@ -144,10 +145,12 @@ class Loop:
             self._work()
 
     def _handle(self, event: Event) -> None:
-        if isinstance(event, DtcChanged):
-            self._store()
-        elif isinstance(event, Tick):
+        if isinstance(event, Tick):
             self._note_stale(event)
+        elif not isinstance(event, WindowJudged):
+            self._store()
+        if isinstance(event, CycleStarted):
+            self._learn(event.seen)
         self._tell(event)
 
     def _tell(self, event: Event) -> None:
@@ -245,12 +248,17 @@ class Loop:
             self._say(str(error))
         self._port.close()
         if self._memory:
-            monitor, setup = self.pipeline.monitor, self._setup
             self._store()
-            try:
-                self._memory.learn(setup.model_sha256, monitor.seen, setup.config.bias)
-            except RecordingError as error:
-                self._say(str(error))
+            self._learn(self.pipeline.monitor.seen)
+
+    def _learn(self, seen: Seen | None) -> None:
+        """Store what a driving cycle shows of the vehicle."""
+        if self._memory is None:
+            return
+        try:
+            self._memory.learn(self._setup.model_sha256, seen, self._setup.config.bias)
+        except RecordingError as error:
+            self._say(str(error))
 
     def result(self, channel: str) -> dict[str, Any]:
         """Return the run as a recording's entry of ``o2mon.replay/1``."""

@@ -11,10 +11,11 @@ import numpy as np
 
 from monitor.dtc import Dtc
 from monitor.enable import CONDITIONS
-from monitor.pipeline import DtcChanged, Event, Monitor, Tick, WindowJudged
+from monitor.pipeline import Counted, CycleStarted, DtcChanged, Event, Monitor, Tick, WindowJudged
 from monitor.report import Trace
 
 SCHEMA = "o2mon.replay/1"
+Happening = CycleStarted | WindowJudged | DtcChanged | Counted
 
 
 class Collector:
@@ -168,8 +169,12 @@ def reason(recording: Mapping[str, Any]) -> str:
     return f"no window of enabled samples was filled ({held})"
 
 
-def event_line(event: WindowJudged | DtcChanged, collector: Collector) -> str:
-    """Return one line about a window or a trouble code."""
+def event_line(event: Happening, collector: Collector) -> str:
+    """Return one line about what is no tick."""
+    if isinstance(event, CycleStarted):
+        return f"{collector.seconds(event.t_ns):8.1f} s  a driving cycle begins"
+    if isinstance(event, Counted):
+        return f"{collector.seconds(event.t_ns):8.1f} s  counted: {event.what.replace('_', ' ')}"
     if isinstance(event, DtcChanged):
         dtc = event.dtc
         state = dtc.state or "not set"

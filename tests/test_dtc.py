@@ -1,12 +1,19 @@
 """Debounce counter and trouble codes over driving cycles."""
 
-import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from dataclasses import dataclass, replace
 
-from monitor.config import shipped
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
+
+from monitor import obd_records
+from monitor.config import ProfileConfig, shipped
 from monitor.debounce import FAILED, PASSED, Debounce
-from monitor.dtc import CODES, FRESH, TESTS, Dtc, DtcStore, Status
+from monitor.dtc import CODES, FRESH, TESTS, Dtc, DtcStore, Saved, Status
+from monitor.obd_records import Counts, FreezeFrame
+
+CARB = shipped().carb
 
 steps = st.lists(st.tuples(st.booleans(), st.integers(1, 127)), max_size=60)
 
@@ -180,7 +187,7 @@ def test_the_lamp_goes_out_after_three_passing_driving_cycles_in_a_row() -> None
     for _ in range(2):
         store.fail("biased_lean", 1)
         store.start_driving_cycle()
-    for cycle in range(1, shipped().carb.lamp_off_cycles + 1):
+    for cycle in range(1, CARB.lamp_off_cycles + 1):
         assert code_of(store, "P2195").status & Status.WARNING_INDICATOR, cycle
         store.complete("bias")
         store.start_driving_cycle()
@@ -237,32 +244,6 @@ def test_a_passed_test_of_another_fault_leaves_a_shared_code_alone(
     assert states(store) == {CODES[fault][0]: "pending"}
 
 
-@given(st.lists(st.sampled_from(["fail", "complete", "next"]), max_size=40))
-def test_the_bits_of_the_status_byte_agree_with_each_other(events: list[str]) -> None:
-    store, seen_failed = DtcStore(), False
-    for event in events:
-        if event == "fail":
-            store.fail("slow_symmetric", 1)
-            seen_failed = True
-        elif event == "complete":
-            store.complete("response")
-        else:
-            store.start_driving_cycle()
-        dtc = code_of(store, "P0133")
-        status = dtc.status
-        assert bool(status & Status.FAILED_SINCE_CLEAR) == seen_failed
-        if status & Status.TEST_FAILED:
-            assert status & Status.FAILED_THIS_CYCLE
-        if status & Status.FAILED_THIS_CYCLE:
-            assert status & Status.PENDING
-            assert not status & Status.NOT_COMPLETED_THIS_CYCLE
-        if status & (Status.PENDING | Status.CONFIRMED):
-            assert not status & Status.NOT_COMPLETED_SINCE_CLEAR
-        if status & Status.WARNING_INDICATOR:
-            assert status & Status.CONFIRMED
-        assert 0 <= status <= 0xFF
-
-
 def test_an_undecided_pair_carries_the_other_name() -> None:
     store = DtcStore()
     store.fail("delay_rich_to_lean", 1, also=("slow_rich_to_lean",))
@@ -276,3 +257,428 @@ def test_codes_stand_in_the_order_of_their_failing() -> None:
     store.fail("signal_missing", 10)
     store.fail("delay_symmetric", 20)
     assert [dtc.code for dtc in store.active] == ["U0100", "P015A", "P015B", "P0133"]
+
+
+# Erasing
+
+
+def confirmed(
+    fault: str = "biased_lean", profile: ProfileConfig = CARB, saved: Saved | None = None
+) -> DtcStore:
+    """Return a store in which a fault has just been confirmed."""
+    store = DtcStore(saved, profile)
+    for _ in range(profile.confirm_cycles):
+        store.start_driving_cycle()
+        store.fail(fault, 1)
+    return store
+
+
+def heal(store: DtcStore, test: str = "bias", cycles: int = CARB.lamp_off_cycles) -> None:
+    """Drive until the lamp is off; the cycle after it has begun."""
+    for _ in range(cycles):
+        store.start_driving_cycle()
+        store.complete(test)
+    store.start_driving_cycle()
+
+
+def test_a_healed_code_is_erased_after_forty_warm_up_cycles() -> None:
+    store = confirmed()
+    heal(store)
+    for _ in range(CARB.erase_warm_ups - 1):
+        store.count_warm_up()
+        store.start_driving_cycle()
+        assert states(store) == {"P2195": "confirmed"}
+    store.count_warm_up()
+    assert states(store) == {"P2195": "confirmed"}  # until the cycle is over
+    changed = store.start_driving_cycle()
+    assert states(store) == {}
+    assert "P2195" in {dtc.code for dtc in changed}
+    gone = code_of(store, "P2195")
+    assert (gone.fault, gone.also, gone.warm_ups) == ("", (), 0)
+    assert gone.status == Status.FAILED_SINCE_CLEAR | Status.NOT_COMPLETED_THIS_CYCLE
+    # and the next failure is a first one again
+    store.fail("biased_lean", 1)
+    assert states(store) == {"P2195": "pending"}
+
+
+def test_warm_up_cycles_with_the_lamp_on_do_not_count_towards_erasing() -> None:
+    store = confirmed()
+    for _ in range(CARB.erase_warm_ups + 5):
+        store.count_warm_up()
+        store.start_driving_cycle()
+    assert states(store) == {"P2195": "confirmed"}
+    assert store.mil
+
+
+def test_a_failure_starts_the_count_towards_erasing_anew() -> None:
+    store = confirmed()
+    heal(store)
+    for _ in range(CARB.erase_warm_ups - 1):
+        store.count_warm_up()
+    store.fail("biased_lean", 1)
+    assert not store.mil  # the first failing cycle after healing
+    store.start_driving_cycle()
+    store.complete("bias")
+    store.count_warm_up()
+    store.start_driving_cycle()
+    assert states(store) == {"P2195": "confirmed"}
+
+
+def test_a_code_that_fails_again_after_healing_lights_the_lamp_in_its_second_cycle() -> None:
+    store = confirmed()
+    heal(store)
+    store.fail("biased_lean", 1)
+    assert not store.mil
+    store.start_driving_cycle()
+    store.fail("biased_lean", 1)
+    assert store.mil
+
+
+def test_the_profile_sets_the_counts() -> None:
+    eobd = shipped().eobd
+    store = DtcStore(profile=eobd)
+    for cycle in range(1, eobd.confirm_cycles + 1):
+        store.start_driving_cycle()
+        store.fail("gain_low", 1)
+        assert store.mil == (cycle == eobd.confirm_cycles)
+    assert eobd.confirm_cycles != CARB.confirm_cycles
+    assert store.permanent == ()  # EOBD knows none
+    short = replace(CARB, lamp_off_cycles=2, erase_warm_ups=1)
+    store = confirmed(profile=short)
+    heal(store, cycles=2)
+    assert not store.mil
+    store.count_warm_up()
+    store.start_driving_cycle()
+    assert states(store) == {}
+
+
+# Clearing and permanent codes
+
+
+def test_clearing_leaves_permanent_codes_ratios_and_ignition_cycles() -> None:
+    store = confirmed()
+    store.freeze(FreezeFrame("P2195", 1, {"engine_speed_rpm": 2000.0}))
+    store.report([obd_records.TestResult("bias", "offset", 0.1, -0.05, 0.05)])
+    store.count_ignition_cycle()
+    store.count_general_denominator()
+    store.count_judged("bias")
+    store.count_warm_up()
+    store.drive(60.0, 1.0)
+    ratios = store.ratios
+    changed = store.clear(9)
+    assert {d.code for d in changed} == {"P2195"}
+    assert all(dtc == Dtc(dtc.code) for dtc in store.all)
+    assert not store.mil
+    assert not store.freeze_frames
+    assert store.results == ()
+    assert not any(store.completed_since_clear(test) for test in TESTS)
+    assert store.permanent == ("P2195",)
+    assert store.ratios == ratios
+    assert store.counts == Counts(ignition_cycles=1, general_denominator=1)
+    assert store.clearings == 1
+
+
+def test_a_code_is_permanent_when_it_lights_the_lamp_and_not_before() -> None:
+    store = DtcStore()
+    store.start_driving_cycle()
+    store.fail("delay_symmetric", 1)
+    assert store.permanent == ()
+    store.start_driving_cycle()
+    store.fail("delay_symmetric", 1)
+    assert store.permanent == ("P015A", "P015B")
+
+
+def test_a_permanent_code_goes_with_its_lamp() -> None:
+    store = confirmed()
+    for _ in range(CARB.lamp_off_cycles):
+        store.start_driving_cycle()
+        store.complete("bias")
+        assert store.permanent == ("P2195",)
+    store.start_driving_cycle()
+    assert not store.mil
+    assert store.permanent == ()
+
+
+def test_after_clearing_a_permanent_code_goes_by_one_driving_cycle_that_passes() -> None:
+    store = confirmed()
+    store.clear(1)
+    store.complete("bias")  # in the cycle in which it had failed
+    store.start_driving_cycle()
+    assert store.permanent == ("P2195",)
+    store.start_driving_cycle()  # a cycle in which the test does not complete
+    assert store.permanent == ("P2195",)
+    store.complete("activity")  # nor one in which only another test completes
+    store.start_driving_cycle()
+    assert store.permanent == ("P2195",)
+    store.complete("bias")
+    assert store.permanent == ("P2195",)  # until the cycle is over
+    store.start_driving_cycle()
+    assert store.permanent == ()
+
+
+def test_after_clearing_a_failing_cycle_keeps_the_permanent_code() -> None:
+    store = confirmed()
+    store.clear(1)
+    store.start_driving_cycle()
+    store.complete("bias")
+    store.fail("biased_lean", 2)
+    store.start_driving_cycle()
+    assert store.permanent == ("P2195",)
+
+
+def test_a_permanent_code_of_a_continuous_test_needs_a_real_drive_to_go() -> None:
+    store = confirmed("signal_missing")
+    store.clear(1)
+    store.start_driving_cycle()
+    store.complete("communication")
+    store.start_driving_cycle()
+    assert store.permanent == ("U0100",)  # it passes as soon as the ignition is on
+    store.complete("communication")
+    store.count_general_denominator()
+    store.start_driving_cycle()
+    assert store.permanent == ()
+
+
+def test_no_more_permanent_codes_are_kept_than_the_profile_says() -> None:
+    store = DtcStore(profile=replace(CARB, permanent_most=2))
+    for fault in ("gain_low", "biased_lean", "not_ready"):
+        for _ in range(2):
+            store.start_driving_cycle()
+            store.fail(fault, 1)
+    assert store.permanent == ("P2A00", "P2195")
+    # and one that is kept may change its fault
+    store.start_driving_cycle()
+    store.fail("stuck_lean", 1)
+    assert store.saved.permanent["P2195"] == "stuck_lean"
+
+
+# Freeze frames
+
+
+def frame_of(code: str, t_ns: int) -> FreezeFrame:
+    return FreezeFrame(code, t_ns, {"engine_speed_rpm": 1000.0 + t_ns})
+
+
+def failing(store: DtcStore, fault: str, t_ns: int) -> None:
+    for dtc in store.fail(fault, t_ns):
+        store.freeze(frame_of(dtc.code, t_ns))
+
+
+def test_the_signals_of_the_first_failing_are_replaced_by_those_of_the_confirming() -> None:
+    store = DtcStore()
+    for cycle, expected in ((1, 11), (2, 21), (3, 21)):
+        store.start_driving_cycle()
+        failing(store, "gain_low", 10 * cycle + 1)
+        store.freeze(frame_of("P2A00", 10 * cycle + 2))  # named anew in the same cycle
+        assert store.freeze_frames["P2A00"].t_ns == expected
+
+
+def test_a_freeze_frame_goes_with_its_code() -> None:
+    store = DtcStore()
+    failing(store, "gain_low", 1)
+    store.start_driving_cycle()
+    store.complete("response")
+    assert "P2A00" in store.freeze_frames
+    store.start_driving_cycle()
+    assert not store.freeze_frames
+
+
+def test_confirmed_codes_come_first_among_the_freeze_frames_then_the_earlier_ones() -> None:
+    store = DtcStore()
+    failing(store, "biased_rich", 1)
+    failing(store, "gain_low", 2)
+    failing(store, "slow_symmetric", 3)
+    assert list(store.freeze_frames) == ["P2196", "P2A00", "P0133"]
+    store.start_driving_cycle()
+    failing(store, "slow_symmetric", 4)
+    assert list(store.freeze_frames) == ["P0133", "P2196", "P2A00"]
+
+
+# Readiness, ratios, counts
+
+
+def test_a_test_is_ready_when_it_has_passed_or_failed_since_clearing() -> None:
+    store = DtcStore()
+    store.complete("bias")
+    store.fail("gain_low", 1)
+    ready = [test for test in TESTS if store.completed_since_clear(test)]
+    assert ready == ["response", "bias"]
+    store.start_driving_cycle()
+    assert [test for test in TESTS if store.completed_since_clear(test)] == ready
+
+
+def test_a_numerator_counts_once_in_a_driving_cycle_also_over_a_clearing() -> None:
+    store = DtcStore()
+    assert store.count_judged("response")
+    assert not store.count_judged("response")
+    store.clear(1)
+    assert not store.count_judged("response")
+    store.start_driving_cycle()
+    assert store.count_judged("response")
+    assert {r.test: r.numerator for r in store.ratios} == dict.fromkeys(TESTS, 0) | {"response": 2}
+
+
+def test_the_denominators_count_once_in_a_driving_cycle() -> None:
+    store = DtcStore()
+    for _ in range(3):
+        store.start_driving_cycle()
+        store.count_general_denominator()
+        store.count_general_denominator()
+    assert store.counts.general_denominator == 3
+    assert {r.denominator for r in store.ratios} == {3}
+
+
+def test_a_code_that_keeps_a_test_from_judging_pauses_its_ratio() -> None:
+    store = DtcStore()
+    store.fail("signal_missing", 1)
+    store.count_general_denominator()
+    assert not store.count_judged("response")
+    assert store.count_judged("communication")
+    paused = {r.test for r in store.ratios if not r.denominator}
+    assert paused == {"response", "bias", "activity"}
+    assert store.counts.general_denominator == 1
+
+
+@pytest.mark.parametrize(("numerator", "denominator"), [(65534, 9), (8, 65534)])
+def test_a_counter_at_its_end_is_halved_with_its_partner(numerator: int, denominator: int) -> None:
+    store = DtcStore(Saved(ratios=(obd_records.Ratio("bias", numerator, denominator),)))
+    store.count_judged("bias")
+    store.count_general_denominator()
+    ratio = next(r for r in store.ratios if r.test == "bias")
+    full = numerator == 65534
+    assert (ratio.numerator, ratio.denominator) == ((32767, 5) if full else (4, 32767))
+
+
+def test_what_is_driven_counts_since_clearing_and_with_the_lamp_on() -> None:
+    store = confirmed()
+    store.clear(1)
+    store.drive(100.0, 2.0)
+    assert store.counts == Counts(distance_since_clear_km=2.0, engine_run_since_clear_s=100.0)
+    store = confirmed()
+    store.drive(100.0, 2.0)
+    store.drive(50.0, 1.0)
+    expected = Counts(0, 0, 0, 3.0, 3.0, 150.0, 150.0)
+    assert store.counts == expected
+    heal(store)
+    store.drive(50.0, 1.0)  # with the lamp off what was driven with it stays
+    assert store.counts == Counts(0, 0, 0, 4.0, 3.0, 150.0, 200.0)
+    for _ in range(2):  # and begins anew with the lamp
+        store.start_driving_cycle()
+        store.fail("biased_lean", 1)
+    assert store.counts == Counts(0, 0, 0, 4.0, 0.0, 0.0, 200.0)
+
+
+# Everything at once
+
+
+@dataclass
+class Cycle:
+    """What the history says of one driving cycle since the last clearing."""
+
+    failed: bool = False
+    completed: bool = False
+
+
+class StatusByte(RuleBasedStateMachine):
+    """Any sequence of events; the status byte must follow from the history of one code."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.store = DtcStore()
+        self.history = [Cycle()]
+        self.failing_now = False
+
+    @property
+    def dtc(self) -> Dtc:
+        return code_of(self.store, "P0133")
+
+    @rule(fault=st.sampled_from(["slow_symmetric", "transient"]))
+    def the_test_fails(self, fault: str) -> None:
+        self.store.fail(fault, 1)
+        self.store.freeze(frame_of("P0133", 1))
+        self.history[-1].failed = self.history[-1].completed = self.failing_now = True
+
+    @rule()
+    def the_test_passes(self) -> None:
+        self.store.complete("response")
+        self.history[-1].completed, self.failing_now = True, False
+
+    @rule(fault=st.sampled_from(sorted(set(CODES) - {"slow_symmetric", "transient"})))
+    def another_test_fails(self, fault: str) -> None:
+        self.store.fail(fault, 1)
+
+    @rule(test=st.sampled_from(sorted(set(TESTS) - {"response"})))
+    def another_test_passes(self, test: str) -> None:
+        self.store.complete(test)
+
+    @rule()
+    def the_next_driving_cycle_begins(self) -> None:
+        self.store.start_driving_cycle()
+        self.history.append(Cycle())
+        self.failing_now = False
+
+    @rule(driving_cycles=st.integers(1, 3), passes=st.booleans())
+    def it_is_driven(self, driving_cycles: int, passes: bool) -> None:
+        for _ in range(driving_cycles):
+            if passes:
+                self.the_test_passes()
+            self.the_next_driving_cycle_begins()
+
+    @rule()
+    def the_process_ends_and_begins_with_the_next_driving_cycle(self) -> None:
+        self.store = DtcStore(self.store.saved)
+        self.the_next_driving_cycle_begins()
+
+    @rule()
+    def it_is_cleared(self) -> None:
+        permanent, counts, ratios = self.store.permanent, self.store.counts, self.store.ratios
+        self.store.clear(1)
+        self.history = [Cycle()]
+        self.failing_now = False
+        assert self.store.permanent == permanent
+        assert self.store.ratios == ratios
+        assert self.store.counts.ignition_cycles == counts.ignition_cycles
+
+    def lamp(self) -> tuple[bool, bool]:
+        """Return whether the code was ever confirmed, and whether the lamp is on, by history."""
+        was_confirmed = is_lit = False
+        failed = passed = 0  # completed driving cycles in a row
+        for number, cycle in enumerate(self.history, 1):
+            is_over = number < len(self.history)
+            if cycle.failed:
+                failed, passed = failed + 1, 0
+                was_confirmed |= failed == 2
+                is_lit |= failed >= 2
+            elif cycle.completed and is_over:
+                failed, passed = 0, passed + 1
+                is_lit &= passed < 3
+        return was_confirmed, is_lit
+
+    @invariant()
+    def the_status_byte_follows_from_the_history(self) -> None:
+        now, before = self.history[-1], [c for c in self.history[:-1] if c.completed]
+        was_confirmed, is_lit = self.lamp()
+        expected = {
+            Status.TEST_FAILED: self.failing_now,
+            Status.FAILED_THIS_CYCLE: now.failed,
+            Status.PENDING: now.failed or bool(before and before[-1].failed),
+            Status.CONFIRMED: was_confirmed,
+            Status.NOT_COMPLETED_SINCE_CLEAR: not any(c.completed for c in self.history),
+            Status.FAILED_SINCE_CLEAR: any(c.failed for c in self.history),
+            Status.NOT_COMPLETED_THIS_CYCLE: not now.completed,
+            Status.WARNING_INDICATOR: is_lit,
+        }
+        assert {bit: bool(self.dtc.status & bit) for bit in Status} == expected
+
+    @invariant()
+    def what_goes_with_a_code_agrees_with_it(self) -> None:
+        store = self.store
+        assert ("P0133" in store.freeze_frames) == (self.dtc.state is not None)
+        assert store.mil == any(d.status & Status.WARNING_INDICATOR for d in store.all)
+        lit = {d.code for d in store.all if d.status & Status.WARNING_INDICATOR}
+        assert lit <= set(store.permanent) or len(store.permanent) == CARB.permanent_most
+        assert store.completed_since_clear("response") or not self.dtc.state
+
+
+StatusByte.TestCase.settings = settings(max_examples=150, stateful_step_count=40, deadline=None)
+TestStatusByte = StatusByte.TestCase

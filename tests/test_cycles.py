@@ -1,0 +1,408 @@
+"""Driving cycles in a stream of samples, and what counts in them."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from monitor import config, replay
+from monitor.cycles import SIGNALS, Cycles
+from monitor.decide import Counted
+from monitor.dtc import DtcStore, Status
+from monitor.pipeline import CycleStarted, DtcChanged, Event, FramePipeline
+from monitor.sources import read_frames
+from monitor.types import Frame, Quality, Sample
+
+CONFIG = config.load()
+NAMES = ("lambda_measured", *SIGNALS)
+ROOT = Path(__file__).resolve().parent.parent
+MINUTE, HOUR = 60.0, 3600.0
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """So many seconds in which nothing changes."""
+
+    seconds: float
+    speed_rpm: float = 1500.0
+    speed_km_h: float = 0.0
+    coolant_degc: float = 90.0
+    ambient_degc: float = 20.0
+    pressure_kpa: float = 100.0
+    quality: Quality = Quality.GOOD
+
+
+DRIVE = Stretch(5 * MINUTE, speed_km_h=50.0)
+STAND = Stretch(1.0, speed_rpm=0.0)
+SILENCE = Stretch(1.0, quality=Quality.STALE)
+START = Stretch(5.0)
+
+
+def lasting(stretch: Stretch, seconds: float) -> Stretch:
+    return replace(stretch, seconds=seconds)
+
+
+def samples(
+    stretches: list[Stretch], period_s: float = 1.0, names: tuple[str, ...] = NAMES
+) -> Iterator[Sample]:
+    k = 0
+    for each in stretches:
+        read = {
+            "lambda_measured": 1.0,
+            "engine_speed_rpm": each.speed_rpm,
+            "vehicle_speed_km_h": each.speed_km_h,
+            "coolant_temperature_degc": each.coolant_degc,
+            "ambient_temperature_degc": each.ambient_degc,
+            "ambient_pressure_kpa": each.pressure_kpa,
+        }
+        is_good = each.quality == Quality.GOOD
+        values = np.array([read[name] if is_good else math.nan for name in names])
+        quality = np.full(len(names), each.quality, dtype=np.uint8)
+        for _ in range(round(each.seconds / period_s)):
+            k += 1
+            yield Sample(k, round(k * period_s * 1e9), values, quality)
+
+
+def cycles_of(
+    names: tuple[str, ...] = NAMES, profile: config.ProfileConfig = CONFIG.carb
+) -> Cycles:
+    return Cycles(CONFIG.cycles, profile, names, "lambda_measured", 500.0)
+
+
+def moments(
+    *stretches: Stretch, period_s: float = 1.0, names: tuple[str, ...] = NAMES,
+    profile: config.ProfileConfig = CONFIG.carb,
+) -> list[tuple[str, float]]:  # fmt: skip
+    cycles = cycles_of(names, profile)
+    return [
+        (moment, sample.t_ns / 1e9)
+        for sample in samples(list(stretches), period_s, names)
+        for moment in cycles.push(sample)
+    ]
+
+
+def count(what: str, *stretches: Stretch, names: tuple[str, ...] = NAMES) -> int:
+    return [moment for moment, _ in moments(*stretches, names=names)].count(what)
+
+
+# Where a driving cycle begins
+
+
+@pytest.mark.parametrize(
+    ("between", "expected"),
+    [
+        # start-stop: the ECU is awake
+        ([lasting(STAND, 30)], 0),
+        ([lasting(STAND, 290)], 0),
+        ([lasting(STAND, 310)], 1),
+        # ignition off: the ECU falls silent, wakes up and starts the engine
+        ([lasting(STAND, 3), lasting(SILENCE, 60), lasting(STAND, 2)], 1),
+        ([lasting(SILENCE, 60), lasting(STAND, 2)], 1),
+        ([lasting(STAND, 3), lasting(SILENCE, 11), lasting(STAND, 1)], 1),
+        # a loss of the bus: the engine is seen running right after it
+        ([lasting(SILENCE, 60)], 0),
+        ([lasting(SILENCE, 8), lasting(STAND, 2)], 0),
+        ([lasting(STAND, 3), lasting(SILENCE, 60)], 0),
+        ([lasting(SILENCE, 310)], 1),
+        # two short silences are no long one
+        ([lasting(SILENCE, 8), lasting(STAND, 1), lasting(SILENCE, 8), lasting(STAND, 1)], 0),
+        # the monitor itself was off the bus: nothing is known of the engine
+        ([Stretch(2 * HOUR, quality=Quality.OFF_BUS)], 0),
+        # the ECU is there but does not know its engine speed
+        ([Stretch(60, quality=Quality.INVALID), lasting(STAND, 2)], 0),
+    ],
+)
+def test_the_next_driving_cycle_begins_with_an_engine_start_after_ignition_off(
+    between: list[Stretch], expected: int
+) -> None:
+    assert count("driving_cycle", DRIVE, *between, START) == expected
+
+
+def test_one_drive_stays_one_driving_cycle_however_it_begins() -> None:
+    for first in ([], [lasting(STAND, 600)], [lasting(SILENCE, 600)], [SILENCE, STAND]):
+        assert count("driving_cycle", *first, DRIVE, lasting(STAND, 600)) == 0
+
+
+def test_the_new_driving_cycle_begins_with_the_first_sample_of_the_running_engine() -> None:
+    found = moments(lasting(DRIVE, 10), lasting(SILENCE, 20), lasting(STAND, 5), START)
+    assert [t_s for moment, t_s in found if moment == "driving_cycle"] == [36.0]
+
+
+def test_every_ignition_off_is_found_in_a_week_at_a_bench() -> None:
+    # GIVEN five days of ten drives, each with two stops at a light
+    light = [DRIVE, lasting(STAND, 40)]
+    drive = [*light, *light, DRIVE, lasting(STAND, 4), lasting(SILENCE, HOUR), STAND]
+    assert count("driving_cycle", *(drive * 50), START) == 50
+    assert count("ignition_cycle", *(drive * 50), START) == 51
+
+
+def test_without_engine_speed_only_a_long_silence_ends_a_driving_cycle() -> None:
+    names = ("lambda_measured", "vehicle_speed_km_h")
+    for silence_s, expected in ((60, 0), (310, 1)):
+        stretches = (DRIVE, lasting(SILENCE, silence_s), START)
+        assert count("driving_cycle", *stretches, names=names) == expected
+
+
+def test_a_clock_that_steps_back_begins_nothing() -> None:
+    cycles = cycles_of()
+    drive = list(samples([DRIVE]))
+    back = [sample._replace(t_ns=sample.t_ns - 200_000_000_000) for sample in drive]
+    assert "driving_cycle" not in [m for s in (*drive, *back, *drive) for m in cycles.push(s)]
+
+
+# What counts in it
+
+
+def test_an_engine_start_counts_after_two_seconds_and_once_in_a_driving_cycle() -> None:
+    assert count("ignition_cycle", STAND, lasting(START, 2)) == 0
+    found = moments(STAND, lasting(START, 10), lasting(STAND, 30), lasting(START, 10))
+    assert [t_s for moment, t_s in found if moment == "ignition_cycle"] == [4.0]
+
+
+@pytest.mark.parametrize(
+    ("profile", "start_degc", "reached_degc", "expected"),
+    [
+        ("carb", 20.0, 71.2, 1),
+        ("carb", 20.0, 71.0, 0),  # not hot enough
+        ("carb", 60.0, 82.3, 1),
+        ("carb", 60.0, 82.1, 0),  # a rise of less than 40 degF
+        ("eobd", 20.0, 70.1, 1),
+        ("eobd", 20.0, 69.9, 0),
+        ("eobd", 60.0, 82.1, 1),
+        ("eobd", 60.0, 81.9, 0),
+    ],
+)
+def test_a_warm_up_cycle_needs_a_rise_and_an_end_temperature(
+    profile: str, start_degc: float, reached_degc: float, expected: int
+) -> None:
+    found = moments(
+        replace(START, coolant_degc=start_degc),
+        replace(DRIVE, coolant_degc=reached_degc),
+        replace(DRIVE, coolant_degc=reached_degc - 5.0),
+        replace(DRIVE, coolant_degc=reached_degc),
+        profile=getattr(CONFIG, profile),
+    )
+    assert [moment for moment, _ in found].count("warm_up") == expected
+
+
+def test_the_rise_counts_within_one_driving_cycle() -> None:
+    cold, hot = replace(DRIVE, coolant_degc=55.0), replace(DRIVE, coolant_degc=85.0)
+    off = [lasting(SILENCE, 60), STAND]
+    assert count("warm_up", cold, hot) == 1
+    assert count("warm_up", cold, *off, replace(hot, coolant_degc=76.0)) == 0
+    # and what an engine at rest does to its coolant is no warming up
+    assert count("warm_up", replace(STAND, coolant_degc=20.0), hot) == 0
+
+
+IDLE = Stretch(30.0 + 1.0)
+CITY = Stretch(5 * MINUTE, speed_km_h=30.0)
+
+
+@pytest.mark.parametrize(
+    ("stretches", "expected"),
+    [
+        ([START, DRIVE, CITY, IDLE], 1),
+        ([START, lasting(DRIVE, 290), CITY, lasting(CITY, 60), IDLE], 0),  # too little fast driving
+        ([START, DRIVE, lasting(CITY, 200), IDLE], 0),  # less than 600 s
+        ([START, DRIVE, CITY, lasting(IDLE, 20), CITY, lasting(IDLE, 20)], 0),  # not in a row
+        ([START, lasting(DRIVE, 150), IDLE, lasting(DRIVE, 150), CITY], 1),  # in any order
+        ([START, DRIVE, lasting(STAND, 60), CITY, IDLE], 1),  # over a stop of the engine
+        ([START, DRIVE, lasting(SILENCE, 60), STAND, CITY, IDLE], 0),  # not over ignition off
+        ([START, DRIVE, CITY, replace(IDLE, speed_km_h=2.0)], 0),  # rolling is no idle
+        ([START, DRIVE, CITY, replace(IDLE, ambient_degc=-8.0)], 0),  # cold
+        ([START, replace(DRIVE, ambient_degc=-8.0), CITY, CITY, IDLE], 0),
+        ([START, replace(DRIVE, pressure_kpa=75.0), CITY, CITY, IDLE], 0),  # high up
+        ([START, DRIVE, CITY, replace(IDLE, pressure_kpa=75.4, ambient_degc=-6.0)], 1),
+        ([START, replace(DRIVE, pressure_kpa=math.nan), CITY, CITY, IDLE], 0),  # not known
+    ],
+)
+def test_the_general_denominator_asks_for_time_speed_and_idle(
+    stretches: list[Stretch], expected: int
+) -> None:
+    assert count("general_denominator", *stretches) == expected
+
+
+def test_the_general_denominator_counts_once_in_a_driving_cycle() -> None:
+    drive = [START, DRIVE, CITY, IDLE]
+    assert count("general_denominator", *drive, *drive) == 1
+    assert count("general_denominator", *drive, lasting(SILENCE, 60), STAND, *drive) == 2
+
+
+def test_a_signal_that_is_not_provided_asks_for_nothing() -> None:
+    names = ("lambda_measured", "engine_speed_rpm", "vehicle_speed_km_h")
+    assert count("general_denominator", START, DRIVE, CITY, IDLE, names=names) == 1
+    assert cycles_of(names).unavailable == SIGNALS[2:]
+    # but what is driven and warmed up cannot be known without its own signal
+    names = ("lambda_measured", "engine_speed_rpm")
+    assert count("general_denominator", START, DRIVE, CITY, IDLE, names=names) == 0
+    cold = replace(START, coolant_degc=20.0)
+    assert count("warm_up", cold, DRIVE, names=names) == 0
+
+
+def test_running_time_and_distance_are_those_of_the_running_engine() -> None:
+    cycles = cycles_of()
+    rolling = replace(STAND, speed_km_h=50.0)  # the engine is off, the car rolls
+    for sample in samples([lasting(DRIVE, 361), lasting(rolling, 100), lasting(DRIVE, 361)]):
+        cycles.push(sample)
+    run_s, distance_km = cycles.take()
+    assert run_s == pytest.approx(720.0)
+    assert distance_km == pytest.approx(10.0)
+    assert cycles.take() == (0.0, 0.0)
+
+
+KINDS = st.sampled_from([DRIVE, STAND, SILENCE, CITY, IDLE, replace(START, coolant_degc=20.0)])
+drives = st.lists(
+    st.builds(lambda kind, n: lasting(kind, 5.0 * n), KINDS, st.integers(1, 80)), max_size=12
+)
+
+
+@given(drives)
+def test_the_moments_do_not_depend_on_the_sample_period(stretches: list[Stretch]) -> None:
+    slow, fast = moments(*stretches), moments(*stretches, period_s=0.25)
+    assert [moment for moment, _ in slow] == [moment for moment, _ in fast]
+    for (_, a_s), (_, b_s) in zip(slow, fast, strict=True):
+        assert abs(a_s - b_s) <= 4.0  # each sample of a start counts no time
+
+
+@given(drives)
+def test_nothing_counts_twice_in_one_driving_cycle(stretches: list[Stretch]) -> None:
+    seen: set[str] = set()
+    for moment, _ in moments(*stretches):
+        if moment == "driving_cycle":
+            seen.clear()
+        assert moment not in seen
+        seen.add(moment)
+
+
+# The monitor in a stream of drives
+
+
+@pytest.fixture(scope="module")
+def setup() -> replay.Setup:
+    return replay.set_up(None, [], CONFIG)
+
+
+@pytest.fixture(scope="module")
+def late_sensor() -> list[Frame]:
+    (log,) = ROOT.glob("replay_logs/delay_rich_to_lean_*.blf")
+    return list(read_frames(log))[: 200 * 200]
+
+
+def later(frames: list[Frame], by_s: float) -> list[Frame]:
+    return [frame._replace(t_ns=frame.t_ns + round(by_s * 1e9)) for frame in frames]
+
+
+def judge(frames: list[Frame], setup: replay.Setup, store: DtcStore) -> list[Event]:
+    store.start_driving_cycle()
+    pipeline = FramePipeline(setup.bus_map, setup.model, setup.limits, setup.config, store)
+    return [event for frame in frames for event in pipeline.push(frame)]
+
+
+def codes(events: list[Event]) -> list[tuple[str, str | None]]:
+    return [(e.dtc.code, e.dtc.state) for e in events if isinstance(e, DtcChanged) if e.dtc.fault]
+
+
+def test_two_drives_in_one_stream_are_judged_as_in_two_recordings(
+    setup: replay.Setup, late_sensor: list[Frame]
+) -> None:
+    # GIVEN the same drive twice, ten minutes of silence in between
+    length_s = (late_sensor[-1].t_ns - late_sensor[0].t_ns) / 1e9
+    both = late_sensor + later(late_sensor, length_s + 10 * MINUTE)
+    # WHEN it is judged as one stream, and as two recordings one after the other
+    one, two = DtcStore(), DtcStore()
+    stream = judge(both, setup, one)
+    apart = [judge(late_sensor, setup, two) for _ in range(2)]
+    # THEN the same codes become pending and confirmed
+    assert codes(apart[0]) == [("P015A", "pending")]
+    assert codes(apart[1])[-1] == ("P015A", "confirmed")
+    in_stream = [event for event in codes(stream) if event[0] == "P015A"]
+    assert in_stream[0] == ("P015A", "pending")
+    assert in_stream[-1] == ("P015A", "confirmed")
+    assert sum(isinstance(event, CycleStarted) for event in stream) == 1
+    assert [d.status for d in one.all if d.code == "P015A"] == [0xAF]
+    assert [d.status for d in two.all if d.code == "P015A"] == [0xAF]
+    assert one.permanent == two.permanent == ("P015A",)
+    assert one.counts.ignition_cycles == two.counts.ignition_cycles == 2
+    ratios = {r.test: r.numerator for r in one.ratios}
+    assert ratios["response"] == 2
+
+
+def test_a_code_keeps_the_signals_of_its_setting(
+    setup: replay.Setup, late_sensor: list[Frame]
+) -> None:
+    store = DtcStore()
+    events = judge(late_sensor, setup, store)
+    (failed,) = [e for e in events if isinstance(e, DtcChanged) and e.dtc.state]
+    frame = store.freeze_frames["P015A"]
+    assert frame.t_ns == failed.t_ns
+    assert frame.values["engine_speed_rpm"] > 500.0
+    assert frame.values["coolant_temperature_degc"] > CONFIG.enable.coolant_min_degc
+    assert {"lambda_measured", "fuel_mass_mg", "ambient_pressure_kpa"} <= frame.values.keys()
+    # confirmed in the next driving cycle they are those of that moment, and stay
+    judge(later(late_sensor, HOUR), setup, store)
+    assert store.freeze_frames["P015A"].t_ns == frame.t_ns + round(HOUR * 1e9)
+    judge(later(late_sensor, 2 * HOUR), setup, store)
+    assert store.freeze_frames["P015A"].t_ns == frame.t_ns + round(HOUR * 1e9)
+
+
+def test_the_results_of_service_06_are_those_of_the_latest_window(
+    setup: replay.Setup, late_sensor: list[Frame]
+) -> None:
+    store = DtcStore()
+    judge(late_sensor, setup, store)
+    results = {r.quantity: r for r in store.results}
+    late = results["dead_time_rich_to_lean_s"]
+    assert late.test == "response"
+    assert late.value > late.high == CONFIG.response.delay_limit_s
+    for quantity in ("dead_time_lean_to_rich_s", "lag_rich_to_lean_s", "gain", "offset"):
+        assert results[quantity].low <= results[quantity].value <= results[quantity].high
+    assert results["offset"].test == "bias"
+
+
+def test_what_was_found_before_clearing_is_forgotten_and_found_again(
+    setup: replay.Setup, late_sensor: list[Frame]
+) -> None:
+    # GIVEN a code that is pending
+    store = DtcStore()
+    store.start_driving_cycle()
+    pipeline = FramePipeline(setup.bus_map, setup.model, setup.limits, setup.config, store)
+    half = len(late_sensor) // 2
+    first = [event for frame in late_sensor[:half] for event in pipeline.push(frame)]
+    assert ("P015A", "pending") in codes(first)
+    # WHEN it is cleared while the drive goes on
+    changed = store.clear(late_sensor[half].t_ns)
+    assert "P015A" in {dtc.code for dtc in changed}
+    assert not store.fault_flag
+    # THEN it is pending again, after as many windows
+    again = [event for frame in late_sensor[half:] for event in pipeline.push(frame)]
+    assert ("P015A", "pending") in codes(again)
+    assert store.counts.ignition_cycles == 1
+    assert {r.test: r.numerator for r in store.ratios}["response"] == 1  # one driving cycle
+
+
+def test_a_healed_code_is_announced_where_the_next_driving_cycle_begins(
+    setup: replay.Setup, late_sensor: list[Frame]
+) -> None:
+    # GIVEN a code pending from an earlier drive, and a stream of drives in which the test passes
+    (log,) = ROOT.glob("replay_logs/healthy_micro_trips_*.blf")
+    healthy = list(read_frames(log))
+    store = DtcStore()
+    store.start_driving_cycle()
+    store.fail("delay_rich_to_lean", 1)
+    stream = judge([*healthy, *later(healthy[:2000], HOUR)], setup, store)
+    # THEN it goes with the end of the driving cycle, and says so
+    at = next(i for i, event in enumerate(stream) if isinstance(event, CycleStarted))
+    gone = stream[at + 1]
+    assert isinstance(gone, DtcChanged)
+    assert (gone.dtc.code, gone.dtc.state) == ("P015A", None)
+    assert not gone.dtc.status & Status.PENDING
+    assert not store.fault_flag
+    started = stream[at]
+    assert isinstance(started, CycleStarted)
+    counted = [event.what for event in stream if isinstance(event, Counted)]
+    assert counted.count("ignition_cycle") == 2
