@@ -59,8 +59,8 @@ def listen(address: Address) -> socket.socket:
         )[0]
         server = socket.create_server(place[:2], family=family, backlog=BACKLOG)
     except OSError as error:
-        known = error.errno is not None and error.errno > 0  # not so when the name is unknown
-        reason = os.strerror(error.errno) if known else error.strerror
+        number = error.errno or 0  # below 0 when the name is unknown
+        reason = os.strerror(number) if number > 0 else error.strerror
         raise UsageError(f"{where}: {reason}") from None
     server.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
     return server

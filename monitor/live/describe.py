@@ -60,9 +60,10 @@ def words(name: str) -> str:
 def value_text(name: str, value: float) -> str:
     """Return a value with its unit."""
     known = signals.BY_NAME.get(name)
+    if known and known.role == "enable":
+        return f"{value:.3g}"
     unit = _UNITS.get(known.unit, known.unit) if known else ""
-    digits = 0 if abs(value) >= 100.0 else 1 if abs(value) >= 10.0 or not unit else 2
-    digits = 3 if "lambda" in name else digits
+    digits = 3 if "lambda" in name else 0 if abs(value) >= 100.0 else 1 if abs(value) >= 10.0 else 2
     return f"{value:.{digits}f} {unit}".strip().replace("-", "−")
 
 

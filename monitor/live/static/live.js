@@ -1,5 +1,5 @@
 // Follows the monitor's stream of events. Loads nothing but this page's own files.
-import { Plots } from "./plots.js";
+import { Plots, SYMBOLS } from "./plots.js";
 import { panels, digits, element, signed } from "./panels.js";
 
 const SAMPLES = 6000, WINDOWS = 240; // as many as the server keeps
@@ -27,7 +27,7 @@ function take(message, whole) {
 
 function show(changed) {
   overview();
-  plots.update();
+  if (!document.hidden) plots.update();
   for (const panel of panels) panel(state, changed);
   connection();
 }
@@ -38,8 +38,8 @@ function verdict() {
   const set = (memory?.codes || []).filter((code) => code.state);
   if (set.length) {
     const codes = set.map((each) => each.code).join(", ");
-    const meanings = [...new Set(set.map((each) => each.meaning).filter(Boolean))];
-    return { kind: "failed", words: `Fault: ${codes}`, more: meanings.length ? `The sensor or its signal: ${meanings.join("; ")}.` : "" };
+    const meanings = [...new Set(set.map((each) => each.meaning).filter(Boolean))].join("; ");
+    return { kind: "failed", words: `Fault: ${codes}`, more: meanings && `${meanings[0].toUpperCase()}${meanings.slice(1)}.` };
   }
   if (!now) return { kind: "inconclusive", words: "Waiting for the first samples", more: "Nothing was received from the bus yet." };
   if (now.completed) return { kind: "passed", words: "No fault", more: "The response test has been completed in this driving cycle." };
@@ -57,14 +57,15 @@ function overview() {
   if (!now) return;
   const residual = now.measured == null || now.predicted == null ? null : now.measured - now.predicted;
   const blocking = state.conditions.findIndex((condition, i) => !now.held[i]);
-  const counts = (verdict) => state.windows.filter((each) => each.verdict === verdict).length;
+  const count = (verdict) => state.windows.filter((each) => each.verdict === verdict).length;
+  const counts = ["passed", "failed", "inconclusive"].map((each) => `${SYMBOLS[each]} ${count(each)}`);
   tile("Measured", digits(now.measured, 4), "measured");
   tile("Predicted", digits(now.predicted, 4), "predicted");
   tile("Residual", signed(residual, 4), "residual");
-  tile("Judging", now.enabled ? "✓ enabled" : "✕ not enabled", now.enabled ? "good" : "",
-    now.enabled ? `${Math.round((100 * now.enabled_samples) / now.samples)} % of samples` : `${state.conditions[blocking]?.what}: ${now.seen[blocking]}`);
-  tile("Windows", `✓ ${counts("passed")}  ✕ ${counts("failed")}  ? ${counts("inconclusive")}`, "", `${now.windows_interrupted} interrupted`);
-  tile("Lamp", memory?.mil ? "● MIL on" : "○ MIL off", memory?.mil ? "bad" : "", memory?.fault_flag ? "fault flag set" : "fault flag not set");
+  tile("Judging", now.enabled ? "✓ yes" : "✕ no", now.enabled ? "good" : "",
+    now.enabled ? `${Math.round((100 * now.enabled_samples) / now.samples)} % of all samples` : `${state.conditions[blocking]?.what}: ${now.seen[blocking]}`);
+  tile("Windows", String(state.windows.length), "", counts.join("  "));
+  tile("Lamp (MIL)", memory?.mil ? "● on" : "○ off", memory?.mil ? "bad" : "", memory?.fault_flag ? "fault flag set" : "fault flag not set");
 }
 
 const tiles = new Map();
@@ -119,4 +120,5 @@ function connect() {
 }
 
 connect();
+document.addEventListener("visibilitychange", () => document.hidden || plots.update());
 setInterval(connection, 1000);

@@ -3,7 +3,7 @@ const SVG = "http://www.w3.org/2000/svg";
 const STRIP_S = 180; // of each condition's strip
 const SHOWN_WINDOWS = 12;
 const VERDICT_SIGN = { passed: "✓", failed: "✕", inconclusive: "?" };
-const FAULTLESS = new Set(["frames", "received", "recovered"]); // counters that count nothing bad
+const FAULTLESS = new Set(["frames", "received", "reconnects", "rx_buffer_bytes", "unmapped"]); // counters that count nothing bad
 
 export const digits = (value, n) => (value == null ? "–" : value.toFixed(n).replace("-", "−"));
 export const signed = (value, n) => (value == null ? "–" : (value >= 0 ? "+" : "") + digits(value, n));
@@ -125,14 +125,24 @@ function code(body, each, { now, memory }) {
   pairs(details, each.frame.values);
 }
 
+/** Names and values; a list that shows the same names already is only brought up to date. */
 function pairs(parent, entries) {
-  const list = element(parent, "dl", { className: "pairs" });
-  for (const [name, value, bad] of entries) {
-    const box = element(list, "div", { className: bad ? "bad" : "" });
-    element(box, "dt", { textContent: name });
-    element(box, "dd", { textContent: value });
+  let list = parent.querySelector(":scope > .pairs");
+  if (list?.children.length !== entries.length) {
+    list?.remove();
+    list = element(parent, "dl", { className: "pairs" });
+    for (const _ of entries) {
+      const box = element(list, "div");
+      element(box, "dt");
+      element(box, "dd");
+    }
   }
-  return list;
+  entries.forEach(([name, value, kind], i) => {
+    const box = list.children[i];
+    box.className = kind || "";
+    put(box.firstChild, name);
+    put(box.lastChild, value);
+  });
 }
 
 const ESTIMATES = [
@@ -175,36 +185,40 @@ function bounds(kind, limits) {
 
 function gauge(table, label, unit, value, std, { low, high, from, to }) {
   const n = unit === "λ" ? 3 : 2;
+  const with_unit = (text) => text + (unit === "s" ? " s" : "");
   const beyond = value != null && (value < low || value > high);
   const row = element(table, "div", { className: beyond ? "gauge beyond" : "gauge" });
+  const limit = low === -Infinity ? `≤ ${with_unit(digits(high, n))}` : high === Infinity ? `≥ ${digits(low, n)}` : `${signed(low, n)} to ${signed(high, n)}`;
+  const text = value == null ? "–" : with_unit(unit === "λ" ? signed(value, n) : digits(value, n));
   element(row, "span", { className: "label", textContent: label });
-  const limit = [low > -Infinity && `at least ${digits(low, n)}`, high < Infinity && `at most ${digits(high, n)}`].filter(Boolean).join(", ");
-  const text = value == null ? "–" : `${unit === "λ" ? signed(value, n) : digits(value, n)}${unit === "s" ? " s" : ""}`;
+  element(row, "span", { className: "quiet limit", textContent: limit });
   element(row, "span", { className: "number", textContent: (beyond ? "✕ " : "") + text });
   element(row, "span", { className: "quiet spread", textContent: std == null ? "" : `± ${digits(std, n)}` });
-  const svg = shape(row, "svg", { viewBox: "0 0 100 10", preserveAspectRatio: "none", role: "img", "aria-label": `${label} ${text}, limit ${limit}` });
+  const svg = shape(row, "svg", { viewBox: "0 0 100 10", preserveAspectRatio: "none", role: "img", "aria-label": `${label} ${text}, sound is ${limit}` });
   const x = (v) => (100 * (Math.min(Math.max(v, from), to) - from)) / (to - from);
-  shape(svg, "rect", { x: 0, y: 3, width: 100, height: 4, rx: 1, class: "track" });
+  shape(svg, "rect", { x: 0, y: 3, width: 100, height: 4, class: "track" });
   shape(svg, "rect", { x: x(low), y: 3, width: x(high) - x(low), height: 4, class: "sound" });
   if (value != null && std != null) shape(svg, "rect", { x: x(value - 2 * std), y: 4, width: Math.max(x(value + 2 * std) - x(value - 2 * std), 0.1), height: 2, class: "spread" });
-  for (const edge of [low, high]) if (Math.abs(edge) < Infinity) shape(svg, "rect", { x: x(edge) - 0.2, y: 0, width: 0.4, height: 10, class: "limit" });
-  if (value != null) shape(svg, "rect", { x: Math.min(x(value), 99) - 0.5, y: 0.5, width: 1, height: 9, class: "value" });
-  element(row, "span", { className: "quiet limit", textContent: limit });
+  for (const edge of [low, high]) if (Math.abs(edge) < Infinity) shape(svg, "rect", { x: x(edge) - 0.15, y: 1, width: 0.3, height: 8, class: "limit" });
+  if (value != null) shape(svg, "rect", { x: Math.max(0, Math.min(x(value) - 0.6, 98.8)), y: 0, width: 1.2, height: 10, rx: 0.5, class: "value" });
 }
 
+let lines = null;
 function windows(state, changed) {
   if (!changed.windows && !changed.limits) return;
-  const body = fresh("windows");
   const { j_mu: mu, j_sigma: sigma } = state.limits;
-  element(body, "p", { className: "quiet", textContent: `${state.window_samples} enabled samples each, newest first. Paper’s rule: |mean| ≥ Jμ ${digits(mu, 4)} and std ≥ Jσ ${digits(sigma, 4)}.` });
-  if (!state.windows.length) return;
-  const scroll = element(body, "div", { className: "scroll", tabIndex: 0 });
-  scroll.setAttribute("role", "region");
-  scroll.setAttribute("aria-label", "Latest windows");
-  const table = element(scroll, "table");
-  const head = element(element(table, "thead"), "tr");
-  for (const name of ["#", "end", "mean", "std", "verdict", "fault", "paper"]) element(head, "th", { textContent: name, scope: "col" });
-  const lines = element(table, "tbody");
+  if (changed.limits || !lines) {
+    const body = fresh("windows");
+    element(body, "p", { className: "quiet", textContent: `${state.window_samples} enabled samples each, newest first. Paper’s rule: |mean| ≥ Jμ ${digits(mu, 4)} and std ≥ Jσ ${digits(sigma, 4)}.` });
+    const scroll = element(body, "div", { className: "scroll", tabIndex: 0 });
+    scroll.setAttribute("role", "region");
+    scroll.setAttribute("aria-label", "Latest windows");
+    const table = element(scroll, "table");
+    const head = element(element(table, "thead"), "tr");
+    for (const name of ["#", "end", "mean", "std", "verdict", "fault", "paper"]) element(head, "th", { textContent: name, scope: "col" });
+    lines = element(table, "tbody");
+  }
+  lines.replaceChildren();
   for (const each of state.windows.slice(-SHOWN_WINDOWS).reverse()) {
     const line = element(lines, "tr");
     element(line, "td", { textContent: each.index });
@@ -213,18 +227,30 @@ function windows(state, changed) {
     element(line, "td", { textContent: digits(each.std, 4), className: each.std >= sigma ? "over" : "" });
     element(line, "td", { className: `mark ${each.verdict}`, textContent: `${VERDICT_SIGN[each.verdict]} ${each.verdict}` });
     element(line, "td", { textContent: [each.fault, ...each.also].filter(Boolean).map(words).join(" or ") });
-    element(line, "td", { textContent: each.paper_failed ? "✕ failed" : "" });
+    element(line, "td", { className: each.paper_failed ? "mark failed" : "", textContent: each.paper_failed ? "✕ failed" : "–" });
+  }
+  if (!state.windows.length) {
+    element(element(lines, "tr"), "td", { colSpan: 7, className: "quiet", textContent: "No window has been filled yet." });
   }
 }
 
 function health(state, changed) {
   if (!changed.health) return;
-  const body = fresh("health");
-  const entries = Object.entries(state.health).map(([name, value]) => {
-    const bad = typeof value === "number" && value > 0 && !FAULTLESS.has(name);
-    return [words(name), value == null ? "–" : typeof value === "number" ? (Number.isInteger(value) ? value.toLocaleString("en-GB") : digits(value, 2)) : String(value), bad];
-  });
-  pairs(body, entries);
+  const entries = Object.entries(state.health).map(([name, value]) => [words(name), reading(value), kindOf(name, value)]);
+  pairs(document.getElementById("health"), entries);
+}
+
+function reading(value) {
+  if (Array.isArray(value)) return value.map((each) => words(String(each))).join(", ") || "none";
+  if (typeof value === "boolean") return value ? "yes" : "no";
+  if (typeof value === "number") return Number.isInteger(value) ? value.toLocaleString("en-GB") : digits(value, 2);
+  return value == null ? "–" : words(String(value));
+}
+
+/** Whether a counter counts something bad, and has. */
+function kindOf(name, value) {
+  const counted = Array.isArray(value) ? value.length : typeof value === "number" ? value : 0;
+  return FAULTLESS.has(name) ? "" : counted ? "bad" : "none";
 }
 
 let memoryText = "";
@@ -238,9 +264,9 @@ function memory(state, changed) {
   const table = element(body, "table", { className: "tests" });
   const head = element(element(table, "thead"), "tr");
   for (const name of ["test", "since clearing", "in-use ratio"]) element(head, "th", { textContent: name, scope: "col" });
-  const lines = element(table, "tbody");
+  const rowsOfTests = element(table, "tbody");
   for (const each of tests) {
-    const line = element(lines, "tr");
+    const line = element(rowsOfTests, "tr");
     element(line, "td", { textContent: each.test });
     element(line, "td", { className: `mark ${each.complete ? "passed" : "inconclusive"}`, textContent: each.complete ? "✓ complete" : "? not complete" });
     element(line, "td", { textContent: `${each.numerator} / ${each.denominator}` });
@@ -250,7 +276,7 @@ function memory(state, changed) {
 
 function signals(state, changed) {
   if (!changed.now) return;
-  pairs(fresh("signals"), state.now.signals.map(([name, value, bad]) => [name, bad || value, bad]));
+  pairs(document.getElementById("signals"), state.now.signals.map(([name, value, bad]) => [name, bad || value, bad && "bad"]));
 }
 
 export const panels = [conditions, codes, response, windows, health, memory, signals];

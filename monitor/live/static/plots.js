@@ -9,6 +9,13 @@ export const SYMBOLS = { passed: "✓", failed: "✕", inconclusive: "?" };
 
 const color = (name) => getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();
 
+/** As many digits as a step needs, at most five. */
+function places(step) {
+  let n = 0;
+  while (n < 5 && Math.abs(step * 10 ** n - Math.round(step * 10 ** n)) > 1e-6 * step * 10 ** n) n++;
+  return n;
+}
+
 /** A time before the newest sample. */
 function back(seconds) {
   const s = Math.round(seconds);
@@ -17,7 +24,7 @@ function back(seconds) {
 
 export class Plots {
   constructor(section, state) {
-    Object.assign(this, { section, state, plots: [], span: 180, held: null });
+    Object.assign(this, { section, state, plots: [], span: innerWidth < 600 ? 60 : 180, held: null });
     const spans = document.getElementById("spans");
     spans.addEventListener("click", (event) => {
       if (!event.target.dataset.span) return;
@@ -83,7 +90,10 @@ export class Plots {
     if (!this.state.samples.length) return;
     if (!this.plots.length) return this.build();
     this.c = this.columns();
-    for (const { plot, data } of this.plots) plot.setData(data(this.c));
+    for (const { plot, data } of this.plots) {
+      plot.setData(data(this.c));
+      latest(plot);
+    }
   }
 
   build() {
@@ -112,7 +122,7 @@ export class Plots {
     ], { range: (u, low, high) => symmetric(low, high, 0.01), zero: true });
     this.add("Window mean", 120, (c) => [c.t, c.mean], [{ ...hidden, label: "mean", value: plus }], {
       range: (u, low, high) => symmetric(low, high, (mu || 0.01) * 1.3), zero: true, windows: "mean",
-      limits: mu == null ? [] : [[mu, "+Jμ"], [-mu, "−Jμ"]],
+      limits: mu == null ? [] : [[mu, "±Jμ"], [-mu, "±Jμ"]],
     });
     this.add("Window standard deviation", 120, (c) => [c.t, c.std], [{ ...hidden, label: "std", value: number }], {
       range: (u, low, high) => [0, Math.max(high || 0, sigma || 0, 1e-3) * 1.3], windows: "std", xlabels: true,
@@ -138,7 +148,7 @@ export class Plots {
         { stroke: ink, font, grid, ticks, size: axis.xlabels ? 24 : 6, gap: 4, splits: () => this.times(),
           values: (u, splits) => splits.map((t) => (axis.xlabels ? back(this.c.end - t) : "")) },
         { stroke: ink, font, grid, ticks, size: 58, gap: 4, space: 26,
-          values: (u, splits, i, space, step) => splits.map((v) => digits(v, Math.max(0, Math.min(5, -Math.floor(Math.log10(step) + 1e-6))))) },
+          values: (u, splits, i, space, step) => splits.map((v) => digits(v, places(step))) },
       ],
       series: [
         { label: "t", value: (u, t) => (t == null ? "–" : `${digits(t, 1)} s`) },
@@ -146,11 +156,12 @@ export class Plots {
       ],
       legend: { mount: (u, table) => caption.appendChild(table), markers: { width: 0, fill: (u, i) => u.series[i].stroke(u, i) } },
       cursor: { y: false, sync: { key: "live", setSeries: false }, drag: { x: false, y: false }, points: { size: 6 } },
-      hooks: { drawClear: [(u) => this.under(u)], draw: [(u) => this.over(u, axis)] },
+      hooks: { setCursor: [latest], drawClear: [(u) => this.under(u)], draw: [(u) => this.over(u, axis)] },
     };
     const plot = new uPlot(options, data(this.c), figure);
     plot.root.setAttribute("role", "img");
     plot.root.setAttribute("aria-label", `${title}; the figures stand in the panels`);
+    latest(plot);
     this.plots.push({ plot, figure, data });
   }
 
@@ -187,9 +198,12 @@ export class Plots {
     ctx.textBaseline = "middle";
     if (axis.zero) line(u, 0, color("band"), [], ratio);
     if (axis.windows) this.boxes(u, axis.windows);
+    let before = Infinity;
     for (const [value, label] of axis.limits || []) {
       line(u, value, color("failed"), [5 * ratio, 4 * ratio], 1.25 * ratio);
       const at = u.valToPos(value, "y", true);
+      if (Math.abs(at - before) < 18 * ratio) continue; // one label for two lines this close
+      before = at;
       const w = ctx.measureText(label).width + 8 * ratio;
       ctx.fillStyle = color("card");
       ctx.fillRect(left + 4 * ratio, at - 8 * ratio, w, 16 * ratio);
@@ -243,6 +257,11 @@ export class Plots {
       ? [Math.max(low - pad, LAMBDA_RANGE[0]), Math.min(high + pad, LAMBDA_RANGE[1])]
       : [low - pad, high + pad];
   }
+}
+
+/** The legend reads the newest sample while no pointer is on the plot. */
+function latest(plot) {
+  if (plot.cursor.idx == null && plot.data?.[0].length) plot.setLegend({ idx: plot.data[0].length - 1 }, false);
 }
 
 /** Begin and end of what is not enabled. */
