@@ -3,7 +3,9 @@
 SQLite in WAL mode with full synchronisation: what ``save`` has returned from survives a kill.
 """
 
+import fcntl
 import json
+import os
 import sqlite3
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager
@@ -92,16 +94,20 @@ _ORDER: Final = {"freeze_frame": "place", "permanent": "place"}
 class Memory:
     """Stores the fault memory in an SQLite file, made when it does not exist.
 
-    Raises RecordingError if the file is no fault memory or of another schema version.
+    hold : keep every other process that would hold it off, until ``close``
+    Raises RecordingError if the file is no fault memory or of another schema version, or if
+    another process holds it.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, hold: bool = False) -> None:
         self._path = path
+        self._hold = _hold(path) if hold else None
         self._stored: Rows = {}  # what is known to stand in the file
         self._data_version = -1  # of the file, as long as no other process has written to it
         try:
             self._db = sqlite3.connect(path, isolation_level=None)
         except sqlite3.Error as error:
+            self._let_go()
             raise RecordingError(f"{path}: cannot open the fault memory: {error}") from None
         try:
             self._db.execute("PRAGMA synchronous=FULL")
@@ -109,10 +115,10 @@ class Memory:
             self._db.execute("PRAGMA journal_mode=WAL")
             self._db.execute(f"PRAGMA busy_timeout={BUSY_MS}")
         except sqlite3.Error as error:
-            self._db.close()
-            raise RecordingError(f"{path}: not a fault memory: {error}") from None
+            self.close()
+            raise RecordingError(f"{path}: {_what(error)}: {error}") from None
         except RecordingError:
-            self._db.close()
+            self.close()
             raise
 
     def _migrate(self) -> None:
@@ -233,6 +239,40 @@ class Memory:
     def close(self) -> None:
         """Close the file."""
         self._db.close()
+        self._let_go()
+
+    def _let_go(self) -> None:
+        if self._hold is not None:
+            os.close(self._hold)
+            self._hold = None
+
+
+def _what(error: sqlite3.Error) -> str:
+    """Return what an error at opening means; most often another kind of file was named."""
+    own = ("SQLITE_READONLY", "SQLITE_FULL", "SQLITE_IOERR", "SQLITE_CANTOPEN", "SQLITE_BUSY")
+    if getattr(error, "sqlite_errorname", "").startswith(own):
+        return "cannot open the fault memory"
+    return "not a fault memory"
+
+
+def _hold(path: Path) -> int:
+    """Lock a file beside the memory, which nobody else has; return its descriptor.
+
+    SQLite's own locks are let go when any descriptor of the database is closed.
+    """
+    beside = path.with_name(f"{path.name}-lock")
+    try:
+        descriptor = os.open(beside, os.O_CREAT | os.O_RDWR, 0o644)
+    except OSError as error:
+        raise RecordingError(
+            f"{path}: cannot open the fault memory: {beside.name}: {error.strerror}"
+        ) from None
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(descriptor)
+        raise RecordingError(f"{path}: the fault memory is in use by a running monitor") from None
+    return descriptor
 
 
 def _rows_of(saved: Saved) -> Rows:

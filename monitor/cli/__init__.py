@@ -31,13 +31,14 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     from monitor import __version__
-    from monitor.cli import check, inject, replay, run
+    from monitor.cli import check, dtc, inject, replay, run
+    from monitor.cli import map as map_
 
     parser = argparse.ArgumentParser(
         prog="o2mon", description="Monitor of the upstream wideband oxygen sensor."
     )
     parser.add_argument("--version", action="version", version=f"o2mon {__version__}")
     commands = parser.add_subparsers(required=True, metavar="command")
-    for command in (replay, run, check, inject):
+    for command in (replay, run, check, inject, dtc, map_):
         command.add(commands)
     return parser

@@ -80,7 +80,7 @@ def _judge(args: argparse.Namespace, server: "Server | None") -> int:
     _take_place(args)
     setup = set_up(args)
     out = Out(sys.stdout)
-    memory = Memory(args.memory) if args.memory else None
+    memory = Memory(args.memory, hold=True) if args.memory else None
     with closing(memory) if memory else nullcontext(), open_bus(args) as bus:
         loop = Loop(
             bus,

@@ -1,0 +1,213 @@
+"""``o2mon dtc``: what the fault memory holds."""
+
+import argparse
+import json
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import closing
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from monitor.cli.options import add_command, say
+from monitor.errors import UsageError
+
+if TYPE_CHECKING:
+    from monitor.dtc import Dtc, DtcStore
+
+_DTC = """examples:
+  o2mon dtc list --memory o2.db
+  o2mon dtc freeze-frame --memory o2.db P0133
+  o2mon dtc readiness --memory o2.db --json
+  o2mon dtc clear --memory o2.db
+
+exit code: 0 done, 2 the fault memory cannot be used"""
+_MEMORY = "fault memory that o2mon run or replay has written with --memory"
+SCHEMA = "o2mon.dtc/1"
+
+
+def add(commands: Any) -> None:
+    """Add the subcommand."""
+    dtc = add_command(commands, "dtc", "read and clear trouble codes", _DTC, None)
+    actions = dtc.add_subparsers(required=True, metavar="action")
+    for name, text, func in (
+        ("list", "list the trouble codes", _list),
+        ("freeze-frame", "show the signals at the moment at which codes were set", _freeze_frame),
+        ("readiness", "show tests, their results and their in-use performance", _readiness),
+        ("clear", "clear everything but permanent codes and performance", _clear),
+    ):
+        action = add_command(actions, name, text, "", func)
+        action.add_argument("--memory", type=Path, metavar="FILE", required=True, help=_MEMORY)
+        action.add_argument("--json", action="store_true", help="print JSON")
+        if name == "freeze-frame":
+            action.add_argument("code", nargs="*", metavar="CODE", help="default: every code")
+
+
+def _load(path: Path) -> "DtcStore":
+    """Return what a fault memory holds; a file that is not there is not made."""
+    from monitor.dtc import DtcStore
+    from monitor.memory import Memory
+
+    if not path.exists():
+        raise UsageError(f"{path}: no such fault memory")
+    with closing(Memory(path)) as memory:
+        return DtcStore(memory.load())
+
+
+def _print(args: argparse.Namespace, fields: Mapping[str, Any], lines: Iterator[str]) -> int:
+    if args.json:
+        say(json.dumps({"schema": SCHEMA, "memory": str(args.memory), **fields}, indent=1))
+    else:
+        for line in lines:
+            say(line)
+    return 0
+
+
+def _list(args: argparse.Namespace) -> int:
+    store = _load(args.memory)
+    fields = {
+        "mil": store.mil,
+        "dtcs": [_dtc_fields(dtc) for dtc in store.active],
+        "permanent": list(store.permanent),
+        "counts": asdict(store.counts),
+    }
+    return _print(args, fields, _list_lines(store))
+
+
+def _dtc_fields(dtc: "Dtc") -> dict[str, Any]:
+    return {
+        "code": dtc.code,
+        "fault": dtc.fault,
+        "also": list(dtc.also),
+        "state": dtc.state,
+        "status": int(dtc.status),
+        "status_bits": [bit.name.lower() for bit in dtc.status if bit.name],
+    }
+
+
+def _list_lines(store: "DtcStore") -> Iterator[str]:
+    from monitor.dtc import Status
+
+    yield f"lamp {'ON' if store.mil else 'off'}, {_counted(len(store.active), 'code')}"
+    for dtc in store.active:
+        lamp = "lamp" if dtc.status & Status.WARNING_INDICATOR else ""
+        fault = " or ".join((dtc.fault, *dtc.also))
+        yield f"  {dtc.code}  {dtc.state:<9}  {lamp:<4}  0x{dtc.status:02X}  {fault}"
+    if store.permanent:
+        yield f"permanent: {', '.join(store.permanent)}"
+    counts = store.counts
+    yield (
+        f"since clearing: {_counted(counts.warm_ups_since_clear, 'warm-up')}, "
+        f"{counts.distance_since_clear_km:.1f} km, "
+        f"{counts.engine_run_since_clear_s / 3600:.1f} h of engine running"
+    )
+    yield (
+        f"with the lamp on: {counts.distance_with_mil_km:.1f} km, "
+        f"{counts.engine_run_with_mil_s / 3600:.1f} h of engine running"
+    )
+    yield f"in all: {_counted(counts.ignition_cycles, 'ignition cycle')}"
+
+
+def _counted(n: int, what: str) -> str:
+    return f"{n} {what}{'' if n == 1 else 's'}"
+
+
+def _freeze_frame(args: argparse.Namespace) -> int:
+    store = _load(args.memory)
+    frames = store.freeze_frames
+    missing = [code for code in args.code if code not in frames]
+    if missing:
+        there = ", ".join(frames) or "none"
+        raise UsageError(
+            f"{args.memory}: no freeze frame of {', '.join(missing)}; there are: {there}"
+        )
+    chosen = [frame for code, frame in frames.items() if not args.code or code in args.code]
+    fields = {
+        "freeze_frames": [
+            {"code": f.code, "t_ns": f.t_ns, "values": dict(f.values)} for f in chosen
+        ]
+    }
+
+    def lines() -> Iterator[str]:
+        if not chosen:
+            yield "no freeze frames"
+        for frame in chosen:
+            yield f"{frame.code}  {_when(frame.t_ns)}"
+            for name, value in frame.values.items():
+                yield f"  {name:<28} {value:10.4g} {_unit(name)}"
+
+    return _print(args, fields, lines())
+
+
+_EPOCH_FROM_NS = 10**18  # 2001; what is smaller counts from a recording's own zero
+
+
+def _when(t_ns: int) -> str:
+    if t_ns < _EPOCH_FROM_NS:
+        return f"{t_ns / 1e9:.1f} s"
+    return time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(t_ns / 1e9))
+
+
+def _unit(name: str) -> str:
+    from monitor.signals import BY_NAME
+
+    known = BY_NAME.get(name)
+    return known.unit if known else ""
+
+
+def _readiness(args: argparse.Namespace) -> int:
+    store = _load(args.memory)
+    tests = [
+        {
+            "test": ratio.test,
+            "completed_since_clear": store.completed_since_clear(ratio.test),
+            "numerator": ratio.numerator,
+            "denominator": ratio.denominator,
+        }
+        for ratio in store.ratios
+    ]
+    fields = {
+        "tests": tests,
+        "results": [asdict(result) for result in store.results],
+        "general_denominator": store.counts.general_denominator,
+        "ignition_cycles": store.counts.ignition_cycles,
+    }
+
+    def lines() -> Iterator[str]:
+        for ratio in store.ratios:
+            done = "complete" if store.completed_since_clear(ratio.test) else "not complete"
+            judged = _counted(ratio.numerator, "driving cycle")
+            yield (
+                f"{ratio.test:<14} {done:<13} judged in {judged}, "
+                f"{ratio.denominator} count as driven"
+            )
+        for r in store.results:
+            inside = "" if r.low <= r.value <= r.high else "  outside"
+            limits = f"{r.low:.4g} to {r.high:.4g}"
+            yield f"  {r.test} {r.quantity:<28} {r.value:10.4g}   {limits}{inside}"
+
+    return _print(args, fields, lines())
+
+
+def _clear(args: argparse.Namespace) -> int:
+    from monitor.dtc import DtcStore
+    from monitor.memory import Memory
+
+    if not args.memory.exists():
+        raise UsageError(f"{args.memory}: no such fault memory")
+    with closing(Memory(args.memory, hold=True)) as memory:
+        store = DtcStore(memory.load())
+        cleared = [dtc.code for dtc in store.active]
+        store.clear(time.time_ns())
+        memory.save(store.saved)
+
+    def lines() -> Iterator[str]:
+        yield f"cleared: {', '.join(cleared) or 'no code was set'}"
+        if store.permanent:
+            yield (
+                f"permanent codes stay: {', '.join(store.permanent)}; each goes after a driving "
+                "cycle in which its own test passes"
+            )
+
+    fields = {"cleared": cleared, "permanent": list(store.permanent)}
+    return _print(args, fields, lines())
