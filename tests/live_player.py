@@ -1,5 +1,6 @@
 """Plays frames through a pipeline into the live page's feed, as the loop would."""
 
+import json
 import time
 from collections.abc import Iterable
 from pathlib import Path
@@ -17,10 +18,29 @@ from monitor.types import Frame
 ROOT = Path(__file__).resolve().parent.parent
 
 
+class Sink:
+    """Takes the feed's lines in place of a server."""
+
+    def __init__(self) -> None:
+        self.address = Address("127.0.0.1", 0)
+        self.is_free, self.is_closed = True, False
+        self.lines: list[bytes] = []
+
+    def send(self, line: bytes) -> None:
+        self.lines.append(line)
+
+    def close(self) -> None:
+        self.is_closed = True
+
+    @property
+    def messages(self) -> list[dict[str, Any]]:
+        return [json.loads(line) for line in self.lines]
+
+
 class Player:
     """A pipeline with a feed; closes both at the end of a with block."""
 
-    def __init__(self, store: DtcStore | None = None, server: Server | None = None) -> None:
+    def __init__(self, store: DtcStore | None = None, server: Any = None) -> None:
         setup = replay.set_up(None, [], config.load())
         self.store = store or DtcStore()
         self.pipeline = FramePipeline(
@@ -38,6 +58,14 @@ class Player:
             channel="vcan0",
             say=self.lines.append,
         )
+
+    def push(self, frames: Iterable[Frame]) -> None:
+        """Judge frames; the feed writes a message for each quarter second of theirs."""
+        for frame in frames:
+            self.health["frames"] += 1
+            for event in self.pipeline.push(frame):
+                self.feed.push(event)
+            self.feed.work(frame.t_ns / 1e9)
 
     def play(self, frames: Iterable[Frame], speed: float | None = None) -> None:
         """Play frames, at so many times real time, or as fast as possible."""

@@ -25,22 +25,30 @@ def main() -> None:
     number, host = int(sys.argv[1]), sys.argv[2]
     step_back()
     with socket.socket(fileno=number) as listening:
-        loopback = is_loopback(listening)
         hub = Hub()
-        app = create_app(hub, lambda header: may_ask(header, host, loopback=loopback))
-        config = uvicorn.Config(
-            app,
-            http=BoundedProtocol,
-            ws="none",
-            lifespan="off",
-            log_level="error",
-            access_log=False,
-            server_header=False,
-            proxy_headers=False,
-            h11_max_incomplete_event_size=REQUEST_BYTES,
-            timeout_graceful_shutdown=1,
-        )
-        asyncio.run(serve(uvicorn.Server(config), hub, listening))
+        server = server_of(hub, host, loopback=is_loopback(listening))
+        asyncio.run(serve(server, hub, listening))
+
+
+def server_of(hub: Hub, host: str, *, loopback: bool) -> uvicorn.Server:
+    """Return the server of a hub's page.
+
+    host : what it was asked to listen on
+    loopback : only this machine can reach it
+    """
+    config = uvicorn.Config(
+        create_app(hub, lambda header: may_ask(header, host, loopback=loopback)),
+        http=BoundedProtocol,
+        ws="none",
+        lifespan="off",
+        log_level="error",
+        access_log=False,
+        server_header=False,
+        proxy_headers=False,
+        h11_max_incomplete_event_size=REQUEST_BYTES,
+        timeout_graceful_shutdown=1,
+    )
+    return uvicorn.Server(config)
 
 
 def step_back() -> None:
