@@ -10,7 +10,7 @@ from monitor.pipeline import Tick
 from monitor.types import Sample
 
 SHA256 = "0123456789abcdef" * 4
-VIN = "WVWZZZ1JZXW000001"
+VIN = "WVWZZZ1JZXW386759"
 NAMES = ("engine_speed_rpm", "lambda_measured", "coolant_temperature_degc")
 CONFIRMED = Status.CONFIRMED | Status.WARNING_INDICATOR | Status.PENDING | Status.TEST_FAILED
 FRAME = FreezeFrame(

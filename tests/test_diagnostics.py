@@ -137,7 +137,7 @@ def test_in_use_performance_reports_the_lowest_ratio_of_the_sensor_monitor() -> 
 
 def test_a_vin_with_a_letter_that_no_vin_has_is_refused() -> None:
     with pytest.raises(UsageError, match="without I, O and Q"):
-        Identity("m.onnx", SHA256, "0.1.0", "carb", "WVWZZZ1JZXW00000O")
+        Identity("m.onnx", SHA256, "0.1.0", "carb", "WVWZZZ1JZXW38675O")
 
 
 # Unified diagnostic services

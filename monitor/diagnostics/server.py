@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from typing import Final
 
-from monitor.diagnostics.answer import answer
+from monitor.diagnostics.answer import answer, pending, takes_long
 from monitor.diagnostics.isotp import Transport, single_frame
 from monitor.diagnostics.state import DEFAULT_SESSION, State
 from monitor.errors import UsageError
@@ -82,6 +82,7 @@ class Diagnostics:
         )
         self._allowance = Allowance(FRAMES_PER_S, BURST_FRAMES)
         self._received: deque[Frame] = deque(maxlen=BURST_FRAMES)
+        self._pending: tuple[bytes, bool] | None = None  # request, functional; announced as pending
         self._session_ends_s = math.inf
         self.due_s = math.inf
 
@@ -102,11 +103,14 @@ class Diagnostics:
 
     def work(self, now_s: float) -> Iterable[Frame]:
         """Return the frames that are due, among them answers to what came."""
+        if self._pending:
+            (request, is_functional), self._pending = self._pending, None
+            self._answer(request, is_functional, now_s)
         while self._received:
             self._take(self._received.popleft(), now_s)
         sent = self._transport.frames()
         self.state.failed_transfers = self._transport.failed
-        self.due_s = now_s + self._transport.wait_s
+        self.due_s = now_s + (0.0 if self._pending else self._transport.wait_s)
         address = self._address
         return [Frame(0, address.response_id, address.is_extended, data) for data in sent]
 
@@ -123,11 +127,18 @@ class Diagnostics:
         request = receive(frame.data)
         if request is None:
             return
-        if self._transport.is_sending:  # one answer at a time
+        if self._pending or self._transport.is_sending:  # one answer at a time
             self.state.ignored_frames += 1
             return
         if now_s >= self._session_ends_s:
             self.state.session = DEFAULT_SESSION
+        if takes_long(request, self.state):
+            self._pending = request, is_functional
+            self._transport.send(pending(request))
+        else:
+            self._answer(request, is_functional, now_s)
+
+    def _answer(self, request: bytes, is_functional: bool, now_s: float) -> None:
         response = answer(request, is_functional, self.state)
         is_default = self.state.session == DEFAULT_SESSION
         self._session_ends_s = math.inf if is_default else now_s + SESSION_TIMEOUT_S

@@ -180,7 +180,8 @@ def _read(request: bytes, state: State) -> bytes:
 def _value(name: bytes, state: State) -> bytes | None:
     number = int.from_bytes(name, "big")
     if number & 0xFF00 == OBD_IDENTIFIERS:
-        return current_parameters(state).get(number & 0xFF)
+        known = current_parameters(state) | encoded(state.values)
+        return known.get(number & 0xFF)
     identifier = IDENTIFIERS.get(number)
     return None if identifier is None else identifier(state)
 

@@ -1,0 +1,94 @@
+"""An ELM327 adapter on a pseudo terminal, between a scan tool and a python-can bus.
+
+Run as ``python elm327.py GROUP PORT``: it prints the terminal's path and then serves it until it
+is ended. The bus is python-can's udp_multicast. Only what scan tools need: AT commands are agreed
+to, requests in hexadecimal become single frames, and the frames of the answers come back with
+their headers. Source: Elm Electronics, ELM327 data sheet.
+"""
+
+import os
+import sys
+import time
+import tty
+
+import can
+
+WAIT_S = 0.2  # for a further answer, the adapter's own default
+PADDING = b"\xcc"
+ANSWERS = range(0x7E8, 0x7F0)
+FIRST_FRAME, CONSECUTIVE_FRAME = 1, 2
+
+
+class Adapter:
+    """The commands of the adapter."""
+
+    def __init__(self, bus: can.BusABC) -> None:
+        self._bus, self._header, self._last = bus, 0x7DF, ""
+
+    def command(self, text: str) -> list[str]:
+        """Return the lines that a command is answered with."""
+        text = text.replace(" ", "").upper()
+        if text.startswith("AT"):
+            return [self._setting(text[2:])]
+        self._last = text or self._last
+        request, most = self._last, 0
+        if len(request) % 2:  # a last digit says how many frames are awaited
+            request, most = request[:-1], int(request[-1], 16)
+        try:
+            payload = bytes.fromhex(request)
+        except ValueError:
+            return ["?"]
+        return self._ask(payload, most) or ["NO DATA"]
+
+    def _setting(self, text: str) -> str:
+        if text.startswith("SH"):
+            self._header = int(text[2:], 16)
+        return {"Z": "ELM327 v1.5", "RV": "12.6V", "DPN": "A6"}.get(text, "OK")
+
+    def _ask(self, payload: bytes, most: int) -> list[str]:
+        while self._bus.recv(0.0):
+            pass  # what nobody asked for
+        self._send(self._header, bytes((len(payload),)) + payload)
+        lines: list[str] = []
+        missing: dict[int, int] = {}  # bytes that an answer still lacks
+        until_s = time.monotonic() + WAIT_S
+        while time.monotonic() < until_s and (
+            not most or len(lines) < most or any(missing.values())
+        ):
+            message = self._bus.recv(until_s - time.monotonic())
+            if message is None or message.arbitration_id not in ANSWERS:
+                continue
+            until_s = time.monotonic() + WAIT_S
+            lines.append(f"{message.arbitration_id:03X} {message.data.hex(' ').upper()}")
+            kind = message.data[0] >> 4
+            if kind == FIRST_FRAME:
+                length = (message.data[0] & 0xF) << 8 | message.data[1]
+                missing[message.arbitration_id] = length - 6
+                self._send(message.arbitration_id - 8, b"\x30\x00\x00")
+            elif kind == CONSECUTIVE_FRAME:
+                missing[message.arbitration_id] = max(missing[message.arbitration_id] - 7, 0)
+        return lines
+
+    def _send(self, can_id: int, data: bytes) -> None:
+        self._bus.send(
+            can.Message(arbitration_id=can_id, is_extended_id=False, data=data.ljust(8, PADDING))
+        )
+
+
+def main(group: str, port: int) -> None:
+    """Serve a terminal until the process is ended."""
+    own, other = os.openpty()
+    tty.setraw(other)
+    print(os.ttyname(other), flush=True)
+    with can.Bus(interface="udp_multicast", channel=group, port=port) as bus:
+        adapter, text = Adapter(bus), b""
+        while True:
+            text += os.read(own, 256)
+            while b"\r" in text:
+                line, _, text = text.partition(b"\r")
+                answered = adapter.command(line.decode("ascii", "replace"))
+                os.write(own, "".join(f"{each}\r" for each in [*answered, ""]).encode() + b">")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], int(sys.argv[2]))
