@@ -21,6 +21,7 @@ REDRAW_S: Final = 0.25
 HEALTH_S: Final = 10.0  # between two lines of JSON about the bus
 WAITING_LINES: Final = 1000  # kept for a reader that hangs
 _ERASE: Final = "\r\x1b[K"
+_STATE_WIDTH: Final = len("waits: ") + max(map(len, CONDITIONS))
 
 
 class Out:
@@ -109,8 +110,8 @@ class Status:
         """Nothing is held."""
 
     def line(self) -> str:
-        """Return what the monitor does now."""
-        windows = f"windows {self._windows}" + (f" ({self._failed} failed)" if self._failed else "")
+        """Return what the monitor does now; the parts keep their places."""
+        windows = f"windows {self._windows}" + (f", {self._failed} failed" * (self._failed > 0))
         return "  ".join((self._signals(), windows, self._codes(), self._bus()))
 
     def _signals(self) -> str:
@@ -118,14 +119,13 @@ class Status:
         if tick is None:
             return "nothing received yet"
         measured = float(tick.sample.values[self._output])
-        values = f"{self._monitor.output} {measured:.3f} predicted {tick.predicted:.3f}"
-        if tick.enabled:
-            return f"{values}  enabled"
-        return f"{values}  waits: {CONDITIONS[tick.conditions.index(False)]}"
+        state = "enabled" if tick.enabled else f"waits: {CONDITIONS[tick.conditions.index(False)]}"
+        name = self._monitor.output.removesuffix("_measured")
+        return f"{name} {measured:6.3f} model {tick.predicted:6.3f}  {state:<{_STATE_WIDTH}}"
 
     def _codes(self) -> str:
         active = self._monitor.store.active
-        return ", ".join(f"{d.code} {d.state}" for d in active) if active else "no code"
+        return ", ".join(f"{d.code} {d.state}" for d in active) or "no code"
 
     def _bus(self) -> str:
         health = self._health
@@ -138,7 +138,7 @@ class Status:
             "off": health.detached,
         }
         counted = "".join(f" {name} {n}" for name, n in bad.items() if n)
-        return f"bus {health.state} {health.frames} frames{counted}"
+        return f"bus {health.state}{counted}  {health.frames} frames"
 
 
 class Lines(Status):
