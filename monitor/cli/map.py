@@ -1,0 +1,65 @@
+"""``o2mon map``: propose a signal map for a CAN database."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+from monitor.cli.options import NOT_JUDGED, add_command, say
+
+_MAP = """examples:
+  o2mon map engine.dbc                             print a signal map
+  o2mon map engine.dbc --out engine.toml           write it, to confirm line by line
+  o2mon map engine.dbc --log drive.log --out engine.toml   checked with a recording
+
+What is not sure, or where there is a choice, is commented out. Nothing is sure before a person
+has looked at it: o2mon check then shows what the signals read.
+
+exit code: 0 all that the shipped model needs is proposed, 3 something is missing"""
+
+
+def add(commands: Any) -> None:
+    """Add the subcommand."""
+    parser = add_command(commands, "map", "propose a signal map for a CAN database", _MAP, _map)
+    parser.add_argument("dbc", type=Path, metavar="DBC", help="CAN database")
+    parser.add_argument("--out", type=Path, metavar="MAP.toml", help="file (default: printed)")
+    parser.add_argument("--log", type=Path, help="recording of a drive to check with")
+    parser.add_argument("--cylinders", type=int, default=4, metavar="N",
+                        help="for fuel and air per stroke from flows (default 4)")  # fmt: skip
+    parser.add_argument("--force", action="store_true", help="overwrite --out")
+
+
+def _map(args: argparse.Namespace) -> int:
+    from monitor.bus_map import load_database
+    from monitor.errors import UsageError
+    from monitor.mapping.make import make_map
+    from monitor.signals import NARX_INPUTS, OUTPUT
+
+    if args.cylinders < 1:
+        raise UsageError("--cylinders is at least 1")
+    if args.out and args.out.exists() and not args.force:
+        raise UsageError(f"{args.out}: is there already; --force overwrites it")
+    text, proposals = make_map(
+        load_database(args.dbc), args.dbc, log=args.log, cylinders=args.cylinders
+    )
+    tell = say if args.out else _tell_apart
+    if args.out is None:
+        say(text.rstrip("\n"))
+    else:
+        try:
+            args.out.write_text(text, encoding="utf-8")
+        except OSError as error:
+            raise UsageError(f"{args.out}: {error.strerror}") from None
+    missing = [name for name in (*NARX_INPUTS, OUTPUT) if name not in proposals.names]
+    tell(f"proposed: {', '.join(proposals.names) or 'nothing'}")
+    if missing:
+        tell(f"not proposed, though a model needs it: {', '.join(missing)}")
+    if args.out:
+        tell(f"confirm every line of {args.out}, then:")
+        tell(f"  o2mon check LOG --dbc {args.dbc} --map {args.out}")
+    return NOT_JUDGED if missing else 0
+
+
+def _tell_apart(line: str) -> None:
+    """Print beside the map that goes to the standard output."""
+    print(line, file=sys.stderr)
