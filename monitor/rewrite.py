@@ -16,6 +16,7 @@ from monitor.decoder_source import last_byte, multiplexing
 from monitor.errors import SignalMapError
 from monitor.raw_values import bit_position, not_available_raw
 
+Key = tuple[int, bool]  # identifier, whether it has 29 bits
 _FLOATS: Final = {16: struct.Struct("<e"), 32: struct.Struct("<f"), 64: struct.Struct("<d")}
 
 
@@ -181,9 +182,9 @@ class MessageWriter:
         return payload_checksum(self._algorithm, self.frame_id, whole, self._checksum.last_byte)
 
 
-def writers(channels: Mapping[str, Channel]) -> dict[tuple[int, bool], MessageWriter]:
+def writers(channels: Mapping[str, Channel]) -> dict[Key, MessageWriter]:
     """Return a writer for every message of a bus map, by identifier and whether it has 29 bits."""
-    groups: dict[tuple[int, bool], list[Channel]] = {}
+    groups: dict[Key, list[Channel]] = {}
     for channel in channels.values():
         message = channel.message
         groups.setdefault((message.frame_id, message.is_extended_frame), []).append(channel)

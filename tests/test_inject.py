@@ -27,7 +27,8 @@ from monitor.dtc import CODES
 from monitor.errors import SignalMapError, UsageError
 from monitor.faults import DropOuts, Noise, SensorFault, TimedSensorFault, resolve
 from monitor.inject import Gateway
-from monitor.injector import FRAME_FAULTS, NAMES, Injection, Injector
+from monitor.injection import FRAME_FAULTS, NAMES, Injection
+from monitor.injector import Injector
 from monitor.rewrite import writers
 from monitor.sources import read_frames
 from monitor.types import Frame

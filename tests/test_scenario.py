@@ -8,7 +8,7 @@ import pytest
 
 from monitor.errors import ConfigError, UsageError
 from monitor.expected import compare, table
-from monitor.injector import NAMES, Injection
+from monitor.injection import NAMES, Injection
 from monitor.scenario import Expectation, Scenario, load, parse_fault
 
 SHIPPED = sorted((Path(__file__).parents[1] / "docs" / "scenarios").glob("*.toml"))

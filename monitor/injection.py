@@ -1,0 +1,79 @@
+"""What can be put into frames: the name of a fault, how strong it is and when it acts."""
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+from monitor.errors import UsageError
+from monitor.faults import DEFAULT_DISTURBANCE, DEFAULT_SEVERITY, resolve
+
+INVALID: Final = "signal_invalid"  # the ECU says not available although the sensor is ready
+FRAME_FAULTS: Final = {
+    "frame_loss": 0.1,  # share of frames
+    "frame_delay": 0.1,  # s
+    "frame_duplication": 0.1,  # share of frames
+    "frame_corruption": 0.1,  # share of frames
+    "frame_flood": 200.0,  # frames/s
+}
+SHARES: Final = ("frame_loss", "frame_duplication", "frame_corruption", "drop_outs")
+NAMES: Final = (*DEFAULT_SEVERITY, INVALID, *DEFAULT_DISTURBANCE, *FRAME_FAULTS)
+MOST_FRAMES_PER_S: Final = 20_000.0
+ALL: Final = "all"
+
+
+@dataclass(frozen=True, slots=True)
+class Injection:
+    """One fault, when it acts and how strong it is.
+
+    Raises UsageError for an unknown name or impossible values.
+    """
+
+    name: str
+    severity: float
+    start_s: float = 0.0  # after the first frame
+    end_s: float = math.inf
+    messages: tuple[str, ...] = ()  # of a frame fault: names or "all"; () is that of lambda
+    can_id: int = 0  # of frame_flood
+    drives: tuple[int, ...] = ()  # numbers from 1; () is every drive
+
+    def __post_init__(self) -> None:
+        if self.name not in NAMES:
+            raise UsageError(f"fault {self.name!r} is unknown; there are {', '.join(NAMES)}")
+        if not 0.0 <= self.start_s < self.end_s or math.isinf(self.start_s):
+            raise UsageError(
+                f"fault {self.name}: acts from {self.start_s:g} s to {self.end_s:g} s, "
+                "wanted a start from 0 on and an end after it"
+            )
+        if self.name in DEFAULT_SEVERITY:
+            resolve(self.name, self.severity)
+        elif not (math.isfinite(self.severity) and self.severity > 0.0):
+            raise UsageError(f"fault {self.name}: severity {self.severity} is not positive")
+        if self.name in SHARES and self.severity > (1.0 if self.name != "drop_outs" else 0.95):
+            raise UsageError(f"fault {self.name}: severity {self.severity:g} is a share, too large")
+        if self.name == "frame_flood" and self.severity > MOST_FRAMES_PER_S:
+            raise UsageError(f"fault frame_flood: at most {MOST_FRAMES_PER_S:g} frames/s")
+        if self.messages and (self.name not in FRAME_FAULTS or self.name == "frame_flood"):
+            raise UsageError(f"fault {self.name}: messages are for faults of frames")
+        if self.can_id and self.name != "frame_flood":
+            raise UsageError(f"fault {self.name}: can_id is for frame_flood")
+        if not 0 <= self.can_id < 1 << 29:
+            raise UsageError(f"fault {self.name}: can_id 0x{self.can_id:X} has more than 29 bits")
+
+    @classmethod
+    def of(cls, name: str, severity: float | None = None, **others: object) -> "Injection":
+        """Return the injection with the name's usual severity if none is given."""
+        usual = DEFAULT_SEVERITY | {INVALID: 1.0} | DEFAULT_DISTURBANCE | FRAME_FAULTS
+        return cls(name, usual.get(name, 1.0) if severity is None else severity, **others)  # type: ignore[arg-type]
+
+    def acts(self, since_ns: int) -> bool:
+        """Return whether it acts so long after the first frame."""
+        return self.start_s * 1e9 <= since_ns < self.end_s * 1e9
+
+    def span_ns(self, t0_ns: int) -> tuple[float, float]:
+        """Return when it begins and ends if the first frame comes at ``t0_ns``."""
+        return t0_ns + round(self.start_s * 1e9), t0_ns + self.end_s * 1e9
+
+    def __str__(self) -> str:
+        end = f" to {self.end_s:g} s" if math.isfinite(self.end_s) else ""
+        begin = f" from {self.start_s:g} s" if self.start_s or end else ""
+        return f"{self.name}={self.severity:g}{begin}{end}"
