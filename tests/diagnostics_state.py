@@ -42,8 +42,8 @@ def saved() -> Saved:
         freeze_frames=(FRAME,),
         permanent={"P0133": "slow_symmetric"},
         results=(
-            TestResult("response", "lag_rising_s", 0.31, float("-inf"), 0.25),
-            TestResult("bias", "offset_lambda", -0.02, -0.05, 0.05),
+            TestResult("response", "lag_rich_to_lean_s", 0.31, float("-inf"), 0.25),
+            TestResult("bias", "offset", -0.02, -0.05, 0.05),
         ),
         ratios=(Ratio("response", 3, 5), Ratio("bias", 4, 5), Ratio("activity", 5, 5)),
         counts=Counts(11, 9, 7, 123.4, 50.6, 3600.0, 7200.0),

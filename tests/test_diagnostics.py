@@ -2,16 +2,35 @@
 
 import math
 import struct
+from collections import deque
+from pathlib import Path
 
 import pytest
 
+from monitor import config, replay
+from monitor.diagnostics import results
 from monitor.diagnostics.answer import answer
 from monitor.diagnostics.state import Identity
 from monitor.diagnostics.uds import dtc_bytes
 from monitor.dtc import DtcStore, Status
 from monitor.errors import UsageError
 from monitor.obd_records import Ratio
+from monitor.pipeline import FramePipeline
+from monitor.sources import read_frames
 from tests.diagnostics_state import NAMES, SHA256, VIN, Vehicle, tick
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture(scope="module")
+def late_sensor() -> DtcStore:
+    """Return the fault memory after a drive with a late sensor."""
+    (log,) = ROOT.glob("replay_logs/delay_rich_to_lean_*.blf")
+    setup, store = replay.set_up(None, [], config.load()), DtcStore()
+    pipeline = FramePipeline(setup.bus_map, setup.model, setup.limits, setup.config, store)
+    for frame in list(read_frames(log))[: 200 * 150]:
+        deque(pipeline.push(frame), maxlen=0)
+    return store
 
 
 def ask(request: str, vehicle: Vehicle | None = None, *, functional: bool = False) -> str | None:
@@ -114,6 +133,13 @@ def test_test_results_carry_value_and_limits_in_their_scaling() -> None:
     assert ask("06 00") == "46 00 80 00 00 00"
     assert ask("06 02") == "7f 06 12"
     assert ask("06 01 00") == "46 00 80 00 00 00"  # results come alone
+
+
+def test_every_result_of_the_monitor_is_told(late_sensor: DtcStore) -> None:
+    # GIVEN what a drive with a late sensor leaves
+    told = [row[1] for row in results.test_results(0x01, late_sensor.results) if any(row[3:])]
+    # THEN each of its results has an identifier
+    assert len(told) == len(late_sensor.results) > 3
 
 
 def test_vehicle_information_names_vin_calibration_and_its_check() -> None:

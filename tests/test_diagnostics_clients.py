@@ -49,7 +49,9 @@ def write_memory(path: Path) -> None:
     store.freeze(
         FreezeFrame("P0133", 5, {"engine_speed_rpm": 2000.0, "coolant_temperature_degc": 90.0})
     )
-    store.report([obd_records.TestResult("response", "lag_rising_s", 0.31, float("-inf"), 0.25)])
+    store.report(
+        [obd_records.TestResult("response", "lag_rich_to_lean_s", 0.31, float("-inf"), 0.25)]
+    )
     with closing(Memory(path)) as memory:
         memory.save(store.saved)
 

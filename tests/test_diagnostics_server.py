@@ -1,7 +1,9 @@
 """Frames of a tester in, frames of answers out: ISO-TP, sessions, limits, garbage."""
 
 import math
+from collections.abc import Iterator
 
+import isotp.tools
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -15,15 +17,41 @@ from tests.diagnostics_state import Vehicle, tick
 FUNCTIONAL, REQUEST, RESPONSE = 0x7DF, 0x7E1, 0x7E9
 
 
+class Clock:
+    """Stands in for the module ``time`` inside can-isotp."""
+
+    now_s = 100.0
+
+    def perf_counter_ns(self) -> int:
+        return round(self.now_s * 1e9)
+
+
+CLOCK = Clock()
+
+
+@pytest.fixture(autouse=True, scope="module")
+def own_clock() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(isotp.tools, "time", CLOCK)
+        yield
+
+
 class Tester:
-    """Sends frames to a monitor and looks at what comes back; its clock is its own."""
+    """Sends frames to a monitor and looks at what comes back; time passes when it says so."""
 
     __test__ = False
 
     def __init__(self, vehicle: Vehicle | None = None) -> None:
         self.vehicle = vehicle or Vehicle()
         self.server = Diagnostics(self.vehicle.state, Address.parse("7E9"))
-        self.now_s = 100.0
+
+    @property
+    def now_s(self) -> float:
+        return CLOCK.now_s
+
+    @now_s.setter
+    def now_s(self, now_s: float) -> None:
+        CLOCK.now_s = now_s
 
     def send(self, data: str | bytes, can_id: int = REQUEST) -> list[str]:
         """Send one frame; return the frames that come at once, in hexadecimal."""
@@ -39,9 +67,10 @@ class Tester:
         return [f.data.hex(" ") for f in frames]
 
     def rest(self) -> list[str]:
-        """Return the frames of an answer that follow, waiting as real time asks."""
+        """Return the frames of an answer that follow, without the tester's doing."""
         frames = []
-        while math.isfinite(self.server.due_s) and self.server.due_s - self.now_s < 0.5:
+        while self.server.due_s - self.now_s < 0.5:
+            self.now_s = self.server.due_s
             frames += self.work()
         return frames
 
@@ -93,14 +122,46 @@ def test_frames_keep_the_separation_asked_for_and_no_less_than_two_milliseconds(
     tester = Tester()
     tester.send("03 22 FD 00")
     tester.send(f"30 00 {separation}")
-    assert least_s - 0.001 < tester.server.due_s - tester.now_s < least_s + 0.001
+    before_s = tester.now_s
+    assert tester.work() == []
+    assert len(tester.rest()) == 5
+    assert 5 * least_s <= tester.now_s - before_s < 5 * least_s + 0.001
 
 
 def test_a_reserved_separation_is_the_longest() -> None:
     tester = Tester()
     tester.send("03 22 FD 00")
     tester.send("30 00 80")
-    assert 0.12 < tester.server.due_s - tester.now_s < 0.128
+    assert tester.server.due_s - tester.now_s == pytest.approx(0.127, abs=0.001)
+
+
+def test_an_answer_that_nobody_lets_go_on_is_given_up_after_a_second() -> None:
+    tester = Tester()
+    tester.send("02 09 02")
+    tester.now_s += 0.99
+    assert tester.send("02 01 1C") == []
+    tester.now_s += 0.02
+    assert tester.server.due_s < tester.now_s
+    assert tester.work() == []
+    assert tester.send("02 01 1C") == ["03 41 1c 01 cc cc cc cc"]
+    assert tester.server.due_s == math.inf
+
+
+def test_a_tester_that_only_says_wait_is_not_waited_for() -> None:
+    tester = Tester()
+    tester.send("02 09 02")
+    for _ in range(11):
+        tester.send("31 00 00")
+        tester.now_s += 0.1
+    assert tester.send("02 01 1C") == ["03 41 1c 01 cc cc cc cc"]
+
+
+def test_a_request_that_does_not_go_on_is_forgotten_after_a_second() -> None:
+    tester = Tester()
+    tester.send("10 09 22 F1 86 F1 8A FE")
+    tester.now_s += 1.01
+    assert tester.send("21 00 FE 01") == []
+    assert tester.server.due_s == math.inf
 
 
 def test_a_request_in_several_frames_is_answered() -> None:

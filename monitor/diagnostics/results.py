@@ -23,20 +23,17 @@ class Scaling:
 
 
 MILLISECONDS: Final = Scaling(0x10, 0.001)
-MILLISECONDS_SIGNED: Final = Scaling(0x90, 0.001, is_signed=True)
 RATIO: Final = Scaling(0x20, 1.0 / 256.0)
-THOUSANDTHS_SIGNED: Final = Scaling(0x84, 0.001, is_signed=True)
 FINE_SIGNED: Final = Scaling(0x85, 1.0 / 32768.0, is_signed=True)  # -1 to 1
 
 # test and quantity → test identifier and scaling; $80 to $FE are the manufacturer's
 TESTS: Final = {
-    ("response", "lag_rising_s"): (0x80, MILLISECONDS),
-    ("response", "lag_falling_s"): (0x81, MILLISECONDS),
-    ("response", "delay_rising_s"): (0x82, MILLISECONDS),
-    ("response", "delay_falling_s"): (0x83, MILLISECONDS),
+    ("response", "lag_rich_to_lean_s"): (0x80, MILLISECONDS),
+    ("response", "lag_lean_to_rich_s"): (0x81, MILLISECONDS),
+    ("response", "dead_time_rich_to_lean_s"): (0x82, MILLISECONDS),
+    ("response", "dead_time_lean_to_rich_s"): (0x83, MILLISECONDS),
     ("response", "gain"): (0x84, RATIO),
-    ("bias", "offset_lambda"): (0x85, FINE_SIGNED),
-    ("activity", "range_lambda"): (0x86, FINE_SIGNED),
+    ("bias", "offset"): (0x85, FINE_SIGNED),
 }
 
 
