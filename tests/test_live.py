@@ -214,10 +214,10 @@ def test_odd_requests_bring_neither_errors_nor_growth(
     player.push(late_sensor[:2000])
     assert until(lambda: httpx.get(player.url).status_code == 200)
     port, seen = player.server.address.port, set()
-    for _ in range(150):  # what is loaded and cached once
+    for _ in range(300):  # what is loaded and cached once
         ask(port, request(rng))
     before_kb = rss_kb(player.server.pid)
-    for _ in range(400):
+    for _ in range(1200):
         seen.update(ask(port, request(rng)))
     assert seen >= {200, 400, 404, 405, 421}
     assert seen <= STATUS

@@ -30,6 +30,17 @@ class BoundedProtocol(H11Protocol):
         if self.cycle is not None and not self.flow.write_paused:
             self._calm()
 
+    def send_400_response(self, msg: str) -> None:
+        """Refuse what is no HTTP; cut off a client that began with a request and went on so.
+
+        Its answer has begun, perhaps, and uvicorn would put a second one behind it.
+        """
+        if self.cycle is None:
+            super().send_400_response(msg)
+            return
+        self.cycle.disconnected = True
+        self.transport.abort()
+
     def pause_writing(self) -> None:
         """Wait for a client that does not read, for a while."""
         super().pause_writing()

@@ -40,7 +40,7 @@ function when(t_ns, now) {
 }
 
 let rows = null;
-let stripped = 0;
+let stripped = -Infinity;
 function conditions(state, changed) {
   const { now } = state;
   if (!now || !state.conditions.length) return;
@@ -65,7 +65,7 @@ function conditions(state, changed) {
     rows[i].sign.setAttribute("role", "img");
     put(rows[i].seen, now.seen[i]);
   });
-  if (performance.now() - stripped > 900) strips(state);
+  if (changed.conditions || performance.now() - stripped > 900) strips(state);
 }
 
 /** In which of the last minutes each condition held. */
@@ -146,10 +146,10 @@ function pairs(parent, entries) {
 }
 
 const ESTIMATES = [
-  ["lag_rich_to_lean", "Lag, rich to lean", "s", "lag_s"],
-  ["lag_lean_to_rich", "Lag, lean to rich", "s", "lag_s"],
-  ["dead_time_rich_to_lean", "Dead time, rich to lean", "s", "dead_time_s"],
-  ["dead_time_lean_to_rich", "Dead time, lean to rich", "s", "dead_time_s"],
+  ["lag_rich_to_lean", "Lag to lean", "s", "lag_s"],
+  ["lag_lean_to_rich", "Lag to rich", "s", "lag_s"],
+  ["dead_time_rich_to_lean", "Dead time to lean", "s", "dead_time_s"],
+  ["dead_time_lean_to_rich", "Dead time to rich", "s", "dead_time_s"],
   ["gain", "Gain", "", "gain"],
   ["offset", "Offset", "λ", "offset"],
 ];
