@@ -4,8 +4,7 @@ A process sends a simulated drive at its own pace, filled up with frames nobody 
 process that judges it; sides take turns there: the project's loop, and the loop one writes first
 with python-can, cantools and onnxruntime (no checks, no verdicts). The bus between the two is
 struct can_frame over UDP on loopback, see ``udp_can``: it carries 8,000 frames/s between processes
-and both sides read it by what they use on SocketCAN. The sender has processor 0, the receiver 1. With
---nice -20 both are as on a machine without other work, as far as the kernel can give that.
+and both sides read it by what they use on SocketCAN. The sender has processor 0, the receiver 1.
 
 Latency: from the kernel's time stamp of the frame that closes a tick to the tick's event.
 """
@@ -238,14 +237,12 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--seconds", type=float, default=30.0, help="of each run")
     parser.add_argument("--load", choices=LOADS, action="append", help="default: all")
-    parser.add_argument("--nice", type=int, default=0, help="of sender and receiver")
     parser.add_argument("--json", type=Path, metavar="OUT")
     parser.add_argument("--receiver", choices=SIDES, help=argparse.SUPPRESS)
     args = parser.parse_args()
     if args.receiver:
         receiver(args.receiver, args.seconds)
         return 0
-    os.nice(args.nice)
     os.sched_setaffinity(0, {0})
     report: dict[str, Any] = {"schema": "o2bench.live_latency/1", "loads": {}}
     for load in args.load or LOADS:
