@@ -1,12 +1,8 @@
 """The fault memory on disk: what it has stored outlives the process, whatever ends it."""
 
-import random
-import signal
 import sqlite3
 import subprocess
 import sys
-import threading
-import time
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -69,22 +65,6 @@ saved_stores = st.builds(
     ),
     st.frozensets(tests),
 )
-
-# Saves whole stores in a loop; says which one it has saved only after ``save`` has returned.
-SAVES_IN_A_LOOP = """
-import sys
-from pathlib import Path
-from monitor.dtc import CODES, Dtc, Saved
-from monitor.memory import Memory
-
-memory = Memory(Path(sys.argv[1]))
-number = int(sys.argv[2])
-codes = sorted({code for group in CODES.values() for code in group})
-while True:
-    number += 1
-    memory.save(Saved(tuple(Dtc(code, t_ns=number) for code in codes)))
-    print(number, flush=True)
-"""
 
 
 def reopened(path: Path) -> Saved:
@@ -271,42 +251,3 @@ def test_two_processes_may_make_the_same_memory_at_once(tmp_path: Path) -> None:
         _, complaint = maker.communicate(timeout=60)
         assert maker.returncode == 0, complaint
     assert reopened(path) == Saved()
-
-
-def test_a_kill_at_any_instant_loses_no_acknowledged_save(tmp_path: Path) -> None:
-    path = tmp_path / "dtc.db"
-    rng = random.Random(1)
-    acknowledged = 0
-    for _ in range(20):
-        # GIVEN a process that saves in a loop
-        saver = subprocess.Popen(
-            [sys.executable, "-c", SAVES_IN_A_LOOP, path, str(acknowledged)],
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        assert saver.stdout is not None
-        lines: list[str] = []
-        reader = threading.Thread(target=lines.extend, args=(saver.stdout,))
-        reader.start()
-        # WHEN it is killed at a random instant, perhaps before it has opened the memory
-        time.sleep(rng.uniform(0.02, 0.35))
-        saver.send_signal(signal.SIGKILL)
-        assert saver.wait(timeout=60) == -signal.SIGKILL
-        reader.join(timeout=60)
-        saver.stdout.close()
-        if lines:
-            acknowledged = int(lines[-1])
-        # THEN the file is sound and holds the last acknowledged save, whole, or the one after
-        if not path.exists():
-            assert acknowledged == 0
-            continue
-        with closing(sqlite3.connect(path)) as db:
-            assert db.execute("PRAGMA integrity_check").fetchall() == [("ok",)]
-        stored = reopened(path).dtcs
-        found = {dtc.t_ns for dtc in stored} or {0}
-        assert len(found) == 1
-        assert len(stored) in (0, len(KNOWN))
-        (number,) = found
-        assert acknowledged <= number <= acknowledged + 1
-        acknowledged = number
-    assert acknowledged > 100  # the savers did save
