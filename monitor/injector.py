@@ -174,7 +174,7 @@ class Injector:
         if OUTPUT in writer.signals and self._signal.is_in(frame.data):
             healthy = self._signal.read(frame.data)
             read = self._read(frame.t_ns, healthy, acting)
-            if read != healthy:
+            if read != healthy and not (math.isnan(read) and math.isnan(healthy)):
                 values[OUTPUT] = read
         data = writer.write(frame.data, values)
         if data == frame.data:

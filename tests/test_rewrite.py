@@ -4,15 +4,19 @@ import math
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from cantools.database.can import Message, Signal
+from cantools.database.conversion import LinearConversion
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import dbc
-from monitor.bus_map import BusMap, load_pairs
+from monitor.bus_map import BusMap, Channel, load_pairs
 from monitor.checksum import payload_checksum
 from monitor.decode import Decoder
 from monitor.errors import SignalMapError
-from monitor.rewrite import MessageWriter, writers
+from monitor.raw_values import bit_position, not_available_raw
+from monitor.rewrite import MessageWriter, SignalWriter, writers
+from monitor.signal_map import Integrity, MappedSignal
 from monitor.types import Frame
 
 OWN = load_pairs([(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))])
@@ -143,14 +147,57 @@ def test_awkward_signals_are_written_as_another_encoder_writes_them(
     assert outside(definition, written) == outside(definition, payload)
 
 
+@st.composite
+def channels(draw: st.DrawFn) -> Channel:
+    """A signal anywhere in a message of 1 to 64 bytes."""
+    n_bytes = draw(st.sampled_from([1, 2, 3, 7, 8, 12, 64]))
+    n_bits = draw(st.integers(2, min(32, 8 * n_bytes)))
+    lowest = draw(st.integers(0, 8 * n_bytes - n_bits))  # bit of the payload's integer
+    order = draw(st.sampled_from(["little_endian", "big_endian"]))
+    highest = 8 * n_bytes - lowest - n_bits  # of big endian, counted from the first byte's top
+    start = lowest if order == "little_endian" else 8 * (highest // 8) + 7 - highest % 8
+    scale = draw(st.sampled_from([1, 0.001, -0.25, 3.5]))
+    conversion = LinearConversion(scale=scale, offset=draw(st.integers(-9, 9)), is_float=False)
+    signed = draw(st.booleans())
+    signal = Signal("S", start, n_bits, order, is_signed=signed, conversion=conversion)
+    message = Message(0x123, "M", n_bytes, [signal])
+    factor = draw(st.sampled_from([1.0, -2.0, 0.1]))
+    mapped = MappedSignal("own", "M", "S", factor=factor, offset=draw(st.floats(-2, 2)))
+    availability = Integrity(not_available=draw(st.sampled_from(["", "all_ones"])))
+    return Channel(mapped, message, signal, availability, Path("x.dbc"), Path("x.toml"))
+
+
+@given(channels(), st.data())
+def test_a_signal_anywhere_is_read_and_written_as_cantools_has_it(
+    channel: Channel, data: st.DataObject
+) -> None:
+    message, mapped, writer = channel.message, channel.mapped, SignalWriter(channel)
+    payload = data.draw(st.binary(min_size=message.length, max_size=message.length))
+
+    def by_cantools(payload: bytes) -> float:
+        return float(decoded(message, payload)["S"]) * mapped.factor + mapped.offset
+
+    # GIVEN any payload THEN it is read as another decoder reads it, or not available
+    read = writer.read(payload)
+    raw = message.decode(payload, scaling=False)["S"]
+    is_missing = raw == not_available_raw(channel)
+    assert math.isnan(read) if is_missing else read == pytest.approx(by_cantools(payload), abs=1e-6)
+    # AND any reading that the signal can hold is written within half a step, around it nothing
+    source = data.draw(st.binary(min_size=message.length, max_size=message.length))
+    assume(not math.isnan(writer.read(source)))
+    wanted = writer.read(source) + data.draw(st.floats(-0.49, 0.49)) * writer.step
+    written = writer.write(payload, wanted)
+    assert by_cantools(written) == pytest.approx(writer.read(source), abs=1e-6)
+    assert outside(message, written) == outside(message, payload)
+    assert writer.write(payload, read) == payload
+
+
 def decoded(definition: object, payload: bytes) -> dict[str, float]:
     return dict(definition.decode(payload, decode_choices=False))  # type: ignore[attr-defined]
 
 
 def outside(definition: object, payload: bytes) -> int:
     """The bits of a payload that belong to no signal."""
-    from monitor.raw_values import bit_position
-
     words = {"little_endian": 0, "big_endian": 0}
     for signal in definition.signals:  # type: ignore[attr-defined]
         mask = (1 << signal.length) - 1
