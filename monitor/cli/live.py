@@ -3,7 +3,6 @@
 import argparse
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from monitor.live.address import parse
@@ -59,7 +58,7 @@ def live_feed(
         server,
         loop.pipeline.monitor,
         setup,
-        health=lambda: asdict(loop.health) | frame_counters(loop.pipeline),
+        health=lambda: loop.health.as_dict() | frame_counters(loop.pipeline),
         channel=channel,
         say=say,
     )

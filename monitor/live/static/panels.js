@@ -3,7 +3,7 @@ const SVG = "http://www.w3.org/2000/svg";
 const STRIP_S = 180; // of each condition's strip
 const SHOWN_WINDOWS = 12;
 const VERDICT_SIGN = { passed: "✓", failed: "✕", inconclusive: "?" };
-const FAULTLESS = new Set(["frames", "received", "reconnects", "rx_buffer_bytes", "unmapped"]); // counters that count nothing bad
+const FAULTLESS = new Set(["frames", "reconnects", "receive_buffer_bytes", "timestamps", "unmapped"]); // count nothing bad
 
 export const digits = (value, n) => (value == null ? "–" : value.toFixed(n).replace("-", "−"));
 export const signed = (value, n) => (value == null ? "–" : (value >= 0 ? "+" : "") + digits(value, n));
@@ -249,6 +249,7 @@ function reading(value) {
 
 /** Whether a counter counts something bad, and has. */
 function kindOf(name, value) {
+  if (name === "state") return value === "active" ? "" : "bad";
   const counted = Array.isArray(value) ? value.length : typeof value === "number" ? value : 0;
   return FAULTLESS.has(name) ? "" : counted ? "bad" : "none";
 }
