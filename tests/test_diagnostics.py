@@ -7,9 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from monitor import config, replay
+from monitor import config, enable, replay
 from monitor.diagnostics import results
 from monitor.diagnostics.answer import answer
+from monitor.diagnostics.identifiers import IDENTIFIERS
 from monitor.diagnostics.state import Identity
 from monitor.diagnostics.uds import dtc_bytes
 from monitor.dtc import DtcStore, Status
@@ -319,3 +320,9 @@ def test_before_the_first_sample_values_are_not_numbers() -> None:
         assert math.isnan(struct.unpack(">f", value)[0])
     assert ask("22 F4 0C", vehicle) == "7f 22 31"
     assert len(NAMES) == len(vehicle.state.names)
+
+
+def test_the_document_names_every_identifier_and_the_bits_of_the_conditions() -> None:
+    text = (ROOT / "docs/diagnostics.md").read_text()
+    assert all(f"{number:04X}" in text for number in IDENTIFIERS)
+    assert ", ".join(enable.CONDITIONS) in text

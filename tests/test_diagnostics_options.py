@@ -1,0 +1,91 @@
+"""Options of ``o2mon run`` for diagnostics: who answers, and when nobody does."""
+
+import argparse
+
+import can
+import pytest
+
+from monitor import config, replay
+from monitor.cli import diagnostics as options
+from monitor.diagnostics.server import Diagnostics
+from monitor.errors import UsageError
+from monitor.run import Loop
+from tests.diagnostics_state import VIN
+
+SETUP = replay.set_up(None, [], config.load())
+
+
+def attached(*words: str) -> list[Diagnostics]:
+    """Return what answers testers with these options."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--transmit", action="store_true")
+    options.add_diagnostics(parser)
+    with can.Bus("options", interface="virtual") as bus:
+        loop = Loop(bus, SETUP, say=lambda _: None)
+        found = options.diagnostics(parser.parse_args(words), SETUP, loop)
+    assert all(isinstance(each, Diagnostics) for each in found)
+    return [each for each in found if isinstance(each, Diagnostics)]
+
+
+def test_nothing_is_answered_unless_transmitting_is_asked_for() -> None:
+    assert attached() == []
+
+
+@pytest.mark.parametrize(
+    "words", [("--diagnostics-id", "7EA"), ("--vin", VIN), ("--clear-while-running",)]
+)
+def test_options_of_diagnostics_need_transmitting(words: tuple[str, ...]) -> None:
+    with pytest.raises(UsageError, match="only with --transmit"):
+        attached(*words)
+
+
+def test_with_transmit_the_monitor_answers_as_the_second_control_unit() -> None:
+    (server,) = attached("--transmit")
+    assert set(server.identifiers) == {(0x7DF, False), (0x7E1, False)}
+    assert server.state.identity.vin is None
+    assert server.state.identity.model_sha256 == SETUP.model_sha256
+    assert "engine_speed_rpm" in server.state.names
+    assert not server.state.clear_while_running
+
+
+def test_identifier_vin_and_clearing_are_taken_over() -> None:
+    (server,) = attached("--transmit", "--diagnostics-id", "7EF", "--vin", VIN)
+    assert (0x7E7, False) in server.identifiers
+    assert server.state.identity.vin == VIN
+    (server,) = attached("--transmit", "--clear-while-running")
+    assert server.state.clear_while_running
+
+
+def test_diagnostics_can_be_left_out() -> None:
+    assert attached("--transmit", "--diagnostics-id", "none") == []
+
+
+def test_the_engines_own_identifier_and_a_wrong_vin_are_refused() -> None:
+    with pytest.raises(UsageError, match="7E8 is the engine's"):
+        attached("--transmit", "--diagnostics-id", "7E8")
+    with pytest.raises(UsageError, match="wanted 17"):
+        attached("--transmit", "--vin", "SHORT")
+
+
+def test_without_can_isotp_transmitting_goes_on_and_says_what_is_missing(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(options, "find_spec", lambda _: None)
+    assert attached("--transmit") == []
+    assert "o2-monitor[diagnostics]" in capsys.readouterr().out
+    with pytest.raises(UsageError, match="can-isotp is not installed"):
+        attached("--transmit", "--diagnostics-id", "7E9")
+
+
+def test_a_clearing_that_is_asked_for_reaches_the_loop() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--transmit", action="store_true")
+    options.add_diagnostics(parser)
+    with can.Bus("options", interface="virtual") as bus:
+        loop = Loop(bus, SETUP, say=lambda _: None)
+        store = loop.pipeline.monitor.store
+        store.fail("gain_low", 0)
+        (server,) = options.diagnostics(parser.parse_args(["--transmit"]), SETUP, loop)
+        assert isinstance(server, Diagnostics)
+        server.state.clear()
+    assert store.active == []
