@@ -41,7 +41,7 @@ def add(commands: Any) -> None:
     """Add the subcommand."""
     from can.cli import add_bus_arguments
 
-    inject = add_command(commands, "inject", "put faults into an ECU's frames", _INJECT, _inject)
+    inject = add_command(commands, "inject", "put faults into an engine's frames", _INJECT, _inject)
     inject.add_argument("log", nargs="?", type=Path, metavar="LOG", help="CAN log instead of buses")
     inject.add_argument("--out", type=Path, metavar="LOG", help="log to write, from LOG")
     inject.add_argument(
