@@ -66,6 +66,7 @@ class Plausibility:
         self._not_ready = 0  # samples in a row with the engine running
         self._unheard = 0  # samples before the sender was heard for the first time
         self._heard = False
+        self._stood = False  # the engine stood when its speed was last known
 
     def step(self, sample: Sample) -> list[TickResult]:
         """Return the results this sample allows."""
@@ -82,8 +83,12 @@ class Plausibility:
             absence = "bus_off"
         self._heard = self._heard or not missing
         self._unheard += not self._heard
+        if self._speed is not None and not math.isnan(rpm := sample.values.item(self._speed)):
+            self._stood = rpm < self._running_rpm
+        # with the ignition off an ECU falls silent, which is no fault
+        asleep = missing and self._stood and quality != _OFF_BUS
         results = []
-        if self._heard or self._unheard > self._start_patience:
+        if (self._heard or self._unheard > self._start_patience) and not asleep:
             results.append(_result("communication", missing or invalid, absence))
         if self._not_ready > self._patience or (ready and not missing):  # else not known yet
             results.append(_result("ready", not ready, "not_ready"))
@@ -103,11 +108,12 @@ class Plausibility:
         not_ready = since(~(~ready & ~gone & self.running(values)))
         missing = (q == _STALE) | ((q == _INVALID) & gone)
         invalid = (q == _INVALID) & ready
+        asleep = missing & self._standing(values)
         unheard = np.cumsum(np.minimum.accumulate(missing))
         heard = ~np.minimum.accumulate(missing)
         return (
             _results(
-                heard | (unheard > self._start_patience),
+                (heard | (unheard > self._start_patience)) & ~asleep,
                 np.where(invalid, 2, missing),
                 _result("communication", False, "signal_missing"),
                 _result("communication", True, "signal_missing"),
@@ -140,6 +146,15 @@ class Plausibility:
         if self._speed is None:
             return np.ones(len(values), dtype=np.bool_)
         return np.asarray(values[:, self._speed] >= self._running_rpm)
+
+    def _standing(self, values: FloatArray) -> BoolArray:
+        """Return whether the engine stood when its speed was last known, (n,)."""
+        n = len(values)
+        if self._speed is None:
+            return np.zeros(n, dtype=np.bool_)
+        speed_rpm = values[:, self._speed]
+        known = np.maximum.accumulate(np.where(np.isnan(speed_rpm), -1, np.arange(n)))
+        return np.asarray((known >= 0) & (speed_rpm[known] < self._running_rpm))
 
 
 def _results(allowed: BoolArray, kind: np.ndarray, *kinds: TickResult) -> TickResults:

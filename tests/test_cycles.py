@@ -15,6 +15,7 @@ from monitor.cycles import SIGNALS, Cycles
 from monitor.decide import Counted
 from monitor.dtc import DtcStore, Status
 from monitor.pipeline import CycleStarted, DtcChanged, Event, FramePipeline
+from monitor.plausibility import Plausibility
 from monitor.sources import read_frames
 from monitor.types import Frame, Quality, Sample
 
@@ -406,3 +407,30 @@ def test_a_healed_code_is_announced_where_the_next_driving_cycle_begins(
     assert isinstance(started, CycleStarted)
     counted = [event.what for event in stream if isinstance(event, Counted)]
     assert counted.count("ignition_cycle") == 2
+
+
+# The ECU falls silent
+
+
+def communication(*stretches: Stretch) -> set[str]:
+    """Return what the communication test says of the last stretch."""
+    names = ("lambda_measured", "engine_speed_rpm")
+    tests = Plausibility(CONFIG.plausibility, names, "lambda_measured", 1.0)
+    results = [tests.step(sample) for sample in samples(list(stretches), names=names)]
+    last = results[-round(stretches[-1].seconds) :]
+    return {r.fault if r.failed else "passed" for of in last for r in of
+            if r.test == "communication"}  # fmt: skip
+
+
+def test_an_ecu_that_falls_silent_with_the_engine_standing_is_not_missed() -> None:
+    asleep = lasting(SILENCE, 600)
+    assert communication(DRIVE, lasting(STAND, 2), asleep) == set()
+    assert communication(DRIVE, lasting(STAND, 2), asleep, START) == {"passed"}
+    # and one that does so while the engine runs is, also after it has slept
+    assert communication(DRIVE, asleep) == {"signal_missing"}
+    assert communication(STAND, asleep, STAND, START, asleep) == {"signal_missing"}
+    # one that was never heard may be missing or asleep: it is missed
+    assert communication(asleep) == {"signal_missing"}
+    # the monitor's own bus off says nothing of the ECU
+    off_bus = Stretch(5.0, quality=Quality.OFF_BUS)
+    assert communication(DRIVE, lasting(STAND, 2), off_bus) == {"bus_off"}
