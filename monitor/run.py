@@ -120,12 +120,17 @@ class Loop:
             yield mark
 
     def clear_codes(self) -> None:
-        """Clear the codes, store that, then tell it to everything attached."""
+        """Clear the codes, store that, then tell it to everything attached.
+
+        Raises RecordingError when they are cleared but could not be stored; that is tried again.
+        """
         t_ns = self._clock.t_ns
         changed = self.pipeline.monitor.store.clear(t_ns)
         self._store()
         for dtc in changed:
             self._tell(DtcChanged(t_ns, dtc))
+        if self._store_again_s < math.inf:
+            raise RecordingError("the codes are cleared, but that is not stored yet")
 
     def _take(self, frame: Frame) -> None:
         self._judge(frame)

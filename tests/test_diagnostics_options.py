@@ -1,14 +1,19 @@
 """Options of ``o2mon run`` for diagnostics: who answers, and when nobody does."""
 
 import argparse
+from contextlib import closing
+from pathlib import Path
 
 import can
 import pytest
 
 from monitor import config, replay
 from monitor.cli import diagnostics as options
+from monitor.diagnostics.answer import answer
 from monitor.diagnostics.server import Diagnostics
-from monitor.errors import UsageError
+from monitor.dtc import Saved
+from monitor.errors import RecordingError, UsageError
+from monitor.memory import Memory
 from monitor.run import Loop
 from tests.diagnostics_state import VIN
 
@@ -77,15 +82,28 @@ def test_without_can_isotp_transmitting_goes_on_and_says_what_is_missing(
         attached("--transmit", "--diagnostics-id", "7E9")
 
 
-def test_a_clearing_that_is_asked_for_reaches_the_loop() -> None:
+@pytest.mark.parametrize("is_full", [False, True])
+def test_only_a_clearing_that_is_stored_is_confirmed(
+    is_full: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # GIVEN a code, and a disk that is full or not
     parser = argparse.ArgumentParser()
     parser.add_argument("--transmit", action="store_true")
     options.add_diagnostics(parser)
-    with can.Bus("options", interface="virtual") as bus:
-        loop = Loop(bus, SETUP, say=lambda _: None)
-        store = loop.pipeline.monitor.store
-        store.fail("gain_low", 0)
-        (server,) = options.diagnostics(parser.parse_args(["--transmit"]), SETUP, loop)
+    args = parser.parse_args(["--transmit", "--clear-while-running"])
+    with can.Bus("options", interface="virtual") as bus, closing(Memory(tmp_path / "o2")) as memory:
+        loop = Loop(bus, SETUP, memory=memory, say=lambda _: None)
+        loop.pipeline.monitor.store.fail("gain_low", 0)
+        (server,) = options.diagnostics(args, SETUP, loop)
         assert isinstance(server, Diagnostics)
-        server.state.clear()
-    assert store.active == []
+        if is_full:
+            monkeypatch.setattr(memory, "save", full)
+        # WHEN a tester clears
+        told = answer(b"\x04", False, server.state)
+        # THEN it is told so only if the memory on disk is clear, too
+        assert told == (b"\x7f\x04\x22" if is_full else b"\x44")
+        assert is_full or all(not d.state for d in memory.load().dtcs)
+
+
+def full(saved: Saved) -> None:
+    raise RecordingError("disk full")
