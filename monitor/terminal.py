@@ -3,8 +3,8 @@
 import json
 import math
 import os
-import select
 import shutil
+import stat
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -12,7 +12,7 @@ from typing import Any, Final, TextIO
 
 from monitor.bus import BusHealth
 from monitor.enable import CONDITIONS
-from monitor.pipeline import DtcChanged, Event, Monitor, Tick, WindowJudged
+from monitor.pipeline import Counted, CycleStarted, DtcChanged, Event, Monitor, Tick, WindowJudged
 from monitor.sinks import Collector, event_line, rounded
 from monitor.types import Frame
 
@@ -25,17 +25,19 @@ _STATE_WIDTH: Final = len("waits: ") + max(map(len, CONDITIONS))
 
 
 class Out:
-    """Prints lines, and never waits for a reader that hangs: what it cannot take is dropped."""
+    """Prints lines, and never waits for a reader that hangs: what it does not take is dropped.
+
+    A terminal or pipe is written through a file of its own that does not block; the stream's own
+    is shared with the shell.
+    """
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
+        self._number = _not_blocking(stream)
         self._waiting: deque[str] = deque(maxlen=WAITING_LINES)
+        self._rest = b""  # of what was begun
         self._drawn = ""
         self.dropped = 0
-        try:
-            self._number = stream.fileno()
-        except (OSError, ValueError):  # not a file: it does not hang
-            self._number = -1
 
     def say(self, line: str) -> None:
         """Print a line, above the one that is drawn."""
@@ -45,7 +47,7 @@ class Out:
 
     def draw(self, line: str) -> None:
         """Put a line in the place of the one drawn before."""
-        if self._is_free() and line != self._drawn:
+        if line != self._drawn and self._is_free():
             self._write(_ERASE + line)
             self._drawn = line
 
@@ -56,26 +58,45 @@ class Out:
             self._write(f"{_ERASE}{line}\n{self._drawn}" if self._drawn else f"{line}\n")
 
     def close(self) -> None:
-        """Leave a clean line behind."""
+        """Leave a clean line behind; what the reader does not take now is lost."""
         if self._drawn and self._is_free():
             self._write(_ERASE)
         self._drawn = ""
         self.flush()
+        if self._number is not None:
+            os.close(self._number)
+            self._number = None
 
     def _is_free(self) -> bool:
-        if self._number < 0:
-            return True
-        try:
-            return bool(select.select([], [self._number], [], 0.0)[1])
-        except (OSError, ValueError):  # no select on files here
-            return True
+        """Return whether all that was written was taken."""
+        if self._rest:
+            self._write("")
+        return not self._rest
 
     def _write(self, text: str) -> None:
         try:
-            self._stream.write(text)
-            self._stream.flush()
-        except BrokenPipeError:  # nobody reads any more; the verdict still counts
-            os.dup2(os.open(os.devnull, os.O_WRONLY), self._number)
+            if self._number is None:
+                self._stream.write(text)
+                self._stream.flush()
+                return
+            self._rest += text.encode()
+            self._rest = self._rest[os.write(self._number, self._rest) :]
+        except BlockingIOError:
+            pass
+        except OSError:  # nobody reads any more; the verdict still counts
+            self._rest = b""
+
+
+def _not_blocking(stream: TextIO) -> int | None:
+    """Return a file of its own onto a terminal or pipe, None where there is no need or way."""
+    try:
+        mode = os.fstat(stream.fileno()).st_mode
+        if not (stat.S_ISFIFO(mode) or stream.isatty()):
+            return None
+        path = f"/proc/self/fd/{stream.fileno()}"
+        return os.open(path, os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
+    except (OSError, ValueError):
+        return None
 
 
 class Status:
@@ -220,6 +241,10 @@ class JsonLines(Status):
                 status=int(dtc.status),
                 state=dtc.state,
             )
+        elif isinstance(event, CycleStarted):
+            self._print("cycle", t_ns=event.t_ns)
+        elif isinstance(event, Counted):
+            self._print("counted", t_ns=event.t_ns, what=event.what)
 
     def work(self, now_s: float) -> tuple[Frame, ...]:
         """Print the bus health if it is time."""
