@@ -5,7 +5,7 @@ The bytes of each PID follow SAE J1979, written down apart from obd2.dbc.
 
 import heapq
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import can
 import isotp
@@ -24,7 +24,7 @@ def _fuel_l_h(row: Row) -> float:
 
 # PID → bytes, value in steps
 J1979: dict[int, tuple[int, Bytes]] = {
-    0x03: (2, lambda r: 0x0200 if r["closed_loop"] > 0.5 else 0x0400),
+    0x03: (2, lambda r: (2 if r["closed_loop"] > 0.5 else 4 if r["fuel_cut"] > 0.5 else 1) << 8),
     0x05: (1, lambda r: r["coolant_temperature_degc"] + 40),
     0x06: (1, lambda r: r["lambda_controller"] * 128),
     0x0B: (1, lambda r: r["manifold_pressure_kpa"]),
@@ -34,16 +34,32 @@ J1979: dict[int, tuple[int, Bytes]] = {
     0x10: (2, lambda r: r["maf_kg_h"] / 3.6 * 100),
     0x11: (1, lambda r: r["throttle_percent"] * 2.55),
     0x23: (2, lambda r: r["rail_pressure_mpa"] * 100),
-    0x24: (4, lambda r: round(np.clip(r["lambda_measured"] * 32768, 0, 65535)) << 16),
+    0x24: (4, lambda r: min(round(r["lambda_measured"] * 32768), 65535) << 16),
     0x2E: (1, lambda r: r["purge_duty_percent"] * 2.55),
     0x33: (1, lambda r: r["ambient_pressure_kpa"]),
-    0x34: (4, lambda r: round(np.clip(r["lambda_measured"] * 32768, 0, 65535)) << 16 | 0x8000),
+    0x34: (4, lambda r: min(round(r["lambda_measured"] * 32768), 65535) << 16 | 0x8000),
     0x42: (2, lambda r: r["battery_voltage_v"] * 1000),
     0x44: (2, lambda r: r["lambda_target"] * 32768),
     0x46: (1, lambda r: r["ambient_temperature_degc"] + 40),
     0x5E: (2, lambda r: _fuel_l_h(r) * 20),
 }
 SUPPORTED = tuple(pid for pid in J1979 if pid != 0x24)
+
+
+class _At(Mapping[str, float]):
+    """One row of a drive."""
+
+    def __init__(self, drive: Mapping[str, FloatArray], at: int) -> None:
+        self._drive, self._at = drive, at
+
+    def __getitem__(self, name: str) -> float:
+        return float(self._drive[name][self._at])
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._drive)
+
+    def __len__(self) -> int:
+        return len(self._drive)
 
 
 class ObdEcu:
@@ -64,7 +80,8 @@ class ObdEcu:
         requests: Sequence[int] = (0x7DF, 0x7E0),
         response: int = 0x7E8,
     ) -> None:
-        self._t_s, self._drive = t_s, drive
+        self._t_s = t_s
+        self._drive = {name: np.nan_to_num(x, nan=1e6) for name, x in drive.items()}
         self.supported, self.at_once = tuple(supported), at_once
         self.requests = list(requests)
         self.response = response
@@ -128,8 +145,7 @@ class ObdEcu:
             return b""
         n, value_of = J1979[pid]
         at = max(int(np.searchsorted(self._t_s, now_s, side="right")) - 1, 0)
-        row = {name: np.nan_to_num(x[at], nan=1e6) for name, x in self._drive.items()}
-        value = int(np.clip(round(value_of(row)), 0, (1 << 8 * n) - 1))
+        value = min(max(round(value_of(_At(self._drive, at))), 0), (1 << 8 * n) - 1)
         return bytes([pid]) + value.to_bytes(n, "big")
 
 

@@ -25,6 +25,7 @@ PARAMETERS = wanted(OBD, OBD.names)
 LENGTHS = lengths(OBD, PARAMETERS)
 STEADY = {
     "closed_loop": 1.0,
+    "fuel_cut": 0.0,
     "coolant_temperature_degc": 88.0,
     "lambda_controller": 1.03125,
     "manifold_pressure_kpa": 47.0,

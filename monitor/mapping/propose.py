@@ -12,6 +12,7 @@ from monitor.mapping.meanings import FUEL_FLOW, MEANINGS, OF_ONE_SENSOR
 from monitor.signals import SIGNALS
 
 SURE: Final = 0.6  # from here on a candidate is proposed
+RIVAL: Final = 0.4  # from here on another sensor's signal is a choice for a person
 MARGIN: Final = 0.05  # candidates closer than this are not told apart
 SHOWN: Final = 4  # candidates in the file
 NOTHING: Final = "nothing in the database looks like it"
@@ -138,7 +139,8 @@ def _doubt(found: list[Candidate]) -> str:
     best = open_ones[0]
     if best.confidence < SURE:
         return "not sure enough"
-    rivals = [c for c in open_ones[1:] if c.confidence >= SURE]
+    from_here = RIVAL if best.name in OF_ONE_SENSOR else SURE
+    rivals = [c for c in open_ones[1:] if c.confidence >= from_here]
     return _rivalry(best, rivals) if rivals else ""
 
 

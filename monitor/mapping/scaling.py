@@ -1,5 +1,6 @@
 """From a signal's unit and range to the canonical unit."""
 
+import math
 from dataclasses import replace
 from typing import Final
 
@@ -47,9 +48,9 @@ def _without_unit(make: Candidate, meaning: Meaning) -> Candidate | None:
     low, high = span(make.signal)
     if "pressure" in meaning.dimensions:
         largest = max(abs(low), abs(high))
-        steps = (("MPa", 1000.0, 60.0), ("bar", 100.0, 600.0), ("kPa", 1.0, 1e9))
+        steps = (("MPa", 1000.0, 60.0), ("bar", 100.0, 600.0), ("kPa", 1.0, math.inf))
         if meaning.dimensions["pressure"] == 1.0:
-            steps = (("bar", 100.0, 8.0), ("kPa", 1.0, 700.0), ("hPa", 0.1, 1e9))
+            steps = (("bar", 100.0, 8.0), ("kPa", 1.0, 700.0), ("hPa", 0.1, math.inf))
         unit, factor, _ = next(step for step in steps if largest <= step[2])
         return replace(
             make,

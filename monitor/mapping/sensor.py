@@ -59,7 +59,7 @@ def _sensor_numbers(text: str) -> list[int]:
     """Return the numbers of bank and sensor in a name: B1S2, O2S12, Lambda_2, Sonde 2."""
     found: list[int] = []
     words = words_of(text)
-    for word, after in zip(words, (*words[1:], ""), strict=True):
+    for word, after in zip(words, (*words[1:], ""), strict=False):
         match = re.fullmatch(r"(?:h?o2s|b|s|bank|sensor|bk|sens|cyl|zyl)(\d+)", word)
         if match:
             found += [int(digit) for digit in match[1]]
