@@ -2,7 +2,7 @@
 
 A driving cycle is an engine start, the drive and the time until the next engine start. Sources:
 13 CCR 1968.2 (c) (driving cycle, engine start, warm-up cycle), (d)(4.3.2) (general denominator)
-and (d)(4.5) (ignition cycle); UN R83 annex 11. Time comes with the samples.
+and (d)(5.5) (ignition cycle); UN R83 annex 11. Time comes with the samples.
 """
 
 import math

@@ -264,7 +264,7 @@ class DtcStore:
             self._ratios[test] = _bounded(replace(ratio, denominator=ratio.denominator + 1))
 
     def _is_paused(self, test: str) -> bool:
-        """Return whether a code of another test keeps this one from judging, (d)(4.6)."""
+        """Return whether a code of another test keeps this one from judging, (d)(4)."""
         if test in CONTINUOUS:
             return False
         return any(d.state and TEST_OF.get(d.fault) in CONTINUOUS for d in self._dtcs.values())
