@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from functools import cache
 from typing import Any, Final
 
 from monitor import signals
@@ -47,6 +48,7 @@ _FLAGS: Final = {  # condition: signal, its word while 1, and below
 }
 
 
+@cache
 def words(name: str) -> str:
     """Return a canonical name in words.
 
