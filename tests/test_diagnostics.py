@@ -6,6 +6,8 @@ from collections import deque
 from pathlib import Path
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from monitor import config, enable, replay
 from monitor.diagnostics import results
@@ -326,3 +328,20 @@ def test_the_document_names_every_identifier_and_the_bits_of_the_conditions() ->
     text = (ROOT / "docs/diagnostics.md").read_text()
     assert all(f"{number:04X}" in text for number in IDENTIFIERS)
     assert ", ".join(enable.CONDITIONS) in text
+
+
+@settings(max_examples=500)
+@given(st.one_of(st.binary(max_size=70), st.binary(max_size=9).map(lambda b: b"\x19" + b)))
+def test_every_request_is_answered_refused_or_met_with_silence(request_: bytes) -> None:
+    vehicle = Vehicle(engine_speed_rpm=800.0)
+    for functional in (False, True):
+        answered = answer(request_, functional, vehicle.state)
+        if answered is None:
+            continue
+        if answered[0] == 0x7F:
+            assert answered[1] == request_[0]
+            assert len(answered) == 3
+        else:
+            assert answered[0] == request_[0] + 0x40
+            assert len(answered) <= 512
+    assert vehicle.clearings == 0

@@ -1,6 +1,7 @@
 """Options of ``o2mon run`` for diagnostics on ISO-TP."""
 
 import argparse
+from collections.abc import Callable
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
@@ -32,8 +33,10 @@ def add_diagnostics(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def diagnostics(args: argparse.Namespace, setup: "Setup", loop: "Loop") -> "list[Attachment]":
-    """Return what answers testers: one attachment, or none.
+def diagnostics(
+    args: argparse.Namespace, setup: "Setup", loop: "Loop", tell: Callable[[str], None] = say
+) -> "list[Attachment]":
+    """Return what answers testers: one attachment, or none; ``tell`` takes the reason for none.
 
     Raises UsageError for options that cannot be followed.
     """
@@ -47,7 +50,7 @@ def diagnostics(args: argparse.Namespace, setup: "Setup", loop: "Loop") -> "list
     if find_spec("isotp") is None:
         if asked:
             raise UsageError(_MISSING)
-        say(f"no diagnostics: {_MISSING}")
+        tell(f"no diagnostics: {_MISSING}")
         return []
     from monitor import __version__
     from monitor.diagnostics.server import DEFAULT_RESPONSE_ID, Address, Diagnostics
