@@ -69,6 +69,16 @@ def lengths(bus_map: BusMap, parameters: Iterable[Parameter]) -> Mapping[int, in
     return found
 
 
+def interval_s(parameters: Sequence[Parameter], rate_hz: float, at_once: int = 6) -> float:
+    """Return about how often polling can bring the fastest signals, in seconds.
+
+    rate_hz : requests a second, each with ``at_once`` PIDs; a PID's share goes with its timeout
+    """
+    fastest_s = min(each.timeout_s for each in parameters)
+    shares = sum(fastest_s / each.timeout_s for each in parameters)
+    return shares / (at_once * rate_hz)
+
+
 def _pids(message: Message, signal: Signal) -> tuple[int, ...]:
     if (message.frame_id, message.is_extended_frame) != (ANSWER_ID, False):
         return ()

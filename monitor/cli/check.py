@@ -10,8 +10,10 @@ from monitor.cli.options import (
     NOT_JUDGED,
     add_bus,
     add_command,
+    add_obd,
     add_setup,
     bus_name,
+    obd_poller,
     open_bus,
     positive,
     say,
@@ -20,13 +22,14 @@ from monitor.cli.options import (
 from monitor.errors import UsageError
 
 if TYPE_CHECKING:
-    import can
-
+    from monitor.bus import BusHealth, Port
+    from monitor.obd_poll import ObdPoller
     from monitor.types import Frame
 
 _CHECK = """examples:
   o2mon check drive.log
   o2mon check -i socketcan -c can0 --seconds 10 --dbc engine.dbc --map engine.toml
+  o2mon check -i socketcan -c can0 --obd                 ask for OBD-II parameters
 
 exit code: 0 all the model needs is there, 3 something is missing"""
 
@@ -38,9 +41,11 @@ def add(commands: Any) -> None:
     add_bus(check)
     add_setup(check, memory=False)
     check.add_argument("--seconds", type=positive, default=5.0, help="how long to listen to a bus")
+    add_obd(check)
 
 
 def _check(args: argparse.Namespace) -> int:
+    from monitor.bus import BusHealth, Port
     from monitor.check import check
     from monitor.sources import read_frames
 
@@ -51,7 +56,11 @@ def _check(args: argparse.Namespace) -> int:
         result = check(read_frames(args.log), setup.bus_map)
     else:
         with open_bus(args) as bus:
-            result = check(_listen(bus, args.seconds), setup.bus_map)
+            poller = obd_poller(args, setup.bus_map) if args.obd else None
+            health = BusHealth()
+            result = check(_listen(Port(bus, health), args.seconds, poller), setup.bus_map)
+            if poller:
+                _say_polled(poller, health)
     for line in result.lines():
         say(line)
     card = setup.model.card
@@ -60,12 +69,24 @@ def _check(args: argparse.Namespace) -> int:
     return NOT_JUDGED if missing else 0
 
 
-def _listen(bus: "can.BusABC", seconds: float) -> "Iterator[Frame]":
-    from monitor.bus import receive
-    from monitor.sources import frame_of
-
+def _listen(port: "Port", seconds: float, poller: "ObdPoller | None") -> "Iterator[Frame]":
+    """Yield what comes, and what a poller's answers say beyond their frames."""
     until_s = time.monotonic() + seconds
-    while (left_s := until_s - time.monotonic()) > 0:
-        message = receive(bus, left_s)
-        if message is not None and not message.is_error_frame and not message.is_remote_frame:
-            yield frame_of(message)
+    while (now_s := time.monotonic()) < until_s:
+        due_s = until_s
+        if poller:
+            for request in poller.work(now_s):
+                port.send(request)
+            due_s = min(poller.due_s, until_s)
+        frame = port.receive(max(due_s - now_s, 0.0))
+        if frame is not None:
+            yield frame
+            if poller:
+                yield from poller.receive(frame)
+
+
+def _say_polled(poller: "ObdPoller", health: "BusHealth") -> None:
+    counters = poller.counters
+    say(f"{counters.requests} OBD-II requests, {counters.answers} answered")
+    if health.transmit_errors:
+        say(f"{health.transmit_errors} could not be sent: is the interface listen-only?")

@@ -3,6 +3,7 @@
 import argparse
 import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -104,8 +105,13 @@ def add_obd(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def obd_poller(args: argparse.Namespace, bus_map: "BusMap") -> "ObdPoller":
-    """Return what asks for everything the map provides; raises O2Error if there is nothing."""
+def obd_poller(
+    args: argparse.Namespace, bus_map: "BusMap", tell: Callable[[str], None] = say
+) -> "ObdPoller":
+    """Return what asks for everything the map provides; raises O2Error if there is nothing.
+
+    tell : takes the line about what is supported
+    """
     from monitor.obd_answer import Address
     from monitor.obd_pids import lengths, wanted
     from monitor.obd_poll import ADDRESSES, ObdPoller
@@ -117,8 +123,22 @@ def obd_poller(args: argparse.Namespace, bus_map: "BusMap") -> "ObdPoller":
         lengths(bus_map, parameters),
         addresses=ADDRESSES if only is None else (Address.of(only),),
         rate_hz=args.obd_rate,
-        say=say,
+        say=tell,
     )
+
+
+def tell_if_too_slow(args: argparse.Namespace, setup: "Setup", tell: Callable[[str], None]) -> None:
+    """Say so if polling cannot bring the signals as often as the model samples them."""
+    from monitor.obd_pids import interval_s, wanted
+
+    served_s = interval_s(wanted(setup.bus_map, setup.bus_map.names), args.obd_rate)
+    period_s = setup.model.card.period_ns / 1e9
+    if served_s > 0.75 * period_s:
+        tell(
+            f"{setup.model_path.name} samples every {period_s:g} s, polling brings a signal about "
+            f"every {served_s:.2g} s: record drives, then o2train fit --period "
+            f"{max(0.5, 2 * served_s):.2g}"
+        )
 
 
 def set_up(args: argparse.Namespace) -> "Setup":

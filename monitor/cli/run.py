@@ -24,6 +24,7 @@ from monitor.cli.options import (
     positive,
     say,
     set_up,
+    tell_if_too_slow,
     write_outputs,
 )
 
@@ -93,10 +94,11 @@ def _judge(args: argparse.Namespace, server: "Server | None") -> int:
         )
         loop.attachments.extend(_views(args, loop, out))
         if args.obd:
-            loop.attachments.append(obd_poller(args, setup.bus_map))
+            tell_if_too_slow(args, setup, _speaker(args, out))
+            loop.attachments.append(obd_poller(args, setup.bus_map, _speaker(args, out)))
         if args.transmit:
             loop.attachments.append(Transmitter(loop.pipeline.monitor))
-        loop.attachments.extend(diagnostics(args, setup, loop))
+        loop.attachments.extend(diagnostics(args, setup, loop, _speaker(args, out)))
         loop.attachments.extend(live_feed(server, setup, loop, bus_name(args), _speaker(args, out)))
         settle()
         try:
