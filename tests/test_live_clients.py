@@ -130,6 +130,15 @@ def test_a_client_that_asks_nothing_is_cut_off(server: Running) -> None:
         assert slow.recv(100) == b""
 
 
+def test_a_further_request_that_does_not_end_is_cut_off(server: Running) -> None:
+    with connect(server.port, b"HEAD / HTTP/1.1\r\nHost: localhost\r\n\r\n") as client:
+        assert client.recv(4096).startswith(b"HTTP/1.1 200")
+        client.sendall(b"GET / HTT")
+        begin_s = time.monotonic()
+        assert client.recv(4096) == b""
+        assert time.monotonic() - begin_s < 3.0  # uvicorn's own patience ends after five
+
+
 def test_a_stream_is_not_cut_off_while_nothing_happens(server: Running) -> None:
     with connect(server.port, EVENTS) as client:
         assert until(lambda: server.hub.streams == 1)

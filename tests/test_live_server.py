@@ -109,8 +109,9 @@ def test_the_name_that_was_asked_for_is_answered() -> None:
     assert not may_ask("other.lan:80", "Bench.lan", loopback=False)
 
 
-def test_another_site_cannot_use_up_the_streams() -> None:
-    answer = Client().get("/events", **{"sec-fetch-site": "cross-site"})
+@pytest.mark.parametrize("site", ["cross-site", "same-site", "?"])
+def test_another_site_cannot_use_up_the_streams(site: str) -> None:
+    answer = Client().get("/events", **{"sec-fetch-site": site})
     assert answer.status_code == 403
 
 

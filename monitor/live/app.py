@@ -70,7 +70,8 @@ class Guard:
         if scope["method"] not in METHODS:
             return PlainTextResponse("Read only.\n", 405, {"Allow": ", ".join(METHODS)})
         # another site's page cannot read this one, but could use up its streams
-        if scope["path"] == "/events" and headers.get("sec-fetch-site") == "cross-site":
+        asker = headers.get("sec-fetch-site", "none")
+        if scope["path"] == "/events" and asker not in ("same-origin", "none"):
             return PlainTextResponse("Not from another site.\n", 403)
         return None
 

@@ -100,6 +100,7 @@ class LiveFeed:
     def close(self) -> None:
         """Bring away the last events and end the server."""
         self._slow_s = self.due_s = -math.inf
+        self._say = lambda _: None  # a service manager may have ended the server already
         self.work(0.0)
         self._server.close()
 

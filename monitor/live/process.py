@@ -31,7 +31,8 @@ class Server:
             self.is_loopback = is_loopback(listening)
             number = listening.fileno()
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "monitor.live", str(number), address.host],
+                # -P: no module of the folder it is started in
+                [sys.executable, "-P", "-m", "monitor.live", str(number), address.host],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 pass_fds=[number],

@@ -27,8 +27,11 @@ class BoundedProtocol(H11Protocol):
     def data_received(self, data: bytes) -> None:
         """Take what the client sends."""
         super().data_received(data)
-        if self.cycle is not None and not self.flow.write_paused:
+        waits = self.cycle is None or self.cycle.response_complete
+        if not waits and not self.flow.write_paused:
             self._calm()
+        elif waits and self._impatient is None and self.conn.trailing_data[0]:
+            self._within(REQUEST_S)  # a further request has begun
 
     def send_400_response(self, msg: str) -> None:
         """Refuse what is no HTTP; cut off a client that began with a request and went on so.
