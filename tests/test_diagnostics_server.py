@@ -115,7 +115,9 @@ def test_a_tester_that_is_full_ends_the_answer() -> None:
     assert tester.send("02 01 1C") == ["03 41 1c 01 cc cc cc cc"]
 
 
-@pytest.mark.parametrize(("separation", "least_s"), [("00", 0.002), ("F1", 0.002), ("05", 0.005)])
+@pytest.mark.parametrize(
+    ("separation", "least_s"), [("00", 0.002), ("F1", 0.002), ("F9", 0.002), ("05", 0.005)]
+)
 def test_frames_keep_the_separation_asked_for_and_no_less_than_two_milliseconds(
     separation: str, least_s: float
 ) -> None:
@@ -128,10 +130,11 @@ def test_frames_keep_the_separation_asked_for_and_no_less_than_two_milliseconds(
     assert 5 * least_s <= tester.now_s - before_s < 5 * least_s + 0.001
 
 
-def test_a_reserved_separation_is_the_longest() -> None:
+@pytest.mark.parametrize("separation", ["7F", "80", "F0", "FA", "FF"])
+def test_a_reserved_separation_is_the_longest(separation: str) -> None:
     tester = Tester()
     tester.send("03 22 FD 00")
-    tester.send("30 00 80")
+    tester.send(f"30 00 {separation}")
     assert tester.server.due_s - tester.now_s == pytest.approx(0.127, abs=0.001)
 
 
@@ -218,6 +221,7 @@ def test_one_answer_at_a_time() -> None:
     tester.send("02 09 02")
     assert tester.send("02 01 1C") == []
     assert tester.send("02 01 1C", FUNCTIONAL) == []
+    assert tester.server.state.ignored_frames == 2
     assert [f[:2] for f in tester.send("30 00 00") + tester.rest()] == ["21", "22"]
 
 
@@ -259,6 +263,16 @@ def test_a_flood_is_answered_as_often_as_allowed_and_then_ignored() -> None:
     assert tester.server.state.ignored_frames == 4000 - answers
     tester.now_s += 1.0
     assert tester.send("02 01 1C") == ["03 41 1c 01 cc cc cc cc"]
+
+
+def test_flow_control_of_an_answer_is_read_in_a_flood_too() -> None:
+    tester = Tester()
+    for _ in range(BURST_FRAMES - 1):
+        tester.send("02 3E 80")
+    assert tester.send("02 09 02") == ["10 14 49 02 01 57 56 57"]
+    assert tester.send("02 3E 80") == []
+    assert tester.server.state.ignored_frames == 1
+    assert [f[:2] for f in tester.send("30 00 00") + tester.rest()] == ["21", "22"]
 
 
 def test_an_allowance_never_grows_beyond_its_burst() -> None:
