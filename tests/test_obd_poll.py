@@ -1,24 +1,32 @@
 """Polling by OBD-II, against an ECU on can-isotp."""
 
 import itertools
+import threading
+import time
+from pathlib import Path
 from typing import Any
 
+import can
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import dbc
+from monitor import config, replay
 from monitor.bus_map import BusMap, load_pairs
 from monitor.decode import Decoder
 from monitor.errors import SignalMapError, UsageError
 from monitor.obd_answer import Address, Reassembly, values_of
-from monitor.obd_pids import lengths, wanted
+from monitor.obd_pids import interval_s, lengths, wanted
 from monitor.obd_poll import ObdPoller
 from monitor.recorder import message_of
+from monitor.run import Loop
 from monitor.sources import frame_of
 from monitor.types import Frame
 from tests.obd_ecu import J1979, ObdEcu, SimulatedBus
+from tests.simulated_drives import WARM, driven
+from training.dyno.simulate import Experiment
 
 OBD = load_pairs([(dbc.path("obd2.dbc"), dbc.path("obd2.toml"))])
 PARAMETERS = wanted(OBD, OBD.names)
@@ -314,6 +322,81 @@ def test_an_identifier_that_is_no_request_is_refused(request_id: int) -> None:
 def test_the_gear_box_can_be_asked_too() -> None:
     assert Address.of(0x7E1) == Address(0x7E1, 0x7E1, 0x7E9)
     assert Address.of(0x18DA18F1) == Address(0x18DA18F1, 0x18DA18F1, 0x18DAF118, True)
+
+
+def a_drive(duration_s: float = 240.0) -> ObdEcu:
+    drive = driven(Experiment(duration_s=duration_s, conditions=WARM))
+    n = len(drive["engine_speed_rpm"])
+    return ObdEcu(np.arange(n) * 0.01, drive)
+
+
+def obd_setup() -> replay.Setup:
+    pair = (dbc.path("obd2.dbc"), dbc.path("obd2.toml"))
+    return replay.set_up(None, [pair], config.load())
+
+
+def test_replaying_the_recording_of_a_polled_drive_gives_the_same_events(tmp_path: Path) -> None:
+    # GIVEN a drive that the loop has polled, recorded and sampled
+    setup, log = obd_setup(), tmp_path / "polled.log"
+    with SimulatedBus(a_drive(), until_s=240.0) as bus:
+        loop = Loop(
+            bus, setup, record=log, trace=True, say=lambda _: None, monotonic_s=lambda: bus.now_s
+        )
+        loop.attachments.append(ObdPoller(PARAMETERS, LENGTHS))
+        bus.stop = loop.stop
+        loop.run()
+    live, seen = loop.result("polled"), loop.collector.trace()
+    # WHEN the recording is replayed
+    again, trace = replay.replay(log, setup, trace=True)
+    # THEN every sample and every event is the same
+    assert live["samples"] == again["samples"] > 2300
+    assert live["counters"]["unmapped"] == again["counters"]["unmapped"]
+    for key in ("windows", "dtcs", "enabled_samples", "enable"):
+        assert live[key] == again[key], key
+    for name in ("measured", "predicted"):
+        assert np.array_equal(getattr(seen, name), getattr(trace, name), equal_nan=True)
+        assert np.isfinite(getattr(trace, name)).sum() > 2000
+
+
+def test_without_being_asked_to_the_loop_sends_nothing() -> None:
+    with SimulatedBus(a_drive(60.0), until_s=10.0) as bus:
+        loop = Loop(bus, obd_setup(), say=lambda _: None, monotonic_s=lambda: bus.now_s)
+        bus.stop = loop.stop
+        loop.run()
+        assert bus.sent == []
+
+
+def test_it_polls_on_a_bus_in_real_time() -> None:
+    channel = "obd in real time"
+    ecu, done = steady_ecu(), threading.Event()
+
+    def answer() -> None:
+        with can.Bus(interface="virtual", channel=channel) as bus:
+            while not done.is_set():
+                message = bus.recv(0.02)
+                for data in ecu.push(message, time.monotonic()) if message else ():
+                    bus.send(can.Message(arbitration_id=0x7E8, is_extended_id=False, data=data))
+
+    thread = threading.Thread(target=answer)
+    thread.start()
+    try:
+        with can.Bus(interface="virtual", channel=channel) as bus:
+            loop = Loop(bus, obd_setup(), say=lambda _: None)
+            poller = ObdPoller(PARAMETERS, LENGTHS)
+            loop.attachments.append(poller)
+            loop.run(3.0)
+    finally:
+        done.set()
+        thread.join()
+    assert poller.counters.answers > 15
+    assert loop.pipeline.decoder.counters["OBD_Response"].used > 60
+
+
+def test_polling_at_a_models_own_pace_is_told_from_polling_too_slowly() -> None:
+    assert interval_s(PARAMETERS, 12.0) == pytest.approx(0.18, abs=0.03)
+    talk = Conversation(steady_ecu()).run(60.0)
+    measured_s = 60 / len(talk.values["lambda_measured"])
+    assert interval_s(PARAMETERS, 12.0) == pytest.approx(measured_s, rel=0.3)
 
 
 @settings(max_examples=300, deadline=None)
