@@ -51,6 +51,7 @@ def test_the_installed_packages_are_imported_from_where_they_were_installed(
         ("monitor", "*.toml"),
         ("monitor", "py.typed"),
         ("monitor/models", "*.onnx"),
+        ("monitor/live/static", "*"),
         ("training/dyno/cycles", "*.csv"),
     ],
 )
