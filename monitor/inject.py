@@ -101,6 +101,8 @@ class Gateway:
                 return False
             if message.is_error_frame:
                 self.passed.error_frames += 1
+            elif not message.is_rx:
+                continue  # our own, on a bus that was opened to hear these
             elif message.is_remote_frame:
                 self._send(self._other, message)
             else:
@@ -123,7 +125,7 @@ class Gateway:
                 return False
             if message.is_error_frame:
                 self.passed.error_frames += 1
-            else:
+            elif message.is_rx:
                 self.passed.to_ecu += self._send(self._ecu, message)
         return True
 

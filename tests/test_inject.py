@@ -465,6 +465,7 @@ def test_the_frames_of_several_drives_go_to_numbered_logs(tmp_path: Path) -> Non
         (["-i", "virtual", "-c", "a"], "give the other side"),
         (["-i", "virtual", "-c", "a", "--to-channel", "a"], "both sides are virtual a"),
         (["-i", "virtual", "-c", "a", "--to-channel", "b", "--out", "OUT"], "--out is for a LOG"),
+        (["-i", "udp_multicast", "-c", "239.1.1.1", "--to-channel", "239.1.1.2"], "hears what it"),
         (["IN", "--out", "OUT", "--dbc", "x.dbc"], "--dbc and --map come in pairs"),
     ],
 )
@@ -577,6 +578,21 @@ def test_frames_that_the_interface_does_not_take_are_counted() -> None:
         ecu.send(message(LAMBDA_ID, bytes(8)))
         gateway.run(duration_s=0.05)
     assert list(gateway.lines())[1] == "0 frames to the ECU; 1 not sent, 0 error frames"
+
+
+def test_a_gateway_does_not_pass_on_its_own_frames_where_it_hears_them() -> None:
+    # GIVEN both buses opened so that a sender hears itself
+    own = {"interface": "virtual", "receive_own_messages": True}
+    with (
+        can.Bus(interface="virtual", channel="l-ecu") as player,
+        can.Bus(channel="l-ecu", **own) as ecu,
+        can.Bus(channel="l-other", **own) as other,
+    ):
+        gateway = Gateway(ecu, other, Injector(OWN, []))
+        player.send(message(0x123, b"1"))
+        gateway.run(duration_s=0.2)
+        assert player.recv(0.0) is None
+    assert next(gateway.lines()) == "1 frames from the ECU, 1 passed on"
 
 
 def test_a_gateway_whose_interface_fails_says_so() -> None:

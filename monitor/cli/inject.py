@@ -36,6 +36,8 @@ the ECU's own control loop has its sensor on a wire and does not see them.
 
 exit code: 0 done, and with --assert all expectations are met; 1 one is not; 2 unusable input"""
 
+_HEARS_ITSELF = "udp_multicast"
+
 
 def add(commands: Any) -> None:
     """Add the subcommand."""
@@ -180,6 +182,12 @@ def _buses(
     other = _other_side(args)
     if bus_name(args) == bus_name(other):
         raise UsageError(f"both sides are {bus_name(args)}, two buses are wanted")
+    for side in (args, other):
+        if getattr(side, "interface", None) == _HEARS_ITSELF:
+            raise UsageError(
+                f"{bus_name(side)}: {_HEARS_ITSELF} hears what it sends itself, "
+                "so a gateway would pass the same frames round for ever"
+            )
     injector = Injector(
         bus_map, scenario.faults, seed=scenario.seed, keep_counters=scenario.keep_counters
     )
