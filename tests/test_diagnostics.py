@@ -5,6 +5,7 @@ import struct
 from collections import deque
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -13,13 +14,15 @@ from monitor import config, enable, replay
 from monitor.diagnostics import results
 from monitor.diagnostics.answer import answer
 from monitor.diagnostics.identifiers import IDENTIFIERS
+from monitor.diagnostics.parameters import bitmap, unsigned
 from monitor.diagnostics.state import Identity
 from monitor.diagnostics.uds import dtc_bytes
 from monitor.dtc import DtcStore, Status
 from monitor.errors import UsageError
 from monitor.obd_records import Ratio
-from monitor.pipeline import FramePipeline
+from monitor.pipeline import FramePipeline, WindowJudged
 from monitor.sources import read_frames
+from monitor.window import Window
 from tests.diagnostics_state import NAMES, SHA256, VIN, Vehicle, tick
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -136,6 +139,23 @@ def test_test_results_carry_value_and_limits_in_their_scaling() -> None:
     assert ask("06 00") == "46 00 80 00 00 00"
     assert ask("06 02") == "7f 06 12"
     assert ask("06 01 00") == "46 00 80 00 00 00"  # results come alone
+
+
+@pytest.mark.parametrize(
+    ("scaling", "value", "data"),
+    [
+        (results.MILLISECONDS, 65.5, "ffdc"),
+        (results.MILLISECONDS, math.inf, "ffff"),
+        (results.MILLISECONDS, -0.1, "0000"),
+        (results.RATIO, 0.75, "00c0"),
+        (results.FINE_SIGNED, 5.0, "7fff"),
+        (results.FINE_SIGNED, -math.inf, "8000"),
+    ],
+)
+def test_a_result_beyond_its_scaling_is_held_at_its_end(
+    scaling: results.Scaling, value: float, data: str
+) -> None:
+    assert scaling.encode(value).hex() == data
 
 
 def test_every_result_of_the_monitor_is_told(late_sensor: DtcStore) -> None:
@@ -313,6 +333,34 @@ def test_the_monitors_state_is_read_by_identifier() -> None:
     assert answered[28:31] == b"\xfd\x08\xff"  # no window yet
     assert ask("22 FD 00", vehicle) == "62 fd 00 " + bytes.fromhex(SHA256).hex(" ")
     assert ask("22 F1 90 FE 00", vehicle) == "62 f1 90 " + VIN.encode().hex(" ")
+
+
+def test_windows_and_samples_are_counted_and_the_last_verdict_is_told() -> None:
+    vehicle = Vehicle(1500.0)
+    vehicle.state.push(tick(1500.0)._replace(enabled=True))
+    for outcome in ("passed", "failed"):
+        window = Window(0, 0, 5_000_000_000, np.zeros(50), np.zeros(50), np.zeros((1, 50)))
+        vehicle.state.push(
+            WindowJudged(window, 0.25, 0.5, False, outcome, "gain_low", (), True, {})
+        )
+    assert ask("22 FD 05", vehicle) == "62 fd 05 01"
+    assert ask("22 FD 07", vehicle) == "62 fd 07 00 00 00 02"
+    verdict = struct.pack(">Bff", 1, 0.25, 0.5).hex(" ")
+    assert ask("22 FD 08", vehicle) == "62 fd 08 " + verdict
+    assert ask("22 FD 09", vehicle) == "62 fd 09 00 00 00 02 00 00 00 01"
+
+
+def test_a_number_just_beyond_a_bitmap_is_announced() -> None:
+    assert bitmap({0x21}, 0x00) == bytes.fromhex("00000001")
+    assert bitmap({0x20}, 0x00) == bytes.fromhex("00000001")
+    assert bitmap({0x21}, 0x20) == bytes.fromhex("80000000")
+    assert bitmap({0x20}, 0x20) is None
+    assert bitmap(set(), 0x00) == bytes(4)
+    assert bitmap({0x01}, 0x01) is None
+
+
+def test_counters_stay_at_their_end() -> None:
+    assert [unsigned(value, 1)[0] for value in (254.6, 255.0, 255.9, 1e9)] == [255] * 4
 
 
 def test_before_the_first_sample_values_are_not_numbers() -> None:
