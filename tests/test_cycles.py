@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,10 +15,12 @@ from monitor import config, replay
 from monitor.cycles import SIGNALS, Cycles
 from monitor.decide import Counted
 from monitor.dtc import DtcStore, Status
+from monitor.memory import Memory
 from monitor.pipeline import CycleStarted, DtcChanged, Event, FramePipeline
 from monitor.plausibility import Plausibility
 from monitor.sources import read_frames
 from monitor.types import Frame, Quality, Sample
+from tests.test_run import Pause, run_on
 
 CONFIG = config.load()
 NAMES = ("lambda_measured", *SIGNALS)
@@ -434,3 +437,28 @@ def test_an_ecu_that_falls_silent_with_the_engine_standing_is_not_missed() -> No
     # the monitor's own bus off says nothing of the ECU
     off_bus = Stretch(5.0, quality=Quality.OFF_BUS)
     assert communication(DRIVE, lasting(STAND, 2), off_bus) == {"bus_off"}
+
+
+def test_a_replay_of_what_was_recorded_finds_the_same_driving_cycles(
+    setup: replay.Setup, late_sensor: list[Frame], tmp_path: Path
+) -> None:
+    # GIVEN a bench: a drive, ten minutes of a silent bus, the same drive again
+    minute = late_sensor[: 200 * 60]
+    length_s = (minute[-1].t_ns - minute[0].t_ns) / 1e9
+    script = [*minute, Pause(10 * MINUTE), *later(minute, length_s + 10 * MINUTE)]
+    record, kept = tmp_path / "bench.log", []
+    for run in ("live", "replay"):
+        with closing(Memory(tmp_path / f"{run}.db")) as memory:
+            if run == "live":
+                run_on(script, setup, memory=memory, record=record)
+            else:
+                replay.replay(record, setup, memory)
+            kept.append(memory.load())
+    live, again = kept
+    # THEN the fault memory of the replay is that of the run, to the last bit
+    assert live == again
+    assert live.counts.ignition_cycles == 2
+    states = {d.code: d.state for d in live.dtcs if d.state}
+    # a bus that dies while the engine runs is missed, which pauses the numerators
+    assert states == {"P015A": "confirmed", "U0100": "pending"}
+    assert {r.test: r.numerator for r in live.ratios}["response"] == 1
