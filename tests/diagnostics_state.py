@@ -27,6 +27,12 @@ FRAME = FreezeFrame(
         "rail_pressure_mpa": 10.0,
         "lambda_measured": 1.0,
         "lambda_target": 0.9,
+        "closed_loop": 1.0,
+        "lambda_controller": 1.05,
+        "purge_duty_percent": 40.0,
+        "ambient_pressure_kpa": 100.0,
+        "battery_voltage_v": 12.5,
+        "ambient_temperature_degc": 20.0,
         "fuel_mass_mg": 12.0,  # has no parameter
     },
 )

@@ -111,6 +111,12 @@ def test_the_standard_is_that_of_the_profile() -> None:
         ("23", "03 e8"),  # 10 MPa = 1000 x 10 kPa
         ("24", "80 00 00 00"),
         ("44", "73 33"),
+        ("03", "02 00"),
+        ("06", "86"),  # +5 %
+        ("2E", "66"),
+        ("33", "64"),
+        ("42", "30 d4"),
+        ("46", "3c"),
     ],
 )
 def test_the_freeze_frame_is_told_in_the_units_of_the_standard(parameter: str, data: str) -> None:
@@ -266,7 +272,7 @@ def test_every_code_has_three_bytes_of_its_own() -> None:
 
 def test_a_snapshot_holds_the_freeze_frame_as_parameters() -> None:
     answered = bytes.fromhex(ask("19 04 01 33 00 FF") or "")
-    assert answered[:8].hex(" ") == "59 04 01 33 00 8d 01 0a"
+    assert answered[:8].hex(" ") == "59 04 01 33 00 8d 01 10"
     assert b"\xf4\x0c\x1f\x40" in answered
     assert ask("19 04 01 33 00 01") == answered.hex(" ")
     assert ask("19 04 21 95 00 FF") == "59 04 21 95 00 04"  # pending, no frame kept
