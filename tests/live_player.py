@@ -41,7 +41,7 @@ class Player:
     """A pipeline with a feed; closes both at the end of a with block."""
 
     def __init__(self, store: DtcStore | None = None, server: Any = None) -> None:
-        setup = replay.set_up(None, [], config.load())
+        self.setup = setup = replay.set_up(None, [], config.load())
         self.store = store or DtcStore()
         self.pipeline = FramePipeline(
             setup.bus_map, setup.model, setup.limits, setup.config, self.store

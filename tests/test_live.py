@@ -3,12 +3,15 @@
 import json
 import os
 import random
+import re
 import signal
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Iterator
+from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import httpx
@@ -16,7 +19,9 @@ import pytest
 
 from monitor.enable import CONDITIONS
 from monitor.live import feed as feeds
+from monitor.live.describe import Conditions
 from monitor.live.process import Server
+from monitor.pipeline import Tick
 from monitor.types import Frame
 from tests.http_fuzz import ask, request
 from tests.live_player import Player, Sink, frames_of
@@ -114,6 +119,39 @@ def test_a_condition_says_what_it_sees(late_sensor: list[Frame]) -> None:
     assert seen["closed_loop"] in ("closed", "open loop", "changing")
     assert now["predicted"] is None
     assert [row[2] for row in now["signals"] if row[2]]
+
+
+def test_an_input_outside_the_training_is_named_with_its_bound(late_sensor: list[Frame]) -> None:
+    player = Player(server=Sink())
+    monitor, setup = player.pipeline.monitor, player.setup
+    ticks = [e for f in late_sensor[:2000] for e in player.pipeline.push(f) if isinstance(e, Tick)]
+    conditions = Conditions(monitor, setup.config.enable, setup.model.card)
+    place, rail = CONDITIONS.index("trained_range"), monitor.names.index("rail_pressure_mpa")
+    tick = ticks[-1]
+    assert conditions.seen(tick)[place] == "within"
+    values = tick.sample.values.copy()
+    values[rail] = 39.0
+    outside = tick._replace(sample=tick.sample._replace(values=values))
+    assert re.fullmatch(r"rail pressure 39\.0 MPa, above \d+\.\d+", conditions.seen(outside)[place])
+
+
+def test_fast_samples_are_thinned_out_to_ten_a_second(late_sensor: list[Frame]) -> None:
+    sink = Sink()
+    player = Player(server=sink)
+    ticks = [e for f in late_sensor[:4000] for e in player.pipeline.push(f) if isinstance(e, Tick)]
+    # GIVEN a model with samples every 30 ms
+    card = replace(player.setup.model.card, period_ns=30_000_000)
+    player.setup.model.card = card
+    feed = feeds.LiveFeed(
+        sink, player.pipeline.monitor, player.setup, health=dict, channel="", say=print
+    )
+    for tick in ticks:
+        feed.push(tick)
+    feed.work(0.0)
+    # THEN every fourth is shown
+    times = [ms for ms, *_ in sink.messages[-1]["samples"]]
+    assert len(times) > 40
+    assert {round(b - a) for a, b in pairwise(times)} == {4 * 100}
 
 
 def test_a_server_that_takes_nothing_costs_samples_not_memory(

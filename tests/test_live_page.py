@@ -142,6 +142,28 @@ def test_conditions_say_why_nothing_is_judged(browser: Browser, drive: Player) -
         assert path.startswith("M")
 
 
+@pytest.mark.parametrize("size", [LAPTOP, PHONE])
+def test_what_is_missing_is_named_in_full(
+    browser: Browser, late_sensor: list[Frame], size: tuple[int, int]
+) -> None:
+    # GIVEN an engine whose first message falls silent after ten seconds
+    silent, first_ns = late_sensor[0].can_id, late_sensor[0].t_ns
+    part = [f for f in late_sensor[:6000] if f.can_id != silent or f.t_ns < first_ns + 10e9]
+    with Player() as player:
+        player.play(part, 60)
+        with at_work(player), opened(browser, player.url, size) as page:
+            page.wait_for_selector("#conditions li.blocks")
+            row = page.locator("#conditions li").first
+            assert "air mass not received, maf not received" in row.inner_text()
+            assert "air mass not received" in text(page, "#tiles > div:nth-child(4)")
+            assert text(page, "#signals .bad >> nth=0").startswith("air mass\nnot received")
+            for place in ("#conditions .what", "#conditions .seen"):
+                boxes = page.locator(place).evaluate_all(
+                    "es => es.map(e => [e.clientWidth, e.scrollWidth])"
+                )
+                assert all(inside > 30 and needed <= inside for inside, needed in boxes), place
+
+
 def test_codes_are_shown_with_status_and_freeze_frame(browser: Browser, drive: Player) -> None:
     with at_work(drive), opened(browser, drive.url) as page:
         card = page.locator("#codes .dtc.pending")

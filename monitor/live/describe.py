@@ -117,16 +117,17 @@ class Conditions:
         if name == "inputs_valid":
             bad = [self._reading(n, sample) for n in self._inputs if self._is_bad(n, sample)]
             return ", ".join(bad) or "all valid"
-        return ", ".join(self._outside(sample)) or ("within" if held else "just came back")
+        missing = any(self._is_bad(n, sample) for n in self._inputs)
+        word = "within" if held else "inputs missing" if missing else "just came back"
+        return ", ".join(self._outside(sample)) or word
 
     def _outside(self, sample: Sample) -> list[str]:
         found = []
         for name, (low, high) in self._trained.items():
             value = sample.values.item(self._at[name])
-            if not low <= value <= high:
+            if value > high or value < low:
                 side = f"above {_number(high)}" if value > high else f"below {_number(low)}"
-                reading = self._reading(name, sample)
-                found.append(reading if math.isnan(value) else f"{reading}, {side}")
+                found.append(f"{self._reading(name, sample)}, {side}")
         return found
 
     def _flag(self, signal: str, on: str, off: str, sample: Sample, *, held: bool) -> str:
