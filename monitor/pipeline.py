@@ -101,8 +101,11 @@ class Monitor:
         self._bank = SensorBank(bank, period_s)
         n = config.window.n_samples
         self._windows = WindowCollector(n, len(bank))
-        self._decide = partial(Decisions, limits, config, bank, card.transform, period_s, store)
-        self._decisions = self._decide()
+        self._decide = partial(
+            Decisions, config=config, hypotheses=bank, transform=card.transform,
+            period_s=period_s, store=store,
+        )  # fmt: skip
+        self._decisions = self._decide(limits)
         self._clearings = store.clearings
         running_rpm = config.plausibility.engine_running_rpm
         self._cycles = Cycles(
@@ -144,7 +147,7 @@ class Monitor:
             yield from self._count(moments, sample.t_ns)
         if self._clearings != self.store.clearings:  # what was found before is forgotten
             self._clearings = self.store.clearings
-            self._decisions = self._decide()
+            self._decisions = self._decide(self.limits)
         conditions = self._enable.step(sample)
         predicted = self._predict(sample, inputs_valid=conditions[_INPUTS_VALID])
         enabled = all(conditions)
@@ -172,6 +175,14 @@ class Monitor:
         if window is not None:
             yield from self._frozen(self._decisions.window(window), sample)
 
+    def adopt(self, limits: Limits) -> None:
+        """Judge with other limits from here on, with nothing concluded yet.
+
+        For the limits of the vehicle's reference after it has learned, at a ``CycleStarted``.
+        """
+        self.limits = limits
+        self._decisions = self._decide(limits)
+
     def _count(self, moments: Sequence[Moment], t_ns: int) -> Iterator[Event]:
         """Let the fault memory count; begin the next driving cycle."""
         store = self.store
@@ -193,7 +204,7 @@ class Monitor:
         seen = self._decisions.seen
         were_active = {dtc.code for dtc in self.store.active}
         changed = self.store.start_driving_cycle()
-        self._decisions = self._decide()
+        self._decisions = self._decide(self.limits)
         self._enable.reset()
         self._plausibility.reset()
         self._activity.reset()

@@ -165,12 +165,14 @@ def replay(
     sha256 = sha256_of(path)
     store = DtcStore(memory.load() if memory else None, setup.config.profile)
     store.start_driving_cycle()
-    source = _open(path, setup.of_vehicle(memory) if memory else setup, store)
+    setup = setup.of_vehicle(memory) if memory else setup
+    source = _open(path, setup, store)
     collector = Collector(source.monitor, trace=trace)
     for event in source.events():
         collector.push(event)
         if memory and isinstance(event, CycleStarted):
             memory.learn(setup.model_sha256, event.seen, setup.config.bias)
+            source.monitor.adopt(setup.of_vehicle(memory).limits)
     if source.monitor.samples == 0:
         raise RecordingError(f"{path}: shorter than one sample of the model's grid")
     recording = collector.result(str(path), sha256, source.counters())

@@ -157,6 +157,8 @@ class Loop:
             self._store()
         if isinstance(event, CycleStarted):
             self._learn(event.seen)
+            if self._memory is not None:
+                self._adopt(self._memory)
         self._tell(event)
         if isinstance(event, Tick):
             self._note_stale(event)
@@ -259,6 +261,13 @@ class Loop:
         if self._memory:
             self._store()
             self._learn(self.pipeline.monitor.seen)
+
+    def _adopt(self, memory: Memory) -> None:
+        """Judge the next driving cycle with what is known of the vehicle by now."""
+        try:
+            self.pipeline.monitor.adopt(self._setup.of_vehicle(memory).limits)
+        except RecordingError as error:
+            self._say(str(error))
 
     def _learn(self, seen: Seen | None) -> None:
         """Store what a driving cycle shows of the vehicle."""

@@ -462,3 +462,29 @@ def test_a_replay_of_what_was_recorded_finds_the_same_driving_cycles(
     # a bus that dies while the engine runs is missed, which pauses the numerators
     assert states == {"P015A": "confirmed", "U0100": "pending"}
     assert {r.test: r.numerator for r in live.ratios}["response"] == 1
+
+
+def test_the_vehicles_reference_learns_from_each_driving_cycle_of_a_stream(
+    setup: replay.Setup, tmp_path: Path
+) -> None:
+    (log,) = ROOT.glob("replay_logs/healthy_micro_trips_*.blf")
+    healthy = list(read_frames(log))
+    length_s = (healthy[-1].t_ns - healthy[0].t_ns) / 1e9
+    # GIVEN two healthy drives as two recordings, and as one
+    with closing(Memory(tmp_path / "apart.db")) as apart:
+        for _ in range(2):
+            last, _ = replay.replay(log, setup, apart)
+        known = apart.reference(setup.model_sha256)
+    stream = [*healthy, *later(healthy, length_s + 10 * MINUTE)]
+    record = tmp_path / "bench.log"
+    with closing(Memory(tmp_path / "live.db")) as memory:
+        live, _ = run_on(stream, setup, memory=memory, record=record)
+        assert memory.reference(setup.model_sha256).drives == known.drives == 2
+    with closing(Memory(tmp_path / "replay.db")) as memory:
+        again, _ = replay.replay(record, setup, memory)
+        # THEN the second one is judged with what the first one taught
+        assert memory.reference(setup.model_sha256).drives == 2
+    assert live["limits"] == again["limits"]
+    assert live["limits"]["gain"] == pytest.approx(last["limits"]["gain"], abs=1e-3)
+    assert live["limits"]["gain"] != setup.limits.gain
+    assert live["windows"] == again["windows"]
