@@ -30,7 +30,8 @@ from monitor.sinks import Collector
 from monitor.socketcan import BLOCK_S
 from monitor.types import Frame, Quality
 
-KEEP: Final = 200_000  # windows (11 days at 10 Hz) and samples of the report (5 h), the latest
+KEEP: Final = 1_000  # windows, the latest: three hours of driving in 2.5 MB
+KEEP_SAMPLES: Final = 200_000  # of the report, the latest: 5 h at 10 Hz
 _STALE: Final = int(Quality.STALE)
 STORE_AGAIN_S: Final = 10.0  # after the fault memory could not be stored
 
@@ -66,7 +67,9 @@ class Loop:
         store.start_driving_cycle()
         self._setup = setup = setup.of_vehicle(memory) if memory else setup
         self.pipeline = FramePipeline(setup.bus_map, setup.model, setup.limits, setup.config, store)
-        self.collector = Collector(self.pipeline.monitor, trace=trace, keep=KEEP)
+        self.collector = Collector(
+            self.pipeline.monitor, trace=trace, keep=KEEP, keep_samples=KEEP_SAMPLES
+        )
         self.attachments = list(attachments)
         self.health = BusHealth()
         self._port = Port(bus, self.health, reopen, say, monotonic_s, sleep)

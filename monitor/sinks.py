@@ -21,11 +21,18 @@ Happening = CycleStarted | WindowJudged | DtcChanged | Counted
 class Collector:
     """Gathers the events of one recording into the fields of ``o2mon.replay/1``."""
 
-    def __init__(self, monitor: Monitor, *, trace: bool = False, keep: int | None = None) -> None:
+    def __init__(
+        self,
+        monitor: Monitor,
+        *,
+        trace: bool = False,
+        keep: int | None = None,
+        keep_samples: int | None = None,
+    ) -> None:
         """Begin a recording.
 
         trace : keep the series for a report
-        keep : how many windows and samples to keep, the latest; None keeps all
+        keep, keep_samples : how many windows and samples to keep, the latest; None keeps all
         """
         self._monitor = monitor
         self._t0_ns: int | None = None
@@ -33,7 +40,7 @@ class Collector:
         self._windows: deque[dict[str, Any]] = deque(maxlen=keep)
         self._n_windows = 0
         self._series: deque[tuple[float, float, float, bool, bool]] | None = (
-            deque(maxlen=keep) if trace else None
+            deque(maxlen=keep_samples) if trace else None
         )
         self._output = monitor.names.index(monitor.output)
         self._flag = monitor.store.fault_flag
