@@ -365,6 +365,8 @@ def test_clearing_leaves_permanent_codes_ratios_and_ignition_cycles() -> None:
     store.count_warm_up()
     store.drive(60.0, 1.0)
     ratios = store.ratios
+    assert store.counts == Counts(1, 1, 1, 1.0, 1.0, 60.0, 60.0)
+    assert [r.quantity for r in store.results] == ["offset"]
     changed = store.clear(9)
     assert {d.code for d in changed} == {"P2195"}
     assert all(dtc == Dtc(dtc.code) for dtc in store.all)
@@ -376,6 +378,22 @@ def test_clearing_leaves_permanent_codes_ratios_and_ignition_cycles() -> None:
     assert store.ratios == ratios
     assert store.counts == Counts(ignition_cycles=1, general_denominator=1)
     assert store.clearings == 1
+
+
+def test_what_passed_before_clearing_completes_no_code_after_it() -> None:
+    store = DtcStore()
+    store.complete("activity")
+    store.clear(1)
+    # P2195 can be set by both tests: each must pass again
+    assert store.complete("bias") == []
+    assert {dtc.code for dtc in store.complete("activity")} >= {"P2195", "P2196"}
+
+
+def test_a_later_result_replaces_the_one_before_it() -> None:
+    store = DtcStore()
+    for value in (0.5, 0.9):
+        store.report([obd_records.TestResult("response", "gain", value, 0.76, 1.3)])
+    assert [r.value for r in store.results] == [0.9]
 
 
 def test_a_code_is_permanent_when_it_lights_the_lamp_and_not_before() -> None:

@@ -3,6 +3,7 @@
 import sqlite3
 import subprocess
 import sys
+import time
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -187,6 +188,8 @@ def test_a_memory_of_an_older_schema_is_brought_up_to_date(tmp_path: Path, versi
         old = Dtc("P0133", "transient", ("slow_symmetric",), Status(0x64), failed_cycles=1)
         assert saved == Saved((old,))
         assert memory.reference("sha").drives == (4 if version == 2 else 0)
+        with closing(sqlite3.connect(path)) as db:
+            assert db.execute("PRAGMA user_version").fetchone() == (3,)
         # and the code is confirmed when it fails again
         store = DtcStore(saved)
         store.fail("transient", 7)
@@ -238,6 +241,37 @@ def test_a_save_that_fails_leaves_the_memory_as_it_was_and_usable(tmp_path: Path
         # THEN the next one works
         memory.save(Saved((Dtc("P0133", t_ns=3),)))
     assert times(reopened(path)) == {"P0133": 3}
+
+
+def test_one_process_at_a_time_holds_a_memory_and_others_may_read_it(tmp_path: Path) -> None:
+    path = tmp_path / "dtc.db"
+    with closing(Memory(path, hold=True)) as memory:
+        memory.save(Saved((Dtc("P0133", t_ns=1),)))
+        with pytest.raises(RecordingError, match=r"dtc\.db: the fault memory is in use"):
+            Memory(path, hold=True)
+        assert times(reopened(path)) == {"P0133": 1}
+    Memory(path, hold=True).close()
+    # and what could not be opened is not held
+    other = tmp_path / "drive.log"
+    other.write_text("(1.0) can0 123#00\n" * 100)
+    for _ in range(2):
+        with pytest.raises(RecordingError, match="not a fault memory"):
+            Memory(other, hold=True)
+    with pytest.raises(RecordingError, match=r"nowhere/dtc\.db: cannot open the fault memory"):
+        Memory(tmp_path / "nowhere" / "dtc.db", hold=True)
+
+
+def test_a_file_that_is_held_up_by_another_process_does_not_stall_the_loop(tmp_path: Path) -> None:
+    path = tmp_path / "dtc.db"
+    with closing(Memory(path)) as memory, closing(sqlite3.connect(path)) as other:
+        other.execute("BEGIN IMMEDIATE")
+        began_s = time.monotonic()
+        with pytest.raises(RecordingError, match=r"dtc\.db: cannot store .* locked"):
+            memory.save(Saved((Dtc("P0133", t_ns=1),)))
+        assert time.monotonic() - began_s < 2.0  # SQLite's own patience is five seconds
+        other.rollback()
+        memory.save(Saved((Dtc("P0133", t_ns=2),)))
+    assert times(reopened(path)) == {"P0133": 2}
 
 
 def test_two_processes_may_make_the_same_memory_at_once(tmp_path: Path) -> None:
