@@ -58,9 +58,13 @@ def drives_of(model: Path, recordings: Sequence[Recording]) -> list[Drive]:
     if not card.effects:
         return made
     if card.kind == GREYBOX:
-        return _with_readings(made, predicted_phi(model, recordings))
+        alone = Greybox.of(card).constants
+        read = predicted_phi(model, recordings)
+        return [
+            replace(d, moved_phi=phi - _plain(d, alone)) for d, phi in zip(made, read, strict=True)
+        ]
     added = ChainDifference.from_card(card)
-    return [replace(d, phi_of_model=_moved(d, added)) for d in made]
+    return [replace(d, moved_phi=added.values(d.signals)) for d in made]
 
 
 def read_by(model: Path, recordings: Sequence[Recording]) -> list[Drive]:
@@ -68,12 +72,8 @@ def read_by(model: Path, recordings: Sequence[Recording]) -> list[Drive]:
 
     Raises RecordingError as ``drives_of``.
     """
-    made = plain_drives_of(check(model), recordings)
-    return _with_readings(made, predicted_phi(model, recordings))
-
-
-def _with_readings(drives: Sequence[Drive], run: Sequence[FloatArray]) -> list[Drive]:
-    return [replace(d, phi_of_model=phi) for d, phi in zip(drives, run, strict=True)]
+    made, read = plain_drives_of(check(model), recordings), predicted_phi(model, recordings)
+    return [replace(d, phi_of_model=phi) for d, phi in zip(made, read, strict=True)]
 
 
 def plain_drives_of(card: ModelCard, recordings: Sequence[Recording]) -> list[Drive]:
@@ -87,9 +87,8 @@ def plain_drives_of(card: ModelCard, recordings: Sequence[Recording]) -> list[Dr
     return [from_recording(each, _charge(each, chain)) for each in recordings]
 
 
-def _moved(drive: Drive, added: ChainDifference) -> FloatArray:
-    plain = simulate(base_path(added.without.constants, drive.signals), drive.period_s)
-    return np.asarray(plain + added.values(drive.signals))
+def _plain(drive: Drive, constants: Constants) -> FloatArray:
+    return simulate(base_path(constants, drive.signals), drive.period_s)
 
 
 def _charge(recording: Recording, chain: Greybox) -> FloatArray | None:

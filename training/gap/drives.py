@@ -9,7 +9,8 @@ import numpy as np
 
 from monitor.errors import RecordingError
 from monitor.types import BoolArray, FloatArray
-from training.chain import charge_mg
+from training.chain import Constants, Path, base_path, charge_mg
+from training.gap.effects.effect import Effect
 from training.recordings import Recording
 
 OUTPUT: Final = "lambda_measured"
@@ -20,6 +21,8 @@ CUT_FUEL_MG: Final = 0.3  # per stroke; below the smallest injection
 PHI_MAX: Final = 2.0
 MIN_SCORED_S: Final = 60.0
 MG_PER_STROKE_TO_KG_H: Final = 3600.0 / 1e6 / 30.0  # times rpm: four cylinders, four strokes
+
+Own = tuple[tuple[Effect, FloatArray], ...]  # effects of a healthy vehicle, with their constants
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +36,8 @@ class Drive:
     phi_measured: FloatArray  # (n,) 1 / lambda, held where not measured
     scored: BoolArray  # (n,) measured, outside fuel cut and the recovery from it
     phi_of_model: FloatArray | None = None  # (n,) of a model that is not the chain alone
+    moved_phi: FloatArray | float = 0.0  # (n,) by which effects in the model move the chain
+    own: Own = ()  # part of the base on this drive
 
     def __len__(self) -> int:
         return len(self.phi_measured)
@@ -45,6 +50,14 @@ class Drive:
         kept[1:] &= self.scored[:-1]
         kept[2:] &= self.scored[:-2]
         return kept
+
+
+def path_of(drive: Drive, base: Constants) -> Path:
+    """Return the path of the base on a drive, with the effects that the healthy vehicle has."""
+    path = base_path(base, drive.signals)
+    for effect, values in drive.own:
+        path = effect.apply(path, values, drive.signals, drive.period_s)
+    return path
 
 
 def from_recording(recording: Recording, air_mass_mg: FloatArray | None = None) -> Drive:

@@ -72,7 +72,7 @@ def investigate(
         known = stages.done("healthy", lambda: _learn(given, start, progress))
     elif known is None:
         known, doubts = reference_card.known_of(card)
-    reference = known.base if known else start
+    reference = known.plain if known else start  # which the new model is built on
     found = stages.done("where", lambda: _localise(given, progress)) if options.localise else None
     naming = stages.done(
         "name",
@@ -87,9 +87,9 @@ def investigate(
     )
     doubts += usable.poor(card)
     doubts += mixed.warn(
-        drives,
-        mixed.chain_of(naming, reference),
-        base.plain_drives_of(card, given.healthy),
+        _with_own(drives, known),
+        mixed.chain_of(naming, known.base if known else start),
+        _with_own(base.plain_drives_of(card, given.healthy), known),
     )
     new, form, added, warnings = _add(given, out, options, naming, known, reference, progress)
     _, held_out = split(given)
@@ -114,7 +114,7 @@ def investigate(
         checked,
         new,
         _steps(naming),
-        _unknown(naming, drives, known, reference),
+        _unknown(naming, drives, known, start),
         (*doubts, *warnings, *uncertain(added), *_of_verifying(checked, held_out)),
         options.sensor_known_good,
         time.monotonic() - began_s,
@@ -125,6 +125,10 @@ def _learn(given: Given, start: Constants, progress: Progress) -> Healthy:
     drives = base.drives_of(given.model, given.healthy)
     usable.check_long(drives, "healthy")
     return accepted.learn(drives, start, progress)
+
+
+def _with_own(drives: Sequence[Drive], known: Healthy | None) -> list[Drive]:
+    return [known.with_own(drive) if known else drive for drive in drives]
 
 
 def _localise(given: Given, progress: Progress) -> Findings:
@@ -184,11 +188,11 @@ def _steps(naming: Naming) -> tuple[Step, ...]:
 
 
 def _unknown(
-    naming: Naming, drives: Sequence[Drive], known: Healthy | None, reference: Constants
+    naming: Naming, drives: Sequence[Drive], known: Healthy | None, start: Constants
 ) -> str | None:
     if naming.verdict != "unknown_effect":
         return None
-    return describe(begin(drives, known, reference)).sentence
+    return describe(begin(drives, known, known.base if known else start)).sentence
 
 
 def _of_verifying(checked: Verified | None, held_out: Sequence[Recording]) -> list[str]:

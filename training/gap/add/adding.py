@@ -37,16 +37,17 @@ def refitted(
 ) -> tuple[Added, ...]:
     """Return what was named, with constants from the recordings that are not held out.
 
-    A network's own errors are what the constants have to suit, where healthy recordings tell which
-    of them it makes anyway.
+    They are those of the chain alone, on which the new model is built. A network's own errors are
+    what they have to suit, where healthy recordings tell which of them it makes anyway.
     """
     recordings = [given.recordings[i] for i in split(given)[0]]
-    drives = base.drives_of(given.model, recordings)
-    if given.healthy and base.check(given.model).kind != base.GREYBOX:
-        drives = base.read_by(given.model, recordings)
-        known = healthy.learn(base.read_by(given.model, given.healthy), reference)
+    greybox = base.check(given.model).kind == base.GREYBOX
+    read = base.drives_of if greybox or not given.healthy else base.read_by
+    if known and given.healthy:
+        alone = replace(known, base=reference, own=())
+        known = healthy.learn(read(given.model, given.healthy), reference, alone)
     last = naming.effects[-1].fit
-    state = begin(drives, known, reference)
+    state = begin(read(given.model, recordings), known, known.base if known else reference)
     again = fit(state.case, last.terms, [last])
     added = []
     for candidate, values, errors in zip(

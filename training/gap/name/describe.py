@@ -11,8 +11,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from monitor.types import FloatArray, IntArray
-from training.chain import Constants, base_path, simulate
-from training.gap.drives import Drive
+from training.chain import Constants, simulate
+from training.gap.drives import Drive, path_of
 from training.gap.name import scoring
 from training.gap.name.feature_words import words_of
 from training.gap.name.fitting import FOLDS
@@ -154,7 +154,7 @@ def _plain(state: State) -> tuple[list[_Column], list[FloatArray]]:
 
 
 def _features(drive: Drive, base: Constants) -> dict[str, FloatArray]:
-    path = base_path(base, drive.signals)
+    path = path_of(drive, base)
     found = features(drive, path, simulate(path, drive.period_s))
     return dict(zip(found.names, found.values.T, strict=True))
 

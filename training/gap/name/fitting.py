@@ -9,8 +9,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from monitor.types import BoolArray, FloatArray, IntArray
-from training.chain import RANGES, Constants, base_path, simulate
-from training.gap.drives import Drive
+from training.chain import RANGES, Constants, simulate
+from training.gap.drives import Drive, path_of
 from training.gap.effects import Effect
 from training.gap.name.sensor_faults import SensorFault
 from training.gap.reference.variation import Shrink
@@ -88,20 +88,27 @@ def predict(
 ) -> list[FloatArray]:
     """Return what the sensor should read, per drive (n,) in phi."""
     return [
-        reading(drive, base, terms, parameters) + correction
+        reading(drive, base, terms, parameters, correction)
         for drive, correction in zip(case.drives, case.corrections, strict=True)
     ]
 
 
 def reading(
-    drive: Drive, base: Constants, terms: Sequence[Term], parameters: Sequence[FloatArray]
+    drive: Drive,
+    base: Constants,
+    terms: Sequence[Term],
+    parameters: Sequence[FloatArray],
+    correction: FloatArray | float = 0.0,
 ) -> FloatArray:
-    """Return the chain's phi (n,) with effects on the way and sensor faults after it."""
-    path = base_path(base, drive.signals)
+    """Return the chain's phi (n,) with effects on the way and sensor faults after it.
+
+    correction : (n,) in phi, by which the chain misses what a sound sensor reads
+    """
+    path = path_of(drive, base)
     for term, values in zip(terms, parameters, strict=True):
         if isinstance(term, Effect):
             path = term.apply(path, values, drive.signals, drive.period_s)
-    phi = simulate(path, drive.period_s)
+    phi = simulate(path, drive.period_s) + correction
     for term, values in zip(terms, parameters, strict=True):
         if isinstance(term, SensorFault):
             phi = term.read(phi, values, drive.period_s)

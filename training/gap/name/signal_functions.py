@@ -13,8 +13,8 @@ import numpy as np
 
 from monitor.signals import BY_NAME, OUTPUT
 from monitor.types import FloatArray
-from training.chain import Constants, base_path, simulate
-from training.gap.drives import Drive
+from training.chain import Constants, simulate
+from training.gap.drives import Drive, path_of
 
 # The controller's answer to the mixture and the flags explain nothing.
 LEFT_OUT: Final = (OUTPUT, "lambda_controller", "lambda_target", "fuel_mass_mg")
@@ -101,7 +101,7 @@ def functions_of(drives: Sequence[Drive]) -> tuple[Function, ...]:
 
 def columns(drive: Drive, base: Constants, functions: Sequence[Function]) -> FloatArray:
     """Return what each function does to the reading per unit of its coefficient, (n, k)."""
-    path = base_path(base, drive.signals)
+    path = path_of(drive, base)
     plain = simulate(path, drive.period_s)
     mass = float(np.median(path.fuel_mg[drive.kept]))
     result = np.empty((len(drive), len(functions)))

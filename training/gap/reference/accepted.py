@@ -9,16 +9,15 @@ Source: Wedderburn, Quasi-likelihood functions, Biometrika 61 (1974), whose disp
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
 from monitor.errors import RecordingError
-from training.chain import Constants, base_path, simulate
-from training.gap.drives import Drive
+from training.chain import Constants, simulate
+from training.gap.drives import Drive, path_of
 from training.gap.effects import ALL
-from training.gap.name import scoring
 from training.gap.name.begin import begin
 from training.gap.name.fitting import Term, fit
 from training.gap.name.ranking import Progress
@@ -29,14 +28,6 @@ from training.gap.reference.healthy import CONSTANT, Healthy
 GROUPS_MOST: Final = 6  # of drives that are left out together
 GROUPS_LEAST: Final = 3  # fewer say nothing of how drives differ
 PRIOR_GROUPS: Final = 2.0  # groups that count as having given what noise gives
-
-
-@dataclass(frozen=True, slots=True)
-class _Left:
-    """What was found on healthy drives that were left out."""
-
-    ratio: dict[str, float]  # likelihood ratio of a candidate, for each of its constants
-    share: float  # of the deviance, that the ceiling explains
 
 
 def learn(
@@ -51,28 +42,25 @@ def learn(
     for k in range(groups):
         progress(f"healthy drives without group {k + 1} of {groups}")
         out = set(range(k, len(drives), groups))
-        others = healthy.learn([d for i, d in enumerate(drives) if i not in out], known.base)
+        rest = [d for i, d in enumerate(drives) if i not in out]
+        others = healthy.learn(rest, start, known)
         held_out.append(([drives[i] for i in sorted(out)], others))
     known = _with_offsets(known, [m for own, others in held_out for m in _offsets(own, others)])
     left = []
     for own, others in held_out:
         with suppress(RecordingError):  # of driving that the others do not know
             left.append(_left_out(own, replace(others, spread=known.spread_of(others.names))))
-    names = set[str]().union(*(each.ratio for each in left))
-    surplus = {
-        name: _typical([each.ratio[name] for each in left if name in each.ratio]) for name in names
-    }
-    return replace(
-        known, surplus=surplus, unexplained=max((each.share for each in left), default=0.0)
-    )
+    names = set[str]().union(*left)
+    surplus = {name: _typical([ratio[name] for ratio in left if name in ratio]) for name in names}
+    return replace(known, surplus=surplus)
 
 
 def _offsets(drives: Sequence[Drive], known: Healthy) -> list[float]:
     """Return by how much each drive's phi lies off what the others say, on the whole."""
     offsets = []
-    for drive in drives:
-        rows = known.known_of(drive).kept
-        own = simulate(base_path(known.base, drive.signals), drive.period_s)
+    for drive in map(known.known_of, drives):
+        rows = drive.kept
+        own = simulate(path_of(drive, known.base), drive.period_s)
         error = own + known.correction(drive) - drive.phi_measured
         offsets += [float(error[rows].mean())] if rows.any() else []
     return offsets
@@ -96,7 +84,8 @@ def _typical(ratios: Sequence[float]) -> float:
     return float(np.exp(logarithms.sum() / (len(ratios) + PRIOR_GROUPS)))
 
 
-def _left_out(drives: Sequence[Drive], known: Healthy) -> _Left:
+def _left_out(drives: Sequence[Drive], known: Healthy) -> dict[str, float]:
+    """Return each candidate's likelihood ratio for each of its constants."""
     state = begin(drives, known, known.base)
     terms: tuple[Term, ...] = (*ALL, *FAULTS)
     ratio = {}
@@ -106,5 +95,4 @@ def _left_out(drives: Sequence[Drive], known: Healthy) -> _Left:
         fitted = fit(state.case, (term,), [state.current])
         gain = 2.0 * (state.current.cost - fitted.cost)
         ratio[term.name] = max(gain, 0.0) / len(term.parameters)
-    _, gains = scoring.left(state.current, state.roof, state.case.blocks)
-    return _Left(ratio, float(gains.sum() / np.sum(state.deviance)))
+    return ratio

@@ -8,11 +8,11 @@ import numpy as np
 from scipy.signal import lfilter
 
 from monitor.types import BoolArray, FloatArray, IntArray
-from training.chain import Constants, Path, base_path, simulate
-from training.gap.drives import Drive
-from training.gap.effects import ALL, Effect
+from training.chain import Constants, Path, simulate
+from training.gap.drives import Drive, Own, path_of
+from training.gap.effects import ALL, LIBRARY, Effect
 from training.gap.effects.dynamics import ramp_lag
-from training.gap.name.fitting import BLOCK_S, FOLDS, Case, Term, fit, reading
+from training.gap.name.fitting import BLOCK_S, FOLDS, Case, Fit, Term, fit, reading
 from training.gap.name.sensor_faults import FAULTS
 from training.gap.reference import ridge
 from training.gap.reference.features import features
@@ -26,6 +26,7 @@ SCALE_MIN = 1e-3  # of a column, below which it is not taken for better known
 # drives that differ in weather and bus timing look like an effect.
 VARIATION_PHI = (8e-5, 5e-5)
 SKEW_S = 0.01
+OWN = ("delay_flow", "mix_flow")  # that every exhaust has
 CONSTANT = "constant"  # among the functions of ``features``
 KNOWN_VARIATION = {
     CONSTANT: 0.0008,  # phi: gain with weather and fuel
@@ -37,19 +38,25 @@ KNOWN_VARIATION = {
 
 @dataclass(frozen=True, slots=True)
 class Healthy:
-    """Base constants of healthy drives, what these leave, and how drives differ."""
+    """Base constants of healthy drives, what these leave, and how drives differ.
 
-    base: Constants
+    A chain whose dead time and mixing do not follow the exhaust's flow is too sharp at low flow,
+    and every fault or effect of the response fits it badly. So the healthy vehicle's volumes are
+    part of its base, and what is named is a change of them.
+    """
+
+    base: Constants  # beside ``own``
+    plain: Constants  # of the chain alone, which a grey-box model can hold
+    own: Own  # effects that the vehicle has when healthy
     names: tuple[str, ...]  # of the columns
     ridge: Ridge
     spread: FloatArray  # (k,) of the columns' coefficients over drives
     visited: Visited
     surplus: Mapping[str, float] = field(default_factory=dict)  # see ``accepted``
-    unexplained: float = 0.0  # see there
 
     def columns(self, drive: Drive) -> FloatArray:
         """Return the columns of ``drive`` in the order of the names, (n, k)."""
-        made = columns(drive, self.base)
+        made = columns(self.with_own(drive), self.base)
         nothing = np.zeros(len(drive))
         return np.column_stack([made.get(name, nothing) for name in self.names])
 
@@ -63,9 +70,13 @@ class Healthy:
         known = dict(zip(self.names, self.spread.tolist(), strict=True))
         return np.array([known.get(name, 0.0) for name in names])
 
+    def with_own(self, drive: Drive) -> Drive:
+        """Return the drive with the healthy vehicle's effects as part of the base."""
+        return replace(drive, own=self.own)
+
     def known_of(self, drive: Drive) -> Drive:
         """Return the drive with those samples scored where healthy drives have been."""
-        return replace(drive, scored=drive.scored & self.visited.on(drive))
+        return replace(self.with_own(drive), scored=drive.scored & self.visited.on(drive))
 
     def correction(self, drive: Drive) -> FloatArray:
         """Return what the chain misses on ``drive`` by what was missed when healthy, (n,) in phi.
@@ -74,15 +85,18 @@ class Healthy:
         """
         learned = self.ridge.predict(self.columns(drive))
         if drive.phi_of_model is None:
-            return learned
-        own = simulate(base_path(self.base, drive.signals), drive.period_s)
+            return np.asarray(learned + drive.moved_phi)
+        own = simulate(path_of(self.with_own(drive), self.base), drive.period_s)
         return np.asarray(learned + drive.phi_of_model - own)
 
 
-def learn(drives: Sequence[Drive], start: Constants) -> Healthy:
-    """Return the healthy behaviour in ``drives``."""
-    nothing = tuple(np.zeros(len(drive)) for drive in drives)
-    base = fit(Case(tuple(drives), nothing, WHITE), (), [start, Constants()]).base
+def learn(drives: Sequence[Drive], start: Constants, like: Healthy | None = None) -> Healthy:
+    """Return the healthy behaviour in ``drives``.
+
+    like : of the same vehicle, whose own effects are taken over
+    """
+    plain, base, own = _chain(drives, start, like)
+    drives = [replace(drive, own=own) for drive in drives]
     tables = [columns(drive, base) for drive in drives]
     names = tuple(name for name in tables[0] if all(name in table for table in tables))
     raw = [np.column_stack([table[name] for name in names]) for table in tables]
@@ -103,14 +117,34 @@ def learn(drives: Sequence[Drive], start: Constants) -> Healthy:
     for column, value in KNOWN_VARIATION.items():
         if column in names:
             spread[names.index(column)] = value
-    return Healthy(base, names, whole, spread, Visited.of(drives))
+    return Healthy(base, plain, own, names, whole, spread, Visited.of(drives))
+
+
+def _chain(
+    drives: Sequence[Drive], start: Constants, like: Healthy | None
+) -> tuple[Constants, Constants, Own]:
+    """Return the constants of the chain alone, those beside its own effects, and these."""
+    if like is not None:
+        found = _fit([like.with_own(drive) for drive in drives], (), [like.base])
+        return like.plain, found.base, like.own
+    found = plain = _fit(drives, (), [start, Constants()])
+    effects = [LIBRARY[name] for name in OWN]
+    effects = [e for e in effects if all(set(e.needs) <= set(d.signals) for d in drives)]
+    for i in range(len(effects)):
+        found = _fit(drives, effects[: i + 1], [found])
+    return plain.base, found.base, tuple(zip(effects, found.parameters, strict=True))
+
+
+def _fit(drives: Sequence[Drive], terms: Sequence[Term], starts: Sequence[Fit | Constants]) -> Fit:
+    nothing = tuple(np.zeros(len(drive)) for drive in drives)
+    return fit(Case(tuple(drives), nothing, WHITE), terms, starts)
 
 
 def _left(drive: Drive, base: Constants) -> FloatArray:
     """Return what the model leaves unexplained, (n,) in phi."""
     phi = drive.phi_of_model
     if phi is None:
-        phi = simulate(base_path(base, drive.signals), drive.period_s)
+        phi = simulate(path_of(drive, base), drive.period_s) + drive.moved_phi
     return np.asarray(drive.phi_measured - phi)
 
 
@@ -136,7 +170,7 @@ def noise(kept: Sequence[BoolArray], rest: FloatArray) -> tuple[tuple[float, flo
 
 def columns(drive: Drive, base: Constants) -> dict[str, FloatArray]:
     """Return all that may be missing on a drive: plain functions and every effect's signature."""
-    path = base_path(base, drive.signals)
+    path = path_of(drive, base)
     phi = simulate(path, drive.period_s)
     found = features(drive, path, phi)
     made = dict(zip(found.names, found.values.T, strict=True))

@@ -15,13 +15,14 @@ from monitor.model_card import ModelCard
 from monitor.types import BoolArray, FloatArray
 from training.chain import Constants
 from training.gap.drives import Drive, make
+from training.gap.effects import LIBRARY
 from training.gap.reference.healthy import Healthy, columns
 from training.gap.reference.ridge import Ridge
 from training.gap.reference.visited import Visited
 from training.recordings import Recording
 
 KEY: Final = "gap"
-SCHEMA: Final = "o2train.gap_reference/1"
+SCHEMA: Final = "o2train.gap_reference/2"
 DIGITS: Final = 7
 PROBE_DIGITS: Final = 4
 SAME: Final = 2e-3  # relative difference of a column's size, up to which it is the same
@@ -37,7 +38,9 @@ def to_card(known: Healthy, recordings: Sequence[Recording]) -> dict[str, Any]:
     return {
         "schema": SCHEMA,
         "recordings": [recording.path.name for recording in recordings],
-        "base": {name: _rounded(value) for name, value in known.base._asdict().items()},
+        "base": _constants_as_card(known.base),
+        "plain": _constants_as_card(known.plain),
+        "own": {effect.name: _list(values) for effect, values in known.own},
         "columns": list(known.names),
         "size": [_rounded(sizes[name], PROBE_DIGITS) for name in known.names],
         "weight": _list(known.ridge.weights),
@@ -50,7 +53,6 @@ def to_card(known: Healthy, recordings: Sequence[Recording]) -> dict[str, Any]:
             "coolants": _bits(known.visited.coolants),
         },
         "surplus": {name: _rounded(value) for name, value in sorted(known.surplus.items())},
-        "unexplained": _rounded(known.unexplained),
     }
 
 
@@ -114,14 +116,26 @@ def _known(stored: Mapping[str, Any]) -> Healthy:
     if [visited.cells.shape, visited.coolants.shape] != [each.shape for each in _nowhere()]:
         raise ValueError("its operating points are others")
     return Healthy(
-        Constants(*(float(stored["base"][name]) for name in Constants._fields)),
+        _constants(stored["base"]),
+        _constants(stored["plain"]),
+        tuple(
+            (LIBRARY[name], _array(values, len(LIBRARY[name].parameters)))
+            for name, values in stored["own"].items()
+        ),
         names,
         Ridge(weight, low, high, np.empty(0), float(stored["penalty"])),
         spread,
         visited,
         {str(name): float(value) for name, value in stored["surplus"].items()},
-        float(stored["unexplained"]),
     )
+
+
+def _constants_as_card(constants: Constants) -> dict[str, float]:
+    return {name: _rounded(value) for name, value in constants._asdict().items()}
+
+
+def _constants(stored: Mapping[str, float]) -> Constants:
+    return Constants(*(float(stored[name]) for name in Constants._fields))
 
 
 def _nowhere() -> tuple[BoolArray, BoolArray]:
