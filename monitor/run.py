@@ -154,9 +154,7 @@ class Loop:
             self._work()
 
     def _handle(self, event: Event) -> None:
-        if isinstance(event, Tick):
-            self._note_stale(event)
-        elif not isinstance(event, WindowJudged):
+        if not isinstance(event, Tick | WindowJudged):
             self._store()
         if isinstance(event, CycleStarted):
             self._learn(event.seen)
@@ -189,8 +187,15 @@ class Loop:
         for attachment in tuple(self.attachments):
             for frame in self._ask(attachment, attachment.work, now_s):
                 self._port.send(frame)
-        self._due_s = min((a.due_s for a in self.attachments), default=math.inf)
+        self._due_s = min((self._due_of(a) for a in tuple(self.attachments)), default=math.inf)
         self._due_s = min(self._due_s, self._store_again_s)
+
+    def _due_of(self, attachment: Attachment) -> float:
+        try:
+            return attachment.due_s
+        except Exception as error:
+            self._detach(attachment, error)
+            return math.inf
 
     def _ask(
         self, attachment: Attachment, call: Callable[[Any], Iterable[Frame] | None], about: Any

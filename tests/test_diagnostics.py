@@ -179,6 +179,14 @@ def test_vehicle_information_names_vin_calibration_and_its_check() -> None:
     assert ask("09 00") == "49 00 55 40 00 00"
 
 
+@pytest.mark.parametrize(
+    ("model", "calibration"),
+    [("m.onnx", "m-01234567"), ("own", "own-01234567"), ("größer als.onnx", "gr??er -01234567")],
+)
+def test_the_calibration_is_ascii_of_at_most_16_characters(model: str, calibration: str) -> None:
+    assert Identity(model, SHA256, "0.1.0", "carb").calibration_id == calibration
+
+
 def test_without_a_vin_there_is_none() -> None:
     assert ask("09 00", Vehicle(vin=None)) == "49 00 15 40 00 00"
     assert ask("09 02", Vehicle(vin=None)) == "7f 09 12"
@@ -218,6 +226,7 @@ def test_tester_present_can_be_silent() -> None:
 def test_clearing_needs_the_extended_session_and_the_engine_off(group: str) -> None:
     vehicle = Vehicle()
     assert ask(f"14 {group}", vehicle) == "7f 14 7f"
+    assert ask(f"14 {group}", vehicle, functional=True) is None
     ask("10 03", vehicle)
     vehicle.state.push(tick(800.0))
     assert ask(f"14 {group}", vehicle) == "7f 14 22"

@@ -17,8 +17,11 @@ from pathlib import Path
 import httpx
 import pytest
 
+from monitor.decide import DtcChanged
+from monitor.dtc import DtcStore
 from monitor.enable import CONDITIONS
 from monitor.live import feed as feeds
+from monitor.live.codes import fault_memory
 from monitor.live.describe import Conditions
 from monitor.live.process import Server
 from monitor.pipeline import Tick
@@ -100,6 +103,46 @@ def test_a_drive_is_told_in_four_messages_a_second_with_all_it_needs(
     assert "test failed" in code["bits"]
     assert ["vehicle speed", "km/h"] in [[n, v.split()[-1]] for n, v in code["frame"]["values"]]
     assert rest[-1]["health"] == {**player.health, "page_dropped": 0}
+
+
+def test_clearing_is_shown_at_once(late_sensor: list[Frame]) -> None:
+    sink = Sink()
+    player = Player(server=sink)
+    player.push(late_sensor)
+    t_ns = late_sensor[-1].t_ns
+    for dtc in player.store.clear(t_ns):
+        player.feed.push(DtcChanged(t_ns, dtc))
+    player.feed.work(t_ns / 1e9 + feeds.MESSAGE_S)
+    memory = sink.messages[-1]["memory"]
+    assert memory["codes"] == []
+    assert not memory["fault_flag"]
+
+
+def test_a_confirmed_code_its_lamp_and_its_healing_are_shown() -> None:
+    store, seen = DtcStore(), []
+    # GIVEN a fault in two driving cycles, then four in which the test passes
+    for failed in (True, True, False, False, False, False):
+        store.start_driving_cycle()
+        if failed:
+            store.fail("delay_symmetric", 5, ("slow_symmetric",))
+        else:
+            store.complete("response")
+        seen.append(fault_memory(store))
+    pending, confirmed, *_, healed = seen
+    assert [code["state"] for code in pending["codes"]] == ["pending", "pending"]
+    assert pending["permanent"] == []
+    assert not pending["mil"]
+    first = confirmed["codes"][0]
+    assert (first["code"], first["state"], first["t_ns"]) == ("P015A", "confirmed", "5")
+    assert first["meaning"] == "late on both edges, or slow on both edges"
+    assert "warning indicator" in first["bits"]
+    assert confirmed["permanent"] == ["P015A", "P015B"]
+    assert confirmed["mil"]
+    assert not healed["mil"]
+    assert "warning indicator" not in healed["codes"][0]["bits"]
+    tests = {test["test"]: test["complete"] for test in healed["tests"]}
+    assert tests["response"]
+    assert not tests["range"]
 
 
 def test_a_condition_says_what_it_sees(late_sensor: list[Frame]) -> None:

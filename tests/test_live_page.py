@@ -196,6 +196,20 @@ def test_windows_response_health_and_memory_are_shown(browser: Browser, drive: P
         assert re.search(r"rail pressure\s+[\d.]+ MPa", text(page, "#signals"))
 
 
+def test_a_bus_that_is_gone_is_said_at_the_top(browser: Browser, drive: Player) -> None:
+    with at_work(drive), opened(browser, drive.url) as page:
+        page.wait_for_selector("#connection.live")
+        assert not page.locator("#bus").is_visible()
+        drive.health["state"] = "gone"
+        try:
+            page.wait_for_selector("#bus:visible")
+            assert text(page, "#bus") == "bus gone"
+            assert re.search(r"state\s+gone", text(page, "#health"))
+        finally:
+            drive.health["state"] = "active"
+        page.wait_for_selector("#bus", state="hidden")
+
+
 def test_values_move_with_the_drive_and_hold_still_on_request(
     browser: Browser, drive: Player, late_sensor: list[Frame]
 ) -> None:
@@ -246,16 +260,16 @@ def test_a_stream_that_breaks_is_said_and_comes_back(
         player.push(late_sensor[:3000])
         page.goto(player.url)
         with at_work(player):
-            page.wait_for_selector(".pill.live")
+            page.wait_for_selector("#connection.live")
         # WHEN the loop is silent
-        page.wait_for_selector(".pill.lost", timeout=10_000)
+        page.wait_for_selector("#connection.lost", timeout=10_000)
         assert "the monitor is silent" in text(page, "#connection")
         assert page.evaluate("getComputedStyle(document.querySelector('main')).filter") != "none"
         with at_work(player):
-            page.wait_for_selector(".pill.live")
+            page.wait_for_selector("#connection.live")
         # WHEN the server dies
         os.kill(player.server.pid, signal.SIGKILL)
-        page.wait_for_selector(".pill.lost")
+        page.wait_for_selector("#connection.lost")
         assert "no connection, trying again" in text(page, "#connection")
         assert "old" in (page.locator("body").get_attribute("class") or "")
 
@@ -273,14 +287,14 @@ def test_the_end_of_the_monitor_is_said(browser: Browser, late_sensor: list[Fram
             player.push(late_sensor[:3000])
             page.goto(player.url)
             with at_work(player):
-                page.wait_for_selector(".pill.live")
-        page.wait_for_selector(".pill.ended")
+                page.wait_for_selector("#connection.live")
+        page.wait_for_selector("#connection.ended")
         assert "o2mon has ended" in text(page, "#connection")
 
 
 def test_before_the_first_frame_the_page_waits(browser: Browser) -> None:
     with Player() as player, at_work(player), opened(browser, player.url) as page:
-        page.wait_for_selector(".pill.live")
+        page.wait_for_selector("#connection.live")
         assert text(page, "#verdict-words") == "Waiting for the first samples"
         assert "No code is stored." in text(page, "#codes")
         assert "No window has been filled yet." in text(page, "#windows")

@@ -239,7 +239,11 @@ class Ear:
     """An attachment that keeps what it is given, and answers one identifier."""
 
     identifiers = ((0x6F0, False),)
-    due_s = float("inf")
+
+    @property
+    def due_s(self) -> float:
+        self._maybe_fail("due")
+        return float("inf")
 
     def __init__(self, answer: Iterable[Frame] = (), fails_at: str = "") -> None:
         self.answer, self.fails_at = list(answer), fails_at
@@ -298,7 +302,7 @@ def test_the_filters_are_what_is_judged_and_what_is_attached(
     assert len(wanted) > 5
 
 
-@pytest.mark.parametrize("where", ["receive", "push", "work", "close"])
+@pytest.mark.parametrize("where", ["receive", "push", "work", "due", "close"])
 def test_an_attachment_that_raises_is_let_go_and_the_judging_goes_on(
     where: str, setup: replay.Setup, late_sensor: list[Frame]
 ) -> None:

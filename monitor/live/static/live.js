@@ -54,6 +54,9 @@ function overview() {
   put($("verdict-more"), more);
   document.title = (kind === "failed" ? `${words.replace("Fault: ", "✕ ")} – ` : "") + "Oxygen sensor monitor";
   put($("where"), [state.channel, state.model, state.version && `o2mon ${state.version}`].filter(Boolean).join(" · "));
+  const bus = state.health?.state ?? "active";
+  $("bus").hidden = bus === "active";
+  put($("bus"), bus === "active" ? "" : `bus ${bus.replace(/^bus /, "")}`);
   if (!now) return;
   const residual = now.measured == null || now.predicted == null ? null : now.measured - now.predicted;
   const blocking = state.conditions.findIndex((condition, i) => !now.held[i]);
