@@ -5,8 +5,12 @@ import json
 import os
 import pty
 import select
+import signal
 import socket
+import subprocess
+import sys
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +19,7 @@ import pytest
 from monitor import config, replay
 from monitor.enable import CONDITIONS
 from monitor.errors import UsageError
+from monitor.memory import Memory
 from monitor.pipeline import Event, Tick
 from monitor.realtime import use_cpu, use_priority
 from monitor.run import Loop
@@ -253,3 +258,31 @@ def test_a_place_that_is_not_permitted_or_not_there_is_said_clearly(
         use_priority(100)
     with pytest.raises(UsageError, match="--cpu 100000"):
         use_cpu(100_000)
+
+
+def test_a_service_is_ready_and_ends_by_sigterm_with_its_memory_stored(
+    manager: socket.socket, tmp_path: Path
+) -> None:
+    # GIVEN the monitor as a service manager starts it, on a bus nobody sends to
+    memory = tmp_path / "o2.db"
+    command = ["run", "-i", "virtual", "-c", "silent", "--json-lines", "--memory", str(memory)]
+    environment = os.environ | {"NOTIFY_SOCKET": manager.getsockname(), "WATCHDOG_USEC": "200000"}
+    with subprocess.Popen(
+        [sys.executable, "-m", "monitor.cli", *command],
+        env=environment, stdout=subprocess.PIPE, text=True,
+    ) as process:  # fmt: skip
+        manager.settimeout(120.0)
+        assert "READY=1" in heard(manager)
+        assert "WATCHDOG=1" in heard(manager)
+        # WHEN it is to end
+        process.send_signal(signal.SIGTERM)
+        output, _ = process.communicate(timeout=60.0)
+    # THEN it ends by itself, says so, and has stored its memory
+    assert process.returncode == 3  # nothing was judged
+    told = []
+    while not told or told[-1] != "STOPPING=1":
+        told += heard(manager)
+    lines = [json.loads(line) for line in output.splitlines()]
+    assert [line["type"] for line in lines] == ["health", "health", "end"]
+    with closing(Memory(memory)) as stored:
+        assert stored.load().counts is not None
