@@ -26,11 +26,11 @@ from monitor.decode import Decoder
 from monitor.dtc import CODES
 from monitor.errors import BusError, SignalMapError, UsageError
 from monitor.faults import DropOuts, Noise, SensorFault, TimedSensorFault, resolve
-from monitor.inject import Gateway
-from monitor.injection import FRAME_FAULTS, NAMES, Injection
-from monitor.injector import Injector
+from monitor.inject.gateway import Gateway
+from monitor.inject.injection import FRAME_FAULTS, NAMES, Injection
+from monitor.inject.injector import Injector
+from monitor.inject.rewrite import writers
 from monitor.recorder import message_of
-from monitor.rewrite import writers
 from monitor.sources import read_frames
 from monitor.types import Frame
 
@@ -371,7 +371,7 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def write(path: Path, frames: list[Frame]) -> None:
-    from monitor.inject import write_log
+    from monitor.inject.gateway import write_log
 
     assert write_log(path, frames) == len(frames)
 

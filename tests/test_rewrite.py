@@ -14,8 +14,8 @@ from monitor.bus_map import BusMap, Channel, load_pairs
 from monitor.checksum import payload_checksum
 from monitor.decode import Decoder
 from monitor.errors import SignalMapError
+from monitor.inject.rewrite import MessageWriter, SignalWriter, writers
 from monitor.raw_values import bit_position, not_available_raw
-from monitor.rewrite import MessageWriter, SignalWriter, writers
 from monitor.signal_map import Integrity, MappedSignal
 from monitor.types import Frame
 

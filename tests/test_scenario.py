@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 
 from monitor.errors import ConfigError, UsageError
-from monitor.expected import compare, table
-from monitor.injection import NAMES, Injection
-from monitor.scenario import Expectation, Scenario, load, parse_fault
+from monitor.inject.expected import compare, table
+from monitor.inject.injection import NAMES, Injection
+from monitor.inject.scenario import Expectation, Scenario, load, parse_fault
 
 SHIPPED = sorted((Path(__file__).parents[1] / "docs" / "scenarios").glob("*.toml"))
 

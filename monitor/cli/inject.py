@@ -20,9 +20,9 @@ from monitor.errors import UsageError
 
 if TYPE_CHECKING:
     from monitor.bus_map import BusMap
-    from monitor.expected import Recording
+    from monitor.inject.expected import Recording
+    from monitor.inject.scenario import Scenario
     from monitor.replay import Setup
-    from monitor.scenario import Scenario
     from monitor.types import Frame
 
 _INJECT = """examples:
@@ -83,7 +83,7 @@ def _inject(args: argparse.Namespace) -> int:
     recordings = (_logs if args.log else _buses)(args, scenario, bus_map, setup)
     if not args.check:
         return 0
-    from monitor.expected import compare, table
+    from monitor.inject.expected import compare, table
 
     rows = compare(scenario, recordings)
     for line in table(rows):
@@ -94,7 +94,7 @@ def _inject(args: argparse.Namespace) -> int:
 def _scenario(args: argparse.Namespace) -> "Scenario":
     from dataclasses import replace
 
-    from monitor.scenario import Scenario, load, parse_fault
+    from monitor.inject.scenario import Scenario, load, parse_fault
 
     scenario = load(args.scenario) if args.scenario else Scenario(())
     faults = (*scenario.faults, *map(parse_fault, args.fault))
@@ -121,9 +121,9 @@ def _bus_map(args: argparse.Namespace) -> "BusMap":
 def _logs(
     args: argparse.Namespace, scenario: "Scenario", bus_map: "BusMap", setup: "Setup | None"
 ) -> "list[Recording]":
-    from monitor.expected import Judge, fresh_memory
-    from monitor.inject import write_log
-    from monitor.injector import Injector
+    from monitor.inject.expected import Judge, fresh_memory
+    from monitor.inject.gateway import write_log
+    from monitor.inject.injector import Injector
     from monitor.sources import read_frames
 
     if not (args.out or args.check):
@@ -169,9 +169,9 @@ def _numbered(path: Path, drive: int, n_drives: int) -> Path:
 def _buses(
     args: argparse.Namespace, scenario: "Scenario", bus_map: "BusMap", setup: "Setup | None"
 ) -> "list[Recording]":
-    from monitor.expected import Judge, fresh_memory
-    from monitor.inject import Gateway, ended_by_signals
-    from monitor.injector import Injector
+    from monitor.inject.expected import Judge, fresh_memory
+    from monitor.inject.gateway import Gateway, ended_by_signals
+    from monitor.inject.injector import Injector
 
     if args.out:
         raise UsageError("--out is for a LOG; o2mon run --record writes what is on a bus")

@@ -9,8 +9,8 @@ from obd import decoders
 
 import dbc
 from monitor.bus_map import load_pairs
-from monitor.inject import write_log
-from monitor.rewrite import writers
+from monitor.inject.gateway import write_log
+from monitor.inject.rewrite import writers
 from monitor.sources import read_frames
 from monitor.types import Frame
 from tests.vcan.guest import Finished

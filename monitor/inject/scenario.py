@@ -33,7 +33,7 @@ from typing import Any, Final
 
 from monitor.dtc import CODES
 from monitor.errors import ConfigError, UsageError
-from monitor.injection import Injection
+from monitor.inject.injection import Injection
 
 NO_CODE: Final = "none"
 MOST_DRIVES: Final = 100

@@ -13,9 +13,9 @@ from typing import Final
 from monitor.bus_map import BusMap
 from monitor.errors import SignalMapError
 from monitor.faults import DEFAULT_SEVERITY, DropOuts, Fault, Noise, TimedSensorFault, resolve
-from monitor.frame_faults import FrameFaults
-from monitor.injection import FRAME_FAULTS, INVALID, Injection
-from monitor.rewrite import MessageWriter, writers
+from monitor.inject.frame_faults import FrameFaults
+from monitor.inject.injection import FRAME_FAULTS, INVALID, Injection
+from monitor.inject.rewrite import MessageWriter, writers
 from monitor.signals import OUTPUT
 from monitor.types import Frame
 

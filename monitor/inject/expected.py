@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from monitor.dtc import DtcStore
+from monitor.inject.scenario import NO_CODE, Expectation, Scenario
 from monitor.memory import Memory
 from monitor.pipeline import FramePipeline
 from monitor.replay import Setup, frame_counters
-from monitor.scenario import NO_CODE, Expectation, Scenario
 from monitor.sinks import Collector
 from monitor.types import Frame
 

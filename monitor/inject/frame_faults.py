@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from monitor.errors import UsageError
-from monitor.injection import ALL, FRAME_FAULTS, Injection
-from monitor.rewrite import Key, MessageWriter
+from monitor.inject.injection import ALL, FRAME_FAULTS, Injection
+from monitor.inject.rewrite import Key, MessageWriter
 from monitor.types import Frame
 
 FLOOD: Final = "frame_flood"

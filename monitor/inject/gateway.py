@@ -14,7 +14,7 @@ import can
 
 from monitor.bus import receive
 from monitor.clock import BEHIND_S, SILENCE_S
-from monitor.injector import Injector
+from monitor.inject.injector import Injector
 from monitor.own_frames import time_mark
 from monitor.recorder import Recorder, message_of
 from monitor.socketcan import RECEIVE_BUFFER_BYTES
