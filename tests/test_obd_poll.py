@@ -1,8 +1,11 @@
 """Polling by OBD-II, against an ECU on can-isotp."""
 
 import itertools
+import re
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +18,7 @@ from hypothesis import strategies as st
 import dbc
 from monitor import config, replay
 from monitor.bus_map import BusMap, load_pairs
+from monitor.cli import main
 from monitor.decode import Decoder
 from monitor.errors import SignalMapError, UsageError
 from monitor.obd_answer import Address, Reassembly, values_of
@@ -366,9 +370,10 @@ def test_without_being_asked_to_the_loop_sends_nothing() -> None:
         assert bus.sent == []
 
 
-def test_it_polls_on_a_bus_in_real_time() -> None:
-    channel = "obd in real time"
-    ecu, done = steady_ecu(), threading.Event()
+@contextmanager
+def answering(ecu: ObdEcu, channel: str) -> Iterator[None]:
+    """Let the ECU answer on a virtual bus in real time."""
+    done = threading.Event()
 
     def answer() -> None:
         with can.Bus(interface="virtual", channel=channel) as bus:
@@ -380,16 +385,60 @@ def test_it_polls_on_a_bus_in_real_time() -> None:
     thread = threading.Thread(target=answer)
     thread.start()
     try:
-        with can.Bus(interface="virtual", channel=channel) as bus:
-            loop = Loop(bus, obd_setup(), say=lambda _: None)
-            poller = ObdPoller(PARAMETERS, LENGTHS)
-            loop.attachments.append(poller)
-            loop.run(3.0)
+        yield
     finally:
         done.set()
         thread.join()
+
+
+def test_it_polls_on_a_bus_in_real_time() -> None:
+    channel = "obd in real time"
+    with answering(steady_ecu(), channel), can.Bus(interface="virtual", channel=channel) as bus:
+        loop = Loop(bus, obd_setup(), say=lambda _: None)
+        poller = ObdPoller(PARAMETERS, LENGTHS)
+        loop.attachments.append(poller)
+        loop.run(3.0)
     assert poller.counters.answers > 15
     assert loop.pipeline.decoder.counters["OBD_Response"].used > 60
+
+
+def test_checking_asks_and_says_what_is_missing(capsys: pytest.CaptureFixture[str]) -> None:
+    channel = "obd check"
+    bus = ["-i", "virtual", "-c", channel, "--obd"]
+    with answering(steady_ecu(supported=(0x05, 0x0C, 0x0D, 0x34)), channel):
+        assert main(["check", *bus, "--seconds", "2"]) == 3
+    said = capsys.readouterr().out
+    assert "polled are the PIDs 05 34 0C 0D; not supported: " in said
+    assert re.search(r"engine_speed_rpm .* 2100 .* plausible", said)
+    assert re.search(r"the model lacks: .*fuel_mass_mg", said)
+    assert "lambda_measured" not in said.splitlines()[-1]
+
+
+def test_checking_where_nobody_answers_says_what_that_may_be(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    bus = ["-i", "virtual", "-c", "obd nobody", "--obd"]
+    assert main(["check", *bus, "--seconds", "1"]) == 3
+    assert "nobody answers" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("command", ["run", "check"])
+def test_what_cannot_be_asked_for_is_refused(
+    command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bus = [command, "-i", "virtual", "-c", "obd refused", "--obd"]
+    own = ["--dbc", str(dbc.path("o2_ecu.dbc")), "--map", str(dbc.path("o2_ecu.toml"))]
+    assert main([*bus, *own]) == 2
+    assert "nothing to ask for by OBD-II" in capsys.readouterr().err
+    assert main([*bus, "--obd-request", "7E8"]) == 2
+    assert "0x7E8 is no identifier" in capsys.readouterr().err
+
+
+def test_running_with_a_model_of_a_fast_grid_says_so(capsys: pytest.CaptureFixture[str]) -> None:
+    bus = ["-i", "virtual", "-c", "obd fast", "--obd"]
+    assert main(["run", *bus, "--duration", "0.3", "--quiet"]) == 3
+    said = capsys.readouterr().out
+    assert "samples every 0.1 s, polling brings a signal about every 0.17 s" in said
 
 
 def test_polling_at_a_models_own_pace_is_told_from_polling_too_slowly() -> None:
