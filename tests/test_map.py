@@ -98,7 +98,7 @@ def test_two_wideband_controllers_are_a_choice_for_a_person() -> None:
 
 GERMAN = (
     'MO_Motordrehzahl (0.25,0) [0|16383] "U/min"',
-    'MO_Kuehlmitteltemperatur (0.75,-48) [-48|143] "Unit_DegreCelsi"',
+    'MO_Kuehlmitteltemperatur (0.75,-48) [-48|143] "Unit_Foo"',
     'MO_Saugrohrdruck (0.5,0) [0|3500] "hPa"',
     'MO_Ansauglufttemperatur (0.75,-48) [-48|143] "°C"',
     'MO_Luftmassenstrom (0.1,0) [0|1000] "kg/h"',
@@ -208,6 +208,34 @@ def test_bosch_labels_are_understood() -> None:
     }
 
 
+def test_names_as_in_j1939_are_understood() -> None:
+    got = found(
+        database_of(
+            'EngSpeed (0.125,0) [0|8031] "rpm"',
+            'EngCoolantTemp (1,-40) [-40|210] "°C"',
+            'EngIntakeManifold1Press (2,0) [0|500] "kPa"',
+            'EngIntakeManifold1Temp (1,-40) [-40|210] "°C"',
+            'AmbientAirTemp (0.03125,-273) [-273|1735] "°C"',
+            'BarometricPress (0.5,0) [0|125] "kPa"',
+            'WheelBasedVehicleSpeed (0.00390625,0) [0|250] "km/h"',
+            'EngInletAirMassFlowRate (0.05,0) [0|3212] "kg/h"',
+            'EngOilTemp1 (1,-40) [-40|210] "°C"',
+            'EngInjectorMeteringRail1Press (0.00390625,0) [0|250] "MPa"',
+        )
+    )
+    assert {name: place for name, (place, _, _) in got.items()} == {
+        "engine_speed_rpm": "EngSpeed",
+        "coolant_temperature_degc": "EngCoolantTemp",
+        "manifold_pressure_kpa": "EngIntakeManifold1Press",
+        "manifold_temperature_degc": "EngIntakeManifold1Temp",
+        "ambient_temperature_degc": "AmbientAirTemp",
+        "ambient_pressure_kpa": "BarometricPress",
+        "vehicle_speed_km_h": "WheelBasedVehicleSpeed",
+        "maf_kg_h": "EngInletAirMassFlowRate",
+        "rail_pressure_mpa": "EngInjectorMeteringRail1Press",
+    }
+
+
 def test_an_equivalence_ratio_becomes_lambda_by_derivation(tmp_path: Path) -> None:
     database = database_of('EquivalenceRatio (0.0001,0) [0|2] "phi"')
     text, proposals = proposed(database)
@@ -233,9 +261,10 @@ def lambda_signal(name: str) -> str:
 @pytest.mark.parametrize(
     "name",
     ["Lambda_B1S2", "Lambda_B2S1", "Lambda2", "Lam2", "O2S12_Lambda", "HO2S21_Lambda",
-     "O2_S2_Lambda", "LambdaBank2", "LambdaSensor2", "LambdaDownstream", "Lambda_post_cat", "LambdaPostCat",
+     "O2_S2_Lambda", "LambdaBank2", "LambdaSensor2",
+     "LambdaDownstream", "Lambda_post_cat", "LambdaPostCat",
      "LambdaNachKat", "LambdaHinterKat", "lamhk", "Lambda_hk", "Lambda_nk", "RearLambda",
-     "LambdaRear", "LambdaBinary", "LambdaRight", "Lambda_links", "LambdaKat", "Lambda_secondary",
+     "LambdaRear", "LambdaBinary", "LambdaRight", "Lambda_links", "LambdaKat", "Lambda_sec", "LSF_Lambda",
      "Wideband2", "AFR_2", "lamsoni2_w", "LambdaSonde2"],
 )  # fmt: skip
 def test_another_sensor_is_never_taken_for_the_upstream_one(name: str) -> None:
@@ -290,6 +319,7 @@ def test_the_one_that_is_said_to_be_upstream_is_taken() -> None:
         ('HybridBatteryVoltage (0.1,0) [0|500] "V"', "battery_voltage_v"),
         ('Lambda (1,0) [0|1] ""', "lambda_measured"),
         ('MAP (1,0) [0|100] "%"', "manifold_pressure_kpa"),
+        ('MAP (0.1,-101.3) [0|0] "kPa"', "manifold_pressure_kpa"),
     ],
 )
 def test_what_only_resembles_is_not_proposed(signal: str, canonical: str) -> None:

@@ -133,7 +133,8 @@ MEANINGS: Final[dict[str, Meaning]] = {
                      "alternator abtrieb turbin oil clutch compressor wiper"),
     ),
     "vehicle_speed_km_h": Meaning(
-        _phrases(("vehicle speed", 1.0), ("geschwindigkeit", 0.9), ("speed", 0.55)),
+        _phrases(("vehicle speed", 1.0), ("vehicle v", 0.75),
+                 ("geschwindigkeit", 0.9), ("speed", 0.55)),
         {"speed": 1.0}, (10.0, 120.0),
         never=_never("engine eng motor rpm wheel rad fan luefter target soll set cruise limit gra "
                      "acc wind turbo pump front rear left right fl fr rl rr vl vr hl hr"),

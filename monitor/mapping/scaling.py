@@ -12,6 +12,7 @@ from monitor.mapping.units import Unit, unit_of
 from monitor.mapping.words import words_of
 
 STOICHIOMETRIC: Final = 14.7  # kg of air per kg of gasoline, what AFR gauges mostly count with
+GAUGE_KPA: Final = (90.0, 110.0)  # the atmosphere
 MIXTURE: Final = ("number", "ratio", "afr", "phi")
 
 
@@ -113,7 +114,9 @@ def _trim(make: Candidate, unit: Unit | None, given: str) -> Candidate:
     low, high = span(make.signal)
     if unit is not None and unit.dimension == "ratio":
         if low >= 0.0 and high > 110.0:
-            return replace(make, factor=unit.factor, why=(f"in {given}, 100 is no correction",))
+            sure = 1.0 if high <= 400.0 else 0.5  # without a range of its own nothing is said
+            why = f"in {given} and never negative, so 100 is no correction: check"
+            return replace(make, factor=unit.factor, confidence=sure, why=(why,))
         why = f"in {given}, 0 is no correction"
         return replace(make, factor=unit.factor, offset=1.0, why=(why,))
     if low < 0.0 < high < 0.9:
@@ -158,7 +161,21 @@ def in_range(candidate: Candidate, meaning: Meaning) -> Candidate | None:
         candidate = replace(
             candidate, confidence=0.6 * candidate.confidence, why=(*candidate.why, said)
         )
+    if "pressure" in meaning.dimensions and candidate.name.endswith("_kpa"):
+        candidate = _absolute(candidate)
     step = abs(float(candidate.signal.scale) * candidate.factor)
     if step > (high - low) / 3 and not candidate.signal.is_float:
         return None  # too coarse
     return candidate
+
+
+def _absolute(candidate: Candidate) -> Candidate:
+    """Return a pressure, less sure if its zero seems to be the atmosphere."""
+    lowest = min(
+        each * candidate.factor + candidate.offset
+        for each in span(candidate.signal, declared=False)
+    )
+    if not -GAUGE_KPA[1] <= lowest <= -GAUGE_KPA[0]:
+        return candidate
+    why = f"its values begin at {lowest:g} kPa: a gauge pressure, which needs an offset?"
+    return replace(candidate, confidence=0.5 * candidate.confidence, why=(*candidate.why, why))

@@ -7,7 +7,7 @@ from monitor.mapping.words import words_of
 
 _DOWNSTREAM: Final = re.compile(
     r"downstream|post_?cat|nach_?kat|hinter|after_?cat|behind|rear|second|sekund|stromab|"
-    r"\b(post|nk|hk|ds|nach|after|aft|tail|lsh|binary|binaer|narrow\w*|nernst|switching)\b"
+    r"\b(post|nk|hk|ds|nach|after|aft|tail|lsh|lsf|sec|binary|binaer|narrow\w*|nernst|switching)\b"
 )
 _UPSTREAM: Final = re.compile(
     r"upstream|pre_?cat|vor_?kat|stromauf|before_?cat|\b(pre|vk|us|vor|front|primary|lsu|b1s1)\b"

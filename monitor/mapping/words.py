@@ -11,18 +11,19 @@ from typing import Final
 
 CONCEPTS: Final[dict[str, str]] = {
     "engine": "engine* eng motor* mot mo moteur* crank* ice",
-    "speed": "speed* spd drehzahl* rpm revs revolution* vitesse*",
+    "speed": "regime* speed* spd drehzahl* rpm revs revolution* vitesse*",
     "rpm": "rpm =n upm",
     "revolutions": "drehzahl* =nmot nmot =neng neng =motrpm",
     "n": "n",
-    "vehicle": "vehicle* veh fahrzeug* fzg car road* vhcl",
+    "v": "v",
+    "vehicle": "vehicul* vehicle* veh fahrzeug* fzg car road* vhcl",
     "geschwindigkeit": "geschw* fahrgeschw* vss =vfzg vfzg tacho* kmh kph",
     "torque": "torque* trq tq drehmoment* motormoment* moment mmot",
     "throttle": "throttle* thr tps tp drosselklappe* dk wdkba droka* papillon*",
     "position": "position* pos angle* winkel* stellung* valve*",
     "lambda": "lambda* lam lmbd lmd afr uego wideband* lsu ego wbo",
     "lambda_measured": "lamsoni* lambdaist* lambdasonde*",
-    "lambda_target": "lamsoll* lamsons* lambdasoll* lamsbg*",
+    "lambda_target": "afrtgt* afrtarget* lamsoll* lamsons* lambdasoll* lamsbg*",
     "sensor": "sensor* sens snsr sonde* o2 ho2s o2s oxygen*",
     "ratio": "ratio*",
     "equivalence": "equivalence* phi eqr",
@@ -33,7 +34,7 @@ CONCEPTS: Final[dict[str, str]] = {
     "feedback* adj",
     "trim": "trim* stft shortft* sft",
     "short": "short* stft st kurz*",
-    "fr": "=fr =frm =fra",
+    "fr": "egocor* =fr =frm =fra",
     "fuel": "fuel* fl kraftstoff* krst carburant* benzin*",
     "mass": "mass* masse* msg qty quantity* menge* am amt amount* charge* fuellung*",
     "air": "air* luft* intake* aspir*",
@@ -48,15 +49,15 @@ CONCEPTS: Final[dict[str, str]] = {
     "manifold": "manifold* mnfld saugrohr* sgr intake* inlet* imp ansaug* mfld",
     "map": "map saugrohrdruck* =ps psr mapsensor*",
     "boost": "boost* ladedruck* ldr",
-    "temperature": "temperature* temp tmp temperatur* t degc",
+    "temperature": "te temperature* temp tmp temperatur* t degc",
     "iat": "iat mat tans act",
     "coolant": "coolant* cool kuehlmittel* kuehlwasser* water* clnt ect clt ect cts",
     "ect": "ect clt tmot cts",
-    "ambient": "ambient* amb outside* aussen* umgebung* umg outdoor* exterior*",
+    "ambient": "env ambient* amb outside* aussen* umgebung* umg outdoor* exterior*",
     "aat": "aat oat tumg tam",
     "baro": "baro* bap atm atmos* luftdruck* =pu pu barometric*",
     "battery": "batt* bat ub vbat wub ubat bordnetz* kl30 kl15 supply* module* vbatt accu*",
-    "voltage": "v volt* spannung* vbat vbatt ub wub ubat u tension*",
+    "voltage": "v potential* volt* spannung* vbat vbatt ub wub ubat u tension*",
     "purge": "purge* evap* tev tankentl* canister* cpv aktivkohle* akf",
     "duty": "duty* valve* dc pwm ventil* tastverh* ratio* flow* pct ansteuerung*",
     "closed": "closed* clsd cl geschlossen* closedloop*",
@@ -100,7 +101,7 @@ def words_of(name: str) -> tuple[str, ...]:
     >>> words_of("O2SensorB1S1")
     ('o2', 'sensor', 'b1', 's1')
     """
-    text = name
+    text = re.sub(r"(?i)wheel_?based", "", name)  # J1939's speed over ground
     for umlaut, plain in (("ä", "ae"), ("ö", "oe"), ("ü", "ue"), ("ß", "ss"), ("Ä", "Ae"),
                           ("Ö", "Oe"), ("Ü", "Ue"), ("λ", " lambda "), ("φ", " phi ")):  # fmt: skip
         text = text.replace(umlaut, plain)
