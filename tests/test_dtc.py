@@ -1,6 +1,7 @@
 """Debounce counter and trouble codes over driving cycles."""
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
@@ -8,9 +9,10 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
 from monitor import obd_records
-from monitor.config import ProfileConfig, shipped
+from monitor.config import ProfileConfig, load, shipped
 from monitor.debounce import FAILED, PASSED, Debounce
 from monitor.dtc import CODES, FRESH, TESTS, Dtc, DtcStore, Saved, Status
+from monitor.errors import ConfigError
 from monitor.obd_records import Counts, FreezeFrame
 
 CARB = shipped().carb
@@ -245,6 +247,16 @@ def test_a_passed_test_of_another_fault_leaves_a_shared_code_alone(
     assert states(store) == {CODES[fault][0]: "pending"}
 
 
+def test_a_test_that_failed_after_it_had_passed_is_not_completed_by_another_one() -> None:
+    store = DtcStore()
+    store.complete("bias")
+    store.fail("biased_lean", 1)
+    before = code_of(store, "P2195")
+    store.complete("activity")
+    assert code_of(store, "P2195") == before
+    assert before.status & Status.TEST_FAILED
+
+
 def test_an_undecided_pair_carries_the_other_name() -> None:
     store = DtcStore()
     store.fail("delay_rich_to_lean", 1, also=("slow_rich_to_lean",))
@@ -351,6 +363,22 @@ def test_the_profile_sets_the_counts() -> None:
     store.count_warm_up()
     store.start_driving_cycle()
     assert states(store) == {}
+
+
+def test_the_profile_is_chosen_by_name_and_its_counts_may_be_changed(tmp_path: Path) -> None:
+    file = tmp_path / "own.toml"
+    file.write_text('[obd]\nprofile = "eobd"\n[eobd]\nconfirm_cycles = 2\n')
+    profile = load(file).profile
+    assert (profile.confirm_cycles, profile.warm_up_degc) == (2, 70.0)
+    assert load().profile == CARB
+    for text, named in (
+        ('[obd]\nprofile = "EPA"', r"own\.toml: \[obd\] profile = 'EPA', wanted one of"),
+        ("[obd]\nprofile = 1", r"own\.toml: \[obd\] profile = 1, wanted str"),
+        ("[carb]\nconfirm_cycles = 0", r"\[carb\] confirm_cycles = 0, wanted above 0"),
+    ):
+        file.write_text(text)
+        with pytest.raises(ConfigError, match=named):
+            load(file)
 
 
 # Clearing and permanent codes
