@@ -1,8 +1,10 @@
 """``o2mon map``: signal maps proposed from databases."""
 
+import doctest
 import logging
 import re
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import pytest
@@ -16,6 +18,7 @@ import dbc
 from monitor.bus_map import load_database, load_pairs
 from monitor.cli import main
 from monitor.errors import SignalMapError
+from monitor.mapping import toml_text, units, words
 from monitor.mapping.make import make_map
 from monitor.mapping.propose import FUEL_FLOW_NAME, Proposals
 from monitor.mapping.text import map_text
@@ -264,7 +267,8 @@ def lambda_signal(name: str) -> str:
      "O2_S2_Lambda", "LambdaBank2", "LambdaSensor2",
      "LambdaDownstream", "Lambda_post_cat", "LambdaPostCat",
      "LambdaNachKat", "LambdaHinterKat", "lamhk", "Lambda_hk", "Lambda_nk", "RearLambda",
-     "LambdaRear", "LambdaBinary", "LambdaRight", "Lambda_links", "LambdaKat", "Lambda_sec", "LSF_Lambda",
+     "LambdaRear", "LambdaBinary", "LambdaRight", "Lambda_links", "LambdaKat", "Lambda_sec",
+     "LSF_Lambda",
      "Wideband2", "AFR_2", "lamsoni2_w", "LambdaSonde2"],
 )  # fmt: skip
 def test_another_sensor_is_never_taken_for_the_upstream_one(name: str) -> None:
@@ -273,6 +277,31 @@ def test_another_sensor_is_never_taken_for_the_upstream_one(name: str) -> None:
     assert not re.search(r"^lambda_measured", text, re.MULTILINE)
     with_first = found(database_of(lambda_signal(name), lambda_signal("LambdaB1S1")))
     assert with_first["lambda_measured"][0] == "LambdaB1S1"
+
+
+@pytest.mark.parametrize("second", [
+    "Bank2", "B2", "Sensor2", "S2", "2", "02", "B1S2", "B2S1", "Downstream", "PostCat", "Post", "Rear",
+    "NachKat", "HinterKat", "Nk", "Hk", "Behind", "After", "Right", "Links", "Secondary", "Cat", "Kat",
+    "Nernst", "Narrowband", "Ds",
+])  # fmt: skip
+@pytest.mark.parametrize(
+    "sensor", ["Lambda", "Lam", "AFR", "Wideband", "Uego", "O2_Lambda", "Sonde_Lambda"]
+)
+def test_however_it_is_spelled(sensor: str, second: str) -> None:
+    for parts in (
+        (sensor, second),
+        (second, sensor),
+        (sensor, second, "Value"),
+        ("EMS", sensor, second),
+    ):
+        for joint in ("_", ""):
+            styles = (str, str.lower, str.upper) if joint else (str,)
+            for style in styles:
+                name = joint.join(style(part) for part in parts)
+                if name[0].isdigit():
+                    continue
+                _, proposals = proposed(database_of(lambda_signal(name)))
+                assert "lambda_measured" not in proposals.names, name
 
 
 @pytest.mark.parametrize(
@@ -337,6 +366,13 @@ def test_every_proposal_says_why_and_what_else_it_could_be() -> None:
     assert lines[at + 1].startswith("#   or ")
     assert "CrankSpeed" in lines[at + 1]
     assert proposals.names == ("engine_speed_rpm",)
+
+
+@pytest.mark.parametrize("module", [words, units, toml_text])
+def test_its_examples_run(module: ModuleType) -> None:
+    ran = doctest.testmod(module)
+    assert ran.attempted
+    assert not ran.failed
 
 
 # a recording

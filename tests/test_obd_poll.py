@@ -1,5 +1,6 @@
 """Polling by OBD-II, against an ECU on can-isotp."""
 
+import doctest
 import itertools
 import re
 import threading
@@ -16,7 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import dbc
-from monitor import config, replay
+from monitor import config, obd_answer, replay
 from monitor.bus_map import BusMap, load_pairs
 from monitor.cli import main
 from monitor.decode import Decoder
@@ -321,6 +322,12 @@ def test_a_map_without_obd_signals_is_refused() -> None:
 def test_an_identifier_that_is_no_request_is_refused(request_id: int) -> None:
     with pytest.raises(UsageError, match="no identifier of an OBD-II request"):
         Address.of(request_id)
+
+
+def test_its_examples_run() -> None:
+    ran = doctest.testmod(obd_answer)
+    assert ran.attempted > 1
+    assert not ran.failed
 
 
 def test_the_gear_box_can_be_asked_too() -> None:
