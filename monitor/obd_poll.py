@@ -59,7 +59,7 @@ class ObdPoller:
     parameters, lengths : as from ``obd_pids``
     addresses : tried in turn until one is answered
     rate_hz : most requests a second
-    say : takes a line about what is supported, once it is known
+    say : takes a line about what is supported, once it is known, and one at the end
     """
 
     def __init__(
@@ -73,7 +73,7 @@ class ObdPoller:
     ) -> None:
         self.counters = PollCounters()
         self.schedule = Schedule(parameters, say)
-        self._lengths = lengths
+        self._lengths, self._say = lengths, say
         self._addresses, self._at = tuple(addresses), 0
         self._pause_s = 1.0 / rate_hz
         self._reassembly = Reassembly()
@@ -97,7 +97,13 @@ class ObdPoller:
         """Events are of no concern."""
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Say how it went; nothing is held."""
+        counters = self.counters
+        line = f"OBD-II: {counters.requests} requests, {counters.answers} answered"
+        told = {"silent": counters.silent, "busy": counters.busy, "refused": counters.refused,
+                "malformed": counters.malformed}  # fmt: skip
+        parts = [f"{name} {n}" for name, n in told.items() if n]
+        self._say(", ".join([line, *parts]))
 
     def receive(self, frame: Frame) -> Iterable[Frame]:
         """Take a frame; return what its answer says beyond what it shows by itself."""

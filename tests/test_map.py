@@ -280,9 +280,9 @@ def test_another_sensor_is_never_taken_for_the_upstream_one(name: str) -> None:
 
 
 @pytest.mark.parametrize("second", [
-    "Bank2", "B2", "Sensor2", "S2", "2", "02", "B1S2", "B2S1", "Downstream", "PostCat", "Post", "Rear",
-    "NachKat", "HinterKat", "Nk", "Hk", "Behind", "After", "Right", "Links", "Secondary", "Cat", "Kat",
-    "Nernst", "Narrowband", "Ds",
+    "Bank2", "B2", "Sensor2", "S2", "2", "02", "B1S2", "B2S1", "Downstream", "PostCat", "Post",
+    "Rear", "NachKat", "HinterKat", "Nk", "Hk", "Behind", "After", "Right", "Links", "Secondary",
+    "Cat", "Kat", "Nernst", "Narrowband", "Ds",
 ])  # fmt: skip
 @pytest.mark.parametrize(
     "sensor", ["Lambda", "Lam", "AFR", "Wideband", "Uego", "O2_Lambda", "Sonde_Lambda"]

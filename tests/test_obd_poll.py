@@ -426,7 +426,9 @@ def test_checking_where_nobody_answers_says_what_that_may_be(
 ) -> None:
     bus = ["-i", "virtual", "-c", "obd nobody", "--obd"]
     assert main(["check", *bus, "--seconds", "1"]) == 3
-    assert "nobody answers" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "nobody answers" in said
+    assert re.search(r"OBD-II: \d requests, 0 answered, silent \d", said)
 
 
 @pytest.mark.parametrize("command", ["run", "check"])

@@ -86,9 +86,8 @@ def _listen(port: "Port", seconds: float, poller: "ObdPoller | None") -> "Iterat
 
 
 def _say_polled(poller: "ObdPoller", health: "BusHealth") -> None:
-    counters = poller.counters
-    say(f"{counters.requests} OBD-II requests, {counters.answers} answered")
-    if not counters.answers:
+    poller.close()
+    if not poller.counters.answers:
         say("nobody answers: ignition off, a listen-only interface, or a gateway in between?")
     if health.transmit_errors:
         say(f"{health.transmit_errors} could not be sent")
