@@ -210,7 +210,8 @@ class ObdPoller:
         self.counters.silent += 1
         self._silent += 1
         if self.schedule.is_first:
-            self._at = (self._at + 1) % len(self._addresses)  # nobody there, or not so
+            if not self.counters.answers:  # nobody there, or not so
+                self._at = (self._at + 1) % len(self._addresses)
         elif self._silent >= SILENT_MOST:
             self.schedule.begin()
         else:

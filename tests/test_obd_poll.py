@@ -29,7 +29,7 @@ from monitor.recorder import message_of
 from monitor.run import Loop
 from monitor.sources import frame_of
 from monitor.types import Frame
-from tests.obd_ecu import J1979, ObdEcu, SimulatedBus
+from tests.obd_ecu import J1979, SUPPORTED, ObdEcu, SimulatedBus
 from tests.simulated_drives import WARM, driven
 from training.dyno.simulate import Experiment
 
@@ -292,6 +292,64 @@ def test_another_testers_conversation_is_left_alone() -> None:
     requests = [m for _, m in talk.bus.sent[sent:] if m.data[0] != 0x30]
     assert len(flow) <= len(requests)
     assert set(talk.values["engine_speed_rpm"]) == {STEADY["engine_speed_rpm"]}
+
+
+def test_answers_to_other_testers_are_neither_acknowledged_nor_counted() -> None:
+    poller = ObdPoller(PARAMETERS, LENGTHS)
+    poller.work(0.0)  # asks for the bitmap 00
+    for data in ("100E410C1AF80D2A", "0441 0C1AF8", "037F0222", "0749020131"):
+        assert not list(poller.receive(Frame(0, 0x7E8, False, bytes.fromhex(data))))
+        assert poller.work(0.01) == []
+    assert poller.counters.malformed == poller.counters.refused == poller.counters.answers == 0
+
+
+def test_flow_control_goes_to_the_engine_alone_when_all_were_asked() -> None:
+    ecu = steady_ecu(requests=(0x7DF, 0x7E0))
+    talk = Conversation(ecu, addresses=[Address.of(0x7DF)]).run(3.0)
+    assert {m.arbitration_id for _, m in talk.bus.sent if m.data[0] == 0x30} == {0x7E0}
+    assert {m.arbitration_id for _, m in talk.bus.sent if m.data[0] != 0x30} == {0x7DF}
+
+
+def test_after_silence_the_bitmaps_are_read_again() -> None:
+    ecu = steady_ecu()
+    talk = Conversation(ecu).run(2.0)
+    ecu.override = lambda _: []
+    talk.run(10.0)
+    ecu.override, ecu.supported = lambda _: None, (0x0C, 0x0D)
+    talk.run(8.0)
+    assert talk.polled == {0x0C, 0x0D}
+
+
+def test_bitmaps_beyond_what_is_mapped_are_not_read() -> None:
+    talk = Conversation(steady_ecu(supported=(*SUPPORTED, 0x7F, 0xA6))).run(3.0)
+    assert talk.asked[:3] == [(0x00,), (0x20,), (0x40,)]
+    assert all(pid % 0x20 for request in talk.asked[3:] for pid in request)
+
+
+def test_of_two_parameters_for_one_signal_only_the_first_is_asked_for() -> None:
+    talk = Conversation(steady_ecu(supported=(*SUPPORTED, 0x24))).run(3.0)
+    assert talk.polled & {0x24, 0x34} == {0x24}
+    assert set(talk.values["lambda_measured"]) == {STEADY["lambda_measured"]}
+
+
+def test_an_answer_with_a_frame_missing_is_thrown_away() -> None:
+    subject = Reassembly()
+    frames = [
+        bytes.fromhex(x) for x in ("1014410B2F0C20CD", "210D530547342AAA", "225555AAAAAAAAAA")
+    ]
+    assert [subject.push(data) for data in frames[:2]] == [None, None]
+    whole = subject.push(frames[2])
+    assert whole is not None
+    assert len(whole) == 0x14
+    subject.push(frames[0])
+    assert subject.push(frames[2]) is None
+    assert not subject.is_running
+    assert subject.push(frames[1]) is None
+
+
+def test_a_parameter_that_is_cut_short_says_nothing() -> None:
+    assert values_of(bytes.fromhex("410D530C1A"), (0x0C, 0x0D), LENGTHS) == [(0x0D, b"\x53")]
+    assert values_of(b"\x41", (0x0C,), LENGTHS) == []
 
 
 def test_what_a_longer_answer_says_comes_at_the_time_of_its_last_frame() -> None:
