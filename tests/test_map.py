@@ -20,10 +20,13 @@ from monitor.cli import main
 from monitor.errors import SignalMapError
 from monitor.mapping import toml_text, units, words
 from monitor.mapping.make import make_map
-from monitor.mapping.propose import FUEL_FLOW_NAME, Proposals
+from monitor.mapping.observe import observe, reranked
+from monitor.mapping.propose import FUEL_FLOW_NAME, Proposals, propose, ranked
+from monitor.mapping.protection import borne_out, protection
 from monitor.mapping.text import map_text
 from monitor.signal_map import load_signal_map
 from monitor.signals import BY_NAME
+from monitor.types import Frame
 
 ROOT = Path(__file__).resolve().parent.parent
 logging.getLogger("cantools").setLevel(logging.ERROR)  # made-up databases repeat names
@@ -515,3 +518,25 @@ def test_no_database_upsets_it_and_what_it_writes_is_a_map(
         with pytest.raises(SignalMapError, match="is empty"):
             load_signal_map(path)
     assert map_text(proposals, Path("x.dbc"))
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+@given(database=databases(), data=st.data())
+def test_no_recording_upsets_it(
+    database: Database, data: st.DataObject, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    ids = sorted({message.frame_id for message in database.messages}) or [1]
+    payloads = data.draw(st.lists(st.binary(min_size=0, max_size=8), min_size=1, max_size=30))
+    frames = [
+        Frame(k * 100_000_000, ids[k % len(ids)], False, payload)
+        for k, payload in enumerate(payloads * 5)
+    ]
+    found = ranked(database)
+    observed = observe(frames, found, Path("x.dbc"))
+    proposals = propose(database, 4, reranked(found, observed))
+    guarded = borne_out(protection(database.messages), observed.payloads)
+    text = map_text(proposals, Path("x.dbc"), Path("x.log"), guarded)
+    if proposals.names:
+        path = tmp_path_factory.mktemp("map") / "m.toml"
+        path.write_text(text, encoding="utf-8", errors="surrogatepass")
+        assert set(load_signal_map(path).signals) <= set(proposals.names)
