@@ -586,6 +586,18 @@ def test_a_code_that_keeps_a_test_from_judging_pauses_its_ratio() -> None:
     assert store.counts.general_denominator == 1
 
 
+def test_a_code_of_a_test_that_needs_driving_pauses_no_ratio_nor_does_one_that_is_gone() -> None:
+    store = DtcStore()
+    store.fail("gain_low", 1)
+    assert store.count_judged("response")
+    store = DtcStore()
+    store.fail("signal_missing", 1)
+    for _ in range(2):
+        store.start_driving_cycle()
+        store.complete("communication")
+    assert store.count_judged("response")
+
+
 @pytest.mark.parametrize(("numerator", "denominator"), [(65534, 9), (8, 65534)])
 def test_a_counter_at_its_end_is_halved_with_its_partner(numerator: int, denominator: int) -> None:
     store = DtcStore(Saved(ratios=(obd_records.Ratio("bias", numerator, denominator),)))

@@ -121,6 +121,16 @@ def test_what_another_process_has_written_in_between_is_replaced(tmp_path: Path)
     assert reopened(path) == Saved((Dtc("P0133", t_ns=1),))
 
 
+def test_the_file_is_written_ahead_so_that_readers_never_hold_the_loop_up(tmp_path: Path) -> None:
+    path = tmp_path / "dtc.db"
+    with closing(Memory(path)) as memory, closing(sqlite3.connect(path)) as reader:
+        assert reader.execute("PRAGMA journal_mode").fetchone() == ("wal",)
+        reader.execute("BEGIN")
+        reader.execute("SELECT * FROM dtc").fetchall()
+        memory.save(Saved((Dtc("P0133", t_ns=1),)))
+    assert times(reopened(path)) == {"P0133": 1}
+
+
 def test_what_is_stored_already_is_not_written_again(tmp_path: Path) -> None:
     path = tmp_path / "dtc.db"
     with closing(Memory(path)) as memory, closing(sqlite3.connect(path)) as watcher:
