@@ -1,0 +1,65 @@
+"""Take vcan0 down and up, then away and back, under a monitor that listens on it.
+
+Prints what the monitor prints with ``--json-lines``, and at its end how many frames were sent.
+Runs where vcan0 is up and may be changed; see ``guest``.
+"""
+
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+
+import can
+from play_and_monitor import wait_until_listening
+
+MONITOR = ["-m", "monitor.cli", "run", "-i", "socketcan", "-c", "vcan0", "--json-lines"]
+N_FRAMES = 20
+DOWN_S = 1.0
+BACK_S = 6.0  # longer than the longest wait between two tries to open the bus
+
+
+def main() -> int:
+    """Return the monitor's exit code, 99 when it never listened."""
+    with subprocess.Popen([sys.executable, *MONITOR]) as monitor:
+        try:
+            wait_until_listening(monitor, 60.0)
+            send()
+            ip("link set dev vcan0 down")
+            time.sleep(DOWN_S)
+            ip("link set dev vcan0 up")
+            time.sleep(BACK_S)
+            send()
+            ip("link del dev vcan0")
+            time.sleep(DOWN_S)
+            ip("link add dev vcan0 type vcan")
+            ip("link set dev vcan0 up")
+            time.sleep(BACK_S)
+            send()
+            time.sleep(1.0)
+            monitor.send_signal(signal.SIGINT)
+            return monitor.wait(timeout=60.0)
+        except (TimeoutError, subprocess.TimeoutExpired) as error:
+            print(f"down_and_up: {error}", file=sys.stderr)
+            return 99
+        finally:
+            monitor.kill()
+
+
+def send() -> None:
+    """Send frames of the ECU's under an identifier the monitor asks for."""
+    with can.Bus(interface="socketcan", channel="vcan0") as bus:
+        for number in range(N_FRAMES):
+            bus.send(can.Message(arbitration_id=0xC2, is_extended_id=False, data=bytes([number])))
+            time.sleep(0.02)
+    time.sleep(0.5)
+
+
+def ip(words: str) -> None:
+    """Run ``ip`` with these words."""
+    argv: Sequence[str] = ["ip", *words.split()]
+    subprocess.run(argv, check=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
