@@ -238,6 +238,27 @@ def test_the_general_denominator_asks_for_time_speed_and_idle(
     assert count("general_denominator", *stretches) == expected
 
 
+@pytest.mark.parametrize(
+    ("drive_s", "city_s", "idle_s", "expected"),
+    [(300, 270, 30, 1), (299, 271, 30, 0), (300, 269, 30, 0), (300, 271, 29, 0)],
+)
+def test_the_general_denominator_is_met_to_the_second(
+    drive_s: float, city_s: float, idle_s: float, expected: int
+) -> None:
+    parts = (lasting(START, 1), lasting(DRIVE, drive_s), lasting(CITY, city_s))
+    assert count("general_denominator", *parts, lasting(IDLE, idle_s)) == expected
+
+
+def test_a_sensor_that_is_missing_is_no_silence_of_the_ecu() -> None:
+    cycles = cycles_of()
+    found = []
+    for sample in samples([DRIVE, lasting(STAND, 60), START]):
+        quality = sample.quality.copy()
+        quality[NAMES.index("lambda_measured")] = Quality.STALE
+        found += cycles.push(sample._replace(quality=quality))
+    assert "driving_cycle" not in found
+
+
 def test_the_general_denominator_counts_once_in_a_driving_cycle() -> None:
     drive = [START, DRIVE, CITY, IDLE]
     assert count("general_denominator", *drive, *drive) == 1
