@@ -18,8 +18,8 @@ import can
 from played import Played, rss_mb
 
 from monitor import config, replay
+from monitor.bus.recorder import message_of
 from monitor.checksum import payload_checksum
-from monitor.recorder import message_of
 from monitor.run import Loop
 from monitor.sources import read_frames
 from monitor.transmit import Transmitter

@@ -24,8 +24,8 @@ import can
 from played import SILENCE_S, Played, rss_mb
 
 from monitor import config, replay
+from monitor.bus.recorder import message_of
 from monitor.memory import Memory
-from monitor.recorder import message_of
 from monitor.run import Loop
 from monitor.sources import read_frames
 from monitor.terminal import JsonLines, Out, Screen

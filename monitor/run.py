@@ -16,18 +16,18 @@ from typing import Any, Final
 import can
 
 from monitor.attachment import Attachment
-from monitor.bus import BusHealth, Port
-from monitor.clock import Clock
+from monitor.bus.clock import Clock
+from monitor.bus.port import BusHealth, Port
+from monitor.bus.recorder import Recorder
+from monitor.bus.socketcan import BLOCK_S
 from monitor.dtc import DtcStore
 from monitor.errors import RecordingError
 from monitor.memory import Memory
 from monitor.own_frames import bus_state
 from monitor.pipeline import CycleStarted, DtcChanged, Event, FramePipeline, Tick, WindowJudged
-from monitor.recorder import Recorder
 from monitor.reference import Seen
 from monitor.replay import Setup, frame_counters
 from monitor.sinks import Collector
-from monitor.socketcan import BLOCK_S
 from monitor.types import Frame, Quality
 
 KEEP: Final = 1_000  # windows, the latest: three hours of driving in 2.5 MB

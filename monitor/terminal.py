@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any, Final, TextIO
 
-from monitor.bus import BusHealth
+from monitor.bus.port import BusHealth
 from monitor.enable import CONDITIONS
 from monitor.pipeline import Counted, CycleStarted, DtcChanged, Event, Monitor, Tick, WindowJudged
 from monitor.sinks import Collector, event_line, rounded

@@ -12,11 +12,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.udp_can import UdpCan
-from monitor.bus import LAST_TRY_S, BusHealth, Port
-from monitor.error_frames import error_frame
+from monitor.bus.error_frames import error_frame
+from monitor.bus.port import LAST_TRY_S, BusHealth, Port
+from monitor.bus.recorder import message_of
+from monitor.bus.socketcan import RECEIVE_BUFFER_BYTES, SocketReader
 from monitor.errors import BusError
-from monitor.recorder import message_of
-from monitor.socketcan import RECEIVE_BUFFER_BYTES, SocketReader
 from monitor.types import Frame
 
 US = 1000

@@ -20,6 +20,7 @@ from hypothesis import strategies as st
 
 import dbc
 from monitor import cli
+from monitor.bus.recorder import message_of
 from monitor.bus_map import load_pairs
 from monitor.checksum import payload_checksum
 from monitor.decode import Decoder
@@ -30,7 +31,6 @@ from monitor.inject.gateway import Gateway
 from monitor.inject.injection import FRAME_FAULTS, NAMES, Injection
 from monitor.inject.injector import Injector
 from monitor.inject.rewrite import writers
-from monitor.recorder import message_of
 from monitor.sources import read_frames
 from monitor.types import Frame
 

@@ -13,7 +13,7 @@ import httpx
 import pytest
 
 from monitor import cli
-from monitor.recorder import message_of
+from monitor.bus.recorder import message_of
 from tests.live_player import frames_of
 
 CHANNEL = "live-page"

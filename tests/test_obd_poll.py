@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 
 import dbc
 from monitor import config, obd_answer, replay
+from monitor.bus.recorder import message_of
 from monitor.bus_map import BusMap, load_pairs
 from monitor.cli import main
 from monitor.decode import Decoder
@@ -25,7 +26,6 @@ from monitor.errors import SignalMapError, UsageError
 from monitor.obd_answer import Address, Reassembly, values_of
 from monitor.obd_pids import interval_s, lengths, wanted
 from monitor.obd_poll import ObdPoller
-from monitor.recorder import message_of
 from monitor.run import Loop
 from monitor.sources import frame_of
 from monitor.types import Frame

@@ -12,10 +12,10 @@ from cantools.database import load_file
 
 import dbc
 from monitor import config, replay
+from monitor.bus.recorder import message_of
 from monitor.errors import RecordingError
 from monitor.memory import Memory
 from monitor.own_frames import TIME_MARK_ID
-from monitor.recorder import message_of
 from monitor.run import Loop
 from monitor.sources import read_frames
 from monitor.transmit import Transmitter
@@ -367,8 +367,8 @@ def test_a_log_that_cannot_be_written_any_more_ends_and_the_judging_goes_on(
     record = Path("/dev/full")
     bus = PlayedBus(late_sensor)
     with bus, pytest.MonkeyPatch.context() as patch:
-        patch.setattr("monitor.recorder.log_kind", lambda path: ".log")
-        patch.setattr("monitor.recorder.can.Logger", can.CanutilsLogWriter)
+        patch.setattr("monitor.bus.recorder.log_kind", lambda path: ".log")
+        patch.setattr("monitor.bus.recorder.can.Logger", can.CanutilsLogWriter)
         loop = Loop(bus, setup, record=record, say=said.append, monotonic_s=lambda: bus.now_s)
         bus.stop = loop.stop
         loop.run()

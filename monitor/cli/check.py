@@ -22,7 +22,7 @@ from monitor.cli.options import (
 from monitor.errors import UsageError
 
 if TYPE_CHECKING:
-    from monitor.bus import BusHealth, Port
+    from monitor.bus.port import BusHealth, Port
     from monitor.obd_poll import ObdPoller
     from monitor.types import Frame
 
@@ -45,7 +45,7 @@ def add(commands: Any) -> None:
 
 
 def _check(args: argparse.Namespace) -> int:
-    from monitor.bus import BusHealth, Port
+    from monitor.bus.port import BusHealth, Port
     from monitor.check import check
     from monitor.sources import read_frames
 

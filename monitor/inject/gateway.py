@@ -12,12 +12,12 @@ from typing import Final
 
 import can
 
-from monitor.bus import receive
-from monitor.clock import BEHIND_S, SILENCE_S
+from monitor.bus.clock import BEHIND_S, SILENCE_S
+from monitor.bus.port import receive
+from monitor.bus.recorder import Recorder, message_of
+from monitor.bus.socketcan import RECEIVE_BUFFER_BYTES
 from monitor.inject.injector import Injector
 from monitor.own_frames import time_mark
-from monitor.recorder import Recorder, message_of
-from monitor.socketcan import RECEIVE_BUFFER_BYTES
 from monitor.sources import frame_of
 from monitor.types import Frame
 

@@ -9,10 +9,10 @@ from typing import Any, Final, Literal
 
 import can
 
-from monitor.error_frames import error_frame
+from monitor.bus.error_frames import error_frame
+from monitor.bus.recorder import message_of
+from monitor.bus.socketcan import ErrorMessage, SocketReader
 from monitor.errors import BusError
-from monitor.recorder import message_of
-from monitor.socketcan import ErrorMessage, SocketReader
 from monitor.sources import frame_of
 from monitor.types import Frame
 

@@ -1,0 +1,1 @@
+"""The bus of the live loop: received from, sent to, watched, recorded; and its time."""
