@@ -249,6 +249,23 @@ def test_the_general_denominator_is_met_to_the_second(
     assert count("general_denominator", *parts, lasting(IDLE, idle_s)) == expected
 
 
+def test_the_limits_themselves_count() -> None:
+    drive = replace(DRIVE, speed_km_h=40.0, speed_rpm=500.0, ambient_degc=-7.0, pressure_kpa=75.3)
+    idle = replace(lasting(drive, 30), speed_km_h=1.6)
+    city = replace(lasting(drive, 270), speed_km_h=39.0)
+    assert count("general_denominator", lasting(START, 1), drive, city, idle) == 1
+    assert count("general_denominator", lasting(START, 1), drive, city, city) == 0
+
+
+@pytest.mark.parametrize("first", NAMES)
+def test_the_order_of_the_signals_does_not_matter(first: str) -> None:
+    names = (first, *(name for name in NAMES if name != first))
+    cold = replace(COLD, coolant_degc=20.0)
+    for drive in ([cold, DRIVE, CITY, IDLE], [DRIVE, CITY, COLD], [DRIVE, SILENCE, STAND, CITY]):
+        stretches = [START, *drive, lasting(SILENCE, 20), STAND, DRIVE]
+        assert moments(*stretches, names=names) == moments(*stretches)
+
+
 def test_a_sensor_that_is_missing_is_no_silence_of_the_ecu() -> None:
     cycles = cycles_of()
     found = []
