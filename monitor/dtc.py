@@ -218,12 +218,11 @@ class DtcStore:
         passed = test in self._passed and code not in self._failed
         return passed and (test not in CONTINUOUS or self._is_general)
 
-    def clear(self, t_ns: int) -> list[Dtc]:
+    def clear(self) -> list[Dtc]:
         """Erase codes, freeze frames, results and readiness; return the codes that changed.
 
         Permanent codes, ratios, ignition cycles and the general denominator stay.
         """
-        del t_ns
         self._frames.clear()
         self._results.clear()
         self._completed.clear()

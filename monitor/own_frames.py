@@ -2,7 +2,7 @@
 
 They go the way of received frames, so that a replay of the recording gives exactly the same
 events. Their identifiers are the last of the 29-bit ones, with the lowest priority; nothing on a
-bus uses them, and the loop never sends them.
+bus should use them, the loop never sends them, and what comes under them from a bus is refused.
 """
 
 from typing import Final
@@ -11,6 +11,8 @@ from monitor.types import Frame
 
 TIME_MARK_ID: Final = 0x1FFFFFFF  # no data: only moves time
 BUS_STATE_ID: Final = 0x1FFFFFFE  # one byte: 1 the monitor is off the bus, 0 it is back
+CLEARED_ID: Final = 0x1FFFFFFD  # no data: a tester has cleared the codes
+FIRST_ID: Final = CLEARED_ID
 
 
 def time_mark(t_ns: int) -> Frame:
@@ -21,6 +23,16 @@ def time_mark(t_ns: int) -> Frame:
 def bus_state(t_ns: int, *, off: bool) -> Frame:
     """Return the frame that says whether the monitor itself is off the bus."""
     return Frame(t_ns, BUS_STATE_ID, True, bytes([off]))
+
+
+def codes_cleared(t_ns: int) -> Frame:
+    """Return the frame that says that a tester has cleared the codes."""
+    return Frame(t_ns, CLEARED_ID, True, b"")
+
+
+def is_own(frame: Frame) -> bool:
+    """Return whether a frame stands under an identifier of the loop's own."""
+    return frame.can_id >= FIRST_ID and frame.is_extended
 
 
 def says_off(frame: Frame) -> bool:

@@ -4,7 +4,7 @@ import hashlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from importlib.resources import files
-from itertools import chain, islice
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +29,6 @@ from monitor.tables import table_block
 from monitor.types import Quality, Sample
 
 SHIPPED_MODEL = "shipped.onnx"
-CHUNK = 256  # samples judged in a row; switching less often is a quarter faster
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,16 +86,11 @@ def sha256_of(path: Path) -> str:
 
 @dataclass(frozen=True, slots=True)
 class _Source:
-    """One recording as samples, with the monitor that judges them."""
+    """One recording as events, with the monitor that judges it."""
 
     monitor: Monitor
-    samples: Iterator[Sample]
+    events: Iterator[Event]
     counters: Callable[[], dict[str, int]]  # what became of its frames
-
-    def events(self) -> Iterator[Event]:
-        while chunk := list(islice(self.samples, CHUNK)):
-            for sample in chunk:
-                yield from self.monitor.push(sample)
 
 
 def _open(path: Path, setup: Setup, store: DtcStore) -> _Source:
@@ -118,7 +112,7 @@ def _open_table(path: Path, setup: Setup, store: DtcStore) -> _Source:
     implausible = (block.quality == Quality.OUT_OF_RANGE).sum(axis=0).tolist()
     counters = {f"out_of_range_{table.names[i]}": implausible[i] for i in needed}
     samples = map(Sample, block.index.tolist(), block.t_ns.tolist(), block.values, block.quality)
-    return _Source(monitor, samples, lambda: counters)
+    return _Source(monitor, chain.from_iterable(map(monitor.push, samples)), lambda: counters)
 
 
 def _open_log(path: Path, setup: Setup, store: DtcStore) -> _Source:
@@ -126,7 +120,7 @@ def _open_log(path: Path, setup: Setup, store: DtcStore) -> _Source:
     pipeline = FramePipeline(setup.bus_map, setup.model, setup.limits, setup.config, store)
     return _Source(
         pipeline.monitor,
-        chain.from_iterable(map(pipeline.samples, read_frames(path, log))),
+        pipeline.push_all(read_frames(path, log)),
         lambda: _log_counters(path, pipeline, log),
     )
 
@@ -168,7 +162,7 @@ def replay(
     setup = setup.of_vehicle(memory) if memory else setup
     source = _open(path, setup, store)
     collector = Collector(source.monitor, trace=trace)
-    for event in source.events():
+    for event in source.events:
         collector.push(event)
         if memory and isinstance(event, CycleStarted):
             memory.learn(setup.model_sha256, event.seen, setup.config.bias)

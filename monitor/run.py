@@ -23,8 +23,8 @@ from monitor.bus.socketcan import BLOCK_S
 from monitor.dtc import DtcStore
 from monitor.errors import RecordingError
 from monitor.memory import Memory
-from monitor.own_frames import bus_state
-from monitor.pipeline import CycleStarted, DtcChanged, Event, FramePipeline, Tick, WindowJudged
+from monitor.own_frames import bus_state, codes_cleared, is_own
+from monitor.pipeline import CycleStarted, Event, FramePipeline, Tick, WindowJudged
 from monitor.reference import Seen
 from monitor.replay import Setup, frame_counters
 from monitor.sinks import Collector
@@ -111,7 +111,10 @@ class Loop:
                         self._judge(own)
                 if frame is not None:
                     heard(frame.t_ns, now_s)
-                    self._take(frame)
+                    if is_own(frame):
+                        self.health.refused += 1
+                    else:
+                        self._take(frame)
 
     def _own_frames(self) -> Iterator[Frame]:
         """Yield what the loop itself has to tell the pipeline."""
@@ -127,11 +130,8 @@ class Loop:
 
         Raises RecordingError when they are cleared but could not be stored; that is tried again.
         """
-        t_ns = self._clock.t_ns
-        changed = self.pipeline.monitor.store.clear(t_ns)
+        self._judge(codes_cleared(self._clock.t_ns))
         self._store()
-        for dtc in changed:
-            self._tell(DtcChanged(t_ns, dtc))
         if self._store_again_s < math.inf:
             raise RecordingError("the codes are cleared, but that is not stored yet")
 

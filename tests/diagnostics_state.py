@@ -85,4 +85,4 @@ class Vehicle:
         if self.fails:
             raise RecordingError("disk full")
         self.clearings += 1
-        self.store.clear(0)
+        self.store.clear()

@@ -38,7 +38,7 @@ def drive(store: DtcStore, seed: int) -> Iterator[str]:
             store.complete(test)
             yield "pass"
         elif dice < 0.77:
-            store.clear(t_ns)
+            store.clear()
             yield "clear"
         else:
             store.count_warm_up()

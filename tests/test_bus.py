@@ -28,7 +28,7 @@ class FailingBus(can.BusABC):
     def __init__(self, script: Iterable[can.Message | Exception | None]) -> None:
         super().__init__(channel="failing")
         self._script = iter(script)
-        self.channel_info = "failing"
+        self.channel_info = "socketcan channel 'failing'"
         self.is_shut = False
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
@@ -138,7 +138,7 @@ def test_filters_hold_after_the_interface_came_back() -> None:
 
 def test_without_a_way_to_open_it_again_a_loss_is_an_error() -> None:
     bench = Bench(FailingBus([down()]), final=True)
-    with pytest.raises(BusError, match=r"failing: .*Network is down"):
+    with pytest.raises(BusError, match=r"failing'?: .*Network is down"):
         bench.port.receive(0.1)
 
 
@@ -166,6 +166,14 @@ def test_an_error_frame_tells_the_controllers_state(
     assert (health.state, health.error_frames, getattr(health, counter)) == (state, 2, 1)
     assert health.bus_off + health.passive + health.warning == 1
     assert bench.port.is_off == (state == "bus off")
+
+
+def test_an_error_frame_of_another_interface_is_only_counted() -> None:
+    bus = FailingBus([error(0x40)])
+    bus.channel_info = "adapter with error frames of its own"
+    bench = Bench(bus)
+    bench.port.receive(0.1)
+    assert (bench.health.state, bench.health.error_frames) == ("active", 1)
 
 
 def test_overflow_and_missing_acknowledge_are_counted_and_change_no_state() -> None:

@@ -424,7 +424,7 @@ def test_what_was_found_before_clearing_is_forgotten_and_found_again(
     first = [event for frame in late_sensor[:half] for event in pipeline.push(frame)]
     assert ("P015A", "pending") in codes(first)
     # WHEN it is cleared while the drive goes on
-    changed = store.clear(late_sensor[half].t_ns)
+    changed = store.clear()
     assert "P015A" in {dtc.code for dtc in changed}
     assert not store.fault_flag
     # THEN it is pending again, after as many windows

@@ -396,7 +396,7 @@ def test_clearing_leaves_permanent_codes_ratios_and_ignition_cycles() -> None:
     ratios = store.ratios
     assert store.counts == Counts(1, 1, 1, 1.0, 1.0, 60.0, 60.0)
     assert [r.quantity for r in store.results] == ["offset"]
-    changed = store.clear(9)
+    changed = store.clear()
     assert {d.code for d in changed} == {"P2195"}
     assert all(dtc == Dtc(dtc.code) for dtc in store.all)
     assert not store.mil
@@ -412,7 +412,7 @@ def test_clearing_leaves_permanent_codes_ratios_and_ignition_cycles() -> None:
 def test_what_passed_before_clearing_completes_no_code_after_it() -> None:
     store = DtcStore()
     store.complete("activity")
-    store.clear(1)
+    store.clear()
     # P2195 can be set by both tests: each must pass again
     assert store.complete("bias") == []
     assert {dtc.code for dtc in store.complete("activity")} >= {"P2195", "P2196"}
@@ -448,7 +448,7 @@ def test_a_permanent_code_goes_with_its_lamp() -> None:
 
 def test_after_clearing_a_permanent_code_goes_by_one_driving_cycle_that_passes() -> None:
     store = confirmed()
-    store.clear(1)
+    store.clear()
     store.complete("bias")  # in the cycle in which it had failed
     store.start_driving_cycle()
     assert store.permanent == ("P2195",)
@@ -465,7 +465,7 @@ def test_after_clearing_a_permanent_code_goes_by_one_driving_cycle_that_passes()
 
 def test_after_clearing_a_failing_cycle_keeps_the_permanent_code() -> None:
     store = confirmed()
-    store.clear(1)
+    store.clear()
     store.start_driving_cycle()
     store.complete("bias")
     store.fail("biased_lean", 2)
@@ -475,7 +475,7 @@ def test_after_clearing_a_failing_cycle_keeps_the_permanent_code() -> None:
 
 def test_a_permanent_code_of_a_continuous_test_needs_a_real_drive_to_go() -> None:
     store = confirmed("signal_missing")
-    store.clear(1)
+    store.clear()
     store.start_driving_cycle()
     store.complete("communication")
     store.start_driving_cycle()
@@ -558,7 +558,7 @@ def test_a_numerator_counts_once_in_a_driving_cycle_also_over_a_clearing() -> No
     store = DtcStore()
     assert store.count_judged("response")
     assert not store.count_judged("response")
-    store.clear(1)
+    store.clear()
     assert not store.count_judged("response")
     store.start_driving_cycle()
     assert store.count_judged("response")
@@ -610,7 +610,7 @@ def test_a_counter_at_its_end_is_halved_with_its_partner(numerator: int, denomin
 
 def test_what_is_driven_counts_since_clearing_and_with_the_lamp_on() -> None:
     store = confirmed()
-    store.clear(1)
+    store.clear()
     store.drive(100.0, 2.0)
     assert store.counts == Counts(distance_since_clear_km=2.0, engine_run_since_clear_s=100.0)
     store = confirmed()
@@ -693,7 +693,7 @@ class StatusByte(RuleBasedStateMachine):
     @rule()
     def it_is_cleared(self) -> None:
         permanent, counts, ratios = self.store.permanent, self.store.counts, self.store.ratios
-        self.store.clear(1)
+        self.store.clear()
         self.history = [Cycle()]
         self.failing_now = False
         assert self.store.permanent == permanent

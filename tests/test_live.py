@@ -110,7 +110,7 @@ def test_clearing_is_shown_at_once(late_sensor: list[Frame]) -> None:
     player = Player(server=sink)
     player.push(late_sensor)
     t_ns = late_sensor[-1].t_ns
-    for dtc in player.store.clear(t_ns):
+    for dtc in player.store.clear():
         player.feed.push(DtcChanged(t_ns, dtc))
     player.feed.work(t_ns / 1e9 + feeds.MESSAGE_S)
     memory = sink.messages[-1]["memory"]

@@ -1,7 +1,8 @@
 """The live loop, on a bus that is played from memory; the real bus is in tests/vcan."""
 
 import json
-from collections.abc import Iterable
+import math
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,8 @@ from monitor import config, replay
 from monitor.bus.recorder import message_of
 from monitor.errors import RecordingError
 from monitor.memory import Memory
-from monitor.own_frames import TIME_MARK_ID
+from monitor.own_frames import FIRST_ID, TIME_MARK_ID, is_own
+from monitor.pipeline import DtcChanged, Event
 from monitor.run import Loop
 from monitor.sources import read_frames
 from monitor.transmit import Transmitter
@@ -37,7 +39,7 @@ class PlayedBus(can.BusABC):
     def __init__(self, script: Iterable[Frame | Pause | can.Message]) -> None:
         super().__init__(channel="played")
         self._script = iter(script)
-        self.channel_info = "played"
+        self.channel_info = "socketcan channel 'played'"
         self.now_s = 0.0
         self.sent: list[can.Message] = []
         self.stop = lambda: None
@@ -231,6 +233,67 @@ def test_after_the_bus_came_back_a_sender_that_stays_away_is_not_excused(
     script = [*late_sensor[:4000], bus_off(0), Pause(1.0), stranger, Pause(10.0)]
     live, _ = run_on(script, setup, record=record)
     assert [d["code"] for d in live["dtcs"]] == ["U0100"]
+    again, _ = replay.replay(record, setup)
+    assert judged(live) == judged(again)
+
+
+@pytest.mark.parametrize("number", range(FIRST_ID, FIRST_ID + 3))
+def test_what_comes_from_the_bus_under_an_identifier_of_the_loop_is_refused(
+    number: int, setup: replay.Setup, late_sensor: list[Frame], tmp_path: Path
+) -> None:
+    # GIVEN a node that says on the bus what only the loop may say
+    foreign = Frame(late_sensor[4000].t_ns, number, True, b"\x01")
+    record = tmp_path / "foreign.log"
+    live, _ = run_on([*late_sensor[:4000], foreign, *late_sensor[4000:8000]], setup, record=record)
+    # THEN nothing changes by it
+    alone, _ = run_on(late_sensor[:8000], setup)
+    assert judged(live) == judged(alone)
+    assert not any(is_own(frame) for frame in read_frames(record))
+
+
+class Clearing:
+    """An attachment that clears the codes when a certain frame comes."""
+
+    identifiers = ((0x6F0, False),)
+    due_s = math.inf
+
+    def __init__(self) -> None:
+        self.clear: Callable[[], None] = lambda: None
+        self.events: list[Event] = []
+
+    def receive(self, frame: Frame) -> list[Frame]:
+        self.clear()
+        return []
+
+    def push(self, event: Event) -> None:
+        self.events.append(event)
+
+    def work(self, now_s: float) -> list[Frame]:
+        return []
+
+    def close(self) -> None:
+        pass
+
+
+def test_codes_that_a_tester_clears_are_cleared_in_a_replay_of_the_recording(
+    setup: replay.Setup, late_sensor: list[Frame], tmp_path: Path
+) -> None:
+    # GIVEN a drive with a code, which is then cleared
+    record = tmp_path / "cleared.log"
+    asked = Frame(late_sensor[-1].t_ns, 0x6F0, False, b"")
+    tester = Clearing()
+    bus = PlayedBus([*late_sensor, asked])
+    with bus:
+        loop = Loop(bus, setup, record=record, attachments=[tester], say=lambda _: None,
+                    monotonic_s=lambda: bus.now_s)  # fmt: skip
+        tester.clear, bus.stop = loop.clear_codes, loop.stop
+        loop.run()
+    live = loop.result("played")
+    # THEN it was set and is gone
+    states = [e.dtc.state for e in tester.events if isinstance(e, DtcChanged)]
+    assert "pending" in states
+    assert live["dtcs"] == []
+    # AND so it is in a replay
     again, _ = replay.replay(record, setup)
     assert judged(live) == judged(again)
 

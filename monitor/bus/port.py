@@ -32,6 +32,7 @@ class BusHealth:
     frames: int = 0  # received and not refused below
     error_frames: int = 0
     remote_frames: int = 0
+    refused: int = 0  # frames under identifiers that the loop keeps for itself
     overruns: int = 0  # error frames that say the controller has lost frames
     drops: int = 0  # frames that the socket's buffer had no room for
     bus_off: int = 0  # times the controller went off the bus
@@ -82,6 +83,7 @@ class Port:
     def _use(self, bus: can.BusABC) -> None:
         self._bus: can.BusABC | None = bus
         self._reader = SocketReader.of(bus)
+        self._is_socketcan = bus.channel_info.startswith("socketcan")
         if self._filters is not None:
             bus.set_filters(self._filters)
         if self._reader:
@@ -137,8 +139,10 @@ class Port:
     def _take(self, message: can.Message | None) -> Frame | None:
         if message is None:
             return None
-        if message.is_error_frame:
+        if message.is_error_frame and self._is_socketcan:
             self._heed(message.arbitration_id, bytes(message.data))
+        elif message.is_error_frame:  # every other interface has a form of its own
+            self._health.error_frames += 1
         elif message.is_remote_frame:
             self._health.remote_frames += 1
         else:

@@ -198,7 +198,7 @@ def _clear(args: argparse.Namespace) -> int:
     with closing(Memory(args.memory, hold=True)) as memory:
         store = DtcStore(memory.load())
         cleared = [dtc.code for dtc in store.active]
-        store.clear(time.time_ns())
+        store.clear()
         memory.save(store.saved)
 
     def lines() -> Iterator[str]:
