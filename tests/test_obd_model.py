@@ -8,8 +8,8 @@ import pytest
 import dbc
 from monitor import config, replay
 from monitor.model import Model
-from monitor.obd_pids import lengths, wanted
-from monitor.obd_poll import ObdPoller
+from monitor.polling.pids import lengths, wanted
+from monitor.polling.poller import ObdPoller
 from monitor.run import Loop
 from tests.obd_ecu import ObdEcu, SimulatedBus
 from tests.simulated_drives import WARM

@@ -23,9 +23,9 @@ from monitor.bus_map import BusMap, load_pairs
 from monitor.cli import main
 from monitor.decode import Decoder
 from monitor.errors import SignalMapError, UsageError
-from monitor.obd_answer import Address, Reassembly, values_of
-from monitor.obd_pids import interval_s, lengths, wanted
-from monitor.obd_poll import ObdPoller
+from monitor.polling.answer import Address, Reassembly, values_of
+from monitor.polling.pids import interval_s, lengths, wanted
+from monitor.polling.poller import ObdPoller
 from monitor.run import Loop
 from monitor.sources import frame_of
 from monitor.types import Frame

@@ -23,7 +23,7 @@ from monitor.errors import UsageError
 
 if TYPE_CHECKING:
     from monitor.bus.port import BusHealth, Port
-    from monitor.obd_poll import ObdPoller
+    from monitor.polling.poller import ObdPoller
     from monitor.types import Frame
 
 _CHECK = """examples:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import can
 
     from monitor.bus_map import BusMap
-    from monitor.obd_poll import ObdPoller
+    from monitor.polling.poller import ObdPoller
     from monitor.replay import Setup
 
 NOT_JUDGED = 3
@@ -112,9 +112,9 @@ def obd_poller(
 
     tell : takes the line about what is supported
     """
-    from monitor.obd_answer import Address
-    from monitor.obd_pids import lengths, wanted
-    from monitor.obd_poll import ADDRESSES, ObdPoller
+    from monitor.polling.answer import Address
+    from monitor.polling.pids import lengths, wanted
+    from monitor.polling.poller import ADDRESSES, ObdPoller
 
     parameters = wanted(bus_map, bus_map.names)
     only = args.obd_request
@@ -129,7 +129,7 @@ def obd_poller(
 
 def tell_if_too_slow(args: argparse.Namespace, setup: "Setup", tell: Callable[[str], None]) -> None:
     """Say so if polling cannot bring the signals as often as the model samples them."""
-    from monitor.obd_pids import interval_s, wanted
+    from monitor.polling.pids import interval_s, wanted
 
     served_s = interval_s(wanted(setup.bus_map, setup.bus_map.names), args.obd_rate)
     period_s = setup.model.card.period_ns / 1e9

@@ -4,8 +4,8 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
-from monitor.obd_answer import supported
-from monitor.obd_pids import BITMAPS, Parameter
+from monitor.polling.answer import supported
+from monitor.polling.pids import BITMAPS, Parameter
 
 MOST_PIDS: Final = 6  # in one request, SAE J1979
 TRY_AGAIN: Final = 60  # answers to single PIDs, after which silence is put down to lost frames

@@ -11,7 +11,8 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from monitor.obd_answer import (
+from monitor.pipeline import Event
+from monitor.polling.answer import (
     BUSY,
     FLOW_CONTROL,
     FUNCTIONAL,
@@ -25,9 +26,8 @@ from monitor.obd_answer import (
     request_of,
     values_of,
 )
-from monitor.obd_pids import ANSWER_ID, Parameter
-from monitor.obd_schedule import Schedule
-from monitor.pipeline import Event
+from monitor.polling.pids import ANSWER_ID, Parameter
+from monitor.polling.schedule import Schedule
 from monitor.types import Frame
 
 # tried in this order until one is answered, as ISO 15765-4 has it: 11 bits before 29
