@@ -30,6 +30,7 @@ MEANINGS = {
     "out_of_range": "outside the plausible range",
     "signal_missing": "signal is not received",
     "signal_invalid": "signal is sent as invalid",
+    "bus_off": "the monitor itself is off the bus",
 }
 _VERDICTS = {  # class: symbol, words
     "failed": ("✕", "fault found"),

@@ -70,8 +70,7 @@ class Gateway:
         self._heard: tuple[int, float] | None = None  # bus time and clock of the last ECU frame
         self._last_ns = 0  # bus time of what was last given or marked
         self._filenos = _filenos(ecu, other)
-        for bus in (ecu, other):
-            _enlarge(bus)
+        self._sockets = {id(bus) for bus in (ecu, other) if _set_up(bus)}
         self.passed = Passed()
 
     def stop(self, *_: object) -> None:
@@ -101,8 +100,8 @@ class Gateway:
                 return False
             if message.is_error_frame:
                 self.passed.error_frames += 1
-            elif not message.is_rx:
-                continue  # our own, on a bus that was opened to hear these
+            elif self._is_own(self._ecu, message):
+                continue
             elif message.is_remote_frame:
                 self._send(self._other, message)
             else:
@@ -125,9 +124,16 @@ class Gateway:
                 return False
             if message.is_error_frame:
                 self.passed.error_frames += 1
-            elif message.is_rx:
+            elif not self._is_own(self._other, message):
                 self.passed.to_ecu += self._send(self._ecu, message)
         return True
+
+    def _is_own(self, bus: can.BusABC, message: can.Message) -> bool:
+        """Return whether it is one that the gateway has sent, on a bus opened to hear these.
+
+        SocketCAN gives none, and calls what other processes of this machine send not received.
+        """
+        return not message.is_rx and id(bus) not in self._sockets
 
     def _due(self) -> None:
         """Give what is due although the ECU says nothing just now; say that time passes."""
@@ -190,11 +196,19 @@ def _filenos(*buses: can.BusABC) -> list[int]:
     return found if all(each >= 0 for each in found) else []
 
 
-def _enlarge(bus: can.BusABC) -> None:
-    """Give SocketCAN's socket room for a burst; other interfaces keep theirs."""
+def _set_up(bus: can.BusABC) -> bool:
+    """Give SocketCAN's socket room for a burst and keep its own frames off it.
+
+    Returns whether it is one; other interfaces stay as they are.
+    """
     own = getattr(bus, "socket", None)
-    if isinstance(own, socket.socket):
-        own.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
+    if not isinstance(own, socket.socket):
+        return False
+    own.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
+    if own.family == getattr(socket, "AF_CAN", None):
+        own.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_RECV_OWN_MSGS, 0)
+        return True
+    return False
 
 
 @contextmanager

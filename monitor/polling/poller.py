@@ -56,7 +56,7 @@ class PollCounters:
 class ObdPoller:
     """The attachment that polls.
 
-    parameters, lengths : as from ``obd_pids``
+    parameters, lengths : as from ``pids``
     addresses : tried in turn until one is answered
     rate_hz : most requests a second
     say : takes a line about what is supported, once it is known, and one at the end
