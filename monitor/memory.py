@@ -218,7 +218,10 @@ class Memory:
     @property
     def _is_as_left(self) -> bool:
         """Return whether nobody else has written since; inside a transaction it stays so."""
-        return self._data_version == self._number("PRAGMA data_version")
+        try:
+            return self._data_version == self._number("PRAGMA data_version")
+        except sqlite3.Error:  # writing will say what is wrong
+            return False
 
     def _replace(self, table: str, rows: Iterable[tuple[Any, ...]]) -> None:
         self._db.execute(f"DELETE FROM {table}")
