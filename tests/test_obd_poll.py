@@ -17,12 +17,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import dbc
-from monitor import config, obd_answer, replay
+from monitor import config, replay
 from monitor.bus.recorder import message_of
 from monitor.bus_map import BusMap, load_pairs
 from monitor.cli import main
 from monitor.decode import Decoder
 from monitor.errors import SignalMapError, UsageError
+from monitor.polling import answer
 from monitor.polling.answer import Address, Reassembly, values_of
 from monitor.polling.pids import interval_s, lengths, wanted
 from monitor.polling.poller import ObdPoller
@@ -383,7 +384,7 @@ def test_an_identifier_that_is_no_request_is_refused(request_id: int) -> None:
 
 
 def test_its_examples_run() -> None:
-    ran = doctest.testmod(obd_answer)
+    ran = doctest.testmod(answer)
     assert ran.attempted > 1
     assert not ran.failed
 
