@@ -152,12 +152,9 @@ class SensorFault:
     def push(self, lambda_healthy: float) -> float:
         """Return what the faulty sensor reads; NaN stays NaN, and what no sensor can read stays."""
         fault = self._fault
-        if not math.isfinite(lambda_healthy) or fault.not_ready or fault.missing:
-            return math.nan
-        if fault.stuck_lambda:
-            return fault.stuck_lambda
-        if lambda_healthy <= 0.0:
-            return lambda_healthy
+        at_once = _at_once(fault, lambda_healthy)
+        if at_once is not None:
+            return at_once
         phi = 1.0 / lambda_healthy
         self._history.append(phi)
         phi = one_sided(phi, self._history[0], fault.delay_direction)
@@ -169,6 +166,15 @@ class SensorFault:
     def apply(self, lambda_healthy: Iterable[float]) -> list[float]:
         """Return the faulty readings of a whole series."""
         return [self.push(value) for value in lambda_healthy]
+
+
+def _at_once(fault: Fault, lambda_healthy: float) -> float | None:
+    """Return what is read whatever came before, None if dead time and lag have a say."""
+    if not math.isfinite(lambda_healthy) or fault.not_ready or fault.missing:
+        return math.nan
+    if fault.stuck_lambda:
+        return fault.stuck_lambda
+    return lambda_healthy if lambda_healthy <= 0.0 else None
 
 
 def _reading(fault: Fault, x: float) -> float:
@@ -194,12 +200,9 @@ class TimedSensorFault:
     def push(self, t_ns: int, lambda_healthy: float) -> float:
         """Return what the faulty sensor reads; NaN stays NaN, and what no sensor can read stays."""
         fault = self._fault
-        if not math.isfinite(lambda_healthy) or fault.not_ready or fault.missing:
-            return math.nan
-        if fault.stuck_lambda:
-            return fault.stuck_lambda
-        if lambda_healthy <= 0.0:
-            return lambda_healthy
+        at_once = _at_once(fault, lambda_healthy)
+        if at_once is not None:
+            return at_once
         phi = 1.0 / lambda_healthy
         if self._delay_ns:
             self._history.append((t_ns, phi))
