@@ -20,8 +20,8 @@ from unittest.mock import patch
 import numpy as np
 
 from monitor import config
-from monitor.batch import Judged, judge_all
-from monitor.batch_bank import BankBlock
+from monitor.batch.bank import BankBlock
+from monitor.batch.judge import Judged, judge_all
 from monitor.config import Config
 from monitor.decide import Decisions
 from monitor.dtc import DtcStore

@@ -34,7 +34,7 @@ from pathlib import Path
 import numpy as np
 
 from monitor import config, faults
-from monitor.batch import Judged, judge_all
+from monitor.batch.judge import Judged, judge_all
 from monitor.limits import Limits
 from monitor.model import Model, to_model_units
 from monitor.replay import shipped_model

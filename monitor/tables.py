@@ -19,7 +19,7 @@ from typing import IO, Any, Final
 import numpy as np
 
 from monitor.assemble import check_grid
-from monitor.assemble_arrays import assemble_arrays
+from monitor.batch.assemble import assemble_arrays
 from monitor.errors import ConfigError, RecordingError
 from monitor.signals import plausible_range
 from monitor.types import FloatArray, IntArray, Quality, QualityArray, Sample, SampleBlock

@@ -25,6 +25,15 @@ class Frame(NamedTuple):
     data: bytes
 
 
+class FrameBlock(NamedTuple):
+    """Many CAN frames side by side, in the order of the log; row i is one Frame."""
+
+    t_ns: IntArray  # (n,)
+    key: NDArray[np.uint32]  # (n,) identifier, with bit 31 set if it has 29 bits
+    length: NDArray[np.uint8]  # (n,) bytes of data
+    data: NDArray[np.uint8]  # (n, 8), or (n, 64) if one is longer; zero behind each frame's end
+
+
 class Quality(IntEnum):
     """How good one value of a sample is; anything but GOOD comes with the value NaN."""
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from monitor import config, faults
-from monitor.batch import Judged, judge_all
+from monitor.batch.judge import Judged, judge_all
 from monitor.limits import Limits
 from monitor.model import Model
 from monitor.replay import shipped_model

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from monitor.assemble import MAX_JUMP_NS, MAX_LATE, Assembler
-from monitor.assemble_arrays import assemble_arrays
+from monitor.batch.assemble import assemble_arrays
 from monitor.errors import SignalMapError
 from monitor.signal_map import Derived
 from monitor.types import Quality, Sample

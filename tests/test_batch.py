@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from monitor import config, enable, faults, hypotheses
-from monitor.batch import Judged, judge_all
-from monitor.batch_bank import BankBlock, phases
+from monitor.batch.bank import BankBlock, phases
+from monitor.batch.judge import Judged, judge_all
 from monitor.config import Config
 from monitor.dtc import TESTS, DtcStore
 from monitor.errors import RecordingError

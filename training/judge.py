@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from monitor import enable
-from monitor.batch import Judged, judge_all
+from monitor.batch.judge import Judged, judge_all
 from monitor.config import Config
 from monitor.enable import Enable
 from monitor.limits import Limits

@@ -13,7 +13,7 @@ import numpy as np
 
 import dbc
 from monitor.assemble import Assembler
-from monitor.assemble_arrays import assemble_arrays
+from monitor.batch.assemble import assemble_arrays
 from monitor.bus_map import BusMap, load_pairs
 from monitor.decode import Decoder
 from monitor.errors import RecordingError, UsageError

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 import dbc
-from monitor.assemble_arrays import assemble_arrays
+from monitor.batch.assemble import assemble_arrays
 from monitor.bus_map import BusMap, Channel, load_pairs
 from monitor.faults import Fault
 from monitor.signals import plausible_range

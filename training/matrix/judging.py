@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
-from monitor.batch import Judged, judge_all
+from monitor.batch.judge import Judged, judge_all
 from monitor.config import Config
 from monitor.limits import Limits
 from monitor.model import Model

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from monitor.batch import Judged
+from monitor.batch.judge import Judged
 from monitor.enable import CONDITIONS
 from monitor.types import SampleBlock
 from training.matrix.plan import Trial

@@ -12,7 +12,7 @@ from typing import Any, Final
 from joblib import Parallel, delayed
 
 import monitor
-from monitor.batch import Judged
+from monitor.batch.judge import Judged
 from monitor.config import Config
 from monitor.errors import O2Error
 from monitor.limits import Limits

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from monitor import config
-from monitor.batch import Judged
+from monitor.batch.judge import Judged
 from monitor.config import Config
 from monitor.faults import Fault, SensorFault, resolve
 from monitor.limits import Limits

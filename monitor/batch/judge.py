@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from monitor import enable, hypotheses
-from monitor.batch_bank import BankBlock, phases
+from monitor.batch.bank import BankBlock, phases
 from monitor.config import Config
 from monitor.decide import Change, Decisions, DtcChanged, WindowJudged
 from monitor.dtc import Dtc, DtcStore

@@ -1,0 +1,1 @@
+"""Whole recordings at once, with the same results as the streaming pipeline."""
