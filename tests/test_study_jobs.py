@@ -14,6 +14,7 @@ import pytest
 
 from monitor.errors import UsageError
 from tests.small_study import SETTINGS, timeless, two_drives
+from training import cluster
 from training.prepare import Prepared
 from training.study.narx import parallel
 from training.study.narx.study import narx_study
@@ -136,6 +137,6 @@ def test_a_dask_cluster_gives_the_same_study(
 def test_a_scheduler_that_does_not_answer_is_named(
     data: Prepared, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(parallel, "CONNECT_S", 0.3)
+    monkeypatch.setattr(cluster, "CONNECT_S", 0.3)
     with pytest.raises(UsageError, match=r"scheduler tcp://127\.0\.0\.1:9: no answer"):
         narx_study(data, tmp_path, scheduler="tcp://127.0.0.1:9", **SETTINGS)

@@ -1,4 +1,4 @@
-"""Jobs of the study side by side on this machine's cores or on a Dask cluster, each stored at once.
+"""Jobs of the study side by side, each stored at once.
 
 A job is a function of shared data and its own settings. What it returns is written to two files
 named by its key, both renamed into place, the JSON last: a study that was killed finds every
@@ -6,28 +6,20 @@ finished job and runs only the others.
 """
 
 import json
-import os
-import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from threading import Thread
 from typing import Any, TypeVar
 
-import joblib
 import numpy as np
-from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
-from monitor.errors import UsageError
 from monitor.types import FloatArray
+from training import parallel
 
 Shared = TypeVar("Shared")
 Item = TypeVar("Item")
 Arrays = dict[str, FloatArray]
 Done = tuple[dict[str, Any], Arrays]
-CONNECT_S = 10.0  # wait for a scheduler's answer
-WATCH_S = 1.0  # how often a worker looks whether its study still lives
 
 
 def run(
@@ -53,13 +45,9 @@ def run(
     bar = tqdm(
         total=len(items), initial=len(found), desc=label, unit="job", leave=False, disable=None
     )
-    with bar, _backend(scheduler, jobs, shared):
-        # Workers return, this process writes: a cluster needs no common file system.
-        parallel = joblib.Parallel(
-            return_as="generator_unordered", batch_size=1, max_nbytes=None, pre_dispatch="2*n_jobs"
-        )
-        calls = (joblib.delayed(_call)(function, shared, k, item) for k, item in missing.items())
-        for key, (result, arrays) in parallel(calls) if missing else ():
+    with bar:
+        done = parallel.run(function, shared, missing.items(), jobs=jobs, scheduler=scheduler)
+        for key, (result, arrays) in done:
             _store(directory, key, result, arrays)
             found[key] = result
             bar.update()
@@ -81,13 +69,6 @@ def arrays_of(directory: Path, key: str) -> Arrays:
         return {name: file[name] for name in file.files}
 
 
-def _call(
-    function: Callable[[Shared, Item], Done], shared: Shared, key: str, item: Item
-) -> tuple[str, Done]:
-    with threadpool_limits(1):  # one thread is the fastest on small matrices
-        return key, function(shared, item)
-
-
 def _store(directory: Path, key: str, result: dict[str, Any], arrays: Arrays) -> None:
     temporary = directory / f".{key}.part"
     with temporary.open("wb") as file:
@@ -95,41 +76,3 @@ def _store(directory: Path, key: str, result: dict[str, Any], arrays: Arrays) ->
     temporary.replace(directory / f"{key}.npz")
     temporary.write_text(json.dumps(result, allow_nan=False))
     temporary.replace(directory / f"{key}.json")
-
-
-@contextmanager
-def _backend(scheduler: str | None, jobs: int, shared: object) -> Iterator[None]:
-    if scheduler is None:
-        watch = {"initializer": _end_with, "initargs": (os.getpid(),)} if jobs != 1 else {}
-        with joblib.parallel_config("loky", n_jobs=jobs, inner_max_num_threads=1, **watch):
-            yield
-        return
-    with _client(scheduler), joblib.parallel_config("dask", n_jobs=-1, scatter=[shared]):
-        yield
-
-
-def _end_with(parent: int) -> None:
-    """End this worker when the study is killed; it would wait for jobs for ever."""
-
-    def watch() -> None:
-        while os.getppid() == parent:
-            time.sleep(WATCH_S)
-        os._exit(1)
-
-    Thread(target=watch, daemon=True).start()
-
-
-@contextmanager
-def _client(scheduler: str) -> Iterator[None]:
-    try:
-        from distributed import Client  # noqa: PLC0415 - an extra that few need
-    except ImportError as error:
-        raise UsageError(
-            f"scheduler {scheduler}: needs dask; pip install 'o2-monitor[fleet]'"
-        ) from error
-    try:
-        client = Client(scheduler, timeout=CONNECT_S)  # type: ignore[no-untyped-call]
-    except (OSError, ValueError) as error:
-        raise UsageError(f"scheduler {scheduler}: no answer; wanted tcp://host:port") from error
-    with client:
-        yield
