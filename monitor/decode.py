@@ -8,8 +8,8 @@ two is counted and marked. Nothing here is ever fatal.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 
-from monitor.bus_map import BusMap, Channel
-from monitor.decoder_source import Reason, build_decoder
+from monitor.bus_map import BusMap
+from monitor.decoder_source import Member, Reason, build_decoder
 from monitor.signal_map import Derived
 from monitor.types import Frame, Update
 
@@ -56,7 +56,7 @@ class Decoder:
         self._handlers: dict[int, Callable[[bytes], Update | None]] = {}
         self._resets: list[Callable[[], None]] = []
         self._counts: dict[str, list[int]] = {}
-        for key, members in self._by_message(bus_map).items():
+        for key, members in by_message(bus_map, self.channels).items():
             counts = [0] * len(Reason)
             decode, reset = build_decoder(members, counts)
             self._handlers[key] = decode
@@ -85,17 +85,20 @@ class Decoder:
     @property
     def counters(self) -> dict[str, MessageCounters]:
         """Return the counters by message name."""
-        order = [Reason[each.name.upper()] for each in fields(MessageCounters)]
-        return {
-            name: MessageCounters(*(counts[reason] for reason in order))
-            for name, counts in self._counts.items()
-        }
+        return {name: counters_of(counts) for name, counts in self._counts.items()}
 
-    def _by_message(self, bus_map: BusMap) -> dict[int, list[tuple[int, Channel]]]:
-        groups: dict[int, list[tuple[int, Channel]]] = {}
-        for index, name in enumerate(self.channels):
-            channel = bus_map.channels[name]
-            message = channel.message
-            key = message.frame_id | (EXTENDED if message.is_extended_frame else 0)
-            groups.setdefault(key, []).append((index, channel))
-        return groups
+
+def by_message(bus_map: BusMap, channels: Sequence[str]) -> dict[int, list[Member]]:
+    """Return the numbered channels of each message, by the key of its frames."""
+    groups: dict[int, list[Member]] = {}
+    for index, name in enumerate(channels):
+        channel = bus_map.channels[name]
+        message = channel.message
+        key = message.frame_id | (EXTENDED if message.is_extended_frame else 0)
+        groups.setdefault(key, []).append((index, channel))
+    return groups
+
+
+def counters_of(counts: Sequence[int]) -> MessageCounters:
+    """Return a message's counters from its counts, one per Reason."""
+    return MessageCounters(*(counts[Reason[each.name.upper()]] for each in fields(MessageCounters)))

@@ -24,6 +24,7 @@ from monitor.raw_values import (
 from monitor.types import Update
 
 Member = tuple[int, Channel]  # channel number, channel
+Conditions = tuple[tuple[str, tuple[int, ...]], ...]  # multiplexers with the values wanted
 CLASSIC_LENGTH = 8  # bytes of a classic CAN frame
 
 
@@ -106,16 +107,23 @@ def _length_check(message: Message) -> list[str]:
     ]
 
 
-def _checksum_check(channel: Channel) -> list[str]:
-    message, integrity = channel.message, channel.integrity
-    signal = _named(channel, integrity.checksum)
-    offset = bit_position(message, signal)
-    if signal.length != 8 or offset % 8 or signal.is_signed:
+def checksum_byte(channel: Channel) -> int:
+    """Return the number of the byte that holds the message's checksum.
+
+    Raises SignalMapError if it does not fill one.
+    """
+    message, signal = channel.message, _named(channel, channel.integrity.checksum)
+    if signal.length != 8 or bit_position(message, signal) % 8 or signal.is_signed:
         raise SignalMapError(
             f"{channel.map_path}: checksum {message.name}.{signal.name} of {channel.dbc} "
             "must be an unsigned byte of its own"
         )
-    place = signal.start // 8
+    return int(signal.start // 8)
+
+
+def _checksum_check(channel: Channel) -> list[str]:
+    message, integrity = channel.message, channel.integrity
+    place = checksum_byte(channel)
     expression = str(start_value(integrity.algorithm, message.frame_id))
     for byte in range(message.length):
         if byte != place:
@@ -142,16 +150,22 @@ def _counter_check(channel: Channel) -> list[str]:
     ]
 
 
-def _branches(members: Sequence[Member]) -> list[str]:
-    """Return the code that decodes and returns the values, one branch per multiplexer value."""
-    groups: dict[tuple[tuple[str, tuple[int, ...]], ...], list[Member]] = {}
+def branches(members: Sequence[Member]) -> dict[Conditions, list[Member]]:
+    """Return the members by the multiplexer values under which they come, the fewest first."""
+    groups: dict[Conditions, list[Member]] = {}
     for member in members:
         groups.setdefault(multiplexing(member[1]), []).append(member)
+    return dict(sorted(groups.items(), key=lambda item: len(item[0])))
+
+
+def _branches(members: Sequence[Member]) -> list[str]:
+    """Return the code that decodes and returns the values, one branch per multiplexer value."""
+    groups = branches(members)
     if list(groups) == [()]:
         return _values(groups[()])
     message = members[0][1].message
     lines = ["indices = ()", "values = ()"]
-    for conditions, group in sorted(groups.items(), key=lambda item: len(item[0])):
+    for conditions, group in groups.items():
         tests = [
             f"{_raw(message, message.get_signal_by_name(name))} in {ids!r}"
             for name, ids in conditions
@@ -214,7 +228,7 @@ def _named(channel: Channel, name: str) -> Signal:
     return channel.message.get_signal_by_name(name)
 
 
-def multiplexing(channel: Channel) -> tuple[tuple[str, tuple[int, ...]], ...]:
+def multiplexing(channel: Channel) -> Conditions:
     """Return the multiplexer values under which the frame carries the channel, outermost first."""
     found: list[tuple[str, tuple[int, ...]]] = []
     signal = channel.signal
