@@ -100,10 +100,14 @@ def _functions(name: str) -> tuple[Callable[[bytes, bytes], bytes], Callable[[by
     """Return the functions that tasks call; defined here, they travel by value."""
 
     def call(shared: bytes, job: bytes) -> bytes:
+        from distributed import get_worker  # noqa: PLC0415
+
         from training import parallel  # noqa: PLC0415
 
-        if name not in parallel.__file__:
-            raise RuntimeError(f"{parallel.__file__} was loaded on this worker instead of {name}")
+        plugin: Any = get_worker().plugins[name]
+        root = plugin.root
+        if not parallel.__file__.startswith(root):
+            raise RuntimeError(f"{parallel.__file__} was loaded on this worker, not from {root}")
         return parallel.of_bytes(shared, job)
 
     def hold(data: bytes) -> bytes:
@@ -136,18 +140,36 @@ def _shipment(name: str, archive: bytes) -> Any:
             self.name, self.archive, self.ours = name, archive, ours
 
         def setup(self, worker: Any) -> None:
+            import contextlib  # noqa: PLC0415
             import importlib  # noqa: PLC0415
+            import importlib.util  # noqa: PLC0415
             import io  # noqa: PLC0415
             import sys  # noqa: PLC0415
             import zipfile  # noqa: PLC0415
             from pathlib import Path  # noqa: PLC0415
 
-            folder = Path(worker.local_directory) / self.name
+            def is_same(root: Path) -> bool:
+                return all(
+                    (root / name).is_file() and (root / name).read_bytes() == file.read(name)
+                    for name in file.namelist()
+                )
+
+            file = zipfile.ZipFile(io.BytesIO(self.archive))
+            spec = importlib.util.find_spec("training")
+            if spec and spec.origin and is_same(Path(spec.origin).parent.parent):
+                self.root = str(Path(spec.origin).parent.parent)
+                return
+            # beside the folders of this machine's workers, so that numba compiles once for all
+            folder = Path(worker.local_directory).parent / self.name
             if not folder.exists():
-                zipfile.ZipFile(io.BytesIO(self.archive)).extractall(folder)
-            sys.path[:] = [str(folder), *(path for path in sys.path if path != str(folder))]
+                begun = Path(worker.local_directory) / self.name
+                file.extractall(begun)
+                with contextlib.suppress(OSError):  # another worker was quicker
+                    begun.rename(folder)
+            self.root = str(folder)
+            sys.path[:] = [self.root, *(path for path in sys.path if path != self.root)]
             for module, loaded in list(sys.modules.items()):
-                own = str(getattr(loaded, "__file__", None) or folder).startswith(str(folder))
+                own = str(getattr(loaded, "__file__", None) or folder).startswith(self.root)
                 if module.split(".")[0] in self.ours and not own:
                     del sys.modules[module]  # an installed or an earlier version
             importlib.invalidate_caches()
