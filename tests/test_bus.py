@@ -12,8 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.udp_can import UdpCan
+from monitor.bus.connection import FIRST_TRY_S, LAST_TRY_S
 from monitor.bus.error_frames import error_frame
-from monitor.bus.port import LAST_TRY_S, BusHealth, Port
+from monitor.bus.port import BusHealth, Port
 from monitor.bus.recorder import message_of
 from monitor.bus.socketcan import RECEIVE_BUFFER_BYTES, SocketReader
 from monitor.errors import BusError
@@ -124,6 +125,22 @@ def test_an_interface_that_is_up_and_down_again_is_not_tried_more_and_more_often
     assert len(bench.tries_s) < 20
 
 
+def test_after_an_interface_was_sound_again_its_next_loss_is_tried_at_once() -> None:
+    # GIVEN an interface that is lost, back for a minute without a frame at first, and lost again
+    lost_for_long = [BusError("gone")] * 6
+    steady = FailingBus([*[None] * 10, message(), *[None] * 10, down()])
+    bench = Bench(FailingBus([down()]), [*lost_for_long, steady, FailingBus([message()])])
+    while bench.health.reconnects < 1:
+        bench.port.receive(0.1)
+    back_s = bench.now_s
+    bench.now_s += 60.0
+    while bench.health.reconnects < 2:
+        bench.port.receive(0.1)
+    # THEN the first try is as soon as at the first loss
+    assert bench.tries_s[-1] == pytest.approx(back_s + 60.0 + FIRST_TRY_S)
+    assert bench.health.losses == 2
+
+
 def test_filters_hold_after_the_interface_came_back() -> None:
     second = FailingBus([])
     bench = Bench(FailingBus([down()]), [second])
@@ -222,6 +239,14 @@ def received(port: Port, n: int) -> list[Frame]:
     return frames
 
 
+def emptied(port: Port) -> int:
+    """Receive all that is there; return how many frames it was."""
+    n = 0
+    while port.receive(0.0):
+        n += 1
+    return n
+
+
 def test_a_frame_off_the_socket_is_what_python_can_makes_of_it(wire: Any) -> None:
     here, there = wire
     sent = [
@@ -264,12 +289,31 @@ def test_frames_the_buffer_had_no_room_for_are_counted(wire: Any) -> None:
     there.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
     for number in range(300):
         here.send_raw(struct.pack("=IB3x8x", number, 8))
-    n = len(received(port, 300))
+    n = emptied(port)
     here.send_raw(struct.pack("=IB3x8x", 1, 8))  # tells what was dropped before it
-    n += len(received(port, 1))
-    port.receive(0.0)
+    n += emptied(port)
     assert 0 < n < 301
     assert health.drops == 301 - n
+
+
+def test_dropped_frames_are_counted_once_however_often_a_lost_bus_is_tried(wire: Any) -> None:
+    # GIVEN a socket that has dropped frames, and then fails
+    here, there = wire
+    with UdpCan() as second:
+        bench = Bench(there, [BusError("gone"), BusError("gone"), second])
+        there.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        for number in range(300):
+            here.send_raw(struct.pack("=IB3x8x", number, 8))
+        n = emptied(bench.port)
+        here.send_raw(struct.pack("=IB3x8x", 1, 8))  # tells what was dropped before it
+        n += emptied(bench.port)
+        there.socket.close()
+        # WHEN it is there again at the third try
+        while bench.health.reconnects < 1:
+            bench.port.receive(0.1)
+        bench.port.receive(0.0)
+    assert (bench.health.losses, bench.health.drops) == (1, 301 - n)
+    assert n < 301
 
 
 def test_the_buffer_is_enlarged_and_what_was_got_is_known(wire: Any) -> None:

@@ -3,21 +3,18 @@
 import math
 import time
 from collections.abc import Callable, Collection
-from contextlib import suppress
 from dataclasses import asdict, dataclass
 from typing import Any, Final, Literal
 
 import can
 
+from monitor.bus.connection import Connection
 from monitor.bus.error_frames import error_frame
 from monitor.bus.recorder import message_of
 from monitor.bus.socketcan import ErrorMessage, SocketReader
-from monitor.errors import BusError
 from monitor.sources import frame_of
 from monitor.types import Frame
 
-FIRST_TRY_S: Final = 0.1  # after a loss; every further try waits twice as long
-LAST_TRY_S: Final = 5.0
 QUIET_S: Final = 10.0  # between two lines about the controller's state
 
 State = Literal["active", "warning", "passive", "bus off", "gone"]
@@ -71,12 +68,11 @@ class Port:
         monotonic_s: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
-        self._health, self._reopen, self._say = health, reopen, say
+        self._health, self._say = health, say
         self._now_s, self._sleep = monotonic_s, sleep
+        self._connection = Connection(bus, reopen, say, monotonic_s)
         self._filters: list[Any] | None = None
-        self._next_try_s = self._lost_s = 0.0
         self._quiet_until_s = -math.inf
-        self._back_off_s = FIRST_TRY_S
         self._drops_before = 0  # on sockets that are closed
         self._use(bus)
 
@@ -170,44 +166,34 @@ class Port:
 
     def _lose(self, error: Exception) -> None:
         """Let go of a bus that has failed."""
-        bus, self._bus = self._bus, None
         if self._reader:
             self._drops_before += self._reader.drops
-        if self._reopen is None:
-            raise BusError(f"{bus and bus.channel_info}: {error}") from None
-        if self._health.state != "gone":
-            self._health.losses += 1
-            self._lost_s = self._now_s()
-            self._say(f"bus: lost: {error}; it is tried again and again")
+        self._bus = self._reader = None
+        self._connection.lose(error)
+        self._health.losses = self._connection.losses
         self._health.state = "gone"
-        self._next_try_s = self._now_s() + self._back_off_s
-        self._back_off_s = min(2.0 * self._back_off_s, LAST_TRY_S)
-        if bus:
-            _shut_down(bus)
 
     def _try_again(self, timeout_s: float) -> None:
         """Wait for the next try, or make it."""
-        left_s = self._next_try_s - self._now_s()
-        if left_s > 0.0:
-            self._sleep(min(left_s, timeout_s))
+        wait_s = self._connection.wait_s
+        if wait_s > 0.0:
+            self._sleep(min(wait_s, timeout_s))
+            return
+        bus = self._connection.try_again()
+        if bus is None:
             return
         try:
-            assert self._reopen is not None
-            self._use(self._reopen())
-        except (BusError, can.CanError, OSError) as error:
+            self._use(bus)
+        except (can.CanError, OSError) as error:
             self._lose(error)
 
     def _recover(self, frame: Frame | None) -> None:
         """Note that a bus that was off has been read from without an error."""
         health = self._health
-        if health.state == "gone":
+        self._connection.received()
+        health.reconnects = self._connection.reconnects
+        if health.state == "gone" or frame is not None:
             health.state = "active"
-            health.reconnects += 1
-            self._say(f"bus: back after {self._now_s() - self._lost_s:.1f} s")
-        elif frame is not None:
-            health.state = "active"
-        if frame is not None:
-            self._back_off_s = FIRST_TRY_S
 
     def send(self, frame: Frame) -> None:
         """Send a frame or count that it could not be sent."""
@@ -220,21 +206,4 @@ class Port:
 
     def close(self) -> None:
         """Let go of a bus that was opened again; the first is its opener's."""
-        if self._bus is not None and self._health.losses:
-            _shut_down(self._bus)
-
-
-def _shut_down(bus: can.BusABC) -> None:
-    with suppress(can.CanError, OSError):  # it is broken already
-        bus.shutdown()
-
-
-def receive(bus: can.BusABC, timeout_s: float) -> can.Message | None:
-    """Return the next message, None if none came in time.
-
-    Raises BusError when the interface fails.
-    """
-    try:
-        return bus.recv(timeout_s)
-    except (can.CanError, OSError) as error:
-        raise BusError(f"{bus.channel_info}: {error}") from None
+        self._connection.close()

@@ -19,9 +19,12 @@ from monitor.cli.options import (
 from monitor.errors import UsageError
 
 if TYPE_CHECKING:
+    import can
+
     from monitor.bus_map import BusMap
     from monitor.inject.expected import Recording
     from monitor.inject.scenario import Scenario
+    from monitor.inject.side import Side
     from monitor.replay import Setup
     from monitor.types import Frame
 
@@ -194,9 +197,9 @@ def _buses(
     with ExitStack() as stack:
         memory = stack.enter_context(fresh_memory()) if setup else None
         judge = Judge(setup, memory) if setup and memory else None
-        ecu_bus = stack.enter_context(open_bus(args))
-        other_bus = stack.enter_context(open_bus(other))
-        gateway = Gateway(ecu_bus, other_bus, injector, judge.push if judge else lambda _: None)
+        here = _side(stack.enter_context(open_bus(args)), args)
+        there = _side(stack.enter_context(open_bus(other)), other)
+        gateway = Gateway(here, there, injector, judge.push if judge else lambda _: None)
         with ended_by_signals(gateway.stop):
             say(f"{bus_name(args)} to {bus_name(other)}: {', '.join(map(str, scenario.faults))}")
             try:
@@ -205,6 +208,12 @@ def _buses(
                 for line in gateway.lines():
                     say(line)
         return [judge.finish(bus_name(other))] if judge else []
+
+
+def _side(bus: "can.BusABC", options: argparse.Namespace) -> "Side":
+    from monitor.inject.side import Side
+
+    return Side(bus, reopen=lambda: open_bus(options), say=say, name=bus_name(options))
 
 
 def _other_side(args: argparse.Namespace) -> argparse.Namespace:
