@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import dbc
 from monitor.batch.decode import BlockDecoder
-from monitor.batch.read import block_of
+from monitor.batch.blocks import block_of
 from monitor.bus_map import BusMap, load_pairs
 from monitor.checksum import payload_checksum
 from monitor.decode import Decoder

@@ -12,12 +12,12 @@ from typing import Final
 import numpy as np
 
 import dbc
-from monitor.assemble import Assembler
-from monitor.batch.assemble import assemble_arrays
+from monitor.batch.assemble import BlockAssembler, assemble_arrays
+from monitor.batch.decode import BlockDecoder
+from monitor.batch.read import read_blocks
+from monitor.batch.samples import log_samples
 from monitor.bus_map import BusMap, load_pairs
-from monitor.decode import Decoder
 from monitor.errors import RecordingError, UsageError
-from monitor.sources import read_frames
 from monitor.tables import (
     DEFAULT_PERIOD_NS,
     Table,
@@ -130,49 +130,10 @@ def default_pairs() -> Pairs:
 
 
 def log_block(path: Path, bus_map: BusMap, names: Sequence[str], period_ns: int) -> SampleBlock:
-    """Return the samples of a CAN log, those that ``Decoder`` and ``Assembler`` give."""
-    decoder = Decoder(bus_map, names)
-    times_ns: list[int] = []
-    series: list[tuple[list[int], list[float]]] = [([], []) for _ in decoder.channels]
-    for frame in read_frames(path):
-        times_ns.append(frame.t_ns)
-        update = decoder.push(frame)
-        if update is not None:
-            for channel, value in zip(*update, strict=True):
-                series[channel][0].append(frame.t_ns)
-                series[channel][1].append(value)
-    times = np.array(times_ns, dtype=np.int64)
-    if np.any(np.diff(times) < 0):
-        return _frame_by_frame(path, bus_map, names, period_ns)
-    return assemble_arrays(
-        times,
-        [(np.array(t, dtype=np.int64), np.array(v, dtype=np.float64)) for t, v in series],
-        decoder.channels,
-        decoder.names,
-        period_ns=period_ns,
-        timeouts_ns=decoder.timeouts_ns,
-        derived=decoder.derived,
-    )
-
-
-def _frame_by_frame(
-    path: Path, bus_map: BusMap, names: Sequence[str], period_ns: int
-) -> SampleBlock:
-    """As ``log_block``, for logs whose frames are not in the order of time."""
-    decoder = Decoder(bus_map, names)
-    assembler = Assembler.of(decoder, period_ns)
-    samples = [
-        sample
-        for frame in read_frames(path)
-        for sample in assembler.push(frame.t_ns, decoder.push(frame))
-    ]
-    n = len(names)
-    return SampleBlock(
-        np.array([sample.index for sample in samples], dtype=np.int64),
-        np.array([sample.t_ns for sample in samples], dtype=np.int64),
-        np.array([sample.values for sample in samples]).reshape(-1, n),
-        np.array([sample.quality for sample in samples], dtype=np.uint8).reshape(-1, n),
-    )
+    """Return the samples of a CAN log, those that the streaming pipeline gives."""
+    decoder = BlockDecoder(bus_map, names)
+    assembler = BlockAssembler.of(decoder, period_ns)
+    return log_samples(read_blocks(path), decoder, assembler).samples
 
 
 def sha256(path: Path) -> str:
