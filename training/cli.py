@@ -49,6 +49,7 @@ def _parser() -> argparse.ArgumentParser:
     from training import (
         cli_calibrate,
         cli_check,
+        cli_fleet,
         cli_gap,
         cli_gap_study,
         cli_model,
@@ -63,7 +64,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"o2train {__version__}")
     commands = parser.add_subparsers(required=True, metavar="command")
     modules = (cli_simulate, cli_recordings, cli_check, cli_model, cli_calibrate, cli_study)
-    for module in (*modules, cli_gap, cli_gap_study):
+    for module in (*modules, cli_gap, cli_gap_study, cli_fleet):
         module.add_parsers(commands)
     return parser
 

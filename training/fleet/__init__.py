@@ -1,0 +1,1 @@
+"""A fleet's recordings, judged on this machine's cores or on a cluster."""

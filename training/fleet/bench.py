@@ -1,0 +1,115 @@
+"""What judges a fleet, as bytes that travel to a worker, and as the objects made of them there."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import monitor
+import training
+from monitor.bus_map import BusMap, load_pairs
+from monitor.config import Config
+from monitor.limits import Limits
+from monitor.model import Model
+from training import run_folder
+from training.fleet import places
+from training.recordings import default_pairs
+
+File = tuple[str, bytes]  # name and content
+
+
+@dataclass(frozen=True, slots=True)
+class Bench:
+    """Model, settings and how logs are read, as content and not as paths."""
+
+    model: File
+    config: Config
+    pairs: tuple[tuple[File, File], ...]  # of DBC and signal map
+    columns: File | None = None
+    root: Path = Path()  # folder that relative paths of recordings are meant from
+
+    @classmethod
+    def of(
+        cls,
+        model: Path,
+        config: Config,
+        pairs: Sequence[tuple[Path, Path]] | None = None,
+        columns: Path | None = None,
+    ) -> "Bench":
+        """Return the bench of these files.
+
+        Raises ModelError, ConfigError or SignalMapError if they cannot judge anything.
+        """
+        own = [(Path(a), Path(b)) for a, b in pairs or default_pairs()]
+        Limits.from_card(Model.load(model).card, config, str(model))
+        load_pairs(own)
+        return cls(
+            _file(model),
+            config,
+            tuple((_file(a), _file(b)) for a, b in own),
+            None if columns is None else _file(columns),
+            Path.cwd(),
+        )
+
+    def identity(self) -> dict[str, Any]:
+        """Return what results depend on, beside the recordings."""
+        files = {"bus": self.pairs, "columns": self.columns}
+        return {
+            "model": self.model[0],
+            "model_sha256": places.sha256_of(self.model[1]),
+            "config_sha256": places.sha256_of(json.dumps(asdict(self.config))),
+            **{f"{key}_sha256": places.sha256_of(repr(each)) for key, each in files.items()},
+            "code_sha256": _code_sha256(),
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Tools:
+    """The bench on a worker."""
+
+    model: Model
+    limits: Limits
+    bus_map: BusMap
+    pairs: tuple[tuple[Path, Path], ...]
+    columns: Path | None
+    folder: TemporaryDirectory[str]  # of the files; is there as long as the tools are
+
+
+@lru_cache(maxsize=1)
+def tools_of(bench: Bench) -> Tools:
+    """Return the tools of a bench, made once by a worker."""
+    folder = TemporaryDirectory(prefix="o2-bench-")
+    root = Path(folder.name)
+
+    def laid(number: int, file: File) -> Path:
+        path = root / str(number) / Path(file[0]).name
+        path.parent.mkdir(exist_ok=True)
+        path.write_bytes(file[1])
+        return path
+
+    model = Model.load(laid(0, bench.model))
+    pairs = tuple((laid(i, a), laid(i, b)) for i, (a, b) in enumerate(bench.pairs, 1))
+    return Tools(
+        model,
+        Limits.from_card(model.card, bench.config, bench.model[0]),
+        load_pairs(pairs),
+        pairs,
+        None if bench.columns is None else laid(0, bench.columns),
+        folder,
+    )
+
+
+def _file(path: Path) -> File:
+    return path.name, path.read_bytes()
+
+
+def _code_sha256() -> str:
+    """Return the digest of all that reads and judges, not of what makes a report of it."""
+    root = Path(str(training.__file__)).parent.parent
+    paths = {*Path(str(monitor.__file__)).parent.rglob("*.toml")}
+    return run_folder.code_sha256(
+        paths | run_folder.sources(root / "training" / "fleet" / "judge.py", root), root
+    )

@@ -1,0 +1,199 @@
+"""One chunk of a fleet: every recording read and judged, those of many vehicles side by side.
+
+A vehicle's drives share its fault memory and its reference, in their order, as with
+``o2mon replay --memory``. What cannot be read or judged is a row with its reason.
+"""
+
+import io
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+
+from monitor.batch.judge import Judged, judge_all
+from monitor.dtc import DtcStore, Saved
+from monitor.enable import SIGNALS, Enable
+from monitor.errors import O2Error
+from monitor.reference import Reference
+from monitor.types import SampleBlock
+from training import recordings
+from training.fleet import columns, places
+from training.fleet.bench import Bench, Tools, tools_of
+from training.fleet.drives import Chunk, Drive
+from training.fleet.rows import Read, Row, failed_row, recording_row, window_rows
+
+SAMPLES = 400_000  # held side by side; their windows take some megabytes per ten thousand
+
+
+@dataclass(frozen=True, slots=True)
+class Done:
+    """A chunk's rows, as parquet files, and what they cost."""
+
+    recordings: bytes
+    windows: bytes
+    drives: int
+    errors: int
+    faults: int  # drives with a code
+    seconds: dict[str, float]  # of the processor: read, judge, rows
+    driving_s: float
+    size_bytes: int
+
+
+@dataclass(slots=True)
+class _Vehicle:
+    """What one drive leaves to the next."""
+
+    saved: Saved | None = None
+    reference: Reference = field(default_factory=Reference)
+
+
+@dataclass(slots=True)
+class _Work:
+    """A chunk under way."""
+
+    bench: Bench
+    tools: Tools
+    vehicles: dict[str, _Vehicle]
+    recordings: list[Row] = field(default_factory=list)
+    windows: list[Row] = field(default_factory=list)
+    seconds: dict[str, float] = field(default_factory=lambda: {"read": 0.0, "judge": 0.0})
+
+
+def judge_chunk(bench: Bench, chunk: Chunk) -> Done:
+    """Return the rows of a chunk, in the order of its vehicles and their drives."""
+    tools = tools_of(bench)
+    names = [own[0].vehicle for own in chunk.vehicles]
+    work = _Work(bench, tools, {name: _Vehicle() for name in names})
+    for drives in chunk.rounds():
+        held: list[tuple[Drive, Read]] = []
+        for drive in drives:
+            read = _read(work, drive)
+            if read is not None:
+                held.append((drive, read))
+            if sum(len(each.block.t_ns) for _, each in held) >= SAMPLES:
+                _judge(work, held)
+                held = []
+        _judge(work, held)
+    return _done(work, names)
+
+
+def _read(work: _Work, drive: Drive) -> Read | None:
+    """Return a recording's samples, None if it cannot be read; it then has its row."""
+    began_s = time.process_time()
+    try:
+        with places.fetched(drive.path, work.bench.root) as path:
+            return _read_file(path, drive, work.tools)
+    except O2Error as error:
+        work.recordings.append(failed_row(drive, str(error)))
+    except Exception as error:  # no file may stop a fleet
+        reason = f"{drive.path}: internal error: {type(error).__name__}: {error}"
+        work.recordings.append(failed_row(drive, reason))
+    finally:
+        work.seconds["read"] += time.process_time() - began_s
+    return None
+
+
+def _read_file(path: Path, drive: Drive, tools: Tools) -> Read:
+    card = tools.model.card
+    try:
+        found = recordings.load(
+            path, period_s=card.period_ns / 1e9, pairs=tools.pairs, columns=tools.columns
+        )
+    except O2Error as error:
+        raise type(error)(str(error).replace(str(path), drive.path)) from error
+    wanted = dict.fromkeys((*card.input_names, card.output.name, *SIGNALS))
+    names = tuple(name for name in wanted if name in found.names)
+    order = [found.names.index(name) for name in names]
+    t_ns = np.rint(found.t_s * 1e9).astype(np.int64)
+    block = SampleBlock(np.arange(len(t_ns)), t_ns, found.values[:, order], found.quality[:, order])
+    return Read(names, block, found.sha256, path.stat().st_size)
+
+
+def _judge(work: _Work, held: Sequence[tuple[Drive, Read]]) -> None:
+    """Judge recordings of different vehicles; those with the same signals side by side."""
+    began_s = time.process_time()
+    alike: dict[tuple[str, ...], list[tuple[Drive, Read]]] = {}
+    for drive, read in held:
+        alike.setdefault(read.names, []).append((drive, read))
+    for names, group in alike.items():
+        try:
+            _judge_alike(work, names, group)
+        except Exception:  # which one it is shows when each is judged alone
+            for each in group:
+                _judge_alone(work, names, each)
+    work.seconds["judge"] += time.process_time() - began_s
+
+
+def _judge_alone(work: _Work, names: tuple[str, ...], one: tuple[Drive, Read]) -> None:
+    drive = one[0]
+    try:
+        _judge_alike(work, names, [one])
+    except O2Error as error:
+        work.recordings.append(failed_row(drive, f"{drive.path}: {error}"))
+    except Exception as error:
+        reason = f"{drive.path}: internal error: {type(error).__name__}: {error}"
+        work.recordings.append(failed_row(drive, reason))
+
+
+def _judge_alike(work: _Work, names: tuple[str, ...], group: Sequence[tuple[Drive, Read]]) -> None:
+    config, tools = work.bench.config, work.tools
+    known = [work.vehicles[drive.vehicle] for drive, _ in group]
+    stores = [DtcStore(each.saved, config.profile) for each in known]
+    for store in stores:
+        store.start_driving_cycle()
+    judged = judge_all(
+        [read.block for _, read in group],
+        names,
+        tools.model,
+        tools.limits,
+        config,
+        stores,
+        [each.reference for each in known],
+    )
+    found = [
+        _rows(work, drive, read, vehicle, each)
+        for (drive, read), vehicle, each in zip(group, known, judged, strict=True)
+    ]
+    for (row, windows), vehicle, store, each in zip(found, known, stores, judged, strict=True):
+        work.recordings.append(row)
+        work.windows += windows
+        vehicle.saved = store.saved
+        if each.seen is not None:
+            vehicle.reference = vehicle.reference.learn(each.seen, config.bias)
+
+
+def _rows(
+    work: _Work, drive: Drive, read: Read, vehicle: _Vehicle, judged: Judged
+) -> tuple[Row, list[Row]]:
+    config, card = work.bench.config, work.tools.model.card
+    limits = work.tools.limits.of_vehicle(vehicle.reference, config.bias)
+    enable = Enable.of(config.enable, read.names, card)
+    row = recording_row(drive, read, judged, card, limits, vehicle.reference, enable)
+    return row, window_rows(drive, read, judged)
+
+
+def _done(work: _Work, names: Sequence[str]) -> Done:
+    began_s = time.process_time()
+    place = {name: i for i, name in enumerate(names)}
+    rows = sorted(work.recordings, key=lambda row: (place[row["vehicle"]], row["drive"]))
+    windows = sorted(work.windows, key=lambda row: (place[row["vehicle"]], row["drive"]))
+    found = _parquet(rows, columns.RECORDINGS), _parquet(windows, columns.WINDOWS)
+    work.seconds["rows"] = time.process_time() - began_s
+    return Done(
+        *found,
+        drives=len(rows),
+        errors=sum(row.get("error") is not None for row in rows),
+        faults=sum(bool(row.get("fault_flag")) for row in rows),
+        seconds=work.seconds,
+        driving_s=sum(row.get("duration_s") or 0.0 for row in rows),
+        size_bytes=sum(row.get("size_bytes") or 0 for row in rows),
+    )
+
+
+def _parquet(rows: Sequence[Row], wanted: columns.Columns) -> bytes:
+    buffer = io.BytesIO()
+    pl.DataFrame(rows, schema=columns.schema(wanted)).write_parquet(buffer)
+    return buffer.getvalue()

@@ -1,0 +1,122 @@
+"""Recordings wherever fsspec reaches: found by folder or pattern, brought to a local file."""
+
+import hashlib
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path, PurePosixPath
+from tempfile import TemporaryDirectory
+from typing import Any, Final
+
+import fsspec
+
+from monitor.errors import RecordingError, UsageError
+
+SUFFIXES: Final = (".log", ".asc", ".blf", ".csv", ".trc", ".mf4", ".mdf", ".dat", ".parquet")
+_MAGIC: Final = "*?["
+
+
+def is_local(url: str) -> bool:
+    """Return whether a recording lies in this machine's file system."""
+    return "://" not in url
+
+
+def find(url: str) -> list[str]:
+    """Return the recordings that a file, a folder (with those below it) or a pattern stands for.
+
+    Raises UsageError if there is none, or the place cannot be reached.
+    """
+    try:
+        system, path = fsspec.core.url_to_fs(url)
+        if any(sign in path for sign in _MAGIC):
+            found = [p for p in system.glob(path) if is_recording(p)]
+        elif system.isdir(path):
+            found = [p for p in system.find(path) if is_recording(p)]
+        elif is_local(url) and not system.exists(path):
+            raise UsageError(f"{url}: no such file or folder")
+        else:
+            return [url]  # whether it is there is known when it is read
+    except UsageError:
+        raise
+    except Exception as error:  # file systems raise whatever their libraries raise
+        raise UsageError(f"{url}: {_reason(error)}") from error
+    if not found:
+        raise UsageError(f"{url}: no recording there; wanted {' '.join(SUFFIXES)}, also with .gz")
+    local = is_local(url)
+    return sorted(_as_given(url, path, p) if local else system.unstrip_protocol(p) for p in found)
+
+
+def is_recording(name: str) -> bool:
+    """Return whether a name has the suffix of a log or table."""
+    return name.lower().removesuffix(".gz").endswith(SUFFIXES)
+
+
+def folder_of(url: str) -> str:
+    """Return the folder in which a recording lies."""
+    return str(Path(url).parent) if is_local(url) else url.rpartition("/")[0]
+
+
+def name_of(url: str) -> str:
+    """Return a recording's file name."""
+    return PurePosixPath(url).name
+
+
+def joined(folder: str, path: str) -> str:
+    """Return ``path`` as it is meant from a folder."""
+    if "://" in path or path.startswith("/"):
+        return path
+    return str(Path(folder) / path) if is_local(folder) else f"{folder}/{path}"
+
+
+def read_text(url: str) -> str:
+    """Return a text file's content.
+
+    Raises UsageError if it cannot be read.
+    """
+    try:
+        with fsspec.open(url, "r", encoding="utf-8", newline="") as file:
+            return str(file.read())
+    except Exception as error:
+        raise UsageError(f"{url}: {_reason(error)}") from error
+
+
+@contextmanager
+def fetched(url: str, root: Path | None = None) -> Iterator[Path]:
+    """Give a local file with the recording; a copy, removed at the end, if it lies elsewhere.
+
+    root : folder that a relative path is meant from; None is the current one
+    Raises RecordingError naming the recording if it cannot be reached.
+    """
+    if is_local(url):
+        yield (root or Path()) / url
+        return
+    with TemporaryDirectory(prefix="o2-fleet-") as folder:
+        path = Path(folder) / name_of(url)
+        try:
+            with fsspec.open(url, "rb") as source, path.open("wb") as copy:
+                shutil.copyfileobj(source, copy, 1 << 20)
+        except Exception as error:
+            raise RecordingError(f"{url}: {_reason(error)}") from error
+        yield path
+
+
+def sha256_of(text: str | bytes) -> str:
+    """Return the sha256 as hexadecimal digits."""
+    data = text.encode() if isinstance(text, str) else text
+    return hashlib.sha256(data).hexdigest()
+
+
+def _as_given(url: str, path: str, found: str) -> str:
+    """Return a local path as the user would have written it, relative where ``url`` is."""
+    if Path(url).is_absolute():
+        return found
+    rest = Path(found)
+    cwd = Path.cwd()
+    return str(rest.relative_to(cwd)) if rest.is_relative_to(cwd) else found
+
+
+def _reason(error: Exception) -> str:
+    if isinstance(error, ImportError):
+        return f"{error.name or error} is not installed"
+    said: Any = getattr(error, "strerror", None) or " ".join(str(error).split())
+    return f"cannot be read: {said or type(error).__name__}"

@@ -1,0 +1,157 @@
+"""What the monitor says of one recording, as rows of the two tables."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from monitor.batch.judge import Judged
+from monitor.decide import WindowJudged
+from monitor.enable import CONDITIONS, Enable
+from monitor.limits import Limits
+from monitor.model_card import ModelCard
+from monitor.reference import Reference
+from monitor.types import Quality, SampleBlock
+from training.fleet.drives import Drive
+from training.matrix.rules import own_scores
+
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Read:
+    """One recording on the model's grid."""
+
+    names: tuple[str, ...]
+    block: SampleBlock
+    sha256: str
+    size_bytes: int
+
+
+def failed_row(drive: Drive, reason: str) -> Row:
+    """Return the row of a recording that could not be judged."""
+    return _which(drive) | {"error": reason}
+
+
+def recording_row(
+    drive: Drive,
+    read: Read,
+    judged: Judged,
+    card: ModelCard,
+    limits: Limits,
+    reference: Reference,
+    enable: Enable,
+) -> Row:
+    """Return the row of a judged recording; ``limits`` are those of the vehicle in this drive."""
+    period_s = card.period_ns * 1e-9
+    windows = judged.windows
+    outcomes = [window.outcome for window in windows]
+    last = windows[-1].statistics if windows else {}
+    declared = drive.declared
+    return {
+        **_which(drive),
+        "sha256": read.sha256,
+        "size_bytes": read.size_bytes,
+        "source": declared[1] if declared and declared[0] == read.sha256 else None,
+        "samples": len(judged.enabled),
+        "duration_s": len(judged.enabled) * period_s,
+        "enabled_s": int(judged.enabled.sum()) * period_s,
+        "windows": len(windows),
+        **{f"windows_{k}": outcomes.count(k) for k in ("passed", "failed", "inconclusive")},
+        "windows_excited": sum(window.excited for window in windows),
+        "windows_paper_failed": sum(window.paper_failed for window in windows),
+        "completed": judged.completed,
+        "fault_flag": bool(judged.dtcs),
+        "codes": [dtc.code for dtc in judged.dtcs],
+        "faults": [dtc.fault for dtc in judged.dtcs],
+        "states": [dtc.state for dtc in judged.dtcs],
+        **_first_code(read.block, judged, period_s),
+        "residual_mean": _mean([window.mean for window in windows]),
+        "residual_std": _rms([window.std for window in windows]),
+        "offset": last.get("offset"),
+        "gain": last.get("gain"),
+        **_scores(windows),
+        "reference_drives": reference.drives,
+        "offset_low": _finite(limits.offset_low),
+        "offset_high": _finite(limits.offset_high),
+        "reference_gain": limits.gain,
+        **_quality(read, card),
+        **{
+            f"held_{name}": None if name in enable.unavailable else float(share)
+            for name, share in zip(CONDITIONS, judged.conditions.mean(axis=0), strict=True)
+        },
+    }
+
+
+def window_rows(drive: Drive, read: Read, judged: Judged) -> list[Row]:
+    """Return a row for every window."""
+    t0_ns, which = int(read.block.t_ns[0]), _which(drive)
+    return [
+        {
+            **which,
+            "window": each.window.index,
+            "t_start_s": (each.window.t_start_ns - t0_ns) / 1e9,
+            "t_end_s": (each.window.t_end_ns - t0_ns) / 1e9,
+            "mean": each.mean,
+            "std": each.std,
+            "paper_failed": each.paper_failed,
+            "verdict": each.outcome,
+            "fault": each.fault,
+            "also": list(each.also),
+            "excited": each.excited,
+            **each.statistics,
+        }
+        for each in judged.windows
+    ]
+
+
+def _which(drive: Drive) -> Row:
+    return {
+        "recording": drive.recording,
+        "path": drive.path,
+        "vehicle": drive.vehicle,
+        "drive": drive.drive,
+    }
+
+
+def _first_code(block: SampleBlock, judged: Judged, period_s: float) -> Row:
+    """Return when the first code was set; those remembered from earlier drives have no time."""
+    at_ns = min((d.t_ns for d in judged.dtcs if d.t_ns), default=None)
+    if at_ns is None:
+        return {"first_code_s": None, "first_code_enabled_s": None}
+    k = int(np.searchsorted(block.t_ns, at_ns, side="right"))
+    return {
+        "first_code_s": (at_ns - int(block.t_ns[0])) / 1e9,
+        "first_code_enabled_s": int(judged.enabled[:k].sum()) * period_s,
+    }
+
+
+def _scores(windows: Sequence[WindowJudged]) -> Row:
+    scores = own_scores(windows)
+    return {"evidence": scores["response"], "offset_beyond": scores["bias"]}
+
+
+def _quality(read: Read, card: ModelCard) -> Row:
+    """Return at how many samples a signal that the model needs was not good, by reason."""
+    needed = [read.names.index(name) for name in (*card.input_names, card.output.name)]
+    found = read.block.quality[:, needed]
+    kinds = {
+        "stale": found == Quality.STALE,
+        "invalid": found == Quality.INVALID,
+        "out_of_range": found == Quality.OUT_OF_RANGE,
+    }
+    return {f"samples_{name}": int(bad.any(axis=1).sum()) for name, bad in kinds.items()}
+
+
+def _mean(values: Sequence[float]) -> float | None:
+    return float(np.mean(values)) if values else None
+
+
+def _rms(values: Sequence[float]) -> float | None:
+    return math.sqrt(float(np.mean(np.square(values)))) if values else None
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
