@@ -2,10 +2,14 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from typing import Final
 
 from monitor.types import Frame
 
-_ERROR_FLAG = 0x20000000
+CUT_SHORT: Final = "the last line is cut short; remove it to use the rest"
+LATEST_S: Final = 9.2e9  # what 64 bits hold as nanoseconds; the year 2261
+MAX_BYTES: Final = 64  # of data, CAN FD
+ERROR_FLAG: Final = 0x20000000
 _REMOTE = ("R", "r")
 
 
@@ -17,14 +21,15 @@ class LogCounters:
     skipped: int = 0  # error frames and remote frames
 
 
-def read_candump(lines: Iterable[str], counters: LogCounters) -> Iterator[Frame]:
+def read_candump(lines: Iterable[tuple[int, str]], counters: LogCounters) -> Iterator[Frame]:
     """Yield the frames; error frames and remote frames are skipped and counted.
 
+    lines : with their numbers in the file, read no further than needed
     Raises ValueError naming the line if one cannot be understood.
     """
     identifiers: dict[str, tuple[int, bool, bool]] = {}  # as parsed; a bus has few
     new, from_hex = tuple.__new__, bytes.fromhex  # Frame(...) itself takes twice as long
-    for number, line in enumerate(lines, 1):
+    for number, line in lines:
         parts = line.split()
         if not parts:
             continue
@@ -41,8 +46,11 @@ def read_candump(lines: Iterable[str], counters: LogCounters) -> Iterator[Frame]
             if is_error or first in _REMOTE:
                 counters.skipped += 1
                 continue
-            t_ns = round(float(stamp[1:-1]) * 1e6) * 1000
+            seconds = float(stamp[1:-1])
+            t_ns = round(seconds * 1e6) * 1000
             payload = from_hex(data if first != "#" else data[2:])  # CAN FD: ##, flags, data
+            if not -LATEST_S < seconds < LATEST_S or len(payload) > MAX_BYTES:
+                raise ValueError("no CAN frame")
             frame = new(Frame, (t_ns, can_id, is_extended, payload))
         except (ValueError, IndexError, OverflowError) as error:
             raise ValueError(
@@ -55,4 +63,4 @@ def read_candump(lines: Iterable[str], counters: LogCounters) -> Iterator[Frame]
 def _identifier(text: str) -> tuple[int, bool, bool]:
     """Return identifier, is_extended and whether it marks an error frame."""
     number = int(text, 16)
-    return number & 0x1FFFFFFF, len(text) > 3, bool(number & _ERROR_FLAG)
+    return number & 0x1FFFFFFF, len(text) > 3, bool(number & ERROR_FLAG)

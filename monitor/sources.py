@@ -8,12 +8,12 @@ the resolution of every format, so that a log recorded from a bus replays to the
 import gzip
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import IO, BinaryIO, Final, cast
+from typing import IO, BinaryIO, Final, TypeVar, cast
 
 import can
 
 from monitor import blf, mdf
-from monitor.candump import LogCounters, read_candump
+from monitor.candump import CUT_SHORT, LATEST_S, MAX_BYTES, LogCounters, read_candump
 from monitor.errors import RecordingError
 from monitor.tables import Table, is_table, read_table, table_samples
 from monitor.types import Frame
@@ -22,6 +22,7 @@ LOG_SUFFIXES: Final = (".log", ".asc", ".blf", ".csv", ".trc", ".mf4")
 _TEXT: Final = (".log", ".asc", ".csv", ".trc")
 _CSV_HEADER: Final = "timestamp,arbitration_id,"
 
+T = TypeVar("T")
 
 __all__ = [
     "LogCounters",
@@ -44,6 +45,14 @@ def read_frames(path: str | Path, counters: LogCounters | None = None) -> Iterat
     """
     path = Path(path)
     counters = LogCounters() if counters is None else counters
+    return guarded(path, counters, _frames(path, checked_kind(path), counters))
+
+
+def checked_kind(path: Path) -> str:
+    """Return the log's format as ``log_kind`` does.
+
+    Raises RecordingError if it is unknown, or the log cannot be opened or is empty.
+    """
     kind = log_kind(path)
     try:
         size = path.stat().st_size
@@ -55,11 +64,13 @@ def read_frames(path: str | Path, counters: LogCounters | None = None) -> Iterat
         raise RecordingError(f"{path}: the log is empty")
     if kind == ".mf4":
         _require_mdf(path)
-    return _guarded(path, kind, counters)
+    return kind
 
 
 def frame_of(message: can.Message) -> Frame:
     """Return a python-can message as a frame, its time rounded to microseconds."""
+    if not -LATEST_S < message.timestamp < LATEST_S:
+        raise ValueError(f"a frame at {message.timestamp:g} s")
     return Frame(
         round(message.timestamp * 1e6) * 1000,
         message.arbitration_id,
@@ -88,21 +99,10 @@ def _require_mdf(path: Path) -> None:
         ) from error
 
 
-def _guarded(path: Path, kind: str, counters: LogCounters) -> Iterator[Frame]:
-    """Yield the frames and turn everything that the readers raise into RecordingError."""
+def guarded(path: Path, counters: LogCounters, found: Iterator[T]) -> Iterator[T]:
+    """Yield what a reader finds and turn everything that it raises into RecordingError."""
     try:
-        if kind == ".log":
-            with open_text(path) as file:
-                yield from read_candump(file, counters)
-        elif kind == ".mf4":
-            with open_binary(path) as binary, mdf.quiet():
-                yield from mdf.read_mdf(binary, counters)
-        else:
-            yield from _through_python_can(path, kind, counters)
-        if kind in _TEXT and not _ends_with_newline(path):
-            raise ValueError("the last line is cut short; remove it to use the rest")
-    except GeneratorExit:
-        raise
+        yield from found
     except Exception as error:  # the readers raise whatever their parsers raise
         reason = " ".join(str(error).split()) or type(error).__name__
         raise RecordingError(
@@ -110,6 +110,19 @@ def _guarded(path: Path, kind: str, counters: LogCounters) -> Iterator[Frame]:
         ) from error
     if counters.frames == 0:
         raise RecordingError(f"{path}: no CAN frames in the log")
+
+
+def _frames(path: Path, kind: str, counters: LogCounters) -> Iterator[Frame]:
+    if kind == ".log":
+        with open_text(path) as file:
+            yield from read_candump(enumerate(file, 1), counters)
+    elif kind == ".mf4":
+        with open_binary(path) as binary, mdf.quiet():
+            yield from mdf.read_mdf(binary, counters)
+    else:
+        yield from _through_python_can(path, kind, counters)
+    if kind in _TEXT and not _ends_with_newline(path):
+        raise ValueError(CUT_SHORT)
 
 
 def _through_python_can(path: Path, kind: str, counters: LogCounters) -> Iterator[Frame]:
@@ -126,8 +139,11 @@ def _through_python_can(path: Path, kind: str, counters: LogCounters) -> Iterato
                 continue
             if len(message.data) != message.dlc:
                 raise ValueError(f"a frame of {message.dlc} bytes holds only {len(message.data)}")
+            if message.dlc > MAX_BYTES:
+                raise ValueError(f"a frame of {message.dlc} bytes, CAN FD has {MAX_BYTES} at most")
+            frame = frame_of(message)
             counters.frames += 1
-            yield frame_of(message)
+            yield frame
     if expected is not None and expected > counters.frames + counters.skipped:
         raise ValueError(f"its header announces {expected} objects")
 
@@ -140,10 +156,14 @@ def open_binary(path: Path) -> BinaryIO:
 
 
 def open_text(path: Path) -> IO[str]:
-    """Return the text file for reading, decompressed if its name ends in .gz."""
+    """Return the text file for reading, decompressed if its name ends in .gz.
+
+    Bytes that are no UTF-8 are kept as lone surrogates: whether they matter is for the line that
+    holds them to say.
+    """
     if path.suffix.lower() == ".gz":
-        return gzip.open(path, "rt", encoding="utf-8")
-    return path.open(encoding="utf-8")
+        return gzip.open(path, "rt", encoding="utf-8", errors="surrogateescape")
+    return path.open(encoding="utf-8", errors="surrogateescape")
 
 
 def _check_csv_header(path: Path) -> None:
@@ -162,4 +182,4 @@ def _ends_with_newline(path: Path) -> bool:
         read: Callable[[], bytes] = lambda: file.read(1 << 20)  # noqa: E731
         for chunk in iter(read, b""):
             last = chunk[-1:]
-        return last == b"\n"
+        return last in (b"", b"\n")
