@@ -1,20 +1,18 @@
 """The jobs of the NARX study: stored, killed and resumed, on a Dask cluster."""
 
-import json
 import pickle
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from monitor.errors import UsageError
+from tests.dask_cluster import cluster
 from tests.small_study import SETTINGS, timeless, two_drives
-from training import cluster
 from training.prepare import Prepared
 from training.study.narx import parallel
 from training.study.narx.study import narx_study
@@ -102,41 +100,17 @@ def test_a_half_written_job_does_not_count_as_finished(tmp_path: Path) -> None:
     assert parallel.stored(tmp_path, "b") is None
 
 
-@pytest.fixture
-def scheduler(tmp_path: Path) -> Iterator[str]:
-    """Give the address of a Dask scheduler with one worker, each in its own process."""
-    file = tmp_path / "scheduler.json"
-    python = [sys.executable, "-m"]
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": tmp_path}
-    head = [*python, "distributed.cli.dask_scheduler", "--scheduler-file", str(file)]
-    hand = [*python, "distributed.cli.dask_worker", "--scheduler-file", str(file)]
-    local = ["--host", "127.0.0.1", "--no-dashboard"]
-    processes = [
-        subprocess.Popen([*head, *local, "--port", "0"], **quiet),  # type: ignore[call-overload]
-        subprocess.Popen([*hand, *local, "--nthreads", "1", "--no-nanny"], **quiet),  # type: ignore[call-overload]
-    ]
-    try:
-        deadline = time.monotonic() + 30
-        while not file.exists() and time.monotonic() < deadline:
-            time.sleep(0.05)
-        yield json.loads(file.read_text())["address"]
-    finally:
-        for process in reversed(processes):
-            process.terminate()
-            process.wait(10)
-
-
 def test_a_dask_cluster_gives_the_same_study(
-    data: Prepared, result: dict[str, Any], scheduler: str, tmp_path: Path
+    data: Prepared, result: dict[str, Any], tmp_path: Path
 ) -> None:
-    assert scheduler.startswith("tcp://")
-    found = narx_study(data, tmp_path / "jobs", scheduler=scheduler, **SETTINGS)
+    with cluster(tmp_path, workers=1, installed=True) as dask:
+        found = narx_study(data, tmp_path / "jobs", scheduler=dask.address, **SETTINGS)
     assert timeless(found) == timeless(result)
 
 
 def test_a_scheduler_that_does_not_answer_is_named(
     data: Prepared, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(cluster, "CONNECT_S", 0.3)
+    monkeypatch.setattr("training.cluster.CONNECT_S", 0.3)
     with pytest.raises(UsageError, match=r"scheduler tcp://127\.0\.0\.1:9: no answer"):
         narx_study(data, tmp_path, scheduler="tcp://127.0.0.1:9", **SETTINGS)
