@@ -1,10 +1,9 @@
-"""The server's process: ``python -m monitor.live SOCKET HOST``, started by the feed.
+"""The server's process: ``python -m monitor.live SOCKET HOST``, started by the keeper.
 
 It reads the loop's messages from its standard input and ends with it.
 """
 
 import asyncio
-import os
 import socket
 import sys
 from typing import Final
@@ -14,16 +13,15 @@ import uvicorn
 from monitor.live.address import is_loopback, may_ask
 from monitor.live.app import create_app
 from monitor.live.hub import Hub
+from monitor.live.process import GREETING
 from monitor.live.protocol import REQUEST_BYTES, BoundedProtocol
 
-NICE: Final = 10  # the loop comes first
 LINE_BYTES: Final = 4 << 20  # longest message
 
 
 def main() -> None:
     """Serve until the loop's end of the pipe is closed."""
     number, host = int(sys.argv[1]), sys.argv[2]
-    step_back()
     with socket.socket(fileno=number) as listening:
         hub = Hub()
         server = server_of(hub, host, loopback=is_loopback(listening))
@@ -51,13 +49,6 @@ def server_of(hub: Hub, host: str, *, loopback: bool) -> uvicorn.Server:
     return uvicorn.Server(config)
 
 
-def step_back() -> None:
-    """Leave the loop its priority, should it have one."""
-    if hasattr(os, "sched_setscheduler"):
-        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-    os.nice(NICE)
-
-
 async def serve(server: uvicorn.Server, hub: Hub, listening: socket.socket) -> None:
     """Run the server beside the reader of the loop's messages."""
     reading = asyncio.create_task(read(hub))
@@ -69,13 +60,18 @@ async def serve(server: uvicorn.Server, hub: Hub, listening: socket.socket) -> N
 
 
 async def read(hub: Hub) -> None:
-    """Give the hub every message until the loop's end."""
+    """Give the hub every message until the loop's end.
+
+    The first one is a greeting; what comes before it was meant for a server that has died.
+    """
     reader = asyncio.StreamReader(limit=LINE_BYTES)
     loop = asyncio.get_running_loop()
     await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin.buffer)
+    is_greeted = False
     try:
         while line := await reader.readline():
-            if line.endswith(b"\n"):  # the loop may die within a message
+            is_greeted = is_greeted or line.startswith(GREETING)
+            if is_greeted and line.endswith(b"\n"):  # the loop may die within a message
                 hub.take(line)
     finally:
         hub.end()

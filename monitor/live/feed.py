@@ -1,8 +1,8 @@
 """The live page's end in the loop: gathers events and writes them to the server, never waiting.
 
 Four messages a second, each one line of JSON. What the pipe has no room for stays for the next
-message, up to a minute of samples; older ones are dropped and counted. When the server dies the
-feed says so once and is silent from then on.
+message, up to a minute of samples; older ones are dropped and counted. A server that was started
+again is greeted anew; that one has died is said once and then only counted.
 """
 
 import json
@@ -32,7 +32,7 @@ class LiveFeed:
 
     health : returns the loop's counters
     channel : what the page calls the bus
-    say : takes the line to print when the server has died
+    say : takes the line to print when a server has died
     """
 
     identifiers: Collection[tuple[int, bool]] = ()
@@ -57,10 +57,10 @@ class LiveFeed:
         self._latest: Tick | None = None
         self._t0_ns: int | None = None
         self._slow_s = -math.inf
-        self._is_alive = True
+        self._is_alive, self._restarts = True, 0
         self.dropped = 0
         self.due_s = -math.inf
-        self._hello: dict[str, Any] | None = {
+        self._greeting: dict[str, Any] = {  # begins as process.GREETING has it
             "version": __version__,
             "channel": channel,
             "model": setup.model_path.name,
@@ -70,6 +70,7 @@ class LiveFeed:
             "conditions": self._conditions.wanted(),
             "limits": response_limits(setup.config, monitor.limits),
         }
+        self._is_greeted = False
 
     def receive(self, frame: Frame) -> Iterable[Frame]:
         """Take nothing from the bus."""
@@ -89,6 +90,7 @@ class LiveFeed:
         if now_s >= self.due_s and self._is_alive:
             self.due_s = now_s + MESSAGE_S
             try:
+                self._note_restarts()
                 if self._server.is_free:
                     self._server.send(self._message(now_s))
             except BrokenPipeError:
@@ -96,6 +98,14 @@ class LiveFeed:
                 self.due_s = math.inf
                 self._say("the live page's server has died; judging goes on without the page")
         return ()
+
+    def _note_restarts(self) -> None:
+        restarts = self._server.restarts
+        if restarts == self._restarts:
+            return
+        if not self._restarts:
+            self._say("the live page's server has died and is started again; judging goes on")
+        self._restarts, self._is_greeted, self._slow_s = restarts, False, -math.inf
 
     def close(self) -> None:
         """Bring away the last events and end the server."""
@@ -141,17 +151,19 @@ class LiveFeed:
         }
 
     def _message(self, now_s: float) -> bytes:
-        message: dict[str, Any] = {"samples": list(self._samples), "windows": list(self._windows)}
+        message = {} if self._is_greeted else dict(self._greeting)
+        self._is_greeted = True
+        message |= {"samples": list(self._samples), "windows": list(self._windows)}
         self._samples.clear()
         self._windows.clear()
-        if self._hello:
-            message |= self._hello
-            self._hello = None
         if self._latest:
             message["now"] = self._now(self._latest)
         if now_s >= self._slow_s:
             self._slow_s = now_s + SLOW_S
-            message["health"] = dict(self._health()) | {"page_dropped": self.dropped}
+            message["health"] = dict(self._health()) | {
+                "page_dropped": self.dropped,
+                "page_restarts": self._restarts,
+            }
             message["memory"] = fault_memory(self._monitor.store)
         return json.dumps(message, separators=(",", ":"), allow_nan=False).encode() + b"\n"
 
