@@ -34,6 +34,7 @@ KEEP: Final = 1_000  # windows, the latest: three hours of driving in 2.5 MB
 KEEP_SAMPLES: Final = 200_000  # of the report, the latest: 5 h at 10 Hz
 _STALE: Final = int(Quality.STALE)
 STORE_AGAIN_S: Final = 10.0  # after the fault memory could not be stored
+STORE_DRIVEN_S: Final = 60.0  # engine running time that a kill may lose
 
 
 class Loop:
@@ -77,6 +78,7 @@ class Loop:
         self._recorder: Recorder | None = None
         self._clock = Clock(monotonic_s)
         self._due_s = self._store_again_s = math.inf
+        self._stored_run_s = store.counts.engine_run_since_clear_s
         self._wanted: dict[tuple[int, bool], list[Attachment]] = {}
         self._stop = self._is_off = False
 
@@ -154,7 +156,7 @@ class Loop:
             self._work()
 
     def _handle(self, event: Event) -> None:
-        if not isinstance(event, Tick | WindowJudged):
+        if not isinstance(event, Tick | WindowJudged) or self._has_driven:
             self._store()
         if isinstance(event, CycleStarted):
             self._learn(event.seen)
@@ -163,6 +165,12 @@ class Loop:
         self._tell(event)
         if isinstance(event, Tick):
             self._note_stale(event)
+
+    @property
+    def _has_driven(self) -> bool:
+        """Return whether enough was driven since the last storing to store that."""
+        run_s = self.pipeline.monitor.store.counts.engine_run_since_clear_s
+        return run_s - self._stored_run_s >= STORE_DRIVEN_S
 
     def _tell(self, event: Event) -> None:
         self.collector.push(event)
@@ -241,8 +249,10 @@ class Loop:
         if self._memory is None:
             return
         failing = self._store_again_s < math.inf
+        saved = self.pipeline.monitor.store.saved
+        self._stored_run_s = saved.counts.engine_run_since_clear_s
         try:
-            self._memory.save(self.pipeline.monitor.store.saved)
+            self._memory.save(saved)
         except RecordingError as error:
             self.health.memory_errors += 1
             self._store_again_s = self._now_s() + STORE_AGAIN_S

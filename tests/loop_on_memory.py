@@ -1,8 +1,9 @@
-"""The live loop on a played bus with a fault memory, as a program: ``FILE DRIVES [FULL]``.
+"""The live loop on a played bus with a fault memory, as a program: ``FILE DRIVES [FULL|DRIVEN]``.
 
 It prints ``ready``, for every event that is stored what the fault memory holds as JSON, every line
 that the loop says, and in the end the codes. With FULL the file system of the memory is filled up
-before the first frame.
+before the first frame. With DRIVEN it is one healthy drive, of which it prints with each sample for
+how many seconds the engine has run.
 """
 
 import json
@@ -37,6 +38,15 @@ class Announcer(Ear):
             print(json.dumps({"told": held(saved)}), flush=True)
 
 
+class Odometer(Announcer):
+    """Prints what was driven, stored or not."""
+
+    def push(self, event: Event) -> None:
+        """Print the engine's running time."""
+        run_s = self.loop.pipeline.monitor.store.counts.engine_run_since_clear_s
+        print(json.dumps({"driven_s": run_s}), flush=True)
+
+
 def held(saved: Saved) -> list[Any]:
     """Return codes, counts and frames."""
     return [
@@ -55,10 +65,11 @@ def fill(folder: Path) -> None:
             pass
 
 
-def main(path: Path, drives: int, *, is_full: bool) -> None:
+def main(path: Path, drives: int, announcer: Announcer, *, is_full: bool) -> None:
     """Run the loop."""
-    (log,) = Path("replay_logs").glob("delay_rich_to_lean_*.blf")
-    drive = list(read_frames(log))[:DRIVE]
+    is_healthy = isinstance(announcer, Odometer)
+    (log,) = Path("replay_logs").glob(f"{'healthy_micro' if is_healthy else 'delay_rich_to'}_*.blf")
+    drive = list(read_frames(log))[: None if is_healthy else DRIVE]
     length_ns = drive[-1].t_ns - drive[0].t_ns + PAUSE_NS
     later = (
         [frame._replace(t_ns=frame.t_ns + i * length_ns) for frame in drive] for i in range(drives)
@@ -66,7 +77,6 @@ def main(path: Path, drives: int, *, is_full: bool) -> None:
     bus = PlayedBus(chain.from_iterable(later))
     setup = replay.set_up(None, [], config.load())
     with closing(Memory(path, hold=True)) as memory, bus:
-        announcer = Announcer()
         hooked: list[Attachment] = [announcer]
         loop = announcer.loop = Loop(
             bus, setup, memory=memory, attachments=hooked, monotonic_s=lambda: bus.now_s,
@@ -82,4 +92,5 @@ def main(path: Path, drives: int, *, is_full: bool) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), int(sys.argv[2]), is_full="FULL" in sys.argv)
+    told = Odometer() if "DRIVEN" in sys.argv else Announcer()
+    main(Path(sys.argv[1]), int(sys.argv[2]), told, is_full="FULL" in sys.argv)

@@ -13,17 +13,23 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from itertools import islice
+from itertools import islice, pairwise
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from monitor.config import load
 from monitor.dtc import Dtc, DtcStore, Saved
 from monitor.errors import RecordingError
 from monitor.memory import Memory
+from monitor.pipeline import Event, Tick, WindowJudged
+from monitor.replay import set_up
+from monitor.run import STORE_DRIVEN_S
+from monitor.sources import read_frames
 from tests.driven_memory import drive, told
 from tests.loop_on_memory import held
+from tests.test_run import Ear, run_on
 
 ROOT = Path(__file__).resolve().parent.parent
 KILLS = 250
@@ -137,6 +143,61 @@ def told_by_loop(path: Path, kill_after: int | None, wait_s: float = 0.0) -> lis
             time.sleep(wait_s)
             loop.kill()
         return [json.loads(line) for line in [*lines, *told_events]]
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_kill_loses_at_most_a_minute_of_what_was_driven(tmp_path: Path, seed: int) -> None:
+    # GIVEN a loop that is killed at a random instant of a drive in which no code changes
+    path, rng = tmp_path / "o2.db", random.Random(seed)
+    with subprocess.Popen(
+        [sys.executable, "-m", "tests.loop_on_memory", path, "1", "DRIVEN"],
+        cwd=ROOT, stdout=subprocess.PIPE, text=True,
+    ) as loop:  # fmt: skip
+        assert loop.stdout is not None
+        shown = (line for line in loop.stdout if line.startswith('{"driven_s"'))
+        lines = list(islice(shown, rng.randrange(1500, 2500)))
+        loop.kill()
+        lines += shown
+    driven_s = json.loads(lines[-1] if lines[-1].endswith("\n") else lines[-2])["driven_s"]
+    # THEN what it had driven is stored but for a minute at most
+    assert_sound(path)
+    stored_s = loaded(path).counts.engine_run_since_clear_s
+    assert driven_s > 2 * STORE_DRIVEN_S
+    assert driven_s - STORE_DRIVEN_S - 2.0 <= stored_s <= driven_s + 2.0  # counted in seconds
+
+
+class Told(Ear):
+    """Counts the events that are stored before they are told."""
+
+    n = 0
+
+    def push(self, event: Event) -> None:
+        self.n += not isinstance(event, Tick | WindowJudged)
+
+
+def test_what_is_driven_is_written_once_a_minute_and_at_the_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (log,) = ROOT.glob("replay_logs/healthy_micro_trips_*.blf")
+    written_s = list[float]()
+    save = Memory.save
+
+    def noted(memory: Memory, saved: Saved) -> None:
+        save(memory, saved)
+        written_s.append(saved.counts.engine_run_since_clear_s)
+
+    monkeypatch.setattr(Memory, "save", noted)
+    told = Told()
+    with closing(Memory(tmp_path / "o2.db")) as memory:
+        setup = set_up(None, [], load())
+        recording, _ = run_on(read_frames(log), setup, memory=memory, attachments=[told])
+        last_s = memory.load().counts.engine_run_since_clear_s
+    assert not recording["dtcs"]
+    gaps_s = [b - a for a, b in pairwise(written_s)]
+    assert max(gaps_s) < STORE_DRIVEN_S + 2.0
+    # and beside what is stored when it is told, and at the end, no more often
+    assert told.n < len(written_s) <= told.n + 1 + last_s / STORE_DRIVEN_S
+    assert written_s[-1] == last_s > recording["samples"] * 0.1 * 0.9
 
 
 # Disks that take nothing
