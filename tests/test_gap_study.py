@@ -241,10 +241,10 @@ def test_a_small_study_runs_stops_goes_on_and_is_reported(
     monkeypatch.setattr(plan, "HEALTHY_DRIVES", 4)
     whole = run._do
 
-    def stops(*args: Any) -> None:
+    def stops(*args: Any) -> Any:
         if any((tmp_path / "cases").glob("*.json")):
             raise KeyboardInterrupt
-        whole(*args)
+        return whole(*args)
 
     monkeypatch.setattr(run, "_do", stops)
     assert main([*TINY, "--out", str(tmp_path)]) == 130

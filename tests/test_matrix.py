@@ -308,7 +308,7 @@ def test_a_run_that_was_stopped_goes_on_and_gives_the_same_rows(
     settings = config.load()
 
     def do(folder: str, done: Any = lambda _: None, matrix: Matrix = SMALL) -> Any:
-        return run.run(matrix, shipped_model(), settings, tmp_path / folder, 1, done)
+        return run.run(matrix, shipped_model(), settings, tmp_path / folder, done)
 
     def stop(_: int) -> None:
         raise StoppedError
@@ -332,7 +332,7 @@ def test_a_drive_that_fails_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(run, "_rules", lambda *_: {})
     monkeypatch.setattr(run, "samples", broken)
     with pytest.raises(RuntimeError, match=r"trial 0 \(us06, vehicle 2000, reference\).*no road"):
-        run.run(SMALL, shipped_model(), config.load(), tmp_path / "out", 1, lambda _: None)
+        run.run(SMALL, shipped_model(), config.load(), tmp_path / "out", lambda _: None)
 
 
 def test_a_model_that_cannot_judge_the_drives_is_the_users_error(
@@ -344,7 +344,7 @@ def test_a_model_that_cannot_judge_the_drives_is_the_users_error(
     monkeypatch.setattr(run, "_rules", lambda *_: {})
     monkeypatch.setattr(run, "judge_drives", unfit)
     with pytest.raises(RecordingError, match="needs boost_kpa"):
-        run.run(SMALL, shipped_model(), config.load(), tmp_path / "out", 1, lambda _: None)
+        run.run(SMALL, shipped_model(), config.load(), tmp_path / "out", lambda _: None)
 
 
 def test_the_command_drives_a_small_matrix_and_reports_it(

@@ -35,6 +35,7 @@ def add_parsers(commands: "argparse._SubParsersAction[Any]") -> None:
     study.add_argument("--fitted-with-effect", action="store_true",
                        help="fit the base to the case's own recordings")  # fmt: skip
     study.add_argument("--jobs", type=int, metavar="N", help="default: one for each core")
+    study.add_argument("--scheduler", metavar="URL", help="Dask scheduler, tcp://host:port")
     study.set_defaults(func=run)
 
 
@@ -55,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
     identity = study_run.begin(study, args.out)
     try:
         with tqdm(total=report.planned(study), unit="case", disable=None) as bar:
-            study_run.run(study, args.out, jobs, bar.update)
+            study_run.run(study, args.out, bar.update, jobs=jobs, scheduler=args.scheduler)
     finally:
         rows = study_run.rows(study, args.out)
         print(report.as_text(rows, study))

@@ -38,6 +38,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
                        help="default: all, below, at and above their limit severities")  # fmt: skip
     group.add_argument("--ambient", nargs="+", metavar="NAME", help="mild, hot, cold, altitude")
     group.add_argument("--jobs", type=int, metavar="N", help="default: one for each core")
+    group.add_argument("--scheduler", metavar="URL", help="Dask scheduler, tcp://host:port")
     group.add_argument("--config", type=Path, help="TOML that changes shipped settings")
 
 
@@ -63,9 +64,9 @@ def run(args: argparse.Namespace) -> int:
     if args.jobs is not None and args.jobs < 1:
         raise UsageError("--jobs is at least 1")
     matrix, settings = _matrix(args), config.load(args.config)
-    jobs = args.jobs or os.cpu_count() or 1
+    cores = matrix_run.Cores(args.jobs or os.cpu_count() or 1, args.scheduler)
     with tqdm(total=matrix_run.count(matrix), unit="drive", disable=None) as bar:
-        rows = matrix_run.run(matrix, args.model, settings, args.out, jobs, bar.update)
+        rows = matrix_run.run(matrix, args.model, settings, args.out, bar.update, cores)
     found = report.result(rows, run_folder.identity_of(args.out), args.model.name)
     print(report.as_text(found))
     (args.out / REPORT).write_text(as_page(found, rows))

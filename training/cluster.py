@@ -89,8 +89,8 @@ def _results(
                 result = future.result()
             except ModuleNotFoundError as error:
                 raise UsageError(
-                    f"scheduler {scheduler}: {error.name} is not installed on its workers: "
-                    "pip install 'o2-monitor[fleet]' or its dependencies there"
+                    f"scheduler {scheduler}: {error.name} is not installed on its workers, which "
+                    "need what this command needs here"
                 ) from error
             future.release()
             yield key, pickle.loads(result)

@@ -16,6 +16,7 @@ from monitor.limits import Limits
 from monitor.model import Model
 from training import run_folder
 from training.fleet import places
+from training.model_bytes import model_of
 from training.recordings import default_pairs
 
 File = tuple[str, bytes]  # name and content
@@ -90,7 +91,7 @@ def tools_of(bench: Bench) -> Tools:
         path.write_bytes(file[1])
         return path
 
-    model = Model.load(laid(0, bench.model))
+    model = model_of(*bench.model)
     pairs = tuple((laid(i, a), laid(i, b)) for i, (a, b) in enumerate(bench.pairs, 1))
     return Tools(
         model,

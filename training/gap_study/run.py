@@ -5,18 +5,19 @@ import pickle
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Final
 
-from joblib import Parallel, delayed
-
 import monitor
-from training import run_folder
+from training import parallel, run_folder
 from training.gap_study import case
 from training.gap_study.case import Row, Vehicle
 from training.gap_study.plan import Case, Study, cases
 
 CASES: Final = "cases"
 VEHICLES: Final = "vehicles"
+MODEL: Final = "base.onnx"
+Item = tuple[Case, Vehicle | str, bytes]  # a case, its vehicle, and the file of the vehicle's base
 Progress = Callable[[int], None]  # takes how many cases are done more
 
 
@@ -32,16 +33,25 @@ def begin(study: Study, folder: Path) -> dict[str, Any]:
     return own
 
 
-def run(study: Study, folder: Path, jobs: int, done: Progress) -> None:
-    """Do all cases that the folder does not hold."""
-    planned = cases(study)
-    missing = [each for each in planned if not _path(folder, each).exists()]
+def run(
+    study: Study, folder: Path, done: Progress, *, jobs: int = 1, scheduler: str | None = None
+) -> None:
+    """Do all cases that the folder does not hold.
+
+    scheduler : address of a Dask scheduler; None uses ``jobs`` processes here
+    Raises UsageError if the scheduler cannot be used.
+    """
+    planned = {str(each.number): each for each in cases(study)}
+    missing = {k: each for k, each in planned.items() if not _path(folder, each).exists()}
     done(len(planned) - len(missing))
-    numbers = dict.fromkeys(each.vehicle for each in missing)
-    new = [number for number in numbers if not _pickle(folder, number).exists()]
-    Parallel(jobs)(delayed(_prepare)(study, number, folder) for number in new)
-    work = (delayed(_do)(each, study, folder) for each in missing)
-    for _ in Parallel(jobs, return_as="generator_unordered")(work):
+    numbers = dict.fromkeys(each.vehicle for each in missing.values())
+    new = [(str(n), n) for n in numbers if not _pickle(folder, n).exists()]
+    # Workers return, this process writes: a cluster needs no common file system.
+    for key, (found, model) in parallel.run(_prepare, study, new, jobs=jobs, scheduler=scheduler):
+        _keep(folder, int(key), found, model)
+    work = ((key, _item(each, folder)) for key, each in missing.items())
+    for key, row in parallel.run(_do, study, work, jobs=jobs, scheduler=scheduler):
+        run_folder.write_json(_path(folder, missing[key]), row)
         done(1)
 
 
@@ -70,20 +80,36 @@ def _pickle(folder: Path, vehicle: int) -> Path:
     return folder / VEHICLES / f"{vehicle}.pickle"
 
 
-def _prepare(study: Study, number: int, folder: Path) -> None:
+def _prepare(study: Study, number: int) -> tuple[Vehicle | str, bytes]:
+    """Return a vehicle, or why there is none, and the file of its base."""
+    with TemporaryDirectory() as temporary:
+        model = Path(temporary) / MODEL
+        try:
+            return case.prepare(study, number, model), model.read_bytes()
+        except Exception as error:  # its cases say so, the others go on
+            return f"{type(error).__name__}: {error}", b""
+
+
+def _keep(folder: Path, number: int, vehicle: Vehicle | str, model: bytes) -> None:
     path = _pickle(folder, number)
     begun = path.with_suffix(".begun")
-    try:
-        found: Vehicle | str = case.prepare(study, number, path.with_suffix(".onnx"))
-    except Exception as error:  # its cases say so, the others go on
-        found = f"{type(error).__name__}: {error}"
-    begun.write_bytes(pickle.dumps(found))
-    begun.replace(path)
+    for content, to in ((model, path.with_suffix(".onnx")), (pickle.dumps(vehicle), path)):
+        begun.write_bytes(content)
+        begun.replace(to)
 
 
-def _do(asked: Case, study: Study, folder: Path) -> None:
+def _item(asked: Case, folder: Path) -> Item:
     path = _pickle(folder, asked.vehicle)
     vehicle: Vehicle | str = pickle.loads(path.read_bytes())
-    if isinstance(vehicle, Vehicle):  # the folder may have been moved
-        vehicle = replace(vehicle, model=path.with_suffix(".onnx"))
-    run_folder.write_json(_path(folder, asked), case.run(asked, study, vehicle))
+    prepared = isinstance(vehicle, Vehicle)
+    return asked, vehicle, path.with_suffix(".onnx").read_bytes() if prepared else b""
+
+
+def _do(study: Study, item: Item) -> Row:
+    """Return the row of a case."""
+    asked, vehicle, model = item
+    with TemporaryDirectory() as temporary:
+        if isinstance(vehicle, Vehicle):
+            vehicle = replace(vehicle, model=Path(temporary) / MODEL)
+            vehicle.model.write_bytes(model)
+        return case.run(asked, study, vehicle)

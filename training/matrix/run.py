@@ -4,28 +4,28 @@ import dataclasses
 import hashlib
 import json
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path
 from typing import Any, Final
 
-from joblib import Parallel, delayed
-
 import monitor
 from monitor.batch.judge import Judged
 from monitor.config import Config
+from monitor.decide import WindowJudged
 from monitor.errors import O2Error
 from monitor.limits import Limits
 from monitor.model import Model
 from monitor.reference import Reference
 from monitor.types import SampleBlock
-from training import run_folder
+from training import parallel, run_folder
 from training.dyno import ecu
 from training.matrix.drive import samples
 from training.matrix.judging import from_json, judge_drives, learn, to_json
 from training.matrix.plan import Matrix, Trial, calibration, reference_drives, refuse_used, trials
 from training.matrix.rows import Row, row
 from training.matrix.rules import fitted
+from training.model_bytes import model_of
 from training.recordings import sha256
 from training.rules.windows import Rule
 
@@ -38,11 +38,21 @@ Progress = Callable[[int], None]  # takes how many drives are done more
 
 @dataclass(frozen=True, slots=True)
 class Bench:
-    """What judges the drives."""
+    """What judges the drives, as it travels to a worker."""
 
-    model_path: Path
+    model_name: str
+    model: bytes  # the file
     config: Config
-    rules: dict[str, Rule]
+    rules: dict[str, Rule] = field(default_factory=dict)
+    learned: References = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Cores:
+    """Where the drives are done: processes here, or a Dask cluster."""
+
+    jobs: int = 1
+    scheduler: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,27 +64,34 @@ class Chunk:
 
 
 def run(
-    matrix: Matrix, model_path: Path, config: Config, folder: Path, jobs: int, done: Progress
+    matrix: Matrix,
+    model_path: Path,
+    config: Config,
+    folder: Path,
+    done: Progress,
+    cores: Cores = Cores(),
 ) -> list[Row]:
     """Return a row for every drive, references first; results of the same run are taken up.
 
-    Raises UsageError if the folder holds another run, or if a vehicle or seed was used before.
+    Raises UsageError if the folder holds another run, if a vehicle or seed was used before, or if
+    the scheduler cannot be used.
     """
     planned, references = trials(matrix), reference_drives(matrix)
     card = Model.load(model_path).card
     refuse_used([*chain(*references), *planned], [r.path for r in card.recordings])
     run_folder.claim(folder, identity(matrix, model_path, config))
-    bench = Bench(model_path, config, _rules(matrix, model_path, config, jobs))
+    bench = Bench(model_path.name, model_path.read_bytes(), config)
+    bench = replace(bench, rules=_rules(matrix, bench, cores))
     first = [
         Chunk(f"reference_{i:05d}", tuple(t for own in references[i : i + VEHICLES] for t in own))
         for i in range(0, len(references) if matrix.reference_drives else 0, VEHICLES)
     ]
-    rows, learned = _all(first, bench, {}, folder, jobs, done)
+    rows, learned = _all(first, bench, folder, cores, done)
     second = [
         Chunk(f"trials_{i:05d}", tuple(planned[i : i + CHUNK]))
         for i in range(0, len(planned), CHUNK)
     ]
-    return rows + _all(second, bench, learned, folder, jobs, done)[0]
+    return rows + _all(second, replace(bench, learned=learned), folder, cores, done)[0]
 
 
 def count(matrix: Matrix) -> int:
@@ -102,36 +119,35 @@ def _code_sha256() -> str:
     return run_folder.code_sha256(paths, at.parent)
 
 
-def _rules(matrix: Matrix, model_path: Path, config: Config, jobs: int) -> dict[str, Rule]:
+def _rules(matrix: Matrix, bench: Bench, cores: Cores) -> dict[str, Rule]:
     good, bad = calibration(matrix)
     every = [*good, *bad]
-    size = -(-len(every) // jobs)
-    judged = Parallel(jobs)(
-        delayed(_judge)(every[i : i + size], model_path, config) for i in range(0, len(every), size)
-    )
-    windows = [drive.windows for part in judged for _, drive in part]
-    limits = _limits(model_path, config)
+    parts = {str(i): tuple(every[i : i + CHUNK]) for i in range(0, len(every), CHUNK)}
+    found = dict(parallel.run(_windows, bench, parts.items(), **dataclasses.asdict(cores)))
+    windows = [drive for key in parts for drive in found[key]]
+    limits = _limits(model_of(bench.model_name, bench.model), bench)
     return fitted(windows[: len(good)], windows[len(good) :], limits)
 
 
+def _windows(bench: Bench, drives: Sequence[Trial]) -> list[list[WindowJudged]]:
+    """Return the windows of each drive."""
+    return [judged.windows for _, judged in _judge(drives, bench)]
+
+
 def _all(
-    chunks: Sequence[Chunk],
-    bench: Bench,
-    learned: References,
-    folder: Path,
-    jobs: int,
-    done: Progress,
+    chunks: Sequence[Chunk], bench: Bench, folder: Path, cores: Cores, done: Progress
 ) -> tuple[list[Row], References]:
     """Return rows in the order of the chunks, and the references that they learn."""
-    missing = []
+    missing = {}
     for chunk in chunks:
         if (folder / f"{chunk.name}.json").exists():
             done(len(chunk.drives))
         else:
-            missing.append(chunk)
-    work = (delayed(_do)(chunk, bench, learned, folder) for chunk in missing)
-    for n_drives in Parallel(jobs, return_as="generator_unordered")(work):
-        done(n_drives)
+            missing[chunk.name] = chunk
+    # Workers return, this process writes: a cluster needs no common file system.
+    for name, result in parallel.run(_do, bench, missing.items(), **dataclasses.asdict(cores)):
+        run_folder.write_json(folder / f"{name}.json", result)
+        done(len(missing[name].drives))
     rows: list[Row] = []
     references: References = {}
     for chunk in chunks:
@@ -141,24 +157,22 @@ def _all(
     return rows, references
 
 
-def _do(chunk: Chunk, bench: Bench, learned: References, folder: Path) -> int:
-    """Do a chunk and write its results; return the number of its drives."""
+def _do(bench: Bench, chunk: Chunk) -> dict[str, Any]:
+    """Do a chunk; return its rows, and the references of its vehicles if they learn."""
     rows: list[Row] = []
     references: dict[str, Reference | None] = {
-        key: from_json(tree) for key, tree in learned.items()
+        key: from_json(tree) for key, tree in bench.learned.items()
     }
     learning = chunk.drives[0].kind == "reference"
     for drives in _rounds(chunk) if learning else [chunk.drives]:
         own = [references.get(str(trial.vehicle)) for trial in drives]
-        judged = _judge(drives, bench.model_path, bench.config, own)
+        judged = _judge(drives, bench, own)
         for trial, reference, (block, drive) in zip(drives, own, judged, strict=True):
             rows.append(row(trial, block, drive, bench.rules))
             if learning:
                 references[str(trial.vehicle)] = learn(reference, drive, bench.config)
     found = {key: to_json(each) for key, each in references.items() if each} if learning else {}
-    path = folder / f"{chunk.name}.json"
-    run_folder.write_json(path, {"rows": rows, "references": found})
-    return len(chunk.drives)
+    return {"rows": rows, "references": found}
 
 
 def _rounds(chunk: Chunk) -> Iterator[tuple[Trial, ...]]:
@@ -169,22 +183,19 @@ def _rounds(chunk: Chunk) -> Iterator[tuple[Trial, ...]]:
 
 
 def _judge(
-    drives: Sequence[Trial],
-    model_path: Path,
-    config: Config,
-    references: Sequence[Reference | None] | None = None,
+    drives: Sequence[Trial], bench: Bench, references: Sequence[Reference | None] | None = None
 ) -> list[tuple[SampleBlock, Judged]]:
     """Return what the monitor saw and said of each drive; an error names the drive."""
-    model, bus_map = Model.load(model_path), ecu.own_bus()
+    model, bus_map = model_of(bench.model_name, bench.model), ecu.own_bus()
     blocks = []
     for trial in drives:
         try:
             blocks.append(samples(trial, bus_map, model.card.period_ns))
         except Exception as error:
             raise RuntimeError(f"{trial.name}: {type(error).__name__}: {error}") from error
-    limits = _limits(model_path, config, model)
+    limits = _limits(model, bench)
     try:
-        judged = judge_drives(blocks, bus_map.names, model, limits, config, references)
+        judged = judge_drives(blocks, bus_map.names, model, limits, bench.config, references)
     except O2Error:  # a model that cannot judge these drives
         raise
     except Exception as error:
@@ -193,6 +204,5 @@ def _judge(
     return list(zip(blocks, judged, strict=True))
 
 
-def _limits(model_path: Path, config: Config, model: Model | None = None) -> Limits:
-    card = (model or Model.load(model_path)).card
-    return Limits.from_card(card, config, str(model_path))
+def _limits(model: Model, bench: Bench) -> Limits:
+    return Limits.from_card(model.card, bench.config, bench.model_name)
