@@ -106,18 +106,20 @@ class Plausibility:
         ready = np.where(np.isnan(told), q != _INVALID, told > 0.0)
         gone = np.zeros(n, dtype=np.bool_) if self._ready is None else np.isnan(told)
         not_ready = since(~(~ready & ~gone & self.running(values)))
-        missing = (q == _STALE) | ((q == _INVALID) & gone)
+        off_bus = q == _OFF_BUS
+        missing = (q == _STALE) | off_bus | ((q == _INVALID) & gone)
         invalid = (q == _INVALID) & ready
-        asleep = missing & self._standing(values)
+        asleep = missing & self._standing(values) & ~off_bus
         unheard = np.cumsum(np.minimum.accumulate(missing))
         heard = ~np.minimum.accumulate(missing)
         return (
             _results(
                 (heard | (unheard > self._start_patience)) & ~asleep,
-                np.where(invalid, 2, missing),
+                np.where(off_bus, 3, np.where(invalid, 2, missing)),
                 _result("communication", False, "signal_missing"),
                 _result("communication", True, "signal_missing"),
                 _result("communication", True, "signal_invalid"),
+                _result("communication", True, "bus_off"),
             ),
             _results(
                 (not_ready > self._patience) | (ready & ~missing),

@@ -12,14 +12,16 @@ from hypothesis import strategies as st
 from monitor import config, enable, faults, hypotheses
 from monitor.batch.bank import BankBlock, phases
 from monitor.batch.judge import Judged, judge_all
+from monitor.batch.samples import Clearing
 from monitor.config import Config
-from monitor.dtc import TESTS, DtcStore
+from monitor.dtc import TESTS, DtcStore, Saved
 from monitor.errors import RecordingError
 from monitor.hypotheses import SensorBank
 from monitor.limits import Limits
 from monitor.model import Model
 from monitor.model_card import Channel, ModelCard
-from monitor.pipeline import DtcChanged, Monitor, Tick, WindowJudged
+from monitor.obd_records import Counts
+from monitor.pipeline import CycleStarted, DtcChanged, Event, Monitor, Tick, WindowJudged
 from monitor.reference import Reference
 from monitor.replay import shipped_model
 from monitor.types import Quality, Sample, SampleBlock
@@ -41,10 +43,20 @@ SHORT = replace(
     enable=replace(
         SHIPPED.enable, model_settle_samples=3, fuel_cut_recovery_s=0.3, purge_recovery_s=0.2
     ),
+    cycles=replace(
+        SHIPPED.cycles,
+        engine_off_s=4.0,
+        silent_s=1.0,
+        start_s=0.5,
+        denominator_run_s=6.0,
+        denominator_moving_s=4.0,
+        denominator_idle_s=0.5,
+    ),
     plausibility=replace(
         SHIPPED.plausibility, stuck_s=1.0, start_patience_s=1.0, not_ready_s=1.0, stuck_range=0.01
     ),
     debounce=replace(SHIPPED.debounce, tick_fail_s=0.4, tick_pass_s=0.9),
+    bias=replace(SHIPPED.bias, reference_windows=2),
 )
 TIGHT = replace(
     Limits.from_card(Model.load(shipped_model()).card, SHIPPED, "shipped"),
@@ -59,21 +71,40 @@ class Streamed:
     ticks: list[Tick]
     windows: list[WindowJudged]
     changes: list[DtcChanged]
+    cycles: list[CycleStarted]
     monitor: Monitor
+    reference: Reference
 
 
 def stream(
     block: SampleBlock, names: Sequence[str], model: Model, limits: Limits, settings: Config,
-    store: DtcStore,
+    store: DtcStore, reference: Reference | None = None, clearings: Sequence[Clearing] = (),
 ) -> Streamed:  # fmt: skip
-    monitor = Monitor(model, limits, settings, names, store)
+    """Judge as ``replay`` does; with a reference the vehicle learns like one with a memory."""
+    known = reference or Reference()
+    own = limits.of_vehicle(known, settings.bias)
+    monitor = Monitor(model, own, settings, names, store)
     rows = zip(block.index.tolist(), block.t_ns.tolist(), block.values, block.quality, strict=True)
-    events = [event for row in rows for event in monitor.push(Sample(*row))]
+    events: list[Event] = []
+    for k, row in enumerate(rows):
+        for each in clearings:
+            if each.n_samples == k:
+                events += [DtcChanged(each.t_ns, dtc) for dtc in store.clear()]
+        for event in monitor.push(Sample(*row)):
+            events.append(event)
+            if reference is not None and isinstance(event, CycleStarted):
+                known = known if event.seen is None else known.learn(event.seen, settings.bias)
+                monitor.adopt(limits.of_vehicle(known, settings.bias))
+    for each in clearings:
+        if each.n_samples == len(block.t_ns):
+            events += [DtcChanged(each.t_ns, dtc) for dtc in store.clear()]
     return Streamed(
         [event for event in events if isinstance(event, Tick)],
         [event for event in events if isinstance(event, WindowJudged)],
         [event for event in events if isinstance(event, DtcChanged)],
+        [event for event in events if isinstance(event, CycleStarted)],
         monitor,
+        known,
     )
 
 
@@ -89,6 +120,10 @@ def assert_same(streamed: Streamed, judged: Judged) -> None:
         for field in ("index", "t_start_ns", "t_end_ns", "measured", "predicted", "bank"):
             np.testing.assert_array_equal(getattr(a.window, field), getattr(b.window, field))
     assert streamed.changes == judged.changes
+    assert streamed.cycles == judged.cycles
+    assert streamed.reference == judged.reference
+    assert streamed.monitor.limits == judged.limits
+    assert streamed.monitor.interrupted_windows == judged.interrupted_windows
     assert streamed.monitor.store.active == judged.dtcs
     assert streamed.monitor.completed == judged.completed
     assert streamed.monitor.seen == judged.seen
@@ -98,6 +133,13 @@ def fresh() -> DtcStore:
     store = DtcStore()
     store.start_driving_cycle()
     return store
+
+
+def kept(store: DtcStore) -> Saved:
+    """Return what outlives the drive but distances and running times."""
+    counts = store.counts
+    numbers = counts.ignition_cycles, counts.general_denominator, counts.warm_ups_since_clear
+    return replace(store.saved, counts=Counts(*numbers))
 
 
 # A tiny model on random recordings
@@ -152,6 +194,9 @@ HAPPENS = {
     "fuel is cut": (("fuel_cut",), 1.0, Quality.GOOD),
     "the loop is open": (("closed_loop",), 0.0, Quality.GOOD),
     "the purge valve is closed": (("purge_duty_percent",), 0.0, Quality.GOOD),
+    "the monitor is off the bus": (NAMES, np.nan, Quality.OFF_BUS),
+    "the coolant is cold": (("coolant_temperature_degc",), 20.0, Quality.GOOD),
+    "the vehicle stands": (("vehicle_speed_km_h",), 0.0, Quality.GOOD),
 }
 
 
@@ -175,6 +220,11 @@ def recordings(draw: st.DrawFn) -> SampleBlock:
             if signal == "lambda_measured":
                 held += rng.choice([0.0, 0.004]) * rng.uniform(-1.0, 1.0, len(held))
             quality[begin : begin + length, NAMES.index(signal)] = grade
+    for begin in draw(st.lists(st.integers(0, max(n - 1, 0)), max_size=3)):  # ignition off, and on
+        values[begin : begin + 15], quality[begin : begin + 15] = np.nan, Quality.STALE
+        held = slice(begin + 15, begin + 18)
+        values[held], quality[held] = USUAL, Quality.GOOD
+        values[held, NAMES.index("engine_speed_rpm")] = 0.0
     index = np.arange(n)
     return SampleBlock(index, 5_000 + index * PERIOD_NS, values, quality)
 
@@ -185,22 +235,38 @@ def without(block: SampleBlock, missing: set[str]) -> tuple[SampleBlock, tuple[s
     return block, tuple(NAMES[i] for i in kept)
 
 
-@settings(max_examples=150)
+@st.composite
+def cleared(draw: st.DrawFn, block: SampleBlock) -> list[Clearing]:
+    at = sorted(draw(st.lists(st.integers(0, len(block.t_ns)), max_size=2)))
+    return [Clearing(k, 77 + k) for k in at]
+
+
+@settings(max_examples=250, deadline=None)
 @given(
     blocks=st.lists(recordings(), max_size=5),
     missing=st.sets(st.sampled_from(enable.SIGNALS), max_size=3),
     transform=st.sampled_from(["phi", "none"]),
     rows=st.sampled_from([1, 2, 3, 64]),
+    learned=st.sampled_from([None, Reference(), Reference(-0.03, -0.02, 0.96, 2)]),
+    data=st.data(),
 )
 def test_a_batch_gives_what_streaming_gives(
-    tiny: dict[str, Model], blocks: list[SampleBlock], missing: set[str], transform: str, rows: int
-) -> None:
+    tiny: dict[str, Model], blocks: list[SampleBlock], missing: set[str], transform: str, rows: int,
+    learned: Reference | None, data: st.DataObject,
+) -> None:  # fmt: skip
     model, names = tiny[transform], without(_EMPTY, missing)[1]
     blocks = [without(block, missing)[0] for block in blocks]
-    judged = judge_all(blocks, names, model, TIGHT, SHORT, rows=rows)
+    clearings = [data.draw(cleared(block)) for block in blocks]
+    stores = [fresh() for _ in blocks]
+    references = None if learned is None else [learned] * len(blocks)
+    judged = judge_all(
+        blocks, names, model, TIGHT, SHORT, stores, references, rows=rows, clearings=clearings
+    )
     assert len(judged) == len(blocks)
-    for block, got in zip(blocks, judged, strict=True):
-        assert_same(stream(block, names, model, TIGHT, SHORT, fresh()), got)
+    for block, got, store, own in zip(blocks, judged, stores, clearings, strict=True):
+        streamed = fresh()
+        assert_same(stream(block, names, model, TIGHT, SHORT, streamed, learned, own), got)
+        assert kept(streamed) == kept(store)
 
 
 _EMPTY = SampleBlock(
@@ -300,8 +366,7 @@ def test_every_vehicle_is_judged_by_its_own_reference(
     references = [Reference(), Reference(-0.03, -0.02, 0.96, 2), Reference(0.2, 0.2, 1.0, 1)]
     judged = judge_all(blocks[:3], names, model, limits, SHIPPED, references=references, rows=2)
     for block, reference, got in zip(blocks[:3], references, judged, strict=True):
-        own = limits.of_vehicle(reference, SHIPPED.bias)
-        assert_same(stream(block, names, model, own, SHIPPED, fresh()), got)
+        assert_same(stream(block, names, model, limits, SHIPPED, fresh(), reference), got)
     # a reference that is far off makes the healthy sensor look biased
     assert {w.fault for w in judged[2].windows} & set(TESTS["bias"])
 

@@ -1,15 +1,14 @@
 """Whole recordings side by side, with the same results as ``pipeline.Monitor``.
 
-Conditions and plausibility of a recording are judged as arrays. Every run of samples with valid
+Conditions and plausibility of a driving cycle are judged as arrays. Every run of samples with valid
 inputs is a segment, begun like the streaming monitor begins; segments of many recordings are rows
 that model and bank step together. Decisions are the monitor's own. A property test holds the two
-together, bit for bit.
+together, bit for bit; only distances and running times are not counted in the fault memory.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -17,23 +16,19 @@ from numpy.typing import NDArray
 
 from monitor import enable, hypotheses
 from monitor.batch.bank import BankBlock, phases
+from monitor.batch.course import Course, Vehicle
+from monitor.batch.recording import Reader, Recording
+from monitor.batch.samples import Clearing
 from monitor.config import Config
-from monitor.decide import Change, Decisions, DtcChanged, WindowJudged
+from monitor.cycles import SIGNALS as CYCLE_SIGNALS
+from monitor.decide import Decisions, DtcChanged, WindowJudged
 from monitor.dtc import Dtc, DtcStore
-from monitor.enable import Enable
 from monitor.limits import Limits
 from monitor.model import Model
-from monitor.pipeline import BURNING, check_names
-from monitor.plausibility import ActivityTest, Plausibility, TickResult, TickResults
+from monitor.model_card import ModelCard
+from monitor.pipeline import CycleStarted, check_names
 from monitor.reference import Reference, Seen
-from monitor.runs import runs, since, stretches
-from monitor.types import BoolArray, FloatArray, IntArray, SampleBlock
-from monitor.window import Window
-
-_INPUTS_VALID = enable.CONDITIONS.index("inputs_valid")
-
-# sample, place within the sample, and what then is decided
-Result = tuple[int, int, Callable[[], Iterable[WindowJudged | Change]]]
+from monitor.types import BoolArray, FloatArray, SampleBlock
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,16 +40,20 @@ class Judged:
     conditions: BoolArray  # (n, n_conditions) in the order of enable.CONDITIONS
     enabled: BoolArray  # (n,)
     windows: list[WindowJudged]
+    interrupted_windows: int  # begun and discarded
     changes: list[DtcChanged]
+    cycles: list[CycleStarted]  # driving cycles that begin within the recording
     dtcs: list[Dtc]  # pending or confirmed at the end
-    completed: bool  # the response test reached a decision
-    seen: Seen | None  # what the vehicle's reference may learn
+    completed: bool  # the response test reached a decision in the last driving cycle
+    seen: Seen | None  # what the vehicle's reference may learn of the last driving cycle
+    reference: Reference  # what was known of the vehicle in the last driving cycle
+    limits: Limits  # that hold in the last driving cycle
 
 
 class Segment(NamedTuple):
     """A run of samples with valid inputs."""
 
-    recording: int
+    recording: Recording
     begin: int
     end: int
 
@@ -62,6 +61,12 @@ class Segment(NamedTuple):
     def length(self) -> int:
         """Return the number of samples."""
         return self.end - self.begin
+
+
+def needed_names(card: ModelCard, available: Sequence[str]) -> tuple[str, ...]:
+    """Return which of the available signals the monitor looks at, in its order."""
+    wanted = (*card.input_names, card.output.name, *enable.SIGNALS, *CYCLE_SIGNALS)
+    return tuple(name for name in dict.fromkeys(wanted) if name in available)
 
 
 def judge_all(
@@ -73,156 +78,117 @@ def judge_all(
     stores: Sequence[DtcStore] | None = None,
     references: Sequence[Reference] | None = None,
     rows: int = 64,
+    clearings: Sequence[Sequence[Clearing]] | None = None,
 ) -> list[Judged]:
     """Return the verdicts on recordings, in their order.
 
     names : what each sample holds; must contain the model's inputs and output
     stores : fault memory of each recording, in which its driving cycle has begun; by default empty
-    references : of each recording's vehicle; by default nothing is known of it
+    references : of each recording's vehicle, which learns from every driving cycle that ends
+        within the recording; by default nothing is known, and nothing learned
     rows : how many recordings, and how many segments of theirs, run side by side
+    clearings : of each recording's codes, by a tester; by default none
     Raises RecordingError if a signal the model needs is not among ``names``. A window keeps what
     the bank read in it, a drive of half an hour some megabytes.
     """
     check_names(model.card, names)
     if stores is None:
-        stores = [DtcStore() for _ in blocks]
+        stores = [DtcStore(profile=config.profile) for _ in blocks]
         for store in stores:
             store.start_driving_cycle()
-    own = [
-        limits.of_vehicle(each, config.bias) for each in references or [Reference()] * len(blocks)
-    ]
+    judge = _Judge(names, model, limits, config, rows)
     judged: dict[int, Judged] = {}
     order = sorted(range(len(blocks)), key=lambda i: len(blocks[i].t_ns))  # alike side by side
     for first in range(0, len(order), rows):
         chosen = order[first : first + rows]
-        batch = _Batch([blocks[i] for i in chosen], names, model, config, rows)
-        for i, number in enumerate(chosen):
-            judged[number] = batch.judge(i, own[number], stores[number])
+        for number, recording in zip(chosen, judge.run([blocks[i] for i in chosen]), strict=True):
+            judged[number] = judge.decide(
+                recording,
+                stores[number],
+                references[number] if references else None,
+                clearings[number] if clearings else (),
+            )
     return [judged[i] for i in range(len(blocks))]
 
 
-class _Batch:
-    """Some recordings, up to their windows."""
+class _Judge:
+    """Judges recordings with the same signals."""
 
     def __init__(
-        self,
-        blocks: Sequence[SampleBlock],
-        names: Sequence[str],
-        model: Model,
-        config: Config,
-        rows: int,
+        self, names: Sequence[str], model: Model, limits: Limits, config: Config, rows: int
     ) -> None:
-        card = model.card
-        self._names, self._card, self._config, self._blocks = names, card, config, blocks
-        self._period_s = card.period_ns * 1e-9
+        self._model, self._limits, self._config, self._rows = model, limits, config, rows
+        self._reader = Reader(names, model.card, config)
         self._hypotheses = hypotheses.build(config.response)
-        places = [names.index(name) for name in card.input_names]
-        output = names.index(card.output.name)
-        conditions = Enable.of(config.enable, names, card).block
-        self._conditions = [conditions(block.values) for block in blocks]
-        self._inputs = [block.values[:, places].astype(np.float32) for block in blocks]
-        self._measured = [block.values[:, output].copy() for block in blocks]
-        self._predicted = [np.full(len(block.t_ns), np.nan) for block in blocks]
-        # of each recording: where a window begins, and what the bank reads in it
-        self._banks: list[dict[int, FloatArray]] = [{} for _ in blocks]
-        segments = [
-            Segment(i, begin, end)
-            for i, held in enumerate(self._conditions)
-            for begin, end in runs(held[:, _INPUTS_VALID])
-        ]
-        segments.sort(key=lambda segment: segment.length, reverse=True)
-        for first in range(0, len(segments), rows):
-            self._run(model, segments[first : first + rows])
+        self._bank = BankBlock(self._hypotheses, self._reader.period_s)
 
-    def _run(self, model: Model, segments: Sequence[Segment]) -> None:
+    def run(self, blocks: Sequence[SampleBlock]) -> list[Recording]:
+        """Return recordings up to their windows."""
+        recordings = [Recording(block, self._reader) for block in blocks]
+        segments = [Segment(each, *ends) for each in recordings for ends in each.segments()]
+        segments.sort(key=lambda segment: segment.length, reverse=True)
+        for first in range(0, len(segments), self._rows):
+            self._run_rows(segments[first : first + self._rows])
+        return recordings
+
+    def _run_rows(self, segments: Sequence[Segment]) -> None:
         """Run model and bank on the segments, the longest first."""
         lengths = [segment.length for segment in segments]
-        u = np.zeros((len(segments), lengths[0], model.n_inputs), np.float32)
+        u = np.zeros((len(segments), lengths[0], self._model.n_inputs), np.float32)
         measured = np.empty(len(segments))
-        for row, (i, begin, end) in enumerate(segments):
-            u[row, : end - begin] = self._inputs[i][begin:end]
-            measured[row] = self._measured[i][begin]
-        predicted = _predict(model, u, measured, lengths)
+        for row, (recording, begin, end) in enumerate(segments):
+            u[row, : end - begin] = recording.inputs[begin:end]
+            measured[row] = recording.measured[begin]
+        predicted = _predict(self._model, u, measured, lengths)
         at: list[tuple[int, int]] = []  # row and sample at which a window begins
-        for row, (i, begin, end) in enumerate(segments):
-            self._predicted[i][begin:end] = predicted[row, : end - begin]
-            at += [(row, k) for k in self._windows(i, begin, end).tolist()]
+        for row, (recording, begin, end) in enumerate(segments):
+            recording.predicted[begin:end] = predicted[row, : end - begin]
+            at += [(row, k) for k in recording.windows(begin, end).tolist()]
         if not at:
             return
         n = self._config.window.n_samples
         row_of, begin_of = np.array(at).T
         steps = begin_of[:, np.newaxis] + np.arange(n)
-        bank = BankBlock(self._hypotheses, self._period_s)
-        read = bank.read(
-            _oriented(predicted, self._card.transform), lengths, np.repeat(row_of, n), steps.ravel()
-        ).reshape(-1, n, len(self._hypotheses))
+        oriented = _oriented(predicted, self._model.card.transform)
+        read = self._bank.read(oriented, lengths, np.repeat(row_of, n), steps.ravel())
+        read = read.reshape(-1, n, len(self._hypotheses))
         for (row, k), values in zip(at, read, strict=True):
-            segment = segments[row]
-            self._banks[segment.recording][segment.begin + k] = values
+            segments[row].recording.banks[segments[row].begin + k] = values
 
-    def _windows(self, i: int, begin: int, end: int) -> IntArray:
-        """Return where windows begin in a segment, counted from its begin."""
-        usable = self._conditions[i][begin:end].all(axis=1)
-        usable &= ~np.isnan(self._predicted[i][begin:end])
-        return stretches(usable, self._config.window.n_samples)
-
-    def judge(self, i: int, limits: Limits, store: DtcStore) -> Judged:
+    def decide(
+        self,
+        recording: Recording,
+        store: DtcStore,
+        reference: Reference | None,
+        clearings: Sequence[Clearing],
+    ) -> Judged:
         """Return what is decided about one recording; the bank's values go with its windows."""
-        conditions, card = self._conditions[i], self._card
-        decisions = Decisions(
-            limits, self._config, self._hypotheses, card.transform, self._period_s, store
-        )
-        found = sorted(self._results(i, decisions), key=itemgetter(0, 1))
-        events = [event for *_, decide in found for event in decide()]
+        config, card = self._config, self._model.card
+        decide = partial(
+            Decisions, config=config, hypotheses=self._hypotheses, transform=card.transform,
+            period_s=self._reader.period_s, store=store,
+        )  # fmt: skip
+        vehicle = Vehicle(self._limits, config.bias, reference)
+        course = Course(recording.block, self._reader.names, decide, store, vehicle)
+        counts = course.decisions.ticks_that_count
+        for *_, happen in recording.happenings(clearings, counts):
+            happen(course)
+        conditions = recording.conditions
         return Judged(
-            self._measured[i],
-            self._predicted[i],
+            recording.measured,
+            recording.predicted,
             conditions,
             np.asarray(conditions.all(axis=1)),
-            [event for event in events if isinstance(event, WindowJudged)],
-            [event for event in events if isinstance(event, DtcChanged)],
+            course.windows,
+            recording.interrupted(),
+            course.changes,
+            course.cycles,
             store.active,
-            decisions.completed,
-            decisions.seen,
+            course.decisions.completed,
+            course.decisions.seen,
+            vehicle.reference,
+            vehicle.limits,
         )
-
-    def _results(self, i: int, decisions: Decisions) -> Iterator[Result]:
-        block, measured, conditions = self._blocks[i], self._measured[i], self._conditions[i]
-        settings, output = self._config.plausibility, self._card.output
-        t_ns = block.t_ns.tolist()
-        tests = Plausibility(settings, self._names, output.name, self._period_s)
-        for place, results in enumerate(tests.block(block.values, block.quality)):
-            for k, result in _counting(results, *decisions.ticks_that_count):
-                yield k, place, partial(decisions.ticks, (result,), t_ns[k])
-        activity = ActivityTest.of(settings, output, self._names, self._period_s)
-        active = conditions[:, BURNING].all(axis=1) & tests.running(block.values)
-        for k, failed, fault in activity.block(measured, active):
-            yield k, 3, partial(decisions.activity, failed, fault, t_ns[k])
-        n = self._config.window.n_samples
-        for index, begin in enumerate(sorted(self._banks[i])):
-            last, inside = begin + n - 1, slice(begin, begin + n)
-            window = Window(
-                index,
-                t_ns[begin],
-                t_ns[last],
-                measured[inside].copy(),
-                self._predicted[i][inside].copy(),
-                self._banks[i].pop(begin),
-            )
-            yield last, 4, partial(decisions.window, window)
-
-
-def _counting(
-    results: TickResults, failed_count: int, passed_count: int
-) -> Iterator[tuple[int, TickResult]]:
-    """Yield sample and result where a result can still move its counter.
-
-    failed_count, passed_count : after so many alike in a row the counter stands
-    """
-    changed = np.diff(results.failed, prepend=~results.failed[:1])
-    count = since(changed) < np.where(results.failed, failed_count, passed_count)
-    for k, kind in zip(results.at[count].tolist(), results.kind[count].tolist(), strict=True):
-        yield k, results.kinds[kind]
 
 
 def _predict(
