@@ -4,6 +4,7 @@ python-can reads a BLF as far as it goes and says nothing when it ends too early
 """
 
 import struct
+from collections.abc import Iterator
 from typing import IO, Final
 
 _FILE_HEADER: Final = struct.Struct("<4sLBBBBBBBBQQLL")
@@ -19,26 +20,33 @@ def check(file: IO[bytes]) -> int | None:
     if len(head) < _FILE_HEADER.size or head[:4] != b"LOGG":
         raise ValueError("not a BLF file")
     fields = _FILE_HEADER.unpack(head)
-    header_size, file_size, objects = fields[1], fields[10], fields[12]
+    header_size, file_size, n_objects = fields[1], fields[10], fields[12]
     if len(file.read(header_size - _FILE_HEADER.size)) < header_size - _FILE_HEADER.size:
         raise ValueError("the file ends inside its header")
     position = header_size
-    while True:
-        start = file.read(_OBJECT_HEADER.size)
-        if not start:
-            break
-        if len(start) < _OBJECT_HEADER.size:
-            raise ValueError(f"the file ends inside a header at byte {position}")
-        signature, _, _, size, _ = _OBJECT_HEADER.unpack(start)
-        if signature != b"LOBJ" or size < _OBJECT_HEADER.size:
-            raise ValueError(f"no log object at byte {position}")
-        body = size - _OBJECT_HEADER.size
-        if len(file.read(body)) < body:
-            raise ValueError(f"the log object at byte {position} ends too early")
-        padding = len(file.read(size % 4))  # some writers leave it out behind the last object
-        position += size + padding
+    for _, body, n_padding in objects(file, position):
+        position += _OBJECT_HEADER.size + len(body) + n_padding
     if position < file_size:
         raise ValueError(f"the file has {position} bytes, its header announces {file_size}")
     if file_size <= header_size and position > header_size:
         raise ValueError("the file was never finished: its header announces no data")
-    return objects or None
+    return n_objects or None
+
+
+def objects(file: IO[bytes], position: int) -> Iterator[tuple[int, bytes, int]]:
+    """Yield type, body and bytes of padding of the objects from ``position``, where the file is.
+
+    Raises ValueError if what comes is no whole object.
+    """
+    while start := file.read(_OBJECT_HEADER.size):
+        if len(start) < _OBJECT_HEADER.size:
+            raise ValueError(f"the file ends inside a header at byte {position}")
+        signature, _, _, size, kind = _OBJECT_HEADER.unpack(start)
+        if signature != b"LOBJ" or size < _OBJECT_HEADER.size:
+            raise ValueError(f"no log object at byte {position}")
+        body = file.read(size - _OBJECT_HEADER.size)
+        if len(body) < size - _OBJECT_HEADER.size:
+            raise ValueError(f"the log object at byte {position} ends too early")
+        n_padding = len(file.read(size % 4))  # some writers leave it out behind the last object
+        position += size + n_padding
+        yield kind, body, n_padding

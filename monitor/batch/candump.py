@@ -140,7 +140,7 @@ def parse_lines(text: Bytes) -> Lines:
         plain &= _is_ascii(text, begin)
     length, data, right = _payloads(text, sign + 1, end, 1)
     frames = FrameBlock(t_ns, key, length, data)
-    pattern = _gathered(codes, 0, mark, 4).view(np.uint32)[:, 0]
+    pattern = swar.gathered(codes, 0, mark, 4).view(np.uint32)[:, 0]
     right &= (pattern == _CLASSIC[0]) | (pattern == _CLASSIC[1])
     rows = np.flatnonzero(pattern == _FD)
     if len(rows):
@@ -178,13 +178,6 @@ def _is_ascii(text: Bytes, begin: IntArray) -> BoolArray:
     return np.equal(before[1:], before[:-1])
 
 
-def _gathered(text: Bytes, offset: int, places: IntArray, n_bytes: int) -> Bytes:
-    """Return the bytes from ``places + offset`` on, (n, n_bytes)."""
-    n = len(text) - offset - n_bytes + 1
-    steps = np.ndarray((n,), f"V{n_bytes}", buffer=text.data, offset=offset, strides=(1,))
-    return steps[places].view(np.uint8).reshape(-1, n_bytes)
-
-
 def _times(text: Bytes, begin: IntArray, space: IntArray) -> tuple[IntArray, BoolArray]:
     """Return the times in ns, and where they are written ``(1436509052.249713)``.
 
@@ -193,7 +186,7 @@ def _times(text: Bytes, begin: IntArray, space: IntArray) -> tuple[IntArray, Boo
     digits = space - begin - len("(.249713)")
     right = text[MARGIN:].take(begin) == _OPEN
     right &= (digits >= 1) & (digits <= 10)
-    high, low, end = _gathered(text, MARGIN - 24, space, 24).view(np.uint64).T
+    high, low, end = swar.gathered(text, MARGIN - 24, space, 24).view(np.uint64).T
     right &= (end & _STAMP_MARKS) == _STAMP_ENDS
     micro, is_number = swar.decimal(swar.only(end << _BYTE, _SIX))
     right &= is_number
@@ -230,7 +223,7 @@ def _keys(text: Bytes, second: IntArray, sign: IntArray) -> tuple[Keys, BoolArra
     digits = sign - second - 1
     is_extended = digits == 8
     right = is_extended | (digits == 3)
-    first, rest = _gathered(text, MARGIN - 15, sign, 16).view(np.uint64).T
+    first, rest = swar.gathered(text, MARGIN - 15, sign, 16).view(np.uint64).T
     words = rest << _BYTE
     words |= first >> np.uint64(56)
     found, is_number = swar.hexadecimal(swar.only(words, _IDENTIFIER.take(digits, mode="clip")))
@@ -251,7 +244,7 @@ def _payloads(
     """
     digits = end - first
     right = (digits >= 0) & (digits <= 16 * n_words) & (digits & 1 == 0)
-    words = _gathered(text, MARGIN, first, 16 * n_words).view(np.uint64).T
+    words = swar.gathered(text, MARGIN, first, 16 * n_words).view(np.uint64).T
     data = np.empty((len(first), n_words), dtype=np.uint64)
     for i in range(n_words):
         low, is_low = _masked(words[2 * i], _DATA[2 * i], digits)

@@ -5,7 +5,7 @@ from io import BufferedIOBase
 from pathlib import Path
 from typing import cast
 
-from monitor.batch import candump
+from monitor.batch import blf, candump
 from monitor.batch.blocks import blocks_of
 from monitor.candump import LogCounters
 from monitor.sources import checked_kind, guarded, open_binary, read_frames
@@ -23,9 +23,16 @@ def read_blocks(path: str | Path, counters: LogCounters | None = None) -> Iterat
     kind = checked_kind(path)
     if kind == ".log":
         return guarded(path, counters, _candump(path, counters))
+    if kind == ".blf":
+        return guarded(path, counters, _blf(path, counters))
     return blocks_of(read_frames(path, counters))
 
 
 def _candump(path: Path, counters: LogCounters) -> Iterator[FrameBlock]:
     with open_binary(path) as file:
         yield from candump.read_blocks(cast(BufferedIOBase, file), counters)
+
+
+def _blf(path: Path, counters: LogCounters) -> Iterator[FrameBlock]:
+    with open_binary(path) as file:
+        yield from blf.read_blocks(file, counters)

@@ -40,6 +40,20 @@ def masks(numbers: list[int]) -> Words:
     return np.array(numbers, dtype=np.uint64)
 
 
+def gathered(
+    text: NDArray[np.uint8], offset: int, places: NDArray[np.int64], n_bytes: int
+) -> NDArray[np.uint8]:
+    """Return the bytes from ``places + offset`` on, (n, n_bytes).
+
+    >>> text = np.frombuffer(b"0123456789", dtype=np.uint8)
+    >>> gathered(text, 1, np.array([2, 0]), 3).tobytes()
+    b'345123'
+    """
+    n = len(text) - offset - n_bytes + 1
+    steps = np.ndarray((n,), f"V{n_bytes}", buffer=text.data, offset=offset, strides=(1,))
+    return steps[places].view(np.uint8).reshape(-1, n_bytes)
+
+
 def only(words: Words, mask: Words | np.uint64) -> Words:
     """Return the characters under ``mask``, "0" in place of the others."""
     found = words ^ ZEROS
