@@ -112,6 +112,8 @@ def count(what: str, *stretches: Stretch, names: tuple[str, ...] = NAMES) -> int
         # a loss of the bus: the engine is seen running right after it
         ([lasting(SILENCE, 60)], 0),
         ([lasting(SILENCE, 8), lasting(STAND, 2)], 0),
+        ([lasting(SILENCE, 9), lasting(STAND, 1)], 0),
+        ([lasting(SILENCE, 10), lasting(STAND, 1)], 1),
         ([lasting(STAND, 3), lasting(SILENCE, 60)], 0),
         ([lasting(SILENCE, 310)], 1),
         # two short silences are no long one
@@ -181,6 +183,7 @@ def test_an_engine_start_counts_after_two_seconds_and_once_in_a_driving_cycle() 
         ("eobd", 20.0, 69.9, 0),
         ("eobd", 60.0, 82.1, 1),
         ("eobd", 60.0, 81.9, 0),
+        ("eobd", 48.0, 70.0, 1),  # both limits themselves
     ],
 )
 def test_a_warm_up_cycle_needs_a_rise_and_an_end_temperature(
@@ -220,6 +223,10 @@ COLD = replace(IDLE, ambient_degc=-8.0)
         ([START, DRIVE, CITY, lasting(IDLE, 20), CITY, lasting(IDLE, 20)], 0),  # not in a row
         ([START, DRIVE, CITY, *[lasting(IDLE, 20), lasting(STAND, 5)] * 3], 0),
         ([START, DRIVE, CITY, *[lasting(IDLE, 20), OFF_BUS] * 3], 0),
+        ([START, DRIVE, CITY, CITY, OFF_BUS, lasting(IDLE, 29)], 0),
+        ([START, DRIVE, CITY, CITY, OFF_BUS, lasting(IDLE, 30)], 1),
+        ([START, DRIVE, CITY, CITY, COLD, lasting(IDLE, 29)], 0),
+        ([START, DRIVE, CITY, CITY, COLD, lasting(IDLE, 30)], 1),
         ([START, DRIVE, CITY, lasting(IDLE, 20), replace(COLD, seconds=20), lasting(IDLE, 20)], 0),
         ([START, lasting(DRIVE, 150), IDLE, lasting(DRIVE, 150), CITY], 1),  # in any order
         ([START, DRIVE, lasting(STAND, 60), CITY, IDLE], 1),  # over a stop of the engine
@@ -261,17 +268,24 @@ def test_the_limits_themselves_count() -> None:
 def test_the_order_of_the_signals_does_not_matter(first: str) -> None:
     names = (first, *(name for name in NAMES if name != first))
     cold = replace(COLD, coolant_degc=20.0)
-    for drive in ([cold, DRIVE, CITY, IDLE], [DRIVE, CITY, COLD], [DRIVE, SILENCE, STAND, CITY]):
+    high = replace(IDLE, pressure_kpa=75.0)
+    for drive in (
+        [cold, DRIVE, CITY, IDLE],
+        [DRIVE, CITY, COLD],
+        [DRIVE, CITY, high],
+        [DRIVE, SILENCE, STAND, CITY],
+    ):
         stretches = [START, *drive, lasting(SILENCE, 20), STAND, DRIVE]
         assert moments(*stretches, names=names) == moments(*stretches)
 
 
-def test_a_sensor_that_is_missing_is_no_silence_of_the_ecu() -> None:
-    cycles = cycles_of()
+@pytest.mark.parametrize("names", [NAMES, (NAMES[1], NAMES[0], *NAMES[2:])])
+def test_a_sensor_that_is_missing_is_no_silence_of_the_ecu(names: tuple[str, ...]) -> None:
+    cycles = cycles_of(names)
     found = []
-    for sample in samples([DRIVE, lasting(STAND, 60), START]):
+    for sample in samples([DRIVE, lasting(STAND, 60), START], names=names):
         quality = sample.quality.copy()
-        quality[NAMES.index("lambda_measured")] = Quality.STALE
+        quality[names.index("lambda_measured")] = Quality.STALE
         found += cycles.push(sample._replace(quality=quality))
     assert "driving_cycle" not in found
 
@@ -302,6 +316,13 @@ def test_running_time_and_distance_are_those_of_the_running_engine() -> None:
     assert run_s == pytest.approx(720.0)
     assert distance_km == pytest.approx(10.0)
     assert cycles.take() == (0.0, 0.0)
+
+
+def test_creeping_counts_as_distance() -> None:
+    cycles = cycles_of()
+    for sample in samples([START, replace(DRIVE, seconds=3600.0, speed_km_h=0.5)]):
+        cycles.push(sample)
+    assert cycles.take()[1] == pytest.approx(0.5)
 
 
 KINDS = st.sampled_from([DRIVE, STAND, SILENCE, CITY, IDLE, replace(START, coolant_degc=20.0)])

@@ -13,9 +13,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from monitor import obd_records
+from monitor.config import shipped
 from monitor.dtc import CODES, TESTS, Dtc, DtcStore, Saved, Status
 from monitor.errors import RecordingError
 from monitor.memory import SCHEMA_VERSION, Memory
+from monitor.reference import Reference, Seen
 
 KNOWN = sorted({code for group in CODES.values() for code in group})
 numbers = st.integers(0, 2**62)
@@ -269,6 +271,59 @@ def test_one_process_at_a_time_holds_a_memory_and_others_may_read_it(tmp_path: P
             Memory(other, hold=True)
     with pytest.raises(RecordingError, match=r"nowhere/dtc\.db: cannot open the fault memory"):
         Memory(tmp_path / "nowhere" / "dtc.db", hold=True)
+
+
+def test_a_memory_that_is_let_go_or_refused_is_held_by_nobody(tmp_path: Path) -> None:
+    path = tmp_path / "dtc.db"
+    memory = Memory(path, hold=True)
+    n_open = len(list(Path("/proc/self/fd").iterdir()))
+    for _ in range(5):
+        with pytest.raises(RecordingError, match="in use"):
+            Memory(path, hold=True)
+    assert len(list(Path("/proc/self/fd").iterdir())) == n_open
+    for _ in range(2):  # closed twice does no harm
+        memory.close()
+    with closing(sqlite3.connect(path)) as db:
+        db.execute(f"PRAGMA user_version={SCHEMA_VERSION + 1}")
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    for _ in range(2):  # the second one would find it held
+        with pytest.raises(RecordingError, match="schema"):
+            Memory(path, hold=True)
+        with pytest.raises(RecordingError, match="cannot open the fault memory"):
+            Memory(folder, hold=True)
+
+
+def test_a_memory_that_is_closed_is_one_file_that_may_be_copied(tmp_path: Path) -> None:
+    path = tmp_path / "dtc.db"
+    memory = Memory(path)
+    memory.save(Saved((Dtc("P0133", t_ns=1),)))
+    memory.close()
+    assert [file.name for file in tmp_path.iterdir()] == ["dtc.db"]
+    with pytest.raises(RecordingError, match="cannot store"):
+        memory.save(Saved((Dtc("P0133", t_ns=2),)))
+
+
+def test_a_memory_can_be_read_while_another_process_writes_it(tmp_path: Path) -> None:
+    path = tmp_path / "dtc.db"
+    with closing(Memory(path)) as memory, closing(sqlite3.connect(path)) as writer:
+        memory.save(Saved((Dtc("P0133", t_ns=1),)))
+        writer.execute("BEGIN IMMEDIATE")
+        assert times(reopened(path)) == {"P0133": 1}
+
+
+def test_what_is_learned_of_a_vehicle_is_kept_for_each_model(tmp_path: Path) -> None:
+    path, config = tmp_path / "dtc.db", shipped().bias
+    seen = Seen(-0.02, 1.1)
+    with closing(Memory(path)) as memory:
+        memory.learn("one", None, config)  # a drive that shows nothing
+        assert memory.reference("one") == Reference()
+        memory.learn("one", seen, config)
+        memory.learn("one", seen, config)
+    with closing(Memory(path)) as memory:
+        assert memory.reference("one") == Reference().learn(seen, config).learn(seen, config)
+        assert memory.reference("one").drives == 2
+        assert memory.reference("other") == Reference()
 
 
 def test_a_file_that_is_held_up_by_another_process_does_not_stall_the_loop(tmp_path: Path) -> None:
