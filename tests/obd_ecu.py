@@ -4,8 +4,12 @@ The bytes of each PID follow SAE J1979, written down apart from obd2.dbc.
 """
 
 import heapq
+import threading
+import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any
 
 import can
 import isotp
@@ -44,6 +48,26 @@ J1979: dict[int, tuple[int, Bytes]] = {
     0x5E: (2, lambda r: _fuel_l_h(r) * 20),
 }
 SUPPORTED = tuple(pid for pid in J1979 if pid != 0x24)
+STEADY = {
+    "closed_loop": 1.0,
+    "fuel_cut": 0.0,
+    "coolant_temperature_degc": 88.0,
+    "lambda_controller": 1.03125,
+    "manifold_pressure_kpa": 47.0,
+    "engine_speed_rpm": 2100.25,
+    "vehicle_speed_km_h": 83.0,
+    "manifold_temperature_degc": 31.0,
+    "maf_kg_h": 36.0 * 1.1,
+    "throttle_percent": 20.0,
+    "rail_pressure_mpa": 8.15,
+    "lambda_measured": 1.0125732421875,
+    "purge_duty_percent": 40.0,
+    "ambient_pressure_kpa": 98.0,
+    "battery_voltage_v": 13.8,
+    "lambda_target": 1.0,
+    "ambient_temperature_degc": 18.0,
+    "fuel_mass_mg": 22.0,
+}
 
 
 class _At(Mapping[str, float]):
@@ -147,6 +171,32 @@ class ObdEcu:
         at = max(int(np.searchsorted(self._t_s, now_s, side="right")) - 1, 0)
         value = min(max(round(value_of(_At(self._drive, at))), 0), (1 << 8 * n) - 1)
         return bytes([pid]) + value.to_bytes(n, "big")
+
+
+def steady_ecu(**options: Any) -> ObdEcu:
+    """Return an ECU whose engine does not change."""
+    return ObdEcu(np.zeros(1), {name: np.array([x]) for name, x in STEADY.items()}, **options)
+
+
+@contextmanager
+def answering(ecu: ObdEcu, channel: str, interface: str = "virtual") -> Iterator[None]:
+    """Let the ECU answer on a bus in real time."""
+    done = threading.Event()
+
+    def answer() -> None:
+        with can.Bus(interface=interface, channel=channel) as bus:
+            while not done.is_set():
+                message = bus.recv(0.02)
+                for data in ecu.push(message, time.monotonic()) if message else ():
+                    bus.send(can.Message(arbitration_id=0x7E8, is_extended_id=False, data=data))
+
+    thread = threading.Thread(target=answer)
+    thread.start()
+    try:
+        yield
+    finally:
+        done.set()
+        thread.join()
 
 
 class SimulatedBus(can.BusABC):

@@ -3,10 +3,6 @@
 import doctest
 import itertools
 import re
-import threading
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -30,37 +26,13 @@ from monitor.polling.poller import ObdPoller
 from monitor.run import Loop
 from monitor.sources import frame_of
 from monitor.types import Frame
-from tests.obd_ecu import J1979, SUPPORTED, ObdEcu, SimulatedBus
+from tests.obd_ecu import J1979, STEADY, SUPPORTED, ObdEcu, SimulatedBus, answering, steady_ecu
 from tests.simulated_drives import WARM, driven
 from training.dyno.simulate import Experiment
 
 OBD = load_pairs([(dbc.path("obd2.dbc"), dbc.path("obd2.toml"))])
 PARAMETERS = wanted(OBD, OBD.names)
 LENGTHS = lengths(OBD, PARAMETERS)
-STEADY = {
-    "closed_loop": 1.0,
-    "fuel_cut": 0.0,
-    "coolant_temperature_degc": 88.0,
-    "lambda_controller": 1.03125,
-    "manifold_pressure_kpa": 47.0,
-    "engine_speed_rpm": 2100.25,
-    "vehicle_speed_km_h": 83.0,
-    "manifold_temperature_degc": 31.0,
-    "maf_kg_h": 36.0 * 1.1,
-    "throttle_percent": 20.0,
-    "rail_pressure_mpa": 8.15,
-    "lambda_measured": 1.0125732421875,
-    "purge_duty_percent": 40.0,
-    "ambient_pressure_kpa": 98.0,
-    "battery_voltage_v": 13.8,
-    "lambda_target": 1.0,
-    "ambient_temperature_degc": 18.0,
-    "fuel_mass_mg": 22.0,
-}
-
-
-def steady_ecu(**options: Any) -> ObdEcu:
-    return ObdEcu(np.zeros(1), {name: np.array([x]) for name, x in STEADY.items()}, **options)
 
 
 class Conversation:
@@ -434,27 +406,6 @@ def test_without_being_asked_to_the_loop_sends_nothing() -> None:
         bus.stop = loop.stop
         loop.run()
         assert bus.sent == []
-
-
-@contextmanager
-def answering(ecu: ObdEcu, channel: str) -> Iterator[None]:
-    """Let the ECU answer on a virtual bus in real time."""
-    done = threading.Event()
-
-    def answer() -> None:
-        with can.Bus(interface="virtual", channel=channel) as bus:
-            while not done.is_set():
-                message = bus.recv(0.02)
-                for data in ecu.push(message, time.monotonic()) if message else ():
-                    bus.send(can.Message(arbitration_id=0x7E8, is_extended_id=False, data=data))
-
-    thread = threading.Thread(target=answer)
-    thread.start()
-    try:
-        yield
-    finally:
-        done.set()
-        thread.join()
 
 
 def test_it_polls_on_a_bus_in_real_time() -> None:

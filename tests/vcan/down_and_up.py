@@ -1,7 +1,7 @@
 """Take vcan0 down and up, then away and back, under a monitor that listens on it.
 
-Prints what the monitor prints with ``--json-lines``, and at its end how many frames were sent.
-Runs where vcan0 is up and may be changed; see ``guest``.
+While the monitor waits for vcan0, ``o2mon check --obd`` polls an ECU there. Prints what both print,
+the monitor with ``--json-lines``. Runs where vcan0 is up and may be changed; see ``guest``.
 """
 
 import signal
@@ -13,6 +13,7 @@ from collections.abc import Sequence
 import can
 from play_and_monitor import wait_until_listening
 
+CHECK = [sys.executable, "-m", "tests.vcan.check_obd"]
 MONITOR = ["-m", "monitor.cli", "run", "-i", "socketcan", "-c", "vcan0", "--json-lines"]
 N_FRAMES = 20
 DOWN_S = 1.0
@@ -20,7 +21,7 @@ BACK_S = 6.0  # longer than the longest wait between two tries to open the bus
 
 
 def main() -> int:
-    """Return the monitor's exit code, 99 when it never listened."""
+    """Return the monitor's exit code, 99 when it never listened, 98 when the check failed."""
     with subprocess.Popen([sys.executable, *MONITOR]) as monitor:
         try:
             wait_until_listening(monitor, 60.0)
@@ -28,7 +29,10 @@ def main() -> int:
             ip("link set dev vcan0 down")
             time.sleep(DOWN_S)
             ip("link set dev vcan0 up")
-            time.sleep(BACK_S)
+            with subprocess.Popen(CHECK) as check:
+                time.sleep(BACK_S)
+                if check.wait(timeout=60.0) != 0:
+                    return 98
             send()
             ip("link del dev vcan0")
             time.sleep(DOWN_S)

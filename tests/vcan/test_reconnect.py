@@ -1,6 +1,7 @@
-"""A SocketCAN interface that goes away under the monitor and comes back."""
+"""A SocketCAN interface that goes away under the monitor and comes back; polling on it."""
 
 import json
+import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -13,7 +14,7 @@ SCRIPT = ROOT / "tests" / "vcan" / "down_and_up.py"
 N_SENT = 60
 
 
-def test_the_monitor_listens_again_after_the_interface_was_down_and_after_it_was_gone(
+def test_the_monitor_listens_again_after_its_interface_was_gone_and_an_ecu_is_polled_on_it(
     run_with_vcan: Callable[..., Finished],
 ) -> None:
     finished = run_with_vcan([sys.executable, str(SCRIPT)], ROOT, timeout_s=300.0)
@@ -28,3 +29,9 @@ def test_the_monitor_listens_again_after_the_interface_was_down_and_after_it_was
     assert health["timestamps"] == "kernel"
     assert health["receive_buffer_bytes"] > 1 << 20
     assert health["detached"] == 0
+    # AND an ECU there was polled meanwhile, with answers of several frames (ISO-TP)
+    asked = re.search(r"OBD-II: (\d+) requests, (\d+) answered$", finished.stdout, re.MULTILINE)
+    assert asked is not None, finished.stdout
+    assert int(asked[1]) >= int(asked[2]) > 10
+    assert re.search(r"lambda_measured .* 1\.013 .* plausible", finished.stdout)
+    assert "the model has all it needs" in finished.stdout
