@@ -14,8 +14,8 @@ _EXAMPLES = """examples:
 
 A manifest is a .csv with the columns path and vehicle; the drives of a vehicle, in their order,
 share its fault memory and its reference, as with o2mon replay --memory. Writes results.parquet
-(a row for each recording), results.windows.parquet (a row for each window) and results.html. A run
-that was killed goes on where it was when the same command is given again."""
+(a row for each recording), results.windows.parquet (a row for each window), results.html and
+results.json. A run that was killed goes on where it was when the same command is given again."""
 
 
 def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
@@ -40,6 +40,10 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         "--vehicle", metavar="REGEX",
         help="whose first group names the vehicle in a path that no manifest speaks of",
     )  # fmt: skip
+    fleet.add_argument(
+        "--false-alarms", type=float, default=0.001, metavar="RATE",
+        help="wished rate per window, or drive, for which limits are proposed (default 0.001)",
+    )  # fmt: skip
     fleet.add_argument("--jobs", type=int, metavar="N", help="default: one for each core")
     fleet.add_argument("--scheduler", metavar="URL", help="Dask scheduler, tcp://host:port")
     fleet.add_argument("--config", type=Path, help="TOML that changes shipped settings")
@@ -58,12 +62,15 @@ def run(args: argparse.Namespace) -> int:
 
     from monitor import config
     from monitor.errors import UsageError
+    from training.fleet import report
     from training.fleet import run as fleet
     from training.fleet.bench import Bench
     from training.fleet.drives import drives_of
 
     if args.jobs is not None and args.jobs < 1:
         raise UsageError("--jobs is at least 1")
+    if not 0.0 < args.false_alarms < 1.0:
+        raise UsageError("--false-alarms is above 0 and below 1")
     bench = Bench.of(args.model, config.load(args.config), pairs_of(args), args.columns)
     drives = drives_of(args.recordings, args.vehicle)
     jobs = args.jobs or os.cpu_count() or 1
@@ -77,10 +84,12 @@ def run(args: argparse.Namespace) -> int:
             bar.update(chunk["drives"])
 
         found = fleet.run(drives, bench, args.out, done, jobs=jobs, scheduler=args.scheduler)
+    html, tree = report.write(args.out, bench, found, args.false_alarms)
     fleet.finish(args.out)
     print(
         f"{found['drives']} recordings, {found['driving_s'] / 3600.0:.1f} h: {found['faults']} "
         f"with a code, {found['errors']} could not be judged"
     )
     print(f"recordings: {args.out}\nwindows: {fleet.windows_path(args.out)}")
+    print(f"figures: {tree}\nreport: {html}")
     return 0 if found["errors"] < found["drives"] else 3

@@ -22,6 +22,12 @@ nav a {{ margin-right: 1em; }}
 .verdict {{ font-size: 1.15em; padding: .6em 1em; }}
 .verdict {{ border-left: .3em solid #57a; background: #f3f6fa; }}
 .sensor_fault_suspected {{ border-color: #a33; }} summary {{ cursor: pointer; color: #555; }}
+:root {{ color-scheme: light dark; }}
+@media (prefers-color-scheme: dark) {{
+  td, th {{ border-color: #555; }} tr.chosen td {{ background: #23324d; }}
+  figcaption, .note, summary {{ color: #aaa; }} .warning {{ color: #f99; }}
+  .verdict {{ background: #222a35; }}
+}}
 </style></head><body><h1>{title}</h1>
 {body}
 </body></html>

@@ -16,6 +16,17 @@ _WHICH: Final[Columns] = {
     "drive": (pl.UInt32(), "number of this vehicle's drive, from 0"),
 }
 
+ESTIMATES: Final[Columns] = {
+    f"{what}_{edge}{kind}_s": (
+        pl.Float64(),
+        f"{'standard deviation of the' if kind else 'estimated'} {text} on "
+        f"{edge.replace('_', ' ')} edges, s",
+    )
+    for what, text in (("lag", "lag"), ("dead_time", "dead time"))
+    for edge in ("rich_to_lean", "lean_to_rich")
+    for kind in ("", "_std")
+}
+
 RECORDINGS: Final[Columns] = {
     **_WHICH,
     "error": (pl.String(), "why it could not be judged, null if it could"),
@@ -42,6 +53,7 @@ RECORDINGS: Final[Columns] = {
     "residual_std": (pl.Float64(), "root mean square of the windows' spreads, output's unit"),
     "offset": (pl.Float64(), "last estimate of the sensor's offset, output's unit"),
     "gain": (pl.Float64(), "last estimate of measurement over prediction, 1 is the model's"),
+    **{name: (kind, f"last estimate: {text}") for name, (kind, text) in ESTIMATES.items()},
     "evidence": (pl.Float64(), "for a faulty sensor, the largest that two windows in a row reach"),
     "offset_beyond": (
         pl.Float64(),
@@ -61,17 +73,6 @@ RECORDINGS: Final[Columns] = {
     },
 }
 
-_ESTIMATES: Final[Columns] = {
-    f"{what}_{edge}{kind}_s": (
-        pl.Float64(),
-        f"{'standard deviation of the' if kind else 'estimated'} {text} on "
-        f"{edge.replace('_', ' ')} edges, s",
-    )
-    for what, text in (("lag", "lag"), ("dead_time", "dead time"))
-    for edge in ("rich_to_lean", "lean_to_rich")
-    for kind in ("", "_std")
-}
-
 WINDOWS: Final[Columns] = {
     **_WHICH,
     "window": (pl.UInt32(), "number in the recording, from 0"),
@@ -87,7 +88,7 @@ WINDOWS: Final[Columns] = {
     "excitation": (pl.Float64(), "standard deviation of the prediction, phi"),
     "evidence": (pl.Float64(), "log likelihood of the best faulty sensor over the best sound one"),
     "hypothesis": (pl.String(), "likeliest sensor: healthy or a fault's name"),
-    **_ESTIMATES,
+    **ESTIMATES,
     "gain": (pl.Float64(), "estimated gain of measurement over prediction"),
     "gain_std": (pl.Float64(), "its standard deviation"),
     "offset": (pl.Float64(), "estimated offset, output's unit"),

@@ -14,6 +14,7 @@ from monitor.limits import Limits
 from monitor.model_card import ModelCard
 from monitor.reference import Reference
 from monitor.types import Quality, SampleBlock
+from training.fleet.columns import ESTIMATES
 from training.fleet.drives import Drive
 from training.matrix.rules import own_scores
 
@@ -70,8 +71,7 @@ def recording_row(
         **_first_code(read.block, judged, period_s),
         "residual_mean": _mean([window.mean for window in windows]),
         "residual_std": _rms([window.std for window in windows]),
-        "offset": last.get("offset"),
-        "gain": last.get("gain"),
+        **{name: last.get(name) for name in ("offset", "gain", *ESTIMATES)},
         **_scores(windows),
         "reference_drives": reference.drives,
         "offset_low": _finite(limits.offset_low),

@@ -64,7 +64,8 @@ def run(
         done(_store(folder, name, result))
     for table, path in zip(TABLES, (out, windows_path(out)), strict=True):
         _join(folder, table, chunks, path)
-    return {**identity, **_cost(folder, chunks)}
+    written = out.stat().st_size + windows_path(out).stat().st_size
+    return {**identity, **_cost(folder, chunks), "written_bytes": written}
 
 
 def finish(out: Path) -> None:
