@@ -2,19 +2,18 @@
 
 import hashlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from importlib.resources import files
 from itertools import chain
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 import dbc
 from monitor import __version__
 from monitor.bus_map import BusMap, load_pairs
 from monitor.config import Config
 from monitor.dtc import DtcStore
+from monitor.entry import check_long_enough, check_received, frame_counts, table_counts
 from monitor.errors import RecordingError
 from monitor.limits import Limits
 from monitor.manifest import source_of
@@ -26,7 +25,7 @@ from monitor.report import Trace
 from monitor.sinks import SCHEMA, Collector
 from monitor.sources import LogCounters, is_table, read_frames, read_table
 from monitor.tables import table_block
-from monitor.types import Quality, Sample
+from monitor.types import Sample
 
 SHIPPED_MODEL = "shipped.onnx"
 
@@ -104,13 +103,7 @@ def _open_table(path: Path, setup: Setup, store: DtcStore) -> _Source:
     except RecordingError as error:
         raise RecordingError(f"{path}: {error}") from None
     block = table_block(table, table.names, setup.model.card.period_ns)
-    card = setup.model.card
-    needed = [table.names.index(name) for name in (*card.input_names, card.output.name)]
-    empty = [table.names[i] for i in needed if not np.isfinite(table.values[:, i]).any()]
-    if empty:
-        raise RecordingError(f"{path}: no number in column {', '.join(empty)}")
-    implausible = (block.quality == Quality.OUT_OF_RANGE).sum(axis=0).tolist()
-    counters = {f"out_of_range_{table.names[i]}": implausible[i] for i in needed}
+    counters = table_counts(table, block, setup.model.card)
     samples = map(Sample, block.index.tolist(), block.t_ns.tolist(), block.values, block.quality)
     return _Source(monitor, chain.from_iterable(map(monitor.push, samples)), lambda: counters)
 
@@ -126,25 +119,14 @@ def _open_log(path: Path, setup: Setup, store: DtcStore) -> _Source:
 
 
 def _log_counters(path: Path, pipeline: FramePipeline, log: LogCounters) -> dict[str, int]:
-    if not any(c.received for c in pipeline.decoder.counters.values()):
-        wanted = ", ".join(pipeline.decoder.counters)
-        raise RecordingError(
-            f"{path}: none of its {log.frames} frames is one of {wanted}; wrong --dbc or --map?"
-        )
+    check_received(path, pipeline.decoder.counters, log.frames)
     return frame_counters(pipeline) | {"skipped": log.skipped}
 
 
 def frame_counters(pipeline: FramePipeline) -> dict[str, int]:
     """Return what became of frames that could not be used, by reason."""
-    total: dict[str, int] = {}
-    for counters in pipeline.decoder.counters.values():
-        for name, count in asdict(counters).items():
-            if name not in ("received", "other"):
-                total[name] = total.get(name, 0) + count
-    total |= asdict(pipeline.assembler.counters)
-    total["unmapped"] = pipeline.decoder.unmapped
-    never = [m for m, c in pipeline.decoder.counters.items() if c.received == 0]
-    return total | {f"never_received_{message}": 1 for message in never}
+    decoder = pipeline.decoder
+    return frame_counts(decoder.counters, pipeline.assembler.counters, decoder.unmapped)
 
 
 def replay(
@@ -167,8 +149,7 @@ def replay(
         if memory and isinstance(event, CycleStarted):
             memory.learn(setup.model_sha256, event.seen, setup.config.bias)
             source.monitor.adopt(setup.of_vehicle(memory).limits)
-    if source.monitor.samples == 0:
-        raise RecordingError(f"{path}: shorter than one sample of the model's grid")
+    check_long_enough(path, source.monitor.samples)
     recording = collector.result(str(path), sha256, source.counters())
     if memory:
         memory.save(store.saved)

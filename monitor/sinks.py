@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from monitor.dtc import Dtc
 from monitor.enable import CONDITIONS
+from monitor.entry import dtc_entry, enable_shares, limits_entry, seconds, window_entry
 from monitor.pipeline import Counted, CycleStarted, DtcChanged, Event, Monitor, Tick, WindowJudged
 from monitor.report import Trace
 
@@ -50,14 +50,14 @@ class Collector:
         if isinstance(event, Tick):
             self._tick(event)
         elif isinstance(event, WindowJudged):
-            self._windows.append(self._window(event))
+            self._windows.append(window_entry(event, self._t0_ns or 0))
             self._n_windows += 1
         else:
             self._flag = self._monitor.store.fault_flag
 
     def seconds(self, t_ns: int) -> float:
         """Return a time in seconds since the recording's first sample."""
-        return (t_ns - (self._t0_ns or 0)) / 1e9
+        return seconds(t_ns, self._t0_ns or 0)
 
     def _tick(self, tick: Tick) -> None:
         if self._t0_ns is None:
@@ -68,30 +68,10 @@ class Collector:
             measured = float(tick.sample.values[self._output])
             self._series.append((t_s, measured, tick.predicted, tick.enabled, self._flag))
 
-    def _window(self, event: WindowJudged) -> dict[str, Any]:
-        return {
-            "index": event.window.index,
-            "t_start_s": self.seconds(event.window.t_start_ns),
-            "t_end_s": self.seconds(event.window.t_end_ns),
-            "mean": event.mean,
-            "std": event.std,
-            "paper_failed": event.paper_failed,
-            "verdict": event.outcome,
-            "fault": event.fault,
-            "also": list(event.also),
-            "excited": event.excited,
-            "statistics": event.statistics,
-        }
-
     def result(self, path: str, sha256: str | None, counters: Mapping[str, int]) -> dict[str, Any]:
         """Return the recording's entry of the JSON."""
         monitor = self._monitor
-        n = max(monitor.samples, 1)
-        shares: dict[str, float | str] = {
-            name: "unavailable" if name in monitor.unavailable else round(self._held(i) / n, 6)
-            for i, name in enumerate(CONDITIONS)
-        }
-        limits = monitor.limits
+        held = [self._held(i) for i in range(len(CONDITIONS))]
         return {
             "path": path,
             "sha256": sha256,
@@ -100,35 +80,17 @@ class Collector:
             "windows": list(self._windows),
             "windows_interrupted": monitor.interrupted_windows,
             "windows_dropped": self._n_windows - len(self._windows),
-            "dtcs": [self._dtc(dtc) for dtc in monitor.store.active],
+            "dtcs": [dtc_entry(dtc, self._t0_ns or 0) for dtc in monitor.store.active],
             "fault_flag": monitor.store.fault_flag,
             "completed": monitor.completed,
-            "enable": shares,
-            "limits": {
-                "j_mu": limits.j_mu,
-                "j_sigma": limits.j_sigma,
-                "offset_low": limits.offset_low,
-                "offset_high": limits.offset_high,
-                "gain": limits.gain,
-            },
+            "enable": enable_shares(held, monitor.samples, monitor.unavailable),
+            "limits": limits_entry(monitor.limits),
             "counters": dict(counters),
         }
 
     def _held(self, condition: int) -> int:
         """Return in how many samples a condition held."""
         return sum(n for held, n in self._conditions.items() if held[condition])
-
-    def _dtc(self, dtc: Dtc) -> dict[str, Any]:
-        entry: dict[str, Any] = {
-            "code": dtc.code,
-            "fault": dtc.fault,
-            "status": int(dtc.status),
-            "state": dtc.state,
-            "t_s": self.seconds(dtc.t_ns) if dtc.t_ns else None,
-        }
-        if dtc.also:
-            entry["also"] = list(dtc.also)
-        return entry
 
     def trace(self) -> Trace:
         """Return the series on the sample grid, for the report."""
