@@ -233,6 +233,22 @@ def test_a_full_disk_is_one_clear_line_and_the_memory_keeps_what_it_had(tmp_path
     assert_sound(path)
 
 
+def test_what_another_process_wrote_before_a_storing_that_failed_is_replaced(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "o2.db"
+    with closing(Memory(path)) as memory, closing(Memory(path)) as other:
+        memory.save(Saved((Dtc("P0133", t_ns=1),)))
+        other.save(Saved((Dtc("P0133", t_ns=2),)))
+        with (
+            no_file_larger_than(max(file.stat().st_size for file in tmp_path.iterdir())),
+            pytest.raises(RecordingError, match="cannot store"),
+        ):
+            memory.save(Saved((Dtc("P0133", t_ns=3),)))
+        memory.save(Saved((Dtc("P0133", t_ns=1),)))
+    assert loaded(path).dtcs[0].t_ns == 1
+
+
 def test_a_memory_that_cannot_be_made_on_a_full_disk_is_one_clear_line(tmp_path: Path) -> None:
     with (
         no_file_larger_than(0),
