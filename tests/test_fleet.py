@@ -67,8 +67,14 @@ def test_a_fleet_has_the_verdicts_of_a_replay(tmp_path: Path) -> None:
     assert replayed[0]["dtcs"] and not replayed[1]["dtcs"]
     for row, found in zip(rows.to_dicts(), replayed, strict=True):
         assert_as_replayed(row, windows, found)
+        assert row["windows_interrupted"] == found["windows_interrupted"]
         assert row["sha256"] == found["sha256"]
         assert row["source"] == found["source"]
+    log, counters = rows.to_dicts()[0], replayed[0]["counters"]
+    assert {k: log[k] for k in columns.COUNTERS} == {
+        k: counters[name] for k, name in columns.COUNTERS.items()
+    }
+    assert log["frames_unmapped"] > 0
 
 
 def test_drives_of_a_vehicle_share_its_memory_as_in_a_replay(tmp_path: Path) -> None:

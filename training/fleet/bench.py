@@ -10,12 +10,14 @@ from typing import Any
 
 import monitor
 import training
-from monitor.bus_map import BusMap, load_pairs
+from monitor.batch.logs import RecordingReader
+from monitor.bus_map import load_pairs
 from monitor.config import Config
 from monitor.limits import Limits
 from monitor.model import Model
 from training import run_folder
 from training.fleet import places
+from training.fleet.read import FleetReader
 from training.model_bytes import model_of
 from training.recordings import default_pairs
 
@@ -73,9 +75,7 @@ class Tools:
 
     model: Model
     limits: Limits
-    bus_map: BusMap
-    pairs: tuple[tuple[Path, Path], ...]
-    columns: Path | None
+    reader: FleetReader
     folder: TemporaryDirectory[str]  # of the files; is there as long as the tools are
 
 
@@ -93,12 +93,12 @@ def tools_of(bench: Bench) -> Tools:
 
     model = model_of(*bench.model)
     pairs = tuple((laid(i, a), laid(i, b)) for i, (a, b) in enumerate(bench.pairs, 1))
+    columns = None if bench.columns is None else laid(0, bench.columns)
+    reader = RecordingReader(load_pairs(pairs), model.card, columns)
     return Tools(
         model,
         Limits.from_card(model.card, bench.config, bench.model[0]),
-        load_pairs(pairs),
-        pairs,
-        None if bench.columns is None else laid(0, bench.columns),
+        FleetReader(reader, model.card, bench.config, columns),
         folder,
     )
 

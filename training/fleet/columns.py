@@ -37,6 +37,7 @@ RECORDINGS: Final[Columns] = {
     "duration_s": (pl.Float64(), "samples times the grid's period, s"),
     "enabled_s": (pl.Float64(), "of it all enable conditions hold, s"),
     "windows": (pl.UInt32(), "full windows"),
+    "windows_interrupted": (pl.UInt32(), "windows that were begun and discarded"),
     "windows_passed": (pl.UInt32(), "judged sound"),
     "windows_failed": (pl.UInt32(), "judged faulty"),
     "windows_inconclusive": (pl.UInt32(), "without enough evidence"),
@@ -67,6 +68,17 @@ RECORDINGS: Final[Columns] = {
     "samples_stale": (pl.UInt32(), "samples at which a signal the model needs was too old"),
     "samples_invalid": (pl.UInt32(), "at which one was marked as not available, or no number"),
     "samples_out_of_range": (pl.UInt32(), "at which one was implausible"),
+    "frames_unmapped": (pl.UInt64(), "frames nobody asked for; null for tables, as below"),
+    "frames_skipped": (pl.UInt64(), "error frames and remote frames"),
+    "frames_length": (pl.UInt64(), "dropped: wrong number of bytes"),
+    "frames_checksum": (pl.UInt64(), "dropped: checksum does not hold"),
+    "frames_stuck": (pl.UInt64(), "dropped: counter did not advance"),
+    "frames_lost": (pl.UInt64(), "that the counters say are missing"),
+    "frames_late": (pl.UInt64(), "dropped: older than the sample under way"),
+    "discontinuities": (pl.UInt64(), "breaks of the time, at which the grid began anew"),
+    "values_not_available": (pl.UInt64(), "values that the sender marked so"),
+    "values_out_of_range": (pl.UInt64(), "implausible values; also of tables"),
+    "never_received": (_TEXTS, "messages of the signal map that never came"),
     **{
         f"held_{name}": (pl.Float64(), f"share of the samples at which {name} holds, 0 to 1")
         for name in CONDITIONS
@@ -94,6 +106,21 @@ WINDOWS: Final[Columns] = {
     "offset": (pl.Float64(), "estimated offset, output's unit"),
     "offset_std": (pl.Float64(), "its standard deviation, output's unit"),
     "offset_beyond": (pl.Float64(), "standard deviations outside the healthy offsets"),
+}
+
+
+# name of a counter of ``o2mon.replay/1`` by column
+COUNTERS: Final = {
+    "frames_unmapped": "unmapped",
+    "frames_skipped": "skipped",
+    "frames_length": "length",
+    "frames_checksum": "checksum",
+    "frames_stuck": "stuck",
+    "frames_lost": "lost",
+    "frames_late": "late",
+    "discontinuities": "discontinuities",
+    "values_not_available": "not_available",
+    "values_out_of_range": "out_of_range",
 }
 
 

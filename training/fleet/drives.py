@@ -26,6 +26,7 @@ class Drive:
     vehicle: str
     drive: int  # of this vehicle, from 0
     declared: tuple[str, str] | None = None  # sha256 and source in the manifest beside it
+    is_alone: bool = False  # nobody says whose it is: nothing is learned from it
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +70,7 @@ def drives_of(given: Sequence[str], pattern: str | None = None) -> list[Drive]:
         name = places.name_of(path)
         vehicle = named or (name if names[name] == 1 else path)
         own = count.setdefault(vehicle, 0)
-        drives.append(Drive(number, path, vehicle, own, declared.of(path)))
+        drives.append(Drive(number, path, vehicle, own, declared.of(path), not named))
         count[vehicle] += 1
     return drives
 

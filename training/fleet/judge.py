@@ -10,20 +10,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
 import polars as pl
 
-from monitor.batch.judge import Judged, judge_all
+from monitor.batch.judge import judge_all
 from monitor.dtc import DtcStore, Saved
-from monitor.enable import SIGNALS, Enable
 from monitor.errors import O2Error
 from monitor.reference import Reference
-from monitor.types import SampleBlock
-from training import recordings
 from training.fleet import columns, places
 from training.fleet.bench import Bench, Tools, tools_of
 from training.fleet.drives import Chunk, Drive
-from training.fleet.rows import Read, Row, failed_row, recording_row, window_rows
+from training.fleet.read import Read
+from training.fleet.rows import Row, failed_row, recording_row, window_rows
 
 SAMPLES = 400_000  # held side by side; their windows take some megabytes per ten thousand
 
@@ -97,40 +94,31 @@ def _read(work: _Work, drive: Drive) -> Read | None:
 
 
 def _read_file(path: Path, drive: Drive, tools: Tools) -> Read:
-    card = tools.model.card
     try:
-        found = recordings.load(
-            path, period_s=card.period_ns / 1e9, pairs=tools.pairs, columns=tools.columns
-        )
+        return tools.reader.read(path)
     except O2Error as error:
         raise type(error)(str(error).replace(str(path), drive.path)) from error
-    wanted = dict.fromkeys((*card.input_names, card.output.name, *SIGNALS))
-    names = tuple(name for name in wanted if name in found.names)
-    order = [found.names.index(name) for name in names]
-    t_ns = np.rint(found.t_s * 1e9).astype(np.int64)
-    block = SampleBlock(np.arange(len(t_ns)), t_ns, found.values[:, order], found.quality[:, order])
-    return Read(names, block, found.sha256, path.stat().st_size)
 
 
 def _judge(work: _Work, held: Sequence[tuple[Drive, Read]]) -> None:
     """Judge recordings of different vehicles; those with the same signals side by side."""
     began_s = time.process_time()
-    alike: dict[tuple[str, ...], list[tuple[Drive, Read]]] = {}
+    alike: dict[tuple[bool, tuple[str, ...]], list[tuple[Drive, Read]]] = {}
     for drive, read in held:
-        alike.setdefault(read.names, []).append((drive, read))
-    for names, group in alike.items():
+        alike.setdefault((drive.is_alone, read.names), []).append((drive, read))
+    for group in alike.values():
         try:
-            _judge_alike(work, names, group)
+            _judge_alike(work, group)
         except Exception:  # which one it is shows when each is judged alone
             for each in group:
-                _judge_alone(work, names, each)
+                _judge_alone(work, each)
     work.seconds["judge"] += time.process_time() - began_s
 
 
-def _judge_alone(work: _Work, names: tuple[str, ...], one: tuple[Drive, Read]) -> None:
+def _judge_alone(work: _Work, one: tuple[Drive, Read]) -> None:
     drive = one[0]
     try:
-        _judge_alike(work, names, [one])
+        _judge_alike(work, [one])
     except O2Error as error:
         work.recordings.append(failed_row(drive, f"{drive.path}: {error}"))
     except Exception as error:
@@ -138,8 +126,10 @@ def _judge_alone(work: _Work, names: tuple[str, ...], one: tuple[Drive, Read]) -
         work.recordings.append(failed_row(drive, reason))
 
 
-def _judge_alike(work: _Work, names: tuple[str, ...], group: Sequence[tuple[Drive, Read]]) -> None:
+def _judge_alike(work: _Work, group: Sequence[tuple[Drive, Read]]) -> None:
+    """Judge recordings with the same signals; either all of them get their rows or none."""
     config, tools = work.bench.config, work.tools
+    is_alone, names = group[0][0].is_alone, group[0][1].names
     known = [work.vehicles[drive.vehicle] for drive, _ in group]
     stores = [DtcStore(each.saved, config.profile) for each in known]
     for store in stores:
@@ -151,28 +141,19 @@ def _judge_alike(work: _Work, names: tuple[str, ...], group: Sequence[tuple[Driv
         tools.limits,
         config,
         stores,
-        [each.reference for each in known],
+        None if is_alone else [each.reference for each in known],
+        clearings=[read.clearings for _, read in group],
     )
-    found = [
-        _rows(work, drive, read, vehicle, each)
-        for (drive, read), vehicle, each in zip(group, known, judged, strict=True)
-    ]
+    card, found = tools.model.card, []
+    for (drive, read), vehicle, each in zip(group, known, judged, strict=True):
+        row = recording_row(drive, read, each, card, vehicle.reference.drives)
+        found.append((row, window_rows(drive, read, each)))
     for (row, windows), vehicle, store, each in zip(found, known, stores, judged, strict=True):
         work.recordings.append(row)
         work.windows += windows
-        vehicle.saved = store.saved
+        vehicle.saved, vehicle.reference = store.saved, each.reference
         if each.seen is not None:
-            vehicle.reference = vehicle.reference.learn(each.seen, config.bias)
-
-
-def _rows(
-    work: _Work, drive: Drive, read: Read, vehicle: _Vehicle, judged: Judged
-) -> tuple[Row, list[Row]]:
-    config, card = work.bench.config, work.tools.model.card
-    limits = work.tools.limits.of_vehicle(vehicle.reference, config.bias)
-    enable = Enable.of(config.enable, read.names, card)
-    row = recording_row(drive, read, judged, card, limits, vehicle.reference, enable)
-    return row, window_rows(drive, read, judged)
+            vehicle.reference = each.reference.learn(each.seen, config.bias)
 
 
 def _done(work: _Work, names: Sequence[str]) -> Done:

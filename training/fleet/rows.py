@@ -1,34 +1,22 @@
 """What the monitor says of one recording, as rows of the two tables."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from monitor.batch.judge import Judged
 from monitor.decide import WindowJudged
-from monitor.enable import CONDITIONS, Enable
-from monitor.limits import Limits
+from monitor.enable import CONDITIONS
 from monitor.model_card import ModelCard
-from monitor.reference import Reference
 from monitor.types import Quality, SampleBlock
-from training.fleet.columns import ESTIMATES
+from training.fleet.columns import COUNTERS, ESTIMATES
 from training.fleet.drives import Drive
+from training.fleet.read import Read
 from training.matrix.rules import own_scores
 
 Row = dict[str, Any]
-
-
-@dataclass(frozen=True, slots=True)
-class Read:
-    """One recording on the model's grid."""
-
-    names: tuple[str, ...]
-    block: SampleBlock
-    sha256: str
-    size_bytes: int
 
 
 def failed_row(drive: Drive, reason: str) -> Row:
@@ -36,16 +24,11 @@ def failed_row(drive: Drive, reason: str) -> Row:
     return _which(drive) | {"error": reason}
 
 
-def recording_row(
-    drive: Drive,
-    read: Read,
-    judged: Judged,
-    card: ModelCard,
-    limits: Limits,
-    reference: Reference,
-    enable: Enable,
-) -> Row:
-    """Return the row of a judged recording; ``limits`` are those of the vehicle in this drive."""
+def recording_row(drive: Drive, read: Read, judged: Judged, card: ModelCard, known: int) -> Row:
+    """Return the row of a judged recording.
+
+    known : drives that the vehicle's reference had learned before
+    """
     period_s = card.period_ns * 1e-9
     windows = judged.windows
     outcomes = [window.outcome for window in windows]
@@ -60,6 +43,7 @@ def recording_row(
         "duration_s": len(judged.enabled) * period_s,
         "enabled_s": int(judged.enabled.sum()) * period_s,
         "windows": len(windows),
+        "windows_interrupted": judged.interrupted_windows,
         **{f"windows_{k}": outcomes.count(k) for k in ("passed", "failed", "inconclusive")},
         "windows_excited": sum(window.excited for window in windows),
         "windows_paper_failed": sum(window.paper_failed for window in windows),
@@ -73,13 +57,14 @@ def recording_row(
         "residual_std": _rms([window.std for window in windows]),
         **{name: last.get(name) for name in ("offset", "gain", *ESTIMATES)},
         **_scores(windows),
-        "reference_drives": reference.drives,
-        "offset_low": _finite(limits.offset_low),
-        "offset_high": _finite(limits.offset_high),
-        "reference_gain": limits.gain,
+        "reference_drives": known,
+        "offset_low": _finite(judged.limits.offset_low),
+        "offset_high": _finite(judged.limits.offset_high),
+        "reference_gain": judged.limits.gain,
         **_quality(read, card),
+        **_counters(read.counters),
         **{
-            f"held_{name}": None if name in enable.unavailable else float(share)
+            f"held_{name}": None if name in read.unavailable else float(share)
             for name, share in zip(CONDITIONS, judged.conditions.mean(axis=0), strict=True)
         },
     }
@@ -143,6 +128,19 @@ def _quality(read: Read, card: ModelCard) -> Row:
         "out_of_range": found == Quality.OUT_OF_RANGE,
     }
     return {f"samples_{name}": int(bad.any(axis=1).sum()) for name, bad in kinds.items()}
+
+
+def _counters(counters: Mapping[str, int]) -> Row:
+    """Return what became of frames, or of a table's cells."""
+    if not counters:
+        return {}
+    never = "never_received_"
+    found: Row = {column: counters.get(name) for column, name in COUNTERS.items()}
+    if found["values_out_of_range"] is None:  # a table has one counter for each column
+        found["values_out_of_range"] = sum(counters.values())
+        return found
+    names = [name.removeprefix(never) for name in counters if name.startswith(never)]
+    return found | {"never_received": names}
 
 
 def _mean(values: Sequence[float]) -> float | None:
