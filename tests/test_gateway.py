@@ -22,7 +22,7 @@ from monitor.inject.gateway import Gateway
 from monitor.inject.injection import Injection
 from monitor.inject.injector import Injector
 from monitor.inject.side import Side
-from monitor.own_frames import BUS_STATE_ID, is_own, says_off
+from monitor.own_frames import BUS_STATE_ID, codes_cleared, is_own, says_off
 from monitor.sources import read_frames
 from monitor.types import Frame
 from tests.injected_frames import (
@@ -124,6 +124,15 @@ def test_time_passes_for_the_judge_when_the_ecu_falls_silent() -> None:
             time.sleep(0.05)
     assert [len(frame.data) for frame in bench.gave[:3]] == [8, 0, 0]  # time marks
     assert bench.gave[2].t_ns - bench.gave[0].t_ns > 0.8e9
+
+
+def test_a_frame_under_a_monitors_own_identifier_passes_and_the_judge_does_not_heed_it() -> None:
+    with LooseBench() as bench:
+        bench.send(bench.ecu)
+        bench.ecu.send(message_of(codes_cleared(0)))
+        bench.run(0.1)
+        assert n_received(bench.other) == 2
+    assert [frame.can_id for frame in bench.gave] == [LAMBDA_ID]
 
 
 def test_frames_that_the_interface_does_not_take_are_counted() -> None:

@@ -15,7 +15,7 @@ from monitor.bus.clock import BEHIND_S, SILENCE_S
 from monitor.bus.recorder import Recorder, message_of
 from monitor.inject.injector import Injector
 from monitor.inject.side import Side
-from monitor.own_frames import bus_state, time_mark
+from monitor.own_frames import bus_state, is_own, time_mark
 from monitor.sources import frame_of
 from monitor.types import Frame
 
@@ -164,7 +164,8 @@ class Gateway:
             message.is_fd, message.bitrate_switch = True, like.bitrate_switch
         if self._send(self._other, message):
             self._last_ns = frame.t_ns
-            self._taken(frame)
+            if not is_own(frame):  # a monitor takes nothing under its own identifiers from a bus
+                self._taken(frame)
 
     def _send(self, side: Side, message: can.Message) -> bool:
         taken = side.send(message)
