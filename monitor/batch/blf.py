@@ -80,7 +80,7 @@ def read_blocks(file: IO[bytes], counters: LogCounters) -> Iterator[FrameBlock]:
     start_s = can.BLFReader(cast(BinaryIO, file)).start_timestamp
     n_objects, rest = 0, b""
     for chunk in _inflated(file):
-        raw = b"".join((rest, chunk, bytes(_MARGIN)))
+        raw = b"".join((rest, *chunk, bytes(_MARGIN)))
         position = 0
         while run := _run(raw, position):
             objects, position = run
@@ -91,8 +91,8 @@ def read_blocks(file: IO[bytes], counters: LogCounters) -> Iterator[FrameBlock]:
         raise ValueError(f"its header announces {announced} objects")
 
 
-def _inflated(file: IO[bytes]) -> Iterator[bytes]:
-    """Yield what the containers hold; what zlib raises comes behind what came before it."""
+def _inflated(file: IO[bytes]) -> Iterator[list[bytes]]:
+    """Yield what containers hold; what zlib raises comes behind what came before it."""
     parts: list[bytes] = []
     try:
         for kind, body, _ in blf.objects(file, 0):
@@ -100,17 +100,18 @@ def _inflated(file: IO[bytes]) -> Iterator[bytes]:
                 continue
             method, _ = python_can.LOG_CONTAINER_STRUCT.unpack_from(body)
             content = body[python_can.LOG_CONTAINER_STRUCT.size :]
-            if method == python_can.NO_COMPRESSION:
-                parts.append(content)
-            elif method == python_can.ZLIB_DEFLATE:
-                parts.append(zlib.decompressobj().decompress(content))
+            if method == python_can.ZLIB_DEFLATE:
+                content = zlib.decompressobj().decompress(content)
+            elif method != python_can.NO_COMPRESSION:
+                continue  # python-can passes it over, too
+            parts.append(content)
             if sum(map(len, parts)) >= _CHUNK_BYTES:
-                yield b"".join(parts)
+                yield parts
                 parts = []
     except Exception:
-        yield b"".join(parts)
+        yield parts
         raise
-    yield b"".join(parts)
+    yield parts
 
 
 def _run(raw: bytes, position: int) -> tuple[Objects, int] | None:
@@ -137,14 +138,14 @@ def _run(raw: bytes, position: int) -> tuple[Objects, int] | None:
     needed = np.maximum(begin + size, begin + header + _NEEDED.take(kind) * is_known)
     is_whole = np.maximum(needed, begin + _BASE_HEADER) <= end
     behind = begin[1:] - (begin + size)[:-1]  # padding
-    is_linked = is_whole
+    if size[0] == 0:
+        raise ValueError("an object has no length")
+    is_linked = is_whole & (size > 0)
     is_linked[1:] &= (behind >= 0) & (behind <= 4)
     n = len(at) if is_linked.all() else int(np.argmin(is_linked))
     if n == 0:
         return None
     following = int(begin[n - 1] + size[n - 1])
-    if following <= first:
-        raise ValueError("Could not find next object")
     known = _CLASS.take(kind[:n]) * is_known[:n]
     data = np.frombuffer(raw, dtype=np.uint8, offset=place)
     run = Objects(data, words, at[:n], (at + header // 4)[:n], known, size[:n])

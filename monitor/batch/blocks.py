@@ -42,6 +42,15 @@ def block_of(frames: list[Frame]) -> FrameBlock:
     )
 
 
+def frames_of(block: FrameBlock) -> Iterator[Frame]:
+    """Yield the frames of a block one by one."""
+    new, width, data = tuple.__new__, block.data.shape[1], block.data.tobytes()
+    rows = zip(block.t_ns.tolist(), block.key.tolist(), block.length.tolist(), strict=True)
+    for row, (t_ns, key, length) in enumerate(rows):
+        payload = data[row * width : row * width + length]
+        yield new(Frame, (t_ns, key & (EXTENDED - 1), key >= EXTENDED, payload))
+
+
 def chosen(block: FrameBlock, rows: slice | BoolArray) -> FrameBlock:
     """Return some frames of a block."""
     return FrameBlock(block.t_ns[rows], block.key[rows], block.length[rows], block.data[rows])
