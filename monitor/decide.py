@@ -7,7 +7,7 @@ stream or a recording is judged as a whole.
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from monitor.limits import Limits
 from monitor.obd_records import TestResult
 from monitor.plausibility import TickResult
 from monitor.reference import Seen
-from monitor.residual import lambda_of, mean_and_std
+from monitor.residual import lambda_of, means_and_stds
 from monitor.response import EDGES, Noise, Outcome, Response, ResponseRule
 from monitor.types import FloatArray
 from monitor.window import Window
@@ -60,6 +60,16 @@ class Counted:
 
 
 Change = DtcChanged | Counted
+
+
+class Facts(NamedTuple):
+    """What a window says, before anything is decided."""
+
+    mean: float  # of the residual, output's unit
+    std: float
+    frozen: bool  # the measurement does not move
+    offset: float  # mean of the measurement against the likeliest sensor, output's unit
+    response: Response
 
 
 class Decisions:
@@ -117,19 +127,29 @@ class Decisions:
         """Take a judged stretch of the activity test."""
         return self._step("activity", failed, self._by(failed), fault, (), t_ns)
 
-    def window(self, window: Window) -> Iterator[WindowJudged | Change]:
-        """Take a full window; yield its verdict, then the codes that it changes."""
-        mean, std = mean_and_std(window.residual)
-        frozen = (
-            float(window.measured.max() - window.measured.min())
-            <= self._config.plausibility.stuck_range
+    def facts(self, windows: Sequence[Window]) -> list[Facts]:
+        """Return what windows that follow each other say, bit for bit as one after the other.
+
+        Every window goes through here once, before ``window`` decides.
+        """
+        measured = np.array([window.measured for window in windows])
+        mean, std = means_and_stds(np.array([window.residual for window in windows]))
+        frozen = np.asarray(
+            measured.max(axis=1) - measured.min(axis=1) <= self._config.plausibility.stuck_range
         )
         # an offset in lambda would change the gain in phi
-        measured = self._orient(window.measured - mean)
-        response = self._response.judge(measured, window.bank, ignore=frozen)
+        phi = self._orient(measured - mean[:, np.newaxis])
+        banks = [window.bank for window in windows]
+        responses = self._response.judge_all(phi, banks, frozen)
         # a sensor slow or late on one edge rectifies the modulation, which shifts its mean
-        read = lambda_of(window.bank[:, response.column], self._transform)
-        offset = float((window.measured - read).mean())
+        likeliest = [bank[:, each.column] for bank, each in zip(banks, responses, strict=True)]
+        offset = (measured - lambda_of(np.array(likeliest), self._transform)).mean(axis=1)
+        columns = mean.tolist(), std.tolist(), frozen.tolist(), offset.tolist(), responses
+        return list(map(Facts, *columns))
+
+    def window(self, window: Window, facts: Facts | None = None) -> Iterator[WindowJudged | Change]:
+        """Take a full window; yield its verdict, then the codes that it changes."""
+        mean, std, frozen, offset, response = facts or self.facts([window])[0]
         bias = self._bias.judge(offset, ignore=frozen)
         if response.outcome == "inconclusive" and bias.outcome == "failed":
             bias = replace(bias, outcome="inconclusive", fault=None)

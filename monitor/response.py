@@ -11,6 +11,7 @@ II, section 9.3 (linear model in coloured noise: whiten both sides).
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -18,10 +19,11 @@ import numpy as np
 
 from monitor.config import ResponseConfig
 from monitor.hypotheses import Hypothesis
-from monitor.types import FloatArray, IntArray
+from monitor.types import BoolArray, FloatArray, IntArray
 
 Outcome = Literal["passed", "failed", "inconclusive"]
 EDGES = ("rich_to_lean", "lean_to_rich")
+_WINDOWS = 8  # regressed at once: what fits into the processor's cache
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,38 +140,70 @@ class ResponseRule:
         measured : (n,) phi, or the output oriented like it
         bank : (n, n_hypotheses) what each hypothesis reads, column 0 the prediction itself
         """
-        n, config = len(measured), self._config
-        now = bank[:, 0]
-        excitation = float(now.std())
-        if ignore or excitation < self._excitation_min:
-            return self._report("inconclusive", None, (), excitation)
+        return self.judge_all(measured[np.newaxis], [bank], np.array([ignore]))[0]
+
+    def judge_all(
+        self, measured: FloatArray, banks: Sequence[FloatArray], ignore: BoolArray
+    ) -> list[Response]:
+        """Return the verdicts after windows that follow each other, bit for bit as one by one.
+
+        measured : (w, n); banks : w of (n, n_hypotheses); ignore : (w,)
+        """
+        excitation = np.array([bank[:, 0] for bank in banks]).std(axis=1)
+        usable = ~ignore & (excitation >= self._excitation_min)
+        places = np.flatnonzero(usable)
+        moments = np.empty((len(places), 3, len(self._claims)))  # sxx, sxy, log likelihood
+        for first in range(0, len(places), _WINDOWS):
+            chosen = places[first : first + _WINDOWS]
+            part = [banks[i] for i in chosen.tolist()]
+            moments[first : first + _WINDOWS] = self._regressed(measured[chosen], part)
+        evidence, gain_sums = self._summed(usable, moments)
+        return self._reports(usable, excitation, evidence, gain_sums)
+
+    def _regressed(self, measured: FloatArray, banks: Sequence[FloatArray]) -> FloatArray:
+        """Return sxx, sxy and log likelihood of each claim in some windows, (w, 3, n_claims)."""
+        n = measured.shape[1]
         m = n - self._ahead
-        x = np.empty((m, bank.shape[1] + 1))
-        x[:, :-1] = bank[:m]
-        x[:, -1] = self._quicker(now, m)
-        y = self._whitened(measured[:m])
+        x = np.empty((len(banks), m, self._n_columns + 1))
+        for each, bank in zip(x, banks, strict=True):
+            each[:, :-1] = bank[:m]
+            each[:, -1] = self._quicker(bank[:, 0], m)
+        y = self._whitened(measured[:, :m])
         x = self._whitened(x)
-        columns = self._columns
-        sxx = np.einsum("ij,ij->j", x, x)[columns]
-        sxy = (y @ x)[columns]
+        moments = np.empty((len(banks), 3, len(self._claims)))
+        sxx, sxy, log_likelihood = moments[:, 0], moments[:, 1], moments[:, 2]
+        sxx[:] = np.einsum("wij,wij->wj", x, x)[:, self._columns]
+        sxy[:] = (y[:, np.newaxis] @ x)[:, 0, self._columns]
+        syy = (y[:, np.newaxis] @ y[:, :, np.newaxis])[:, 0]
         gain = sxy / np.maximum(sxx, 1e-12)
         np.minimum(np.maximum(gain, self._gain_low, out=gain), self._gain_high, out=gain)
-        error_var = np.maximum(y @ y - gain * (2.0 * sxy - gain * sxx), 0.0) / len(y)
-        independent = config.evidence_weight * len(y)
-        log_likelihood = -0.5 * independent * np.log(error_var + self._noise.innovation_var)
-        memory = config.evidence_memory
-        log_likelihood -= log_likelihood[0]
-        self._evidence *= memory
-        self._evidence += log_likelihood
-        # a long healthy time must not outweigh the fault that follows it (Page's test)
-        least = self._evidence.max() - config.evidence_most
-        np.maximum(self._evidence, least, out=self._evidence)
-        self._gain_sums *= memory
-        self._gain_sums[0] += sxx
-        self._gain_sums[1] += sxy
-        self._drive_sums += (sxx, sxy, log_likelihood)
-        self._windows += 1
-        return self._decide(excitation)
+        error_var = np.maximum(syy - gain * (2.0 * sxy - gain * sxx), 0.0) / y.shape[1]
+        independent = self._config.evidence_weight * y.shape[1]
+        found = -0.5 * independent * np.log(error_var + self._noise.innovation_var)
+        np.subtract(found, found[:, :1], out=log_likelihood)
+        return moments
+
+    def _summed(self, usable: BoolArray, moments: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return evidence, (w, n_claims), and gain sums, (w, 2, n_claims), after each window."""
+        memory, most = self._config.evidence_memory, self._config.evidence_most
+        evidence = np.empty((len(usable), len(self._claims)))
+        gain_sums = np.empty((len(usable), 2, len(self._claims)))
+        rest = iter(moments)
+        for now, sums, is_usable in zip(evidence, gain_sums, usable.tolist(), strict=True):
+            if not is_usable:
+                now[:], sums[:] = self._evidence, self._gain_sums
+                continue
+            each = next(rest)
+            np.multiply(self._evidence, memory, out=now)
+            np.add(now, each[2], out=now)
+            # a long healthy time must not outweigh the fault that follows it (Page's test)
+            np.maximum(now, now.max() - most, out=now)
+            np.multiply(self._gain_sums, memory, out=sums)
+            np.add(sums, each[:2], out=sums)
+            self._drive_sums += each
+            self._evidence, self._gain_sums = now, sums
+        self._evidence, self._gain_sums = self._evidence.copy(), self._gain_sums.copy()
+        return evidence, gain_sums
 
     def _quicker(self, now: FloatArray, m: int) -> FloatArray:
         """Return the prediction ``lead_s`` ahead of its time, (m,)."""
@@ -179,64 +213,83 @@ class ResponseRule:
         return (1.0 - part) * now[self._ahead :] + part * now[self._ahead - 1 : -1]
 
     def _whitened(self, x: FloatArray) -> FloatArray:
-        """Return what is new in each sample, its mean taken off."""
-        new = x[1:] - self._noise.memory * x[:-1]
-        new -= np.add.reduce(new) / len(new)
+        """Return what is new in each sample of windows, (w, n, ...), its mean taken off."""
+        new = x[:, 1:] - self._noise.memory * x[:, :-1]
+        new -= (np.add.reduce(new, axis=1) / new.shape[1])[:, np.newaxis]
         return new
 
-    def _decide(self, excitation: float) -> Response:
-        evidence = self._evidence
-        fault, sound = self._best_of(self._faults), self._best_of(self._sound)
-        margin = float(evidence[fault] - evidence[sound])
-        if margin >= self.evidence_fail:
-            name = self._claims[fault].fault
-            return self._report("failed", name, self._alike(fault), excitation)
-        outcome: Outcome = "passed" if margin <= -self.evidence_pass else "inconclusive"
-        return self._report(outcome, None, (), excitation)
+    def _reports(
+        self,
+        usable: BoolArray,
+        excitation: FloatArray,
+        evidence: FloatArray,
+        gain_sums: FloatArray,
+    ) -> list[Response]:
+        rows = np.arange(len(evidence))
+        fault, sound = self._best_of(evidence, self._faults), self._best_of(evidence, self._sound)
+        margin = evidence[rows, fault] - evidence[rows, sound]
+        best = evidence.argmax(axis=1)
+        estimates = self._estimates(evidence, best, gain_sums)
+        found = []
+        for i, is_usable, gap, own in zip(
+            range(len(evidence)), usable.tolist(), margin.tolist(), best.tolist(), strict=True
+        ):
+            self._windows += is_usable
+            outcome: Outcome = "inconclusive"
+            name: str | None = None
+            also: tuple[str, ...] = ()
+            if is_usable and gap >= self.evidence_fail:
+                outcome, name = "failed", self._claims[fault[i]].fault
+                also = self._alike(evidence[i], int(fault[i]))
+            elif is_usable and gap <= -self.evidence_pass:
+                outcome = "passed"
+            claim = self._claims[own]
+            statistics: dict[str, float | str | None] = {
+                "excitation": float(excitation[i]),
+                "evidence": gap,
+                "hypothesis": claim.fault or "healthy",
+                **dict(zip(_ESTIMATES, estimates[i], strict=True)),
+            }
+            if not self._windows:
+                statistics["gain"] = statistics["gain_std"] = None
+            column = claim.column if claim.column < self._n_columns else 0
+            found.append(Response(outcome, name, also, column, statistics))
+        return found
 
-    def _best_of(self, places: IntArray) -> int:
-        return int(places[self._evidence[places].argmax()])
+    def _best_of(self, evidence: FloatArray, places: IntArray) -> IntArray:
+        return np.asarray(places[evidence[:, places].argmax(axis=1)])
 
-    def _alike(self, best: int) -> tuple[str, ...]:
-        behind = self._evidence[best] - self._evidence[self._faults]
+    def _alike(self, evidence: FloatArray, best: int) -> tuple[str, ...]:
+        behind = evidence[best] - evidence[self._faults]
         close = self._faults[behind < self._config.evidence_alike].tolist()
         return tuple(sorted({self._claims[i].fault for i in close} - {self._claims[best].fault}))
 
-    def _report(
-        self, outcome: Outcome, fault: str | None, also: tuple[str, ...], excitation: float
-    ) -> Response:
-        best = int(self._evidence.argmax())
-        claim = self._claims[best]
-        margin = self._evidence[self._faults].max() - self._evidence[self._sound].max()
-        statistics: dict[str, float | str | None] = {
-            "excitation": excitation,
-            "evidence": float(margin),
-            "hypothesis": claim.fault or "healthy",
-        }
-        column = claim.column if claim.column < self._n_columns else 0
-        return Response(outcome, fault, also, column, statistics | self._estimates(best))
-
-    def _estimates(self, best: int) -> dict[str, float | str | None]:
-        """Return lag, dead time and gain with their standard deviations.
+    def _estimates(
+        self, evidence: FloatArray, best: IntArray, gain_sums: FloatArray
+    ) -> list[list[float]]:
+        """Return the values of ``_ESTIMATES`` after each window.
 
         Times are means over the claims, weighted by their likelihood (all alike beforehand).
         """
-        weight = np.exp(self._evidence - self._evidence[best])
-        weight /= np.add.reduce(weight)
-        mean = self._times @ weight
-        std = np.sqrt(np.maximum(self._times**2 @ weight - mean**2, 0.0))
-        found: dict[str, float | str | None] = {}
-        for i, name in enumerate(_TIMES):
-            found[f"{name}_s"], found[f"{name}_std_s"] = mean.item(i), std.item(i)
-        sxx, sxy = self._gain_sums[:, best].tolist()
-        seen = self._windows > 0
-        found["gain"] = sxy / max(sxx, 1e-12) if seen else None
-        spread = self._noise.innovation_var / self._config.evidence_weight / max(sxx, 1e-12)
-        found["gain_std"] = math.sqrt(spread) if seen else None
-        return found
+        rows = np.arange(len(evidence))
+        weight = np.exp(evidence - evidence[rows, best][:, np.newaxis])
+        weight /= np.add.reduce(weight, axis=1)[:, np.newaxis]
+        mean = (self._times @ weight[:, :, np.newaxis])[:, :, 0]
+        square = (self._times**2 @ weight[:, :, np.newaxis])[:, :, 0]
+        sxx, sxy = gain_sums[rows, :, best].T
+        least = np.maximum(sxx, 1e-12)
+        found = np.empty((len(evidence), len(_ESTIMATES)))
+        found[:, 0:-2:2] = mean
+        found[:, 1:-2:2] = np.sqrt(np.maximum(square - mean**2, 0.0))
+        found[:, -2] = sxy / least
+        found[:, -1] = np.sqrt(self._noise.innovation_var / self._config.evidence_weight / least)
+        return found.tolist()
 
 
 _TIMES = tuple(f"{what}_{edge}" for what in ("lag", "dead_time") for edge in EDGES)
+_ESTIMATES = (
+    *(f"{name}{kind}_s" for name in _TIMES for kind in ("", "_std")), "gain", "gain_std",
+)  # fmt: skip
 
 
 def _times(hypothesis: Hypothesis) -> list[float]:

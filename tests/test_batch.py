@@ -381,10 +381,12 @@ def test_an_input_of_the_model_that_is_not_there_is_named() -> None:
 
 @pytest.mark.parametrize("period_s", [0.1, 0.07, 1.0])
 @given(
-    lengths=st.lists(st.integers(1, 300), min_size=1, max_size=6), seed=st.integers(0, 2**32 - 1)
+    lengths=st.lists(st.integers(1, 300), min_size=1, max_size=6),
+    seed=st.integers(0, 2**32 - 1),
+    n=st.sampled_from([1, 7, 50]),
 )
 def test_the_bank_reads_alike_for_one_signal_and_for_many(
-    period_s: float, lengths: list[int], seed: int
+    period_s: float, lengths: list[int], seed: int, n: int
 ) -> None:
     lengths.sort(reverse=True)
     rng = np.random.default_rng(seed)
@@ -392,16 +394,20 @@ def test_the_bank_reads_alike_for_one_signal_and_for_many(
     values[rng.random(values.shape) < 0.2] = 1.0  # also stretches without a change
     hypotheses_ = hypotheses.build(SHIPPED.response)
     chosen = [
-        (row, step) for row, n in enumerate(lengths) for step in range(n) if rng.random() < 0.5
+        (row, begin)
+        for row, length in enumerate(lengths)
+        for begin in range(length - n + 1)
+        if rng.random() < 0.5
     ]
-    row, step = np.array(chosen, dtype=np.int64).reshape(-1, 2).T
-    got = BankBlock(hypotheses_, period_s).read(values, lengths, row, step)
-    assert got.shape == (len(chosen), len(hypotheses_))
+    row, begin = np.array(chosen, dtype=np.int64).reshape(-1, 2).T
+    got = BankBlock(hypotheses_, period_s).read(values, lengths, row, begin, n)
+    assert got.shape == (len(chosen), n, len(hypotheses_))
     one = SensorBank(hypotheses_, period_s)
-    for i, n in enumerate(lengths):
+    for i, length in enumerate(lengths):
         one.reset()
-        expected = np.array([one.push(value).copy() for value in values[i, :n]])
-        np.testing.assert_array_equal(got[row == i], expected[step[row == i]])
+        expected = np.array([one.push(value).copy() for value in values[i, :length]])
+        for window, first in zip(got[row == i], begin[row == i].tolist(), strict=True):
+            np.testing.assert_array_equal(window, expected[first : first + n])
 
 
 @given(st.lists(st.integers(1, 1000), min_size=1, max_size=70))

@@ -8,7 +8,7 @@ import numpy as np
 from monitor.hypotheses import Hypothesis
 from monitor.types import FloatArray, IntArray
 
-_STEPS, _PLACES = 128, 4096  # worked on at once: what fits into the processor's cache
+_STEPS, _WINDOWS = 128, 16  # worked on at once: what fits into the processor's cache
 
 
 def phases(lengths: Sequence[int]) -> Iterator[tuple[int, int, int]]:
@@ -26,65 +26,79 @@ def phases(lengths: Sequence[int]) -> Iterator[tuple[int, int, int]]:
 
 
 class BankBlock:
-    """What ``hypotheses.SensorBank`` reads, for many signals side by side, at chosen samples."""
+    """What ``hypotheses.SensorBank`` reads, for many signals side by side, in chosen windows.
+
+    hypotheses : in the order of ``build``: healthy, slow, delay; within a kind by direction
+    """
 
     def __init__(self, hypotheses: tuple[Hypothesis, ...], period_s: float) -> None:
-        self._hypotheses = hypotheses
-        self._slow = np.flatnonzero([h.kind == "slow" for h in hypotheses])
-        slow = [hypotheses[i] for i in self._slow]
-
-        def share(h: Hypothesis, other: str) -> float:
-            return 1.0 if h.direction == other else 1.0 - math.exp(-period_s / h.seconds)
-
-        self._rising = np.array([[share(h, "rich_to_lean")] for h in slow])  # (n_slow, 1)
-        self._falling = np.array([[share(h, "lean_to_rich")] for h in slow])
-        self._steps = [round(h.seconds / period_s, 9) for h in hypotheses]
-        self._interpolated = any(
-            steps % 1.0
-            for steps, h in zip(self._steps, hypotheses, strict=True)
-            if h.kind == "delay"
+        self._n = len(hypotheses)
+        self._slow, slow = _places(hypotheses, "slow")
+        first = self._slow.start
+        self._sided = {d: slice(p.start - first, p.stop - first) for d, p in slow.items()}
+        self._share = np.array(
+            [[1.0 - math.exp(-period_s / h.seconds)] for h in hypotheses[self._slow]]
         )
+        _, self._late = _places(hypotheses, "delay")
+        self._steps = {
+            direction: np.array([round(h.seconds / period_s, 9) for h in hypotheses[place]])
+            for direction, place in self._late.items()
+        }
+        self._interpolated = any(bool((each % 1.0).any()) for each in self._steps.values())
 
     def read(
-        self, values: FloatArray, lengths: Sequence[int], row: IntArray, step: IntArray
+        self, values: FloatArray, lengths: Sequence[int], row: IntArray, begin: IntArray, n: int
     ) -> FloatArray:
-        """Return what each hypothesis reads at the chosen samples, (m, n_hypotheses).
+        """Return what each hypothesis reads in windows of n samples, (w, n, n_hypotheses).
 
-        values : (rows, n) signals, each begun with a reset
-        lengths : of the rows, never increasing; chosen samples lie before them
-        row, step : (m,) which samples
+        values : (rows, length) signals, each begun with a reset
+        lengths : of the rows, never increasing; windows lie before them
+        row, begin : (w,) where the windows are
         """
-        read = np.empty((len(row), len(self._hypotheses)))
-        for first in range(0, len(row), _PLACES):
-            part = slice(first, first + _PLACES)
-            self._read_late(read[part], values, row[part], step[part])
-        self._read_slow(read, values, lengths, row, step)
+        read = np.empty((len(row), n, self._n))
+        for first in range(0, len(row), _WINDOWS):
+            part = slice(first, first + _WINDOWS)
+            self._read_late(read[part], values, row[part], begin[part])
+        steps = begin[:, np.newaxis] + np.arange(n)
+        self._read_slow(
+            read.reshape(-1, self._n), values, lengths, np.repeat(row, n), steps.ravel()
+        )
         return read
 
     def _read_late(
-        self, read: FloatArray, values: FloatArray, row: IntArray, step: IntArray
+        self, read: FloatArray, values: FloatArray, row: IntArray, begin: IntArray
     ) -> None:
-        now = values[row, step]
-        for i, h in enumerate(self._hypotheses):
-            if h.kind == "healthy":
-                read[:, i] = now
-            elif h.kind == "delay":
-                read[:, i] = self._late(h.direction, self._steps[i], values, now, row, step)
+        step = begin[:, np.newaxis] + np.arange(read.shape[1])
+        base = row[:, np.newaxis] * values.shape[1]
+        flat = values.ravel()
+        now = flat.take(base + step)[:, :, np.newaxis]
+        read[:, :, :1] = now
+        known: dict[bytes, FloatArray] = {}
+        for direction, place in self._late.items():
+            steps = self._steps[direction]
+            late = known.get(steps.tobytes())
+            if late is None:
+                late = known[steps.tobytes()] = self._past(flat, base, step, steps)
+            # a one-sided dead time holds the old value only against its own edge direction
+            if direction == "symmetric":
+                read[:, :, place] = late
+            elif direction == "rich_to_lean":
+                np.maximum(late, now, out=read[:, :, place])
+            else:
+                np.minimum(late, now, out=read[:, :, place])
 
-    def _late(
-        self, direction: str, steps: float, values: FloatArray, now: FloatArray,
-        row: IntArray, step: IntArray,
-    ) -> FloatArray:  # fmt: skip
-        whole = int(steps)
-        late = values[row, np.maximum(step - whole, 0)]
+    def _past(
+        self, flat: FloatArray, base: IntArray, step: IntArray, steps: FloatArray
+    ) -> FloatArray:
+        """Return the signal so many steps before each sample, (w, n, n_steps)."""
+        whole = steps.astype(np.int64)
+        past = step[:, :, np.newaxis] - whole
+        late: FloatArray = flat.take(base[:, :, np.newaxis] + np.maximum(past, 0))
         if self._interpolated:
             part = steps - whole
             late *= 1.0 - part
-            late += values[row, np.maximum(step - whole - 1, 0)] * part
-        if direction == "symmetric":
-            return late
-        # a one-sided dead time holds the old value only against its own edge direction
-        return (np.maximum if direction == "rich_to_lean" else np.minimum)(late, now)
+            late += flat.take(base[:, :, np.newaxis] + np.maximum(past - 1, 0)) * part
+        return late
 
     def _read_slow(
         self, read: FloatArray, values: FloatArray, lengths: Sequence[int],
@@ -92,25 +106,42 @@ class BankBlock:
     ) -> None:  # fmt: skip
         order = np.argsort(step, kind="stable")
         sorted_step, last = step[order], int(step.max(initial=-1))
-        x = np.repeat(values[np.newaxis, :, 0], len(self._slow), axis=0)  # (n_slow, rows)
+        x = np.repeat(values[np.newaxis, :, 0], len(self._share), axis=0)  # (n_slow, rows)
         for begin, end, rows in phases(lengths):
             x = x[:, :rows].copy()
             for first in range(begin, min(end, last + 1), _STEPS):
                 stop = min(first + _STEPS, end)
                 seen = self._run_slow(x, values[:rows, first:stop])
+                x = seen[-1].copy()
                 chosen = order[slice(*np.searchsorted(sorted_step, (first, stop)))]
-                read[np.ix_(chosen, self._slow)] = seen[step[chosen] - first, :, row[chosen]]
+                by_row = seen.transpose(2, 0, 1).copy()  # so that a sample's values lie together
+                read[chosen, self._slow] = by_row[row[chosen], step[chosen] - first]
 
     def _run_slow(self, x: FloatArray, values: FloatArray) -> FloatArray:
-        """Run the lags on (rows, n) values; return (n, n_slow, rows) and leave the last in x."""
+        """Return what the lags read of (rows, n) values, (n, n_slow, rows); x : before them."""
         seen = np.empty((values.shape[1], *x.shape))
-        fall, rises = np.empty_like(x), np.empty(x.shape, dtype=np.bool_)
-        for now, rise in zip(values.T.copy(), seen, strict=True):
-            np.subtract(now, x, out=fall)
-            np.greater(fall, 0.0, out=rises)
-            np.multiply(fall, self._rising, out=rise)
-            fall *= self._falling
-            np.copyto(fall, rise, where=rises)
-            x += fall
-            rise[:] = x
+        fall, share = np.empty_like(x), np.broadcast_to(self._share, x.shape).copy()
+        # the quick direction of a one-sided lag follows at once: the larger, or the smaller, step
+        sides = [
+            (function, fall[place], place)
+            for direction, function in (("rich_to_lean", np.maximum), ("lean_to_rich", np.minimum))
+            if (place := self._sided.get(direction))
+        ]
+        for now, step in zip(values.T.copy(), seen, strict=True):
+            np.subtract(now, x, fall)
+            np.multiply(fall, share, step)
+            for function, quick, place in sides:
+                function(quick, step[place], out=step[place])
+            np.add(x, step, step)
+            x = step
         return seen
+
+
+def _places(hypotheses: tuple[Hypothesis, ...], kind: str) -> tuple[slice, dict[str, slice]]:
+    """Return where a kind of hypotheses stands, and where each direction of it."""
+    at = [i for i, h in enumerate(hypotheses) if h.kind == kind]
+    found: dict[str, slice] = {}
+    for i in at:
+        direction = hypotheses[i].direction
+        found[direction] = slice(found[direction].start if direction in found else i, i + 1)
+    return slice(at[0], at[-1] + 1) if at else slice(0, 0), found

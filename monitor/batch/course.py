@@ -3,13 +3,13 @@
 Here everything comes together that remembers: decisions, fault memory, the vehicle's reference.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import numpy as np
 
 from monitor.config import BiasConfig
 from monitor.cycles import Moment
-from monitor.decide import Change, Decisions, DtcChanged, WindowJudged
+from monitor.decide import Change, Decisions, DtcChanged, Facts, WindowJudged
 from monitor.dtc import DtcStore, Status
 from monitor.limits import Limits
 from monitor.obd_records import FreezeFrame
@@ -57,6 +57,7 @@ class Course:
     ) -> None:
         self._block, self._names, self._decide, self._vehicle = block, names, decide, vehicle
         self.store, self.decisions = store, decide(vehicle.limits)
+        self._facts: Iterator[Facts] = iter(())
         self.windows: list[WindowJudged] = []
         self.changes: list[DtcChanged] = []
         self.cycles: list[CycleStarted] = []
@@ -65,9 +66,10 @@ class Course:
         """Let a tester clear the codes; what was found is forgotten with the next sample."""
         self.changes += [DtcChanged(t_ns, dtc) for dtc in self.store.clear()]
 
-    def forget(self) -> None:
-        """Begin anew after a clearing."""
+    def begin(self, windows: Sequence[Window]) -> None:
+        """Begin the decisions anew; the windows are those that come until they end."""
         self.decisions = self._decide(self._vehicle.limits)
+        self._facts = iter(self.decisions.facts(windows) if windows else ())
 
     def count(self, moment: Moment, k: int) -> None:
         """Let the fault memory count at sample k; begin the next driving cycle."""
@@ -87,7 +89,6 @@ class Course:
         changed = self.store.start_driving_cycle()
         self.cycles.append(started)
         self._vehicle.learn(started.seen)
-        self.decisions = self._decide(self._vehicle.limits)
         self.changes += [DtcChanged(t_ns, dtc) for dtc in changed if dtc.code in were_active]
 
     def tick(self, result: TickResult, k: int) -> None:
@@ -100,7 +101,7 @@ class Course:
 
     def window(self, window: Window, k: int) -> None:
         """Take a window that sample k completes."""
-        self._take(self.decisions.window(window), k)
+        self._take(self.decisions.window(window, next(self._facts)), k)
 
     def _take(self, events: Iterable[WindowJudged | Change], k: int) -> None:
         for event in events:

@@ -146,12 +146,9 @@ class _Judge:
             at += [(row, k) for k in recording.windows(begin, end).tolist()]
         if not at:
             return
-        n = self._config.window.n_samples
-        row_of, begin_of = np.array(at).T
-        steps = begin_of[:, np.newaxis] + np.arange(n)
+        rows, begins = np.array(at).T
         oriented = _oriented(predicted, self._model.card.transform)
-        read = self._bank.read(oriented, lengths, np.repeat(row_of, n), steps.ravel())
-        read = read.reshape(-1, n, len(self._hypotheses))
+        read = self._bank.read(oriented, lengths, rows, begins, self._config.window.n_samples)
         for (row, k), values in zip(at, read, strict=True):
             segments[row].recording.banks[segments[row].begin + k] = values
 

@@ -22,7 +22,7 @@ from monitor.window import Window
 
 _INPUTS_VALID = enable.CONDITIONS.index("inputs_valid")
 # what happens at one sample, in this order; the three tests on samples stand at TICK and behind it
-_CLEARED, _COUNTED, _FORGOTTEN, _TICK, _ACTIVITY, _WINDOW = 0, 1, 2, 3, 6, 7
+_CLEARED, _COUNTED, _BEGUN, _TICK, _ACTIVITY, _WINDOW = 0, 1, 2, 3, 6, 7
 
 Happening = tuple[int, int, Callable[[Course], None]]  # sample, place within it, and what then
 
@@ -87,11 +87,11 @@ class Recording:
     def happenings(
         self, clearings: Sequence[Clearing], ticks_that_count: tuple[int, int]
     ) -> list[Happening]:
-        """Return what happens, in the order of time; each window is let go as it is returned.
+        """Return what happens, in the order of time; the bank's readings go with it.
 
         ticks_that_count : after so many failed, and passed, results in a row a counter stands
         """
-        found = [*self._counted(clearings), *self._windows()]
+        found = [*self._counted(clearings), *self._judged(clearings)]
         for a, b in pairwise(self.cuts):
             found += self._ticks(a, b, clearings, ticks_that_count)
         return sorted(found, key=itemgetter(0, 1))
@@ -99,8 +99,6 @@ class Recording:
     def _counted(self, clearings: Sequence[Clearing]) -> Iterator[Happening]:
         for k, t_ns in clearings:
             yield k, _CLEARED, partial(Course.clear, t_ns=t_ns)
-            if k < len(self.block.t_ns):
-                yield k, _FORGOTTEN, Course.forget
         for k, moment in self._moments:
             yield k, _COUNTED, partial(Course.count, moment=moment, k=k)
 
@@ -118,19 +116,31 @@ class Recording:
             happen = partial(Course.activity, failed=failed, fault=fault, k=a + k)
             yield a + k, _ACTIVITY, happen
 
-    def _windows(self) -> Iterator[Happening]:
+    def _judged(self, clearings: Sequence[Clearing]) -> Iterator[Happening]:
+        """Yield the windows, and where decisions begin anew which of them come until then."""
+        n = self._reader.config.window.n_samples
+        windows = list(self._windows())
+        last = np.array(sorted(self.banks), dtype=np.int64) + n - 1
+        self.banks.clear()
+        begins = {*self.cuts[:-1], *(k for k, _ in clearings if k < len(self.block.t_ns))}
+        for a, b in pairwise([*sorted(begins), len(self.block.t_ns)]):
+            own = slice(*np.searchsorted(last, (a, b)).tolist())
+            yield a, _BEGUN, partial(Course.begin, windows=windows[own])
+            for k, window in zip(last[own].tolist(), windows[own], strict=True):
+                yield k, _WINDOW, partial(Course.window, window=window, k=k)
+
+    def _windows(self) -> Iterator[Window]:
         t_ns, n = self.block.t_ns, self._reader.config.window.n_samples
         for index, begin in enumerate(sorted(self.banks)):
-            last, inside = begin + n - 1, slice(begin, begin + n)
-            window = Window(
+            inside = slice(begin, begin + n)
+            yield Window(
                 index,
                 int(t_ns[begin]),
-                int(t_ns[last]),
+                int(t_ns[begin + n - 1]),
                 self.measured[inside].copy(),
                 self.predicted[inside].copy(),
-                self.banks.pop(begin),
+                self.banks[begin],
             )
-            yield last, _WINDOW, partial(Course.window, window=window, k=last)
 
 
 def _counting(
