@@ -1,5 +1,6 @@
 """A small fleet: short drives of simulated vehicles as tables, and what reads their results."""
 
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,9 @@ from monitor.replay import shipped_model
 from tests.conftest import ROOT
 from training.fleet import run as fleet
 from training.fleet.bench import Bench
-from training.fleet.drives import drives_of
+from training.fleet.done import Done
+from training.fleet.drives import Chunk, drives_of
+from training.parallel import WorkerDiedError
 from training.recordings import Recording, load, write_table
 
 LOGS = ROOT / "replay_logs"
@@ -45,6 +48,21 @@ def small_fleet(folder: Path, drives: int = 10) -> list[Path]:
         path = folder / f"drive_{i:03d}.{'csv.gz' if i % 2 else 'parquet'}"
         paths.append(write_piece(path, name, first=100 * (i % 20)))
     return paths
+
+
+def run_deadly(
+    function: Callable[[Bench, Chunk], Done],
+    bench: Bench,
+    items: Iterable[tuple[str, Chunk]],
+    **_: Any,
+) -> Iterator[tuple[str, Done]]:
+    """Do jobs as ``parallel.run`` does where a file kills the process that judges it."""
+    given, finished = dict(items), set[str]()
+    for key, chunk in given.items():
+        if any("deadly" in drive.path for own in chunk.vehicles for drive in own):
+            raise WorkerDiedError(k for k in given if k not in finished)
+        finished.add(key)
+        yield key, function(bench, chunk)
 
 
 def judged(given: list[str], out: Path, **options: Any) -> tuple[pl.DataFrame, pl.DataFrame]:

@@ -236,6 +236,31 @@ def test_a_killed_run_goes_on_where_it_was(
     assert {p: p.stat().st_mtime_ns for p in finished} == finished
 
 
+def test_a_file_that_kills_the_process_is_a_row_and_the_others_are_judged(
+    folder: Path,
+    local: tuple[pl.DataFrame, pl.DataFrame],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # GIVEN ten recordings and between them one at which the process that judges it dies
+    monkeypatch.setattr(fleet.parallel, "run", fleet_drives.run_deadly)
+    paths = sorted(folder.iterdir())
+    shutil.copy(paths[0], tmp_path / "deadly.parquet")
+    manifest = tmp_path / "m.csv"
+    given = [*paths[:5], tmp_path / "deadly.parquet", *paths[5:]]
+    manifest.write_text("path\n" + "".join(f"{path}\n" for path in given))
+    # WHEN they are judged
+    rows, windows = judged([str(manifest)], tmp_path / "out.parquet")
+    # THEN it has a row that says so, and all others are as without it
+    (bad,) = rows.filter(pl.col("error").is_not_null()).to_dicts()
+    assert bad["error"] == f"{tmp_path / 'deadly.parquet'}: {fleet.DIED}"
+    good = rows.filter(pl.col("error").is_null())
+    assert_alike(
+        (good.drop("recording"), windows.drop("recording")),
+        tuple(table.drop("recording") for table in local),
+    )
+
+
 def test_a_folder_of_another_run_is_refused(folder: Path, tmp_path: Path) -> None:
     one = [str(next(folder.glob("*.parquet")))]
     judged(one, tmp_path / "out.parquet")

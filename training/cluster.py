@@ -20,6 +20,7 @@ import dbc
 import monitor
 import training
 from monitor.errors import UsageError
+from training.parallel import WorkerDiedError
 
 Shared = TypeVar("Shared")
 Item = TypeVar("Item")
@@ -63,7 +64,7 @@ def _results(
     first: tuple[str, Item],
     rest: Iterator[tuple[str, Item]],
 ) -> Iterator[tuple[str, Result]]:
-    from distributed import as_completed  # noqa: PLC0415
+    from distributed import KilledWorker, as_completed  # noqa: PLC0415
 
     call, hold = _functions(name)
     with warnings.catch_warnings():  # that a graph is large: its data has to get there somehow
@@ -92,6 +93,8 @@ def _results(
                     f"scheduler {scheduler}: {error.name} is not installed on its workers, which "
                     "need what this command needs here"
                 ) from error
+            except KilledWorker as error:
+                raise WorkerDiedError([key]) from error
             future.release()
             yield key, pickle.loads(result)
 

@@ -13,12 +13,25 @@ from threading import Thread
 from typing import Any, TypeVar
 
 import joblib
+from joblib.externals.loky.process_executor import TerminatedWorkerError
 from threadpoolctl import threadpool_limits
 
 Shared = TypeVar("Shared")
 Item = TypeVar("Item")
 Result = TypeVar("Result")
+
 WATCH_S = 1.0  # how often a worker looks whether its coordinator still lives
+
+
+class WorkerDiedError(Exception):
+    """A worker was killed or has crashed, by one of the jobs ``keys`` or beside them."""
+
+    def __init__(self, keys: Iterable[str]) -> None:
+        self.keys = tuple(keys)
+        super().__init__(
+            f"a worker died while it did {', '.join(self.keys)}: killed, out of memory, or a crash "
+            "within a library"
+        )
 
 
 def run(
@@ -34,7 +47,8 @@ def run(
     function : module-level, takes ``shared`` and an item
     items : with a key each; long jobs should come first
     scheduler : address of a Dask scheduler, ``tcp://host:port``; None uses ``jobs`` processes here
-    Raises what a job raises, and UsageError if the scheduler cannot be used.
+    Raises what a job raises, UsageError if the scheduler cannot be used, and WorkerDiedError; a
+    cluster does the jobs of a dead worker again and raises it only for one that has met several.
     """
     if scheduler is not None:
         from training import cluster  # noqa: PLC0415 - an extra that few need
@@ -52,7 +66,19 @@ def run(
         inner_max_num_threads=1,
         **watch,
     )
-    yield from parallel(joblib.delayed(_call)(function, shared, key, item) for key, item in items)
+    sent: dict[str, None] = {}
+
+    def calls() -> Iterator[Any]:
+        for key, item in items:
+            sent[key] = None
+            yield joblib.delayed(_call)(function, shared, key, item)
+
+    try:
+        for key, result in parallel(calls()):
+            del sent[key]
+            yield key, result
+    except TerminatedWorkerError as error:
+        raise WorkerDiedError(sent) from error
 
 
 def of_bytes(shared: bytes, job: bytes) -> bytes:

@@ -4,39 +4,23 @@ A vehicle's drives share its fault memory and its reference, in their order, as 
 ``o2mon replay --memory``. What cannot be read or judged is a row with its reason.
 """
 
-import io
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import polars as pl
-
 from monitor.batch.judge import judge_all
 from monitor.dtc import DtcStore, Saved
 from monitor.errors import O2Error
 from monitor.reference import Reference
-from training.fleet import columns, places
+from training.fleet import places
 from training.fleet.bench import Bench, Tools, tools_of
+from training.fleet.done import Done, of_rows
 from training.fleet.drives import Chunk, Drive
 from training.fleet.read import Read
 from training.fleet.rows import Row, failed_row, recording_row, window_rows
 
 SAMPLES = 400_000  # held side by side; their windows take some megabytes per ten thousand
-
-
-@dataclass(frozen=True, slots=True)
-class Done:
-    """A chunk's rows, as parquet files, and what they cost."""
-
-    recordings: bytes
-    windows: bytes
-    drives: int
-    errors: int
-    faults: int  # drives with a code
-    seconds: dict[str, float]  # of the processor: read, judge, rows
-    driving_s: float
-    size_bytes: int
 
 
 @dataclass(slots=True)
@@ -157,24 +141,10 @@ def _judge_alike(work: _Work, group: Sequence[tuple[Drive, Read]]) -> None:
 
 
 def _done(work: _Work, names: Sequence[str]) -> Done:
-    began_s = time.process_time()
     place = {name: i for i, name in enumerate(names)}
-    rows = sorted(work.recordings, key=lambda row: (place[row["vehicle"]], row["drive"]))
-    windows = sorted(work.windows, key=lambda row: (place[row["vehicle"]], row["drive"]))
-    found = _parquet(rows, columns.RECORDINGS), _parquet(windows, columns.WINDOWS)
-    work.seconds["rows"] = time.process_time() - began_s
-    return Done(
-        *found,
-        drives=len(rows),
-        errors=sum(row.get("error") is not None for row in rows),
-        faults=sum(bool(row.get("fault_flag")) for row in rows),
-        seconds=work.seconds,
-        driving_s=sum(row.get("duration_s") or 0.0 for row in rows),
-        size_bytes=sum(row.get("size_bytes") or 0 for row in rows),
-    )
 
+    def order(row: Row) -> tuple[int, int]:
+        return place[row["vehicle"]], row["drive"]
 
-def _parquet(rows: Sequence[Row], wanted: columns.Columns) -> bytes:
-    buffer = io.BytesIO()
-    pl.DataFrame(rows, schema=columns.schema(wanted)).write_parquet(buffer)
-    return buffer.getvalue()
+    rows, windows = sorted(work.recordings, key=order), sorted(work.windows, key=order)
+    return of_rows(rows, windows, work.seconds)

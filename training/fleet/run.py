@@ -17,11 +17,13 @@ from monitor.errors import UsageError
 from training import parallel, run_folder
 from training.fleet import drives as fleet_drives
 from training.fleet.bench import Bench
+from training.fleet.done import Done, failed, joined
 from training.fleet.drives import Chunk, Drive
-from training.fleet.judge import Done, judge_chunk
+from training.fleet.judge import judge_chunk
 
 Progress = Callable[[dict[str, Any]], None]  # takes what a chunk cost and found
 TABLES: Final = ("recordings", "windows")
+DIED: Final = "the process that judged this vehicle died: out of memory, or a crash in a library"
 
 
 def work_folder(out: Path) -> Path:
@@ -59,9 +61,18 @@ def run(
     for chunk in chunks:
         if (found := _stored(folder, chunk.name)) is not None:
             done(found)
-    missing = ((chunk.name, chunk) for chunk in chunks if _stored(folder, chunk.name) is None)
-    for name, result in parallel.run(judge_chunk, bench, missing, jobs=jobs, scheduler=scheduler):
-        done(_store(folder, name, result))
+    missing = {c.name: c for c in chunks if _stored(folder, c.name) is None}
+    while missing:
+        try:
+            for name, result in parallel.run(
+                judge_chunk, bench, list(missing.items()), jobs=jobs, scheduler=scheduler
+            ):
+                done(_store(folder, name, result))
+                del missing[name]
+        except parallel.WorkerDiedError as died:
+            for name in died.keys:
+                result = _apart(missing.pop(name), bench, scheduler)
+                done(_store(folder, name, result))
     for table, path in zip(TABLES, (out, windows_path(out)), strict=True):
         _join(folder, table, chunks, path)
     written = out.stat().st_size + windows_path(out).stat().st_size
@@ -71,6 +82,23 @@ def run(
 def finish(out: Path) -> None:
     """Remove the chunks of a run whose tables and report are written."""
     shutil.rmtree(work_folder(out))
+
+
+def _apart(chunk: Chunk, bench: Bench, scheduler: str | None) -> Done:
+    """Return a chunk that may kill its worker; its halves are tried when it does.
+
+    A vehicle whose worker dies although it is judged alone has failed.
+    """
+    try:  # with two jobs it is another process, which may die
+        only = [(chunk.name, chunk)]
+        run = parallel.run(judge_chunk, bench, only, jobs=2, scheduler=scheduler)
+        return dict(run)[chunk.name]
+    except parallel.WorkerDiedError:
+        n = len(chunk.vehicles)
+        if n == 1:
+            return failed(chunk.vehicles[0], DIED)
+    halves = chunk.vehicles[: n // 2], chunk.vehicles[n // 2 :]
+    return joined([_apart(Chunk(chunk.name, half), bench, scheduler) for half in halves])
 
 
 def _stored(folder: Path, name: str) -> dict[str, Any] | None:

@@ -1,0 +1,75 @@
+"""What a worker returns of a chunk: its rows as parquet files, and what they cost."""
+
+import io
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import polars as pl
+
+from training.fleet import columns
+from training.fleet.drives import Drive
+from training.fleet.rows import Row, failed_row
+
+
+@dataclass(frozen=True, slots=True)
+class Done:
+    """A chunk's rows, as parquet files, and what they cost."""
+
+    recordings: bytes
+    windows: bytes
+    drives: int
+    errors: int
+    faults: int  # drives with a code
+    seconds: dict[str, float]  # of the processor: read, judge, rows
+    driving_s: float
+    size_bytes: int
+
+
+def failed(drives: Sequence[Drive], reason: str) -> Done:
+    """Return the rows of recordings none of which could be judged, for the same reason."""
+    return of_rows([failed_row(drive, f"{drive.path}: {reason}") for drive in drives], [], {})
+
+
+def joined(parts: Sequence[Done]) -> Done:
+    """Return several parts as one."""
+    steps = dict.fromkeys(step for part in parts for step in part.seconds)
+    return Done(
+        recordings=_concatenated([part.recordings for part in parts]),
+        windows=_concatenated([part.windows for part in parts]),
+        drives=sum(part.drives for part in parts),
+        errors=sum(part.errors for part in parts),
+        faults=sum(part.faults for part in parts),
+        seconds={step: sum(part.seconds.get(step, 0.0) for part in parts) for step in steps},
+        driving_s=sum(part.driving_s for part in parts),
+        size_bytes=sum(part.size_bytes for part in parts),
+    )
+
+
+def of_rows(rows: Sequence[Row], windows: Sequence[Row], seconds: dict[str, float]) -> Done:
+    """Return the rows of a chunk, of which making the tables takes some seconds, too."""
+    began_s = time.process_time()
+    tables = [
+        _parquet(pl.DataFrame(each, schema=columns.schema(wanted)))
+        for each, wanted in ((rows, columns.RECORDINGS), (windows, columns.WINDOWS))
+    ]
+    return Done(
+        recordings=tables[0],
+        windows=tables[1],
+        drives=len(rows),
+        errors=sum(row.get("error") is not None for row in rows),
+        faults=sum(bool(row.get("fault_flag")) for row in rows),
+        seconds=seconds | {"rows": time.process_time() - began_s},
+        driving_s=sum(row.get("duration_s") or 0.0 for row in rows),
+        size_bytes=sum(row.get("size_bytes") or 0 for row in rows),
+    )
+
+
+def _concatenated(parts: Sequence[bytes]) -> bytes:
+    return _parquet(pl.concat(pl.read_parquet(io.BytesIO(part)) for part in parts))
+
+
+def _parquet(table: pl.DataFrame) -> bytes:
+    buffer = io.BytesIO()
+    table.write_parquet(buffer)
+    return buffer.getvalue()
