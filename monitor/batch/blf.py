@@ -24,7 +24,7 @@ from monitor.types import BoolArray, FloatArray, FrameBlock, IntArray
 
 Words = NDArray[np.uint32]
 
-_CHUNK_BYTES: Final = 1 << 20  # inflated, worked on at once
+CHUNK_BYTES: Final = 1 << 19
 _MARGIN: Final = 512  # bytes behind them that may be read
 _SIGNATURE: Final = int.from_bytes(b"LOBJ", "little")
 _TEN_MICROSECONDS: Final = 1  # flag of an object's time
@@ -69,9 +69,12 @@ class Objects(NamedTuple):
     size: IntArray  # (n,) bytes
 
 
-def read_blocks(file: IO[bytes], counters: LogCounters) -> Iterator[FrameBlock]:
+def read_blocks(
+    file: IO[bytes], counters: LogCounters, chunk_bytes: int = CHUNK_BYTES
+) -> Iterator[FrameBlock]:
     """Yield the frames of a BLF file.
 
+    chunk_bytes : inflated bytes to be worked on at once
     Raises ValueError if the file is damaged or holds fewer objects than its header announces, and
     what zlib and python-can raise, behind the frames before.
     """
@@ -79,7 +82,7 @@ def read_blocks(file: IO[bytes], counters: LogCounters) -> Iterator[FrameBlock]:
     file.seek(0)
     start_s = can.BLFReader(cast(BinaryIO, file)).start_timestamp
     n_objects, rest = 0, b""
-    for chunk in _inflated(file):
+    for chunk in _inflated(file, chunk_bytes):
         raw = b"".join((rest, *chunk, bytes(_MARGIN)))
         position = 0
         while run := _run(raw, position):
@@ -91,7 +94,7 @@ def read_blocks(file: IO[bytes], counters: LogCounters) -> Iterator[FrameBlock]:
         raise ValueError(f"its header announces {announced} objects")
 
 
-def _inflated(file: IO[bytes]) -> Iterator[list[bytes]]:
+def _inflated(file: IO[bytes], chunk_bytes: int) -> Iterator[list[bytes]]:
     """Yield what containers hold; what zlib raises comes behind what came before it."""
     parts: list[bytes] = []
     try:
@@ -105,7 +108,7 @@ def _inflated(file: IO[bytes]) -> Iterator[list[bytes]]:
             elif method != python_can.NO_COMPRESSION:
                 continue  # python-can passes it over, too
             parts.append(content)
-            if sum(map(len, parts)) >= _CHUNK_BYTES:
+            if sum(map(len, parts)) >= chunk_bytes:
                 yield parts
                 parts = []
     except Exception:
@@ -125,6 +128,8 @@ def _run(raw: bytes, position: int) -> tuple[Objects, int] | None:
         if position + 8 > end:
             return None
         raise ValueError("Could not find next object")
+    if first + _BASE_HEADER > end:
+        return None
     place = first % 4
     words = np.frombuffer(raw, np.uint32, (len(raw) - place) // 4, place)
     at = np.flatnonzero(words[first // 4 :] == _SIGNATURE) + first // 4
