@@ -248,18 +248,23 @@ def test_a_reset_starts_every_lag_settled(base: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "inputs", [CHARGE_INPUTS, ("fuel_mass_mg", "maf_kg_h", "engine_speed_rpm")]
+    "inputs",
+    [
+        CHARGE_INPUTS,
+        ("fuel_mass_mg", "maf_kg_h", "engine_speed_rpm"),
+        ("fuel_mass_mg", "air_mass_mg", "maf_kg_h"),
+    ],
 )
 def test_effects_act_on_whatever_charge_the_chain_has(
     recording: Recording, tmp_path: Path, inputs: Sequence[str]
 ) -> None:
-    # GIVEN a chain with a charge of its own, or from the air meter
+    # GIVEN a chain with a charge of its own, or from the air meter, or a speed from both
     bare, out = tmp_path / "bare.onnx", tmp_path / "m.onnx"
     fit_greybox([recording], bare, inputs=inputs)
     effects = [Added.with_values("manifold_filling", [0.05]), Added.with_values("mix_flow", [1.0]),
                Added.with_values("maf_offset", [1.0])]  # fmt: skip
     card = add(bare, effects, out, ranges=ranges_of(), recordings=FIT, drives=[driven()])
-    # THEN flow and filling are that charge's
+    # THEN flow and filling are that charge's, and at that speed
     greybox = Greybox.of(card)
     u = np.column_stack([driven().signals[name] for name in card.input_names])
     expected = reading(

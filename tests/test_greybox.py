@@ -263,10 +263,27 @@ def test_where_no_charge_is_broadcast_density_serves_and_else_the_air_meter(
     assert found.card.checks["parity"]["onnx_numpy"] < 1e-5
 
 
+def test_engine_speed_is_worked_out_of_air_meter_and_charge_where_nobody_broadcasts_it(
+    drives: list[Recording], tmp_path: Path
+) -> None:
+    # GIVEN a drive with an engine speed, and the same without
+    silent = without(drives[0], "engine_speed_rpm")
+    assert greybox_inputs([silent]) == ("fuel_mass_mg", "air_mass_mg", "maf_kg_h")
+    # WHEN the chain is fitted to either
+    told, made = (
+        fit_greybox([each], tmp_path / f"{i}.onnx") for i, each in enumerate((drives[0], silent))
+    )
+    # THEN it follows the measurement about as well, and the file computes what the fit did
+    with_speed, without_speed = (r.card.fit["test_enabled"]["rmse"] for r in (told, made))
+    assert without_speed < 1.1 * with_speed
+    assert made.card.checks["parity"]["onnx_numpy"] < 1e-5
+
+
 @pytest.mark.parametrize(
     ("inputs", "output", "message"),
     [
         (("fuel_mass_mg", "air_mass_mg"), "lambda_measured", "needs fuel_mass_mg, engine_speed"),
+        (("air_mass_mg", "maf_kg_h"), "lambda_measured", "needs fuel_mass_mg"),
         (("fuel_mass_mg", "engine_speed_rpm"), "lambda_measured", "for its charge air_mass_mg"),
         (("fuel_mass_mg", "engine_speed_rpm", "maf_kg_h"), "o2", "predicts lambda_measured"),
     ],

@@ -8,7 +8,7 @@ Franklin, Powell, Workman, Digital Control of Dynamic Systems, section 6.3), so 
 means the same at any sample period and moves the output by itself, not by a half sample more.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, fields, replace
 from typing import NamedTuple
 
@@ -20,10 +20,11 @@ from monitor.types import BoolArray, FloatArray
 
 STOICHIOMETRIC = 14.7  # air over fuel by mass; another fuel's is part of the gain
 AIR_LEAST_MG = 5.0  # per stroke; below it the engine stands
-SPEED_LEAST_RPM = 300.0
+SPEED_LEAST_RPM, SPEED_MOST_RPM = 300.0, 9000.0
 PHI_VALVE_MOST = 3.0
 TIME_LEAST_S = 1e-4  # of a lag; below it there is none
-CYLINDERS = 4  # for a charge from the air meter; another number is part of the gain
+CYLINDERS = 4  # between air meter, charge and engine speed; another number is part of a constant
+MG_RPM_PER_KG_H = 1e6 / 3600.0 * 120.0 / CYLINDERS  # four strokes
 RECOVERY_S = 2.0  # after fuel cut, before a sample counts
 
 
@@ -84,8 +85,34 @@ def charge_mg(signals: Mapping[str, FloatArray]) -> FloatArray:
     """
     if "air_mass_mg" in signals:
         return signals["air_mass_mg"]
-    strokes_per_s = np.maximum(signals["engine_speed_rpm"], SPEED_LEAST_RPM) * CYLINDERS / 120.0
-    return np.asarray(signals["maf_kg_h"] * 1e6 / 3600.0 / strokes_per_s)
+    rpm = np.maximum(signals["engine_speed_rpm"], SPEED_LEAST_RPM)
+    return np.asarray(signals["maf_kg_h"] * MG_RPM_PER_KG_H / rpm)
+
+
+def with_speed(signals: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+    """Return the signals with engine speed (n,): as broadcast, or from air meter and charge.
+
+    >>> with_speed({"maf_kg_h": np.array([36.0]), "air_mass_mg": np.array([200.0])})[
+    ...     "engine_speed_rpm"].tolist()
+    [1500.0]
+    """
+    known = dict(signals)
+    if "engine_speed_rpm" not in known:
+        rpm = known["maf_kg_h"] * MG_RPM_PER_KG_H / np.maximum(known["air_mass_mg"], AIR_LEAST_MG)
+        known["engine_speed_rpm"] = np.clip(rpm, SPEED_LEAST_RPM, SPEED_MOST_RPM)
+    return known
+
+
+def inputs_of(available: Collection[str]) -> tuple[str, ...]:
+    """Return what the chain reads of the signals that are available, or what it lacks.
+
+    >>> inputs_of(["fuel_mass_mg", "air_mass_mg", "maf_kg_h"])
+    ('fuel_mass_mg', 'air_mass_mg', 'maf_kg_h')
+    """
+    if "engine_speed_rpm" not in available and {"air_mass_mg", "maf_kg_h"} <= set(available):
+        return ("fuel_mass_mg", "air_mass_mg", "maf_kg_h")
+    by_meter = "maf_kg_h" in available and "air_mass_mg" not in available
+    return ("fuel_mass_mg", "maf_kg_h" if by_meter else "air_mass_mg", "engine_speed_rpm")
 
 
 def base_path(constants: Constants, signals: Mapping[str, FloatArray]) -> Path:

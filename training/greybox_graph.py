@@ -7,7 +7,7 @@ runs give the same bits. Constants and names follow ``chain``; a change there is
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from monitor.errors import ModelError
 from monitor.model import LAMBDA_MAX, PHI_MAX
 from monitor.model_card import METADATA_KEY, ModelCard, StateLayout
 from monitor.types import FloatArray
-from training.chain import SPEED_LEAST_RPM, Constants
+from training.chain import SPEED_LEAST_RPM, Constants, with_speed
 from training.export import Graph, finished
 from training.gap.add.added import Added
 from training.gap.add.effect_nodes import graph_effect
@@ -33,6 +33,7 @@ from training.greybox_nodes import (
     late_nodes,
     pumped_nodes,
     sensor_weights,
+    speed_nodes,
     valve_nodes,
 )
 
@@ -101,7 +102,7 @@ class Greybox:
         return self.register + math.ceil(FORGOTTEN * lags_s / self.period_s)
 
     def signals(self, u: FloatArray) -> dict[str, FloatArray]:
-        """Return the signals (n,) of ``u`` (n, n_inputs) as the graph sees them, with the charge.
+        """Return the signals (n,) of ``u`` (n, n_inputs) as the graph sees them, with the speed.
 
         The inputs are clipped; a charge map makes ``air_mass_mg``, whatever was measured.
         """
@@ -109,7 +110,7 @@ class Greybox:
         signals = {name: limited[:, i] for i, name in enumerate(self.inputs)}
         if self.charge_map is not None:
             signals["air_mass_mg"] = self.charge_map.air_mass_mg(signals)
-        return signals
+        return with_speed(signals)
 
 
 def register_for(longest_s: float, period_s: float) -> int:
@@ -121,14 +122,16 @@ def register_for(longest_s: float, period_s: float) -> int:
     return max(math.ceil(longest_s / period_s), 1)
 
 
-def longest_dead_time_s(constants: Constants, slowest_rpm: float) -> float:
-    """Return the base's dead time at the slowest engine speed.
+def longest_dead_time_s(constants: Constants, inputs: Sequence[str], u_low: FloatArray) -> float:
+    """Return the base's dead time at the slowest engine speed that the inputs' range allows.
 
-    >>> longest_dead_time_s(Constants(dead_time_s=0.1, dead_time_revolutions=2.0), 480.0)
+    >>> longest_dead_time_s(Constants(dead_time_s=0.1, dead_time_revolutions=2.0),
+    ...                     ["engine_speed_rpm"], np.array([480.0]))
     0.35
     """
-    slowest = max(slowest_rpm, SPEED_LEAST_RPM)
-    return constants.dead_time_s + constants.dead_time_revolutions * 60.0 / slowest
+    known = dict(zip(inputs, u_low.tolist(), strict=True))
+    slowest_rpm = max(known.get("engine_speed_rpm", SPEED_LEAST_RPM), SPEED_LEAST_RPM)
+    return float(constants.dead_time_s + constants.dead_time_revolutions * 60.0 / slowest_rpm)
 
 
 def build(greybox: Greybox) -> ModelProto:
@@ -160,6 +163,8 @@ def chain_nodes(
     signals, register = dict(signals), greybox.register
     if greybox.charge_map is not None:
         signals["air_mass_mg"] = charge_nodes(graph, greybox.charge_map, signals)
+    if "engine_speed_rpm" not in signals:
+        signals["engine_speed_rpm"] = speed_nodes(graph, signals)
     nodes, at, kept = base_nodes(graph, greybox.constants, signals), 4 + register, list[str]()
     for i, effect in enumerate(greybox.effects):
         own = graph.part(f"effect{i}_{effect.name}_")

@@ -19,8 +19,10 @@ from training.chain import (
     SPEED_LEAST_RPM,
     Constants,
     base_path,
+    inputs_of,
     settled,
     simulate,
+    with_speed,
 )
 from training.fit import HeldOut, held_out, measures, recordings_of
 from training.greybox import Fitted, described, fit_constants, reference
@@ -61,8 +63,7 @@ def greybox_inputs(recordings: "Sequence[Recording]") -> tuple[str, ...]:
 
     if not everywhere(["air_mass_mg"]) and everywhere(CHARGE_INPUTS):
         return CHARGE_INPUTS
-    charge = "air_mass_mg" if everywhere(["air_mass_mg"]) else "maf_kg_h"
-    return ("fuel_mass_mg", charge, "engine_speed_rpm")
+    return inputs_of(set.intersection(*(set(recording.names) for recording in recordings)))
 
 
 def fit_greybox(
@@ -144,13 +145,11 @@ def write_model(
 
 
 def _check_names(inputs: Sequence[str], output: str) -> None:
-    missing = {"fuel_mass_mg", "engine_speed_rpm"} - set(inputs)
-    charge = {"air_mass_mg", "maf_kg_h"} & set(inputs) or has_own_charge(inputs)
-    if missing or not charge:
+    if not has_own_charge(inputs) and not set(inputs_of(inputs)) <= set(inputs):
         raise UsageError(
             f"inputs {' '.join(inputs)}: a grey-box model needs fuel_mass_mg, engine_speed_rpm "
             "and for its charge air_mass_mg, manifold_pressure_kpa and manifold_temperature_degc, "
-            "or maf_kg_h"
+            "or maf_kg_h; engine speed may be left out where there are air_mass_mg and maf_kg_h"
         )
     if output != OUTPUT:
         raise UsageError(f"output {output}: a grey-box model predicts {OUTPUT} alone")
@@ -179,7 +178,7 @@ def _input_limits(data: Prepared) -> tuple[FloatArray, FloatArray]:
 
 def _signals(data: Prepared, limits: tuple[FloatArray, FloatArray]) -> dict[str, FloatArray]:
     u = np.clip(physical_inputs(data), *limits)
-    return {name: u[:, i] for i, name in enumerate(data.names)}
+    return with_speed({name: u[:, i] for i, name in enumerate(data.names)})
 
 
 def _free_run(data: Prepared, greybox: Greybox) -> FloatArray:
@@ -198,8 +197,8 @@ def _greybox(
     data: Prepared, limits: tuple[FloatArray, FloatArray], constants: Constants,
     charge_map: ChargeMap | None,
 ) -> Greybox:  # fmt: skip
-    slowest_rpm = limits[0][data.names.index("engine_speed_rpm")]
-    register = register_for(longest_dead_time_s(constants, slowest_rpm), _period_s(data))
+    longest_s = longest_dead_time_s(constants, data.names, limits[0])
+    register = register_for(longest_s, _period_s(data))
     return Greybox(constants, data.names, *limits, _period_s(data), register, charge_map)
 
 

@@ -11,9 +11,10 @@ import numpy as np
 from monitor.types import FloatArray
 from training.chain import (
     AIR_LEAST_MG,
-    CYLINDERS,
+    MG_RPM_PER_KG_H,
     PHI_VALVE_MOST,
     SPEED_LEAST_RPM,
+    SPEED_MOST_RPM,
     STOICHIOMETRIC,
     TIME_LEAST_S,
     Constants,
@@ -64,7 +65,7 @@ def base_nodes(graph: Graph, constants: Constants, signals: Mapping[str, str]) -
     )
     air = signals.get("air_mass_mg")
     if air is None:
-        scale = graph.constant("charge_scale", 1e6 / 3600.0 * 120.0 / CYLINDERS)
+        scale = graph.constant("charge_scale", MG_RPM_PER_KG_H)
         scaled = graph.add("Mul", [signals["maf_kg_h"], scale], "air_per_time")
         air = graph.add("Div", [scaled, rpm], "charge_mg")
     turning = graph.constant("dead_time_revolutions", 60.0 * c.dead_time_revolutions)
@@ -83,6 +84,17 @@ def base_nodes(graph: Graph, constants: Constants, signals: Mapping[str, str]) -
         gas_offset=graph.constant("gas_offset", 0.0),
         span=graph.constant("span", c.span),
     )
+
+
+def speed_nodes(graph: Graph, signals: Mapping[str, str]) -> str:
+    """Add what ``chain.with_speed`` computes; return the engine speed."""
+    scale = graph.constant("speed_scale", MG_RPM_PER_KG_H)
+    scaled = graph.add("Mul", [signals["maf_kg_h"], scale], "speed_flow")
+    least = graph.constant("speed_air_least", AIR_LEAST_MG)
+    air = graph.add("Max", [signals["air_mass_mg"], least], "speed_air")
+    limits = [graph.constant("speed_low", SPEED_LEAST_RPM),
+              graph.constant("speed_high", SPEED_MOST_RPM)]  # fmt: skip
+    return graph.add("Clip", [graph.add("Div", [scaled, air], "speed_raw"), *limits], "speed")
 
 
 def with_fields(nodes: Nodes, **changed: str) -> Nodes:

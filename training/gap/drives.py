@@ -9,7 +9,7 @@ import numpy as np
 
 from monitor.errors import RecordingError
 from monitor.types import BoolArray, FloatArray
-from training.chain import Constants, Path, base_path, charge_mg
+from training.chain import Constants, Path, base_path, charge_mg, with_speed
 from training.gap.effects.effect import Effect
 from training.recordings import Recording
 
@@ -20,7 +20,6 @@ AFTER_GAP_S: Final = 5.0  # a held value has left the chain
 CUT_FUEL_MG: Final = 0.3  # per stroke; below the smallest injection
 PHI_MAX: Final = 2.0
 MIN_SCORED_S: Final = 60.0
-MG_PER_STROKE_TO_KG_H: Final = 3600.0 / 1e6 / 30.0  # times rpm: four cylinders, four strokes
 
 Own = tuple[tuple[Effect, FloatArray], ...]  # effects of a healthy vehicle, with their constants
 
@@ -104,7 +103,9 @@ def make(
     inputs_good = np.all([np.isfinite(signals[each]) for each in needed], axis=0)
     held = {each: hold(values) for each, values in signals.items()}
     if set(NEEDED) <= set(needed):
-        _add_engine_speed(name, held)
+        if not {"engine_speed_rpm", "maf_kg_h"} & set(held):
+            raise RecordingError(f"{name}: has neither engine_speed_rpm nor maf_kg_h")
+        held = with_speed(held)
     cut = np.zeros(len(phi), dtype=bool)
     if "fuel_mass_mg" in held:
         cut = held["fuel_mass_mg"] < CUT_FUEL_MG
@@ -135,15 +136,6 @@ def hold(values: FloatArray) -> FloatArray:
         return np.zeros_like(values)
     last = np.maximum.accumulate(np.where(finite, np.arange(len(values)), -1))
     return np.asarray(values[np.where(last < 0, int(np.argmax(finite)), last)])
-
-
-def _add_engine_speed(name: str, signals: dict[str, FloatArray]) -> None:
-    """Work engine speed out of air meter and charge of four cylinders where it is missing."""
-    if "engine_speed_rpm" not in signals:
-        if "maf_kg_h" not in signals:
-            raise RecordingError(f"{name}: has neither engine_speed_rpm nor maf_kg_h")
-        air = np.maximum(signals["air_mass_mg"], 20.0)
-        signals["engine_speed_rpm"] = signals["maf_kg_h"] / air / MG_PER_STROKE_TO_KG_H
 
 
 def _until(bad: BoolArray, seconds: float, period_s: float) -> BoolArray:

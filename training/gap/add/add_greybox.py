@@ -12,7 +12,7 @@ from monitor.model import Model
 from monitor.model_card import ModelCard, TrainingRecording
 from training.chain import Constants
 from training.gap.add.added import Added
-from training.gap.add.effect_inputs import Ranges, channel_of, limits_of, reads_of
+from training.gap.add.effect_inputs import SPEED, Ranges, channel_of, limits_of, reads_of
 from training.gap.add.effect_nodes import graph_effect
 from training.gap.add.effect_parity import TOLERANCE, Entry, parity
 from training.gap.drives import Drive
@@ -77,7 +77,8 @@ def _extended(
     ranges: Ranges,
     constants: Constants,
 ) -> Greybox:
-    further = [name for name in dict.fromkeys(sum(map(tuple, reads), ())) if name not in old.inputs]
+    wanted = dict.fromkeys(name for each in reads for name in each)
+    further = [name for name in wanted if name not in (*old.inputs, SPEED)]  # it knows the speed
     inputs = (*old.inputs, *further)
     known = dict(zip(old.inputs, zip(old.u_low, old.u_high, strict=True), strict=True))
     limits = np.array([limits_of(name, known.get(name), ranges.get(name)) for name in inputs])
@@ -85,8 +86,8 @@ def _extended(
         graph_effect(each, old.period_s, names) for each, names in zip(added, reads, strict=True)
     )
     effects = (*old.effects, *new)
-    slowest_rpm = float(limits[inputs.index("engine_speed_rpm"), 0])
-    dead_time_s = longest_dead_time_s(constants, slowest_rpm) + sum(e.dead_time_s for e in effects)
+    dead_time_s = longest_dead_time_s(constants, inputs, limits[:, 0])
+    dead_time_s += sum(effect.dead_time_s for effect in effects)
     return replace(
         old,
         constants=constants,

@@ -13,15 +13,14 @@ import numpy as np
 from monitor.errors import ModelError
 from monitor.model_card import Channel, ModelCard, TrainingRecording
 from monitor.types import FloatArray
-from training.chain import Constants
+from training.chain import Constants, inputs_of
 from training.export import Graph
 from training.gap.add.added import Added
-from training.gap.add.effect_inputs import Ranges, limits_of, reads_of
+from training.gap.add.effect_inputs import SPEED, Ranges, limits_of, reads_of
 from training.gap.add.effect_nodes import graph_effect
 from training.gap.add.effect_parity import Entry, reading
 from training.greybox_graph import Greybox, chain_nodes, longest_dead_time_s, register_for
 
-CHAIN_INPUTS = ("fuel_mass_mg", "air_mass_mg", "engine_speed_rpm")
 PHI_PLACES = 4  # of a chain's state, beside the register, that hold a phi
 
 
@@ -46,22 +45,24 @@ class ChainDifference:
         Raises ModelError if a signal is missing.
         """
         known = {channel.name: channel for channel in card.inputs}
-        missing = [name for name in CHAIN_INPUTS if name not in {*known, *ranges}]
+        available = {*known, *ranges}
+        missing = [name for name in inputs_of(available) if name not in available]
         if missing:
             raise ModelError(
                 f"the chain needs {', '.join(missing)}: neither an input of the model nor in the "
                 "drives of the fit"
             )
         reads = [reads_of(each, tuple(known), ranges) for each in added]
-        inputs = tuple(dict.fromkeys((*CHAIN_INPUTS, *(name for each in reads for name in each))))
+        chain = inputs_of(available)
+        wanted = dict.fromkeys((*chain, *(name for each in reads for name in each)))
+        inputs = tuple(name for name in wanted if name != SPEED or SPEED in chain)
         bounds = np.array(
             [limits_of(name, _trained(known.get(name)), ranges.get(name)) for name in inputs]
         )
         bounds[inputs.index("fuel_mass_mg"), 0] = 0.0  # fuel cut must reach the chain
-        slowest_rpm = float(bounds[inputs.index("engine_speed_rpm"), 0])
         entries = tuple(Entry(each, names) for each, names in zip(added, reads, strict=True))
         period_s = card.period_ns / 1e9
-        longest_s = longest_dead_time_s(constants, slowest_rpm)
+        longest_s = longest_dead_time_s(constants, inputs, bounds[:, 0])
         longest_s += sum(effect.dead_time_s for effect in _effects(entries, period_s))
         register = register_for(longest_s, period_s)
         low, high = bounds.T

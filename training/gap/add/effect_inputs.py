@@ -8,19 +8,23 @@ import numpy as np
 from monitor.errors import ModelError
 from monitor.model_card import Channel
 from monitor.signals import BY_NAME
-from training.chain import AIR_LEAST_MG, SPEED_LEAST_RPM
+from training.chain import AIR_LEAST_MG, SPEED_LEAST_RPM, inputs_of
 from training.gap.add.added import Added
 from training.gap.add.effect_nodes import signals_of
 from training.prepare import MARGIN
 
 Ranges = Mapping[str, tuple[float, float]]  # low and high of every signal in the drives of a fit
+SPEED = "engine_speed_rpm"
 LEAST = {"air_mass_mg": AIR_LEAST_MG, "engine_speed_rpm": SPEED_LEAST_RPM, "fuel_mass_mg": 0.0}
 SURROUNDINGS = "context"  # role of signals that hardly change in a drive but between drives
 
 
 def reads_of(added: Added, inputs: Sequence[str], ranges: Ranges) -> tuple[str, ...]:
     """Return the signals of an effect; raises ModelError if one that it needs is missing."""
-    missing = [name for name in added.effect.needs if name not in {*inputs, *ranges}]
+    available = {*inputs, *ranges}
+    if SPEED not in inputs_of(available):  # then the chain works it out
+        available.add(SPEED)
+    missing = [name for name in added.effect.needs if name not in available]
     if missing:
         raise ModelError(
             f"effect {added.name} needs {', '.join(missing)}: neither an input of the model nor "

@@ -7,13 +7,12 @@ from typing import Final, Literal
 import numpy as np
 
 from monitor.types import FloatArray
-from training.chain import Path
+from training.chain import MG_RPM_PER_KG_H, Path
 
 Signals = Mapping[str, FloatArray]
 Tag = Literal["physics", "fault-like", "either"]
 Apply = Callable[[Path, FloatArray, Signals, float], Path]
 
-MG_PER_STROKE_TO_KG_H: Final = 3600.0 / 1e6 / 30.0  # times rpm: four cylinders, four strokes
 FLOW_MIN_KG_H: Final = 3.0
 STANDARD_KPA: Final = 101.3
 KELVIN: Final = 273.15
@@ -61,7 +60,7 @@ class Effect:
 
 def flow_kg_h(path: Path, signals: Signals) -> FloatArray:
     """Return the exhaust's mass flow (n,) from the charge and engine speed."""
-    flow = path.air_mg * signals["engine_speed_rpm"] * MG_PER_STROKE_TO_KG_H
+    flow = path.air_mg * signals["engine_speed_rpm"] / MG_RPM_PER_KG_H
     return np.maximum(flow, FLOW_MIN_KG_H)
 
 

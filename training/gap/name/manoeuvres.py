@@ -7,8 +7,8 @@ from typing import Final
 import numpy as np
 
 from monitor.types import FloatArray
-from training.chain import STOICHIOMETRIC, Constants
-from training.gap.drives import MG_PER_STROKE_TO_KG_H, Drive, make
+from training.chain import MG_RPM_PER_KG_H, STOICHIOMETRIC, Constants
+from training.gap.drives import Drive, make
 from training.gap.name.fitting import Fit, Term, reading
 
 PERIOD_S: Final = 0.1
@@ -111,7 +111,7 @@ def _drive(rpm: FloatArray, charge_mg: FloatArray, coolant: FloatArray | None = 
     cut = charge_mg < 0.0
     air = np.where(cut, 80.0, charge_mg)
     phi = 1.0 + MODULATION_PHI * np.sign(np.sin(2.0 * np.pi * t / MODULATION_S))
-    flow = air * rpm * MG_PER_STROKE_TO_KG_H
+    flow = air * rpm / MG_RPM_PER_KG_H
     pressure_kpa = np.minimum(15.0 + (AMBIENT_KPA - 15.0) * air / FULL_CHARGE_MG, 2.0 * AMBIENT_KPA)
     purging = (np.sin(2.0 * np.pi * t / 60.0) > 0.0) & (pressure_kpa < 0.85 * AMBIENT_KPA) & ~cut
     signals = {

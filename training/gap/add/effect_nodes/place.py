@@ -4,13 +4,10 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from training.chain import MG_RPM_PER_KG_H
 from training.export import Graph
 from training.gap.add.effect_nodes.value import Value, clip, exp, maximum, where
-from training.gap.effects.effect import (
-    FLOW_MIN_KG_H,
-    MG_PER_STROKE_TO_KG_H,
-    STANDARD_KPA,
-)
+from training.gap.effects.effect import FLOW_MIN_KG_H, STANDARD_KPA
 from training.greybox_nodes import Nodes, with_fields
 
 LEAST_S = 1e-6  # of a lag, as in ``effects.dynamics``
@@ -48,7 +45,7 @@ class Place:
 
     def flow_kg_h(self) -> Value:
         """Return the exhaust's mass flow, as ``effects.effect.flow_kg_h``."""
-        flow = self.of("air_mg") * self.signal("engine_speed_rpm") * MG_PER_STROKE_TO_KG_H
+        flow = self.of("air_mg") * self.signal("engine_speed_rpm") * (1.0 / MG_RPM_PER_KG_H)
         return maximum(flow, FLOW_MIN_KG_H)
 
     def ambient_kpa(self, without: float = STANDARD_KPA) -> Value | float:
