@@ -4,7 +4,6 @@ The libraries that read MDF fail in many ways, some of them silent, on a file th
 and python-can takes 60 microseconds for each frame; here a group of frames is read at once.
 """
 
-import heapq
 import io
 import logging
 import struct
@@ -12,8 +11,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import IO, Any, Final
 
-from monitor.candump import LogCounters
-from monitor.types import Frame
+import numpy as np
+
+from monitor.batch.blocks import EXTENDED, FRAMES, chosen, joined
+from monitor.candump import LATEST_S, MAX_BYTES, LogCounters
+from monitor.types import FrameBlock
 
 _BUS_EVENT: Final = 2  # flag of channel groups that hold what happened on a bus
 _BLOCK_HEADER: Final = struct.Struct("<4s4xQQ")  # id, length, number of links
@@ -63,7 +65,7 @@ def quiet() -> Iterator[None]:
         logger.setLevel(level)
 
 
-def read_mdf(file: IO[bytes], counters: LogCounters) -> Iterator[Frame]:
+def read_blocks(file: IO[bytes], counters: LogCounters) -> Iterator[FrameBlock]:
     """Yield the CAN frames of all groups in the order of time.
 
     Error frames and remote frames are skipped and counted.
@@ -73,9 +75,9 @@ def read_mdf(file: IO[bytes], counters: LogCounters) -> Iterator[Frame]:
 
     check(file)
     file.seek(0)
+    groups: list[FrameBlock] = []
     with MDF(io.BytesIO(file.read())) as measurement:
         start_us = round(measurement.header.start_time.timestamp() * 1e6)
-        groups = []
         found: list[Any] = list(measurement.groups)
         for number, group in enumerate(found):
             names = {channel.name for channel in group.channels}
@@ -86,27 +88,36 @@ def read_mdf(file: IO[bytes], counters: LogCounters) -> Iterator[Frame]:
                 groups.append(_frames(measurement.get("CAN_DataFrame", group=number), start_us))
             elif names & {"CAN_ErrorFrame", "CAN_RemoteFrame"}:
                 counters.skipped += n
-    for frame in heapq.merge(*groups, key=lambda frame: frame.t_ns):
-        counters.frames += 1
-        yield frame
+    if not groups:
+        return
+    block = joined(groups)
+    if np.any(block.t_ns[1:] < block.t_ns[:-1]):
+        block = chosen(block, np.argsort(block.t_ns, kind="stable"))
+    for first in range(0, len(block.t_ns), FRAMES):
+        part = chosen(block, slice(first, first + FRAMES))
+        counters.frames += len(part.t_ns)
+        yield part
 
 
-def _frames(signal: Any, start_us: int) -> list[Frame]:
+def _frames(signal: Any, start_us: int) -> FrameBlock:
     """Return the frames of one channel group."""
     samples = signal.samples
     fields = {name.rpartition(".")[2]: samples[name] for name in samples.dtype.names}
-    times_us = (signal.timestamps * 1e6).round().astype("int64") + start_us
-    lengths = fields["DataLength"].tolist()
-    n = len(lengths)
-    extended = fields["IDE"].tolist() if "IDE" in fields else [0] * n
-    return [
-        Frame(t_us * 1000, can_id & 0x1FFFFFFF, bool(ide), row[:length].tobytes())
-        for t_us, can_id, ide, row, length in zip(
-            times_us.tolist(),
-            fields["ID"].tolist(),
-            extended,
-            fields["DataBytes"],
-            lengths,
-            strict=True,
-        )
-    ]
+    times_us = (signal.timestamps * 1e6).round()
+    if not np.all(np.abs(times_us + start_us) < LATEST_S * 1e6):
+        raise ValueError("a frame later than 64 bits of nanoseconds hold")
+    payload = fields["DataBytes"]
+    length = np.minimum(fields["DataLength"], payload.shape[1])
+    if length.max(initial=0) > MAX_BYTES:
+        raise ValueError(f"a frame of {length.max()} bytes, CAN FD has {MAX_BYTES} at most")
+    width = 8 if length.max(initial=0) <= 8 else MAX_BYTES
+    data = np.zeros((len(length), width), dtype=np.uint8)
+    columns = min(width, payload.shape[1])
+    data[:, :columns] = payload[:, :columns]
+    data[np.arange(width) >= length[:, np.newaxis]] = 0
+    key = fields["ID"].astype(np.uint32) & np.uint32(0x1FFFFFFF)
+    if "IDE" in fields:
+        key |= (fields["IDE"] != 0) * np.uint32(EXTENDED)
+    return FrameBlock(
+        (times_us.astype(np.int64) + start_us) * 1000, key, length.astype(np.uint8), data
+    )

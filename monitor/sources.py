@@ -18,7 +18,7 @@ from monitor.batch.blocks import frames_of
 from monitor.candump import CUT_SHORT, LATEST_S, MAX_BYTES, LogCounters, read_candump
 from monitor.errors import RecordingError
 from monitor.tables import Table, is_table, read_table, table_samples
-from monitor.types import Frame
+from monitor.types import Frame, FrameBlock
 
 LOG_SUFFIXES: Final = (".log", ".asc", ".blf", ".csv", ".trc", ".mf4")
 _TEXT: Final = (".log", ".asc", ".csv", ".trc")
@@ -120,21 +120,25 @@ def _frames(path: Path, kind: str, counters: LogCounters) -> Iterator[Frame]:
             yield from read_candump(enumerate(file, 1), counters)
     elif kind == ".mf4":
         with open_binary(path) as binary, mdf.quiet():
-            yield from mdf.read_mdf(binary, counters)
+            yield from _one_by_one(mdf.read_blocks, binary, counters)
     elif kind == ".blf":
         with open_binary(path) as binary:
-            yield from _blf_frames(binary, counters)
+            yield from _one_by_one(blf.read_blocks, binary, counters)
     else:
         yield from _through_python_can(path, kind, counters)
     if kind in _TEXT and not _ends_with_newline(path):
         raise ValueError(CUT_SHORT)
 
 
-def _blf_frames(file: BinaryIO, counters: LogCounters) -> Iterator[Frame]:
-    """Yield the frames of a BLF file; each is counted when it is handed on."""
+def _one_by_one(
+    read: Callable[[BinaryIO, LogCounters], Iterator[FrameBlock]],
+    file: BinaryIO,
+    counters: LogCounters,
+) -> Iterator[Frame]:
+    """Yield the frames that ``read`` finds; each is counted when it is handed on."""
     ahead, skipped = LogCounters(), counters.skipped
     try:
-        for block in blf.read_blocks(file, ahead):
+        for block in read(file, ahead):
             counters.skipped = skipped + ahead.skipped
             for frame in frames_of(block):
                 counters.frames += 1

@@ -1,11 +1,10 @@
 import gzip
 import struct
+import tracemalloc
 import zlib
 from collections.abc import Iterable, Iterator
-from io import BufferedIOBase
 from itertools import pairwise
 from pathlib import Path
-from typing import cast
 
 import can
 import numpy as np
@@ -14,13 +13,20 @@ from can.util import dlc2len
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import dbc
 from monitor.batch import blf, candump
 from monitor.batch.blocks import EXTENDED
+from monitor.batch.read import read_blocks
 from monitor.blf import check as check_blf
+from monitor.bus_map import load_pairs
 from monitor.candump import LogCounters
 from monitor.errors import RecordingError
 from monitor.sources import frame_of, guarded, open_binary, read_frames
 from monitor.types import Frame, FrameBlock
+from training.canlog import FrameBlock as SentFrames
+from training.canlog import broadcast, write_log
+
+ROOT = Path(__file__).resolve().parent.parent
 
 Outcome = tuple[list[Frame], LogCounters, str | None]
 
@@ -59,9 +65,7 @@ def in_chunks(path: Path, chunk_bytes: int) -> Outcome:
 
     def blocks() -> Iterator[FrameBlock]:
         with open_binary(path) as file:
-            yield from candump.read_blocks(
-                cast(BufferedIOBase, file), counters, chunk_bytes=chunk_bytes
-            )
+            yield from candump.read_blocks(file, counters, chunk_bytes=chunk_bytes)
 
     found = guarded(path, counters, blocks())
     return outcome((frame for block in found for frame in frames_of(block)), counters)
@@ -170,6 +174,169 @@ def python_can_reads(path: Path) -> Outcome:
                 yield frame
 
     return outcome(guarded(path, counters, frames()), counters)
+
+
+def read_at_once(path: Path) -> Outcome:
+    counters = LogCounters()
+    blocks = read_blocks(path, counters)
+    return outcome((frame for block in blocks for frame in frames_of(block)), counters)
+
+
+def by_python_can(path: Path) -> list[Frame]:
+    """Return the data frames that python-can's reader of the format finds."""
+    with can.LogReader(path) as reader:
+        return [frame_of(m) for m in reader if not (m.is_error_frame or m.is_remote_frame)]
+
+
+SUFFIXES = [".log", ".log.gz", ".asc", ".asc.gz", ".blf", ".csv", ".csv.gz", ".trc", ".mf4"]
+START_NS = 1_700_000_000_123_456_000
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    ecu = load_pairs([(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))])
+    t_ns = START_NS + np.arange(50) * 100_000_000
+    drive = broadcast(ecu, t_ns, {"lambda_measured": np.linspace(0.8, 1.2, 50)})
+    folder = tmp_path_factory.mktemp("logs")
+    for suffix in SUFFIXES:
+        write_log(folder / f"drive{suffix}", drive)
+    return folder
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_every_format_gives_the_same_frames_at_once_and_one_by_one(
+    folder: Path, suffix: str
+) -> None:
+    found = read_at_once(folder / f"drive{suffix}")
+    assert found == streamed(folder / f"drive{suffix}")
+    assert found[0] == by_python_can(folder / f"drive{suffix}")
+    assert found[2] is None
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_every_format_cut_short_gives_the_same_frames_and_error(
+    folder: Path, tmp_path: Path, suffix: str
+) -> None:
+    whole = (folder / f"drive{suffix}").read_bytes()
+    path = tmp_path / f"cut{suffix}"
+    for cut in np.random.default_rng(3).integers(1, len(whole), 12).tolist():
+        path.write_bytes(whole[:cut])
+        found = read_at_once(path)
+        assert found == streamed(path)
+        if suffix == ".blf":
+            assert found == python_can_reads(path)
+
+
+MESSAGE = st.builds(
+    can.Message,
+    timestamp=st.integers(0, 10**9).map(lambda us: 1.7e9 + us / 1e6),
+    arbitration_id=st.integers(0, 0x7FF),
+    is_extended_id=st.just(False),
+    data=st.binary(max_size=8),
+    channel=st.integers(0, 1),
+    is_rx=st.booleans(),
+)
+EXTENDED_ID = st.builds(
+    can.Message,
+    timestamp=st.just(1.7e9 + 5),
+    arbitration_id=st.integers(0, 2**29 - 1),
+    data=st.binary(max_size=8),
+    channel=st.just(0),
+)
+NO_DATA = st.builds(
+    can.Message,
+    timestamp=st.just(1.7e9 + 6),
+    arbitration_id=st.integers(0, 0x7FF),
+    is_extended_id=st.just(False),
+    is_error_frame=st.booleans(),
+    is_remote_frame=st.booleans(),
+    channel=st.just(0),
+).filter(lambda m: m.is_error_frame != m.is_remote_frame)
+FD = st.builds(
+    lambda data, can_id: can.Message(
+        timestamp=1.7e9 + 7, arbitration_id=can_id, data=data, is_fd=True, channel=0
+    ),
+    st.sampled_from([*range(9), 12, 16, 20, 24, 32, 48, 64]).flatmap(
+        lambda n: st.binary(min_size=n, max_size=n)
+    ),
+    st.integers(0, 2**29 - 1),
+)
+
+
+@pytest.mark.parametrize("suffix", [".log", ".asc", ".blf", ".csv", ".trc", ".mf4"])
+@settings(max_examples=25)
+@given(data=st.data())
+def test_logs_written_by_python_can_are_read_as_python_can_reads_them(
+    tmp_path_factory: pytest.TempPathFactory, suffix: str, data: st.DataObject
+) -> None:
+    kinds = [MESSAGE, EXTENDED_ID]
+    kinds += [NO_DATA] if suffix != ".trc" else []
+    kinds += [FD] if suffix in {".log", ".blf"} else []
+    messages = data.draw(st.lists(st.one_of(*kinds), min_size=1, max_size=12))
+    path = tmp_path_factory.getbasetemp() / f"written{suffix}"
+    with can.Logger(path) as logger:
+        for message in messages:
+            logger.on_message_received(message)
+    found = read_at_once(path)
+    assert found == streamed(path)
+    assert sorted(found[0]) == sorted(by_python_can(path))  # MF4: in the order of time
+    assert len(found[0]) == sum(not (m.is_error_frame or m.is_remote_frame) for m in messages)
+    assert found[1].skipped == len(messages) - len(found[0])
+
+
+@pytest.mark.parametrize(
+    "name", ["healthy_micro_trips_v102_s102.blf", "signal_missing_micro_trips_v118_s129.blf"]
+)
+def test_the_replay_logs_are_read_as_python_can_reads_them(name: str) -> None:
+    path = ROOT / "replay_logs" / name
+    found, _, error = read_at_once(path)
+    assert error is None
+    assert found == by_python_can(path)
+
+
+@pytest.mark.parametrize("suffix", [".log", ".log.gz", ".blf"])
+def test_memory_stays_flat_with_the_length_of_a_log(tmp_path: Path, suffix: str) -> None:
+    peaks = []
+    for n in (60_000, 240_000):
+        path = tmp_path / f"long{n}{suffix}"
+        write_log(path, synthetic(n))
+        tracemalloc.start()
+        assert sum(len(block.t_ns) for block in read_blocks(path)) == n
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 1.2 * peaks[0]
+
+
+def synthetic(n: int) -> SentFrames:
+    rng = np.random.default_rng(n)
+    return SentFrames(
+        START_NS + np.arange(n) * 250_000,
+        rng.integers(0, 0x7FF, n),
+        np.zeros(n, dtype=np.bool_),
+        np.full(n, 8),
+        rng.integers(0, 256, (n, 8)).astype(np.uint8),
+    )
+
+
+@pytest.mark.parametrize(
+    ("announced", "error"), [(2, None), (3, None), (4, "its header announces 4 objects")]
+)
+def test_a_blf_must_hold_as_many_objects_as_announced_whatever_they_are(
+    tmp_path: Path, announced: int, error: str | None
+) -> None:
+    path = tmp_path / "marked.blf"
+    with can.BLFWriter(path) as writer:
+        writer.on_message_received(can.Message(timestamp=1.7e9, arbitration_id=1, data=b"\1"))
+        writer.log_event("a marker is an object", 1.7e9)
+        writer.on_message_received(can.Message(timestamp=1.7e9, arbitration_id=1, data=b"\2"))
+    content = bytearray(path.read_bytes())
+    assert content[32:36] == struct.pack("<L", 3)
+    content[32:36] = struct.pack("<L", announced)
+    path.write_bytes(content)
+    found = read_at_once(path)
+    assert found == streamed(path)
+    assert [frame.data for frame in found[0]] == [b"\1", b"\2"]
+    assert (found[2] is None) if error is None else (error in str(found[2]))
 
 
 WORD = st.integers(0, 2**32 - 1)

@@ -1,13 +1,13 @@
 """Frames one by one as blocks of frames side by side."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import islice
 from typing import Final
 
 import numpy as np
 
 from monitor.errors import RecordingError
-from monitor.types import BoolArray, Frame, FrameBlock
+from monitor.types import BoolArray, Frame, FrameBlock, IntArray
 
 EXTENDED: Final = 1 << 31  # in a block's keys: an identifier of 29 bits
 FRAMES: Final = 1 << 16  # in a block
@@ -51,9 +51,20 @@ def frames_of(block: FrameBlock) -> Iterator[Frame]:
         yield new(Frame, (t_ns, key & (EXTENDED - 1), key >= EXTENDED, payload))
 
 
-def chosen(block: FrameBlock, rows: slice | BoolArray) -> FrameBlock:
+def chosen(block: FrameBlock, rows: slice | BoolArray | IntArray) -> FrameBlock:
     """Return some frames of a block."""
     return FrameBlock(block.t_ns[rows], block.key[rows], block.length[rows], block.data[rows])
+
+
+def joined(blocks: Sequence[FrameBlock]) -> FrameBlock:
+    """Return one block behind the other."""
+    width = max(block.data.shape[1] for block in blocks)
+    return FrameBlock(
+        np.concatenate([block.t_ns for block in blocks]),
+        np.concatenate([block.key for block in blocks]),
+        np.concatenate([block.length for block in blocks]),
+        np.concatenate([widened(block, width).data for block in blocks]),
+    )
 
 
 def put(block: FrameBlock, rows: list[int], found: FrameBlock) -> FrameBlock:

@@ -8,7 +8,7 @@ eight characters.
 
 from collections.abc import Callable, Iterator
 from io import BufferedIOBase
-from typing import Final, NamedTuple
+from typing import BinaryIO, Final, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,7 +49,7 @@ class Lines(NamedTuple):
 
 
 def read_blocks(
-    file: BufferedIOBase,
+    file: BinaryIO,
     counters: LogCounters,
     parse: Callable[[Bytes], Lines] | None = None,
     chunk_bytes: int = CHUNK_BYTES,
@@ -61,7 +61,7 @@ def read_blocks(
     the last line is cut short, and what reading the file raises.
     """
     first = 1
-    for text in line_chunks(file, chunk_bytes):
+    for text in line_chunks(cast(BufferedIOBase, file), chunk_bytes):
         lines = (parse or parse_lines)(text)
         found, error = _understood(text, lines, first, counters)
         first += len(lines.plain)
