@@ -6,7 +6,10 @@ import subprocess
 import sys
 import time
 from contextlib import closing
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 import fsspec
@@ -17,11 +20,13 @@ from monitor import config, replay
 from monitor.errors import UsageError
 from monitor.memory import Memory
 from tests import fleet_drives
+from tests.conftest import ROOT
 from tests.fleet_drives import DELAYED, HEALTHY, LOGS, assert_alike, close, judged, write_piece
 from training.cli import main
 from training.fleet import columns
 from training.fleet import run as fleet
 from training.fleet.drives import chunks_of, drives_of
+from training.recordings import sha256
 
 MODEL = str(replay.shipped_model())
 
@@ -284,3 +289,36 @@ def test_the_command_says_what_it_found(
     assert main(call) == 3
     call[-3] = str(tmp_path / "out.csv")
     assert main(call) == 2
+
+
+def test_every_column_is_documented() -> None:
+    text = (ROOT / "docs" / "fleet.md").read_text()
+    first, _, second = text.partition("### `results.windows.parquet`")
+    _, _, first = first.partition("### `results.parquet`")
+    for part, table in ((first, columns.RECORDINGS), (second, columns.WINDOWS)):
+        rows = [line.split(" | ") for line in part.splitlines() if line.startswith("| `")]
+        said = {name.strip("| `"): what.removesuffix(" |") for name, _, what in rows}
+        assert said == {name: what for name, (_, what) in table.items()}
+
+
+def test_recordings_are_read_over_http(folder: Path, tmp_path: Path) -> None:
+    # GIVEN a server with the fleet's files
+    handler = partial(QuietServer, directory=str(folder))
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        Thread(target=server.serve_forever, daemon=True).start()
+        root = f"http://127.0.0.1:{server.server_port}"
+        names = sorted(path.name for path in folder.iterdir())[:2]
+        manifest = tmp_path / "m.csv"
+        manifest.write_text("path\n" + "".join(f"{root}/{n}\n" for n in [*names, "gone.log"]))
+        # WHEN they are judged by their URLs
+        rows, _ = judged([str(manifest)], tmp_path / "out.parquet")
+        server.shutdown()
+    # THEN they are, and the one that is not there says so
+    assert rows["error"].to_list()[:2] == [None, None]
+    assert rows["sha256"].to_list()[:2] == [sha256(folder / name) for name in names]
+    assert rows["error"][2].startswith(f"{root}/gone.log: cannot be read")
+
+
+class QuietServer(SimpleHTTPRequestHandler):
+    def log_message(self, *_: object) -> None:
+        pass
