@@ -46,6 +46,7 @@ STAGES: tuple[tuple[str, type, str], ...] = (
     ("plausibility", Plausibility, "block"),
     ("activity", ActivityTest, "block"),
     ("decisions on samples", Decisions, "ticks"),
+    ("regression in windows", Decisions, "facts"),
     ("decisions on windows", Decisions, "window"),
 )
 
@@ -68,7 +69,7 @@ def clocked(seconds: dict[str, float]) -> Iterator[None]:
             result = method(*args, **kwargs)
             if isinstance(result, GeneratorType):
                 result = list(result)
-            seconds[name] += process_time() - start
+            seconds[name] = seconds.get(name, 0.0) + process_time() - start
             return result
 
         return timed

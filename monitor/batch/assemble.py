@@ -99,8 +99,14 @@ class BlockAssembler:
 
         Moves the newest time, counts what is late; t_ns : (n,) at least one
         """
-        steps_ns = np.diff(t_ns, prepend=self._newest_ns)
-        if steps_ns.min() >= 0:
+        own_ns = t_ns[1:] - t_ns[:-1]
+        first_ns = int(t_ns[0]) - self._newest_ns
+        least_ns = min(first_ns, int(own_ns.min(initial=0)))
+        if least_ns >= 0 and max(first_ns, int(own_ns.max(initial=0))) <= MAX_JUMP_NS:
+            self._newest_ns, self._late_in_a_row = int(t_ns[-1]), 0
+            return len(t_ns), _NONE, False
+        steps_ns = np.concatenate([[first_ns], own_ns])
+        if least_ns >= 0:
             jumps = np.flatnonzero(steps_ns > MAX_JUMP_NS)
             stop = int(jumps[0]) if jumps.size else len(t_ns)
             if stop:

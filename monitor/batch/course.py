@@ -56,7 +56,8 @@ class Course:
         vehicle: Vehicle,
     ) -> None:
         self._block, self._names, self._decide, self._vehicle = block, names, decide, vehicle
-        self.store, self.decisions = store, decide(vehicle.limits)
+        self.store = store
+        self.decisions: Decisions  # from the first ``begin`` on
         self._facts: Iterator[Facts] = iter(())
         self.windows: list[WindowJudged] = []
         self.changes: list[DtcChanged] = []

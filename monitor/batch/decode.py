@@ -35,6 +35,7 @@ from monitor.types import BoolArray, FloatArray, FrameBlock, IntArray
 Bytes = NDArray[np.uint8]
 Raw = NDArray[Any]  # (n,) uint64, int64 or float64; Python's integers beyond 64 bits
 _WORD = 64  # bits worked on at once
+_STANDARD = 1 << 11  # identifiers of 11 bits
 
 
 class Decoded(NamedTuple):
@@ -64,6 +65,9 @@ class BlockDecoder:
         self._plans = {
             key: _Plan(members) for key, members in by_message(bus_map, self.channels).items()
         }
+        self._is_needed = np.zeros(_STANDARD + 1, dtype=np.bool_)  # the last: any longer one
+        self._is_needed[[key for key in self._plans if key < _STANDARD]] = True
+        self._beyond = [key for key in self._plans if key >= _STANDARD]
         self.restart()
 
     def restart(self) -> None:
@@ -84,6 +88,13 @@ class BlockDecoder:
             if len(rows):
                 found += message.push(rows, block.length[rows], block.data[rows])
         return found
+
+    def needed(self, block: FrameBlock) -> IntArray:
+        """Return which frames of a block are looked at, (m,) ascending."""
+        is_needed = self._is_needed.take(block.key, mode="clip")
+        for key in self._beyond:
+            is_needed |= block.key == key
+        return np.flatnonzero(is_needed)
 
     @property
     def counters(self) -> dict[str, MessageCounters]:

@@ -6,7 +6,7 @@ that model and bank step together. Decisions are the monitor's own. A property t
 together, bit for bit; only distances and running times are not counted in the fault memory.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
@@ -121,6 +121,14 @@ class _Judge:
         self._reader = Reader(names, model.card, config)
         self._hypotheses = hypotheses.build(config.response)
         self._bank = BankBlock(self._hypotheses, self._reader.period_s)
+        self._counts = self._decisions(DtcStore())(limits).ticks_that_count
+
+    def _decisions(self, store: DtcStore) -> Callable[[Limits], Decisions]:
+        """Return what makes the decisions of a driving cycle."""
+        return partial(
+            Decisions, config=self._config, hypotheses=self._hypotheses,
+            transform=self._model.card.transform, period_s=self._reader.period_s, store=store,
+        )  # fmt: skip
 
     def run(self, blocks: Sequence[SampleBlock]) -> list[Recording]:
         """Return recordings up to their windows."""
@@ -160,15 +168,9 @@ class _Judge:
         clearings: Sequence[Clearing],
     ) -> Judged:
         """Return what is decided about one recording; the bank's values go with its windows."""
-        config, card = self._config, self._model.card
-        decide = partial(
-            Decisions, config=config, hypotheses=self._hypotheses, transform=card.transform,
-            period_s=self._reader.period_s, store=store,
-        )  # fmt: skip
-        vehicle = Vehicle(self._limits, config.bias, reference)
-        course = Course(recording.block, self._reader.names, decide, store, vehicle)
-        counts = course.decisions.ticks_that_count
-        for *_, happen in recording.happenings(clearings, counts):
+        vehicle = Vehicle(self._limits, self._config.bias, reference)
+        course = Course(recording.block, self._reader.names, self._decisions(store), store, vehicle)
+        for *_, happen in recording.happenings(clearings, self._counts):
             happen(course)
         conditions = recording.conditions
         return Judged(

@@ -7,12 +7,13 @@ from typing import NamedTuple
 import numpy as np
 
 from monitor.batch.assemble import BlockAssembler
-from monitor.batch.blocks import chosen
+from monitor.batch.blocks import chosen, joined
 from monitor.batch.decode import BlockDecoder
 from monitor.decode import EXTENDED
 from monitor.own_frames import BUS_STATE_ID, CLEARED_ID
-from monitor.types import FrameBlock, SampleBlock
+from monitor.types import FrameBlock, IntArray, SampleBlock
 
+_FRAMES = 1 << 20  # decoded at once
 _BUS_STATE, _CLEARED = BUS_STATE_ID | EXTENDED, CLEARED_ID | EXTENDED
 
 
@@ -38,15 +39,58 @@ def log_samples(
     Raises what reading the blocks raises.
     """
     clearings: list[Clearing] = []
+    held = _Held(decoder, assembler)
     for block in blocks:
         for part in _up_to_own(block):
-            assembler.push(part.t_ns, decoder.push(part))
+            held.push(part)
             last = part.key[-1]
+            if last in (_BUS_STATE, _CLEARED):
+                held.flush()
             if last == _BUS_STATE:
                 assembler.set_off_bus(part.length[-1] == 1 and part.data[-1, 0] == 1)
             elif last == _CLEARED:
                 clearings.append(Clearing(assembler.complete, int(part.t_ns[-1])))
+    held.flush()
     return LogSamples(assembler.finish(), tuple(clearings))
+
+
+class _Held:
+    """Frames on their way to decoder and assembler: of those nobody needs only the times.
+
+    A message's frames cost the less the more of them are decoded at once.
+    """
+
+    def __init__(self, decoder: BlockDecoder, assembler: BlockAssembler) -> None:
+        self._decoder, self._assembler = decoder, assembler
+        self._clear()
+
+    def _clear(self) -> None:
+        self._t_ns: list[IntArray] = []
+        self._rows: list[IntArray] = []
+        self._needed: list[FrameBlock] = []
+        self._n = 0
+
+    def push(self, block: FrameBlock) -> None:
+        """Take some frames."""
+        rows = self._decoder.needed(block)
+        self._t_ns.append(block.t_ns)
+        self._rows.append(rows + self._n)
+        self._needed.append(chosen(block, rows))
+        self._n += len(block.t_ns)
+        if self._n >= _FRAMES:
+            self.flush()
+
+    def flush(self) -> None:
+        """Pass the frames on."""
+        if not self._n:
+            return
+        rows = np.concatenate(self._rows)
+        self._decoder.unmapped += self._n - len(rows)
+        decoded = [
+            part._replace(rows=rows[part.rows]) for part in self._decoder.push(joined(self._needed))
+        ]
+        self._assembler.push(np.concatenate(self._t_ns), decoded)
+        self._clear()
 
 
 def _up_to_own(block: FrameBlock) -> Iterator[FrameBlock]:
