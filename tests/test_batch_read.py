@@ -25,6 +25,7 @@ from monitor.sources import frame_of, guarded, open_binary, read_frames
 from monitor.types import Frame, FrameBlock
 from training.canlog import FrameBlock as SentFrames
 from training.canlog import broadcast, write_log
+from training.fleet import parse
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -60,12 +61,12 @@ def streamed(path: Path) -> Outcome:
     return outcome(read_frames(path, counters), counters)
 
 
-def in_chunks(path: Path, chunk_bytes: int) -> Outcome:
+def in_chunks(path: Path, chunk_bytes: int, parse: candump.Parser | None = None) -> Outcome:
     counters = LogCounters()
 
     def blocks() -> Iterator[FrameBlock]:
         with open_binary(path) as file:
-            yield from candump.read_blocks(file, counters, chunk_bytes=chunk_bytes)
+            yield from candump.read_blocks(file, counters, parse, chunk_bytes)
 
     found = guarded(path, counters, blocks())
     return outcome((frame for block in found for frame in frames_of(block)), counters)
@@ -137,7 +138,9 @@ def test_candump_in_chunks_gives_frames_counters_and_errors_of_the_streaming_rea
 ) -> None:
     path = tmp_path_factory.getbasetemp() / "drawn.log"
     path.write_bytes(text or b"\n")
-    assert in_chunks(path, chunk_bytes) == streamed(path)
+    wanted = streamed(path)
+    assert in_chunks(path, chunk_bytes) == wanted
+    assert in_chunks(path, chunk_bytes, parse.parse_lines) == wanted
 
 
 @settings(max_examples=100)

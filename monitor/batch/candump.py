@@ -29,7 +29,7 @@ _FD: Final = int.from_bytes(b"  ##", "little")
 _BYTE: Final = np.uint64(8)  # bits
 _STAMP_ENDS: Final = np.uint64(int.from_bytes(b".\0\0\0\0\0\0)", "little"))
 _STAMP_MARKS: Final = np.uint64(0xFF000000000000FF)
-_LATEST_S: Final = 1 << 32  # up to here a double, rounded, is the microsecond that was written
+LATEST_S: Final = 1 << 32  # up to here a double, rounded, is the microsecond that was written
 
 # the characters of a word that belong to a field, by the field's length
 _SIX: Final = np.uint64(swar.kept_last(6))
@@ -48,10 +48,13 @@ class Lines(NamedTuple):
     frames: FrameBlock  # of n rows
 
 
+Parser = Callable[[Bytes], Lines]
+
+
 def read_blocks(
     file: BinaryIO,
     counters: LogCounters,
-    parse: Callable[[Bytes], Lines] | None = None,
+    parse: Parser | None = None,
     chunk_bytes: int = CHUNK_BYTES,
 ) -> Iterator[FrameBlock]:
     """Yield the frames of candump text as ``monitor.candump.read_candump`` reads them.
@@ -212,7 +215,7 @@ def _seconds(high: swar.Words, low: swar.Words, digits: IntArray) -> tuple[IntAr
     upper, is_upper = swar.decimal(swar.only(high, _HIGH_SECONDS.take(digits, mode="clip")))
     lower, is_lower = swar.decimal(swar.only(low, _LOW_SECONDS.take(digits, mode="clip")))
     seconds = upper * 10**8 + lower
-    return seconds, is_upper & is_lower & (seconds < _LATEST_S)
+    return seconds, is_upper & is_lower & (seconds < LATEST_S)
 
 
 def _keys(text: Bytes, second: IntArray, sign: IntArray) -> tuple[Keys, BoolArray, BoolArray]:
