@@ -6,13 +6,15 @@ the same however many there are. A recording that cannot be used is its error, a
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
 from monitor.batch.assemble import BlockAssembler
+from monitor.batch.candump import Parser
 from monitor.batch.decode import BlockDecoder
-from monitor.batch.judge import Judged, judge_all, needed_names
+from monitor.batch.judge import BlockJudge, Judged, needed_names
 from monitor.batch.read import read_blocks
 from monitor.batch.samples import Clearing, log_samples
 from monitor.bus_map import BusMap
@@ -61,8 +63,14 @@ class JudgedRecording:
 class RecordingReader:
     """Reads logs and CSV tables as the streaming monitor does."""
 
-    def __init__(self, bus_map: BusMap, card: ModelCard, columns: Path | None = None) -> None:
-        self._card, self._columns = card, columns
+    def __init__(
+        self,
+        bus_map: BusMap,
+        card: ModelCard,
+        columns: Path | None = None,
+        parse: Parser | None = None,  # of candump text, instead of numpy's
+    ) -> None:
+        self._card, self._columns, self._parse = card, columns, parse
         self._names = needed_names(card, bus_map.names)
         self._decoder = BlockDecoder(bus_map, self._names)
 
@@ -78,7 +86,7 @@ class RecordingReader:
         log, decoder = LogCounters(), self._decoder
         decoder.restart()
         assembler = BlockAssembler.of(decoder, self._card.period_ns)
-        found = log_samples(read_blocks(path, log), decoder, assembler)
+        found = log_samples(read_blocks(path, log, self._parse), decoder, assembler)
         check_long_enough(path, len(found.samples.t_ns))
         check_received(path, decoder.counters, log.frames)
         counters = frame_counts(decoder.counters, assembler.counters, decoder.unmapped)
@@ -117,6 +125,7 @@ def judge_logs(
     Raises SignalMapError or ConfigError if none could be read.
     """
     reader = RecordingReader(bus_map, model.card, columns)
+    judges = _Judges(model, limits, config, side_by_side)
     rest = iter(paths)
     while chosen := list(islice(rest, side_by_side)):
         found: dict[int, JudgedRecording] = {}
@@ -126,7 +135,7 @@ def judge_logs(
                 read[number] = reader.read(path)
             except RecordingError as error:
                 found[number] = JudgedRecording(path, error=error)
-        for number, each, judged in _judged(read, model, limits, config):
+        for number, each, judged in judges.judge(read):
             unavailable = Enable.of(config.enable, each.names, model.card).unavailable
             found[number] = JudgedRecording(each.path, entry_of(each, judged, unavailable))
         yield from (found[number] for number in range(len(chosen)))

@@ -10,6 +10,8 @@ from typing import Any
 
 import monitor
 import training
+from monitor.batch.candump import Lines
+from monitor.batch.lines import Bytes
 from monitor.batch.logs import RecordingReader
 from monitor.bus_map import load_pairs
 from monitor.config import Config
@@ -94,13 +96,20 @@ def tools_of(bench: Bench) -> Tools:
     model = model_of(*bench.model)
     pairs = tuple((laid(i, a), laid(i, b)) for i, (a, b) in enumerate(bench.pairs, 1))
     columns = None if bench.columns is None else laid(0, bench.columns)
-    reader = RecordingReader(load_pairs(pairs), model.card, columns)
+    reader = RecordingReader(load_pairs(pairs), model.card, columns, _parse)
     return Tools(
         model,
         Limits.from_card(model.card, bench.config, bench.model[0]),
         FleetReader(reader, model.card, bench.config, columns),
         folder,
     )
+
+
+def _parse(text: Bytes) -> Lines:
+    """Parse candump text by numba, which is loaded with the first log."""
+    from training.fleet.parse import parse_lines  # noqa: PLC0415
+
+    return parse_lines(text)
 
 
 def _file(path: Path) -> File:
