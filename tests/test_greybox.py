@@ -269,6 +269,9 @@ def test_engine_speed_is_worked_out_of_air_meter_and_charge_where_nobody_broadca
     # GIVEN a drive with an engine speed, and the same without
     silent = without(drives[0], "engine_speed_rpm")
     assert greybox_inputs([silent]) == ("fuel_mass_mg", "air_mass_mg", "maf_kg_h")
+    blank = replace(drives[0], values=drives[0].values.copy())
+    blank.values[:, blank.names.index("engine_speed_rpm")] = np.nan  # a log that maps it
+    assert greybox_inputs([blank]) == ("fuel_mass_mg", "air_mass_mg", "maf_kg_h")
     # WHEN the chain is fitted to either
     told, made = (
         fit_greybox([each], tmp_path / f"{i}.onnx") for i, each in enumerate((drives[0], silent))

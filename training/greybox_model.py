@@ -58,12 +58,10 @@ class GreyboxResult:
 def greybox_inputs(recordings: "Sequence[Recording]") -> tuple[str, ...]:
     """Return the inputs: with the charge, else with what tells it at once, else the air meter."""
 
-    def everywhere(names: Sequence[str]) -> bool:
-        return all(set(names) <= set(recording.names) for recording in recordings)
-
-    if not everywhere(["air_mass_mg"]) and everywhere(CHARGE_INPUTS):
+    known = frozenset.intersection(*(recording.known for recording in recordings))
+    if "air_mass_mg" not in known and set(CHARGE_INPUTS) <= known:
         return CHARGE_INPUTS
-    return inputs_of(set.intersection(*(set(recording.names) for recording in recordings)))
+    return inputs_of(known)
 
 
 def fit_greybox(

@@ -54,6 +54,12 @@ class Recording:
             raise RecordingError(f"{self.path}: has no {name}, there are {', '.join(self.names)}")
         return self.values[:, self.names.index(name)]
 
+    @property
+    def known(self) -> frozenset[str]:
+        """Return the signals that have a good value."""
+        good = np.flatnonzero(np.isfinite(self.values).any(axis=0))
+        return frozenset(self.names[i] for i in good.tolist())
+
 
 def load(
     path: str | Path,

@@ -79,7 +79,7 @@ def lacking(recordings: Sequence[Recording], own_charge: bool = False) -> dict[s
     """
     missing: dict[str, list[str]] = {}
     for each in recordings:
-        present = _present(each)
+        present = each.known
         names = [n for n in NEEDED if n not in present]
         if "air_mass_mg" in names and (own_charge or set(CHARGE) <= present):
             names.remove("air_mass_mg")
@@ -145,18 +145,13 @@ def unlearned(recordings: Sequence[Recording], healthy: Sequence[Recording]) -> 
     """Return warnings of effects whose signals healthy recordings lack and the others have."""
     if not healthy:
         return []
-    here, there = (set.intersection(*map(_present, each)) for each in (recordings, healthy))
+    here, there = (frozenset.intersection(*(r.known for r in g)) for g in (recordings, healthy))
     return [
         f"{effect.name}: healthy recordings lack {', '.join(sorted(set(effect.needs) - there))}, "
         "so its score is not held against what healthy drives show"
         for effect in ALL
         if set(effect.needs) <= here and not set(effect.needs) <= there | set(NEEDED)
     ]
-
-
-def _present(recording: Recording) -> set[str]:
-    """Return the signals that have a good value."""
-    return {n for n in recording.names if np.isfinite(recording.column(n)).any()}
 
 
 def _moves(values: Sequence[FloatArray]) -> tuple[float, float]:

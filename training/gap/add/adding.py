@@ -84,7 +84,7 @@ def add(
         )
         for name in drives[0].signals
         if all(name in d.signals for d in drives)
-        and all(name in recording.names for recording in recordings)  # not worked out
+        and all(name in recording.known for recording in recordings)  # not worked out
     }
     used = tuple(map(of_recording, recordings))
     if card.kind == base.GREYBOX:
