@@ -33,7 +33,7 @@ from monitor import config
 from monitor.batch import logs
 from monitor.batch.assemble import BlockAssembler
 from monitor.batch.decode import BlockDecoder
-from monitor.batch.judge import judge_all
+from monitor.batch.judge import BlockJudge
 from monitor.bus_map import load_database
 from monitor.replay import Setup, replay, set_up
 from monitor.types import SampleBlock
@@ -179,12 +179,11 @@ def tables(n: int) -> tuple[int, int, float, float, float]:
     """Return samples, windows, processor seconds, and when n drives began and were judged."""
     setup = set_up(None, (), config.load())
     blocks = [_BLOCKS[i % len(_BLOCKS)] for i in range(n)]
+    judge = BlockJudge(_NAMES, setup.model, setup.limits, setup.config, keep_banks=False)
     begin, start, windows = perf_counter(), process_time(), 0
     for first in range(0, n, 64):  # flat memory: what was judged is let go
-        for each in judge_all(
-            blocks[first : first + 64], _NAMES, setup.model, setup.limits, setup.config
-        ):
-            windows += len(each.windows)
+        judged = judge.judge(blocks[first : first + 64])
+        windows += sum(len(each.windows) for each in judged)
     samples = sum(len(block.t_ns) for block in blocks)
     return samples, windows, process_time() - start, begin, perf_counter()
 

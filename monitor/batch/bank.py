@@ -8,7 +8,7 @@ import numpy as np
 from monitor.hypotheses import Hypothesis
 from monitor.types import FloatArray, IntArray
 
-_STEPS, _WINDOWS = 128, 16  # worked on at once: what fits into the processor's cache
+_STEPS, _WINDOWS = 32, 16  # worked on at once: what fits into the processor's cache
 
 
 def phases(lengths: Sequence[int]) -> Iterator[tuple[int, int, int]]:
@@ -32,7 +32,6 @@ class BankBlock:
     """
 
     def __init__(self, hypotheses: tuple[Hypothesis, ...], period_s: float) -> None:
-        self._n = len(hypotheses)
         self._slow, slow = _places(hypotheses, "slow")
         first = self._slow.start
         self._sided = {d: slice(p.start - first, p.stop - first) for d, p in slow.items()}
@@ -47,23 +46,19 @@ class BankBlock:
         self._interpolated = any(bool((each % 1.0).any()) for each in self._steps.values())
 
     def read(
-        self, values: FloatArray, lengths: Sequence[int], row: IntArray, begin: IntArray, n: int
-    ) -> FloatArray:
-        """Return what each hypothesis reads in windows of n samples, (w, n, n_hypotheses).
+        self, values: FloatArray, lengths: Sequence[int],
+        row: IntArray, begin: IntArray, read: FloatArray,
+    ) -> None:  # fmt: skip
+        """Fill ``read``, (w, n, n_hypotheses), with what each hypothesis reads in windows.
 
         values : (rows, length) signals, each begun with a reset
         lengths : of the rows, never increasing; windows lie before them
         row, begin : (w,) where the windows are
         """
-        read = np.empty((len(row), n, self._n))
         for first in range(0, len(row), _WINDOWS):
             part = slice(first, first + _WINDOWS)
             self._read_late(read[part], values, row[part], begin[part])
-        steps = begin[:, np.newaxis] + np.arange(n)
-        self._read_slow(
-            read.reshape(-1, self._n), values, lengths, np.repeat(row, n), steps.ravel()
-        )
-        return read
+        self._read_slow(read, values, lengths, row, begin)
 
     def _read_late(
         self, read: FloatArray, values: FloatArray, row: IntArray, begin: IntArray
@@ -102,20 +97,25 @@ class BankBlock:
 
     def _read_slow(
         self, read: FloatArray, values: FloatArray, lengths: Sequence[int],
-        row: IntArray, step: IntArray,
+        row: IntArray, begin: IntArray,
     ) -> None:  # fmt: skip
-        order = np.argsort(step, kind="stable")
-        sorted_step, last = step[order], int(step.max(initial=-1))
+        n = read.shape[1]
+        order = np.argsort(begin, kind="stable")
+        sorted_begin, last = begin[order], int(begin.max(initial=-n)) + n
         x = np.repeat(values[np.newaxis, :, 0], len(self._share), axis=0)  # (n_slow, rows)
-        for begin, end, rows in phases(lengths):
+        for low, high, rows in phases(lengths):
             x = x[:, :rows].copy()
-            for first in range(begin, min(end, last + 1), _STEPS):
-                stop = min(first + _STEPS, end)
+            for first in range(low, min(high, last), _STEPS):
+                stop = min(first + _STEPS, high)
                 seen = self._run_slow(x, values[:rows, first:stop])
                 x = seen[-1].copy()
-                chosen = order[slice(*np.searchsorted(sorted_step, (first, stop)))]
+                inside = order[slice(*np.searchsorted(sorted_begin, (first - n + 1, stop)))]
                 by_row = seen.transpose(2, 0, 1).copy()  # so that a sample's values lie together
-                read[chosen, self._slow] = by_row[row[chosen], step[chosen] - first]
+                for i, k, at in zip(
+                    inside.tolist(), row[inside].tolist(), begin[inside].tolist(), strict=True
+                ):
+                    a, b = max(at, first), min(at + n, stop)
+                    read[i, a - at : b - at, self._slow] = by_row[k, a - first : b - first]
 
     def _run_slow(self, x: FloatArray, values: FloatArray) -> FloatArray:
         """Return what the lags read of (rows, n) values, (n, n_slow, rows); x : before them."""

@@ -79,6 +79,8 @@ def judge_all(
     references: Sequence[Reference] | None = None,
     rows: int = 64,
     clearings: Sequence[Sequence[Clearing]] | None = None,
+    *,
+    keep_banks: bool = True,
 ) -> list[Judged]:
     """Return the verdicts on recordings, in their order.
 
@@ -88,39 +90,37 @@ def judge_all(
         within the recording; by default nothing is known, and nothing learned
     rows : how many recordings, and how many segments of theirs, run side by side
     clearings : of each recording's codes, by a tester; by default none
-    Raises RecordingError if a signal the model needs is not among ``names``. A window keeps what
-    the bank read in it, a drive of half an hour some megabytes.
+    keep_banks : whether each window keeps what the bank read in it, a drive of half an hour some
+        megabytes; else its ``bank`` is empty, (n, 0)
+    Raises RecordingError if a signal the model needs is not among ``names``.
     """
-    check_names(model.card, names)
-    if stores is None:
-        stores = [DtcStore(profile=config.profile) for _ in blocks]
-        for store in stores:
-            store.start_driving_cycle()
-    judge = _Judge(names, model, limits, config, rows)
-    judged: dict[int, Judged] = {}
-    order = sorted(range(len(blocks)), key=lambda i: len(blocks[i].t_ns))  # alike side by side
-    for first in range(0, len(order), rows):
-        chosen = order[first : first + rows]
-        for number, recording in zip(chosen, judge.run([blocks[i] for i in chosen]), strict=True):
-            judged[number] = judge.decide(
-                recording,
-                stores[number],
-                references[number] if references else None,
-                clearings[number] if clearings else (),
-            )
-    return [judged[i] for i in range(len(blocks))]
+    judge = BlockJudge(names, model, limits, config, rows, keep_banks=keep_banks)
+    return judge.judge(blocks, stores, references, clearings)
 
 
-class _Judge:
-    """Judges recordings with the same signals."""
+class BlockJudge:
+    """Judges recordings with the same signals; arguments as for ``judge_all``.
+
+    One that judges many recordings, some at a time, uses its memory again.
+    """
 
     def __init__(
-        self, names: Sequence[str], model: Model, limits: Limits, config: Config, rows: int
+        self,
+        names: Sequence[str],
+        model: Model,
+        limits: Limits,
+        config: Config,
+        rows: int = 64,
+        *,
+        keep_banks: bool = True,
     ) -> None:
+        check_names(model.card, names)
         self._model, self._limits, self._config, self._rows = model, limits, config, rows
+        self._keep_banks = keep_banks
         self._reader = Reader(names, model.card, config)
         self._hypotheses = hypotheses.build(config.response)
         self._bank = BankBlock(self._hypotheses, self._reader.period_s)
+        self._memory, self._taken = np.empty((0, 0, 0)), 0  # windows of it that are in use
         self._counts = self._decisions(DtcStore())(limits).ticks_that_count
 
     def _decisions(self, store: DtcStore) -> Callable[[Limits], Decisions]:
@@ -130,8 +130,31 @@ class _Judge:
             transform=self._model.card.transform, period_s=self._reader.period_s, store=store,
         )  # fmt: skip
 
-    def run(self, blocks: Sequence[SampleBlock]) -> list[Recording]:
+    def judge(
+        self,
+        blocks: Sequence[SampleBlock],
+        stores: Sequence[DtcStore] | None = None,
+        references: Sequence[Reference] | None = None,
+        clearings: Sequence[Sequence[Clearing]] | None = None,
+    ) -> list[Judged]:
+        """Return the verdicts on recordings, in their order."""
+        if stores is None:
+            stores = [DtcStore(profile=self._config.profile) for _ in blocks]
+            for store in stores:
+                store.start_driving_cycle()
+        judged: dict[int, Judged] = {}
+        order = sorted(range(len(blocks)), key=lambda i: len(blocks[i].t_ns))  # alike together
+        for first in range(0, len(order), self._rows):
+            chosen = order[first : first + self._rows]
+            for i, recording in zip(chosen, self._run([blocks[i] for i in chosen]), strict=True):
+                reference = references[i] if references else None
+                own = clearings[i] if clearings else ()
+                judged[i] = self._decide(recording, stores[i], reference, own)
+        return [judged[i] for i in range(len(blocks))]
+
+    def _run(self, blocks: Sequence[SampleBlock]) -> list[Recording]:
         """Return recordings up to their windows."""
+        self._taken = 0
         recordings = [Recording(block, self._reader) for block in blocks]
         segments = [Segment(each, *ends) for each in recordings for ends in each.segments()]
         segments.sort(key=lambda segment: segment.length, reverse=True)
@@ -156,11 +179,27 @@ class _Judge:
             return
         rows, begins = np.array(at).T
         oriented = _oriented(predicted, self._model.card.transform)
-        read = self._bank.read(oriented, lengths, rows, begins, self._config.window.n_samples)
+        read = self._room(len(at))
+        self._bank.read(oriented, lengths, rows, begins, read)
         for (row, k), values in zip(at, read, strict=True):
             segments[row].recording.banks[segments[row].begin + k] = values
 
-    def decide(
+    def _room(self, n_windows: int) -> FloatArray:
+        """Return memory for what the bank reads in so many windows.
+
+        Unless windows keep it, it is used again for every batch: memory that is new to a process
+        costs more than what is written there.
+        """
+        shape = self._config.window.n_samples, len(self._hypotheses)
+        if self._keep_banks:
+            return np.empty((n_windows, *shape))
+        end = self._taken + n_windows
+        if end > len(self._memory):
+            self._memory = np.empty((2 * end, *shape))
+        self._taken, room = end, self._memory[self._taken : end]
+        return room
+
+    def _decide(
         self,
         recording: Recording,
         store: DtcStore,
@@ -170,7 +209,9 @@ class _Judge:
         """Return what is decided about one recording; the bank's values go with its windows."""
         vehicle = Vehicle(self._limits, self._config.bias, reference)
         course = Course(recording.block, self._reader.names, self._decisions(store), store, vehicle)
-        for *_, happen in recording.happenings(clearings, self._counts):
+        for *_, happen in recording.happenings(
+            clearings, self._counts, keep_banks=self._keep_banks
+        ):
             happen(course)
         conditions = recording.conditions
         return Judged(

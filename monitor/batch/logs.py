@@ -141,24 +141,29 @@ def judge_logs(
         yield from (found[number] for number in range(len(chosen)))
 
 
-def _judged(
-    read: Mapping[int, ReadRecording], model: Model, limits: Limits, config: Config
-) -> Iterator[tuple[int, ReadRecording, Judged]]:
-    """Yield recordings with what is made of them, those with the same signals judged together."""
-    alike: dict[tuple[str, ...], list[int]] = {}
-    for number, each in read.items():
-        alike.setdefault(each.names, []).append(number)
-    for names, numbers in alike.items():
-        judged = judge_all(
-            [read[i].block for i in numbers],
-            names,
-            model,
-            limits,
-            config,
-            rows=len(numbers),
-            clearings=[read[i].clearings for i in numbers],
+class _Judges:
+    """Judges for recordings with different signals, each made when it is needed."""
+
+    def __init__(self, model: Model, limits: Limits, config: Config, rows: int) -> None:
+        self._make = partial(
+            BlockJudge, model=model, limits=limits, config=config, rows=rows, keep_banks=False
         )
-        yield from ((i, read[i], each) for i, each in zip(numbers, judged, strict=True))
+        self._judges: dict[tuple[str, ...], BlockJudge] = {}
+
+    def judge(
+        self, read: Mapping[int, ReadRecording]
+    ) -> Iterator[tuple[int, ReadRecording, Judged]]:
+        """Yield recordings with what is made of them, those with the same signals together."""
+        alike: dict[tuple[str, ...], list[int]] = {}
+        for number, each in read.items():
+            alike.setdefault(each.names, []).append(number)
+        for names, numbers in alike.items():
+            if names not in self._judges:
+                self._judges[names] = self._make(names)
+            judged = self._judges[names].judge(
+                [read[i].block for i in numbers], clearings=[read[i].clearings for i in numbers]
+            )
+            yield from ((i, read[i], each) for i, each in zip(numbers, judged, strict=True))
 
 
 def entry_of(read: ReadRecording, judged: Judged, unavailable: Sequence[str]) -> dict[str, Any]:

@@ -1,6 +1,7 @@
 """One recording as arrays: its driving cycles and conditions, and what then happens, in order."""
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 from operator import itemgetter
@@ -85,13 +86,17 @@ class Recording:
         return np.asarray(usable & ~np.isnan(self.predicted[begin:end]))
 
     def happenings(
-        self, clearings: Sequence[Clearing], ticks_that_count: tuple[int, int]
+        self,
+        clearings: Sequence[Clearing],
+        ticks_that_count: tuple[int, int],
+        *,
+        keep_banks: bool,
     ) -> list[Happening]:
         """Return what happens, in the order of time; the bank's readings go with it.
 
         ticks_that_count : after so many failed, and passed, results in a row a counter stands
         """
-        found = [*self._counted(clearings), *self._judged(clearings)]
+        found = [*self._counted(clearings), *self._judged(clearings, keep_banks=keep_banks)]
         for a, b in pairwise(self.cuts):
             found += self._ticks(a, b, clearings, ticks_that_count)
         return sorted(found, key=itemgetter(0, 1))
@@ -116,7 +121,7 @@ class Recording:
             happen = partial(Course.activity, failed=failed, fault=fault, k=a + k)
             yield a + k, _ACTIVITY, happen
 
-    def _judged(self, clearings: Sequence[Clearing]) -> Iterator[Happening]:
+    def _judged(self, clearings: Sequence[Clearing], *, keep_banks: bool) -> Iterator[Happening]:
         """Yield the windows, and where decisions begin anew which of them come until then."""
         n = self._reader.config.window.n_samples
         windows = list(self._windows())
@@ -127,7 +132,8 @@ class Recording:
             own = slice(*np.searchsorted(last, (a, b)).tolist())
             yield a, _BEGUN, partial(Course.begin, windows=windows[own])
             for k, window in zip(last[own].tolist(), windows[own], strict=True):
-                yield k, _WINDOW, partial(Course.window, window=window, k=k)
+                kept = window if keep_banks else replace(window, bank=np.empty((n, 0)))
+                yield k, _WINDOW, partial(Course.window, window=kept, k=k)
 
     def _windows(self) -> Iterator[Window]:
         t_ns, n = self.block.t_ns, self._reader.config.window.n_samples
