@@ -45,7 +45,7 @@ STAGES: tuple[tuple[str, type, str], ...] = (
     ("sensor bank", BankBlock, "read"),
     ("plausibility", Plausibility, "block"),
     ("activity", ActivityTest, "block"),
-    ("decisions on samples", Decisions, "ticks"),
+    ("decisions on samples", Decisions, "matured"),
     ("regression in windows", Decisions, "facts"),
     ("decisions on windows", Decisions, "window"),
 )

@@ -110,9 +110,12 @@ class Decisions:
         self._windows, self._offset_sum = 0, 0.0
 
     @property
-    def ticks_that_count(self) -> tuple[int, int]:
-        """Return after how many failed, and how many passed, results in a row a counter stands."""
-        return math.ceil(-PASSED / self._fail_by), math.ceil(-PASSED / self._pass_by)
+    def ticks_to_mature(self) -> tuple[int, int]:
+        """Return how many failed, and how many passed, results in a row mature.
+
+        A counter begins a row from zero, so nothing before it counts.
+        """
+        return math.ceil(FAILED / self._fail_by), math.ceil(-PASSED / self._pass_by)
 
     def ticks(self, results: Sequence[TickResult], t_ns: int) -> list[Change]:
         """Take what one sample says about the signal."""
@@ -122,6 +125,11 @@ class Decisions:
                 by = self._fail_by if result.failed else self._pass_by
                 changed += self._step(result.test, result.failed, by, result.fault, (), t_ns)
         return changed
+
+    def matured(self, result: TickResult, t_ns: int) -> list[Change]:
+        """Take the last of so many alike results in a row; those before it are not needed."""
+        self._debounce[result.test] = Debounce(FAILED if result.failed else PASSED)
+        return self._mature(result.test, result.failed, result.fault, (), t_ns)
 
     def activity(self, failed: bool, fault: str, t_ns: int) -> Sequence[Change]:
         """Take a judged stretch of the activity test."""
@@ -244,8 +252,14 @@ class Decisions:
         self._debounce[test] = after
         if not after.failed and not after.passed:
             return ()
+        return self._mature(test, after.failed, fault, also, t_ns)
+
+    def _mature(
+        self, test: str, failed: bool, fault: str, also: tuple[str, ...], t_ns: int
+    ) -> list[Change]:
+        """Set the codes of a fault, or complete those of a test."""
         counted = [Counted(t_ns, "numerator")] if self.store.count_judged(test) else []
-        if after.failed:
+        if failed:
             self._named[test] = fault
             changed = self.store.fail(fault, t_ns, also)
         else:

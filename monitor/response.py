@@ -13,6 +13,7 @@ II, section 9.3 (linear model in coloured noise: whiten both sides).
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Literal
 
 import numpy as np
@@ -61,6 +62,7 @@ class Claim:
     fault: str  # "" is a sound sensor
 
 
+@cache
 def claims(config: ResponseConfig, bank: tuple[Hypothesis, ...]) -> tuple[Claim, ...]:
     """Return every claim about the sensor, the healthy one first."""
     top = config.gain_max

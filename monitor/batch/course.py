@@ -92,9 +92,9 @@ class Course:
         self._vehicle.learn(started.seen)
         self.changes += [DtcChanged(t_ns, dtc) for dtc in changed if dtc.code in were_active]
 
-    def tick(self, result: TickResult, k: int) -> None:
-        """Take what sample k says about the signal."""
-        self._take(self.decisions.ticks((result,), int(self._block.t_ns[k])), k)
+    def matured(self, result: TickResult, k: int) -> None:
+        """Take a test's result on sample k that matures."""
+        self._take(self.decisions.matured(result, int(self._block.t_ns[k])), k)
 
     def activity(self, failed: bool, fault: str, k: int) -> None:
         """Take a judged stretch of the activity test that ends with sample k."""

@@ -121,7 +121,7 @@ class BlockJudge:
         self._hypotheses = hypotheses.build(config.response)
         self._bank = BankBlock(self._hypotheses, self._reader.period_s)
         self._memory, self._taken = np.empty((0, 0, 0)), 0  # windows of it that are in use
-        self._counts = self._decisions(DtcStore())(limits).ticks_that_count
+        self._to_mature = self._decisions(DtcStore())(limits).ticks_to_mature
 
     def _decisions(self, store: DtcStore) -> Callable[[Limits], Decisions]:
         """Return what makes the decisions of a driving cycle."""
@@ -210,7 +210,7 @@ class BlockJudge:
         vehicle = Vehicle(self._limits, self._config.bias, reference)
         course = Course(recording.block, self._reader.names, self._decisions(store), store, vehicle)
         for *_, happen in recording.happenings(
-            clearings, self._counts, keep_banks=self._keep_banks
+            clearings, self._to_mature, keep_banks=self._keep_banks
         ):
             happen(course)
         conditions = recording.conditions

@@ -117,14 +117,16 @@ def judge_logs(
     *,
     columns: Path | None = None,
     side_by_side: int = 64,
+    parse: Parser | None = None,
 ) -> Iterator[JudgedRecording]:
     """Yield what is said of each recording, in the order of the paths.
 
-    bus_map : for logs; columns : for CSV tables; side_by_side : recordings held at once
+    bus_map : for logs; columns : for CSV tables; side_by_side : recordings held at once; parse : of
+    candump text, instead of numpy's
     Each is judged as a drive of a vehicle of which nothing is known, with an empty fault memory.
     Raises SignalMapError or ConfigError if none could be read.
     """
-    reader = RecordingReader(bus_map, model.card, columns)
+    reader = RecordingReader(bus_map, model.card, columns, parse)
     judges = _Judges(model, limits, config, side_by_side)
     rest = iter(paths)
     while chosen := list(islice(rest, side_by_side)):

@@ -1,7 +1,6 @@
 """One recording as arrays: its driving cycles and conditions, and what then happens, in order."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 from operator import itemgetter
@@ -88,17 +87,17 @@ class Recording:
     def happenings(
         self,
         clearings: Sequence[Clearing],
-        ticks_that_count: tuple[int, int],
+        ticks_to_mature: tuple[int, int],
         *,
         keep_banks: bool,
     ) -> list[Happening]:
         """Return what happens, in the order of time; the bank's readings go with it.
 
-        ticks_that_count : after so many failed, and passed, results in a row a counter stands
+        ticks_to_mature : so many failed, and passed, results in a row mature
         """
         found = [*self._counted(clearings), *self._judged(clearings, keep_banks=keep_banks)]
         for a, b in pairwise(self.cuts):
-            found += self._ticks(a, b, clearings, ticks_that_count)
+            found += self._ticks(a, b, clearings, ticks_to_mature)
         return sorted(found, key=itemgetter(0, 1))
 
     def _counted(self, clearings: Sequence[Clearing]) -> Iterator[Happening]:
@@ -108,15 +107,17 @@ class Recording:
             yield k, _COUNTED, partial(Course.count, moment=moment, k=k)
 
     def _ticks(
-        self, a: int, b: int, clearings: Sequence[Clearing], ticks_that_count: tuple[int, int]
+        self, a: int, b: int, clearings: Sequence[Clearing], ticks_to_mature: tuple[int, int]
     ) -> Iterator[Happening]:
         """Yield what the tests that need no model find in one driving cycle."""
         reader, values = self._reader, self.block.values[a:b]
         anew = [each.n_samples - a for each in clearings]
         for place, results in enumerate(reader.tests.block(values, self.block.quality[a:b])):
-            for k, result in _counting(results, anew, *ticks_that_count):
-                yield a + k, _TICK + place, partial(Course.tick, result=result, k=a + k)
-        active = self.conditions[a:b, BURNING].all(axis=1) & reader.tests.running(values)
+            for k, result in _maturing(results, anew, *ticks_to_mature):
+                yield a + k, _TICK + place, partial(Course.matured, result=result, k=a + k)
+        active = reader.tests.running(values)
+        for condition in BURNING:
+            active &= self.conditions[a:b, condition]
         for k, failed, fault in reader.activity.block(self.measured[a:b], active):
             happen = partial(Course.activity, failed=failed, fault=fault, k=a + k)
             yield a + k, _ACTIVITY, happen
@@ -124,19 +125,20 @@ class Recording:
     def _judged(self, clearings: Sequence[Clearing], *, keep_banks: bool) -> Iterator[Happening]:
         """Yield the windows, and where decisions begin anew which of them come until then."""
         n = self._reader.config.window.n_samples
-        windows = list(self._windows())
+        windows = list(self._windows(keep_banks=True))
+        kept = windows if keep_banks else list(self._windows(keep_banks=False))
         last = np.array(sorted(self.banks), dtype=np.int64) + n - 1
         self.banks.clear()
         begins = {*self.cuts[:-1], *(k for k, _ in clearings if k < len(self.block.t_ns))}
         for a, b in pairwise([*sorted(begins), len(self.block.t_ns)]):
             own = slice(*np.searchsorted(last, (a, b)).tolist())
             yield a, _BEGUN, partial(Course.begin, windows=windows[own])
-            for k, window in zip(last[own].tolist(), windows[own], strict=True):
-                kept = window if keep_banks else replace(window, bank=np.empty((n, 0)))
-                yield k, _WINDOW, partial(Course.window, window=kept, k=k)
+            for k, window in zip(last[own].tolist(), kept[own], strict=True):
+                yield k, _WINDOW, partial(Course.window, window=window, k=k)
 
-    def _windows(self) -> Iterator[Window]:
+    def _windows(self, *, keep_banks: bool) -> Iterator[Window]:
         t_ns, n = self.block.t_ns, self._reader.config.window.n_samples
+        none = np.empty((n, 0))
         for index, begin in enumerate(sorted(self.banks)):
             inside = slice(begin, begin + n)
             yield Window(
@@ -145,21 +147,20 @@ class Recording:
                 int(t_ns[begin + n - 1]),
                 self.measured[inside].copy(),
                 self.predicted[inside].copy(),
-                self.banks[begin],
+                self.banks[begin] if keep_banks else none,
             )
 
 
-def _counting(
+def _maturing(
     results: TickResults, anew: Sequence[int], failed_count: int, passed_count: int
 ) -> Iterator[tuple[int, TickResult]]:
-    """Yield sample and result where a result can still move its counter.
+    """Yield sample and result where so many alike results in a row mature.
 
-    anew : samples from which on the counter begins anew
-    failed_count, passed_count : after so many alike in a row the counter stands
+    anew : samples from which on a row begins anew
     """
     changed = np.diff(results.failed, prepend=~results.failed[:1])
     places = np.searchsorted(results.at, anew)
     changed[places[places < len(changed)]] = True
-    count = since(changed) < np.where(results.failed, failed_count, passed_count)
-    for k, kind in zip(results.at[count].tolist(), results.kind[count].tolist(), strict=True):
+    matures = since(changed) == np.where(results.failed, failed_count, passed_count) - 1
+    for k, kind in zip(results.at[matures].tolist(), results.kind[matures].tolist(), strict=True):
         yield k, results.kinds[kind]
