@@ -4,6 +4,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
+import numpy as np
+
 from monitor import mdf
 from monitor.batch import blf, candump
 from monitor.batch.blocks import blocks_of
@@ -11,6 +13,7 @@ from monitor.candump import LogCounters
 from monitor.sources import checked_kind, guarded, open_binary, read_frames
 from monitor.types import FrameBlock
 
+_LARGEST_BLOCK: Final = 31 << 20  # bytes; glibc learns from less than 32 MB
 _KINDS: Final = (".log", ".blf", ".mf4")  # the others come frame by frame
 
 
@@ -27,6 +30,7 @@ def read_blocks(
     counters = LogCounters() if counters is None else counters
     kind = checked_kind(path)
     if kind in _KINDS:
+        _keep_freed_memory()
         return guarded(path, counters, _blocks(path, kind, counters, parse))
     return blocks_of(read_frames(path, counters))
 
@@ -42,3 +46,12 @@ def _blocks(
         else:
             with mdf.quiet():
                 yield from mdf.read_blocks(file, counters)
+
+
+def _keep_freed_memory() -> None:
+    """Let glibc keep freed memory for the next chunk, instead of fetching it anew page by page.
+
+    The largest block that was mapped and freed sets how much it keeps: mallopt(3),
+    M_MMAP_THRESHOLD. The block is never touched. A tenth of the time of candump and BLF.
+    """
+    np.empty(_LARGEST_BLOCK, dtype=np.uint8)

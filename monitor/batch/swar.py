@@ -100,23 +100,25 @@ def hexadecimal(words: Words) -> tuple[Words, NDArray[np.bool_]]:
     letter = words >> np.uint64(6)
     letter &= np.uint64(_EACH)
     nibbles = words & np.uint64(0x0F * _EACH)
-    nibbles += letter * np.uint64(9)
+    wrong = letter * np.uint64(9)
+    nibbles += wrong
     # the lower-case digits of the nibbles must be the text, its letters in lower case
-    wrong = nibbles + np.uint64(0x06 * _EACH)
+    np.add(nibbles, np.uint64(0x06 * _EACH), out=wrong)
     wrong >>= np.uint64(4)
     wrong &= np.uint64(_EACH)
     wrong *= np.uint64(ord("a") - ord("0") - 10)
     wrong += nibbles
     wrong += ZEROS
     letter <<= np.uint64(5)
-    wrong ^= letter | words
-    wrong |= nibbles & np.uint64(0xF0 * _EACH)
-    found = nibbles << np.uint64(4)
+    letter |= words
+    wrong ^= letter
+    wrong |= np.bitwise_and(nibbles, np.uint64(0xF0 * _EACH), out=letter)
+    found = np.left_shift(nibbles, np.uint64(4), out=letter)
     nibbles >>= np.uint64(8)
     found |= nibbles
     found &= np.uint64(0x00FF00FF00FF00FF)
-    found |= found >> np.uint64(8)
+    found |= np.right_shift(found, np.uint64(8), out=nibbles)
     found &= np.uint64(0x0000FFFF0000FFFF)
-    found |= found >> np.uint64(16)
+    found |= np.right_shift(found, np.uint64(16), out=nibbles)
     found &= np.uint64(0xFFFFFFFF)
     return found, wrong == 0
