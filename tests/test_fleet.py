@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
@@ -25,7 +26,9 @@ from tests.fleet_drives import DELAYED, HEALTHY, LOGS, assert_alike, close, judg
 from training.cli import main
 from training.fleet import columns
 from training.fleet import run as fleet
+from training.fleet.bench import Bench
 from training.fleet.drives import chunks_of, drives_of
+from training.fleet.judge import judge_chunk
 from training.recordings import sha256
 
 MODEL = str(replay.shipped_model())
@@ -216,6 +219,19 @@ def test_processes_side_by_side_give_the_same(
     assert_alike(judged([str(folder)], tmp_path / "two.parquet", jobs=2), local)
 
 
+def test_threads_of_one_worker_do_not_disturb_each_other(
+    folder: Path, local: tuple[pl.DataFrame, pl.DataFrame]
+) -> None:
+    # GIVEN the chunks of a fleet, judged by two threads as on a Dask worker with --nthreads 2
+    bench = Bench.of(replay.shipped_model(), config.load())
+    chunks = chunks_of(drives_of([str(folder)]))
+    with ThreadPoolExecutor(2) as threads:
+        done = list(threads.map(partial(judge_chunk, bench), chunks))
+    # THEN the rows are those of one thread
+    rows, windows = ([getattr(d, k) for d in done] for k in ("recordings", "windows"))
+    assert_alike(tuple(pl.concat(map(pl.read_parquet, each)) for each in (rows, windows)), local)
+
+
 def test_a_killed_run_goes_on_where_it_was(
     folder: Path, local: tuple[pl.DataFrame, pl.DataFrame], tmp_path: Path
 ) -> None:
@@ -299,6 +315,27 @@ def test_every_column_is_documented() -> None:
         rows = [line.split(" | ") for line in part.splitlines() if line.startswith("| `")]
         said = {name.strip("| `"): what.removesuffix(" |") for name, _, what in rows}
         assert said == {name: what for name, (_, what) in table.items()}
+
+
+def test_tables_with_names_of_their_own_and_logs_with_another_map_are_judged(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # GIVEN a table whose columns have other names, a columns map, and a copy of DBC and signal map
+    write_piece(tmp_path / "drive.csv", HEALTHY)
+    table = (tmp_path / "drive.csv").read_text().replace("lambda_measured", "LAM", 1)
+    (tmp_path / "drive.csv").write_text(table)
+    (tmp_path / "names.toml").write_text('lambda_measured = "LAM"\n')
+    for suffix in ("dbc", "toml"):
+        shutil.copy(ROOT / "dbc" / f"o2_ecu.{suffix}", tmp_path / f"mine.{suffix}")
+    out = tmp_path / "out.parquet"
+    call = ["fleet", str(tmp_path / "drive.csv"), str(LOGS / DELAYED), "--model", MODEL]
+    call += ["--out", str(out), "--jobs", "1", "--columns", str(tmp_path / "names.toml")]
+    call += ["--dbc", str(tmp_path / "mine.dbc"), "--map", str(tmp_path / "mine.toml")]
+    # WHEN they are judged THEN both are
+    assert main(call) == 0
+    rows, _ = fleet_drives.tables(out)
+    assert rows["error"].to_list() == [None, None]
+    assert rows["codes"].to_list() == [[], ["P015A"]]
 
 
 def test_recordings_are_read_over_http(folder: Path, tmp_path: Path) -> None:

@@ -1,16 +1,19 @@
 """What judges a fleet, as bytes that travel to a worker, and as the objects made of them there."""
 
 import json
+import shutil
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from functools import lru_cache
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any
+from tempfile import TemporaryDirectory, mkdtemp
+from threading import local
+from typing import Any, Final
+from weakref import finalize
 
 import monitor
 import training
 from monitor.batch.candump import Lines
+from monitor.batch.judge import BlockJudge
 from monitor.batch.lines import Bytes
 from monitor.batch.logs import RecordingReader
 from monitor.bus_map import load_pairs
@@ -24,6 +27,7 @@ from training.model_bytes import model_of
 from training.recordings import default_pairs
 
 File = tuple[str, bytes]  # name and content
+ROWS: Final = 64  # recordings, and segments of theirs, that run side by side
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,36 +77,75 @@ class Bench:
 
 @dataclass(frozen=True, slots=True)
 class Tools:
-    """The bench on a worker."""
+    """The bench on a worker, for one thread."""
 
     model: Model
     limits: Limits
+    config: Config
     reader: FleetReader
-    folder: TemporaryDirectory[str]  # of the files; is there as long as the tools are
+    folder: "_Folder | None"  # of the columns map, which is read with every table
+    judges: dict[tuple[str, ...], BlockJudge] = field(default_factory=dict)
+
+    def judge_for(self, names: tuple[str, ...]) -> BlockJudge:
+        """Return the judge of recordings with these signals, made when it is needed.
+
+        Raises RecordingError if the model needs a signal that is not among them.
+        """
+        if names not in self.judges:
+            self.judges[names] = BlockJudge(
+                names, self.model, self.limits, self.config, ROWS, keep_banks=False
+            )
+        return self.judges[names]
 
 
-@lru_cache(maxsize=1)
 def tools_of(bench: Bench) -> Tools:
-    """Return the tools of a bench, made once by a worker."""
-    folder = TemporaryDirectory(prefix="o2-bench-")
-    root = Path(folder.name)
+    """Return the tools of a bench, made once by each thread of a worker."""
+    if getattr(_own, "bench", None) != bench:
+        _own.tools = _made(bench)
+        _own.bench = bench
+    tools: Tools = _own.tools
+    return tools
 
-    def laid(number: int, file: File) -> Path:
-        path = root / str(number) / Path(file[0]).name
-        path.parent.mkdir(exist_ok=True)
-        path.write_bytes(file[1])
-        return path
 
+_own = local()
+
+
+class _Folder:
+    """A temporary folder that is there as long as this object is."""
+
+    def __init__(self) -> None:
+        self.path = Path(mkdtemp(prefix="o2-bench-"))
+        finalize(self, shutil.rmtree, self.path, ignore_errors=True)
+
+
+def _made(bench: Bench) -> Tools:
     model = model_of(*bench.model)
-    pairs = tuple((laid(i, a), laid(i, b)) for i, (a, b) in enumerate(bench.pairs, 1))
-    columns = None if bench.columns is None else laid(0, bench.columns)
-    reader = RecordingReader(load_pairs(pairs), model.card, columns, _parse)
+    with TemporaryDirectory(prefix="o2-bench-") as folder:
+        laid = [
+            (_lay(Path(folder) / f"{i}.dbc", a), _lay(Path(folder) / f"{i}.toml", b))
+            for i, (a, b) in enumerate(bench.pairs)
+        ]
+        bus_map = load_pairs(laid)
+    kept = columns = None
+    if bench.columns is not None:
+        kept = _Folder()
+        columns = _lay(kept.path, bench.columns)
+    reader = RecordingReader(bus_map, model.card, columns, _parse)
     return Tools(
         model,
         Limits.from_card(model.card, bench.config, bench.model[0]),
+        bench.config,
         FleetReader(reader, model.card, bench.config, columns),
-        folder,
+        kept,
     )
+
+
+def _lay(folder: Path, file: File) -> Path:
+    """Write a file under its own name, which errors about it say."""
+    folder.mkdir(exist_ok=True)
+    path = folder / file[0]
+    path.write_bytes(file[1])
+    return path
 
 
 def _parse(text: Bytes) -> Lines:

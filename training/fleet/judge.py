@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from monitor.batch.judge import judge_all
 from monitor.dtc import DtcStore, Saved
 from monitor.errors import O2Error
 from monitor.reference import Reference
@@ -118,15 +117,11 @@ def _judge_alike(work: _Work, group: Sequence[tuple[Drive, Read]]) -> None:
     stores = [DtcStore(each.saved, config.profile) for each in known]
     for store in stores:
         store.start_driving_cycle()
-    judged = judge_all(
+    judged = tools.judge_for(names).judge(
         [read.block for _, read in group],
-        names,
-        tools.model,
-        tools.limits,
-        config,
         stores,
         None if is_alone else [each.reference for each in known],
-        clearings=[read.clearings for _, read in group],
+        [read.clearings for _, read in group],
     )
     card, found = tools.model.card, []
     for (drive, read), vehicle, each in zip(group, known, judged, strict=True):
