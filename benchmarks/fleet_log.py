@@ -7,8 +7,8 @@ through the vectorised path (candump also with the parser of the [fleet] extra),
 ``replay_vs_plain_loop.py``: one that decodes only the messages it needs, and one that decodes every
 message of the bus, with a database that describes the foreign ones, too. The tables are simulated
 ten-minute drives held in memory, judged side by side by one process per core; they are repeated to
-the number asked for. Times are seconds of processor time, medians of repeats; the rate on several cores is also
-given by the clock on the wall.
+the number asked for. Times are seconds of processor time, medians of repeats; the rate on several
+cores is also given by the clock on the wall.
 
     python benchmarks/fleet_log.py [--seconds 600] [--drives 256] [--cores 2] [--repeats 3]
 """

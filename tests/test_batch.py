@@ -14,7 +14,7 @@ from monitor.batch.bank import BankBlock, phases
 from monitor.batch.judge import Judged, judge_all
 from monitor.batch.samples import Clearing
 from monitor.config import Config
-from monitor.dtc import TESTS, DtcStore, Saved
+from monitor.dtc import CODES, TESTS, Dtc, DtcStore, Saved, Status
 from monitor.errors import RecordingError
 from monitor.hypotheses import SensorBank
 from monitor.limits import Limits
@@ -369,6 +369,81 @@ def test_every_vehicle_is_judged_by_its_own_reference(
         assert_same(stream(block, names, model, limits, SHIPPED, fresh(), reference), got)
     # a reference that is far off makes the healthy sensor look biased
     assert {w.fault for w in judged[2].windows} & set(TESTS["bias"])
+
+
+def ignition_off_and_on(names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+    """Return values and quality of an ECU that falls silent after the engine and wakes up again."""
+    values = np.zeros((180, len(names)))
+    quality = np.full(values.shape, int(Quality.GOOD), dtype=np.uint8)
+    values[10:170], quality[10:170] = np.nan, Quality.STALE
+    return values, quality
+
+
+def joined(first: SampleBlock, second: SampleBlock, names: Sequence[str]) -> SampleBlock:
+    """Return two drives as one recording."""
+    values, quality = ignition_off_and_on(names)
+    values = np.concatenate([first.values, values, second.values])
+    index = np.arange(1, len(values) + 1)
+    return SampleBlock(
+        index,
+        first.t_ns[0] + index * PERIOD_NS,
+        values,
+        np.concatenate([first.quality, quality, second.quality]),
+    )
+
+
+def test_the_reference_learns_between_two_drives_of_one_recording(
+    drives: tuple[list[SampleBlock], tuple[str, ...]],
+) -> None:
+    blocks, names = drives
+    both = [joined(blocks[0], blocks[0], names), joined(blocks[0], blocks[2], names)]
+    model = Model.load(shipped_model())
+    limits = Limits.from_card(model.card, SHIPPED, "shipped")
+    stores = [fresh() for _ in both]
+    references = [Reference()] * len(both)
+    judged = judge_all(both, names, model, limits, SHIPPED, stores, references)
+    for block, got, store in zip(both, judged, stores, strict=True):
+        assert [each.seen is not None for each in got.cycles] == [True]
+        assert got.reference.drives == 1
+        assert got.limits.gain != limits.gain
+        own = fresh()
+        assert_same(stream(block, names, model, limits, SHIPPED, own, Reference()), got)
+        assert kept(own) == kept(store)
+        assert store.counts.ignition_cycles == 2
+    # without a reference nothing is learned, and the second drive is judged as the first one
+    (alone,) = judge_all(both[:1], names, model, limits, SHIPPED)
+    assert alone.limits == limits
+    half = len(alone.windows) // 2
+    assert [w.statistics for w in alone.windows[half:]] == [
+        w.statistics for w in alone.windows[:half]
+    ]
+
+
+def test_a_confirmed_code_counts_warm_up_cycles_until_it_is_erased(
+    drives: tuple[list[SampleBlock], tuple[str, ...]],
+) -> None:
+    # GIVEN a confirmed code whose lamp is off, one warm-up cycle before it is erased
+    blocks, names = drives
+    code = next(iter(CODES["slow_symmetric"]))
+    old = Dtc(code, "slow_symmetric", (), Status.CONFIRMED, passed_cycles=3, warm_ups=39)
+    model = Model.load(shipped_model())
+    limits = Limits.from_card(model.card, SHIPPED, "shipped")
+    stores = [DtcStore(Saved((old,))) for _ in range(2)]
+    for store in stores:
+        store.start_driving_cycle()
+    # WHEN the engine warms up in a drive, and another drive follows
+    cold = blocks[0].values.copy()
+    cold[:300, names.index("coolant_temperature_degc")] = 20.0
+    block = joined(blocks[0]._replace(values=cold), blocks[0], names)
+    (got,) = judge_all([block], names, model, limits, SHIPPED, stores[:1])
+    assert_same(stream(block, names, model, limits, SHIPPED, stores[1]), got)
+    assert kept(stores[0]) == kept(stores[1])
+    # THEN it is gone
+    assert got.dtcs == []
+    begin_ns = got.cycles[0].t_ns
+    (erased,) = [c.dtc for c in got.changes if c.t_ns == begin_ns and c.dtc.code == code]
+    assert erased == Dtc(code, status=erased.status)
+    assert not erased.state
 
 
 def test_an_input_of_the_model_that_is_not_there_is_named() -> None:
