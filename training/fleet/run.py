@@ -80,8 +80,14 @@ def run(
 
 
 def finish(out: Path) -> None:
-    """Remove the chunks of a run whose tables and report are written."""
-    shutil.rmtree(work_folder(out))
+    """Remove the chunks of a run whose tables and report are written.
+
+    Under another name first: a folder that is half removed must not be taken for a run.
+    """
+    old = out.with_name(f"{out.name}.old")
+    shutil.rmtree(old, ignore_errors=True)
+    work_folder(out).rename(old)
+    shutil.rmtree(old)
 
 
 def _apart(chunk: Chunk, bench: Bench, scheduler: str | None) -> Done:
