@@ -16,10 +16,11 @@ from hypothesis import strategies as st
 import dbc
 from monitor.batch import blf, candump
 from monitor.batch.blocks import EXTENDED
+from monitor.batch.lines import MARGIN
 from monitor.batch.read import read_blocks
 from monitor.blf import check as check_blf
 from monitor.bus_map import load_pairs
-from monitor.candump import LogCounters
+from monitor.candump import LogCounters, read_candump
 from monitor.errors import RecordingError
 from monitor.sources import frame_of, guarded, open_binary, read_frames
 from monitor.types import Frame, FrameBlock
@@ -143,6 +144,81 @@ def test_candump_in_chunks_gives_frames_counters_and_errors_of_the_streaming_rea
     assert in_chunks(path, chunk_bytes, parse.parse_lines) == wanted
 
 
+PARSERS = pytest.mark.parametrize("parser", [candump.parse_lines, parse.parse_lines])
+FORMS = [
+    b"(1700000001.123456) can0 1A2#0123456789abCDeF",
+    b"(1700000001.123456) can0 18FEF100#00fF R",
+    b"(4294967295.999999) vcan0 123#",
+    b"(12.345678) c 7FF##1AABBCC",
+    b"(0.000001) can1 20000080#0000000000000000",
+]
+
+
+def parsed(lines: list[bytes], parser: candump.Parser) -> candump.Lines:
+    margin = b"\x0a" * MARGIN
+    return parser(np.frombuffer(margin + b"\n".join(lines) + b"\n" + margin, dtype=np.uint8))
+
+
+def assert_as_streamed(lines: list[bytes], found: candump.Lines) -> None:
+    """Hold each line that was understood to the streaming reader."""
+    frames = frames_of(found.frames) if found.is_data.all() else None
+    for row in np.flatnonzero(found.plain).tolist():
+        counters = LogCounters()
+        text = lines[row].decode(errors="surrogateescape")
+        wanted = list(read_candump([(1, text)], counters))
+        block = FrameBlock(*(column[row : row + 1] for column in found.frames))
+        got = frames_of(block) if found.is_data[row] else []
+        assert got == wanted, text
+        assert counters.skipped == (not found.is_data[row])
+    assert frames is None or len(frames) == len(lines)
+
+
+@PARSERS
+@pytest.mark.parametrize("form", FORMS)
+def test_a_line_with_any_one_byte_changed_is_read_rightly_or_left_to_the_streaming_reader(
+    parser: candump.Parser, form: bytes
+) -> None:
+    lines = [
+        form[:place] + bytes([byte]) + form[place + 1 :]
+        for place in range(len(form))
+        for byte in range(256)
+        if byte not in b"\r\n"
+    ]
+    found = parsed(lines, parser)
+    assert len(found.plain) == len(lines)
+    assert_as_streamed(lines, found)
+    assert found.plain[[line == form for line in lines]].all()
+    assert found.plain.sum() > 10 * len(form)  # digits change, and letters of the channel
+
+
+@PARSERS
+def test_times_are_rounded_as_the_streaming_reader_rounds_them(parser: candump.Parser) -> None:
+    rng = np.random.default_rng(5)
+    times_us = [
+        *rng.integers(0, 2**32 * 10**6, 3000).tolist(),
+        *rng.integers(2**32 * 10**6, 9_199_999_999_999_999, 3000).tolist(),
+        *(10**k - 1 for k in range(1, 16)),
+    ]
+    lines = [f"({t // 10**6}.{t % 10**6:06d}) can0 123#".encode() for t in times_us]
+    found = parsed(lines, parser)
+    assert_as_streamed(lines, found)
+    assert found.plain[:3000].all()
+
+
+@PARSERS
+def test_a_mark_too_few_or_too_many_is_left_to_the_streaming_reader(
+    parser: candump.Parser,
+) -> None:
+    marked = [b"##1", b"#1#", b"# 00", b"#00#", b"#00 #", b"##", b"###", b"#", b" #", b""]
+    lines = [b"(1.000000) can0 123" + end for end in marked]
+    lines += [b"", b" ", b"(1.000000)", b"(1.000000) can0", b"(1.000000) can0 ", b"#", b"  #"]
+    lines += [b"(1.000000)  123#", b"(12", b"345678.123456) can0 123#", b"x" * 300]
+    assert_as_streamed(lines, parsed(lines, parser))
+    found = parsed([*lines, FORMS[0]], parser)  # what comes after is read
+    assert found.plain[-1]
+    assert len(found.plain) == len(lines) + 1
+
+
 @settings(max_examples=100)
 @given(text=texts(), cut=st.integers(1, 40), flipped=st.integers(0, 200), bit=st.integers(0, 7))
 def test_damaged_gzip_gives_the_frames_before_and_the_error_of_the_streaming_reader(
@@ -177,6 +253,19 @@ def python_can_reads(path: Path) -> Outcome:
                 yield frame
 
     return outcome(guarded(path, counters, frames()), counters)
+
+
+@pytest.mark.parametrize("byte", range(100, 40_000, 3_700))
+def test_gzip_damaged_far_from_its_beginning_gives_the_same_frames(
+    tmp_path: Path, byte: int
+) -> None:
+    path = tmp_path / "long.log.gz"
+    write_log(path, synthetic(3_000))
+    whole = bytearray(path.read_bytes())
+    assert len(whole) > 40_000
+    whole[byte] ^= 0x55
+    path.write_bytes(whole)
+    assert in_chunks(path, 30_000) == streamed(path)
 
 
 def read_at_once(path: Path) -> Outcome:
@@ -342,6 +431,40 @@ def test_a_blf_must_hold_as_many_objects_as_announced_whatever_they_are(
     assert (found[2] is None) if error is None else (error in str(found[2]))
 
 
+def test_blf_times_beyond_exact_doubles_are_rounded_as_python_can_rounds_them(
+    tmp_path: Path,
+) -> None:
+    ticks = np.random.default_rng(6).integers(2**53, 7 * 10**18, 2000).tolist()
+    objects = [
+        struct.pack("<4sHHLLLHHQ", b"LOBJ", 32, 1, 48, 1, 2, 0, 0, each)
+        + struct.pack("<HBBL8s", 1, 0, 1, 1, b"\1")
+        for each in ticks
+    ]
+    path = tmp_path / "late.blf"
+    path.write_bytes(blf_file([(b"".join(objects), DEFLATED)]))
+    assert read_at_once(path) == python_can_reads(path)
+
+
+STORED, UNKNOWN, DEFLATED, CUT = range(4)  # ways of a container; the last is half of one
+
+
+def blf_file(containers: list[tuple[bytes, int]], millisecond: int = 0) -> bytes:
+    """Return a BLF file of containers, each with its way of compression."""
+    content = b""
+    for part, way in containers:
+        packed = zlib.compress(part) if way in {DEFLATED, CUT} else part
+        packed = packed[: len(packed) // 2] if way == CUT else packed
+        size, method = 32 + len(packed), min(way, DEFLATED)
+        content += struct.pack("<4sHHLLH6xL4x", b"LOBJ", 16, 1, size, 10, method, len(part))
+        content += packed + bytes(size % 4)
+    start = (2026, 11, 6, 21, 9, 30, 5, millisecond)
+    head = struct.pack(
+        "<4sL8BQQLL8H8H", b"LOGG", 144, 5, 0, 0, 0, 2, 6, 8, 1, 144 + len(content), 0, 0, 0,
+        *start, *start,
+    )  # fmt: skip
+    return head.ljust(144, b"\0") + content
+
+
 WORD = st.integers(0, 2**32 - 1)
 TICKS = st.one_of(st.integers(0, 10**13), st.integers(0, 2**64 - 1), st.just(0))
 
@@ -389,22 +512,11 @@ def blf_files(draw: st.DrawFn) -> bytes:
     if content and draw(st.integers(0, 3)) == 0:
         content[draw(st.integers(0, len(content) - 1))] = draw(st.integers(0, 255))
     cuts = sorted(draw(st.lists(st.integers(0, len(content)), max_size=4)))
-    containers = b""
-    for begin, end in pairwise([0, *cuts, len(content)]):
-        method = draw(st.sampled_from([2, 2, 2, 0, 1]))
-        part = bytes(content[begin:end])
-        packed = zlib.compress(part) if method == 2 else part
-        if draw(st.integers(0, 20)) == 0:
-            packed = packed[: len(packed) // 2]
-        size = 32 + len(packed)
-        containers += struct.pack("<4sHHLLH6xL4x", b"LOBJ", 16, 1, size, 10, method, len(part))
-        containers += packed + bytes(size % 4)
-    start = (2026, 11, 6, 21, 9, 30, 5, draw(st.integers(0, 999)))
-    head = struct.pack(
-        "<4sL8BQQLL8H8H", b"LOGG", 144, 5, 0, 0, 0, 2, 6, 8, 1, 144 + len(containers), 0, 0, 0,
-        *start, *start,
-    )  # fmt: skip
-    return head.ljust(144, b"\0") + containers
+    ways = st.sampled_from([DEFLATED] * 9 + [STORED] * 4 + [UNKNOWN, CUT])
+    containers = [
+        (bytes(content[begin:end]), draw(ways)) for begin, end in pairwise([0, *cuts, len(content)])
+    ]
+    return blf_file(containers, draw(st.integers(0, 999)))
 
 
 @settings(max_examples=1000)

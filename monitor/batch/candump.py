@@ -137,6 +137,7 @@ def parse_lines(text: Bytes) -> Lines:
     np.add(last[:-1], 1, out=mark[1:])
     space, second, sign, end = (marks.take(mark + i) for i in range(4))
     t_ns, plain = _times(text, begin[:-1], space)
+    plain &= second > space + 1  # the channel has a name
     key, is_error, right = _keys(text, second, sign)
     plain &= right
     if _has_other_than_ascii(text):

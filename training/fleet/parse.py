@@ -137,10 +137,11 @@ def _parse(text, first, end, begin, state, t_ns, key, length, data):  # pragma: 
         found = 0
         time_us, at = _time(text, at)
         if time_us >= 0:
-            while 35 < text[at] < 128:  # the channel
+            channel = at
+            while 35 < text[at] < 128:
                 at += 1
             number, n_digits = _identifier(text, at + 1)
-            if text[at] == 32 and n_digits > 0:
+            if text[at] == 32 and at > channel and n_digits > 0:
                 at += n_digits + 2
                 if text[at] == 35:
                     return True
@@ -159,8 +160,6 @@ def _parse(text, first, end, begin, state, t_ns, key, length, data):  # pragma: 
                     data[row] = (low | (high << np.uint64(32))) & _KEPT[n >> 1]
                     at += n
         while text[at] != 10:  # a comment, or the rest of an odd line
-            if text[at] >= 128:
-                found = 0
             at += 1
         at += 1
         state[row] = found
