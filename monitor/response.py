@@ -20,7 +20,7 @@ import numpy as np
 
 from monitor.config import ResponseConfig
 from monitor.hypotheses import Hypothesis
-from monitor.types import BoolArray, FloatArray, IntArray
+from monitor.types import BoolArray, FloatArray
 
 Outcome = Literal["passed", "failed", "inconclusive"]
 EDGES = ("rich_to_lean", "lean_to_rich")
@@ -117,6 +117,7 @@ class ResponseRule:
         faulty = np.array([bool(c.fault) for c in self._claims])
         self._faults, self._sound = np.flatnonzero(faulty), np.flatnonzero(~faulty)
         self._times = np.array([_times(c.hypothesis) for c in self._claims]).T
+        self._times_squared = self._times**2
         self._lead = config.lead_s / period_s
         self._ahead = math.ceil(self._lead)
         self.reset()
@@ -174,8 +175,8 @@ class ResponseRule:
         x = self._whitened(x)
         moments = np.empty((len(banks), 3, len(self._claims)))
         sxx, sxy, log_likelihood = moments[:, 0], moments[:, 1], moments[:, 2]
-        sxx[:] = np.einsum("wij,wij->wj", x, x)[:, self._columns]
-        sxy[:] = (y[:, np.newaxis] @ x)[:, 0, self._columns]
+        np.einsum("wij,wij->wj", x, x).take(self._columns, 1, sxx, "clip")
+        (y[:, np.newaxis] @ x)[:, 0].take(self._columns, 1, sxy, "clip")
         syy = (y[:, np.newaxis] @ y[:, :, np.newaxis])[:, 0]
         gain = sxy / np.maximum(sxx, 1e-12)
         np.minimum(np.maximum(gain, self._gain_low, out=gain), self._gain_high, out=gain)
@@ -227,11 +228,11 @@ class ResponseRule:
         evidence: FloatArray,
         gain_sums: FloatArray,
     ) -> list[Response]:
-        rows = np.arange(len(evidence))
-        fault, sound = self._best_of(evidence, self._faults), self._best_of(evidence, self._sound)
-        margin = evidence[rows, fault] - evidence[rows, sound]
+        faulty = evidence.take(self._faults, 1)
+        fault = faulty.argmax(axis=1)
+        margin = faulty.max(axis=1) - evidence.take(self._sound, 1).max(axis=1)
         best = evidence.argmax(axis=1)
-        estimates = self._estimates(evidence, best, gain_sums)
+        times = self._estimated_times(evidence)
         found = []
         for i, is_usable, gap, own in zip(
             range(len(evidence)), usable.tolist(), margin.tolist(), best.tolist(), strict=True
@@ -241,8 +242,9 @@ class ResponseRule:
             name: str | None = None
             also: tuple[str, ...] = ()
             if is_usable and gap >= self.evidence_fail:
-                outcome, name = "failed", self._claims[fault[i]].fault
-                also = self._alike(evidence[i], int(fault[i]))
+                likeliest = int(self._faults[fault[i]])
+                outcome, name = "failed", self._claims[likeliest].fault
+                also = self._alike(evidence[i], likeliest)
             elif is_usable and gap <= -self.evidence_pass:
                 outcome = "passed"
             claim = self._claims[own]
@@ -250,48 +252,41 @@ class ResponseRule:
                 "excitation": float(excitation[i]),
                 "evidence": gap,
                 "hypothesis": claim.fault or "healthy",
-                **dict(zip(_ESTIMATES, estimates[i], strict=True)),
+                **dict(zip(_ESTIMATES, times[i], strict=True)),
+                **self._estimated_gain(gain_sums[i, :, own].tolist()),
             }
-            if not self._windows:
-                statistics["gain"] = statistics["gain_std"] = None
             column = claim.column if claim.column < self._n_columns else 0
             found.append(Response(outcome, name, also, column, statistics))
         return found
-
-    def _best_of(self, evidence: FloatArray, places: IntArray) -> IntArray:
-        return np.asarray(places[evidence[:, places].argmax(axis=1)])
 
     def _alike(self, evidence: FloatArray, best: int) -> tuple[str, ...]:
         behind = evidence[best] - evidence[self._faults]
         close = self._faults[behind < self._config.evidence_alike].tolist()
         return tuple(sorted({self._claims[i].fault for i in close} - {self._claims[best].fault}))
 
-    def _estimates(
-        self, evidence: FloatArray, best: IntArray, gain_sums: FloatArray
-    ) -> list[list[float]]:
-        """Return the values of ``_ESTIMATES`` after each window.
+    def _estimated_times(self, evidence: FloatArray) -> list[list[float]]:
+        """Return lags and dead times, each with its standard deviation, after each window.
 
-        Times are means over the claims, weighted by their likelihood (all alike beforehand).
+        They are means over the claims, weighted by their likelihood (all alike beforehand).
         """
-        rows = np.arange(len(evidence))
-        weight = np.exp(evidence - evidence[rows, best][:, np.newaxis])
+        weight = np.exp(evidence - evidence.max(axis=1)[:, np.newaxis])
         weight /= np.add.reduce(weight, axis=1)[:, np.newaxis]
         mean = (self._times @ weight[:, :, np.newaxis])[:, :, 0]
-        square = (self._times**2 @ weight[:, :, np.newaxis])[:, :, 0]
-        sxx, sxy = gain_sums[rows, :, best].T
-        least = np.maximum(sxx, 1e-12)
-        found = np.empty((len(evidence), len(_ESTIMATES)))
-        found[:, 0:-2:2] = mean
-        found[:, 1:-2:2] = np.sqrt(np.maximum(square - mean**2, 0.0))
-        found[:, -2] = sxy / least
-        found[:, -1] = np.sqrt(self._noise.innovation_var / self._config.evidence_weight / least)
-        return found.tolist()
+        square = (self._times_squared @ weight[:, :, np.newaxis])[:, :, 0]
+        std = np.sqrt(np.maximum(square - mean**2, 0.0))
+        return np.stack((mean, std), axis=2).reshape(len(evidence), -1).tolist()
+
+    def _estimated_gain(self, sums: Sequence[float]) -> dict[str, float | None]:
+        """Return the gain with its standard deviation; None before any window."""
+        if not self._windows:
+            return {"gain": None, "gain_std": None}
+        sxx, sxy = sums[0], sums[1]
+        spread = self._noise.innovation_var / self._config.evidence_weight / max(sxx, 1e-12)
+        return {"gain": sxy / max(sxx, 1e-12), "gain_std": math.sqrt(spread)}
 
 
 _TIMES = tuple(f"{what}_{edge}" for what in ("lag", "dead_time") for edge in EDGES)
-_ESTIMATES = (
-    *(f"{name}{kind}_s" for name in _TIMES for kind in ("", "_std")), "gain", "gain_std",
-)  # fmt: skip
+_ESTIMATES = tuple(f"{name}{kind}_s" for name in _TIMES for kind in ("", "_std"))
 
 
 def _times(hypothesis: Hypothesis) -> list[float]:
