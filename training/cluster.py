@@ -12,6 +12,7 @@ import pickle
 import warnings
 import zipfile
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final, TypeVar
@@ -38,8 +39,8 @@ def run(
 ) -> Iterator[tuple[str, Result]]:
     """Yield key and result of every item, in the order in which they are finished.
 
-    Raises what a job raises, and UsageError if the scheduler does not answer, has no worker, or a
-    worker lacks a package.
+    Raises what a job raises, and UsageError if the scheduler does not answer or is lost, has no
+    worker, or a worker lacks a package.
     """
     rest = iter(items)
     first = next(rest, None)
@@ -51,8 +52,11 @@ def run(
         client.register_plugin(_shipment(name, code))
         try:
             yield from _results(client, name, scheduler, function, data, first, rest)
-        finally:
             client.unregister_worker_plugin(name)
+        except (CancelledError, OSError) as error:
+            if client.status == "running":  # an error of a job
+                raise
+            raise UsageError(f"scheduler {scheduler}: the connection was lost") from error
 
 
 def _results(
@@ -67,36 +71,40 @@ def _results(
     from distributed import KilledWorker, as_completed  # noqa: PLC0415
 
     call, hold = _functions(name)
+    held = _submit(client, hold, data)
+    keys: dict[Any, str] = {}
+    running = as_completed()  # type: ignore[no-untyped-call]
+
+    def send(key: str, item: Item) -> None:
+        future = _submit(client, call, held, pickle.dumps((function, item)))
+        keys[future] = key
+        running.add(future)  # type: ignore[no-untyped-call]
+
+    send(*first)
+    for future in running:
+        while len(keys) <= AHEAD * sum(client.ncores().values()):
+            job = next(rest, None)
+            if job is None:
+                break
+            send(*job)
+        key = keys.pop(future)
+        try:
+            result = future.result()
+        except ModuleNotFoundError as error:
+            raise UsageError(
+                f"scheduler {scheduler}: {error.name} is not installed on its workers, which "
+                "need what this command needs here"
+            ) from error
+        except KilledWorker as error:
+            raise WorkerDiedError([key]) from error
+        future.release()
+        yield key, pickle.loads(result)
+
+
+def _submit(client: Any, function: Callable[..., bytes], *arguments: Any) -> Any:
     with warnings.catch_warnings():  # that a graph is large: its data has to get there somehow
         warnings.simplefilter("ignore", UserWarning)
-        held = client.submit(hold, data, pure=False)
-        keys: dict[Any, str] = {}
-        running = as_completed()  # type: ignore[no-untyped-call]
-
-        def send(key: str, item: Item) -> None:
-            future = client.submit(call, held, pickle.dumps((function, item)), pure=False)
-            keys[future] = key
-            running.add(future)  # type: ignore[no-untyped-call]
-
-        send(*first)
-        for future in running:
-            while len(keys) <= AHEAD * sum(client.ncores().values()):
-                job = next(rest, None)
-                if job is None:
-                    break
-                send(*job)
-            key = keys.pop(future)
-            try:
-                result = future.result()
-            except ModuleNotFoundError as error:
-                raise UsageError(
-                    f"scheduler {scheduler}: {error.name} is not installed on its workers, which "
-                    "need what this command needs here"
-                ) from error
-            except KilledWorker as error:
-                raise WorkerDiedError([key]) from error
-            future.release()
-            yield key, pickle.loads(result)
+        return client.submit(function, *arguments, pure=False)
 
 
 def _functions(name: str) -> tuple[Callable[[bytes, bytes], bytes], Callable[[bytes], bytes]]:
