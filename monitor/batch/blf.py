@@ -171,7 +171,7 @@ def _blocks(objects: Objects, start_s: float, counters: LogCounters) -> Iterator
     if not is_data.all() or n < len(t_ns):
         block = chosen(chosen(block, slice(n)), is_data[:n])
     if block.length.max(initial=0) <= 8:
-        block = block._replace(data=block.data[:, :8])
+        block = block._replace(data=np.ascontiguousarray(block.data[:, :8]))
     counters.frames += len(block.t_ns)
     if len(block.t_ns):
         yield block
@@ -233,7 +233,8 @@ def _with_fd(objects: Objects, found: Contents) -> Contents:
     found.is_remote[rows] = objects.words.take(body + 3) & 0x10 != 0
     # valid bytes behind the end of the object, or where its extension begins, are zero
     behind = (objects.words.take(body + 8) >> 24).astype(np.int64)
-    behind = np.where(behind, behind, objects.size[rows])
+    size = objects.size[rows]
+    behind = np.where(behind, np.minimum(behind, size), size)
     header = (objects.words.take(objects.at[rows] + 1) & 0xFFFF).astype(np.int64)
     there = behind - header - python_can.CAN_FD_MSG_64_STRUCT.size
     data[rows] = _bytes(objects, body, 40, np.minimum(length, there))
