@@ -1,5 +1,6 @@
 """Whole logs as arrays give what the streaming pipeline gives."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,8 @@ from monitor.batch.blocks import block_of
 from monitor.batch.decode import BlockDecoder
 from monitor.batch.logs import JudgedRecording, RecordingReader, judge_logs
 from monitor.batch.samples import LogSamples, log_samples
+from monitor.bus_map import BusMap
+from monitor.config import Config
 from monitor.dtc import DtcStore
 from monitor.errors import RecordingError
 from monitor.limits import Limits
@@ -94,13 +97,12 @@ SHORT = replace(
 )  # fmt: skip
 
 
+def _given(setup: Setup) -> tuple[BusMap, Model, Limits, Config]:
+    return setup.bus_map, setup.model, setup.limits, setup.config
+
+
 def judged(paths: list[Path], setup: Setup, side_by_side: int = 64) -> list[JudgedRecording]:
-    return list(
-        judge_logs(
-            paths, setup.bus_map, setup.model, setup.limits, setup.config,
-            columns=setup.columns, side_by_side=side_by_side,
-        )
-    )  # fmt: skip
+    return list(judge_logs(paths, *_given(setup), columns=setup.columns, side_by_side=side_by_side))
 
 
 def replayed(path: Path, setup: Setup) -> dict[str, Any]:
@@ -168,6 +170,24 @@ def test_a_recording_that_cannot_be_used_is_its_reason_and_the_others_go_on(
             assert str(each.error) == str(raised.value)
     assert "cannot read the log: No such file" in str(found[3].error)
     assert found[1].entry == found[5].entry == replayed(good, SETUP)
+
+
+def test_recordings_are_read_only_as_many_at_a_time_as_are_judged_side_by_side() -> None:
+    (log,) = (ROOT / "replay_logs").glob("stuck_rich_*.blf")
+    asked: list[Path] = []
+
+    def paths() -> Iterator[Path]:
+        for _ in range(7):
+            asked.append(log)
+            yield log
+
+    found = judge_logs(paths(), *_given(SETUP), side_by_side=3)
+    entries = []
+    for number, each in enumerate(found):
+        assert len(asked) == min(3 * (number // 3 + 1), 7)
+        entries.append(each.entry)
+    assert len(entries) == 7
+    assert all(entry == entries[0] for entry in entries)
 
 
 @pytest.mark.parametrize("period_s", [0.1, 0.037])
