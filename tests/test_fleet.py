@@ -119,8 +119,11 @@ def test_a_bad_file_is_a_row_with_its_reason(tmp_path: Path, folder: Path) -> No
     (bad / "cut.blf").write_bytes((LOGS / HEALTHY).read_bytes()[:50_000])
     (bad / "words.csv").write_text("time_s,lambda_measured\n0,one\n1,two\n")
     (bad / "other.csv").write_text("time_s,speed\n" + "".join(f"{k / 10},1\n" for k in range(99)))
+    blank = pl.read_parquet(good).with_columns(pl.lit(None, pl.Float64).alias("maf_kg_h"))
+    blank.write_parquet(bad / "blank.parquet")
     (bad / "noise.parquet").write_bytes(b"PAR1 and nothing else")
     wanted = {
+        "blank.parquet": "no number in column maf_kg_h",
         "cut.blf": "damaged or cut short",
         "empty.log": "the log is empty",
         "gone.log": "No such file",

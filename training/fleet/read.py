@@ -11,6 +11,7 @@ from monitor.batch.logs import RecordingReader
 from monitor.batch.samples import Clearing
 from monitor.config import Config
 from monitor.enable import Enable
+from monitor.errors import RecordingError
 from monitor.model_card import ModelCard
 from monitor.types import SampleBlock
 from training import recordings
@@ -66,6 +67,12 @@ class FleetReader:
         period_s = self._card.period_ns / 1e9
         found = recordings.load(path, period_s=period_s, columns=self._columns)
         names = needed_names(self._card, found.names)
+        wanted = (*self._card.input_names, self._card.output.name)
+        empty = [
+            name for name in wanted if name in names and not np.isfinite(found.column(name)).any()
+        ]
+        if empty:
+            raise RecordingError(f"{path}: no number in column {', '.join(empty)}")
         order = [found.names.index(name) for name in names]
         t_ns = np.rint(found.t_s * 1e9).astype(np.int64)
         index = np.arange(len(t_ns))
