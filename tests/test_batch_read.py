@@ -134,7 +134,7 @@ def texts(draw: st.DrawFn) -> bytes:
     return bytes(text)
 
 
-@settings(max_examples=1000)
+@settings(max_examples=400)
 @given(text=texts(), chunk_bytes=st.sampled_from([1, 7, 64, 333, 1 << 16]))
 def test_candump_in_chunks_gives_frames_counters_and_errors_of_the_streaming_reader(
     tmp_path_factory: pytest.TempPathFactory, text: bytes, chunk_bytes: int
@@ -378,7 +378,7 @@ FD = st.builds(
 
 
 @pytest.mark.parametrize("suffix", [".log", ".asc", ".blf", ".csv", ".trc", ".mf4"])
-@settings(max_examples=25)
+@settings(max_examples=15)
 @given(data=st.data())
 def test_logs_written_by_python_can_are_read_as_python_can_reads_them(
     tmp_path_factory: pytest.TempPathFactory, suffix: str, data: st.DataObject
@@ -565,7 +565,7 @@ def blf_files(draw: st.DrawFn) -> bytes:
     return blf_file(containers, draw(st.integers(0, 999)))
 
 
-@settings(max_examples=1000)
+@settings(max_examples=400)
 @given(content=blf_files(), chunk_bytes=st.sampled_from([1, 1, 200, 1 << 20]))
 def test_blf_objects_of_every_kind_are_read_as_python_can_reads_them(
     tmp_path_factory: pytest.TempPathFactory, content: bytes, chunk_bytes: int
