@@ -165,7 +165,9 @@ class BlockJudge:
     def _run_rows(self, segments: Sequence[Segment]) -> None:
         """Run model and bank on the segments, the longest first."""
         lengths = [segment.length for segment in segments]
-        u = np.zeros((len(segments), lengths[0], self._model.n_inputs), np.float32)
+        # what the model takes in one step lies together in memory
+        steps = np.zeros((lengths[0], len(segments), self._model.n_inputs), np.float32)
+        u = steps.transpose(1, 0, 2)
         measured = np.empty(len(segments))
         for row, (recording, begin, end) in enumerate(segments):
             u[row, : end - begin] = recording.inputs[begin:end]
