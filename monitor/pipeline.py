@@ -4,7 +4,7 @@ Time comes with the frames, so a live bus and a replayed log run the same code.
 """
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from functools import partial
 from itertools import chain, islice
 from operator import itemgetter
@@ -45,6 +45,7 @@ __all__ = [
     "Tick",
     "WindowJudged",
     "check_names",
+    "needed_names",
 ]
 
 # a live sensor must move while these hold and the engine runs, whatever the model's state
@@ -248,6 +249,12 @@ def check_names(card: ModelCard, names: Sequence[str]) -> None:
         raise RecordingError(f"the model needs {', '.join(missing)}; there are {', '.join(names)}")
 
 
+def needed_names(card: ModelCard, available: Collection[str]) -> tuple[str, ...]:
+    """Return which of the available signals the monitor looks at, in its order."""
+    wanted = (*card.input_names, card.output.name, *enable.SIGNALS, *CYCLE_SIGNALS)
+    return tuple(name for name in dict.fromkeys(wanted) if name in available)
+
+
 class FramePipeline:
     """Frames in, events out: decoder and assembler in front of a monitor."""
 
@@ -255,10 +262,7 @@ class FramePipeline:
         self, bus_map: BusMap, model: Model, limits: Limits, config: Config, store: DtcStore
     ) -> None:
         card = model.card
-        wanted = dict.fromkeys(
-            (*card.input_names, card.output.name, *enable.SIGNALS, *CYCLE_SIGNALS)
-        )
-        names = [name for name in wanted if name in bus_map.names]
+        names = needed_names(card, bus_map.names)
         self.monitor = Monitor(model, limits, config, names, store)
         self.decoder = Decoder(bus_map, names)
         self.assembler = Assembler.of(self.decoder, card.period_ns)

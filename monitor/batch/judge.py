@@ -14,18 +14,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor import enable, hypotheses
+from monitor import hypotheses
 from monitor.batch.bank import BankBlock, phases
 from monitor.batch.course import Course, Vehicle
 from monitor.batch.recording import Reader, Recording
 from monitor.batch.samples import Clearing
 from monitor.config import Config
-from monitor.cycles import SIGNALS as CYCLE_SIGNALS
 from monitor.decide import Decisions, DtcChanged, WindowJudged
 from monitor.dtc import Dtc, DtcStore
 from monitor.limits import Limits
 from monitor.model import Model
-from monitor.model_card import ModelCard
 from monitor.pipeline import CycleStarted, check_names
 from monitor.reference import Reference, Seen
 from monitor.types import BoolArray, FloatArray, SampleBlock
@@ -61,12 +59,6 @@ class Segment(NamedTuple):
     def length(self) -> int:
         """Return the number of samples."""
         return self.end - self.begin
-
-
-def needed_names(card: ModelCard, available: Sequence[str]) -> tuple[str, ...]:
-    """Return which of the available signals the monitor looks at, in its order."""
-    wanted = (*card.input_names, card.output.name, *enable.SIGNALS, *CYCLE_SIGNALS)
-    return tuple(name for name in dict.fromkeys(wanted) if name in available)
 
 
 def judge_all(

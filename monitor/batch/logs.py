@@ -14,7 +14,7 @@ from typing import Any
 from monitor.batch.assemble import BlockAssembler
 from monitor.batch.candump import Parser
 from monitor.batch.decode import BlockDecoder
-from monitor.batch.judge import BlockJudge, Judged, needed_names
+from monitor.batch.judge import BlockJudge, Judged
 from monitor.batch.read import read_blocks
 from monitor.batch.samples import Clearing, log_samples
 from monitor.bus_map import BusMap

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from monitor.batch.judge import needed_names
 from monitor.batch.logs import RecordingReader
 from monitor.batch.samples import Clearing
 from monitor.config import Config
 from monitor.enable import Enable
 from monitor.errors import RecordingError
 from monitor.model_card import ModelCard
+from monitor.pipeline import needed_names
 from monitor.types import SampleBlock
 from training import recordings
 from training.measurement import is_measurement
