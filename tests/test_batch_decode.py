@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import dbc
-from monitor.batch.decode import BlockDecoder
 from monitor.batch.blocks import block_of
+from monitor.batch.decode import BlockDecoder
 from monitor.bus_map import BusMap, load_pairs
 from monitor.checksum import payload_checksum
 from monitor.decode import Decoder

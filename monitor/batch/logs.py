@@ -35,7 +35,7 @@ from monitor.errors import RecordingError
 from monitor.limits import Limits
 from monitor.model import Model
 from monitor.model_card import ModelCard
-from monitor.pipeline import check_names
+from monitor.pipeline import check_names, needed_names
 from monitor.tables import is_table, read_table, table_block
 from monitor.types import SampleBlock
 
