@@ -71,8 +71,6 @@ def checked_kind(path: Path) -> str:
 
 def frame_of(message: can.Message) -> Frame:
     """Return a python-can message as a frame, its time rounded to microseconds."""
-    if not -LATEST_S < message.timestamp < LATEST_S:
-        raise ValueError(f"a frame at {message.timestamp:g} s")
     return Frame(
         round(message.timestamp * 1e6) * 1000,
         message.arbitration_id,
@@ -159,6 +157,8 @@ def _through_python_can(path: Path, kind: str, counters: LogCounters) -> Iterato
                 raise ValueError(f"a frame of {message.dlc} bytes holds only {len(message.data)}")
             if message.dlc > MAX_BYTES:
                 raise ValueError(f"a frame of {message.dlc} bytes, CAN FD has {MAX_BYTES} at most")
+            if not -LATEST_S < message.timestamp < LATEST_S:
+                raise ValueError(f"a frame at {message.timestamp:g} s")
             frame = frame_of(message)
             counters.frames += 1
             yield frame

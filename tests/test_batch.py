@@ -241,7 +241,7 @@ def cleared(draw: st.DrawFn, block: SampleBlock) -> list[Clearing]:
     return [Clearing(k, 77 + k) for k in at]
 
 
-@settings(max_examples=250, deadline=None)
+@settings(max_examples=120, deadline=None)
 @given(
     blocks=st.lists(recordings(), max_size=5),
     missing=st.sets(st.sampled_from(enable.SIGNALS), max_size=3),

@@ -41,7 +41,7 @@ def recordings(draw: st.DrawFn) -> SampleBlock:
     return SampleBlock(np.arange(len(t_ns)), t_ns, np.concatenate(parts), np.concatenate(quality))
 
 
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=150, deadline=None)
 @given(block=recordings(), missing=st.sets(st.sampled_from(SIGNALS), max_size=2))
 def test_a_recording_has_the_moments_of_its_samples(block: SampleBlock, missing: set[str]) -> None:
     kept = [i for i, name in enumerate(NAMES) if name not in missing]

@@ -172,7 +172,7 @@ def bus_map_of(folder: Path, size: int, signals: str, own: str) -> BusMap:
     return load_pairs([(dbc_path, map_path)])
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=120, deadline=None)
 @given(layout=layouts(), seed=st.integers(0, 2**32 - 1), cuts=cuts)
 def test_any_layout_gives_the_same_values_and_counters(
     tmp_path_factory: pytest.TempPathFactory,

@@ -46,7 +46,7 @@ def assert_same_samples(expected: list[Sample], got: LogSamples) -> None:
     assert block.quality.tobytes() == b"".join(s.quality.tobytes() for s in expected)
 
 
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=150, deadline=None)
 @given(frames=logs(), size=st.sampled_from([1, 7, 100, 1000]))
 def test_spoilt_logs_give_the_same_samples_and_counters(frames: list[Frame], size: int) -> None:
     pipeline = FramePipeline(ECU, MODEL, LIMITS, SETTINGS, DtcStore())

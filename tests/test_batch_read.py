@@ -21,7 +21,7 @@ from monitor.batch.lines import MARGIN
 from monitor.batch.read import read_blocks
 from monitor.blf import check as check_blf
 from monitor.bus_map import load_pairs
-from monitor.candump import LogCounters, read_candump
+from monitor.candump import LATEST_S, LogCounters, read_candump
 from monitor.errors import RecordingError
 from monitor.sources import frame_of, guarded, open_binary, read_frames
 from monitor.types import Frame, FrameBlock
@@ -134,7 +134,7 @@ def texts(draw: st.DrawFn) -> bytes:
     return bytes(text)
 
 
-@settings(max_examples=400)
+@settings(max_examples=150)
 @given(text=texts(), chunk_bytes=st.sampled_from([1, 7, 64, 333, 1 << 16]))
 def test_candump_in_chunks_gives_frames_counters_and_errors_of_the_streaming_reader(
     tmp_path_factory: pytest.TempPathFactory, text: bytes, chunk_bytes: int
@@ -256,6 +256,8 @@ def python_can_reads(path: Path) -> Outcome:
                 dlc, n = message.dlc, len(message.data)
                 if dlc != n:
                     raise ValueError(f"a frame of {dlc} bytes holds only {n}")
+                if not -LATEST_S < message.timestamp < LATEST_S:
+                    raise ValueError(f"a frame at {message.timestamp:g} s")
                 frame = frame_of(message)
                 counters.frames += 1
                 yield frame
@@ -565,7 +567,7 @@ def blf_files(draw: st.DrawFn) -> bytes:
     return blf_file(containers, draw(st.integers(0, 999)))
 
 
-@settings(max_examples=400)
+@settings(max_examples=150)
 @given(content=blf_files(), chunk_bytes=st.sampled_from([1, 1, 200, 1 << 20]))
 def test_blf_objects_of_every_kind_are_read_as_python_can_reads_them(
     tmp_path_factory: pytest.TempPathFactory, content: bytes, chunk_bytes: int
