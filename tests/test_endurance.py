@@ -20,9 +20,9 @@ def test_memory_is_flat_while_the_loop_runs(
 
 
 def test_random_and_mutated_frames_make_no_code_and_end_nothing() -> None:
-    found = fuzz(20_000, seed=7)
-    assert found.frames == 20_000
-    assert found.samples > 400
+    found = fuzz(10_000, seed=7)
+    assert found.frames == 10_000
+    assert found.samples > 200
     assert (found.codes, found.detached) == ((), 0)
 
 

@@ -68,9 +68,10 @@ def test_a_run_shows_its_page_while_it_judges(
         assert cli.main(run) == 3
     watcher.join()
     assert f"live page: {url}" in capsys.readouterr().out
-    first, *_, last = [message for message in seen if message]
-    assert first["channel"] == f"virtual {CHANNEL}"
-    assert first["limits"]["j_mu"] > 0.0
+    last = [message for message in seen if message][-1]
+    greeting = next(message for message in seen if "channel" in message)  # a browser may be earlier
+    assert greeting["channel"] == f"virtual {CHANNEL}"
+    assert greeting["limits"]["j_mu"] > 0.0
     samples = [s for message in seen for s in message.get("samples", ())]
     assert 20 <= len(samples) <= 45
     assert last["now"]["samples"] >= len(samples)
