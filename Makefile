@@ -24,7 +24,7 @@ demo: $(DEMO)/.installed ## replay a healthy and a faulty drive, write demo/repo
 	@echo "Healthy drive: no fault. Faulty drive: fault found. Both with pictures: demo/report.html"
 
 test: lint system ## every check: style, types, imports, all tests
-	$(VENV)/bin/python -m pytest -n 3 --dist worksteal  # three on two cores: those on a bus wait
+	$(VENV)/bin/python -m pytest -n 2 --dist worksteal
 
 lint: venv ## style, types and the direction of imports
 	$(VENV)/bin/ruff check .

@@ -20,13 +20,13 @@ def test_memory_is_flat_while_the_loop_runs(
 
 
 def test_random_and_mutated_frames_make_no_code_and_end_nothing() -> None:
-    found = fuzz(10_000, seed=7)
-    assert found.frames == 10_000
-    assert found.samples > 200
+    found = fuzz(6_000, seed=7)
+    assert found.frames == 6_000
+    assert found.samples > 100
     assert (found.codes, found.detached) == ((), 0)
 
 
 def test_a_mad_clock_ends_nothing() -> None:
-    found = fuzz(1_000, seed=3, mad_clock=True)
+    found = fuzz(500, seed=3, mad_clock=True)
     assert found.samples > 0
     assert found.detached == 0

@@ -176,7 +176,7 @@ def _white_part(memory: float) -> float:
 @pytest.mark.parametrize("beside_healthy", [False, True])
 def test_without_a_gap_at_most_one_case_in_ten_has_a_finding(beside_healthy: bool) -> None:
     hits = []
-    for case in range(20):
+    for case in range(10):
         memory = (0.0, 0.7, 0.9, 0.97)[case % 4]
         effects = (own_error,) if beside_healthy else ()
         seeds = [1000 + 10 * case + i for i in range(1 + (case // 4) % 2)]
@@ -184,7 +184,7 @@ def test_without_a_gap_at_most_one_case_in_ten_has_a_finding(beside_healthy: boo
         healthy = [drive(s + 5, *effects, n=3600, memory=memory) for s in seeds]
         result = localise(new, healthy if beside_healthy else ())
         hits.append(bool(result.significant))
-    assert sum(hits) <= 2
+    assert sum(hits) <= 1
 
 
 def test_a_driver_that_tells_few_drives_apart_is_left_out_and_the_notes_say_so() -> None:

@@ -64,7 +64,12 @@ def main() -> int:
                 wait_until_listening(process, PATIENCE_S)
             with subprocess.Popen(player) as playing:
                 time.sleep(max(length_s(options.log) - ASK_BEFORE_END_S, 0.0))
-                told = {"uds": ask_uds(), "obd": ask_obd(), "page": fetch(), "event": first_event()}
+                uds = ask_uds()
+                until_s = time.monotonic() + PATIENCE_S
+                while not uds and time.monotonic() < until_s:  # the player lags on a busy machine
+                    time.sleep(1.0)
+                    uds = ask_uds()
+                told = {"uds": uds, "obd": ask_obd(), "page": fetch(), "event": first_event()}
                 (folder / "clients.json").write_text(json.dumps(told), encoding="utf-8")
                 returncodes["player"] = playing.wait(timeout=PATIENCE_S)
             ended = {"monitor": listening, "gateway": between}

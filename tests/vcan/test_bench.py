@@ -61,7 +61,11 @@ def test_a_fault_put_in_between_two_buses_is_found_and_told_to_testers_and_brows
     assert answer[:2] == b"\x47\x01"
     assert str(decoders.parse_dtc((answer[2], answer[3]))[0]).upper() == "P015A"
     assert "<title>" in told["page"]
-    assert "P015A" in told["event"]
+    shown = json.loads(told["event"].partition("data: ")[2])
+    assert [code["code"] for code in shown["memory"]["codes"]] == ["P015A"]
+    assert shown["channel"] == "socketcan vcan1"
+    assert shown["health"]["timestamps"] == "kernel"
+    assert len(shown["samples"]) > 200
 
 
 def stretch(frames: list[Frame]) -> list[Frame]:

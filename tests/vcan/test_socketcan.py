@@ -16,7 +16,7 @@ from tests.vcan.guest import Finished
 
 ROOT = Path(__file__).resolve().parents[2]
 PLAY = ROOT / "tests" / "vcan" / "play_and_monitor.py"
-STRETCH_S = 50.0
+STRETCH_S = 40.0
 START_AND_END_S = 180.0  # boot, imports and shutdown, on one slow CPU that others use too
 MEAN_TOLERANCE = 0.005  # lambda; a frame that jitter moves over a tick edge shifts a mean by less
 SAME_WINDOW_S = 1.0  # two windows that start this close are of the same samples, or nearly
