@@ -158,8 +158,40 @@ def test_recordings_are_found_by_folder_pattern_and_manifest(folder: Path, tmp_p
     assert [d.path for d in drives][:3] == [
         str(tmp_path / "x/1.log"), "memory://far/2.log", "/abs/3.log",
     ]  # fmt: skip
+    (tmp_path / "q.csv").write_text('"vehicle","path"\n"7, red","x/1, 2.log"\n')
+    (quoted,) = drives_of([str(tmp_path / "q.csv")])
+    assert (quoted.vehicle, quoted.path) == ("7, red", str(tmp_path / "x/1, 2.log"))
     named = drives_of([str(folder)], r"drive_0*(\d)")
     assert [(d.vehicle, d.drive) for d in named[:3]] == [("0", 0), ("1", 0), ("2", 0)]
+
+
+def test_a_name_with_brackets_is_a_file_if_it_is_there(tmp_path: Path) -> None:
+    for name in ("drive[1].log", "drive1.log"):
+        (tmp_path / name).touch()
+    found = [Path(d.path).name for d in drives_of([f"{tmp_path}/drive[1].log"])]
+    assert found == ["drive[1].log"]
+    assert [Path(d.path).name for d in drives_of([f"{tmp_path}/d*[1].log"])] == ["drive1.log"]
+
+
+def test_what_a_run_writes_among_its_recordings_is_none_of_them(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # GIVEN results that lie in the folder of the recordings, and chunks of a run that was killed
+    out = tmp_path / "results.parquet"
+    for path in sorted(folder.iterdir())[:2]:
+        shutil.copy(path, tmp_path)
+    call = ["fleet", str(tmp_path), "--model", MODEL, "--out", str(out), "--jobs", "1"]
+    assert main(call) == 0
+    fleet.work_folder(out).mkdir()
+    shutil.copy(out, fleet.work_folder(out) / "chunk_000000.recordings.parquet")
+    # WHEN the same command is given again THEN it judges the same
+    assert main(call) == 0
+    first, again = (line for line in capsys.readouterr().out.splitlines() if "with a code" in line)
+    assert again == first
+    assert first.startswith("2 recordings")
+    call[1] = str(out)
+    assert main(call) == 2
+    assert "no recording there but what the run itself writes" in capsys.readouterr().err
 
 
 def test_files_of_one_name_are_different_vehicles(tmp_path: Path) -> None:
@@ -188,6 +220,8 @@ def test_a_chunk_holds_whole_vehicles(tmp_path: Path) -> None:
         ("path,vehicle\n,a\n", "line 2: no path"),
         ("path,speed\nx.log,3\n", "unknown column 'speed'"),
         ("path\nx.log\nx.log\n", "is there twice"),
+        ("path\nx.log\n./x.log\n", "is there twice"),
+        ("path,vehicle\nx.log,7, red\n", "line 2: more than path and vehicle"),
     ],
 )
 def test_a_manifest_that_cannot_be_meant_is_refused(tmp_path: Path, text: str, said: str) -> None:
@@ -339,6 +373,11 @@ def test_tables_with_names_of_their_own_and_logs_with_another_map_are_judged(
     rows, _ = fleet_drives.tables(out)
     assert rows["error"].to_list() == [None, None]
     assert rows["codes"].to_list() == [[], ["P015A"]]
+    # AND a columns map that cannot be meant is refused at once
+    (tmp_path / "names.toml").write_text("lambda_measured = 3\n")
+    assert main(call) == 2
+    said = f"{tmp_path / 'names.toml'}: lambda_measured is 3, a column's name is wanted"
+    assert said in capsys.readouterr().err
 
 
 def test_recordings_are_read_over_http(folder: Path, tmp_path: Path) -> None:
@@ -349,13 +388,15 @@ def test_recordings_are_read_over_http(folder: Path, tmp_path: Path) -> None:
         root = f"http://127.0.0.1:{server.server_port}"
         names = sorted(path.name for path in folder.iterdir())[:2]
         manifest = tmp_path / "m.csv"
-        manifest.write_text("path\n" + "".join(f"{root}/{n}\n" for n in [*names, "gone.log"]))
+        given = [names[0], f"{names[1]}?signature=a/b.log", "gone.log"]
+        manifest.write_text("path\n" + "".join(f"{root}/{name}\n" for name in given))
         # WHEN they are judged by their URLs
         rows, _ = judged([str(manifest)], tmp_path / "out.parquet")
         server.shutdown()
     # THEN they are, and the one that is not there says so
     assert rows["error"].to_list()[:2] == [None, None]
     assert rows["sha256"].to_list()[:2] == [sha256(folder / name) for name in names]
+    assert rows["vehicle"].to_list()[:2] == names
     assert rows["error"][2].startswith(f"{root}/gone.log: cannot be read")
 
 

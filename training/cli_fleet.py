@@ -72,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
     if not 0.0 < args.false_alarms < 1.0:
         raise UsageError("--false-alarms is above 0 and below 1")
     bench = Bench.of(args.model, config.load(args.config), pairs_of(args), args.columns)
-    drives = drives_of(args.recordings, args.vehicle)
+    drives = drives_of(args.recordings, args.vehicle, fleet.written_paths(args.out))
     jobs = args.jobs or os.cpu_count() or 1
     errors = faults = 0
     with tqdm(total=len(drives), unit="drive", disable=None) as bar:

@@ -20,6 +20,7 @@ from monitor.bus_map import load_pairs
 from monitor.config import Config
 from monitor.limits import Limits
 from monitor.model import Model
+from monitor.tables import load_columns
 from training import run_folder
 from training.fleet import places
 from training.fleet.read import FleetReader
@@ -55,6 +56,8 @@ class Bench:
         own = [(Path(a), Path(b)) for a, b in pairs or default_pairs()]
         Limits.from_card(Model.load(model).card, config, str(model))
         load_pairs(own)
+        if columns is not None:
+            load_columns(columns)
         return cls(
             _file(model),
             config,

@@ -6,6 +6,8 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
 from typing import Any, Final
 
 from monitor import manifest as sources
@@ -47,21 +49,32 @@ class Chunk:
             yield [own[i] for own in self.vehicles if i < len(own)]
 
 
-def drives_of(given: Sequence[str], pattern: str | None = None) -> list[Drive]:
+def drives_of(
+    given: Sequence[str], pattern: str | None = None, besides: Sequence[Path] = ()
+) -> list[Drive]:
     """Return the recordings that files, folders, patterns and manifests stand for.
 
     given : a ``.csv`` file with a column ``path`` is a manifest
     pattern : regular expression whose first group names the vehicle in a path
+    besides : files, and folders with what is in them, that are no recordings wherever they lie
     Vehicles of the manifest, or of the pattern, are those of their drives in the order given; any
     other recording is a vehicle of its own, named like its file.
     Raises UsageError naming what is wrong, also for a recording that is there twice.
     """
+    others = tuple(str(path.absolute()) for path in besides)
+    inside = tuple(f"{path}/" for path in others)
     found: dict[str, str] = {}
-    for each in given:
-        for path, vehicle in _listed(each):
-            if path in found:
-                raise UsageError(f"{path}: is there twice")
-            found[path] = vehicle or _named(path, pattern)
+    known = set[str]()
+    for path, vehicle in chain.from_iterable(map(_listed, given)):
+        place = str(Path(path).absolute()) if places.is_local(path) else path
+        if place in others or place.startswith(inside):
+            continue
+        if place in known:
+            raise UsageError(f"{path}: is there twice")
+        known.add(place)
+        found[path] = vehicle or _named(path, pattern)
+    if not found:
+        raise UsageError(f"{', '.join(given)}: no recording there but what the run itself writes")
     names = Counter(vehicle or places.name_of(path) for path, vehicle in found.items())
     declared = _Declared()
     count: dict[str, int] = {}
@@ -98,13 +111,13 @@ def digest(drives: Sequence[Drive]) -> str:
 
 def _listed(given: str) -> list[tuple[str, str]]:
     """Return paths and vehicles, "" where nothing is said."""
-    if given.lower().endswith(".csv") and not any(sign in given for sign in "*?["):
+    if places.name_of(given).lower().endswith(".csv") and not places.is_pattern(given):
         if places.is_local(given):
             places.find(given)  # that it is there
-        text = places.read_text(given)
-        header = text.partition("\n")[0].lstrip("\ufeff")
-        if "path" in (name.strip() for name in header.split(",")):
-            return _manifest(given, text.lstrip("\ufeff"))
+        text = places.read_text(given).lstrip("\ufeff")
+        header = next(csv.reader(text.splitlines()[:1], skipinitialspace=True), [])
+        if "path" in (name.strip() for name in header):
+            return _manifest(given, text)
     return [(path, "") for path in places.find(given)]
 
 
@@ -120,6 +133,11 @@ def _manifest(url: str, text: str) -> list[tuple[str, str]]:
         path, vehicle = ((row.get(key) or "").strip() for key in ("path", "vehicle"))
         if not path:
             raise UsageError(f"{url}: line {reader.line_num}: no path")
+        if None in row:  # where DictReader puts what is too much
+            raise UsageError(
+                f"{url}: line {reader.line_num}: more than {' and '.join(reader.fieldnames)}; a "
+                "comma within one wants quotes"
+            )
         rows.append((places.joined(folder, path), vehicle))
     if not rows:
         raise UsageError(f"{url}: the manifest has no recording")
@@ -135,7 +153,7 @@ def _named(path: str, pattern: str | None) -> str:
         return (match[1] or "") if match else ""
     except (re.error, IndexError) as error:
         raise UsageError(
-            f"--vehicle {pattern!r}: {error}; wanted a regular expression with one group"
+            f"--vehicle {pattern}: {error}; wanted a regular expression with one group"
         ) from None
 
 

@@ -14,11 +14,19 @@ from monitor.errors import RecordingError, UsageError
 
 SUFFIXES: Final = (".log", ".asc", ".blf", ".csv", ".trc", ".mf4", ".mdf", ".dat", ".parquet")
 _MAGIC: Final = "*?["
+_WEB: Final = ("http://", "https://")
 
 
 def is_local(url: str) -> bool:
     """Return whether a recording lies in this machine's file system."""
     return "://" not in url
+
+
+def is_pattern(url: str) -> bool:
+    """Return whether a place is a pattern: not what is there under this very name, nor a query."""
+    if url.startswith(_WEB) or not any(sign in url for sign in _MAGIC):
+        return False
+    return not (is_local(url) and Path(url).exists())
 
 
 def find(url: str) -> list[str]:
@@ -28,7 +36,7 @@ def find(url: str) -> list[str]:
     """
     try:
         system, path = fsspec.core.url_to_fs(url)
-        if any(sign in path for sign in _MAGIC):
+        if is_pattern(url):
             found = [p for p in system.glob(path) if is_recording(p)]
         elif system.isdir(path):
             found = [p for p in system.find(path) if is_recording(p)]
@@ -53,12 +61,12 @@ def is_recording(name: str) -> bool:
 
 def folder_of(url: str) -> str:
     """Return the folder in which a recording lies."""
-    return str(Path(url).parent) if is_local(url) else url.rpartition("/")[0]
+    return str(Path(url).parent) if is_local(url) else _without_query(url).rpartition("/")[0]
 
 
 def name_of(url: str) -> str:
     """Return a recording's file name."""
-    return PurePosixPath(url).name
+    return PurePosixPath(_without_query(url)).name
 
 
 def joined(folder: str, path: str) -> str:
@@ -104,6 +112,10 @@ def sha256_of(text: str | bytes) -> str:
     """Return the sha256 as hexadecimal digits."""
     data = text.encode() if isinstance(text, str) else text
     return hashlib.sha256(data).hexdigest()
+
+
+def _without_query(url: str) -> str:
+    return url.partition("?")[0] if url.startswith(_WEB) else url
 
 
 def _as_given(url: str, path: str, found: str) -> str:

@@ -1,6 +1,5 @@
 """The report of a fleet: a page and the same figures as JSON."""
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -30,9 +29,3 @@ def write(out: Path, bench: Bench, run: Mapping[str, Any], wished: float) -> tup
     begun.write_text(page.as_page(found, recordings, windows, standing))
     begun.replace(html)
     return html, tree
-
-
-def read(out: Path) -> dict[str, Any]:
-    """Return the figures that ``write`` has left beside a table."""
-    found: dict[str, Any] = json.loads(out.with_suffix(".json").read_text())
-    return found

@@ -31,6 +31,11 @@ def work_folder(out: Path) -> Path:
     return out.with_name(f"{out.name}.work")
 
 
+def written_paths(out: Path) -> tuple[Path, ...]:
+    """Return what a run writes that might be taken for recordings."""
+    return out, windows_path(out), work_folder(out), _old_folder(out)
+
+
 def windows_path(out: Path) -> Path:
     """Return the table of windows that belongs to a table of recordings."""
     return out.with_name(f"{out.stem}.windows{out.suffix}")
@@ -84,10 +89,14 @@ def finish(out: Path) -> None:
 
     Under another name first: a folder that is half removed must not be taken for a run.
     """
-    old = out.with_name(f"{out.name}.old")
+    old = _old_folder(out)
     shutil.rmtree(old, ignore_errors=True)
     work_folder(out).rename(old)
     shutil.rmtree(old)
+
+
+def _old_folder(out: Path) -> Path:
+    return out.with_name(f"{out.name}.old")
 
 
 def _apart(chunk: Chunk, bench: Bench, scheduler: str | None) -> Done:
