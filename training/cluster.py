@@ -16,6 +16,7 @@ from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final, TypeVar
+from uuid import uuid4
 
 import dbc
 import monitor
@@ -48,15 +49,18 @@ def run(
         return
     with _connected(scheduler) as client:
         data, code = pickle.dumps(shared), _archive()
-        name = f"o2-monitor-{hashlib.sha256(code).hexdigest()[:16]}"
-        client.register_plugin(_shipment(name, code))
+        folder = f"o2-monitor-{hashlib.sha256(code).hexdigest()[:16]}"
+        name = f"{folder}-{uuid4().hex}"  # of this run: others may use the same code
         try:
+            client.register_plugin(_shipment(name, folder, code))
             yield from _results(client, name, scheduler, function, data, first, rest)
-            client.unregister_worker_plugin(name)
         except (CancelledError, OSError) as error:
             if client.status == "running":  # an error of a job
                 raise
             raise UsageError(f"scheduler {scheduler}: the connection was lost") from error
+        finally:
+            if client.status == "running":
+                client.unregister_worker_plugin(name)
 
 
 def _results(
@@ -140,8 +144,11 @@ def _archive() -> bytes:
     return buffer.getvalue()
 
 
-def _shipment(name: str, archive: bytes) -> Any:
-    """Return a plugin that makes our code importable on a worker; its class travels by value."""
+def _shipment(name: str, folder_name: str, archive: bytes) -> Any:
+    """Return a plugin that makes our code importable on a worker; its class travels by value.
+
+    folder_name : of the code, where it is unpacked
+    """
     from distributed.diagnostics.plugin import WorkerPlugin  # noqa: PLC0415
 
     ours = [package.__name__ for package in PACKAGES]
@@ -149,6 +156,7 @@ def _shipment(name: str, archive: bytes) -> Any:
     class Shipment(WorkerPlugin):
         def __init__(self) -> None:
             self.name, self.archive, self.ours = name, archive, ours
+            self.folder_name = folder_name
 
         def setup(self, worker: Any) -> None:
             import contextlib  # noqa: PLC0415
@@ -171,7 +179,7 @@ def _shipment(name: str, archive: bytes) -> Any:
                 self.root = str(Path(spec.origin).parent.parent)
                 return
             # beside the folders of this machine's workers, so that numba compiles once for all
-            folder = Path(worker.local_directory).parent / self.name
+            folder = Path(worker.local_directory).parent / self.folder_name
             if not folder.exists():
                 begun = Path(worker.local_directory) / self.name
                 file.extractall(begun)
