@@ -27,12 +27,12 @@ from cantools.database.can import Database
 
 from monitor import checksum, config
 from monitor import replay as o2mon_replay
-from monitor.assemble import Assembler
 from monitor.bus_map import BusMap, load_database
 from monitor.decode import Decoder
 from monitor.dtc import DtcStore
 from monitor.model import open_session
 from monitor.pipeline import FramePipeline, WindowJudged
+from monitor.samples import FrameSamples
 from monitor.signal_map import Integrity
 from monitor.sources import read_frames
 from monitor.types import FloatArray, Frame, Sample
@@ -82,16 +82,22 @@ class Bench:
         recording, _ = o2mon_replay.replay(path, setup)
         if not recording["windows"]:
             raise SystemExit(f"{model}: judges no window of {path.name}")
-        return cls(path, setup, database, frames, list(_samples(path, pipeline)))
+        return cls(path, setup, database, frames, list(_samples(path, setup)))
 
 
 def _pipeline(setup: o2mon_replay.Setup) -> FramePipeline:
     return FramePipeline(setup.bus_map, setup.model, setup.limits, setup.config, DtcStore())
 
 
-def _samples(path: Path, pipeline: FramePipeline) -> Iterator[Sample]:
+def _stream(setup: o2mon_replay.Setup) -> FrameSamples:
+    names = _pipeline(setup).decoder.names
+    return FrameSamples(setup.bus_map, names, setup.model.card.period_ns)
+
+
+def _samples(path: Path, setup: o2mon_replay.Setup) -> Iterator[Sample]:
+    stream = _stream(setup)
     for frame in read_frames(path):
-        yield from pipeline.assembler.push(frame.t_ns, pipeline.decoder.push(frame))
+        yield from stream.push(frame)
 
 
 def _unprotected(bus_map: BusMap) -> BusMap:
@@ -117,7 +123,7 @@ def decode_project(bench: Bench, *, checks: bool) -> tuple[float, ...]:
     decoder = Decoder(bus_map, _pipeline(bench.setup).decoder.names)
     start = process_time()
     for frame in bench.frames:
-        if decoder.push(frame) is None:
+        if not decoder.receive(frame):
             raise AssertionError("a sound frame was refused")
     return ((process_time() - start) / len(bench.frames),)
 
@@ -139,11 +145,10 @@ def decode_plain(bench: Bench, *, checks: bool) -> tuple[float, ...]:
 
 
 def assemble_project(bench: Bench) -> tuple[float, ...]:
-    decoder = _pipeline(bench.setup).decoder
-    assembler = Assembler.of(decoder, bench.setup.model.card.period_ns)
+    push = _stream(bench.setup).push
     start = process_time()
     for frame in bench.frames:
-        assembler.push(frame.t_ns, decoder.push(frame))
+        push(frame)
     return ((process_time() - start) / len(bench.frames),)
 
 

@@ -18,13 +18,13 @@ import numpy as np
 
 from monitor import config, enable, hypotheses
 from monitor import replay as o2mon_replay
-from monitor.assemble import Assembler
 from monitor.dtc import DtcStore
 from monitor.hypotheses import SensorBank
 from monitor.pipeline import FramePipeline, Tick, WindowJudged
 from monitor.plausibility import Plausibility
 from monitor.residual import oriented
 from monitor.response import Noise, ResponseRule
+from monitor.samples import FrameSamples
 from monitor.sources import read_frames
 from monitor.types import FloatArray, Frame, Sample
 from monitor.window import Window
@@ -75,27 +75,16 @@ class Bench:
         return self.setup.model.card.period_ns * 1e-9
 
     def decode(self) -> float:
-        push = self.pipeline().decoder.push
-        start = process_time()
-        for frame in self.frames:
-            push(frame)
-        return (process_time() - start) / len(self.frames)
-
-    def decode_and_assemble(self) -> float:
-        samples = self.pipeline().samples
-        start = process_time()
-        for frame in self.frames:
-            samples(frame)
-        return (process_time() - start) / len(self.frames)
+        return _per_call(self.pipeline().decoder.receive, self.frames)
 
     def assemble(self) -> float:
+        """Return the cost of time and ticks; adding the values is a part of decoding them."""
+        return _per_call(self.pipeline().assembler.advance, [f.t_ns for f in self.frames])
+
+    def decode_and_assemble(self) -> float:
         decoder = self.pipeline().decoder
-        updates = [(frame.t_ns, decoder.push(frame)) for frame in self.frames]
-        push = Assembler.of(decoder, self.setup.model.card.period_ns).push
-        start = process_time()
-        for t_ns, update in updates:
-            push(t_ns, update)
-        return (process_time() - start) / len(self.frames)
+        samples = FrameSamples(self.setup.bus_map, decoder.names, self.setup.model.card.period_ns)
+        return _per_call(samples.push, self.frames)
 
     def conditions(self) -> float:
         names = self.pipeline().monitor.names

@@ -17,14 +17,17 @@ import numpy as np
 from monitor.decode import Decoder
 from monitor.derived import Output
 from monitor.errors import SignalMapError
+from monitor.received import Received
 from monitor.signal_map import Derived
-from monitor.types import Quality, Sample, Update
+from monitor.types import Quality, Sample
 
 MAX_JUMP_NS = 60_000_000_000  # a longer pause is a break in the recording, not a gap
 MAX_LATE = 100  # so many late frames in a row mean that the clock went backwards
 
-_NAN, _INF = math.nan, math.inf
-_GOOD, _STALE, _INVALID, _OUT_OF_RANGE, _OFF_BUS = (int(quality) for quality in Quality)
+_NAN = math.nan
+_GOOD, _STALE, _OFF_BUS = (
+    int(quality) for quality in (Quality.GOOD, Quality.STALE, Quality.OFF_BUS)
+)
 
 
 @dataclass(slots=True)
@@ -42,6 +45,7 @@ class Assembler:
     names : what a sample holds, each a channel or a derived signal
     period_ns : grid period, above 0 and at most MAX_JUMP_NS
     timeouts_ns : how long the value of each channel may be held
+    received : where the values of the open tick are added; by default of its own
     """
 
     def __init__(
@@ -51,6 +55,7 @@ class Assembler:
         period_ns: int,
         timeouts_ns: Sequence[int],
         derived: Sequence[Derived] = (),
+        received: Received | None = None,
     ) -> None:
         check_grid(period_ns)
         n = len(channels)
@@ -62,60 +67,50 @@ class Assembler:
         self.is_off_bus = False  # the monitor itself hears nothing: no sender is to blame
         self._timeouts_ns = list(timeouts_ns)
         self._output = Output(channels, names, derived)
-        self._sums = [0.0] * n
-        self._goods = [0] * n
-        self._bads = [_GOOD] * n  # worst bad value of the open tick
-        self._times_ns = [0] * n  # of the last value received
+        self.received = Received(n) if received is None else received
         self._held = [_NAN] * n
         self._held_quality = [_STALE] * n
         self._index = 1  # of the open tick
         self._is_anchored = False
         self._first_ns, self._end_ns = 1, 0  # the open tick is [first, end]
-        self._last_ns = 0
+        self._last_ns = 1  # time of the latest frame
         self._late_in_a_row = 0
 
     @classmethod
     def of(cls, decoder: Decoder, period_ns: int) -> "Assembler":
-        """Return an assembler for what ``decoder`` yields."""
-        return cls(decoder.channels, decoder.names, period_ns, decoder.timeouts_ns, decoder.derived)
+        """Return an assembler that takes what ``decoder`` receives."""
+        timeouts_ns, received = decoder.timeouts_ns, decoder.received
+        return cls(
+            decoder.channels, decoder.names, period_ns, timeouts_ns, decoder.derived, received
+        )
 
     @property
     def tick_end_ns(self) -> int:
         """Return the end of the open tick, 0 before the first frame."""
         return self._end_ns
 
-    def push(self, t_ns: int, update: Update | None) -> Sequence[Sample]:
-        """Take one frame's time and values, return the samples that are complete before it.
+    def advance(self, t_ns: int) -> Sequence[Sample] | None:
+        """Take the time of a frame and return the samples that are complete before it.
 
-        t_ns : time of the frame
-        update : its values, None if it has none of interest; it moves time all the same
+        Any frame moves time, whether it says anything of interest or not. Returns None if it is
+        too late for the open tick: then its values must not be added to ``received``.
         """
-        samples: Sequence[Sample] = ()
-        if self._first_ns <= t_ns <= self._end_ns:
-            pass
-        elif t_ns > self._end_ns or not self._is_anchored:
-            samples = self._advance(t_ns)
+        if self._last_ns <= t_ns <= self._end_ns:  # in order, within the open tick
+            self._last_ns = t_ns
+            self._late_in_a_row = 0
+            return ()
+        if t_ns > self._end_ns or not self._is_anchored:
+            samples = self._close_until(t_ns)
+        elif t_ns >= self._first_ns:
+            samples = ()
         else:
             self.counters.late += 1
             self._late_in_a_row += 1
             if self._late_in_a_row < MAX_LATE:
-                return ()
+                return None
             samples = [self._break(t_ns)]
         self._late_in_a_row = 0
-        if t_ns > self._last_ns:  # noqa: PLR1730  # half the time of max()
-            self._last_ns = t_ns
-        if update is not None:
-            sums, goods, times_ns = self._sums, self._goods, self._times_ns
-            indices, values = update
-            for channel, value in zip(indices, values):  # noqa: B905  # strict costs 0.14 us
-                times_ns[channel] = t_ns
-                if -_INF < value < _INF:
-                    sums[channel] += value
-                    goods[channel] += 1
-                elif math.isnan(value):
-                    self._bads[channel] = max(self._bads[channel], _INVALID)
-                else:
-                    self._bads[channel] = _OUT_OF_RANGE
+        self._last_ns = max(self._last_ns, t_ns)
         return samples
 
     def reset(self) -> None:
@@ -123,10 +118,10 @@ class Assembler:
         self._clear()
         self._index = 1
         self._is_anchored = False
-        self._first_ns, self._end_ns = 1, 0
+        self._first_ns, self._end_ns, self._last_ns = 1, 0, 1
         self._late_in_a_row = 0
 
-    def _advance(self, t_ns: int) -> Sequence[Sample]:
+    def _close_until(self, t_ns: int) -> Sequence[Sample]:
         """Close every tick that ends before ``t_ns``."""
         if not self._is_anchored:
             self._anchor(t_ns)
@@ -157,31 +152,27 @@ class Assembler:
         return sample
 
     def _clear(self) -> None:
-        n = len(self._sums)
-        self._sums[:] = [0.0] * n
-        self._goods[:] = [0] * n
-        self._bads[:] = [_GOOD] * n
+        n = len(self._held)
+        self.received.clear()
         self._held[:] = [_NAN] * n
         self._held_quality[:] = [_STALE] * n
 
     def _close(self) -> Sample:
         """Return the open tick's sample and open the next."""
-        values, quality = self._held, self._held_quality
+        values, quality, received = self._held, self._held_quality, self.received
+        sums, worst, times_ns = received.sums, received.worst, received.times_ns
         end_ns = self._end_ns
-        for channel, good in enumerate(self._goods):
+        for channel, good in enumerate(received.goods):
             if good:
-                values[channel] = self._sums[channel] / good
+                values[channel] = sums[channel] / good
                 quality[channel] = _GOOD
-                self._sums[channel] = 0.0
-                self._goods[channel] = 0
-                self._bads[channel] = _GOOD
-            elif self._bads[channel]:
+            elif worst[channel]:
                 values[channel] = _NAN
-                quality[channel] = self._bads[channel]
-                self._bads[channel] = _GOOD
-            elif end_ns - self._times_ns[channel] > self._timeouts_ns[channel]:
+                quality[channel] = worst[channel]
+            elif end_ns - times_ns[channel] > self._timeouts_ns[channel]:
                 values[channel] = _NAN
                 quality[channel] = _OFF_BUS if self.is_off_bus else _STALE
+        received.clear()
         sample = Sample(self._index, end_ns, *self._output.of(values, quality))
         self._index += 1
         self._first_ns = end_ns + 1

@@ -9,7 +9,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 
 from monitor.bus_map import BusMap
-from monitor.decoder_source import Member, Reason, build_decoder
+from monitor.decoder_source import Decode, Member, Reason, build_decoder
+from monitor.received import Received
 from monitor.signal_map import Derived
 from monitor.types import Frame, Update
 
@@ -53,24 +54,39 @@ class Decoder:
             round(bus_map.channels[name].mapped.timeout_s * 1e9) for name in self.channels
         )
         self.unmapped = 0  # frames under identifiers nobody asked for
-        self._handlers: dict[int, Callable[[bytes], Update | None]] = {}
+        self.received = Received(len(self.channels))  # what ``receive`` adds to
+        self._handlers: dict[int, Decode] = {}
         self._resets: list[Callable[[], None]] = []
         self._counts: dict[str, list[int]] = {}
         for key, members in by_message(bus_map, self.channels).items():
             counts = [0] * len(Reason)
-            decode, reset = build_decoder(members, counts)
+            decode, reset = build_decoder(members, counts, self.received)
             self._handlers[key] = decode
             self._resets.append(reset)
             self._counts[members[0][1].message.name] = counts
 
-    def push(self, frame: Frame) -> Update | None:
-        """Return what the frame says, None if it says nothing that is wanted or is not sound."""
-        key = frame[1] | EXTENDED if frame[2] else frame[1]
-        handler = self._handlers.get(key)
+    def receive(self, frame: Frame) -> bool:
+        """Add what the frame says to ``received``.
+
+        Returns False if it says nothing that is wanted or is not sound.
+        """
+        t_ns, can_id, is_extended, data = frame
+        handler = self._handlers.get(can_id | EXTENDED if is_extended else can_id)
         if handler is None:
             self.unmapped += 1
-            return None
-        return handler(frame[3])
+            return False
+        return handler(data, t_ns)
+
+    def push(self, frame: Frame) -> Update | None:
+        """Return what one frame says by itself, with the counters but without ``received``.
+
+        Returns None if it says nothing that is wanted or is not sound.
+        """
+        before = self.received.copy()
+        self.received.clear()
+        update = self.received.update() if self.receive(frame) else None
+        self.received.restore(before)
+        return update
 
     def reset(self) -> None:
         """Forget the last counters of all messages; the statistics stay."""

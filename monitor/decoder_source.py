@@ -21,11 +21,14 @@ from monitor.raw_values import (
     plausible_raw,
     scaling,
 )
-from monitor.types import Update
+from monitor.received import Received
+from monitor.types import Quality
 
 Member = tuple[int, Channel]  # channel number, channel
+Decode = Callable[[bytes, int], bool]
 Conditions = tuple[tuple[str, tuple[int, ...]], ...]  # multiplexers with the values wanted
 CLASSIC_LENGTH = 8  # bytes of a classic CAN frame
+_BOUND = ("CRC", "counts", "sums", "goods", "worst", "times")
 
 
 class Reason(IntEnum):
@@ -42,17 +45,23 @@ class Reason(IntEnum):
 
 
 def build_decoder(
-    members: Sequence[Member], counts: list[int]
-) -> tuple[Callable[[bytes], Update | None], Callable[[], None]]:
+    members: Sequence[Member], counts: list[int], received: Received
+) -> tuple[Decode, Callable[[], None]]:
     """Return the decoder of one message and a function that forgets its last counter.
+
+    The decoder takes a frame's data and time, adds the values to what is received and returns
+    whether the frame was used.
 
     members : the wanted channels of that message with their numbers
     counts : one place per Reason, raised by the decoder
     """
     scope: dict[str, Any] = {
         "counts": counts,
+        "sums": received.sums,
+        "goods": received.goods,
+        "worst": received.worst,
+        "times": received.times_ns,
         "CRC": list(CRC8_TABLE),  # a list is indexed faster than bytes
-        "NAN": math.nan,
         "INF": math.inf,
         "from_bytes": int.from_bytes,
         "FLOATS": {16: struct.Struct("<e"), 32: struct.Struct("<f"), 64: struct.Struct("<d")},
@@ -67,9 +76,8 @@ def decoder_source(members: Sequence[Member]) -> str:
     """Return the Python text of a message's decoder; see ``build_decoder``."""
     channel = members[0][1]
     message = channel.message
-    lines = [f"counts[{Reason.RECEIVED:d}] += 1", *_length_check(message)]
-    if channel.integrity.checksum or message.length <= CLASSIC_LENGTH:
-        lines.append(f"{', '.join(f'b{byte}' for byte in range(message.length))}, = data")
+    by_byte = bool(channel.integrity.checksum) or message.length <= CLASSIC_LENGTH
+    lines = [f"counts[{Reason.RECEIVED:d}] += 1", *_length_check(message, by_byte=by_byte)]
     if channel.integrity.checksum:
         lines += _checksum_check(channel)
     signals = [each.signal for _, each in members]
@@ -83,28 +91,36 @@ def decoder_source(members: Sequence[Member]) -> str:
         lines += _counter_check(channel)
     lines += _branches(members)
     body = "\n".join(f"        {line}" for line in lines)
+    bound = ", ".join(f"{name}={name}" for name in _BOUND)  # as fast as local names
     return (
-        "def build():\n    last = due = -1\n"
-        f"    def decode(data, CRC=CRC, counts=counts):\n        nonlocal last, due\n{body}\n"
-        "    def reset():\n        nonlocal last, due\n        last = due = -1\n"
+        "def build():\n    due = -1\n"
+        f"    def decode(data, t_ns, {bound}):\n        nonlocal due\n{body}\n"
+        "    def reset():\n        nonlocal due\n        due = -1\n"
         "    return decode, reset\n"
     )
 
 
 def _reject(reason: Reason) -> list[str]:
-    return [f"    counts[{reason:d}] += 1", "    return None"]
+    return [f"    counts[{reason:d}] += 1", "    return False"]
 
 
-def _length_check(message: Message) -> list[str]:
-    """A multiplexed message may be shorter: OBD responses come with and without padding."""
-    if not message.is_multiplexed():
-        return [f"if len(data) != {message.length}:", *_reject(Reason.LENGTH)]
-    return [
-        "size = len(data)",
-        f"if size > {message.length}:",
-        *_reject(Reason.LENGTH),
-        f'data = data.ljust({message.length}, b"\\0")',
-    ]
+def _length_check(message: Message, *, by_byte: bool) -> list[str]:
+    """Return the code that refuses a wrong length, and names the bytes if that is wanted.
+
+    A multiplexed message may be shorter: OBD responses come with and without padding.
+    """
+    names = f"{', '.join(f'b{byte}' for byte in range(message.length))}, = data"
+    if message.is_multiplexed():
+        lines = [
+            "size = len(data)",
+            f"if size > {message.length}:",
+            *_reject(Reason.LENGTH),
+            f'data = data.ljust({message.length}, b"\\0")',
+        ]
+        return [*lines, names] if by_byte else lines
+    if by_byte:  # that they fit costs nothing to know
+        return ["try:", f"    {names}", "except ValueError:", *_reject(Reason.LENGTH)]
+    return [f"if len(data) != {message.length}:", *_reject(Reason.LENGTH)]
 
 
 def checksum_byte(channel: Channel) -> int:
@@ -138,14 +154,14 @@ def _counter_check(channel: Channel) -> list[str]:
     """A counter that stands still is rejected; one that jumps tells how many frames are lost."""
     signal = _named(channel, channel.integrity.counter)
     mask = (1 << signal.length) - 1
+    bits = f" & {mask}" if signal.is_signed else ""
     return [
-        f"count = {_raw(channel.message, signal)}",
+        f"count = {_raw(channel.message, signal)}{bits}",
         "if count != due:",
-        "    if count == last:",
-        *(f"    {line}" for line in _reject(Reason.STUCK)),
-        "    if last >= 0:",
+        "    if due >= 0:",
+        f"        if count == (due - 1) & {mask}:",
+        *(f"        {line}" for line in _reject(Reason.STUCK)),
         f"        counts[{Reason.LOST:d}] += (count - due) & {mask}",
-        "last = count",
         f"due = (count + 1) & {mask}",
     ]
 
@@ -159,69 +175,78 @@ def branches(members: Sequence[Member]) -> dict[Conditions, list[Member]]:
 
 
 def _branches(members: Sequence[Member]) -> list[str]:
-    """Return the code that decodes and returns the values, one branch per multiplexer value."""
+    """Return the code that adds the values, one branch per multiplexer value.
+
+    Nothing is added before the frame is known to be long enough for all that it carries.
+    """
     groups = branches(members)
     if list(groups) == [()]:
-        return _values(groups[()])
+        return [*_values(groups[()]), "return True"]
     message = members[0][1].message
-    lines = ["indices = ()", "values = ()"]
-    for conditions, group in groups.items():
+    checks: list[str] = []
+    values: list[str] = []
+    for i, (conditions, group) in enumerate(groups.items()):
         tests = [
             f"{_raw(message, message.get_signal_by_name(name))} in {ids!r}"
             for name, ids in conditions
         ]
         needed = max(last_byte(message, channel.signal) for _, channel in group) + 1
-        code = _values(group)
-        code[-1] = code[-1].replace("return ", "more = ")
-        if tests:
-            lines.append(f"if {' and '.join(tests)}:")
-        else:
-            lines.append("if True:")
-        lines += [
-            f"    if size < {needed}:",
-            *(f"    {line}" for line in _reject(Reason.LENGTH)),
-            *(f"    {line}" for line in code),
-            "    indices += more[0]",
-            "    values += more[1]",
+        checks += [
+            f"carries{i} = {' and '.join(tests) or True}",
+            f"if carries{i} and size < {needed}:",
+            *_reject(Reason.LENGTH),
         ]
-    return [*lines, "if not indices:", *_reject(Reason.OTHER), "return indices, values"]
+        values += [f"if carries{i}:", *(f"    {line}" for line in _values(group))]
+    carried = " or ".join(f"carries{i}" for i in range(len(groups)))
+    return [*checks, f"if not ({carried}):", *_reject(Reason.OTHER), *values, "return True"]
 
 
 def _values(members: Sequence[Member]) -> list[str]:
-    lines: list[str] = []
-    for index, channel in members:
-        lines += _value(f"x{index}", channel)
-    indices = ", ".join(str(index) for index, _ in members)
-    values = ", ".join(f"x{index}" for index, _ in members)
-    return [*lines, f"return ({indices},), ({values},)"]
+    lines = [line for index, channel in members for line in _value(index, channel)]
+    return [*lines, " = ".join(f"times[{index}]" for index, _ in members) + " = t_ns"]
 
 
-def _value(name: str, channel: Channel) -> list[str]:
-    """Return the code that sets ``name`` to the value of one channel."""
+def _value(index: int, channel: Channel) -> list[str]:
+    """Return the code that adds the value of one channel."""
     signal = channel.signal
     expression = scaling(channel)
     lines = [f"raw = {_raw(channel.message, signal)}"]
     if signal.is_float:
         low, high = plausible_range(channel)
-        bounds = f"{low!r} <= {name} <= {high!r}".replace("inf", "INF")
-        return [
-            *lines,
-            f"{name} = {expression}",
-            f"if not -INF < {name} < INF or not {bounds}:",
-            *_mark(name, "INF", Reason.OUT_OF_RANGE),
+        bounds = f"{low!r} <= value <= {high!r}".replace("inf", "INF")
+        lines += [
+            f"value = {expression}",
+            f"if -INF < value < INF and {bounds}:",
+            *_add(index, "value"),
         ]
+        return [*lines, "else:", *_out_of_range(index)]
     bottom, top = plausible_raw(channel, expression)
     lowest = 0 if not signal.is_signed else None
     test = f"raw <= {top}" if bottom == lowest else f"{bottom} <= raw <= {top}"
-    lines += [f"if {test}:", f"    {name} = {expression}"]
+    lines += [f"if {test}:", *_add(index, expression)]
     missing = not_available_raw(channel)
     if missing is not None:
-        lines += [f"elif raw == {missing}:", *_mark(name, "NAN", Reason.NOT_AVAILABLE)]
-    return [*lines, "else:", *_mark(name, "INF", Reason.OUT_OF_RANGE)]
+        lines += [f"elif raw == {missing}:", *_not_available(index)]
+    return [*lines, "else:", *_out_of_range(index)]
 
 
-def _mark(name: str, value: str, reason: Reason) -> list[str]:
-    return [f"    {name} = {value}", f"    counts[{reason:d}] += 1"]
+def _add(index: int, expression: str) -> list[str]:
+    return [f"    sums[{index}] += {expression}", f"    goods[{index}] += 1"]
+
+
+def _not_available(index: int) -> list[str]:
+    return [
+        f"    if worst[{index}] < {Quality.INVALID:d}:",
+        f"        worst[{index}] = {Quality.INVALID:d}",
+        f"    counts[{Reason.NOT_AVAILABLE:d}] += 1",
+    ]
+
+
+def _out_of_range(index: int) -> list[str]:
+    return [
+        f"    worst[{index}] = {Quality.OUT_OF_RANGE:d}",
+        f"    counts[{Reason.OUT_OF_RANGE:d}] += 1",
+    ]
 
 
 def _named(channel: Channel, name: str) -> Signal:

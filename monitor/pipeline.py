@@ -13,13 +13,11 @@ from typing import NamedTuple
 import numpy as np
 
 from monitor import enable, hypotheses
-from monitor.assemble import Assembler
 from monitor.bus_map import BusMap
 from monitor.config import Config
 from monitor.cycles import SIGNALS as CYCLE_SIGNALS
 from monitor.cycles import Cycles, Moment
 from monitor.decide import Change, Counted, Decisions, DtcChanged, WindowJudged
-from monitor.decode import Decoder
 from monitor.dtc import DtcStore, Status
 from monitor.enable import Enable
 from monitor.errors import RecordingError
@@ -28,10 +26,11 @@ from monitor.limits import Limits
 from monitor.model import Model
 from monitor.model_card import ModelCard
 from monitor.obd_records import FreezeFrame
-from monitor.own_frames import BUS_STATE_ID, CLEARED_ID, says_off
+from monitor.own_frames import CLEARED_ID
 from monitor.plausibility import ActivityTest, Plausibility
 from monitor.reference import Seen
 from monitor.residual import oriented
+from monitor.samples import FrameSamples
 from monitor.types import Frame, Sample
 from monitor.window import WindowCollector
 
@@ -264,30 +263,23 @@ class FramePipeline:
         card = model.card
         names = needed_names(card, bus_map.names)
         self.monitor = Monitor(model, limits, config, names, store)
-        self.decoder = Decoder(bus_map, names)
-        self.assembler = Assembler.of(self.decoder, card.period_ns)
-
-    def samples(self, frame: Frame) -> Sequence[Sample]:
-        """Take one frame and return the samples it completes, not judged yet."""
-        samples = self.assembler.push(frame[0], self.decoder.push(frame))
-        if frame[1] == BUS_STATE_ID and frame[2]:
-            self.assembler.is_off_bus = says_off(frame)
-        return samples
+        self._samples = FrameSamples(bus_map, names, card.period_ns)
+        self.decoder, self.assembler = self._samples.decoder, self._samples.assembler
 
     def push(self, frame: Frame) -> Iterable[Event]:
         """Take one frame and return what it causes, for most frames nothing."""
-        samples = self.samples(frame)
+        samples = self._samples.push(frame)
         if frame[1] == CLEARED_ID and frame[2]:
             return self._clear(samples, frame[0])
         return chain.from_iterable(map(self.monitor.push, samples)) if samples else ()
 
     def push_all(self, frames: Iterable[Frame]) -> Iterator[Event]:
         """Yield what frames cause, as ``push`` does of each, decoding some of them ahead."""
-        rest = iter(frames)
+        rest, push = iter(frames), self._samples.push
         while chunk := list(islice(rest, AHEAD)):
             samples: list[Sample] = []
             for frame in chunk:
-                samples += self.samples(frame)
+                samples += push(frame)
                 if frame[1] == CLEARED_ID and frame[2]:
                     yield from self._clear(samples, frame[0])
                     samples = []

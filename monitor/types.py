@@ -12,7 +12,7 @@ QualityArray = NDArray[np.uint8]
 BoolArray = NDArray[np.bool_]
 
 # What one frame says: channel numbers, and as many values in canonical units; NaN stands for not
-# available, +inf for out of range. A plain tuple, because one is made for every needed frame.
+# available, +inf for out of range.
 Update = tuple[tuple[int, ...], tuple[float, ...]]
 
 

@@ -1,4 +1,5 @@
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from monitor.assemble import MAX_JUMP_NS, MAX_LATE, Assembler
 from monitor.batch.assemble import assemble_arrays
 from monitor.errors import SignalMapError
 from monitor.signal_map import Derived
-from monitor.types import Quality, Sample
+from monitor.types import Quality, Sample, Update
 
 MS = 1_000_000
 S = 1_000 * MS
@@ -20,11 +21,27 @@ def assembler(period_ms: int = 100, timeout_ms: int = 250, n: int = 1) -> Assemb
     return Assembler(names, names, period_ms * MS, [timeout_ms * MS] * n)
 
 
+def push(subject: Assembler, t_ns: int, update: Update | None) -> Sequence[Sample]:
+    samples = subject.advance(t_ns)
+    if samples is None:
+        return ()
+    received = subject.received
+    for channel, value in zip(*(update or ((), ())), strict=True):
+        received.times_ns[channel] = t_ns
+        if math.isfinite(value):
+            received.sums[channel] += value
+            received.goods[channel] += 1
+        else:
+            bad = Quality.INVALID if math.isnan(value) else Quality.OUT_OF_RANGE
+            received.worst[channel] = max(received.worst[channel], bad)
+    return samples
+
+
 def play(subject: Assembler, *arrivals: tuple[int, float | None]) -> list[Sample]:
     samples: list[Sample] = []
     for t_ms, value in arrivals:
         update = None if value is None else ((0,), (value,))
-        samples += subject.push(t_ms * MS, update)
+        samples += push(subject, t_ms * MS, update)
     return samples
 
 
@@ -132,9 +149,9 @@ def test_fuel_per_stroke_follows_from_fuel_flow_and_speed() -> None:
     subject = Assembler(
         ["flow", "speed"], ["fuel_mass_mg", "speed"], 100 * MS, [S, S], derived=[recipe]
     )
-    subject.push(0, ((0, 1), (2.0, 3000.0)))
-    assert subject.push(101 * MS, ((1,), (0.0,)))[0].values.tolist() == [20.0, 3000.0]
-    stopped = subject.push(201 * MS, None)[0]
+    push(subject, 0, ((0, 1), (2.0, 3000.0)))
+    assert push(subject, 101 * MS, ((1,), (0.0,)))[0].values.tolist() == [20.0, 3000.0]
+    stopped = push(subject, 201 * MS, None)[0]
     assert stopped.quality.tolist() == [Quality.INVALID, Quality.GOOD]
 
 
@@ -177,7 +194,7 @@ def test_whole_recordings_give_the_same_bits_as_frame_by_frame(
         t_ns += step_ms * MS
         indices = tuple(sorted(present))
         update = (indices, tuple(triple[i] for i in indices))
-        expected += subject.push(t_ns, update if indices else None)
+        expected += push(subject, t_ns, update if indices else None)
         times.append(t_ns)
         for i in indices:
             series[i][0].append(t_ns)

@@ -24,12 +24,16 @@ OBD = load_pairs([(dbc.path("obd2.dbc"), dbc.path("obd2.toml"))])
 Values = list[tuple[int, int, bytes]]  # frame, channel, bits of the value
 
 
+def bits_of(value: float) -> bytes:
+    return np.float64(value + 0.0).tobytes()  # the sign of a zero says nothing
+
+
 def one_by_one(decoder: Decoder, frames: Sequence[Frame]) -> Values:
     found: Values = []
     for place, frame in enumerate(frames):
         update = decoder.push(frame)
         if update is not None:
-            found += [(place, i, np.float64(v).tobytes()) for i, v in zip(*update, strict=True)]
+            found += [(place, i, bits_of(v)) for i, v in zip(*update, strict=True)]
     return sorted(found)
 
 
@@ -41,7 +45,7 @@ def in_blocks(decoder: BlockDecoder, frames: Sequence[Frame], cuts: Sequence[int
             assert (np.diff(part.rows) > 0).all()
             for channel, values in zip(part.channels, part.values, strict=True):
                 for row, value in zip(part.rows.tolist(), values, strict=True):
-                    found.append((begin + row, channel, value.tobytes()))
+                    found.append((begin + row, channel, bits_of(value)))
     return sorted(found)
 
 

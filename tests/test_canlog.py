@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import dbc
-from monitor.assemble import Assembler
 from monitor.bus_map import load_pairs
 from monitor.decode import Decoder
 from monitor.errors import O2Error, RecordingError, SignalMapError, UsageError
+from monitor.samples import FrameSamples
 from monitor.signals import SIGNALS
 from monitor.sources import read_frames
 from monitor.types import Quality
@@ -79,11 +79,10 @@ def test_both_byte_orders_and_signs_are_encoded(tmp_path: Path, order: int, sign
 def test_a_table_survives_log_and_decoder_within_quantisation() -> None:
     values = a_drive()
     frames = broadcast(ECU, T_NS, values)
-    decoder = Decoder(ECU, ECU.names)
-    assembler = Assembler.of(decoder, 100_000_000)
-    samples = [s for f in frames.frames() for s in assembler.push(f.t_ns, decoder.push(f))]
-    assert all(c.used == c.received and c.lost == 0 for c in decoder.counters.values())
-    assert decoder.unmapped == 0
+    stream = FrameSamples(ECU, ECU.names, 100_000_000)
+    samples = [s for f in frames.frames() for s in stream.push(f)]
+    assert all(c.used == c.received and c.lost == 0 for c in stream.decoder.counters.values())
+    assert stream.decoder.unmapped == 0
     assert len(samples) == 49
     # messages sent once per row give that row; the tick holds the row before its end
     for name in ("coolant_temperature_degc", "vehicle_speed_km_h", "battery_voltage_v"):
@@ -155,9 +154,8 @@ def test_loading_a_log_gives_what_the_runtime_sees(tmp_path: Path) -> None:
     path = tmp_path / "drive.log"
     write_log(path, broadcast(ECU, T_NS, a_drive()))
     recording = load(path, ["lambda_measured", "maf_kg_h"], period_s=0.05)
-    decoder = Decoder(ECU, ["lambda_measured", "maf_kg_h"])
-    assembler = Assembler.of(decoder, 50_000_000)
-    samples = [s for f in read_frames(path) for s in assembler.push(f.t_ns, decoder.push(f))]
+    stream = FrameSamples(ECU, ["lambda_measured", "maf_kg_h"], 50_000_000)
+    samples = [s for f in read_frames(path) for s in stream.push(f)]
     assert recording.values.tobytes() == b"".join(s.values.tobytes() for s in samples)
     assert recording.period_ns == 50_000_000
     assert recording.t_s[:3].tolist() == [0.0, 0.05, 0.1]

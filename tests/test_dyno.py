@@ -11,9 +11,8 @@ import pytest
 from scipy.signal import welch
 
 from monitor import faults
-from monitor.assemble import Assembler
-from monitor.decode import Decoder
 from monitor.errors import UsageError
+from monitor.samples import FrameSamples
 from monitor.signals import BY_NAME, SIGNALS
 from monitor.sources import read_frames
 from monitor.types import FloatArray, Quality
@@ -136,13 +135,8 @@ def test_the_dynamometers_samples_are_those_the_runtime_makes_of_its_frames(
                          fault_start_s=30.0)  # fmt: skip
     bus_map = ecu.own_bus()
     path = write(experiment, tmp_path, "log")
-    decoder = Decoder(bus_map, bus_map.names)
-    assembler = Assembler.of(decoder, 100_000_000)
-    streamed = [
-        sample
-        for frame in read_frames(path)
-        for sample in assembler.push(frame.t_ns, decoder.push(frame))
-    ]
+    stream = FrameSamples(bus_map, bus_map.names, 100_000_000)
+    streamed = [sample for frame in read_frames(path) for sample in stream.push(frame)]
     sent = ecu.broadcast(
         simulate(experiment), bus_map,
         np.random.default_rng([0x0_2, 5, experiment.seed, experiment.vehicle]),

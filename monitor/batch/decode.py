@@ -177,15 +177,14 @@ class _MessageDecoder:
         A frame that is rejected has the counter of the last sound one, so each is compared with
         the frame just before it.
         """
-        count = counter.astype(np.uint64)  # below zero wraps, as the mask wants it
+        mask = np.uint64((1 << signal.length) - 1)
+        count = counter.astype(np.uint64) & mask  # its bits, should it be signed
         known = np.ones(len(count), dtype=np.bool_)
         known[0] = self._last is not None
         before = np.concatenate([count[:1] if self._last is None else self._last, count[:-1]])
         self._last = count[-1:].copy()
         stuck = known & (count == before)
-        if signal.is_signed:
-            known &= before.astype(np.int64) >= 0
-        gap = (count - before - np.uint64(1)) & np.uint64((1 << signal.length) - 1)
+        gap = (count - before - np.uint64(1)) & mask
         self.counts[Reason.LOST] += sum(gap[known & ~stuck & (gap > 0)].tolist())
         return np.asarray(~stuck)
 
