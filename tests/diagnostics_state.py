@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from monitor.diagnostics.answer import answer
 from monitor.diagnostics.state import Identity, State
 from monitor.dtc import Dtc, DtcStore, Saved, Status
 from monitor.errors import RecordingError
@@ -86,3 +87,9 @@ class Vehicle:
             raise RecordingError("disk full")
         self.clearings += 1
         self.store.clear()
+
+
+def ask(request: str, vehicle: Vehicle | None = None, *, functional: bool = False) -> str | None:
+    """Return the answer in hexadecimal."""
+    found = answer(bytes.fromhex(request), functional, (vehicle or Vehicle()).state)
+    return None if found is None else found.hex(" ")

@@ -20,7 +20,7 @@ from monitor.memory import Memory
 from monitor.pipeline import Event, Tick, WindowJudged
 from monitor.run import Loop
 from monitor.sources import read_frames
-from tests.test_run import Ear, PlayedBus
+from tests.played_bus import Ear, PlayedBus
 
 DRIVE = 200 * 60  # frames, a minute of a late sensor
 PAUSE_NS = 600 * 10**9

@@ -1,7 +1,6 @@
 """Whole recordings side by side give what the streaming monitor gives, sample by sample."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,33 +8,26 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from monitor import config, enable, faults, hypotheses
+from monitor import enable, hypotheses
 from monitor.batch.bank import BankBlock, phases
-from monitor.batch.judge import Judged, judge_all
+from monitor.batch.judge import judge_all
 from monitor.batch.samples import Clearing
-from monitor.config import Config
-from monitor.dtc import CODES, TESTS, Dtc, DtcStore, Saved, Status
 from monitor.errors import RecordingError
 from monitor.hypotheses import SensorBank
 from monitor.limits import Limits
 from monitor.model import Model
 from monitor.model_card import Channel, ModelCard
-from monitor.obd_records import Counts
-from monitor.pipeline import CycleStarted, DtcChanged, Event, Monitor, Tick, WindowJudged
 from monitor.reference import Reference
 from monitor.replay import shipped_model
-from monitor.types import Quality, Sample, SampleBlock
-from training.dyno import ecu, vehicle
-from training.dyno.simulate import Experiment, simulate
+from monitor.types import Quality, SampleBlock
+from tests.streamed import PERIOD_NS, SHIPPED, assert_same, fresh, kept, stream
 from training.export import Network, save
 from training.narx import Spec, initial_weights
 from training.prepare import Scaling
 
-PERIOD_NS = 100_000_000
 INPUTS = ("air_mass_mg", "lambda_controller")
 NAMES = (*INPUTS, "lambda_measured", *enable.SIGNALS)
 USUAL = (300.0, 1.0, 1.0, 1.0, 0.0, 1.0, 85.0, 2000.0, 50.0, 60.0, 20.0)
-SHIPPED = config.load()
 # short times, so that short recordings reach windows, verdicts and codes
 SHORT = replace(
     SHIPPED,
@@ -62,87 +54,6 @@ TIGHT = replace(
     Limits.from_card(Model.load(shipped_model()).card, SHIPPED, "shipped"),
     j_mu=0.02, j_sigma=0.02, noise=0.02, excitation=0.01,
 )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Streamed:
-    """What the streaming monitor makes of one recording."""
-
-    ticks: list[Tick]
-    windows: list[WindowJudged]
-    changes: list[DtcChanged]
-    cycles: list[CycleStarted]
-    monitor: Monitor
-    reference: Reference
-
-
-def stream(
-    block: SampleBlock, names: Sequence[str], model: Model, limits: Limits, settings: Config,
-    store: DtcStore, reference: Reference | None = None, clearings: Sequence[Clearing] = (),
-) -> Streamed:  # fmt: skip
-    """Judge as ``replay`` does; with a reference the vehicle learns like one with a memory."""
-    known = reference or Reference()
-    own = limits.of_vehicle(known, settings.bias)
-    monitor = Monitor(model, own, settings, names, store)
-    rows = zip(block.index.tolist(), block.t_ns.tolist(), block.values, block.quality, strict=True)
-    events: list[Event] = []
-    for k, row in enumerate(rows):
-        for each in clearings:
-            if each.n_samples == k:
-                events += [DtcChanged(each.t_ns, dtc) for dtc in store.clear()]
-        for event in monitor.push(Sample(*row)):
-            events.append(event)
-            if reference is not None and isinstance(event, CycleStarted):
-                known = known if event.seen is None else known.learn(event.seen, settings.bias)
-                monitor.adopt(limits.of_vehicle(known, settings.bias))
-    for each in clearings:
-        if each.n_samples == len(block.t_ns):
-            events += [DtcChanged(each.t_ns, dtc) for dtc in store.clear()]
-    return Streamed(
-        [event for event in events if isinstance(event, Tick)],
-        [event for event in events if isinstance(event, WindowJudged)],
-        [event for event in events if isinstance(event, DtcChanged)],
-        [event for event in events if isinstance(event, CycleStarted)],
-        monitor,
-        known,
-    )
-
-
-def assert_same(streamed: Streamed, judged: Judged) -> None:
-    assert [tick.conditions for tick in streamed.ticks] == list(
-        map(tuple, judged.conditions.tolist())
-    )
-    assert [tick.enabled for tick in streamed.ticks] == judged.enabled.tolist()
-    np.testing.assert_array_equal([tick.predicted for tick in streamed.ticks], judged.predicted)
-    assert len(streamed.windows) == len(judged.windows)
-    for a, b in zip(streamed.windows, judged.windows, strict=True):
-        assert replace(a, window=b.window) == b  # mean, std, verdict, statistics: every digit
-        for field in ("index", "t_start_ns", "t_end_ns", "measured", "predicted", "bank"):
-            np.testing.assert_array_equal(getattr(a.window, field), getattr(b.window, field))
-    assert streamed.changes == judged.changes
-    assert streamed.cycles == judged.cycles
-    assert streamed.reference == judged.reference
-    assert streamed.monitor.limits == judged.limits
-    assert streamed.monitor.interrupted_windows == judged.interrupted_windows
-    assert streamed.monitor.store.active == judged.dtcs
-    assert streamed.monitor.completed == judged.completed
-    assert streamed.monitor.seen == judged.seen
-
-
-def fresh() -> DtcStore:
-    store = DtcStore()
-    store.start_driving_cycle()
-    return store
-
-
-def kept(store: DtcStore) -> Saved:
-    """Return what outlives the drive but distances and running times."""
-    counts = store.counts
-    numbers = counts.ignition_cycles, counts.general_denominator, counts.warm_ups_since_clear
-    return replace(store.saved, counts=Counts(*numbers))
-
-
-# A tiny model on random recordings
 
 
 def tiny_model(folder: Path, transform: str, weight: float = 1.3) -> Model:
@@ -293,157 +204,6 @@ def test_an_infinite_input_is_refused_by_name_either_way(tiny: dict[str, Model])
         stream(block, NAMES, tiny["phi"], TIGHT, SHORT, fresh())
     with pytest.raises(ValueError, match=r"finite: lambda_controller$"):
         judge_all([block], NAMES, tiny["phi"], TIGHT, SHORT)
-
-
-# The shipped model on simulated drives
-
-WARM = vehicle.conditions(1)._replace(coolant_start_degc=85.0)
-
-
-def simulated(experiment: Experiment) -> tuple[SampleBlock, tuple[str, ...]]:
-    bus_map = ecu.own_bus()
-    rng = np.random.default_rng([experiment.seed, experiment.vehicle])
-    sent = ecu.broadcast(
-        simulate(experiment), bus_map, rng, experiment.fault, experiment.fault_start_s
-    )
-    return ecu.samples(sent, bus_map, PERIOD_NS), bus_map.names
-
-
-@pytest.fixture(scope="module")
-def drives() -> tuple[list[SampleBlock], tuple[str, ...]]:
-    """Three healthy drives of different lengths and some with a fault in the loop."""
-    found = [
-        simulated(Experiment(cycle, vehicle=7 + k, seed=9200 + k, conditions=WARM, duration_s=s))
-        for k, (cycle, s) in enumerate((("hwfet", 300.0), ("udds", 500.0), ("us06", 400.0)))
-    ]
-    for k, name in enumerate(("slow_symmetric", "stuck_lean", "signal_missing", "out_of_range")):
-        fault = faults.resolve(name)
-        found.append(simulated(Experiment("hwfet", seed=9210 + k, conditions=WARM, fault=fault)))
-    return [block for block, _ in found], found[0][1]
-
-
-def test_simulated_drives_with_the_shipped_model_are_judged_alike(
-    drives: tuple[list[SampleBlock], tuple[str, ...]],
-) -> None:
-    blocks, names = drives
-    model = Model.load(shipped_model())
-    limits = Limits.from_card(model.card, SHIPPED, "shipped")
-    judged = judge_all(blocks, names, model, limits, SHIPPED)
-    for block, got in zip(blocks, judged, strict=True):
-        assert_same(stream(block, names, model, limits, SHIPPED, fresh()), got)
-    # there was something to compare
-    assert sum(len(j.windows) for j in judged) > 100
-    assert any(w.excited for j in judged for w in j.windows)
-    assert {"out_of_range", "signal_missing"} <= {d.fault for j in judged for d in j.dtcs}
-    assert any(j.completed for j in judged)
-
-
-def test_a_fault_in_the_second_driving_cycle_is_confirmed_as_when_streaming(
-    drives: tuple[list[SampleBlock], tuple[str, ...]],
-) -> None:
-    # GIVEN fault memories that have seen a drive without the sensor's frames
-    blocks, names = drives
-    missing = blocks[5]
-    model = Model.load(shipped_model())
-    limits = Limits.from_card(model.card, SHIPPED, "shipped")
-    stores = [fresh(), fresh()]
-    for store in stores:
-        stream(missing, names, model, limits, SHIPPED, store)
-        store.start_driving_cycle()
-    # WHEN the same happens again
-    (got,) = judge_all([missing], names, model, limits, SHIPPED, [stores[0]])
-    assert_same(stream(missing, names, model, limits, SHIPPED, stores[1]), got)
-    # THEN the code is confirmed
-    assert [dtc.state for dtc in got.dtcs] == ["confirmed"]
-
-
-def test_every_vehicle_is_judged_by_its_own_reference(
-    drives: tuple[list[SampleBlock], tuple[str, ...]],
-) -> None:
-    blocks, names = drives
-    model = Model.load(shipped_model())
-    limits = Limits.from_card(model.card, SHIPPED, "shipped")
-    references = [Reference(), Reference(-0.03, -0.02, 0.96, 2), Reference(0.2, 0.2, 1.0, 1)]
-    judged = judge_all(blocks[:3], names, model, limits, SHIPPED, references=references, rows=2)
-    for block, reference, got in zip(blocks[:3], references, judged, strict=True):
-        assert_same(stream(block, names, model, limits, SHIPPED, fresh(), reference), got)
-    # a reference that is far off makes the healthy sensor look biased
-    assert {w.fault for w in judged[2].windows} & set(TESTS["bias"])
-
-
-def ignition_off_and_on(names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
-    """Return values and quality of an ECU that falls silent after the engine and wakes up again."""
-    values = np.zeros((180, len(names)))
-    quality = np.full(values.shape, int(Quality.GOOD), dtype=np.uint8)
-    values[10:170], quality[10:170] = np.nan, Quality.STALE
-    return values, quality
-
-
-def joined(first: SampleBlock, second: SampleBlock, names: Sequence[str]) -> SampleBlock:
-    """Return two drives as one recording."""
-    values, quality = ignition_off_and_on(names)
-    values = np.concatenate([first.values, values, second.values])
-    index = np.arange(1, len(values) + 1)
-    return SampleBlock(
-        index,
-        first.t_ns[0] + index * PERIOD_NS,
-        values,
-        np.concatenate([first.quality, quality, second.quality]),
-    )
-
-
-def test_the_reference_learns_between_two_drives_of_one_recording(
-    drives: tuple[list[SampleBlock], tuple[str, ...]],
-) -> None:
-    blocks, names = drives
-    both = [joined(blocks[0], blocks[0], names), joined(blocks[0], blocks[2], names)]
-    model = Model.load(shipped_model())
-    limits = Limits.from_card(model.card, SHIPPED, "shipped")
-    stores = [fresh() for _ in both]
-    references = [Reference()] * len(both)
-    judged = judge_all(both, names, model, limits, SHIPPED, stores, references)
-    for block, got, store in zip(both, judged, stores, strict=True):
-        assert [each.seen is not None for each in got.cycles] == [True]
-        assert got.reference.drives == 1
-        assert got.limits.gain != limits.gain
-        own = fresh()
-        assert_same(stream(block, names, model, limits, SHIPPED, own, Reference()), got)
-        assert kept(own) == kept(store)
-        assert store.counts.ignition_cycles == 2
-    # without a reference nothing is learned, and the second drive is judged as the first one
-    (alone,) = judge_all(both[:1], names, model, limits, SHIPPED)
-    assert alone.limits == limits
-    half = len(alone.windows) // 2
-    assert [w.statistics for w in alone.windows[half:]] == [
-        w.statistics for w in alone.windows[:half]
-    ]
-
-
-def test_a_confirmed_code_counts_warm_up_cycles_until_it_is_erased(
-    drives: tuple[list[SampleBlock], tuple[str, ...]],
-) -> None:
-    # GIVEN a confirmed code whose lamp is off, one warm-up cycle before it is erased
-    blocks, names = drives
-    code = next(iter(CODES["slow_symmetric"]))
-    old = Dtc(code, "slow_symmetric", (), Status.CONFIRMED, passed_cycles=3, warm_ups=39)
-    model = Model.load(shipped_model())
-    limits = Limits.from_card(model.card, SHIPPED, "shipped")
-    stores = [DtcStore(Saved((old,))) for _ in range(2)]
-    for store in stores:
-        store.start_driving_cycle()
-    # WHEN the engine warms up in a drive, and another drive follows
-    cold = blocks[0].values.copy()
-    cold[:300, names.index("coolant_temperature_degc")] = 20.0
-    block = joined(blocks[0]._replace(values=cold), blocks[0], names)
-    (got,) = judge_all([block], names, model, limits, SHIPPED, stores[:1])
-    assert_same(stream(block, names, model, limits, SHIPPED, stores[1]), got)
-    assert kept(stores[0]) == kept(stores[1])
-    # THEN it is gone
-    assert got.dtcs == []
-    begin_ns = got.cycles[0].t_ns
-    (erased,) = [c.dtc for c in got.changes if c.t_ns == begin_ns and c.dtc.code == code]
-    assert erased == Dtc(code, status=erased.status)
-    assert not erased.state
 
 
 def test_an_input_of_the_model_that_is_not_there_is_named() -> None:

@@ -14,7 +14,7 @@ from monitor.replay import shipped_model
 from tests import fleet_drives
 from tests.dask_cluster import Cluster, cluster
 from tests.fleet_drives import assert_alike, judged, tables
-from tests.test_matrix import SMALL
+from tests.matrices import SMALL
 from training.fleet import run as fleet
 from training.fleet.bench import Bench
 from training.fleet.drives import drives_of

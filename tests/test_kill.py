@@ -29,7 +29,7 @@ from monitor.run import STORE_DRIVEN_S
 from monitor.sources import read_frames
 from tests.driven_memory import drive, told
 from tests.loop_on_memory import held
-from tests.test_run import Ear, run_on
+from tests.played_bus import Ear, run_on
 
 ROOT = Path(__file__).resolve().parent.parent
 KILLS = 250

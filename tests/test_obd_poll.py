@@ -2,88 +2,22 @@
 
 import doctest
 import itertools
-import re
-from pathlib import Path
-from typing import Any
 
-import can
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import dbc
-from monitor import config, replay
-from monitor.bus.recorder import message_of
-from monitor.bus_map import BusMap, load_pairs
-from monitor.cli import main
-from monitor.decode import Decoder
+from monitor.bus_map import load_pairs
 from monitor.errors import SignalMapError, UsageError
 from monitor.polling import answer
 from monitor.polling.answer import Address, Reassembly, values_of
-from monitor.polling.pids import interval_s, lengths, wanted
+from monitor.polling.pids import wanted
 from monitor.polling.poller import ObdPoller
-from monitor.run import Loop
-from monitor.sources import frame_of
 from monitor.types import Frame
-from tests.obd_ecu import J1979, STEADY, SUPPORTED, ObdEcu, SimulatedBus, answering, steady_ecu
-from tests.simulated_drives import WARM, driven
-from training.dyno.simulate import Experiment
-
-OBD = load_pairs([(dbc.path("obd2.dbc"), dbc.path("obd2.toml"))])
-PARAMETERS = wanted(OBD, OBD.names)
-LENGTHS = lengths(OBD, PARAMETERS)
-
-
-class Conversation:
-    """A poller and an ECU on a simulated bus, with what the decoder makes of it."""
-
-    def __init__(self, ecu: ObdEcu, *, bus_map: BusMap = OBD, **options: Any) -> None:
-        parameters = wanted(bus_map, bus_map.names)
-        self.said: list[str] = []
-        self.poller = ObdPoller(
-            parameters, lengths(bus_map, parameters), say=self.said.append, **options
-        )
-        self.ecu = ecu
-        self.bus = SimulatedBus(ecu)
-        self.decoder = Decoder(bus_map, bus_map.names)
-        self.values: dict[str, list[float]] = {name: [] for name in self.decoder.channels}
-        self.frames: list[Frame] = []
-
-    def run(self, seconds: float) -> "Conversation":
-        until_s = self.bus.now_s + seconds
-        while self.bus.now_s < until_s:
-            self._send()
-            left_s = min(self.poller.due_s, until_s) - self.bus.now_s
-            message = self.bus.recv(min(max(left_s, 0.0), 0.1))
-            if message is not None:
-                frame = frame_of(message)
-                made = [
-                    *([frame] if (frame.can_id, frame.is_extended) == (0x7E8, False) else []),
-                    *self.poller.receive(frame),
-                ]
-                for each in made:
-                    self._take(each)
-                self._send()
-        return self
-
-    def _send(self) -> None:
-        for frame in self.poller.work(self.bus.now_s):
-            self.bus.send(message_of(frame))
-
-    def _take(self, frame: Frame) -> None:
-        self.frames.append(frame)
-        update = self.decoder.push(frame)
-        for index, value in zip(*(update or ((), ())), strict=True):
-            self.values[self.decoder.channels[index]].append(value)
-
-    @property
-    def asked(self) -> list[tuple[int, ...]]:
-        return [tuple(request[1:]) for _, request in self.ecu.asked]
-
-    @property
-    def polled(self) -> set[int]:
-        return set(self.poller.schedule.timeouts_s)
+from tests.obd_conversation import LENGTHS, OBD, PARAMETERS, Conversation
+from tests.obd_ecu import J1979, STEADY, SUPPORTED, steady_ecu
 
 
 def expected() -> dict[str, float]:
@@ -364,107 +298,6 @@ def test_its_examples_run() -> None:
 def test_the_gear_box_can_be_asked_too() -> None:
     assert Address.of(0x7E1) == Address(0x7E1, 0x7E1, 0x7E9)
     assert Address.of(0x18DA18F1) == Address(0x18DA18F1, 0x18DA18F1, 0x18DAF118, True)
-
-
-def a_drive(duration_s: float = 240.0) -> ObdEcu:
-    drive = driven(Experiment(duration_s=duration_s, conditions=WARM))
-    n = len(drive["engine_speed_rpm"])
-    return ObdEcu(np.arange(n) * 0.01, drive)
-
-
-def obd_setup() -> replay.Setup:
-    pair = (dbc.path("obd2.dbc"), dbc.path("obd2.toml"))
-    return replay.set_up(None, [pair], config.load())
-
-
-def test_replaying_the_recording_of_a_polled_drive_gives_the_same_events(tmp_path: Path) -> None:
-    # GIVEN a drive that the loop has polled, recorded and sampled
-    setup, log = obd_setup(), tmp_path / "polled.log"
-    with SimulatedBus(a_drive(), until_s=240.0) as bus:
-        loop = Loop(
-            bus, setup, record=log, trace=True, say=lambda _: None, monotonic_s=lambda: bus.now_s
-        )
-        loop.attachments.append(ObdPoller(PARAMETERS, LENGTHS))
-        bus.stop = loop.stop
-        loop.run()
-    live, seen = loop.result("polled"), loop.collector.trace()
-    # WHEN the recording is replayed
-    again, trace = replay.replay(log, setup, trace=True)
-    # THEN every sample and every event is the same
-    assert live["samples"] == again["samples"] > 2300
-    assert live["counters"]["unmapped"] == again["counters"]["unmapped"]
-    for key in ("windows", "dtcs", "enabled_samples", "enable"):
-        assert live[key] == again[key], key
-    for name in ("measured", "predicted"):
-        assert np.array_equal(getattr(seen, name), getattr(trace, name), equal_nan=True)
-        assert np.isfinite(getattr(trace, name)).sum() > 2000
-
-
-def test_without_being_asked_to_the_loop_sends_nothing() -> None:
-    with SimulatedBus(a_drive(60.0), until_s=10.0) as bus:
-        loop = Loop(bus, obd_setup(), say=lambda _: None, monotonic_s=lambda: bus.now_s)
-        bus.stop = loop.stop
-        loop.run()
-        assert bus.sent == []
-
-
-def test_it_polls_on_a_bus_in_real_time() -> None:
-    channel = "obd in real time"
-    with answering(steady_ecu(), channel), can.Bus(interface="virtual", channel=channel) as bus:
-        loop = Loop(bus, obd_setup(), say=lambda _: None)
-        poller = ObdPoller(PARAMETERS, LENGTHS)
-        loop.attachments.append(poller)
-        loop.run(3.0)
-    assert poller.counters.answers > 15
-    assert loop.pipeline.decoder.counters["OBD_Response"].used > 60
-
-
-def test_checking_asks_and_says_what_is_missing(capsys: pytest.CaptureFixture[str]) -> None:
-    channel = "obd check"
-    bus = ["-i", "virtual", "-c", channel, "--obd"]
-    with answering(steady_ecu(supported=(0x05, 0x0C, 0x0D, 0x34)), channel):
-        assert main(["check", *bus, "--seconds", "2"]) == 3
-    said = capsys.readouterr().out
-    assert "polled are the PIDs 05 34 0C 0D; not supported: " in said
-    assert re.search(r"engine_speed_rpm .* 2100 .* plausible", said)
-    assert re.search(r"the model lacks: .*fuel_mass_mg", said)
-    assert "lambda_measured" not in said.splitlines()[-1]
-
-
-def test_checking_where_nobody_answers_says_what_that_may_be(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    bus = ["-i", "virtual", "-c", "obd nobody", "--obd"]
-    assert main(["check", *bus, "--seconds", "1"]) == 3
-    said = capsys.readouterr().out
-    assert "nobody answers" in said
-    assert re.search(r"OBD-II: \d requests, 0 answered, silent \d", said)
-
-
-@pytest.mark.parametrize("command", ["run", "check"])
-def test_what_cannot_be_asked_for_is_refused(
-    command: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    bus = [command, "-i", "virtual", "-c", "obd refused", "--obd"]
-    own = ["--dbc", str(dbc.path("o2_ecu.dbc")), "--map", str(dbc.path("o2_ecu.toml"))]
-    assert main([*bus, *own]) == 2
-    assert "nothing to ask for by OBD-II" in capsys.readouterr().err
-    assert main([*bus, "--obd-request", "7E8"]) == 2
-    assert "0x7E8 is no identifier" in capsys.readouterr().err
-
-
-def test_running_with_a_model_of_a_fast_grid_says_so(capsys: pytest.CaptureFixture[str]) -> None:
-    bus = ["-i", "virtual", "-c", "obd fast", "--obd"]
-    assert main(["run", *bus, "--duration", "0.3", "--quiet"]) == 3
-    said = capsys.readouterr().out
-    assert "samples every 0.1 s, polling brings a signal about every 0.17 s" in said
-
-
-def test_polling_at_a_models_own_pace_is_told_from_polling_too_slowly() -> None:
-    assert interval_s(PARAMETERS, 12.0) == pytest.approx(0.18, abs=0.03)
-    talk = Conversation(steady_ecu()).run(60.0)
-    measured_s = 60 / len(talk.values["lambda_measured"])
-    assert interval_s(PARAMETERS, 12.0) == pytest.approx(measured_s, rel=0.3)
 
 
 @settings(max_examples=300, deadline=None)

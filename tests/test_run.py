@@ -1,9 +1,5 @@
 """The live loop, on a bus that is played from memory; the real bus is in tests/vcan."""
 
-import json
-import math
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,60 +9,14 @@ from cantools.database import load_file
 
 import dbc
 from monitor import config, replay
-from monitor.bus.recorder import message_of
 from monitor.errors import RecordingError
 from monitor.memory import Memory
-from monitor.own_frames import FIRST_ID, TIME_MARK_ID, is_own
-from monitor.pipeline import DtcChanged, Event
+from monitor.own_frames import TIME_MARK_ID
 from monitor.run import Loop
 from monitor.sources import read_frames
-from monitor.transmit import Transmitter
 from monitor.types import Frame
-
-ROOT = Path(__file__).resolve().parent.parent
-
-
-@dataclass
-class Pause:
-    """So many seconds of silence on the bus."""
-
-    seconds: float
-
-
-class PlayedBus(can.BusABC):
-    """Gives messages as fast as they are asked for; its clock follows them."""
-
-    def __init__(self, script: Iterable[Frame | Pause | can.Message]) -> None:
-        super().__init__(channel="played")
-        self._script = iter(script)
-        self.channel_info = "socketcan channel 'played'"
-        self.now_s = 0.0
-        self.sent: list[can.Message] = []
-        self.stop = lambda: None
-
-    def recv(self, timeout: float | None = None) -> can.Message | None:
-        message, _ = self._recv_internal(timeout)
-        if message is None or self._matches_filters(message):
-            return message
-        return self.recv(timeout)
-
-    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        item = self._pending if self._pending is not None else next(self._script, None)
-        self._pending = None
-        if item is None:
-            self.stop()
-            return None, False
-        if isinstance(item, Pause):
-            self.now_s += timeout or 0.0
-            left_s = item.seconds - (timeout or 0.0)
-            self._pending = Pause(left_s) if left_s > 0 else None
-            return None, False
-        return (message_of(item) if isinstance(item, Frame) else item), False
-
-    _pending: Any = None
-
-    def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        self.sent.append(msg)
+from tests.conftest import ROOT
+from tests.played_bus import Pause, PlayedBus, judged, run_on
 
 
 @pytest.fixture(scope="module")
@@ -78,28 +28,6 @@ def setup() -> replay.Setup:
 def late_sensor() -> list[Frame]:
     (log,) = ROOT.glob("replay_logs/delay_rich_to_lean_*.blf")
     return list(read_frames(log))[: 200 * 150]
-
-
-def run_on(
-    script: Iterable[Frame | Pause | can.Message],
-    setup: replay.Setup,
-    transmit: bool = False,
-    **options: Any,
-) -> tuple[dict[str, Any], PlayedBus]:
-    bus = PlayedBus(script)
-    with bus:
-        loop = Loop(bus, setup, say=lambda _: None, monotonic_s=lambda: bus.now_s, **options)
-        if transmit:
-            loop.attachments.append(Transmitter(loop.pipeline.monitor))
-        bus.stop = loop.stop
-        loop.run()
-    return loop.result("played"), bus
-
-
-def judged(recording: dict[str, Any]) -> str:
-    """Return what must not differ between a run and the replay of its recording."""
-    keys = ("samples", "enabled_samples", "windows", "dtcs", "fault_flag", "completed", "enable")
-    return json.dumps({key: recording[key] for key in keys})
 
 
 @pytest.mark.parametrize("suffix", ["log", "blf"])
@@ -235,156 +163,6 @@ def test_after_the_bus_came_back_a_sender_that_stays_away_is_not_excused(
     assert [d["code"] for d in live["dtcs"]] == ["U0100"]
     again, _ = replay.replay(record, setup)
     assert judged(live) == judged(again)
-
-
-@pytest.mark.parametrize("number", range(FIRST_ID, FIRST_ID + 3))
-def test_what_comes_from_the_bus_under_an_identifier_of_the_loop_is_refused(
-    number: int, setup: replay.Setup, late_sensor: list[Frame], tmp_path: Path
-) -> None:
-    # GIVEN a node that says on the bus what only the loop may say
-    foreign = Frame(late_sensor[4000].t_ns, number, True, b"\x01")
-    record = tmp_path / "foreign.log"
-    live, _ = run_on([*late_sensor[:4000], foreign, *late_sensor[4000:8000]], setup, record=record)
-    # THEN nothing changes by it
-    alone, _ = run_on(late_sensor[:8000], setup)
-    assert judged(live) == judged(alone)
-    assert not any(is_own(frame) for frame in read_frames(record))
-
-
-class Clearing:
-    """An attachment that clears the codes when a certain frame comes."""
-
-    identifiers = ((0x6F0, False),)
-    due_s = math.inf
-
-    def __init__(self) -> None:
-        self.clear: Callable[[], None] = lambda: None
-        self.events: list[Event] = []
-
-    def receive(self, frame: Frame) -> list[Frame]:
-        self.clear()
-        return []
-
-    def push(self, event: Event) -> None:
-        self.events.append(event)
-
-    def work(self, now_s: float) -> list[Frame]:
-        return []
-
-    def close(self) -> None:
-        pass
-
-
-def test_codes_that_a_tester_clears_are_cleared_in_a_replay_of_the_recording(
-    setup: replay.Setup, late_sensor: list[Frame], tmp_path: Path
-) -> None:
-    # GIVEN a drive with a code, which is then cleared
-    record = tmp_path / "cleared.log"
-    asked = Frame(late_sensor[-1].t_ns, 0x6F0, False, b"")
-    tester = Clearing()
-    bus = PlayedBus([*late_sensor, asked])
-    with bus:
-        loop = Loop(bus, setup, record=record, attachments=[tester], say=lambda _: None,
-                    monotonic_s=lambda: bus.now_s)  # fmt: skip
-        tester.clear, bus.stop = loop.clear_codes, loop.stop
-        loop.run()
-    live = loop.result("played")
-    # THEN it was set and is gone
-    states = [e.dtc.state for e in tester.events if isinstance(e, DtcChanged)]
-    assert "pending" in states
-    assert live["dtcs"] == []
-    # AND so it is in a replay
-    again, _ = replay.replay(record, setup)
-    assert judged(live) == judged(again)
-
-
-class Ear:
-    """An attachment that keeps what it is given, and answers one identifier."""
-
-    identifiers = ((0x6F0, False),)
-
-    @property
-    def due_s(self) -> float:
-        self._maybe_fail("due")
-        return float("inf")
-
-    def __init__(self, answer: Iterable[Frame] = (), fails_at: str = "") -> None:
-        self.answer, self.fails_at = list(answer), fails_at
-        self.heard: list[Frame] = []
-        self.events: list[Any] = []
-        self.worked = self.closed = 0
-
-    def _maybe_fail(self, where: str) -> None:
-        if where == self.fails_at:
-            raise RuntimeError(f"no more {where}")
-
-    def receive(self, frame: Frame) -> list[Frame]:
-        self._maybe_fail("receive")
-        self.heard.append(frame)
-        answer, self.answer = self.answer, []
-        return answer
-
-    def push(self, event: Any) -> None:
-        self._maybe_fail("push")
-        self.events.append(event)
-
-    def work(self, now_s: float) -> list[Frame]:
-        self._maybe_fail("work")
-        self.worked += 1
-        return []
-
-    def close(self) -> None:
-        self.closed += 1
-        self._maybe_fail("close")
-
-
-def test_what_an_attachment_makes_of_a_frame_is_recorded_and_judged(
-    setup: replay.Setup, late_sensor: list[Frame], tmp_path: Path
-) -> None:
-    # GIVEN an attachment that, asked, knows what the next thousand frames were
-    record = tmp_path / "made.log"
-    begin, rest = late_sensor[:1000], late_sensor[1000:2000]
-    ear = Ear(answer=rest)
-    asked = Frame(rest[0].t_ns, 0x6F0, False, b"")
-    live, bus = run_on([*begin, asked], setup, record=record, attachments=[ear])
-    # THEN these are judged like received ones, and stand in the log
-    assert ear.heard == [asked]
-    assert live["samples"] > 90
-    again, _ = replay.replay(record, setup)
-    assert judged(live) == judged(again)
-    assert (ear.closed, bus.sent) == (1, [])
-
-
-def test_the_filters_are_what_is_judged_and_what_is_attached(
-    setup: replay.Setup, late_sensor: list[Frame]
-) -> None:
-    _, bus = run_on(late_sensor[:10], setup, attachments=[Ear()])
-    assert bus.filters is not None
-    wanted = {(f["can_id"], f["extended"]) for f in bus.filters}
-    assert (0x6F0, False) in wanted
-    assert len(wanted) > 5
-
-
-@pytest.mark.parametrize("where", ["receive", "push", "work", "due", "close"])
-def test_an_attachment_that_raises_is_let_go_and_the_judging_goes_on(
-    where: str, setup: replay.Setup, late_sensor: list[Frame]
-) -> None:
-    bad, good, said = Ear(fails_at=where), Ear(), []
-    asked = Frame(late_sensor[100].t_ns, 0x6F0, False, b"")
-    bus = PlayedBus([*late_sensor[:100], asked, *late_sensor[100:2000]])
-    with bus:
-        loop = Loop(
-            bus, setup, attachments=[bad, good], say=said.append, monotonic_s=lambda: bus.now_s
-        )
-        bus.stop = loop.stop
-        loop.run()
-    assert loop.result("played")["samples"] > 90
-    assert len(good.events) > 90
-    assert good.heard == [asked]
-    assert (bad.closed, good.closed) == (1, 1)
-    assert loop.health.detached == (where != "close")
-    assert [line for line in said if f"no more {where}" in line] == said
-    assert len(said) == 1
 
 
 class FullDisk(Memory):

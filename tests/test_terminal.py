@@ -27,7 +27,7 @@ from monitor.sources import read_frames
 from monitor.terminal import REDRAW_S, WAITING_LINES, JsonLines, Lines, Out, Screen, Status
 from monitor.types import Frame
 from monitor.watchdog import Watchdog
-from tests.test_run import PlayedBus
+from tests.played_bus import PlayedBus
 
 ROOT = Path(__file__).resolve().parent.parent
 

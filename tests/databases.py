@@ -1,0 +1,31 @@
+"""Databases as text, and what is proposed for them."""
+
+import logging
+from pathlib import Path
+from typing import Any
+
+from cantools.database import load_string
+from cantools.database.can import Database
+
+from monitor.mapping.make import make_map
+from monitor.mapping.propose import Proposals
+
+logging.getLogger("cantools").setLevel(logging.ERROR)  # made-up databases repeat names
+
+
+def database_of(
+    *signals: str, message: str = "Engine_1", length: int = 64, more: str = ""
+) -> Database:
+    """Return a database with one message; signals as ``Name (factor,offset) [min|max] "unit"``."""
+    lines = []
+    for n, text in enumerate(signals):
+        name, rest = text.split(" ", 1)
+        lines.append(f" SG_ {name} : {16 * n}|16@1+ {rest} X")
+    body = "\n".join(lines)
+    return load_string(
+        f'VERSION ""\nBU_: ECU X\nBO_ 256 {message}: {length} ECU\n{body}\n{more}\n', strict=False
+    )
+
+
+def proposed(database: Database, **options: Any) -> tuple[str, Proposals]:
+    return make_map(database, Path("test.dbc"), **options)
