@@ -123,7 +123,9 @@ def _frames(path: Path, kind: str, counters: LogCounters) -> Iterator[Frame]:
         with open_binary(path) as binary:
             yield from _one_by_one(blf.read_blocks, binary, counters)
     else:
-        yield from _through_python_can(path, kind, counters)
+        if kind == ".csv":
+            _check_csv_header(path)
+        yield from through_python_can(path, counters)
     if kind in _TEXT and not _ends_with_newline(path):
         raise ValueError(CUT_SHORT)
 
@@ -145,9 +147,11 @@ def _one_by_one(
         counters.skipped = skipped + ahead.skipped
 
 
-def _through_python_can(path: Path, kind: str, counters: LogCounters) -> Iterator[Frame]:
-    if kind == ".csv":
-        _check_csv_header(path)
+def through_python_can(path: Path, counters: LogCounters) -> Iterator[Frame]:
+    """Yield the frames that python-can's reader of the format finds.
+
+    Raises ValueError for one that cannot be, and what the reader raises.
+    """
     with can.LogReader(path) as reader:
         for message in reader:
             if message.is_error_frame or message.is_remote_frame:
