@@ -126,12 +126,17 @@ def test_purge_enriches_while_the_valve_is_open_only() -> None:
     assert np.abs(change[for_a_while == 0]).max() < 0.0002
 
 
-def test_a_tail_leans_the_exhaust_after_a_fuel_cut_only() -> None:
-    change = _phi_change("fuel_cut_tail", 0.1, 1.0)
-    cut = plain_signals()["fuel_mass_mg"] <= 0
+def test_a_tail_leans_the_exhaust_after_a_fuel_cut_until_it_is_washed_out() -> None:
+    signals = plain_signals()
+    cut = signals["fuel_mass_mg"] <= 0
     since = np.arange(6000) - np.maximum.accumulate(np.where(cut, np.arange(6000), -1000))
-    assert change[(since > 8) & (since < 20)].mean() < -0.01
+    change = _phi_change("fuel_cut_tail", 0.1, 30.0)
+    late = (since > 6) & (since < 20)
+    assert change[late].mean() < -0.01
     assert np.abs(change[since > 120]).max() < 1e-3
+    twice = {name: 2.0 * signals[name] for name in ("air_mass_mg", "fuel_mass_mg")}
+    sooner = _phi_change("fuel_cut_tail", 0.1, 30.0, **twice)
+    assert abs(sooner[late].mean()) < 0.5 * abs(change[late].mean())
 
 
 def test_ethanol_scales_the_mixture_as_its_stoichiometric_ratio_does() -> None:

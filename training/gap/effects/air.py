@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from monitor.types import FloatArray
-from training.chain import Path
+from training.chain import AIR_LEAST_MG, Path
 from training.gap.effects.dynamics import lag, ramp_lag
 from training.gap.effects.effect import KELVIN, Effect, Parameter, Signals, ambient_kpa
 
@@ -73,9 +73,13 @@ def _charge_temperature(path: Path, p: FloatArray, signals: Signals, period_s: f
 
 
 def _manifold_filling(path: Path, p: FloatArray, signals: Signals, period_s: float) -> Path:
-    """The runner fills later than the manifold's sensor says, by a time over engine speed."""
+    """The runner fills later than the manifold's sensor says, by a time over engine speed.
+
+    The charge follows in proportion, in its logarithm: slower up and faster down than in mass.
+    """
     time_s = p[0] * 1500.0 / np.maximum(signals["engine_speed_rpm"], 500.0)
-    return replace(path, air_mg=ramp_lag(path.air_mg, time_s, period_s))
+    charge = np.log(np.maximum(path.air_mg, AIR_LEAST_MG))
+    return replace(path, air_mg=np.exp(ramp_lag(charge, time_s, period_s)))
 
 
 EFFECTS = (

@@ -6,7 +6,7 @@ import numpy as np
 
 from monitor.types import FloatArray
 from training.chain import Path
-from training.gap.effects.dynamics import charged
+from training.gap.effects.dynamics import lag
 from training.gap.effects.effect import GAS_KG_PER_M3, Effect, Parameter, Signals, flow_kg_h
 
 DEAD_TIME_MAX_S, MIXING_MAX_S = 3.0, 5.0
@@ -38,10 +38,13 @@ def _exhaust_leak(path: Path, p: FloatArray, signals: Signals, period_s: float) 
 
 
 def _fuel_cut_tail(path: Path, p: FloatArray, signals: Signals, period_s: float) -> Path:
-    """After a fuel cut the gas stays lean for a while: air leaves dead volumes and the deposits."""
-    depth, time_s = p
+    """After a fuel cut the gas stays lean for a while, as air leaves a dead volume.
+
+    The exhaust's flow fills it with air in the cut and washes it out afterwards.
+    """
+    depth, litres = p
     cut = path.fuel_mg <= 0.0
-    tail = charged(cut, 1.0, time_s, period_s)
+    tail = lag(cut.astype(np.float64), _passage_s(path, litres, signals), period_s)
     return replace(path, gas_offset=path.gas_offset - depth * tail * ~cut)
 
 
@@ -49,7 +52,7 @@ EFFECTS = (
     Effect(
         "delay_flow",
         "dead time follows the exhaust's flow",
-        (Parameter("volume", "l", -1.0, 8.0, (0.5, 2.0), positive=True),),
+        (Parameter("volume", "l", -1.0, 20.0, (0.5, 2.0, 8.0), positive=True),),
         _delay_flow,
         ("engine_speed_rpm",),
         "physics",
@@ -57,7 +60,7 @@ EFFECTS = (
     Effect(
         "mix_flow",
         "mixing follows the exhaust's flow",
-        (Parameter("volume", "l", -1.0, 12.0, (0.5, 2.0), positive=True),),
+        (Parameter("volume", "l", -1.0, 20.0, (0.5, 2.0), positive=True),),
         _mix_flow,
         ("engine_speed_rpm",),
         "physics",
@@ -77,11 +80,11 @@ EFFECTS = (
         "fuel_cut_tail",
         "the exhaust stays lean after a fuel cut",
         (
-            Parameter("depth", "-", -0.5, 1.0, (0.05,), positive=True),
-            Parameter("time", "s", 0.2, 6.0, (0.7, 2.0)),
+            Parameter("depth", "-", -0.5, 2.0, (0.05,), positive=True),
+            Parameter("volume", "l", 1.0, 40.0, (4.0, 12.0)),
         ),
         _fuel_cut_tail,
-        (),
+        ("engine_speed_rpm",),
         "physics",
     ),
 )

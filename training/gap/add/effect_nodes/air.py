@@ -56,7 +56,7 @@ def _charge_temperature(at: Place, p: Parameters) -> Nodes:
 
 def _manifold_filling(at: Place, p: Parameters) -> Nodes:
     time_s = p[0] * 1500.0 / maximum(at.signal("engine_speed_rpm"), 500.0)
-    return at.changed(air_mg=at.ramp_lag(at.of("air_mg"), time_s))
+    return at.changed(air_mg=at.ramp_lag_in_proportion(at.of("air_mg"), time_s))
 
 
 FORMS = {

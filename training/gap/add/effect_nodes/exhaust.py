@@ -8,16 +8,15 @@ from training.gap.effects.exhaust import DEAD_TIME_MAX_S, MIXING_MAX_S
 from training.greybox_nodes import Nodes
 
 KG_PER_H_AND_LITRE_PER_S = 3.6 * GAS_KG_PER_M3
-TAIL_UP_S = 1.0
 
 
 def _passage_s(at: Place, litres: float) -> Value:
     return litres * KG_PER_H_AND_LITRE_PER_S / at.flow_kg_h()
 
 
-def _longest_s(p: Parameters) -> float:
+def _longest_s(litres: float) -> float:
     """Return the passage at the least flow."""
-    return max(p[0], 0.0) * KG_PER_H_AND_LITRE_PER_S / FLOW_MIN_KG_H
+    return max(litres, 0.0) * KG_PER_H_AND_LITRE_PER_S / FLOW_MIN_KG_H
 
 
 def _delay_flow(at: Place, p: Parameters) -> Nodes:
@@ -37,15 +36,15 @@ def _exhaust_leak(at: Place, p: Parameters) -> Nodes:
 
 
 def _fuel_cut_tail(at: Place, p: Parameters) -> Nodes:
-    depth, time_s = p
+    depth, litres = p
     cut = at.of("fuel_mg") <= 0.0
-    tail = at.charged(cut, TAIL_UP_S, time_s)
+    tail = at.lag(where(cut, 1.0, 0.0), _passage_s(at, litres))
     return at.changed(gas_offset=at.of("gas_offset") - depth * where(cut, 0.0, tail))
 
 
 FORMS = {
-    "delay_flow": Form(_delay_flow, dead_time_s=lambda p: min(_longest_s(p), DEAD_TIME_MAX_S)),
-    "mix_flow": Form(_mix_flow, lag_s=lambda p: min(_longest_s(p), MIXING_MAX_S)),
+    "delay_flow": Form(_delay_flow, dead_time_s=lambda p: min(_longest_s(p[0]), DEAD_TIME_MAX_S)),
+    "mix_flow": Form(_mix_flow, lag_s=lambda p: min(_longest_s(p[0]), MIXING_MAX_S)),
     "exhaust_leak": Form(_exhaust_leak),
-    "fuel_cut_tail": Form(_fuel_cut_tail, 1, lag_s=lambda p: max(p[1], TAIL_UP_S)),
+    "fuel_cut_tail": Form(_fuel_cut_tail, 2, lag_s=lambda p: _longest_s(p[1])),
 }

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from training.chain import MG_RPM_PER_KG_H
+from training.chain import AIR_LEAST_MG, MG_RPM_PER_KG_H
 from training.export import Graph
 from training.gap.add.effect_nodes.value import Value, clip, exp, maximum, where
 from training.gap.effects.effect import FLOW_MIN_KG_H, STANDARD_KPA
@@ -61,21 +61,16 @@ class Place:
             return self._keep(x + share * (u - x))
         return self._keep(x + _share(time_s, self.period_s) * (u - x))
 
-    def ramp_lag(self, u: Value, time_s: Value) -> Value:
-        """Return ``u`` through a lag, as ``effects.dynamics.ramp_lag``."""
+    def ramp_lag_in_proportion(self, u: Value, time_s: Value) -> Value:
+        """Return a positive ``u`` of which ``effects.dynamics.ramp_lag`` makes the logarithm."""
+        u = maximum(u, AIR_LEAST_MG)
         x, last = self._settled(u), self._settled(u)
         time = maximum(time_s / self.period_s, LEAST_SAMPLES)
         drop = 1.0 - exp(-1.0 / time)
         newest = 1.0 - time * drop
-        late = self._keep(x + drop * (last - x) + newest * (u - last))
+        late = self._keep(x * (last / x) ** drop * (u / last) ** newest)
         self._keep(u)
         return late
-
-    def charged(self, active: Value, up_s: float, down_s: float) -> Value:
-        """Return a store that fills to 1 while ``active``, as ``effects.dynamics.charged``."""
-        x = self._state()
-        filled = x + _share(up_s, self.period_s) * (1.0 - x)
-        return self._keep(where(active, filled, x * (1.0 - _share(down_s, self.period_s))))
 
     def _settled(self, u: Value) -> Value:
         """Return the next state, ``u`` itself at the beginning."""
