@@ -120,8 +120,9 @@ class Decisions:
     def ticks(self, results: Sequence[TickResult], t_ns: int) -> list[Change]:
         """Take what one sample says about the signal."""
         changed: list[Change] = []
+        debounce = self._debounce
         for result in results:
-            if self._is_new(result.test, result.failed):
+            if debounce[result.test].count != (FAILED if result.failed else PASSED):
                 by = self._fail_by if result.failed else self._pass_by
                 changed += self._step(result.test, result.failed, by, result.fault, (), t_ns)
         return changed
@@ -142,16 +143,16 @@ class Decisions:
         """
         measured = np.array([window.measured for window in windows])
         mean, std = means_and_stds(np.array([window.residual for window in windows]))
-        frozen = np.asarray(
-            measured.max(axis=1) - measured.min(axis=1) <= self._config.plausibility.stuck_range
-        )
+        span = np.maximum.reduce(measured, axis=1) - np.minimum.reduce(measured, axis=1)
+        frozen = span <= self._config.plausibility.stuck_range
         # an offset in lambda would change the gain in phi
         phi = self._orient(measured - mean[:, np.newaxis])
         banks = [window.bank for window in windows]
         responses = self._response.judge_all(phi, banks, frozen)
         # a sensor slow or late on one edge rectifies the modulation, which shifts its mean
         likeliest = [bank[:, each.column] for bank, each in zip(banks, responses, strict=True)]
-        offset = (measured - lambda_of(np.array(likeliest), self._transform)).mean(axis=1)
+        beside = measured - lambda_of(np.array(likeliest), self._transform)
+        offset = np.add.reduce(beside, axis=1) / beside.shape[1]
         columns = mean.tolist(), std.tolist(), frozen.tolist(), offset.tolist(), responses
         return list(map(Facts, *columns))
 

@@ -20,6 +20,7 @@ import numpy as np
 
 from monitor.config import ResponseConfig
 from monitor.hypotheses import Hypothesis
+from monitor.residual import means_and_stds
 from monitor.types import BoolArray, FloatArray
 
 Outcome = Literal["passed", "failed", "inconclusive"]
@@ -116,8 +117,8 @@ class ResponseRule:
         self._gain_high = gain_reference * np.array([c.gain_high for c in self._claims])
         faulty = np.array([bool(c.fault) for c in self._claims])
         self._faults, self._sound = np.flatnonzero(faulty), np.flatnonzero(~faulty)
-        self._times = np.array([_times(c.hypothesis) for c in self._claims]).T
-        self._times_squared = self._times**2
+        times = np.array([_times(c.hypothesis) for c in self._claims]).T
+        self._moments = np.vstack((times, times**2))
         self._lead = config.lead_s / period_s
         self._ahead = math.ceil(self._lead)
         self.reset()
@@ -152,16 +153,26 @@ class ResponseRule:
 
         measured : (w, n); banks : w of (n, n_hypotheses); ignore : (w,)
         """
-        excitation = np.array([bank[:, 0] for bank in banks]).std(axis=1)
+        _, excitation = means_and_stds(np.array([bank[:, 0] for bank in banks]))
         usable = ~ignore & (excitation >= self._excitation_min)
+        if len(banks) == 1:  # a bus in real time: no need to pick
+            moments = self._regressed(measured, banks) if usable[0] else np.empty((0,))
+        else:
+            moments = self._all_regressed(measured, banks, usable)
+        evidence, gain_sums = self._summed(usable, moments)
+        return self._reports(usable, excitation, evidence, gain_sums)
+
+    def _all_regressed(
+        self, measured: FloatArray, banks: Sequence[FloatArray], usable: BoolArray
+    ) -> FloatArray:
+        """Return ``_regressed`` of the usable windows."""
         places = np.flatnonzero(usable)
-        moments = np.empty((len(places), 3, len(self._claims)))  # sxx, sxy, log likelihood
+        moments = np.empty((len(places), 3, len(self._claims)))
         for first in range(0, len(places), _WINDOWS):
             chosen = places[first : first + _WINDOWS]
             part = [banks[i] for i in chosen.tolist()]
             moments[first : first + _WINDOWS] = self._regressed(measured[chosen], part)
-        evidence, gain_sums = self._summed(usable, moments)
-        return self._reports(usable, excitation, evidence, gain_sums)
+        return moments
 
     def _regressed(self, measured: FloatArray, banks: Sequence[FloatArray]) -> FloatArray:
         """Return sxx, sxy and log likelihood of each claim in some windows, (w, 3, n_claims)."""
@@ -271,10 +282,10 @@ class ResponseRule:
         """
         weight = np.exp(evidence - evidence.max(axis=1)[:, np.newaxis])
         weight /= np.add.reduce(weight, axis=1)[:, np.newaxis]
-        mean = (self._times @ weight[:, :, np.newaxis])[:, :, 0]
-        square = (self._times_squared @ weight[:, :, np.newaxis])[:, :, 0]
-        std = np.sqrt(np.maximum(square - mean**2, 0.0))
-        return np.stack((mean, std), axis=2).reshape(len(evidence), -1).tolist()
+        found = (self._moments @ weight[:, :, np.newaxis]).reshape(len(evidence), 2, len(_TIMES))
+        mean, square = found[:, 0], found[:, 1]
+        np.sqrt(np.maximum(square - mean**2, 0.0), out=square)
+        return found.swapaxes(1, 2).reshape(len(evidence), -1).tolist()
 
     def _estimated_gain(self, sums: Sequence[float]) -> dict[str, float | None]:
         """Return the gain with its standard deviation; None before any window."""
