@@ -15,7 +15,7 @@ import pytest
 from can.interfaces.virtual import VirtualBus
 
 from monitor import cli
-from monitor.bus.connection import LAST_TRY_S
+from monitor.bus.connection import LAST_TRY_S, Connection
 from monitor.bus.recorder import message_of
 from monitor.errors import BusError
 from monitor.inject.gateway import Gateway
@@ -52,7 +52,10 @@ class Bench:
         self.ecu, ecu_side, self.other, other_side = self._buses
         self.gave: list[Frame] = []
         self.gateway = Gateway(
-            Side(ecu_side), Side(other_side), Injector(OWN, faults), self.gave.append
+            Side(Connection(ecu_side)),
+            Side(Connection(other_side)),
+            Injector(OWN, faults),
+            self.gave.append,
         )
         self._thread = threading.Thread(target=self.gateway.run)
 
@@ -145,7 +148,7 @@ def test_frames_that_the_interface_does_not_take_are_counted() -> None:
         can.Bus(interface="virtual", channel="f-ecu") as side,
         Full(channel="f-other") as other,
     ):
-        gateway = Gateway(Side(side), Side(other), Injector(OWN, []))
+        gateway = Gateway(Side(Connection(side)), Side(Connection(other)), Injector(OWN, []))
         ecu.send(message(LAMBDA_ID, bytes(8)))
         gateway.run(duration_s=0.05)
     assert list(gateway.lines())[1] == "0 frames to the ECU; 1 not sent, 0 error frames"
@@ -159,7 +162,7 @@ def test_a_gateway_does_not_pass_on_its_own_frames_where_it_hears_them() -> None
         can.Bus(channel="l-ecu", **own) as ecu,
         can.Bus(channel="l-other", **own) as other,
     ):
-        gateway = Gateway(Side(ecu), Side(other), Injector(OWN, []))
+        gateway = Gateway(Side(Connection(ecu)), Side(Connection(other)), Injector(OWN, []))
         player.send(message(0x123, b"1"))
         gateway.run(duration_s=0.2)
         assert player.recv(0.0) is None
@@ -176,7 +179,9 @@ def test_a_gateway_that_cannot_open_an_interface_again_says_so() -> None:
         can.Bus(interface="virtual", channel="b-other") as other,
         pytest.raises(BusError, match="network is down"),
     ):
-        Gateway(Side(ecu), Side(other), Injector(OWN, [])).run(duration_s=1.0)
+        Gateway(Side(Connection(ecu)), Side(Connection(other)), Injector(OWN, [])).run(
+            duration_s=1.0
+        )
 
 
 class Loose(VirtualBus):
@@ -223,7 +228,7 @@ class LooseBench:
             return self.opened[name][-1]
 
         first = self.opened[name][0]
-        return Side(first, reopen, self.said.append, lambda: self.now_s, name)
+        return Side(Connection(first, reopen, self.said.append, lambda: self.now_s, name))
 
     def pull_out(self, name: str) -> None:
         self.opened[name][-1].is_out, self.is_there = True, False

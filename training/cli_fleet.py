@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from training.cli_cores import add_cores_options, jobs_of
 from training.cli_recordings import add_bus_options, pairs_of
 
 _EXAMPLES = """examples:
@@ -44,8 +45,7 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         "--false-alarms", type=float, default=0.001, metavar="RATE",
         help="wished rate per window, or drive, for which limits are proposed (default 0.001)",
     )  # fmt: skip
-    fleet.add_argument("--jobs", type=int, metavar="N", help="default: one for each core")
-    fleet.add_argument("--scheduler", metavar="URL", help="Dask scheduler, tcp://host:port")
+    add_cores_options(fleet)
     fleet.add_argument("--config", type=Path, help="TOML that changes shipped settings")
     add_bus_options(fleet)
     fleet.set_defaults(func=run)
@@ -56,8 +56,6 @@ def run(args: argparse.Namespace) -> int:
 
     Raises UsageError, ModelError, ConfigError or SignalMapError, which end with exit code 2.
     """
-    import os
-
     from tqdm import tqdm
 
     from monitor import config
@@ -67,13 +65,11 @@ def run(args: argparse.Namespace) -> int:
     from training.fleet.bench import Bench
     from training.fleet.drives import drives_of
 
-    if args.jobs is not None and args.jobs < 1:
-        raise UsageError("--jobs is at least 1")
     if not 0.0 < args.false_alarms < 1.0:
         raise UsageError("--false-alarms is above 0 and below 1")
+    jobs = jobs_of(args)
     bench = Bench.of(args.model, config.load(args.config), pairs_of(args), args.columns)
     drives = drives_of(args.recordings, args.vehicle, fleet.written_paths(args.out))
-    jobs = args.jobs or os.cpu_count() or 1
     errors = faults = 0
     with tqdm(total=len(drives), unit="drive", disable=None) as bar:
 

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from monitor.errors import UsageError
+from training.cli_cores import add_cores_options, jobs_of
 
 if TYPE_CHECKING:
     from training.gap_study.plan import Study
@@ -34,25 +35,19 @@ def add_parsers(commands: "argparse._SubParsersAction[Any]") -> None:
     study.add_argument("--minutes", type=float, default=10.0, help="of a recording")
     study.add_argument("--fitted-with-effect", action="store_true",
                        help="fit the base to the case's own recordings")  # fmt: skip
-    study.add_argument("--jobs", type=int, metavar="N", help="default: one for each core")
-    study.add_argument("--scheduler", metavar="URL", help="Dask scheduler, tcp://host:port")
+    add_cores_options(study)
     study.set_defaults(func=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Do the cases and write the report, also of a run that is interrupted; returns 0."""
-    import os
-
     from tqdm import tqdm
 
     from training import run_folder
     from training.gap_study import report
     from training.gap_study import run as study_run
 
-    if args.jobs is not None and args.jobs < 1:
-        raise UsageError("--jobs is at least 1")
-    study = _study(args)
-    jobs = args.jobs or os.cpu_count() or 1
+    study, jobs = _study(args), jobs_of(args)
     identity = study_run.begin(study, args.out)
     try:
         with tqdm(total=report.planned(study), unit="case", disable=None) as bar:

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from monitor.errors import UsageError
+from training.cli_cores import add_cores_options, jobs_of
 
 if TYPE_CHECKING:
     from training.matrix.plan import Matrix
@@ -37,15 +38,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--faults", nargs="+", metavar="NAME[=SEVERITY,…]",
                        help="default: all, below, at and above their limit severities")  # fmt: skip
     group.add_argument("--ambient", nargs="+", metavar="NAME", help="mild, hot, cold, altitude")
-    group.add_argument("--jobs", type=int, metavar="N", help="default: one for each core")
-    group.add_argument("--scheduler", metavar="URL", help="Dask scheduler, tcp://host:port")
+    add_cores_options(group)
     group.add_argument("--config", type=Path, help="TOML that changes shipped settings")
 
 
 def run(args: argparse.Namespace) -> int:
     """Drive the matrix and write its report; returns the exit code."""
     import json
-    import os
 
     from tqdm import tqdm
 
@@ -61,10 +60,8 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError("--matrix needs --out DIR")
     if args.json is not None and not args.json.absolute().parent.is_dir():
         raise UsageError(f"{args.json}: the folder does not exist")
-    if args.jobs is not None and args.jobs < 1:
-        raise UsageError("--jobs is at least 1")
     matrix, settings = _matrix(args), config.load(args.config)
-    cores = matrix_run.Cores(args.jobs or os.cpu_count() or 1, args.scheduler)
+    cores = matrix_run.Cores(jobs_of(args), args.scheduler)
     with tqdm(total=matrix_run.count(matrix), unit="drive", disable=None) as bar:
         rows = matrix_run.run(matrix, args.model, settings, args.out, bar.update, cores)
     found = report.result(rows, run_folder.identity_of(args.out), args.model.name)

@@ -36,7 +36,8 @@ class Connection:
         self.bus: can.BusABC | None = bus
         self.is_lost = False
         self.losses = self.reconnects = 0
-        self._reopen, self._say, self._now_s, self._name = reopen, say, monotonic_s, name
+        self.name = name
+        self._reopen, self._say, self._now_s = reopen, say, monotonic_s
         self._next_try_s = self._lost_s = 0.0
         self._back_s = -math.inf
         self._back_off_s = FIRST_TRY_S
@@ -52,7 +53,7 @@ class Connection:
             self._lost_s = self._now_s()
             if self._lost_s - self._back_s >= STEADY_S:
                 self._back_off_s = FIRST_TRY_S
-            self._say(f"{self._name}: lost: {error}; it is tried again and again")
+            self._say(f"{self.name}: lost: {error}; it is tried again and again")
         self._next_try_s = self._now_s() + self._back_off_s
         self._back_off_s = min(2.0 * self._back_off_s, LAST_TRY_S)
         if bus:
@@ -80,7 +81,7 @@ class Connection:
             self.is_lost = False
             self.reconnects += 1
             self._back_s = self._now_s()
-            self._say(f"{self._name}: back after {self._back_s - self._lost_s:.1f} s")
+            self._say(f"{self.name}: back after {self._back_s - self._lost_s:.1f} s")
 
     def close(self) -> None:
         """Let go of a bus that was opened again; the first is its opener's."""

@@ -211,9 +211,10 @@ def _buses(
 
 
 def _side(bus: "can.BusABC", options: argparse.Namespace) -> "Side":
+    from monitor.bus.connection import Connection
     from monitor.inject.side import Side
 
-    return Side(bus, reopen=lambda: open_bus(options), say=say, name=bus_name(options))
+    return Side(Connection(bus, lambda: open_bus(options), say, name=bus_name(options)))
 
 
 def _other_side(args: argparse.Namespace) -> argparse.Namespace:

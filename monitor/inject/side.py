@@ -2,8 +2,6 @@
 
 import math
 import socket
-import time
-from collections.abc import Callable
 from typing import Final
 
 import can
@@ -17,21 +15,13 @@ SEND_TIMEOUT_S: Final = 0.05
 class Side:
     """A bus that is received from and sent to without its own frames, and opened again when lost.
 
-    reopen : opens the bus again after it was lost; without it a loss is an error
-    say : takes the lines about losses
+    connection : holds the bus, which is open
     """
 
-    def __init__(
-        self,
-        bus: can.BusABC,
-        reopen: Callable[[], can.BusABC] | None = None,
-        say: Callable[[str], None] = print,
-        monotonic_s: Callable[[], float] = time.monotonic,
-        name: str = "bus",
-    ) -> None:
-        self.name = name
-        self._connection = Connection(bus, reopen, say, monotonic_s, name)
-        self._use(bus)
+    def __init__(self, connection: Connection) -> None:
+        self.name, self._connection = connection.name, connection
+        assert connection.bus is not None
+        self._use(connection.bus)
 
     def _use(self, bus: can.BusABC) -> None:
         self._is_socketcan = _set_up(bus)
