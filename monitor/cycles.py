@@ -49,6 +49,8 @@ class EngineWatch:
 
         The very first start belongs to the driving cycle that has begun already.
         """
+        if self._has_run and self._off_s == 0.0:
+            return False, False
         started = self._off_s > 0.0 or not self._has_run
         is_next = self._has_run and (self._stood or self._off_s >= self._config.engine_off_s)
         self._has_run = True
@@ -76,7 +78,7 @@ class Cycles:
         at = {name: i for i, name in enumerate(names)}
         self._config, self._profile, self._running_rpm = config, profile, running_rpm
         self._speed, self._vehicle, self._coolant, self._ambient, self._pressure = (
-            at.get(name, -1) for name in SIGNALS
+            at.get(name, -1) for name in SIGNALS  # -1 is the NaN behind a sample's values
         )
         self._heard = at[output] if self._speed < 0 else self._speed
         self.unavailable = tuple(name for name in SIGNALS if name not in at)
@@ -103,7 +105,9 @@ class Cycles:
         """Take one sample; return what is to be counted, a new driving cycle first."""
         last_ns, self._last_ns = self._last_ns, sample.t_ns
         elapsed_s = 0.0 if last_ns is None else max(sample.t_ns - last_ns, 0) * 1e-9
-        is_running, is_standing = self._is_running(sample)
+        values = sample.values.tolist()
+        values.append(math.nan)
+        is_running, is_standing = self._is_running(sample, values)
         if not is_running:
             quality = sample.quality.item(self._heard)
             if quality != Quality.OFF_BUS:  # else nothing is known of the engine
@@ -119,33 +123,35 @@ class Cycles:
         if started:
             self._start_s = self._idle_s = 0.0
         else:
-            self._drive(elapsed_s, sample)
+            self._drive(elapsed_s, values)
         if self._due:
-            self._count(sample, found)
+            self._count(values[self._coolant], found)
         return found
 
-    def _is_running(self, sample: Sample) -> tuple[bool, bool]:
+    def _is_running(self, sample: Sample, values: list[float]) -> tuple[bool, bool]:
         """Return whether the engine runs, and whether it is known to stand."""
         if self._speed < 0:
             is_heard = sample.quality.item(self._heard) not in (Quality.STALE, Quality.OFF_BUS)
             return is_heard, False
-        speed_rpm = sample.values.item(self._speed)
+        speed_rpm = values[self._speed]
         return speed_rpm >= self._running_rpm, speed_rpm < self._running_rpm
 
-    def _drive(self, elapsed_s: float, sample: Sample) -> None:
+    def _drive(self, elapsed_s: float, values: list[float]) -> None:
         """Take the time since the last sample, in which the engine ran, too."""
         config = self._config
         self._start_s += elapsed_s
         self.engine_run_s += elapsed_s
-        speed_km_h = self._read(sample, self._vehicle)
+        speed_km_h = values[self._vehicle]
         if speed_km_h > 0.0:
             self.distance_km += speed_km_h * elapsed_s / 3600.0
         if "general_denominator" not in self._due:
             return
-        ambient_degc = self._read(sample, self._ambient)
-        pressure_kpa = self._read(sample, self._pressure)
-        too_cold = self._ambient >= 0 and not ambient_degc >= config.denominator_ambient_min_degc
-        too_high = self._pressure >= 0 and not pressure_kpa >= config.denominator_pressure_min_kpa
+        too_cold = self._ambient >= 0 and not (
+            values[self._ambient] >= config.denominator_ambient_min_degc
+        )
+        too_high = self._pressure >= 0 and not (
+            values[self._pressure] >= config.denominator_pressure_min_kpa
+        )
         if too_cold or too_high:
             self._idle_s = 0.0
             return
@@ -156,24 +162,24 @@ class Cycles:
         self._idle_s = self._idle_s + elapsed_s if idles else 0.0
         self._has_idled |= self._idle_s >= config.denominator_idle_s
 
-    def _read(self, sample: Sample, place: int) -> float:
-        return sample.values.item(place) if place >= 0 else math.nan
-
-    def _count(self, sample: Sample, found: list[Moment]) -> None:
-        config, profile = self._config, self._profile
-        coolant_degc = self._read(sample, self._coolant)
+    def _count(self, coolant_degc: float, found: list[Moment]) -> None:
+        """Find what is due and reached."""
+        config, profile, due = self._config, self._profile, self._due
         if math.isnan(self._first_degc):
             self._first_degc = coolant_degc
-        rise_degc = coolant_degc - self._first_degc
-        reached: dict[Moment, bool] = {
-            "ignition_cycle": self._start_s >= config.start_s,
-            "warm_up": coolant_degc >= profile.warm_up_degc
-            and rise_degc >= profile.warm_up_rise_degc,
-            "general_denominator": self._has_idled
+        if "ignition_cycle" in due and self._start_s >= config.start_s:
+            found.append("ignition_cycle")
+        if (
+            "warm_up" in due
+            and coolant_degc >= profile.warm_up_degc
+            and coolant_degc - self._first_degc >= profile.warm_up_rise_degc
+        ):
+            found.append("warm_up")
+        if (
+            "general_denominator" in due
+            and self._has_idled
             and self._run_s >= config.denominator_run_s
-            and self._moving_s >= config.denominator_moving_s,
-        }
-        for moment, now in reached.items():
-            if now and moment in self._due:
-                self._due.remove(moment)
-                found.append(moment)
+            and self._moving_s >= config.denominator_moving_s
+        ):
+            found.append("general_denominator")
+        due.difference_update(found)
