@@ -4,6 +4,7 @@ The bank works on phi = 1/lambda, for which rising is lean to rich, or on a sign
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,12 +48,7 @@ class SensorBank:
     def __init__(self, hypotheses: tuple[Hypothesis, ...], period_s: float) -> None:
         slow = [h for h in hypotheses if h.kind == "slow"]
         late = [h for h in hypotheses if h.kind == "delay"]
-
-        def share(h: Hypothesis, other: str) -> float:
-            return 1.0 if h.direction == other else 1.0 - math.exp(-period_s / h.seconds)
-
-        self._rising = np.array([share(h, "rich_to_lean") for h in slow])
-        self._falling = np.array([share(h, "lean_to_rich") for h in slow])
+        self._share = np.array([1.0 - math.exp(-period_s / h.seconds) for h in slow])
         steps = np.array([round(h.seconds / period_s, 9) for h in late])
         whole = steps.astype(np.int64)
         self._part = steps - whole
@@ -63,13 +59,12 @@ class SensorBank:
         self._at = 0
         self._row = np.ones(len(hypotheses))
         self._now = self._row[:1].reshape(())  # numpy takes an array faster than a number
-        self._step, self._zero = np.empty(len(slow)), np.zeros(())
-        self._rises = np.empty(len(slow), dtype=np.bool_)
+        self._way, self._step = np.empty(len(slow)), np.empty(len(slow))
+        self._way_falling, self._way_rising = _sided(self._way, slow)
+        self._step_falling, self._step_rising = _sided(self._step, slow)
         self._x = self._row[1 : 1 + len(slow)]  # views: what they hold is the state and the result
         self._late = self._row[1 + len(slow) :]
-        falling, rising = (sum(h.direction == d for h in late) for d in DIRECTIONS[:2])
-        self._late_falling = self._late[:falling]
-        self._late_rising = self._late[falling : falling + rising]
+        self._late_falling, self._late_rising = _sided(self._late, late)
         self._started = False
 
     def reset(self) -> None:
@@ -85,11 +80,13 @@ class SensorBank:
         self._at = at = (self._at + 1) % self._length
         self._history[at] = self._history[at + self._length] = value
         self._row[0] = value
-        now, step, x = self._now, self._step, self._x
-        np.subtract(now, x, step)
-        np.greater(step, self._zero, self._rises)
-        step *= np.where(self._rises, self._rising, self._falling)
-        x += step
+        now, way, step = self._now, self._way, self._step
+        np.subtract(now, self._x, way)
+        np.multiply(way, self._share, step)
+        # a one-sided lag follows at once against its own edge direction
+        np.maximum(self._way_falling, self._step_falling, out=self._step_falling)
+        np.minimum(self._way_rising, self._step_rising, out=self._step_rising)
+        self._x += step
         past = self._history[at + 1 : at + 1 + self._length]  # the oldest value first
         past.take(self._places, out=self._late, mode="clip")
         if self._interpolated:
@@ -99,3 +96,9 @@ class SensorBank:
         np.maximum(self._late_falling, now, out=self._late_falling)
         np.minimum(self._late_rising, now, out=self._late_rising)
         return self._row
+
+
+def _sided(values: FloatArray, hypotheses: Sequence[Hypothesis]) -> tuple[FloatArray, FloatArray]:
+    """Return the views on those that act on falling and on those that act on rising edges."""
+    falling, rising = (sum(h.direction == d for h in hypotheses) for d in DIRECTIONS[:2])
+    return values[:falling], values[falling : falling + rising]

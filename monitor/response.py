@@ -285,7 +285,8 @@ class ResponseRule:
         found = (self._moments @ weight[:, :, np.newaxis]).reshape(len(evidence), 2, len(_TIMES))
         mean, square = found[:, 0], found[:, 1]
         np.sqrt(np.maximum(square - mean**2, 0.0), out=square)
-        return found.swapaxes(1, 2).reshape(len(evidence), -1).tolist()
+        rows: list[list[float]] = found.swapaxes(1, 2).reshape(len(evidence), -1).tolist()
+        return rows
 
     def _estimated_gain(self, sums: Sequence[float]) -> dict[str, float | None]:
         """Return the gain with its standard deviation; None before any window."""
