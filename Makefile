@@ -34,9 +34,11 @@ lint: venv ## style, types and the direction of imports
 
 venv: $(VENV)/.installed ## the development environment in .venv
 
-bench: venv ## the benchmarks
-	@for script in benchmarks/replay_vs_plain_loop.py benchmarks/streaming.py benchmarks/batch.py benchmarks/free_run.py benchmarks/gap.py; do \
-	  echo "== $$script"; $(VENV)/bin/python "$$script" || exit 1; done
+bench: venv ## the benchmarks, those of logs and fleets on a small scale
+	@for call in replay_vs_plain_loop.py streaming.py batch.py free_run.py gap.py \
+	  "log_readers.py --seconds 20 --rounds 3" "fleet_log.py --seconds 60 --drives 32 --repeats 1" \
+	  "fleet_scaling.py --counts 10 100"; do \
+	  echo "== $$call"; $(VENV)/bin/python benchmarks/$$call || exit 1; done
 
 # The shipped model: one healthy vehicle, every cycle, cold and hot weather, all simulated.
 TRAINING := wltc_3b:1001 wltc_3b:1013 udds:1002 us06:1003 hwfet:1007 steady:1004 steady:1005 \

@@ -16,7 +16,8 @@ _EXAMPLES = """examples:
 A manifest is a .csv with the columns path and vehicle; the drives of a vehicle, in their order,
 share its fault memory and its reference, as with o2mon replay --memory. Writes results.parquet
 (a row for each recording), results.windows.parquet (a row for each window), results.html and
-results.json. A run that was killed goes on where it was when the same command is given again."""
+results.json. A run that was killed goes on where it was when the same command is given again.
+Without manifest and --vehicle every recording is judged by itself."""
 
 
 def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
@@ -31,15 +32,18 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
     )
     fleet.add_argument(
         "recordings", nargs="+", metavar="DIR|GLOB|MANIFEST",
-        help="also single recordings; paths or URLs that fsspec knows",
+        help="folders (with those below), patterns, manifests, single recordings; paths or URLs "
+        "that fsspec knows",
     )  # fmt: skip
-    fleet.add_argument("--model", type=Path, required=True, metavar="M")
+    fleet.add_argument(
+        "--model", type=Path, required=True, metavar="FILE", help="model with its limits, .onnx"
+    )
     fleet.add_argument(
         "--out", type=Path, required=True, metavar="FILE", help="table to write, .parquet"
     )
     fleet.add_argument(
         "--vehicle", metavar="REGEX",
-        help="whose first group names the vehicle in a path that no manifest speaks of",
+        help="expression whose first group names the vehicle in a path, unless a manifest does",
     )  # fmt: skip
     fleet.add_argument(
         "--false-alarms", type=float, default=0.001, metavar="RATE",

@@ -62,12 +62,16 @@ def _codes(found: Figures) -> str:
             f"{each['drives']:,}",
             f"{each['vehicles']:,}",
             f"{each['confirmed']:,}",
-            f"{each['rate']['per_1000_h']:.3g}",
-            f"{each['rate']['high']:.3g}",
+            _plain(each["rate"]["per_1000_h"]),
+            _plain(each["rate"]["high"]),
+            ", ".join(each["examples"]),
         )
         for each in found["codes"]
     ]
-    head = ("code", "fault", "recordings", "vehicles", "confirmed", "per 1,000 h", "at most (95 %)")
+    head = (
+        "code", "fault", "recordings", "vehicles", "confirmed", "per 1,000 h", "at most (95 %)",
+        "for example",
+    )  # fmt: skip
     completed = paragraph(
         f"The response test completed in {percent(found['completed'])} % of the judged recordings.",
     )
@@ -160,8 +164,13 @@ def _percent(rate: Figures) -> str:
     """Return a rate that may be small in percent, with its bounds."""
     if rate["rate"] is None:
         return "-"
-    found, low, high = (f"{100.0 * rate[k]:.2g}" for k in ("rate", "low", "high"))
+    found, low, high = (_plain(100.0 * rate[k], 2) for k in ("rate", "low", "high"))
     return f"{found}{NBSP}({low}{TO}{high})"
+
+
+def _plain(value: float, digits: int = 3) -> str:
+    """Return a number with so many digits that count, and never an exponent for a large one."""
+    return f"{value:,.0f}" if value >= 10.0 ** (digits - 1) else f"{value:.{digits}g}"
 
 
 def _not_judged(found: Figures) -> str:

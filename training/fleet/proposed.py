@@ -100,7 +100,7 @@ def quantile_bounds(
     Source: Conover, Practical Nonparametric Statistics, 3rd ed., section 3.2.
 
     >>> quantile_bounds(np.arange(100.0), 0.5)
-    (49.5, 39.0, 60.0)
+    (49.0, 39.0, 60.0)
     """
     n, x = len(values), np.sort(values)
     if n == 0:
@@ -108,7 +108,7 @@ def quantile_bounds(
     tail = (1.0 - confidence) / 2.0
     low, high = (int(stats.binom.ppf(q, n, probability)) for q in (tail, 1.0 - tail))
     return (
-        float(np.quantile(x, probability)),
+        float(np.quantile(x, probability, method="inverted_cdf")),
         float(x[low - 1]) if low >= 1 else None,
         float(x[high]) if high < n else None,
     )

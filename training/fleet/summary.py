@@ -14,7 +14,7 @@ from training.fleet.standing_out import Standing
 from training.matrix.rates import Figures, per_1000_h, rate
 
 SCHEMA: Final = "o2train.fleet/1"
-EXAMPLES: Final = 3  # files named for each reason
+EXAMPLES: Final = 3  # files named for each reason, vehicles for each code
 
 
 def summary(
@@ -58,7 +58,7 @@ def summary(
 
 
 def codes(judged: pl.DataFrame) -> list[Figures]:
-    """Return every code that is set, the most frequent first."""
+    """Return every code that is set, the most frequent first, with some of its vehicles."""
     if not judged["fault_flag"].any():
         return []
     every = judged.select("vehicle", "recording", "codes", "faults", "states").explode(
@@ -69,13 +69,14 @@ def codes(judged: pl.DataFrame) -> list[Figures]:
         drives=pl.col("recording").n_unique(),
         vehicles=pl.col("vehicle").n_unique(),
         confirmed=(pl.col("states") == "confirmed").sum(),
+        examples=pl.col("vehicle").unique(maintain_order=True).head(EXAMPLES),
     ).sort(["drives", "codes", "faults"], descending=[True, False, False])
     seconds = _sum(judged, "duration_s")
     return [
         {
             "code": row["codes"],
             "fault": row["faults"],
-            **{k: row[k] for k in ("drives", "vehicles", "confirmed")},
+            **{k: row[k] for k in ("drives", "vehicles", "confirmed", "examples")},
             "rate": per_1000_h(row["drives"], seconds),
         }
         for row in table.to_dicts()
