@@ -43,7 +43,7 @@ class Output:
     ) -> tuple[FloatArray, QualityArray]:
         """Return values and quality of one sample, NaN where not good."""
         if self._is_identity:
-            return np.array(values), np.array(quality, dtype=np.uint8)
+            return np.array(values), np.frombuffer(bytearray(quality), dtype=np.uint8)
         out, out_quality = np.empty(self._n), np.empty(self._n, dtype=np.uint8)
         for i, channel in self._picked:
             out[i], out_quality[i] = values[channel], quality[channel]

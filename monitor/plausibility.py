@@ -7,7 +7,6 @@ together.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -30,7 +29,12 @@ class TickResult:
     fault: str
 
 
-_result = cache(TickResult)  # there are few, and one sample needs three
+_HEARD = TickResult("communication", False, "signal_missing")
+_MISSING = TickResult("communication", True, "signal_missing")
+_NOT_VALID = TickResult("communication", True, "signal_invalid")
+_BUS_OFF = TickResult("communication", True, "bus_off")
+_READY, _NOT_READY = (TickResult("ready", failed, "not_ready") for failed in (False, True))
+_INSIDE, _OUTSIDE = (TickResult("range", failed, "out_of_range") for failed in (False, True))
 
 
 class TickResults(NamedTuple):
@@ -78,9 +82,6 @@ class Plausibility:
         # a blank in a table reads as invalid; with the readiness blank, too, nothing came
         missing = quality in (_STALE, _OFF_BUS) or (quality == _INVALID and gone)
         invalid = quality == _INVALID and ready
-        absence = "signal_invalid" if invalid else "signal_missing"
-        if quality == _OFF_BUS:
-            absence = "bus_off"
         self._heard = self._heard or not missing
         self._unheard += not self._heard
         if self._speed is not None and not math.isnan(rpm := sample.values.item(self._speed)):
@@ -89,11 +90,16 @@ class Plausibility:
         asleep = missing and self._stood and quality != _OFF_BUS
         results = []
         if (self._heard or self._unheard > self._start_patience) and not asleep:
-            results.append(_result("communication", missing or invalid, absence))
+            if quality == _OFF_BUS:
+                results.append(_BUS_OFF)
+            elif invalid:
+                results.append(_NOT_VALID)
+            else:
+                results.append(_MISSING if missing else _HEARD)
         if self._not_ready > self._patience or (ready and not missing):  # else not known yet
-            results.append(_result("ready", not ready, "not_ready"))
+            results.append(_READY if ready else _NOT_READY)
         if quality in (_GOOD, _OUT_OF_RANGE):
-            results.append(_result("range", quality == _OUT_OF_RANGE, "out_of_range"))
+            results.append(_INSIDE if quality == _GOOD else _OUTSIDE)
         return results
 
     def block(self, values: FloatArray, quality: QualityArray) -> tuple[TickResults, ...]:
@@ -116,22 +122,22 @@ class Plausibility:
             _results(
                 (heard | (unheard > self._start_patience)) & ~asleep,
                 np.where(off_bus, 3, np.where(invalid, 2, missing)),
-                _result("communication", False, "signal_missing"),
-                _result("communication", True, "signal_missing"),
-                _result("communication", True, "signal_invalid"),
-                _result("communication", True, "bus_off"),
+                _HEARD,
+                _MISSING,
+                _NOT_VALID,
+                _BUS_OFF,
             ),
             _results(
                 (not_ready > self._patience) | (ready & ~missing),
                 ~ready,
-                _result("ready", False, "not_ready"),
-                _result("ready", True, "not_ready"),
+                _READY,
+                _NOT_READY,
             ),
             _results(
                 (q == _GOOD) | (q == _OUT_OF_RANGE),
                 q == _OUT_OF_RANGE,
-                _result("range", False, "out_of_range"),
-                _result("range", True, "out_of_range"),
+                _INSIDE,
+                _OUTSIDE,
             ),
         )
 
