@@ -33,6 +33,19 @@ def test_fuel_cut_and_the_recovery_from_it_are_not_scored() -> None:
     assert drive.scored[first_after + recovery]
 
 
+def test_a_cut_that_is_read_late_is_not_scored_either() -> None:
+    # GIVEN a vehicle whose exhaust takes three seconds to the sensor
+    signals = plain_signals()
+    cut = signals["fuel_mass_mg"] == 0.0
+    read = np.concatenate([np.zeros(30, dtype=bool), cut[:-30]])
+    drive = _make(signals, np.where(read, 15.0, 1.0))
+    # THEN nothing counts until a second after the sensor has read the cut's end
+    assert not drive.scored[read].any()
+    last = int(np.flatnonzero(np.diff(read.astype(int)) == -1)[0])
+    assert not drive.scored[last : last + 11].any()
+    assert drive.scored[last + 11]
+
+
 def test_a_gap_in_an_input_is_held_and_not_scored() -> None:
     signals = plain_signals()
     air = signals["air_mass_mg"].copy()

@@ -92,7 +92,7 @@ def fit_with_charge(
 
 def _flat(signals: Mapping[str, FloatArray], phi: FloatArray, scored: BoolArray) -> ChargeMap:
     speeds, pressures = (
-        _knots(signals[name][scored], n)
+        knots_of(signals[name][scored], n)
         for name, n in (("engine_speed_rpm", SPEEDS), ("manifold_pressure_kpa", PRESSURES))
     )
     full = STOICHIOMETRIC * signals["fuel_mass_mg"][scored] / dense_mg(signals)[scored]
@@ -100,7 +100,8 @@ def _flat(signals: Mapping[str, FloatArray], phi: FloatArray, scored: BoolArray)
     return ChargeMap(speeds, pressures, np.full((len(speeds), len(pressures)), level))
 
 
-def _knots(values: FloatArray, n: int) -> FloatArray:
+def knots_of(values: FloatArray, n: int) -> FloatArray:
+    """Return ``n`` knots spread evenly over nearly all values."""
     if not len(values):
         return np.arange(2.0)
     low, high = np.quantile(values, RANGE)

@@ -43,7 +43,8 @@ def parity(path: Path | str, greybox: Greybox, data: Prepared) -> tuple[int, flo
 def contraction(path: Path | str, data: Prepared, seed: int, pairs: int = PAIRS) -> Contraction:
     """Return how far predictions from random pairs of states are apart after 50 samples.
 
-    Every entry of the state is drawn evenly from phi 0 .. 1.7; inputs are those of random places.
+    Every entry of the chain's state is drawn evenly from phi 0 .. 1.7; inputs are those of random
+    places, at which what follows the inputs alone starts settled.
     """
     rng = np.random.default_rng(seed)
     model = Model.load(path, batch=2 * pairs)
@@ -52,7 +53,9 @@ def contraction(path: Path | str, data: Prepared, seed: int, pairs: int = PAIRS)
         [np.arange(s.start, max(s.stop - CONTRACTION_SAMPLES, s.start + 1)) for s in data.segments]
     )
     at = np.tile(rng.choice(places, pairs), 2)
-    model.state[:] = rng.uniform(*model.card.output_limits, size=model.state.shape)
+    model.reset(u[at])
+    chain = model.state[:, : 4 + Greybox.of(model.card).register]
+    chain[:] = rng.uniform(*model.card.output_limits, size=chain.shape)
     for k in range(CONTRACTION_SAMPLES + 1):
         model.step_batch(u[np.minimum(at + k, len(u) - 1)])
     phi = model.state[:, model.card.state.output_start]

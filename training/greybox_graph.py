@@ -1,7 +1,8 @@
 """The grey-box chain as the ONNX graph ``step``.
 
 State: the reading (phi, so that the monitor can force it), the shift register of phi at the valve,
-newest first, then what each lag remembers, and last the states of added effects. Every node works
+newest first, then what each lag remembers, what the charge's error remembers, and last the states
+of added effects. Every node works
 element by element, and the one sum has at most two terms that are not zero: single and batched
 runs give the same bits. Constants and names follow ``chain``; a change there is a change here.
 """
@@ -24,9 +25,11 @@ from training.export import Graph, finished
 from training.gap.add.added import Added
 from training.gap.add.effect_nodes import graph_effect
 from training.greybox_charge import ChargeMap
+from training.greybox_charge_error import ChargeError
 from training.greybox_nodes import (
     GraphEffect,
     base_nodes,
+    charge_error_nodes,
     charge_nodes,
     lag_nodes,
     lag_weights,
@@ -52,6 +55,7 @@ class Greybox:
     register: int  # samples of phi at the valve that the state remembers
     charge_map: ChargeMap | None = None  # without, the charge is an input
     effects: tuple[GraphEffect, ...] = ()
+    charge_error: ChargeError | None = None  # of the charge that is an input
 
     @classmethod
     def of(cls, card: ModelCard) -> "Greybox":
@@ -68,6 +72,8 @@ class Greybox:
             register = int(given["register_samples"])
             own = given["charge_map"]
             charge_map = None if own is None else ChargeMap.from_card(own)
+            wrong = given.get("charge_error")
+            charge_error = None if wrong is None else ChargeError.from_card(wrong)
             period_s = card.period_ns / 1e9
             effects = tuple(
                 graph_effect(Added.from_card(entry), period_s, entry["reads"])
@@ -77,13 +83,17 @@ class Greybox:
             raise ModelError(
                 f"the card of a greybox lacks part of its structure: {error}"
             ) from None
-        return cls(constants, card.input_names, low, high, period_s, register, charge_map, effects)
+        return cls(
+            constants, card.input_names, low, high, period_s, register, charge_map, effects,
+            charge_error,
+        )  # fmt: skip
 
     def structure(self) -> dict[str, Any]:
         """Return what the card's structure needs beside the constants."""
         return {
             "register_samples": self.register,
             "charge_map": None if self.charge_map is None else self.charge_map.to_card(),
+            "charge_error": None if self.charge_error is None else self.charge_error.to_card(),
             "inputs_low": self.u_low.tolist(),
             "inputs_high": self.u_high.tolist(),
         }
@@ -91,7 +101,12 @@ class Greybox:
     @property
     def state_layout(self) -> StateLayout:
         """Size of the state; the reading lies first."""
-        return StateLayout(4 + self.register + sum(e.n_states for e in self.effects), 0, 1, 1)
+        return StateLayout(self.chain_states + sum(e.n_states for e in self.effects), 0, 1, 1)
+
+    @property
+    def chain_states(self) -> int:
+        """States before those of the effects; the last are those of the charge's error."""
+        return 4 + self.register + (0 if self.charge_error is None else 2)
 
     @property
     def memory(self) -> int:
@@ -104,13 +119,17 @@ class Greybox:
     def signals(self, u: FloatArray) -> dict[str, FloatArray]:
         """Return the signals (n,) of ``u`` (n, n_inputs) as the graph sees them, with the speed.
 
-        The inputs are clipped; a charge map makes ``air_mass_mg``, whatever was measured.
+        The inputs are clipped; a charge map makes ``air_mass_mg``, whatever was measured, and where
+        the measured one is known to be wrong it is the right one.
         """
         limited = np.clip(u, self.u_low, self.u_high)
         signals = {name: limited[:, i] for i, name in enumerate(self.inputs)}
         if self.charge_map is not None:
             signals["air_mass_mg"] = self.charge_map.air_mass_mg(signals)
-        return with_speed(signals)
+        signals = with_speed(signals)
+        if self.charge_error is not None:
+            signals["air_mass_mg"] = self.charge_error.air_mass_mg(signals, self.period_s)
+        return signals
 
 
 def register_for(longest_s: float, period_s: float) -> int:
@@ -165,12 +184,20 @@ def chain_nodes(
         signals["air_mass_mg"] = charge_nodes(graph, greybox.charge_map, signals)
     if "engine_speed_rpm" not in signals:
         signals["engine_speed_rpm"] = speed_nodes(graph, signals)
-    nodes, at, kept = base_nodes(graph, greybox.constants, signals), 4 + register, list[str]()
+    kept = list[str]()
+    if greybox.charge_error is not None:
+        begun, held = (
+            graph.take(state, i, i + 1, f"charge_state{i}") for i in (4 + register, 5 + register)
+        )
+        signals["air_mass_mg"], kept = charge_error_nodes(
+            graph, greybox.charge_error, signals, (begun, held), greybox.period_s
+        )
+    nodes, at = base_nodes(graph, greybox.constants, signals), greybox.chain_states
     for i, effect in enumerate(greybox.effects):
         own = graph.part(f"effect{i}_{effect.name}_")
         states = [own.take(state, at + j, at + j + 1, f"state{j}") for j in range(effect.n_states)]
         nodes, after = effect.add(own, nodes, signals, states)
-        kept += list(after)
+        kept = [*kept, *after]
         at += effect.n_states
     valve = valve_nodes(graph, nodes)
     places = {"read": 0, "late": 1 + register, "mixed": 2 + register, "pumped": 3 + register}

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,7 +27,8 @@ from training.chain import (
 from training.fit import HeldOut, held_out, measures, recordings_of
 from training.greybox import Fitted, described, fit_constants, reference
 from training.greybox_charge import INPUTS as CHARGE_INPUTS
-from training.greybox_charge import ChargeMap, fit_with_charge
+from training.greybox_charge import fit_with_charge
+from training.greybox_charge_error import fit_with_charge_error
 from training.greybox_checks import TOLERANCE, contraction, parity, physical_inputs
 from training.greybox_graph import Greybox, longest_dead_time_s, register_for, save
 from training.prepare import MARGIN, Prepared, Role, prepare
@@ -90,12 +91,16 @@ def fit_greybox(
     limits = _input_limits(data)
     signals = _signals(data, limits)
     scored = scored_rows(data, signals) & (data.role == Role.TRAIN)
-    charge_map = None
+    charge_map, charge_error, known = None, None, (signals, _phi(data), scored, _period_s(data))
     if has_own_charge(inputs):
-        fitted, charge_map = fit_with_charge(signals, _phi(data), scored, _period_s(data))
+        fitted, charge_map = fit_with_charge(*known)
+    elif "air_mass_mg" in inputs:
+        fitted, charge_error = fit_with_charge_error(*known)
     else:
-        fitted = fit_constants(signals, _phi(data), scored, _period_s(data))
-    greybox = _greybox(data, limits, fitted.constants, charge_map)
+        fitted = fit_constants(*known)
+    greybox = replace(
+        _greybox(data, limits, fitted.constants), charge_map=charge_map, charge_error=charge_error
+    )
     predicted = _free_run(data, greybox)
     card = write_model(out, greybox, fitted, data, predicted, seed)
     warnings = (*data.warnings, *_warnings(fitted, card))
@@ -192,12 +197,11 @@ def _free_run(data: Prepared, greybox: Greybox) -> FloatArray:
 
 
 def _greybox(
-    data: Prepared, limits: tuple[FloatArray, FloatArray], constants: Constants,
-    charge_map: ChargeMap | None,
-) -> Greybox:  # fmt: skip
+    data: Prepared, limits: tuple[FloatArray, FloatArray], constants: Constants
+) -> Greybox:
     longest_s = longest_dead_time_s(constants, data.names, limits[0])
     register = register_for(longest_s, _period_s(data))
-    return Greybox(constants, data.names, *limits, _period_s(data), register, charge_map)
+    return Greybox(constants, data.names, *limits, _period_s(data), register)
 
 
 def _card(

@@ -1,6 +1,6 @@
 """The chain's steps as nodes of an ONNX graph, every one on (batch, 1) tensors.
 
-Each mirrors a step of ``chain`` or ``greybox_charge``; a change there is a change here.
+Each mirrors a step of ``chain`` or ``greybox_charge*``; a change there is a change here.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -21,6 +21,9 @@ from training.chain import (
 )
 from training.export import Graph
 from training.greybox_charge import KELVIN, MG_K_PER_KPA, TEMPERATURE_LEAST_K, ChargeMap
+from training.greybox_charge_error import LEAST as ERROR_LEAST
+from training.greybox_charge_error import MOST as ERROR_MOST
+from training.greybox_charge_error import ChargeError, share_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,14 +115,9 @@ def charge_nodes(graph: Graph, charge_map: ChargeMap, signals: Mapping[str, str]
     by_speed = _hats(graph, signals["engine_speed_rpm"], charge_map.speeds_rpm, "speed")
     pressure = signals["manifold_pressure_kpa"]
     by_pressure = _hats(graph, pressure, charge_map.pressures_kpa, "pressure")
-    middle = graph.constant("charge_middle", [1], np.int64)
-    last = graph.constant("charge_last", [2], np.int64)
-    wide = graph.add("Unsqueeze", [by_pressure, middle], "pressure_wide")  # (batch, 1, b)
-    map_values = graph.constant("inverse_efficiency", charge_map.inverse_efficiency[None])
-    shares = graph.add("Mul", [wide, map_values], "charge_shares")  # (batch, a, b)
-    rows = graph.add("ReduceSum", [shares, last], "charge_rows", keepdims=0)
-    parts = graph.add("Mul", [rows, by_speed], "charge_parts")
-    inverse = graph.add("ReduceSum", [parts, middle], "charge_inverse", keepdims=1)
+    inverse = _map_nodes(
+        graph.part("charge_"), by_speed, by_pressure, charge_map.inverse_efficiency
+    )
     zero = graph.constant("kelvin", KELVIN)
     kelvin = graph.add("Add", [signals["manifold_temperature_degc"], zero], "charge_kelvin")
     least = graph.constant("kelvin_least", TEMPERATURE_LEAST_K)
@@ -127,6 +125,49 @@ def charge_nodes(graph: Graph, charge_map: ChargeMap, signals: Mapping[str, str]
     scale = graph.constant("mg_k_per_kpa", MG_K_PER_KPA)
     dense = graph.add("Div", [graph.add("Mul", [pressure, scale], "charge_hot"), warm], "dense_mg")
     return graph.add("Div", [dense, inverse], "charge_mg")
+
+
+def charge_error_nodes(
+    graph: Graph,
+    error: ChargeError,
+    signals: Mapping[str, str],
+    states: tuple[str, str],
+    period_s: float,
+) -> tuple[str, list[str]]:
+    """Add ``ChargeError.air_mass_mg``; return it and the next states, each (batch, 1).
+
+    states : 1 once begun, and what the lag remembers; it settles at the first input
+    """
+    graph = graph.part("charge_error_")
+    air, (begun, held) = signals["air_mass_mg"], states
+    by_speed = _hats(graph, signals["engine_speed_rpm"], error.speeds_rpm, "speed")
+    by_charge = _hats(graph, air, error.charges_mg, "charge")
+    now, before = (
+        _map_nodes(graph.part(f"{name}_"), by_speed, by_charge, values)
+        for name, values in (("now", error.now), ("before", error.before))
+    )
+    is_begun = graph.add("Greater", [begun, graph.constant("half", 0.5)], "is_begun")
+    last = graph.add("Where", [is_begun, held, before], "last")
+    share = graph.constant("share", share_of(error.time_s, period_s))
+    way = graph.add("Mul", [graph.add("Sub", [before, last], "behind"), share], "way")
+    late = graph.add("Add", [last, way], "late")
+    one = graph.constant("one", 1.0)
+    more = graph.add("Add", [graph.add("Add", [now, late], "sum"), one], "factor_free")
+    limits = [graph.constant("least", ERROR_LEAST), graph.constant("most", ERROR_MOST)]
+    factor = graph.add("Clip", [more, *limits], "factor")
+    ever = graph.add("Clip", [begun, one, one], "begun")
+    return graph.add("Div", [air, factor], "air_mg"), [ever, late]
+
+
+def _map_nodes(graph: Graph, by_row: str, by_column: str, values: FloatArray) -> str:
+    """Add a map (a, b) at the shares (batch, a) and (batch, b) of its knots."""
+    middle = graph.constant("middle", [1], np.int64)
+    last = graph.constant("last", [2], np.int64)
+    wide = graph.add("Unsqueeze", [by_column, middle], "wide")  # (batch, 1, b)
+    shares = graph.add("Mul", [wide, graph.constant("map", values[None])], "shares")
+    rows = graph.add("ReduceSum", [shares, last], "rows", keepdims=0)  # (batch, a)
+    parts = graph.add("Mul", [rows, by_row], "parts")
+    return graph.add("ReduceSum", [parts, middle], "value", keepdims=1)
 
 
 def _hats(graph: Graph, x: str, knots: FloatArray, name: str) -> str:

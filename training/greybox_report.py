@@ -63,6 +63,13 @@ def _charge(result: GreyboxResult) -> str:
             f"density in the manifold times an efficiency of {speeds} speeds by "
             f"{pressures} pressures, fitted for a gain of 1"
         )
+    error = result.greybox.charge_error
+    if error is not None:
+        speeds, charges = error.now.shape
+        return (
+            f"air per stroke as recorded, less its error over {speeds} speeds by {charges} charges "
+            f"now and over the last {error.time_s:g} s"
+        )
     if "air_mass_mg" in result.card.input_names:
         return "air per stroke as recorded"
     return "air meter over engine speed"

@@ -84,16 +84,18 @@ def plain_drives_of(card: ModelCard, recordings: Sequence[Recording]) -> list[Dr
     if card.kind != GREYBOX:
         return [from_recording(each) for each in recordings]
     chain = Greybox.of(card)
-    return [from_recording(each, _charge(each, chain)) for each in recordings]
+    return [from_recording(each, _made(each, chain)) for each in recordings]
 
 
 def _plain(drive: Drive, constants: Constants) -> FloatArray:
     return simulate(base_path(constants, drive.signals), drive.period_s)
 
 
-def _charge(recording: Recording, chain: Greybox) -> FloatArray | None:
-    """Return the air per stroke (n,) that the model makes for itself, None if it makes none."""
-    if chain.charge_map is None:
-        return None
+def _made(recording: Recording, chain: Greybox) -> dict[str, FloatArray]:
+    """Return the signals (n,) that the model makes for itself: the charge, and with it speed."""
+    if chain.charge_map is None and chain.charge_error is None:
+        return {}
     inputs = np.stack([hold(recording.column(name)) for name in chain.inputs], axis=1)
-    return chain.signals(inputs)["air_mass_mg"]
+    signals = chain.signals(inputs)
+    wanted = ["air_mass_mg", *({"engine_speed_rpm"} - set(chain.inputs))]
+    return {name: signals[name] for name in wanted}

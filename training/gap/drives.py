@@ -16,6 +16,8 @@ from training.recordings import Recording
 OUTPUT: Final = "lambda_measured"
 NEEDED: Final = ("air_mass_mg", "fuel_mass_mg")
 AFTER_CUT_S: Final = 2.0  # transport, mixing and sensor have passed on phi = 0, as in the chain
+CUT_PHI: Final = 0.5  # read of burnt mixture never, of a fuel cut wherever it is by now
+AFTER_CUT_READ_S: Final = 1.0  # the end of a cut has passed the chain, whatever its dead time
 AFTER_GAP_S: Final = 5.0  # a held value has left the chain
 CUT_FUEL_MG: Final = 0.3  # per stroke; below the smallest injection
 PHI_MAX: Final = 2.0
@@ -59,18 +61,17 @@ def path_of(drive: Drive, base: Constants) -> Path:
     return path
 
 
-def from_recording(recording: Recording, air_mass_mg: FloatArray | None = None) -> Drive:
+def from_recording(recording: Recording, made: Mapping[str, FloatArray] | None = None) -> Drive:
     """Return the drive of a recording.
 
-    air_mass_mg : (n,) charge that the model makes of other signals, instead of the broadcast one
+    made : signals (n,) that the model makes of others, instead of those recorded
     Charge is worked out of air meter and engine speed where it is missing, and engine speed of air
     meter and charge. A sample is scored if lambda and every input the chain needs were measured for
     some seconds and no fuel was cut.
     Raises RecordingError if a signal is missing or less than a minute can be scored.
     """
     columns = {name: recording.column(name) for name in recording.names if name != OUTPUT}
-    if air_mass_mg is not None:
-        columns["air_mass_mg"] = air_mass_mg
+    columns |= made or {}
     present = {name: x for name, x in columns.items() if np.isfinite(x).any()}
     if "air_mass_mg" not in present and {"maf_kg_h", "engine_speed_rpm"} <= set(present):
         present["air_mass_mg"] = charge_mg(present)
@@ -112,6 +113,7 @@ def make(
     if "fuel_cut" in held:
         cut = cut | (held["fuel_cut"] > 0.5)
     scored = good & ~_until(cut, AFTER_CUT_S, period_s)
+    scored &= ~_until(good & (phi < CUT_PHI), AFTER_CUT_READ_S, period_s)
     scored &= ~_until(~inputs_good, AFTER_GAP_S, period_s)
     if "sensor_ready" in held:
         scored &= held["sensor_ready"] > 0.5
