@@ -40,7 +40,9 @@ def row(kind: str = "effect", **changed: Any) -> dict[str, Any]:
         "number": 0, "kind": kind, "vehicle": 2100, "hidden": ["purge"], "severities": [4.0],
         "fault": None, "fault_severity": None, "error": None, "verdict": "named",
         "names": ["purge"], "among": [], "noise": 0.007, "gap_over_noise": 3.0, "seconds": 4.0,
-        "added": ["purge"], "faults": {"drives": 20, "before": 15, "after": 16},
+        "added": ["purge"],
+        "faults": {"drives": 20, "before": 15, "before_named": 12, "after": 16,
+                   "after_named": 11, "alike": 2, "alike_named": 2},
         "alarms": {"drives": 2, "before": 0, "after": 0},
         "runner_up": "ethanol", "win": 0.99, "excess_before": 1e-4, "excess_after": 5e-6,
     } | changed  # fmt: skip
@@ -174,8 +176,11 @@ def test_targets_are_met_missed_or_unproved() -> None:
     over_all = target(found, "all of one effect", "median")
     assert (over_all.cases, over_all.found) == (100, pytest.approx(0.95))
     assert target(found, "all", "seconds").met
-    faults = target(found, "new models", "faults put on")
+    faults, alike = (t for t in found if t.what == "faults put on and found")
     assert (faults.wanted, faults.found, faults.cases, faults.met) == (0.75, 0.8, 98 * 20, True)
+    assert (alike.wanted, alike.found, alike.met) == (0.1, 0.8, True)
+    named = target(found, "new models", "named right")
+    assert (named.wanted, named.found, named.met) == (0.6, 0.55, False)
     assert target(found, "new models", "false alarms").met
 
 

@@ -174,6 +174,24 @@ def test_a_fault_that_the_new_model_finds_no_more_is_told(
     assert (found.rate_before, found.rate_after) == (1.0, 0.5)
 
 
+def test_an_old_model_is_also_asked_with_limits_set_as_the_new_one_s(
+    models: tuple[Path, Path],
+) -> None:
+    # GIVEN a gap so large that the old model takes a sound sensor for a biased one
+    drives, accepted = ([recording(seed, 1.15) for seed in pair] for pair in ((3, 4), (5, 6)))
+    faults = [resolve("delay_symmetric", 0.4)]
+    found = verify(*models, drives, chain=Constants(), accepted=accepted, faults=faults)
+    # THEN with limits set where the new one's are it is quiet
+    assert found.alarms is not None
+    assert found.alarms.before.found == 2
+    assert found.alarms.alike is not None
+    assert found.alarms.alike.found == 0
+    (weak,) = found.faults
+    assert weak.alike is not None
+    assert found.rate_alike == weak.alike.found / 2
+    assert any("limits set alike" in note for note in found.notes)
+
+
 def test_drives_too_short_for_a_decision_are_told(models: tuple[Path, Path]) -> None:
     short = [recording(seed, n=800) for seed in (3, 4)]
     found = verify(*models, short, chain=Constants(), faults=FAULTS[:1])

@@ -24,6 +24,7 @@ from training.recordings import Recording
 MINIMUM_WINDOWS = 10
 MANY_WINDOWS = 100  # with fewer the 0.99 quantiles are the largest values seen
 PAPER_QUANTILE = 0.99
+HELD_OUT = "test blocks held out of the training recordings"
 MEMORY_MOST = 0.95  # of the noise; above it nothing would be left of a window
 EXCITATION_STEP = 1.25
 NO_LIMITS = Limits(
@@ -126,26 +127,44 @@ def _quantile(values: np.ndarray) -> float:
 
 
 def set_limits(
-    path: Path, recordings: Sequence[Recording], held_out: Sequence[HeldOut], config: Config
+    path: Path,
+    recordings: Sequence[Recording],
+    held_out: Sequence[HeldOut],
+    config: Config,
+    origin: str = HELD_OUT,
 ) -> tuple[ModelCard, int]:
-    """Set the limits of the model in ``path`` from held-out blocks.
+    """Put ``with_limits`` into the model file ``path``; return the card and the windows."""
+    card, windows = with_limits(Model.load(path), recordings, held_out, config, origin)
+    update_card(path, card)
+    return card, windows
+
+
+def with_limits(
+    model: Model,
+    recordings: Sequence[Recording],
+    held_out: Sequence[HeldOut],
+    config: Config,
+    origin: str = HELD_OUT,
+) -> tuple[ModelCard, int]:
+    """Return the model's card with limits from held-out blocks, and how many windows they have.
 
     A window needs so much movement that the response rule fails none of the recordings, which are
-    healthy. Returns the new card and the number of windows that its limits rest on.
+    healthy. Raises RecordingError if there are too few windows.
     """
-    model = Model.load(path)
     drives = held_out_windows(model, recordings, held_out, config)
-    limits = limits_of(
-        drives, model.card, config, "test blocks held out of the training recordings"
-    )
+    limits = limits_of(drives, model.card, config, origin)
     card = replace(model.card, limits={**model.card.limits, **limits})
-    least = _sound_excitation(model, recordings, Limits.from_card(card, config, str(path)), config)
+    least = _sound_excitation(model, recordings, Limits.from_card(card, config, origin), config)
     if least > limits["excitation"].value:
-        why = f"{limits['excitation'].origin}, raised until the training recordings get no code"
+        why = f"{limits['excitation'].origin}, raised until the recordings get no code"
         limits["excitation"] = replace(limits["excitation"], value=least, origin=why)
         card = replace(card, limits={**card.limits, **limits})
-    update_card(path, card)
     return card, sum(map(len, drives))
+
+
+def whole(recordings: Sequence[Recording]) -> list[HeldOut]:
+    """Return all of the recordings as held out: a few constants fitted to them hardly matter."""
+    return [HeldOut(i, 0, len(each.values), "test") for i, each in enumerate(recordings)]
 
 
 def _sound_excitation(

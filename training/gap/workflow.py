@@ -6,9 +6,11 @@ not held out, and what is said of the new model from those that are.
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from monitor.model_card import ModelCard
 from training.chain import Constants
 from training.gap import base, located, mixed, usable
 from training.gap.add import adding
@@ -55,55 +57,38 @@ def investigate(
     Raises RecordingError or ModelError if recordings or model cannot be used.
     """
     began_s, stages = time.monotonic(), stages or Stages()
-    model, card = given.model, base.check(given.model)
-    missing = usable.check_files(given.roles, card, model.name)
+    card = base.check(given.model)
+    missing = usable.check_files(given.roles, card, given.model.name)
     if missing:
-        every = (*given.recordings, *given.verify)
         return located.investigate(
-            model, card, every, given.healthy, missing, sensor_known_good=options.sensor_known_good,
-            progress=progress,
+            given.model, card, (*given.recordings, *given.verify), given.healthy, missing,
+            sensor_known_good=options.sensor_known_good, progress=progress,
         )  # fmt: skip
-    drives = base.drives_of(model, given.recordings)
-    usable.check_long(drives, "new")
-    usable.check_moving(drives)
-    start = base.constants_of(card)
-    doubts = usable.unlearned(given.recordings, given.healthy)
-    if known is None and given.healthy:
-        known = stages.done("healthy", lambda: _learn(given, start, progress))
-    elif known is None:
-        known, doubts = reference_card.known_of(card)
-    reference = known.plain if known else start  # which the new model is built on
+    drives = _drives(given)
+    on = _yardstick(given, card, known, stages, progress)
     found = stages.done("where", lambda: _localise(given, progress)) if options.localise else None
-    naming = stages.done(
-        "name",
-        lambda: name(
-            drives,
-            known,
-            reference if card.kind == base.GREYBOX else None,
-            steps=options.steps,
-            sensor_known_good=options.sensor_known_good,
-            progress=progress,
-        ),
+    naming = stages.done("name", lambda: _name(drives, card, on, options, progress))
+    mixing = mixed.warn(
+        _with_own(drives, on.known),
+        mixed.chain_of(naming, on.base),
+        _with_own(base.plain_drives_of(card, given.healthy), on.known),
     )
-    doubts += usable.poor(card)
-    doubts += mixed.warn(
-        _with_own(drives, known),
-        mixed.chain_of(naming, known.base if known else start),
-        _with_own(base.plain_drives_of(card, given.healthy), known),
-    )
-    new, form, added, warnings = _add(given, out, options, naming, known, reference, progress)
-    _, held_out = split(given)
+    new, form, added, warnings = _add(given, out, options, naming, on, progress)
+    fitted_to, held_out = split(given)
     checked = None
     if held_out:
         checked = stages.done(
             "verify",
             lambda: verify(
-                model, new, held_out, given.healthy, chain=reference, faults=options.faults,
-                progress=progress,
+                given.model, new, held_out, given.healthy, chain=on.reference,
+                accepted=[given.recordings[i] for i in fitted_to] if new else (),
+                faults=options.faults, progress=progress,
             ),
         )  # fmt: skip
+    doubts = [*usable.unlearned(given.recordings, given.healthy), *on.doubts, *usable.poor(card)]
+    of_verifying = _of_verifying(checked, held_out)
     return Result(
-        ModelFile.of(model),
+        ModelFile.of(given.model),
         tuple(map(of_recording, given.recordings)),
         tuple(map(of_recording, given.healthy)),
         tuple(map(of_recording, held_out)),
@@ -114,10 +99,61 @@ def investigate(
         checked,
         new,
         _steps(naming),
-        _unknown(naming, drives, known, start),
-        (*doubts, *warnings, *uncertain(added), *_of_verifying(checked, held_out)),
+        _unknown(naming, drives, on),
+        (*doubts, *mixing, *warnings, *uncertain(added), *of_verifying),
         options.sensor_known_good,
         time.monotonic() - began_s,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Yardstick:
+    """What the recordings are held against."""
+
+    start: Constants  # of the chain, from the model's card
+    known: Healthy | None
+    doubts: Sequence[str] = ()
+
+    @property
+    def base(self) -> Constants:
+        """Constants on which effects are named, beside the healthy vehicle's own volumes."""
+        return self.known.base if self.known else self.start
+
+    @property
+    def reference(self) -> Constants:
+        """Constants of the chain alone, on which the new model is built."""
+        return self.known.plain if self.known else self.start
+
+
+def _drives(given: Given) -> list[Drive]:
+    drives = base.drives_of(given.model, given.recordings)
+    usable.check_long(drives, "new")
+    usable.check_moving(drives)
+    return drives
+
+
+def _yardstick(
+    given: Given, card: ModelCard, known: Healthy | None, stages: Stages, progress: Progress
+) -> Yardstick:
+    """Return what is given, else what healthy recordings teach, else what the card says."""
+    start = base.constants_of(card)
+    if known is not None:
+        return Yardstick(start, known)
+    if given.healthy:
+        return Yardstick(start, stages.done("healthy", lambda: _learn(given, start, progress)))
+    return Yardstick(start, *reference_card.known_of(card))
+
+
+def _name(
+    drives: Sequence[Drive], card: ModelCard, on: Yardstick, options: Options, progress: Progress
+) -> Naming:
+    return name(
+        drives,
+        on.known,
+        on.reference if card.kind == base.GREYBOX else None,
+        steps=options.steps,
+        sensor_known_good=options.sensor_known_good,
+        progress=progress,
     )
 
 
@@ -146,20 +182,19 @@ def _localise(given: Given, progress: Progress) -> Findings:
 
 
 def _add(
-    given: Given, out: Path, options: Options, naming: Naming, known: Healthy | None,
-    reference: Constants, progress: Progress,
-) -> tuple[Path | None, str, tuple[Added, ...], list[str]]:  # fmt: skip
+    given: Given, out: Path, options: Options, naming: Naming, on: Yardstick, progress: Progress
+) -> tuple[Path | None, str, tuple[Added, ...], list[str]]:
     """Return the new model, its form, what it has more, and what to say of that."""
     wanted, warnings = _to_add(naming, options)
     if not wanted:
         return None, "", (), warnings
     progress("adding")
-    added = adding.refitted(given, naming, known, reference)
-    new, form = adding.add(given, out / NEW_MODEL, added, reference, options)
+    added = adding.refitted(given, naming, on.known, on.reference)
+    new, form = adding.add(given, out / NEW_MODEL, added, on.reference, options)
     if new is None:
         return None, "", (), [*warnings, NO_USE]
-    if known is not None and given.healthy and base.check(given.model).kind == base.GREYBOX:
-        learn_reference.store(new, known, given.healthy)  # with which its constants go
+    if on.known is not None and given.healthy and base.check(given.model).kind == base.GREYBOX:
+        learn_reference.store(new, on.known, given.healthy)  # with which its constants go
     return new, form, added, warnings
 
 
@@ -187,12 +222,10 @@ def _steps(naming: Naming) -> tuple[Step, ...]:
     return (first, *(Step(r.effect.name, r.rmse, r.ranking) for r in naming.rounds))
 
 
-def _unknown(
-    naming: Naming, drives: Sequence[Drive], known: Healthy | None, start: Constants
-) -> str | None:
+def _unknown(naming: Naming, drives: Sequence[Drive], on: Yardstick) -> str | None:
     if naming.verdict != "unknown_effect":
         return None
-    return describe(begin(drives, known, known.base if known else start)).sentence
+    return describe(begin(drives, on.known, on.base)).sentence
 
 
 def _of_verifying(checked: Verified | None, held_out: Sequence[Recording]) -> list[str]:

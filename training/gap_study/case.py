@@ -153,15 +153,21 @@ def _closed(verified: Verified | None, without: float) -> Row:
 
 
 def _counts(found: Sequence[Found]) -> dict[str, int] | None:
-    """Return drives and how many of them each model finds faulty, None without a new model."""
-    after = [each.after.found for each in found if each.after is not None]
-    if not after:
+    """Return drives and how many of them each model finds faulty, None without a new model.
+
+    alike : the old model with its limits set as the new one's
+    """
+    if not any(each.after for each in found):
         return None
-    return {
-        "drives": sum(each.before.drives for each in found),
-        "before": sum(each.before.found for each in found),
-        "after": sum(after),
-    }
+    counts = {"drives": sum(each.before.drives for each in found)}
+    for name in ("before", "after", "alike"):
+        told = [count for each in found if (count := getattr(each, name)) is not None]
+        if told:
+            counts |= {
+                name: sum(count.found for count in told),
+                f"{name}_named": sum(count.named for count in told),
+            }
+    return counts
 
 
 def moved_phi(model: Path, hidden: Sequence[Recording], nothing: Sequence[Recording]) -> float:

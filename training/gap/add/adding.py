@@ -1,16 +1,21 @@
 """What was named becomes part of the model: constants, the form that predicts best, the file."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
+from monitor import config
+from monitor.errors import RecordingError
+from monitor.model import Model
 from training.chain import Constants
 from training.gap import base
 from training.gap.add import add_greybox, add_narx
 from training.gap.add.added import Added
+from training.gap.check.detection import ACCEPTED
 from training.gap.given import Given, Options, split
 from training.gap.name.begin import begin
 from training.gap.name.fitting import fit
@@ -19,6 +24,7 @@ from training.gap.predicted import predicted_phi
 from training.gap.reference import healthy
 from training.gap.reference.healthy import Healthy
 from training.gap.result import of_recording
+from training.limits import set_limits, whole
 from training.recordings import Recording
 
 FORMS: Final = {
@@ -71,7 +77,8 @@ def add(
 ) -> tuple[Path | None, str]:
     """Write the new model in the form that predicts best; return it and the form.
 
-    There is none if it predicts the recordings of the fit no better than the old one.
+    There is none if it predicts the recordings of the fit no better than the old one. Its decision
+    limits are set on them: those of the old model go with the old model's errors.
     """
     card = base.check(given.model)
     out.parent.mkdir(parents=True, exist_ok=True)
@@ -106,19 +113,23 @@ def add(
     if inside * WORSE < beside:
         other.replace(out)
         form = f"{FORMS['input']} (RMSE {inside:.4f} against {beside:.4f} beside it)"
-    else:
-        other.unlink()
-        form = f"{FORMS['output']} (RMSE {beside:.4f} against {inside:.4f} trained anew)"
+        # Trained on the recordings it errs less on them than on others: the old limits stay.
+        return _if_better(given.model, out, recordings, form, limits=False)
+    other.unlink()
+    form = f"{FORMS['output']} (RMSE {beside:.4f} against {inside:.4f} trained anew)"
     return _if_better(given.model, out, recordings, form)
 
 
 def _if_better(
-    old: Path, new: Path, recordings: Sequence[Recording], form: str
+    old: Path, new: Path, recordings: Sequence[Recording], form: str, *, limits: bool = True
 ) -> tuple[Path | None, str]:
-    if _rmse(new, recordings) < _rmse(old, recordings):
-        return new, form
-    new.unlink()
-    return None, ""
+    if _rmse(new, recordings) >= _rmse(old, recordings):
+        new.unlink()
+        return None, ""
+    if limits and Model.load(old).card.limits:
+        with suppress(RecordingError):  # too few windows: the old limits stay
+            set_limits(new, recordings, whole(recordings), config.load(), ACCEPTED)
+    return new, form
 
 
 def _rmse(model: Path, recordings: Sequence[Recording]) -> float:

@@ -4,7 +4,7 @@ The control loop has not seen these faults: in a car the controller would answer
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -19,6 +19,7 @@ from monitor.model import Model
 from training.gap.check.verified import Count, Found
 from training.gap.drives import OUTPUT
 from training.judge import judge_recordings
+from training.limits import whole, with_limits
 from training.matrix.targets import LIMIT_SEVERITY
 from training.recordings import Recording
 
@@ -28,17 +29,23 @@ FAULTS: Final = tuple(
     for name, severity in LIMIT_SEVERITY.items()
     if name != "transient"  # lag and gain together: both are there by themselves
 )
+ACCEPTED: Final = "the recordings of the fit"
 Judge = Callable[[Sequence[Recording]], list[Judged]]
 
 
-def monitor_of(path: Path) -> Judge:
+def monitor_of(path: Path, accepted: Sequence[Recording] = ()) -> Judge:
     """Return the monitor with a model file and the limits of its card, and default settings.
 
-    Raises ModelError if the card has no limits.
+    accepted : recordings to set the limits on instead, as those of a new model are, so that no
+        code stands on them
+    Raises ModelError if the card has no limits, RecordingError if they cannot be set.
     """
     settings: Config = config.load()
     model = Model.load(path)
-    limits = Limits.from_card(model.card, settings, str(path))
+    card = model.card
+    if accepted:
+        card = with_limits(model, accepted, whole(accepted), settings, ACCEPTED)[0]
+    limits = Limits.from_card(card, settings, str(path))
     return lambda recordings: judge_recordings(recordings, model, limits, settings)
 
 
@@ -50,29 +57,33 @@ def put_on(recording: Recording, fault: Fault) -> Recording:
     return replace(recording, values=values)
 
 
-def alarms(recordings: Sequence[Recording], old: Judge, new: Judge | None) -> Found:
-    """Return what the monitor says of recordings as they are."""
-    after = None if new is None else _count(new(recordings), "")
-    return Found("", None, _count(old(recordings), ""), after)
+@dataclass(frozen=True, slots=True)
+class Monitors:
+    """The monitor with the old and the new model."""
+
+    old: Judge
+    new: Judge | None = None
+    alike: Judge | None = None  # the old model with limits set as the new one's
 
 
 def detect(
-    recordings: Sequence[Recording], faults: Sequence[Fault], old: Judge, new: Judge | None
+    recordings: Sequence[Recording], faults: Sequence[Fault | None], monitors: Monitors
 ) -> tuple[Found, ...]:
-    """Return how often each fault is found, put on each of the recordings."""
-    faulty = [put_on(recording, fault) for fault in faults for recording in recordings]
-    n = len(recordings)
-    before = old(faulty)
-    after = None if new is None else new(faulty)
-    return tuple(
-        Found(
-            fault.name,
-            fault.severity,
-            _count(before[i * n : (i + 1) * n], fault.name),
-            None if after is None else _count(after[i * n : (i + 1) * n], fault.name),
-        )
-        for i, fault in enumerate(faults)
-    )
+    """Return how often each fault is found, put on each of the recordings.
+
+    faults : None leaves the recordings as they are, and whatever is found is a false alarm
+    """
+    faulty = [put_on(each, fault) if fault else each for fault in faults for each in recordings]
+    before = monitors.old(faulty)
+    after = monitors.new(faulty) if monitors.new else None
+    alike = monitors.alike(faulty) if monitors.alike else None
+    found = []
+    for i, fault in enumerate(faults):
+        name, severity = (fault.name, fault.severity) if fault else ("", None)
+        own = slice(i * len(recordings), (i + 1) * len(recordings))
+        others = (None if each is None else _count(each[own], name) for each in (after, alike))
+        found.append(Found(name, severity, _count(before[own], name), *others))
+    return tuple(found)
 
 
 def _count(judged: Sequence[Judged], fault: str) -> Count:

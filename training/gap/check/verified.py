@@ -53,6 +53,7 @@ class Found:
     severity: float | None
     before: Count
     after: Count | None  # None without a new model
+    alike: Count | None = None  # the old model, its limits set on the drives the new one's are
 
     @property
     def lost(self) -> bool:
@@ -109,6 +110,11 @@ class Verified:
     def rate_after(self) -> float | None:
         """Return the share of faulty drives in which the new model finds a fault."""
         return rate([f.after for f in self.faults if f.after is not None])
+
+    @property
+    def rate_alike(self) -> float | None:
+        """Return the same of the old model with limits set as the new one's."""
+        return rate([f.alike for f in self.faults if f.alike is not None])
 
     def as_json(self) -> dict[str, Any]:
         """Return regimes and detection as ``gap.json`` has them."""

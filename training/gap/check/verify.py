@@ -1,18 +1,19 @@
 """Is the gap smaller on drives that no fit saw, is no regime worse, are faults still found?"""
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
-from monitor.errors import ConfigError, ModelError
+from monitor.errors import ConfigError, ModelError, RecordingError
 from monitor.faults import Fault
 from monitor.types import FloatArray, IntArray
 from training.chain import Constants
 from training.gap.check import detection
-from training.gap.check.detection import FAULTS, monitor_of
+from training.gap.check.detection import FAULTS, Monitors, monitor_of
 from training.gap.check.error_regimes import compare, rms, scored
 from training.gap.check.verified import Error, Found, Trace, Verified
 from training.gap.compared import BLOCK_S, FOLDS, Compared
@@ -24,6 +25,11 @@ from training.gap.where.operating_map import excerpt
 from training.recordings import Recording
 
 Progress = Callable[[str], None]
+ALIKE: Final = (
+    "The new model's limits are set on the recordings of the fit, by the rule of o2train fit. "
+    "Beside the old model's own limits stands what it finds with limits set alike: with its own it "
+    "may take the gap for a fault, and then finds every fault put on, by the wrong name."
+)
 AFTERWARDS: Final = (
     "The faults were put on the measured lambda afterwards: the control loop has not seen them and "
     "did not answer, as it would in a car."
@@ -37,6 +43,7 @@ def verify(
     healthy: Sequence[Recording] = (),
     *,
     chain: Constants,
+    accepted: Sequence[Recording] = (),
     faults: Sequence[Fault] = FAULTS,
     progress: Progress = lambda _: None,
 ) -> Verified:
@@ -45,6 +52,8 @@ def verify(
     recordings : of the vehicle with the gap, not used by any fit of either model
     healthy : on which the old model was accepted
     chain : base constants of the vehicle, for the functions of the floor
+    accepted : on which the new model's limits were set; the old model's are set there too, beside
+        its own: only where both are as quiet does what they find compare
     faults : put on the measured lambda of the recordings; none leaves the monitor out
     Raises RecordingError if a recording cannot be scored.
     """
@@ -55,15 +64,26 @@ def verify(
         return Verified(overall, regimes, on_healthy, (), None, None, (), trace)
     progress("faults put on held-out recordings")
     try:
-        before, after = monitor_of(old), None if new is None else monitor_of(new)
+        monitors = _monitors(old, new, accepted)
     except (ModelError, ConfigError) as error:
         note = f"The monitor was not asked: {error}."
         return Verified(overall, regimes, on_healthy, (), None, None, (note,), trace)
-    alarms = detection.alarms(recordings, before, after)
-    healthy_alarms = detection.alarms(healthy, before, after) if healthy else None
-    found = detection.detect(recordings, faults, before, after)
-    notes = (AFTERWARDS, *_undecided(alarms, found), *_alarmed(alarms))
-    return Verified(overall, regimes, on_healthy, found, alarms, healthy_alarms, notes, trace)
+    alarms, *found = detection.detect(recordings, (None, *faults), monitors)
+    healthy_alarms = detection.detect(healthy, (None,), monitors)[0] if healthy else None
+    told = () if monitors.alike is None else (ALIKE,)
+    notes = (AFTERWARDS, *told, *_undecided(alarms, found), *_alarmed(alarms))
+    return Verified(
+        overall, regimes, on_healthy, tuple(found), alarms, healthy_alarms, notes, trace
+    )
+
+
+def _monitors(old: Path, new: Path | None, accepted: Sequence[Recording]) -> Monitors:
+    if new is None:
+        return Monitors(monitor_of(old))
+    alike = None
+    with suppress(RecordingError):  # too few windows to set limits: nothing to compare with
+        alike = monitor_of(old, accepted) if accepted else None
+    return Monitors(monitor_of(old), monitor_of(new), alike)
 
 
 def _errors(

@@ -57,8 +57,10 @@ def detection_table(verified: Verified) -> str:
     rows = [_found(f) for f in verified.faults]
     before = [f.before for f in verified.faults]
     after = [f.after for f in verified.faults if f.after is not None]
+    alike = [f.alike for f in verified.faults if f.alike is not None]
     rows.append(
         ("all faults", *(_rates(before, of) for of in ("judged", "found", "named")),
+         *(_rates(alike, of) for of in ("found", "named")),
          *(_rates(after, of) for of in ("judged", "found", "named")), "")
     )  # fmt: skip
     alarms = (
@@ -67,6 +69,7 @@ def detection_table(verified: Verified) -> str:
     )
     rows += [(words, *_found(f)[1:]) for words, f in alarms if f is not None]
     head = ("put on the reading", "judged before", "found", "named right",
+            "found with limits set alike", "named right",
             "judged after", "found", "named right", "")  # fmt: skip
     return table(rows, head, chosen=len(verified.faults))
 
@@ -74,7 +77,8 @@ def detection_table(verified: Verified) -> str:
 def _found(f: Found) -> tuple[str, ...]:
     unit = {"slow": " s", "dela": " s", "bias": " lambda"}.get(f.fault[:4], "")
     words = f"{f.fault} {f.severity:g}{unit}" if f.severity is not None else f.fault
-    return (words, *_count(f.before, f.fault), *_count(f.after, f.fault), "lost" if f.lost else "")
+    before, alike, after = (_count(c, f.fault) for c in (f.before, f.alike, f.after))
+    return (words, *before, *alike[1:], *after, "lost" if f.lost else "")
 
 
 def _count(c: Count | None, fault: str) -> tuple[str, str, str]:

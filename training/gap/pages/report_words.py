@@ -172,6 +172,8 @@ def _lost(f: Found, after: Count, whole: Error) -> str:
         f"{f.fault} {f.severity:g} was found in {f.before.found} of {f.before.drives} held-out "
         f"drives with the old model, in {after.found} with the new one"
     )
+    if f.alike is not None:
+        text += f", in {f.alike.found} with the old one where its limits are set alike"
     side = {"biased_rich": 1.0, "biased_lean": -1.0}.get(f.fault, 0.0)
     helped = side * (whole.mean_before - (whole.mean_after or 0.0))
     if helped <= 0.0:
