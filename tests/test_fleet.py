@@ -322,7 +322,18 @@ def test_a_file_that_kills_the_process_is_a_row_and_the_others_are_judged(
 def test_a_folder_of_another_run_is_refused(folder: Path, tmp_path: Path) -> None:
     one = [str(next(folder.glob("*.parquet")))]
     judged(one, tmp_path / "out.parquet")
-    with pytest.raises(UsageError, match="another manifest"):
+    with pytest.raises(UsageError, match="holds a run with another manifest;"):
+        judged([str(folder)], tmp_path / "out.parquet")
+    # AND says each thing that differs once, as with a model of another name and content
+    known = fleet.work_folder(tmp_path / "out.parquet") / "run.json"
+    known.write_text("{}")
+    with pytest.raises(UsageError, match="with another model and another config and"):
+        judged(one, tmp_path / "out.parquet")
+
+
+def test_a_folder_is_no_table_to_write(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "out.parquet").mkdir()
+    with pytest.raises(UsageError, match=r"a table \.parquet is wanted"):
         judged([str(folder)], tmp_path / "out.parquet")
 
 

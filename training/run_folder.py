@@ -23,7 +23,8 @@ def claim(folder: Path, identity: Mapping[str, Any]) -> None:
         write_json(path, identity, indent=1)
         return
     found = json.loads(path.read_text())
-    differs = [key.removesuffix("_sha256") for key in identity if found.get(key) != identity[key]]
+    changed = (key.removesuffix("_sha256") for key in identity if found.get(key) != identity[key])
+    differs = list(dict.fromkeys(changed))
     if differs:
         raise UsageError(
             f"{folder}: holds a run with another {' and another '.join(differs)}; choose another "

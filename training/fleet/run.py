@@ -55,7 +55,7 @@ def run(
     Chunks that an earlier run of the same has finished are taken up.
     Raises UsageError if the work folder holds another run, or the scheduler cannot be used.
     """
-    if out.suffix != ".parquet":
+    if out.suffix != ".parquet" or out.is_dir():
         raise UsageError(f"--out {out}: a table .parquet is wanted")
     if not out.absolute().parent.is_dir():
         raise UsageError(f"--out {out}: the folder does not exist")
