@@ -63,10 +63,13 @@ def run(
     identity = {**bench.identity(), "manifest_sha256": fleet_drives.digest(drives)}
     run_folder.claim(folder, identity)
     chunks = fleet_drives.chunks_of(drives)
+    missing: dict[str, Chunk] = {}
     for chunk in chunks:
-        if (found := _stored(folder, chunk.name)) is not None:
+        found = _stored(folder, chunk.name)
+        if found is None:
+            missing[chunk.name] = chunk
+        else:
             done(found)
-    missing = {c.name: c for c in chunks if _stored(folder, c.name) is None}
     while missing:
         try:
             for name, result in parallel.run(
