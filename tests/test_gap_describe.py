@@ -134,7 +134,7 @@ def test_vapour_from_the_oil_is_described_as_what_it_cannot_be_told_from() -> No
     term = simulated("oil_dilution").terms[0]
     assert 0.4 < term.share < 0.9
     assert len(term.or_else) == 2
-    assert "a constant mass per stroke" in term.text
+    assert "as fuel" in term.text
 
 
 def test_drives_without_an_effect_are_not_described() -> None:

@@ -10,6 +10,7 @@ from monitor.types import FloatArray
 from training.gap.effects.fuel import ETHANOL_AIR_FUEL, PETROL_AIR_FUEL
 from training.gap.name import guards, scoring
 from training.gap.name.begin import FREE
+from training.gap.name.describe import Plain, plainest
 from training.gap.name.fitting import Fit, Prior, Term, fit
 from training.gap.name.manoeuvres import Experiment, separate
 from training.gap.name.ranking import (
@@ -19,6 +20,7 @@ from training.gap.name.ranking import (
     WIN,
     Progress,
     State,
+    adequacy_of,
     against,
     matters,
     rank,
@@ -26,13 +28,12 @@ from training.gap.name.ranking import (
 from training.gap.name.verdict import Candidate, Verdict
 
 T_LEAST: Final = 3.0
-FEW: Final = 3.0  # times the score needed, for an effect that lives in few blocks, where t is small
+LARGE: Final = 3.0  # times the score needed, far more than healthy drives give
 FAULT_ADEQUATE: Final = 0.5
-CEILING_SHARE: Final = 0.045  # of the deviance: what healthy drives leave to explain stays below
-WIN_OF_FEW: Final = 0.99  # of resampled blocks, over no effect
 AMBIGUOUS_MOST: Final = 3
 EQUAL: Final = 0.9  # of a score, from which it is as good
-CEILING_T: Final = 5.5
+PLAIN_LEAST: Final = 400.0  # gain of one plain function, above what it has on healthy drives
+PLAIN_T: Final = 4.0
 GAIN_WORDS: Final = "the gain"
 OFFSETS: Final = 2.0  # times healthy drives' own, from which an offset of all drives is one
 GAIN_OF_ETHANOL: Final = 1.0 - ETHANOL_AIR_FUEL / PETROL_AIR_FUEL  # of the mixture, per fraction
@@ -64,31 +65,34 @@ def step(
     more : whether another may follow; then of two that explain a part each the better one goes on
     """
     ranking = rank(state, candidates, progress)
-    held = [c for c in ranking if _holds(state, c)]
+    held = [c for c in ranking if _holds(c)]
     strong = [c for c in held if matters(c)]
     strange = held[:1] if held and strong[:1] != held[:1] else []  # explains more than any name
-    if strong and not any(_rules_out(c, strong[0]) for c in strange):
+    plain = _clear(plainest(state))
+    no_rival = plain is not None and _is_no_rival(state, ranking[0], plain)
+    if no_rival or (strong and any(_rules_out(c, strong[0]) for c in strange)):
+        strong = []
+    if strong:
         ranking, rivals = against(state, strong[0], ranking)
-        return (
-            _of_the_gain(state, ranking, sensor_known_good)
-            or _at_fault(state, (strong[0], *rivals), ranking, sensor_known_good)
-            or _of_effects(strong[0], rivals, ranking, more)
-        )
+        strong = [strong[0], *rivals]
     return (
-        _of_the_gain(state, ranking, sensor_known_good)
-        or _at_fault(state, (), ranking, sensor_known_good)
-        or Outcome(_nothing(state, added, strange), (), None, None, ranking)
+        (None if no_rival else _of_the_gain(state, ranking, sensor_known_good))
+        or _at_fault(state, strong, ranking, sensor_known_good)
+        or _of_effects(strong, ranking, more)
+        or Outcome(_nothing(added, strange, plain), (), None, None, ranking)
     )
 
 
-def _holds(state: State, candidate: Candidate) -> bool:
-    """Whether a candidate's gain is more than chance: even over blocks, or large and never lost."""
-    if candidate.score < candidate.needed:
-        return False
-    if candidate.t >= T_LEAST:
-        return True
-    after = scoring.deviance(candidate.fit, state.case.blocks)
-    return _is_large(candidate) and scoring.win(after, state.deviance) > WIN_OF_FEW
+def _clear(plain: Plain | None) -> Plain | None:
+    """Return what a plain function explains where that is more than on healthy drives."""
+    if plain is None or plain.score.gain < PLAIN_LEAST or plain.score.t < PLAIN_T:
+        return None
+    return plain
+
+
+def _holds(candidate: Candidate) -> bool:
+    """Whether a candidate's gain is more than chance and even over the blocks that it moves."""
+    return candidate.score >= candidate.needed and candidate.t >= T_LEAST
 
 
 def _rules_out(strange: Candidate, best: Candidate) -> bool:
@@ -96,37 +100,48 @@ def _rules_out(strange: Candidate, best: Candidate) -> bool:
     return not strange.physical or best.score < EQUAL * strange.score
 
 
+def _is_no_rival(state: State, best: Candidate, plain: Plain) -> bool:
+    """Whether one plain function of a signal explains far more than the best candidate does."""
+    own = scoring.deviance(best.fit, state.case.blocks)
+    far = best.score < RIVAL_SCORE * plain.score.gain
+    return far and scoring.win(plain.deviance, own) >= WIN
+
+
 def _is_large(candidate: Candidate) -> bool:
     """Whether the gain is far more than healthy drives give, if only in some blocks."""
-    return candidate.score > FEW * candidate.needed
+    return candidate.score > LARGE * candidate.needed
 
 
 def _of_effects(
-    best: Candidate, rivals: Sequence[Candidate], ranking: tuple[Candidate, ...], more: bool
-) -> Outcome:
-    """Return the name, or several that explain as much; a fault that explains little is neither."""
-    if best.kind == "sensor fault":
+    strong: Sequence[Candidate], ranking: tuple[Candidate, ...], more: bool
+) -> Outcome | None:
+    """Return the name, or several that explain as much.
+
+    Neither a fault that explains little is an answer nor several of which none explains enough.
+    """
+    if not strong:
+        return None
+    best = strong[0]
+    among = tuple(c for c in strong if c.kind == "effect")[:AMBIGUOUS_MOST]
+    parts = all((c.adequacy or 0.0) < ADEQUATE for c in among)
+    if best.kind == "effect" and (len(among) == 1 or (parts and more)):
+        return Outcome("named", (best,), None, None, ranking)
+    if best.kind == "sensor fault" or parts:
         return Outcome("unknown_effect", (), None, None, ranking)
-    others = [c for c in rivals if c.kind == "effect"]
-    parts = more and all((c.adequacy or 0.0) < ADEQUATE for c in (best, *others))
-    if others and not parts:
-        among = (best, *others)[:AMBIGUOUS_MOST]
-        return Outcome("ambiguous", among, None, separate(best.fit, others[0].fit), ranking)
-    return Outcome("named", (best,), None, None, ranking)
+    return Outcome("ambiguous", among, None, separate(best.fit, among[1].fit), ranking)
 
 
-def _nothing(state: State, added: Sequence[Candidate], strange: Sequence[Candidate]) -> Verdict:
+def _nothing(
+    added: Sequence[Candidate], strange: Sequence[Candidate], plain: Plain | None
+) -> Verdict:
     """Tell a gap that no candidate explains from no gap.
 
     strange : what explains more than any name, with constants that the effect cannot have
     """
-    if not added and any(not c.physical for c in strange):
-        return "unknown_effect"
-    _, gains = scoring.left(state.current, state.roof, state.case.blocks)
-    ceiling = scoring.score(gains, np.zeros_like(gains))
-    share = ceiling.gain / state.deviance.sum()
-    unknown = share > CEILING_SHARE and ceiling.t > CEILING_T and not added
-    return "unknown_effect" if unknown else "no_gap"
+    if added:
+        return "no_gap"
+    unlike = any(_is_large(c) and not c.physical for c in strange)
+    return "unknown_effect" if unlike or plain is not None else "no_gap"
 
 
 def _enough(fault: Candidate) -> bool:
@@ -154,7 +169,7 @@ def _at_fault(
     rivals = [c for c in ranking if c.kind == "sensor fault" or c.name in GAIN_CLASS]
     least = RIVAL_SCORE * ranking[0].score
     felt = not strong and any(
-        c.score >= least and (_is_large(c) or _holds(state, c)) for c in rivals
+        c.score >= least and _enough(c) and (_is_large(c) or _holds(c)) for c in rivals
     )
     if words is None and felt and (shift := _shift(state)) is not None:
         words = f"{shift} left its healthy reference"
@@ -172,43 +187,53 @@ def _shift(state: State) -> str | None:
     return guards.shifted(prior.mean, fit(free, (), [state.current]).base)
 
 
-def _hides_the_gain(state: State, best: Candidate, ranking: Sequence[Candidate]) -> bool:
-    """Whether a factor or offset explains more than ``best`` if drives' own offsets are left in.
-
-    Healthy drives differ in fuel and weather, so an offset is integrated out of every drive. A
-    large one of all drives then shows in its traces only, which look like something else.
-    """
-    whole = replace(state.case, shrinks=())
-
-    def alone(candidate: Candidate) -> tuple[FloatArray, Fit]:
-        found = fit(whole, candidate.fit.terms, [candidate.fit])
-        return scoring.deviance(found, whole.blocks), found
-
-    own, _ = alone(best)
-    for candidate in (c for c in ranking if c.name in GAIN_CLASS):
-        deviance, found = alone(candidate)
-        offset = float(np.abs(found.parameters[-1]).max())
-        size = offset * (GAIN_OF_ETHANOL if candidate.name == GAIN_CLASS[0] else 1.0)
-        if size > OFFSETS * state.offset_phi and scoring.win(deviance, own) >= WIN:
-            return True
-    return False
-
-
 def _of_the_gain(
     state: State, ranking: tuple[Candidate, ...], sensor_known_good: bool
 ) -> Outcome | None:
-    """Suspect the sensor where the best candidate is a factor on the mixture or an offset.
+    """Suspect the sensor where a factor on the mixture or an offset explains the gap.
 
     A biased sensor in the control loop looks like another fuel: the controller makes the reading
     right, and what tells the two apart is smaller than what the base misses.
     """
-    best = ranking[0]
-    if not (_is_large(best) or _holds(state, best)) or _shift(state) != GAIN_WORDS:
-        return None
-    if best.name not in GAIN_CLASS and not _hides_the_gain(state, best, ranking):
+    if _shift(state) != GAIN_WORDS or not _is_of_the_gain(state, ranking):
         return None
     effect = [c for c in ranking if c.name == GAIN_CLASS[0]]
     if sensor_known_good and effect:
         return Outcome("named", (effect[0],), None, None, ranking)
     words = "a factor on the mixture (ethanol, humidity, slope errors) or a biased sensor"
     return Outcome("sensor_fault_suspected", (), words, None, ranking)
+
+
+def _is_of_the_gain(state: State, ranking: Sequence[Candidate]) -> bool:
+    """Whether a factor or offset explains most, and more than the best, of drives as they are.
+
+    Healthy drives differ in fuel and weather, so an offset is integrated out of every drive. One
+    of all drives then shows in its traces only, or not at all; here it is left in.
+    """
+    case = replace(state.case, shrinks=())
+    nothing = fit(case, (), [state.current])
+    whole = replace(
+        state,
+        case=case,
+        roof=scoring.ceiling(case, scoring.plain_columns(case, state.current)),
+        deviance=scoring.deviance(nothing, case.blocks),
+    )
+
+    def alone(candidate: Candidate) -> tuple[FloatArray, Fit]:
+        found = fit(case, candidate.fit.terms, [candidate.fit])
+        return scoring.deviance(found, case.blocks), found
+
+    best = ranking[0]
+    rival = None if best.name in GAIN_CLASS else alone(best)[0]
+    for candidate in (c for c in ranking if c.name in GAIN_CLASS):
+        deviance, found = alone(candidate)
+        offset = float(np.abs(found.parameters[-1]).max())
+        size = offset * (GAIN_OF_ETHANOL if candidate.name == GAIN_CLASS[0] else 1.0)
+        if size <= OFFSETS * state.offset_phi:
+            continue
+        gain = float((whole.deviance - deviance).sum())
+        if adequacy_of(whole, gain, found) < FAULT_ADEQUATE:
+            continue
+        if rival is None or scoring.win(deviance, rival) >= WIN:
+            return True
+    return False

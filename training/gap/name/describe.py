@@ -75,16 +75,34 @@ class Description:
         )
 
 
+@dataclass(frozen=True, slots=True)
+class Plain:
+    """What the one plain function explains that the errors are most alike to."""
+
+    words: str
+    score: scoring.Score
+    deviance: FloatArray  # (n_blocks,) with it, held-out
+
+
+def plainest(state: State) -> Plain | None:
+    """Return what one plain function of one signal explains at best, None if there is none."""
+    told, table = _plain(state)
+    known, target, blocks = state.current.jacobian, -state.current.residual, state.case.blocks
+    step = _next(table, known, _held_out(known, target, blocks), target, blocks)
+    if step is None:
+        return None
+    return Plain(told[step.columns[0]].words, step.score, scoring.by_block(step.rest, blocks))
+
+
 def describe(state: State) -> Description:
     """Return a sparse formula of the errors that are left.
 
     Shares are of the fall of held-out deviance by all terms and what the ceiling explains of what
     they leave.
     """
-    case, blocks = state.case, state.case.blocks
+    blocks = state.case.blocks
     fold = blocks % FOLDS
-    told, plain = _plain(state)
-    table = scoring.ceiling(case, plain).columns
+    told, table = _plain(state)
     known, target = state.current.jacobian, -state.current.residual
     _, gains = scoring.left(state.current, state.roof, blocks)
     by_ceiling = float(gains.sum())
@@ -95,19 +113,20 @@ def describe(state: State) -> Description:
     rest = _held_out(design, target, blocks)
     further = rest - ridge.fit(np.column_stack([state.roof.columns, design]), rest, fold).held_out
     more = scoring.by_block(rest, blocks).sum() - scoring.by_block(further, blocks).sum()
-    explainable = sum(step.gain for step in steps) + max(float(more), 0.0)
+    explainable = sum(step.score.gain for step in steps) + max(float(more), 0.0)
     terms = []
     for step, weight, error in zip(steps, weights.tolist(), errors.tolist(), strict=False):
         best, *others = (told[i] for i in step.columns)
         or_else = tuple(other.words for other in others)
-        share = step.gain / explainable
+        share = step.score.gain / explainable
         terms.append(Term(best.name, best.words, weight, error, best.unit, share, or_else))
     return Description(tuple(terms))
 
 
 class _Step(NamedTuple):
     columns: list[int]  # the best and those nearly as good
-    gain: float  # fall of the held-out deviance
+    score: scoring.Score
+    rest: FloatArray  # (m,) what is left on held-out blocks
 
 
 def _pursue(
@@ -118,18 +137,25 @@ def _pursue(
     rest = _held_out(known, target, blocks)
     while len(steps) < TERMS_MOST:
         used = np.column_stack([known, table[:, [step.columns[0] for step in steps]]])
-        found = _most_alike(table, used, target)
-        if not found:
+        step = _next(table, used, rest, target, blocks)
+        if step is None or step.score.gain < least or step.score.t < T_LEAST:
             break
-        after = _held_out(np.column_stack([used, table[:, found[0]]]), target, blocks)
-        moved = np.bincount(blocks, (after - rest) ** 2).astype(np.float64)
-        before, now = (scoring.by_block(e, blocks) for e in (rest, after))
-        score = scoring.score(before, now, moved)
-        if score.gain < least or score.t < T_LEAST:
-            break
-        steps.append(_Step(found, score.gain))
-        rest = after
+        steps.append(step)
+        rest = step.rest
     return steps
+
+
+def _next(
+    table: FloatArray, used: FloatArray, rest: FloatArray, target: FloatArray, blocks: IntArray
+) -> _Step | None:
+    """Return the next column to take in, None if there is none."""
+    found = _most_alike(table, used, target)
+    if not found:
+        return None
+    after = _held_out(np.column_stack([used, table[:, found[0]]]), target, blocks)
+    moved = np.bincount(blocks, (after - rest) ** 2).astype(np.float64)
+    before, now = (scoring.by_block(e, blocks) for e in (rest, after))
+    return _Step(found, scoring.score(before, now, moved), after)
 
 
 class _Column(NamedTuple):
@@ -138,8 +164,8 @@ class _Column(NamedTuple):
     unit: str
 
 
-def _plain(state: State) -> tuple[list[_Column], list[FloatArray]]:
-    """Return the functions that all drives have, and per drive (n, k)."""
+def _plain(state: State) -> tuple[list[_Column], FloatArray]:
+    """Return the functions that all drives have, and their values (m, k) as errors are."""
     drives, base = state.case.drives, state.current.base
     made = [_features(drive, base) for drive in drives]
     shared = [n for n in made[0] if n not in ANSWERS and all(n in each for each in made)]
@@ -150,7 +176,7 @@ def _plain(state: State) -> tuple[list[_Column], list[FloatArray]]:
         np.column_stack([*(each[n] for n in shared), columns(drive, base, own)])
         for drive, each in zip(drives, made, strict=True)
     ]
-    return told, tables
+    return told, scoring.ceiling(state.case, tables).columns
 
 
 def _features(drive: Drive, base: Constants) -> dict[str, FloatArray]:
