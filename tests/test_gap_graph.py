@@ -14,7 +14,7 @@ from onnxruntime import InferenceSession
 from monitor import cli
 from monitor.errors import ModelError
 from monitor.model import Model
-from monitor.model_card import TrainingRecording
+from monitor.model_card import ModelCard, TrainingRecording
 from monitor.signals import BY_NAME
 from monitor.types import FloatArray
 from tests.gap_drives import PERIOD_S, plain_signals
@@ -89,6 +89,13 @@ def run(file: Path, drive: Drive) -> FloatArray:
     return phi
 
 
+def seen(card: ModelCard, drive: Drive) -> Drive:
+    """Return the drive with the signals as the graph makes and limits them."""
+    greybox = Greybox.of(card)
+    u = np.column_stack([drive.signals[name] for name in greybox.inputs])
+    return replace(drive, signals=greybox.signals(u))
+
+
 def values_of(effect: Effect) -> list[list[float]]:
     """Return a start, and places well inside the bounds on both sides."""
     shares = (0.03, 0.6)
@@ -106,9 +113,9 @@ def test_an_effect_in_the_graph_reads_as_its_numpy_form(
         card = add(base, [added], out, ranges=ranges_of(), recordings=FIT, constants=MOVED)
         assert card.checks["parity"]["onnx_numpy"] < TOLERANCE
         for drive in (driven(), plain()):
-            expected = reading(drive, MOVED, [effect], [added.values])
+            expected = reading(seen(card, drive), MOVED, [effect], [added.values])
             assert np.abs(run(out, drive) - expected)[card.lags :].max() < TOLERANCE
-        assert np.abs(expected - reading(drive, MOVED, [], [])).max() > 1e-3
+        assert np.abs(expected - reading(seen(card, drive), MOVED, [], [])).max() > 1e-3
 
 
 @pytest.mark.parametrize("effect", ALL, ids=lambda e: e.name)
@@ -137,10 +144,7 @@ def test_an_optional_signal_that_the_fit_had_not_is_not_read(
     old = Model.load(base).card.input_names
     assert set(card.input_names) == {*old, *effect.needs}
     # THEN the graph takes the effect's own default
-    few = {n: plain().signals[n] for n in card.input_names}
-    expected = reading(
-        replace(plain(), signals=few), Greybox.of(card).constants, [effect], [added.values]
-    )
+    expected = reading(seen(card, plain()), Greybox.of(card).constants, [effect], [added.values])
     assert np.abs(run(out, plain()) - expected)[card.lags :].max() < TOLERANCE
 
 
@@ -193,11 +197,27 @@ def test_a_model_can_be_extended_again(base: Path, tmp_path: Path) -> None:
     assert two.read_bytes() == both.read_bytes()
     constants = Greybox.of(whole).constants
     expected = reading(
-        driven(), constants, [e.effect for e in (FILM, DELAY, TAIL)],
+        seen(whole, driven()), constants, [e.effect for e in (FILM, DELAY, TAIL)],
         [e.values for e in (FILM, DELAY, TAIL)],
     )  # fmt: skip
     assert np.abs(run(both, driven()) - expected)[whole.lags :].max() < TOLERANCE
     assert build(Greybox.of(last)) == build(Greybox.of(whole))
+
+
+def test_the_healthy_vehicle_s_volumes_are_part_of_the_base(base: Path, tmp_path: Path) -> None:
+    # GIVEN a base with volumes that the healthy vehicle has, and an effect
+    own = [Added.with_values("delay_flow", [-0.4]), Added.with_values("mix_flow", [0.6])]
+    out, wide = tmp_path / "m.onnx", {"ranges": ranges_of(), "recordings": FIT}
+    card = add(base, [FILM], out, **wide, constants=MOVED, own=own)
+    # THEN the file reads as the arrays with all of them, and the effect alone is an added one
+    every, drive = (*own, FILM), seen(card, driven())
+    expected = reading(drive, MOVED, [e.effect for e in every], [e.values for e in every])
+    assert np.abs(run(out, driven()) - expected)[card.lags :].max() < TOLERANCE
+    without = reading(drive, MOVED, [FILM.effect], [FILM.values])
+    assert np.abs(without - expected)[card.lags :].max() > 0.01
+    assert [each["name"] for each in card.effects] == ["wall_film"]
+    again = add(out, [DELAY], tmp_path / "again.onnx", **wide)
+    assert Greybox.of(again).own == tuple(own)
 
 
 def test_the_order_of_effects_is_that_of_their_fit(base: Path, tmp_path: Path) -> None:
@@ -206,7 +226,7 @@ def test_the_order_of_effects_is_that_of_their_fit(base: Path, tmp_path: Path) -
         out = tmp_path / f"{i}.onnx"
         card = add(base, order, out, ranges=ranges_of(), recordings=FIT)
         expected = reading(
-            plain(), Greybox.of(card).constants, [e.effect for e in order],
+            seen(card, plain()), Greybox.of(card).constants, [e.effect for e in order],
             [e.values for e in order],
         )  # fmt: skip
         assert np.abs(run(out, plain()) - expected)[card.lags :].max() < TOLERANCE
@@ -266,9 +286,8 @@ def test_effects_act_on_whatever_charge_the_chain_has(
     card = add(bare, effects, out, ranges=ranges_of(), recordings=FIT, drives=[driven()])
     # THEN flow and filling are that charge's, and at that speed
     greybox = Greybox.of(card)
-    u = np.column_stack([driven().signals[name] for name in card.input_names])
     expected = reading(
-        replace(driven(), signals=greybox.signals(u)), greybox.constants,
+        seen(card, driven()), greybox.constants,
         [e.effect for e in effects], [e.values for e in effects],
     )  # fmt: skip
     assert np.abs(run(out, driven()) - expected)[card.lags :].max() < TOLERANCE
@@ -347,7 +366,8 @@ def test_two_chains_can_stand_in_one_graph(base: Path) -> None:
     )  # fmt: skip
     # WHEN both run freely
     session = InferenceSession(onnx.SerializeToString())
-    u = np.column_stack([plain().signals[n] for n in without.inputs])[:, None].astype(np.float32)
+    u = np.column_stack([plain().signals[n] for n in without.inputs])
+    u = np.clip(u, without.u_low, without.u_high)[:, None].astype(np.float32)
     states = [np.zeros((1, sizes[f"state{i}"]), np.float32) for i in range(2)]
     found = []
     for x in (*[u[0]] * 50, *u[:2000]):
@@ -355,8 +375,7 @@ def test_two_chains_can_stand_in_one_graph(base: Path) -> None:
         found.append(values[0].item())
         states = values[1:]
     # THEN their difference is that of the arrays
-    few = {n: plain().signals[n] for n in without.inputs}
-    drive = replace(plain(), signals=few)
+    drive = seen(card, plain())
     twice, alone = (
         reading(drive, without.constants, [FILM.effect] * n, [FILM.values] * n) for n in (2, 0)
     )

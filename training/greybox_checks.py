@@ -7,7 +7,7 @@ import numpy as np
 from monitor.errors import ModelError
 from monitor.model import Model
 from monitor.types import FloatArray
-from training.chain import base_path, simulate
+from training.chain import simulate
 from training.greybox_graph import Greybox
 from training.prepare import Prepared
 from training.stability import CONTRACTION_LIMIT, CONTRACTION_SAMPLES, Contraction
@@ -24,7 +24,7 @@ def parity(path: Path | str, greybox: Greybox, data: Prepared) -> tuple[int, flo
     """
     segment = max(data.segments, key=lambda s: s.stop - s.start)
     u = physical_inputs(data)[segment.start : min(segment.stop, segment.start + PARITY_SAMPLES)]
-    expected = simulate(base_path(greybox.constants, greybox.signals(u)), greybox.period_s)
+    expected = simulate(greybox.path(greybox.signals(u)), greybox.period_s)
     model = Model.load(path)
     model.reset(u[0])
     graph = np.empty(len(u))

@@ -20,7 +20,8 @@ from monitor.errors import ModelError
 from monitor.model import LAMBDA_MAX, PHI_MAX
 from monitor.model_card import METADATA_KEY, ModelCard, StateLayout
 from monitor.types import FloatArray
-from training.chain import SPEED_LEAST_RPM, Constants, with_speed
+from training.chain import SPEED_LEAST_RPM, Constants, base_path, with_speed
+from training.chain import Path as ChainPath
 from training.export import Graph, finished
 from training.gap.add.added import Added
 from training.gap.add.effect_nodes import graph_effect
@@ -56,6 +57,7 @@ class Greybox:
     charge_map: ChargeMap | None = None  # without, the charge is an input
     effects: tuple[GraphEffect, ...] = ()
     charge_error: ChargeError | None = None  # of the charge that is an input
+    own: tuple[Added, ...] = ()  # what the healthy vehicle has on the way, before the effects
 
     @classmethod
     def of(cls, card: ModelCard) -> "Greybox":
@@ -74,6 +76,9 @@ class Greybox:
             charge_map = None if own is None else ChargeMap.from_card(own)
             wrong = given.get("charge_error")
             charge_error = None if wrong is None else ChargeError.from_card(wrong)
+            volumes = tuple(
+                Added.with_values(name, values) for name, values in given.get("own", {}).items()
+            )
             period_s = card.period_ns / 1e9
             effects = tuple(
                 graph_effect(Added.from_card(entry), period_s, entry["reads"])
@@ -85,7 +90,7 @@ class Greybox:
             ) from None
         return cls(
             constants, card.input_names, low, high, period_s, register, charge_map, effects,
-            charge_error,
+            charge_error, volumes,
         )  # fmt: skip
 
     def structure(self) -> dict[str, Any]:
@@ -94,6 +99,7 @@ class Greybox:
             "register_samples": self.register,
             "charge_map": None if self.charge_map is None else self.charge_map.to_card(),
             "charge_error": None if self.charge_error is None else self.charge_error.to_card(),
+            "own": {each.name: each.values.tolist() for each in self.own},
             "inputs_low": self.u_low.tolist(),
             "inputs_high": self.u_high.tolist(),
         }
@@ -101,7 +107,13 @@ class Greybox:
     @property
     def state_layout(self) -> StateLayout:
         """Size of the state; the reading lies first."""
-        return StateLayout(self.chain_states + sum(e.n_states for e in self.effects), 0, 1, 1)
+        return StateLayout(self.chain_states + sum(e.n_states for e in self.on_the_way), 0, 1, 1)
+
+    @property
+    def on_the_way(self) -> tuple[GraphEffect, ...]:
+        """What acts beside the base: of the healthy vehicle, then the effects."""
+        own = (graph_effect(e, self.period_s, e.effect.needs) for e in self.own)
+        return (*own, *self.effects)
 
     @property
     def chain_states(self) -> int:
@@ -112,7 +124,7 @@ class Greybox:
     def memory(self) -> int:
         """Samples after which a steady input has filled the register and all lags."""
         lags_s = self.constants.mixing_s + self.constants.sensor_s
-        for effect in self.effects:
+        for effect in self.on_the_way:
             lags_s = lags_s * (1.0 + effect.slower) + effect.lag_s
         return self.register + math.ceil(FORGOTTEN * lags_s / self.period_s)
 
@@ -130,6 +142,13 @@ class Greybox:
         if self.charge_error is not None:
             signals["air_mass_mg"] = self.charge_error.air_mass_mg(signals, self.period_s)
         return signals
+
+    def path(self, signals: Mapping[str, FloatArray]) -> ChainPath:
+        """Return the path of the healthy vehicle, without effects, for what ``signals`` returns."""
+        path = base_path(self.constants, signals)
+        for each in self.own:
+            path = each.effect.apply(path, each.values, signals, self.period_s)
+        return path
 
 
 def register_for(longest_s: float, period_s: float) -> int:
@@ -193,7 +212,7 @@ def chain_nodes(
             graph, greybox.charge_error, signals, (begun, held), greybox.period_s
         )
     nodes, at = base_nodes(graph, greybox.constants, signals), greybox.chain_states
-    for i, effect in enumerate(greybox.effects):
+    for i, effect in enumerate(greybox.on_the_way):
         own = graph.part(f"effect{i}_{effect.name}_")
         states = [own.take(state, at + j, at + j + 1, f"state{j}") for j in range(effect.n_states)]
         nodes, after = effect.add(own, nodes, signals, states)

@@ -18,7 +18,6 @@ from training.chain import (
     RANGES,
     SPEED_LEAST_RPM,
     Constants,
-    base_path,
     inputs_of,
     settled,
     simulate,
@@ -191,7 +190,7 @@ def _free_run(data: Prepared, greybox: Greybox) -> FloatArray:
     u = physical_inputs(data)
     for s in data.segments:
         signals = greybox.signals(u[s.start : s.stop])
-        run = simulate(base_path(greybox.constants, signals), greybox.period_s)
+        run = simulate(greybox.path(signals), greybox.period_s)
         predicted[s.start + washout : s.stop] = run[washout:]
     return predicted
 

@@ -11,7 +11,7 @@ from monitor.errors import ModelError
 from monitor.model import Model
 from monitor.model_card import ModelCard
 from monitor.types import FloatArray
-from training.chain import Constants, base_path, simulate
+from training.chain import Constants, simulate
 from training.gap.add.add_narx_chain import ChainDifference
 from training.gap.drives import Drive, from_recording, hold
 from training.gap.predicted import predicted_phi
@@ -58,7 +58,7 @@ def drives_of(model: Path, recordings: Sequence[Recording]) -> list[Drive]:
     if not card.effects:
         return made
     if card.kind == GREYBOX:
-        alone = Greybox.of(card).constants
+        alone = Greybox.of(card)
         read = predicted_phi(model, recordings)
         return [
             replace(d, moved_phi=phi - _plain(d, alone)) for d, phi in zip(made, read, strict=True)
@@ -87,8 +87,8 @@ def plain_drives_of(card: ModelCard, recordings: Sequence[Recording]) -> list[Dr
     return [from_recording(each, _made(each, chain)) for each in recordings]
 
 
-def _plain(drive: Drive, constants: Constants) -> FloatArray:
-    return simulate(base_path(constants, drive.signals), drive.period_s)
+def _plain(drive: Drive, chain: Greybox) -> FloatArray:
+    return simulate(chain.path(drive.signals), drive.period_s)
 
 
 def _made(recording: Recording, chain: Greybox) -> dict[str, FloatArray]:

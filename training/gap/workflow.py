@@ -80,7 +80,7 @@ def investigate(
         checked = stages.done(
             "verify",
             lambda: verify(
-                given.model, new, held_out, given.healthy, chain=on.reference,
+                given.model, new, held_out, given.healthy, chain=on.plain,
                 accepted=[given.recordings[i] for i in fitted_to] if new else (),
                 faults=options.faults, progress=progress,
             ),
@@ -120,8 +120,8 @@ class Yardstick:
         return self.known.base if self.known else self.start
 
     @property
-    def reference(self) -> Constants:
-        """Constants of the chain alone, on which the new model is built."""
+    def plain(self) -> Constants:
+        """Constants of the chain without volumes."""
         return self.known.plain if self.known else self.start
 
 
@@ -150,7 +150,7 @@ def _name(
     return name(
         drives,
         on.known,
-        on.reference if card.kind == base.GREYBOX else None,
+        on.base if card.kind == base.GREYBOX else None,
         steps=options.steps,
         sensor_known_good=options.sensor_known_good,
         progress=progress,
@@ -189,8 +189,8 @@ def _add(
     if not wanted:
         return None, "", (), warnings
     progress("adding")
-    added = adding.refitted(given, naming, on.known, on.reference)
-    new, form = adding.add(given, out / NEW_MODEL, added, on.reference, options)
+    added = adding.refitted(given, naming, on.known, on.start)
+    new, form = adding.add(given, out / NEW_MODEL, added, on.known, on.start, options)
     if new is None:
         return None, "", (), [*warnings, NO_USE]
     if on.known is not None and given.healthy and base.check(given.model).kind == base.GREYBOX:

@@ -31,6 +31,7 @@ def add(
     ranges: Ranges,
     recordings: Sequence[TrainingRecording],
     constants: Constants | None = None,
+    own: Sequence[Added] = (),
     drives: Sequence[Drive] = (),
 ) -> ModelCard:
     """Write ``model`` with effects behind those it has already to ``out``; return its card.
@@ -38,7 +39,8 @@ def add(
     ranges : low and high of every signal present in the drives of the fit; an optional signal
         that is not among them was not there, and the effect takes its own default for it
     recordings : what the effects were fitted to
-    constants : of the base, if they were fitted anew
+    constants, own : of the base and of what the healthy vehicle has beside it, if they were fitted
+        anew
     drives : further inputs on which ONNX must agree with numpy, beside made ones
     Raises ModelError if the model is not a grey-box, a signal is missing, or ONNX and numpy differ
     by more than 1e-5 in phi.
@@ -48,7 +50,9 @@ def add(
         raise ModelError(f"{model}: a {card.kind} model, a greybox is wanted to add effects in it")
     old = Greybox.of(card)
     reads = [reads_of(each, old.inputs, ranges) for each in added]
-    greybox = _extended(old, added, reads, ranges, constants or old.constants)
+    if constants is not None:
+        old = replace(old, constants=constants, own=tuple(own))
+    greybox = _extended(old, added, reads, ranges)
     came_from = [asdict(recording) for recording in recordings]
     entries = [each.to_card() | {"reads": list(names), "recordings": came_from}
                for each, names in zip(added, reads, strict=True)]  # fmt: skip
@@ -75,7 +79,6 @@ def _extended(
     added: Sequence[Added],
     reads: Sequence[Sequence[str]],
     ranges: Ranges,
-    constants: Constants,
 ) -> Greybox:
     wanted = dict.fromkeys(name for each in reads for name in each)
     further = [name for name in wanted if name not in (*old.inputs, SPEED)]  # it knows the speed
@@ -85,17 +88,15 @@ def _extended(
     new = tuple(
         graph_effect(each, old.period_s, names) for each, names in zip(added, reads, strict=True)
     )
-    effects = (*old.effects, *new)
-    dead_time_s = longest_dead_time_s(constants, inputs, limits[:, 0])
-    dead_time_s += sum(effect.dead_time_s for effect in effects)
+    dead_time_s = longest_dead_time_s(old.constants, inputs, limits[:, 0])
+    dead_time_s += sum(effect.dead_time_s for effect in (*old.on_the_way, *new))
     return replace(
         old,
-        constants=constants,
         inputs=inputs,
         u_low=limits[:, 0],
         u_high=limits[:, 1],
         register=max(register_for(dead_time_s, old.period_s), old.register),
-        effects=effects,
+        effects=(*old.effects, *new),
     )
 
 

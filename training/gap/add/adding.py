@@ -36,24 +36,22 @@ WORSE: Final = 1.02  # of the RMSE, up to which a form counts as no worse
 
 
 def refitted(
-    given: Given,
-    naming: Naming,
-    known: Healthy | None,
-    reference: Constants,
+    given: Given, naming: Naming, known: Healthy | None, start: Constants
 ) -> tuple[Added, ...]:
     """Return what was named, with constants from the recordings that are not held out.
 
-    They are those of the chain alone, on which the new model is built. A network's own errors are
-    what they have to suit, where healthy recordings tell which of them it makes anyway.
+    A grey-box model takes over the base of the naming. Beside a network there is the plain chain;
+    the network's own errors are what the constants have to suit there, where healthy recordings
+    tell which of them it makes anyway.
     """
     recordings = [given.recordings[i] for i in split(given)[0]]
     greybox = base.check(given.model).kind == base.GREYBOX
     read = base.drives_of if greybox or not given.healthy else base.read_by
-    if known and given.healthy:
-        alone = replace(known, base=reference, own=())
-        known = healthy.learn(read(given.model, given.healthy), reference, alone)
+    if known and given.healthy and not greybox:
+        alone = replace(known, base=known.plain, own=())
+        known = healthy.learn(read(given.model, given.healthy), known.plain, alone)
+    state = begin(read(given.model, recordings), known, known.base if known else start)
     last = naming.effects[-1].fit
-    state = begin(read(given.model, recordings), known, known.base if known else reference)
     again = fit(state.case, last.terms, [last])
     added = []
     for candidate, values, errors in zip(
@@ -73,8 +71,9 @@ def refitted(
 
 
 def add(
-    given: Given, out: Path, added: Sequence[Added], reference: Constants, options: Options
-) -> tuple[Path | None, str]:
+    given: Given, out: Path, added: Sequence[Added], known: Healthy | None, start: Constants,
+    options: Options,
+) -> tuple[Path | None, str]:  # fmt: skip
     """Write the new model in the form that predicts best; return it and the form.
 
     There is none if it predicts the recordings of the fit no better than the old one. Its decision
@@ -95,12 +94,14 @@ def add(
     }
     used = tuple(map(of_recording, recordings))
     if card.kind == base.GREYBOX:
-        constants = None if reference == base.constants_of(card) else reference
+        own = known.own if known else ()
         add_greybox.add(
-            given.model, added, out, ranges=ranges, recordings=used, constants=constants,
-            drives=drives,
+            given.model, added, out, ranges=ranges, recordings=used,
+            constants=known.base if known else None,
+            own=[Added.with_values(e.name, values.tolist()) for e, values in own], drives=drives,
         )  # fmt: skip
         return _if_better(given.model, out, recordings, FORMS["greybox"])
+    reference = known.plain if known else start
     add_narx.add(given.model, added, reference, out, ranges=ranges, recordings=used, drives=drives)
     if options.retrain_minutes <= 0.0:
         return _if_better(given.model, out, recordings, FORMS["output"])

@@ -10,7 +10,7 @@ import numpy as np
 from monitor.errors import ModelError
 from monitor.model import Model
 from monitor.types import FloatArray
-from training.chain import STOICHIOMETRIC, base_path, charge_mg, simulate
+from training.chain import STOICHIOMETRIC, charge_mg, simulate
 from training.gap.add.added import Added
 from training.gap.drives import Drive
 from training.greybox_checks import TOLERANCE
@@ -48,7 +48,7 @@ class Parity:
 def reading(greybox: Greybox, entries: Sequence[Entry], u: FloatArray) -> FloatArray:
     """Return the phi (n,) that the arrays read for inputs ``u`` (n, n_inputs)."""
     signals = greybox.signals(u)
-    path = base_path(greybox.constants, signals)
+    path = greybox.path(signals)
     for entry in entries:
         seen = {name: signals[name] for name in entry.reads}
         path = entry.added.effect.apply(path, entry.added.values, seen, greybox.period_s)
