@@ -36,7 +36,10 @@ def _tanh(x):  # pragma: no cover
 @njit(inline="always")
 def _activation_rows(sizes):  # pragma: no cover
     """Return zeros (n_layers, widest), the width a multiple of the group."""
-    return np.zeros((len(sizes), -(-sizes.max() // GROUP) * GROUP))
+    widest = 0
+    for size in sizes:
+        widest = max(widest, size)
+    return np.zeros((len(sizes), -(-widest // GROUP) * GROUP))
 
 
 @njit(fastmath=FAST, error_model="numpy")
@@ -79,6 +82,13 @@ def _fill_regressor(x, t, history, regressor):  # pragma: no cover
 
 
 @njit(inline="always")
+def _begin(past, history):  # pragma: no cover
+    """Copy ``history`` (lags,); an assignment takes the compiler seconds for its error's words."""
+    for j in range(len(past)):
+        past[j] = history[j]
+
+
+@njit(inline="always")
 def _remember(history, y):  # pragma: no cover
     """Put ``y`` in front of ``history`` (lags,)."""
     for j in range(len(history) - 1, 0, -1):
@@ -92,7 +102,7 @@ def simulate(weights, sizes, x, lags, start, stop, history, low, high, out):  # 
     activations = _activation_rows(sizes)
     past = np.empty(lags)
     for i in range(len(start)):
-        past[:] = history[i]
+        _begin(past, history[i])
         for t in range(start[i], stop[i]):
             _fill_regressor(x, t, past, activations[0])
             y = min(max(_evaluate(weights, sizes, activations), low), high)
@@ -109,7 +119,7 @@ def cost(
     past = np.empty(lags)
     total = np.zeros(len(start))
     for i in range(len(start)):
-        past[:] = history[i]
+        _begin(past, history[i])
         for t in range(start[i], stop[i]):
             _fill_regressor(x, t, past, activations[0])
             value = _evaluate(weights, sizes, activations)
@@ -169,7 +179,7 @@ def fill(
     while piece < len(start):
         if t < 0:
             t = start[piece]
-            past[:] = history[piece]
+            _begin(past, history[piece])
         while t < stop[piece]:
             if rows == len(error):
                 cursor[0], cursor[1], cursor[2] = piece, t, slot
