@@ -131,7 +131,7 @@ def free_run_with_numpy_s_tanh(
 @pytest.mark.parametrize("gain", [1.0, 30.0])
 def test_the_compiled_free_run_is_that_of_numpy(hidden: tuple[int, ...], gain: float) -> None:
     # GIVEN widths below, at and above one group of tanh, small sums and saturated ones
-    spec, rng = Spec(2, lags=3, hidden=hidden, y_min=-2, y_max=2), RNG(20)
+    spec, rng = Spec(2, lags=3, hidden=hidden, y_min=-2.0, y_max=2.0), RNG(20)
     weights, u, first = gain * initial_weights(spec, rng), rng.normal(size=(40, 2)), np.zeros(3)
     run = simulate(spec, weights, u, np.array([3]), np.array([40]), first[None])
     assert np.allclose(run[3:], free_run_with_numpy_s_tanh(spec, weights, u, first)[3:], atol=1e-9)
@@ -166,7 +166,7 @@ def whole(spec: Spec, samples: Samples) -> Pieces:
 @pytest.mark.parametrize("closed", [False, True])
 def test_float32_jacobians_sum_to_the_exact_normal_equations(closed: bool) -> None:
     # GIVEN more samples than one block holds, and unequal weights
-    spec, rng = Spec(3, hidden=(6, 6), y_min=-3, y_max=3), RNG(3)
+    spec, rng = Spec(3, hidden=(6, 6), y_min=-3.0, y_max=3.0), RNG(3)
     u, y, weight = rng.normal(size=(4000, 3)), rng.normal(size=4000), rng.uniform(0, 2, 4000)
     samples, weights = Samples(u, y, weight), initial_weights(spec, rng)
 
@@ -204,7 +204,7 @@ def test_horizon_one_of_the_closed_loop_is_the_series_parallel_objective(
 
 def test_lm_recovers_a_system_that_the_network_contains() -> None:
     # GIVEN noise-free data of a NARX with three neurons
-    spec, rng = Spec(1, lags=2, hidden=(3,), y_min=-5, y_max=5), RNG(5)
+    spec, rng = Spec(1, lags=2, hidden=(3,), y_min=-5.0, y_max=5.0), RNG(5)
     truth, u = initial_weights(spec, rng), rng.uniform(-2, 2, size=(800, 1))
     y = np.zeros(800)
     y[2:] = simulate(spec, truth, u, np.array([2]), np.array([800]), np.zeros((1, 2)))[2:]
