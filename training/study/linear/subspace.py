@@ -102,7 +102,7 @@ def _run(A, B, C, D, K, start, v, y):  # type: ignore[no-untyped-def]  # pragma:
             for j in range(n):
                 total += A[i, j] * x[j]
             after[i] = total
-        x[:] = after
+        x, after = after, x
     return out
 
 
