@@ -16,11 +16,14 @@ def test_drives_like_the_healthy_ones_have_no_gap() -> None:
     assert found.rmse_after is None
 
 
-@pytest.mark.parametrize("effect", ["wall_film", "purge"])
-def test_a_hidden_effect_is_named_and_the_gap_shrinks(effect: str) -> None:
-    # GIVEN drives with an effect four times the noise, in the plant's form
+@pytest.mark.parametrize(
+    ("effect", "severity"),
+    [("wall_film", 4.0), ("purge", 4.0), ("fuel_cut_tail", 8.0), ("manifold_filling", 8.0)],
+)
+def test_a_hidden_effect_is_named_and_the_gap_shrinks(effect: str, severity: float) -> None:
+    # GIVEN drives with an effect well above the noise, in the plant's form
     # WHEN it is looked for
-    found = name(two_drives(2_200_140, (effect, 4.0)), known())
+    found = name(two_drives(2_200_140, (effect, severity)), known())
     # THEN it is named, with constants and their uncertainty, and most of the gap is gone
     assert (found.verdict, [e.name for e in found.effects]) == ("named", [effect])
     best = found.effects[0]
@@ -50,6 +53,13 @@ def test_two_effects_at_once_are_named_one_after_the_other() -> None:
     assert {effect.name for effect in found.effects} == {"wall_film", "delay_flow"}
     assert found.rmse_after is not None
     assert found.rmse_after < 0.5 * found.rmse_before
+
+
+@pytest.mark.parametrize("effect", ["battery_voltage", "intake_resonance"])
+def test_what_one_signal_explains_far_better_than_any_effect_is_unknown(effect: str) -> None:
+    found = name(two_drives(2_200_300, (effect, 4.0)), known())
+    assert found.verdict == "unknown_effect"
+    assert found.effects == ()
 
 
 def test_a_sensor_slow_from_the_start_is_suspected_and_nothing_is_added() -> None:

@@ -32,8 +32,6 @@ LARGE: Final = 3.0  # times the score needed, far more than healthy drives give
 FAULT_ADEQUATE: Final = 0.5
 AMBIGUOUS_MOST: Final = 3
 EQUAL: Final = 0.9  # of a score, from which it is as good
-PLAIN_LEAST: Final = 400.0  # gain of one plain function, above what it has on healthy drives
-PLAIN_T: Final = 4.0
 GAIN_WORDS: Final = "the gain"
 OFFSETS: Final = 2.0  # times healthy drives' own, from which an offset of all drives is one
 GAIN_OF_ETHANOL: Final = 1.0 - ETHANOL_AIR_FUEL / PETROL_AIR_FUEL  # of the mixture, per fraction
@@ -68,7 +66,7 @@ def step(
     held = [c for c in ranking if _holds(c)]
     strong = [c for c in held if matters(c)]
     strange = held[:1] if held and strong[:1] != held[:1] else []  # explains more than any name
-    plain = _clear(plainest(state))
+    plain = plainest(state)
     no_rival = plain is not None and _is_no_rival(state, ranking[0], plain)
     if no_rival or (strong and any(_rules_out(c, strong[0]) for c in strange)):
         strong = []
@@ -81,13 +79,6 @@ def step(
         or _of_effects(strong, ranking, more)
         or Outcome(_nothing(added, strange, plain), (), None, None, ranking)
     )
-
-
-def _clear(plain: Plain | None) -> Plain | None:
-    """Return what a plain function explains where that is more than on healthy drives."""
-    if plain is None or plain.score.gain < PLAIN_LEAST or plain.score.t < PLAIN_T:
-        return None
-    return plain
 
 
 def _holds(candidate: Candidate) -> bool:

@@ -24,6 +24,8 @@ from training.greybox import sandwich
 
 TERMS_MOST: Final = 4
 GAIN_LEAST: Final = 80.0  # fall of the held-out deviance by a term, as for an effect to be named
+CLEAR_GAIN: Final = 400.0  # of the best of all functions by itself, above what healthy drives give
+CLEAR_T: Final = 4.0
 T_LEAST: Final = 3.0  # of the signed square roots of the blocks' falls
 SHARE_LEAST: Final = 0.05  # of what can be explained, that a term must add
 ANSWERS: Final = ("trim",)  # what the controller makes of the mixture, no cause
@@ -85,11 +87,11 @@ class Plain:
 
 
 def plainest(state: State) -> Plain | None:
-    """Return what one plain function of one signal explains at best, None if there is none."""
+    """Return what one plain function explains at best, None if healthy drives may give it that."""
     told, table = _plain(state)
     known, target, blocks = state.current.jacobian, -state.current.residual, state.case.blocks
     step = _next(table, known, _held_out(known, target, blocks), target, blocks)
-    if step is None:
+    if step is None or step.score.gain < CLEAR_GAIN or step.score.t < CLEAR_T:
         return None
     return Plain(told[step.columns[0]].words, step.score, scoring.by_block(step.rest, blocks))
 
