@@ -19,7 +19,7 @@ from tests.vcan.test_socketcan import codes, only_recording
 ROOT = Path(__file__).resolve().parents[2]
 BENCH = ROOT / "tests" / "vcan" / "bench.py"
 HEALTHY = ROOT / "replay_logs" / "healthy_micro_trips_v102_s102.blf"
-FROM_S, LENGTH_S = 10.0, 65.0
+FROM_S, LENGTH_S = 10.0, 50.0
 THINNED = (0xC0, 0xC1, 0xC2)  # from 50 to 25 frames/s each, so that both buses carry 250
 START_AND_END_S = 240.0  # boot, imports and shutdown, on one slow CPU that others use too
 
@@ -65,7 +65,7 @@ def test_a_fault_put_in_between_two_buses_is_found_and_told_to_testers_and_brows
     assert [code["code"] for code in shown["memory"]["codes"]] == ["P015A"]
     assert shown["channel"] == "socketcan vcan1"
     assert shown["health"]["timestamps"] == "kernel"
-    assert len(shown["samples"]) > 200
+    assert len(shown["samples"]) > 150
 
 
 def stretch(frames: list[Frame]) -> list[Frame]:
