@@ -78,7 +78,8 @@ class Cycles:
         at = {name: i for i, name in enumerate(names)}
         self._config, self._profile, self._running_rpm = config, profile, running_rpm
         self._speed, self._vehicle, self._coolant, self._ambient, self._pressure = (
-            at.get(name, -1) for name in SIGNALS  # -1 is the NaN behind a sample's values
+            at.get(name, -1)
+            for name in SIGNALS  # -1 is the NaN behind a sample's values
         )
         self._heard = at[output] if self._speed < 0 else self._speed
         self.unavailable = tuple(name for name in SIGNALS if name not in at)
