@@ -47,18 +47,22 @@ def paragraph(text: str, kind: str = "") -> str:
 def table(
     rows: Sequence[Sequence[str]], head: Sequence[str] = (), chosen: int | None = None
 ) -> str:
-    """Return a table of escaped cells; all but the first column are set as numbers.
+    """Return a table of escaped cells; numbers but those of the first column are set right.
 
     chosen : row to set off
     """
     cells = "".join(f"<th>{html.escape(h)}</th>" for h in head)
     lines = [f"<tr>{cells}</tr>"] if head else []
     for index, row in enumerate(rows):
-        first, *rest = (html.escape(c) for c in row)
         mark = ' class="chosen"' if index == chosen else ""
-        others = "".join(f'<td class="n">{c}</td>' for c in rest)
-        lines.append(f"<tr{mark}><td>{first}</td>{others}</tr>")
+        cells = "".join(_cell(c, is_first=i == 0) for i, c in enumerate(row))
+        lines.append(f"<tr{mark}>{cells}</tr>")
     return f"<table>{''.join(lines)}</table>"
+
+
+def _cell(text: str, *, is_first: bool) -> str:
+    is_text = is_first or text[:1].isalpha()
+    return f"<td>{html.escape(text)}</td>" if is_text else f'<td class="n">{html.escape(text)}</td>'
 
 
 def picture(figure: Figure, caption: str) -> str:

@@ -76,7 +76,7 @@ def standing_figure(found: Sequence[Standing], chosen: Mapping[str, int]) -> Fig
 
 
 def _histogram(axes: Axes, values: np.ndarray, title: str, limit: Figures | None) -> None:
-    axes.set_title(title, fontsize=9)
+    axes.set_title(title, fontsize=8)
     axes.tick_params(labelsize=8)
     if not len(values):
         axes.text(0.5, 0.5, "none", ha="center", va="center", transform=axes.transAxes)
