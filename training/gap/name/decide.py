@@ -33,7 +33,7 @@ FAULT_ADEQUATE: Final = 0.5
 AMBIGUOUS_MOST: Final = 3
 EQUAL: Final = 0.9  # of a score, from which it is as good
 GAIN_WORDS: Final = "the gain"
-OFFSETS: Final = 2.0  # times healthy drives' own, from which an offset of all drives is one
+OFFSETS: Final = 1.5  # times healthy drives' own, from which an offset of all drives is one
 GAIN_OF_ETHANOL: Final = 1.0 - ETHANOL_AIR_FUEL / PETROL_AIR_FUEL  # of the mixture, per fraction
 GAIN_CLASS: Final = ("ethanol", "biased")  # a factor on the mixture, and what looks like it
 
@@ -110,14 +110,13 @@ def _of_effects(
 
     Neither a fault that explains little is an answer nor several of which none explains enough.
     """
-    if not strong:
+    if not strong or strong[0].kind == "sensor fault":
         return None
-    best = strong[0]
-    among = tuple(c for c in strong if c.kind == "effect")[:AMBIGUOUS_MOST]
+    best, among = strong[0], tuple(c for c in strong if c.kind == "effect")[:AMBIGUOUS_MOST]
     parts = all((c.adequacy or 0.0) < ADEQUATE for c in among)
-    if best.kind == "effect" and (len(among) == 1 or (parts and more)):
+    if len(among) == 1 or (parts and more):
         return Outcome("named", (best,), None, None, ranking)
-    if best.kind == "sensor fault" or parts:
+    if parts:
         return Outcome("unknown_effect", (), None, None, ranking)
     return Outcome("ambiguous", among, None, separate(best.fit, among[1].fit), ranking)
 
@@ -135,9 +134,10 @@ def _nothing(
     return "unknown_effect" if unlike or plain is not None else "no_gap"
 
 
-def _enough(fault: Candidate) -> bool:
-    """Whether a sensor fault explains half of what can be explained."""
-    return fault.adequacy is None or fault.adequacy >= FAULT_ADEQUATE
+def _is_felt(fault: Candidate) -> bool:
+    """Whether a sensor fault is more than chance and explains half of what can be explained."""
+    enough = fault.adequacy is None or fault.adequacy >= FAULT_ADEQUATE
+    return enough and (_is_large(fault) or _holds(fault))
 
 
 def _at_fault(
@@ -149,7 +149,8 @@ def _at_fault(
     """Suspect the sensor if a fault explains about as much, something began, or the base moved."""
     if sensor_known_good:
         return None
-    words = next((c.name for c in strong if c.kind == "sensor fault" and _enough(c)), None)
+    at_fault = [c for c in strong if c.kind == "sensor fault" and _is_felt(c)]
+    words = at_fault[0].name if at_fault else None
     looked_at = strong[:1] or [c for c in ranking[:RANKED_CLOSELY] if _is_large(c)]
     for candidate in () if words else looked_at:
         if strong and getattr(candidate.fit.terms[-1], "varies", False):
@@ -159,9 +160,7 @@ def _at_fault(
             words = f"it begins in {began[0]} at {began[1]:.0f} s"
     rivals = [c for c in ranking if c.kind == "sensor fault" or c.name in GAIN_CLASS]
     least = RIVAL_SCORE * ranking[0].score
-    felt = not strong and any(
-        c.score >= least and _enough(c) and (_is_large(c) or _holds(c)) for c in rivals
-    )
+    felt = not strong and any(c.score >= least and _is_felt(c) for c in rivals)
     if words is None and felt and (shift := _shift(state)) is not None:
         words = f"{shift} left its healthy reference"
     if words is None:
