@@ -7,6 +7,7 @@ where two provide the same canonical signal, the later pair wins.
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from cantools.database import load_file
 from cantools.database.can import Database, Message, Signal
@@ -15,6 +16,15 @@ from monitor.errors import SignalMapError
 from monitor.signal_map import Derived, Integrity, MappedSignal, SignalMap, load_signal_map
 
 Pair = tuple[Path, Path]  # DBC, signal map
+
+
+class Wanted(NamedTuple):
+    """What some names need of a bus."""
+
+    names: tuple[str, ...]
+    channels: tuple[str, ...]  # those asked for, then what the derived ones are made of
+    derived: tuple[Derived, ...]
+    timeouts_ns: tuple[int, ...]  # how long each channel's value may be held
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +62,13 @@ class BusMap:
             if name in self.derived:
                 needed.extend(self.derived[name].sources)
         return tuple(dict.fromkeys(needed))
+
+    def wanted(self, names: Sequence[str]) -> Wanted:
+        """Return what is needed for ``names``; raises what ``sources`` raises."""
+        channels = self.sources(names)
+        derived = tuple(self.derived[name] for name in names if name in self.derived)
+        timeouts_s = (self.channels[name].mapped.timeout_s for name in channels)
+        return Wanted(tuple(names), channels, derived, tuple(round(s * 1e9) for s in timeouts_s))
 
 
 def load_database(path: Path) -> Database:

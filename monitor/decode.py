@@ -11,7 +11,6 @@ from dataclasses import dataclass, fields
 from monitor.bus_map import BusMap
 from monitor.decoder_source import Decode, Member, Reason, build_decoder
 from monitor.received import Received
-from monitor.signal_map import Derived
 from monitor.types import Frame, Update
 
 EXTENDED = 1 << 31  # set in the key of a 29-bit identifier
@@ -45,14 +44,7 @@ class Decoder:
     """
 
     def __init__(self, bus_map: BusMap, names: Sequence[str]) -> None:
-        self.names: tuple[str, ...] = tuple(names)
-        self.channels: tuple[str, ...] = bus_map.sources(self.names)
-        self.derived: tuple[Derived, ...] = tuple(
-            bus_map.derived[name] for name in self.names if name in bus_map.derived
-        )
-        self.timeouts_ns: tuple[int, ...] = tuple(
-            round(bus_map.channels[name].mapped.timeout_s * 1e9) for name in self.channels
-        )
+        self.names, self.channels, self.derived, self.timeouts_ns = bus_map.wanted(names)
         self.unmapped = 0  # frames under identifiers nobody asked for
         self.received = Received(len(self.channels))  # what ``receive`` adds to
         self._handlers: dict[int, Decode] = {}

@@ -29,7 +29,6 @@ from monitor.raw_values import (
     plausible_raw,
     scaling,
 )
-from monitor.signal_map import Derived
 from monitor.types import BoolArray, FloatArray, FrameBlock, IntArray
 
 Bytes = NDArray[np.uint8]
@@ -54,14 +53,7 @@ class BlockDecoder:
     """
 
     def __init__(self, bus_map: BusMap, names: Sequence[str]) -> None:
-        self.names: tuple[str, ...] = tuple(names)
-        self.channels: tuple[str, ...] = bus_map.sources(self.names)
-        self.derived: tuple[Derived, ...] = tuple(
-            bus_map.derived[name] for name in self.names if name in bus_map.derived
-        )
-        self.timeouts_ns: tuple[int, ...] = tuple(
-            round(bus_map.channels[name].mapped.timeout_s * 1e9) for name in self.channels
-        )
+        self.names, self.channels, self.derived, self.timeouts_ns = bus_map.wanted(names)
         self._plans = {
             key: _Plan(members) for key, members in by_message(bus_map, self.channels).items()
         }
