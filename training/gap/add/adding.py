@@ -1,7 +1,6 @@
 """What was named becomes part of the model: constants, the form that predicts best, the file."""
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -10,8 +9,10 @@ import numpy as np
 
 from monitor import config
 from monitor.errors import RecordingError
+from monitor.limits import Limits
 from monitor.model import Model
 from training.chain import Constants
+from training.export import update_card
 from training.gap import base
 from training.gap.add import add_greybox, add_narx
 from training.gap.add.added import Added
@@ -24,7 +25,8 @@ from training.gap.predicted import predicted_phi
 from training.gap.reference import healthy
 from training.gap.reference.healthy import Healthy
 from training.gap.result import of_recording
-from training.limits import set_limits, whole
+from training.judge import judge_recordings
+from training.limits import whole, with_limits
 from training.recordings import Recording
 
 FORMS: Final = {
@@ -128,9 +130,27 @@ def _if_better(
         new.unlink()
         return None, ""
     if limits and Model.load(old).card.limits:
-        with suppress(RecordingError):  # too few windows: the old limits stay
-            set_limits(new, recordings, whole(recordings), config.load(), ACCEPTED)
+        _set_limits(new, recordings)
     return new, form
+
+
+def _set_limits(new: Path, recordings: Sequence[Recording]) -> None:
+    """Set the limits of the new model on recordings, unless those that it has let it see more.
+
+    A window may be judged from some movement on; the old limits stay where they want less of it
+    and no code stands on the recordings with them.
+    """
+    settings, model = config.load(), Model.load(new)
+    try:
+        card, _ = with_limits(model, recordings, whole(recordings), settings, ACCEPTED)
+    except RecordingError:  # too few windows
+        return
+    found, old = (Limits.from_card(each, settings, str(new)) for each in (card, model.card))
+    if old.excitation < found.excitation:
+        judged = judge_recordings(recordings, model, old, settings)
+        if not any(each.dtcs for each in judged):
+            return
+    update_card(new, card)
 
 
 def _rmse(model: Path, recordings: Sequence[Recording]) -> float:
