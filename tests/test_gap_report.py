@@ -352,7 +352,7 @@ def test_a_gap_is_measured_from_the_error_on_healthy_recordings_where_there_are_
 def test_candidates_that_were_skipped_stand_with_what_they_lack() -> None:
     page = report.as_page(made("no_gap"))
     what = page[page.index('id="what"') : page.index('id="where"')]
-    assert '<td>scavenging</td><td>manifold_pressure_kpa</td>' in what
+    assert "<td>scavenging</td><td>manifold_pressure_kpa</td>" in what
 
 
 def test_a_constant_at_its_bound_says_so() -> None:
