@@ -178,7 +178,7 @@ def test_a_model_that_took_its_healthy_car_for_weak_waits_for_more_movement(
     columns = folder / "mx5.toml"
     model = fitted(folder / "garbled.onnx", mx5, columns, *names, "lambda_measured")
     limit = Model.load(model).card.limits["excitation"]
-    assert "raised until the training recordings get no code" in limit.origin
+    assert "raised until the recordings get no code" in limit.origin
     got = replayed(mx5, model, columns)
     assert got.recording["dtcs"] == []
     assert all(w["verdict"] != "failed" for w in got.recording["windows"])
