@@ -65,10 +65,11 @@ def step(
     ranking = rank(state, candidates, progress)
     held = [c for c in ranking if _holds(c)]
     strong = [c for c in held if matters(c)]
-    strange = held[:1] if held and strong[:1] != held[:1] else []  # explains more than any name
+    strange = [c for c in held if not c.physical]
+    strange += [c for c in held[:1] if c.physical and c not in strong]
     plain = plainest(state)
     no_rival = plain is not None and _is_no_rival(state, ranking[0], plain)
-    if no_rival or (strong and any(_rules_out(c, strong[0]) for c in strange)):
+    if no_rival or (strong and any(_rules_out(state, c, strong[0]) for c in strange)):
         strong = []
     if strong:
         ranking, rivals = against(state, strong[0], ranking)
@@ -86,9 +87,13 @@ def _holds(candidate: Candidate) -> bool:
     return candidate.score >= candidate.needed and candidate.t >= T_LEAST
 
 
-def _rules_out(strange: Candidate, best: Candidate) -> bool:
-    """Whether what cannot be, or is too small, explains more than the best that can be."""
-    return not strange.physical or best.score < EQUAL * strange.score
+def _rules_out(state: State, strange: Candidate, best: Candidate) -> bool:
+    """Whether what is too small explains more than the best, or what cannot be as much."""
+    if strange.physical:
+        return best.score < EQUAL * strange.score
+    blocks = state.case.blocks
+    own, other = (scoring.deviance(c.fit, blocks) for c in (best, strange))
+    return scoring.win(own, other) < WIN
 
 
 def _is_no_rival(state: State, best: Candidate, plain: Plain) -> bool:
@@ -126,7 +131,7 @@ def _nothing(
 ) -> Verdict:
     """Tell a gap that no candidate explains from no gap.
 
-    strange : what explains more than any name, with constants that the effect cannot have
+    strange : what is more than chance with constants that the effect cannot have, or too small
     """
     if added:
         return "no_gap"
