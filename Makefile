@@ -24,7 +24,8 @@ demo: $(DEMO)/.installed ## replay a healthy and a faulty drive, write demo/repo
 	@echo "Healthy drive: no fault. Faulty drive: fault found. Both with pictures: demo/report.html"
 
 test: lint system ## every check: style, types, imports, all tests
-	$(VENV)/bin/python -m pytest -n 2 --dist worksteal
+	$(VENV)/bin/python -m compileall -q monitor training dbc # once, not in each process that tests start
+	$(VENV)/bin/python -m pytest -n 2 --dist worksteal --durations 20
 
 lint: venv ## style, types and the direction of imports
 	$(VENV)/bin/ruff check .
