@@ -96,10 +96,9 @@ def _take_over(result: Result) -> list[str]:
     at_risk = verified is None or verified.worse or any(f.lost for f in verified.faults)
     verb = "Look at the warnings before using" if at_risk else "Use"
     return [
-        f"{verb} {result.new_model}: the monitor runs it unchanged, with the limits of "
-        f"{result.model.path.name}.",
-        "Set its limits anew with o2train calibrate on recordings of vehicles with healthy sensors "
-        "if they differ from those on which the limits were set.",
+        f"{verb} {result.new_model}: the monitor runs it unchanged.",
+        "Its card says on what each decision limit was set; o2train calibrate sets them on more "
+        "recordings of vehicles with healthy sensors, which is better.",
     ]
 
 
