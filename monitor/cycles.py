@@ -51,11 +51,10 @@ class EngineWatch:
         """
         if self._has_run and self._off_s == 0.0:
             return False, False
-        started = self._off_s > 0.0 or not self._has_run
         is_next = self._has_run and (self._stood or self._off_s >= self._config.engine_off_s)
         self._has_run = True
         self._restart()
-        return started, is_next
+        return True, is_next
 
 
 class Cycles:
@@ -77,9 +76,9 @@ class Cycles:
     ) -> None:
         at = {name: i for i, name in enumerate(names)}
         self._config, self._profile, self._running_rpm = config, profile, running_rpm
+        # a signal that is not there is the NaN behind a sample's values
         self._speed, self._vehicle, self._coolant, self._ambient, self._pressure = (
-            at.get(name, -1)
-            for name in SIGNALS  # -1 is the NaN behind a sample's values
+            at.get(name, -1) for name in SIGNALS
         )
         self._heard = at[output] if self._speed < 0 else self._speed
         self.unavailable = tuple(name for name in SIGNALS if name not in at)
