@@ -38,6 +38,10 @@ NO_USE: Final = (
     "what was named is not added: with it the model predicts the recordings of the fit no better, "
     "it follows the effect already"
 )
+VARIES: Final = (
+    "what was named is not added: fitted to some of the recordings it predicts the others no "
+    "better, so it is another in every drive"
+)
 
 
 def investigate(
@@ -190,6 +194,8 @@ def _add(
         return None, "", (), warnings
     progress("adding")
     added = adding.refitted(given, naming, on.known, on.start)
+    if not added:
+        return None, "", (), [*warnings, VARIES]
     new, form = adding.add(given, out / NEW_MODEL, added, on.known, on.start, options)
     if new is None:
         return None, "", (), [*warnings, NO_USE]

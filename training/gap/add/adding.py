@@ -15,6 +15,7 @@ from training.chain import Constants
 from training.export import update_card
 from training.gap import base
 from training.gap.add import add_greybox, add_narx
+from training.gap.add.across_drives import fit_alike, holds_on_others
 from training.gap.add.added import Added
 from training.gap.check.detection import ACCEPTED
 from training.gap.given import Given, Options, split
@@ -42,6 +43,8 @@ def refitted(
 ) -> tuple[Added, ...]:
     """Return what was named, with constants from the recordings that are not held out.
 
+    Nothing if constants from some of these recordings predict the others no better than none.
+
     A grey-box model takes over the base of the naming. Beside a network there is the plain chain;
     the network's own errors are what the constants have to suit there, where healthy recordings
     tell which of them it makes anyway.
@@ -54,7 +57,9 @@ def refitted(
         known = healthy.learn(read(given.model, given.healthy), known.plain, alone)
     state = begin(read(given.model, recordings), known, known.base if known else start)
     last = naming.effects[-1].fit
-    again = fit(state.case, last.terms, [last])
+    case, again = fit_alike(state.case, fit(state.case, last.terms, [last]))
+    if not holds_on_others(case, state.current, again):
+        return ()
     added = []
     for candidate, values, errors in zip(
         naming.effects, again.parameters, again.standard_errors, strict=True

@@ -125,7 +125,7 @@ EFFECTS = (
     Effect(
         "manifold_filling",
         "the runner fills later than the manifold pressure says",
-        (Parameter("time", "s", 0.0, 0.4, (0.02,), least=0.013),),
+        (Parameter("time", "s", 0.0, 0.4, (0.02,), least=0.005),),
         _manifold_filling,
         ("engine_speed_rpm",),
         "physics",

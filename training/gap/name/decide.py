@@ -28,7 +28,8 @@ from training.gap.name.ranking import (
 from training.gap.name.verdict import Candidate, Verdict
 
 T_LEAST: Final = 3.0
-LARGE: Final = 3.0  # times the score needed, far more than healthy drives give
+T_STRANGE: Final = 2.0  # from which a constant of the wrong sign speaks against the best
+LARGE: Final = 2.0  # times the score needed, far more than healthy drives give
 FAULT_ADEQUATE: Final = 0.5
 AMBIGUOUS_MOST: Final = 3
 EQUAL: Final = 0.9  # of a score, from which it is as good
@@ -65,7 +66,7 @@ def step(
     ranking = rank(state, candidates, progress)
     held = [c for c in ranking if _holds(c)]
     strong = [c for c in held if matters(c)]
-    strange = [c for c in held if not c.physical]
+    strange = [c for c in ranking if not c.physical and _holds(c, T_STRANGE)]
     strange += [c for c in held[:1] if c.physical and c not in strong]
     plain = plainest(state)
     no_rival = plain is not None and _is_no_rival(state, ranking[0], plain)
@@ -82,9 +83,9 @@ def step(
     )
 
 
-def _holds(candidate: Candidate) -> bool:
+def _holds(candidate: Candidate, t_least: float = T_LEAST) -> bool:
     """Whether a candidate's gain is more than chance and even over the blocks that it moves."""
-    return candidate.score >= candidate.needed and candidate.t >= T_LEAST
+    return candidate.score >= candidate.needed and candidate.t >= t_least
 
 
 def _rules_out(state: State, strange: Candidate, best: Candidate) -> bool:
@@ -139,10 +140,14 @@ def _nothing(
     return "unknown_effect" if unlike or plain is not None else "no_gap"
 
 
-def _is_felt(fault: Candidate) -> bool:
+def _is_felt(state: State, fault: Candidate) -> bool:
     """Whether a sensor fault is more than chance and explains half of what can be explained."""
-    enough = fault.adequacy is None or fault.adequacy >= FAULT_ADEQUATE
-    return enough and (_is_large(fault) or _holds(fault))
+    if not (_is_large(fault) or _holds(fault)):
+        return False
+    share = fault.adequacy
+    if share is None:
+        share = adequacy_of(state, fault.score, fault.fit)
+    return share >= FAULT_ADEQUATE
 
 
 def _at_fault(
@@ -154,7 +159,7 @@ def _at_fault(
     """Suspect the sensor if a fault explains about as much, something began, or the base moved."""
     if sensor_known_good:
         return None
-    at_fault = [c for c in strong if c.kind == "sensor fault" and _is_felt(c)]
+    at_fault = [c for c in strong if c.kind == "sensor fault" and _is_felt(state, c)]
     words = at_fault[0].name if at_fault else None
     looked_at = strong[:1] or [c for c in ranking[:RANKED_CLOSELY] if _is_large(c)]
     for candidate in () if words else looked_at:
@@ -165,7 +170,7 @@ def _at_fault(
             words = f"it begins in {began[0]} at {began[1]:.0f} s"
     rivals = [c for c in ranking if c.kind == "sensor fault" or c.name in GAIN_CLASS]
     least = RIVAL_SCORE * ranking[0].score
-    felt = not strong and any(c.score >= least and _is_felt(c) for c in rivals)
+    felt = not strong and any(c.score >= least and _is_felt(state, c) for c in rivals)
     if words is None and felt and (shift := _shift(state)) is not None:
         words = f"{shift} left its healthy reference"
     if words is None:

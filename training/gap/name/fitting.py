@@ -44,6 +44,7 @@ class Case:
     prior: Prior | None = None
     fixed: Constants | None = None  # base constants that hold; a fit moves the terms' only
     shrinks: tuple[Shrink, ...] = ()  # per drive; empty where nothing is known of variation
+    scales: tuple[float, ...] = ()  # per drive, of its errors, in sigma; empty where all are 1
 
     kept: tuple[BoolArray, ...] = field(init=False)  # per drive (n,), see ``Drive.kept``
 
@@ -123,13 +124,14 @@ def errors(case: Case, phi: Sequence[FloatArray]) -> FloatArray:
         e = predicted - drive.phi_measured
         e[2:] = e[2:] - a * e[1:-1] - b * e[:-2]
         own = e[case.kept[i]] / case.sigma
-        parts.append(case.shrinks[i].apply(own) if case.shrinks else own)
+        own = case.shrinks[i].apply(own) if case.shrinks else own
+        parts.append(own / case.scales[i] if case.scales else own)
     return np.concatenate(parts)
 
 
 def plain_errors(case: Case, phi: Sequence[FloatArray]) -> FloatArray:
     """Return prediction minus measurement on the kept samples in phi, (m,)."""
-    return errors(replace(case, ar=(0.0, 0.0), sigma=1.0, shrinks=()), phi)
+    return errors(replace(case, ar=(0.0, 0.0), sigma=1.0, shrinks=(), scales=()), phi)
 
 
 def fit(case: Case, terms: Sequence[Term], starts: Sequence[Fit | Constants]) -> Fit:

@@ -8,6 +8,7 @@ is about as good, and nothing speaks for the sensor.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 
@@ -24,6 +25,9 @@ from training.gap.name.sensor_faults import FAULTS
 from training.gap.name.verdict import Candidate, Naming, Round, Verdict
 from training.gap.reference import accepted
 from training.gap.reference.healthy import Healthy
+
+ADEQUATE_ALONE: Final = 0.7  # of what can be explained, where no other candidate comes near
+FAR: Final = 0.1  # of the best score, below which another is far from it
 
 
 def name(
@@ -104,17 +108,24 @@ def _doubts(case: Case, known: Healthy | None) -> list[str]:
 
 
 def _kept(
-    first: State, last: State, outcome: Outcome, added: Sequence[Candidate]
+    first: State, last: State, outcome: Outcome, rounds: Sequence[Round]
 ) -> Sequence[Candidate]:
     """Return the added effects, or none if they leave much that could be explained.
 
     Judged after the last step, because one of two effects leaves the other.
     """
-    if not added or outcome.verdict == "sensor_fault_suspected":
+    if not rounds or outcome.verdict == "sensor_fault_suspected":
         return ()
     gain = float((first.deviance - last.deviance).sum())
     share = adequacy_of(first, gain, last.current)
-    return added if share >= ADEQUATE else ()
+    enough = ADEQUATE_ALONE if all(_is_alone(r.ranking) for r in rounds) else ADEQUATE
+    return [r.effect for r in rounds] if share >= enough else ()
+
+
+def _is_alone(ranking: Sequence[Candidate]) -> bool:
+    """Whether no other candidate comes near the best."""
+    best, *others = ranking
+    return all(each.score < FAR * best.score for each in others)
 
 
 def _answer(
@@ -127,7 +138,7 @@ def _answer(
     reference: Constants | None,
     warnings: Sequence[str],
 ) -> Naming:
-    added = _kept(first, last, outcome, [r.effect for r in rounds])
+    added = _kept(first, last, outcome, rounds)
     verdict: Verdict = "named" if added else outcome.verdict
     if verdict == "named" and not added:
         verdict = "unknown_effect"
