@@ -3,8 +3,13 @@
 import numpy as np
 
 from monitor.types import FloatArray
+from training.chain import Constants, base_path, simulate
+from training.gap.drives import Drive, make
+from training.gap.effects import LIBRARY
+from training.gap.name.fitting import Case
 
 PERIOD_S = 0.1
+BASE = Constants(1.01, 0.13, 1.5, 0.04, 0.11, 0.98)
 
 
 def plain_signals(n: int = 6000, seed: int = 1) -> dict[str, FloatArray]:
@@ -29,3 +34,19 @@ def plain_signals(n: int = 6000, seed: int = 1) -> dict[str, FloatArray]:
         "ambient_pressure_kpa": np.full(n, 98.0),
         "purge_duty_percent": np.where(np.sin(t_s / 13.0) > 0.0, 50.0, 0.0),
     }
+
+
+def noisy_drive(seed: int = 1, noise: float = 0.003, effect: str = "", value: float = 0.0) -> Drive:
+    """Return such a drive of the chain with the constants BASE, an effect and white noise."""
+    signals = plain_signals(seed=seed)
+    path = base_path(BASE, signals)
+    if effect:
+        path = LIBRARY[effect].apply(path, np.array([value]), signals, PERIOD_S)
+    phi = simulate(path, PERIOD_S)
+    phi = phi + noise * np.random.default_rng(seed).standard_normal(len(phi))
+    return make(f"drive {seed}", "", PERIOD_S, signals, 1.0 / np.maximum(phi, 0.07))
+
+
+def case_of(*drives: Drive) -> Case:
+    """Return drives to be fitted, with the noise that ``noisy_drive`` has."""
+    return Case(drives, tuple(np.zeros(len(d)) for d in drives), sigma=0.003)

@@ -7,9 +7,9 @@ import pytest
 
 from monitor import faults
 from monitor.types import FloatArray
-from tests.gap_drives import PERIOD_S, plain_signals
+from tests.gap_drives import BASE, PERIOD_S, case_of, noisy_drive, plain_signals
 from training.chain import Constants, base_path, simulate
-from training.gap.drives import Drive, make
+from training.gap.drives import make
 from training.gap.effects import LIBRARY
 from training.gap.name import guards, scoring
 from training.gap.name.fitting import (
@@ -27,33 +27,18 @@ from training.gap.name.sensor_faults import FAULTS
 from training.gap.reference import ridge
 from training.gap.reference.variation import shrink
 
-BASE = Constants(1.01, 0.13, 1.5, 0.04, 0.11, 0.98)
 FAULT = {fault.name: fault for fault in FAULTS}
 
 
-def _drive(seed: int = 1, noise: float = 0.003, effect: str = "", value: float = 0.0) -> Drive:
-    signals = plain_signals(seed=seed)
-    path = base_path(BASE, signals)
-    if effect:
-        path = LIBRARY[effect].apply(path, np.array([value]), signals, PERIOD_S)
-    phi = simulate(path, PERIOD_S)
-    phi = phi + noise * np.random.default_rng(seed).standard_normal(len(phi))
-    return make(f"drive {seed}", "", PERIOD_S, signals, 1.0 / np.maximum(phi, 0.07))
-
-
-def _case(*drives: Drive) -> Case:
-    return Case(drives, tuple(np.zeros(len(d)) for d in drives), sigma=0.003)
-
-
 def test_the_base_is_found_again_from_far_away() -> None:
-    found = fit(_case(_drive(1), _drive(2)), (), [Constants()])
+    found = fit(case_of(noisy_drive(1), noisy_drive(2)), (), [Constants()])
     assert found.base.gain == pytest.approx(BASE.gain, abs=5e-4)
     assert found.base.span == pytest.approx(BASE.span, abs=0.02)
     assert found.base.mixing_s + found.base.sensor_s == pytest.approx(0.15, abs=0.01)
 
 
 def test_an_effect_is_found_with_its_constant_within_its_standard_errors() -> None:
-    case = _case(_drive(1, effect="injector_offset", value=0.3))
+    case = case_of(noisy_drive(1, effect="injector_offset", value=0.3))
     alone = fit(case, (), [Constants()])
     found = fit(case, (LIBRARY["injector_offset"],), [alone])
     error = float(found.standard_errors[0][0])
@@ -63,12 +48,12 @@ def test_an_effect_is_found_with_its_constant_within_its_standard_errors() -> No
 
 
 def test_a_prior_holds_the_base_where_the_data_would_move_it() -> None:
-    drive = _drive(1)
+    drive = noisy_drive(1)
     reference = BASE._replace(gain=1.02)
     tight = Prior(reference, Constants(*(1e-6,) * 6))
-    held = fit(replace(_case(drive), prior=tight), (), [reference])
+    held = fit(replace(case_of(drive), prior=tight), (), [reference])
     assert held.base.gain == pytest.approx(1.02, abs=1e-4)
-    assert fit(_case(drive), (), [reference]).base.gain == pytest.approx(1.01, abs=1e-3)
+    assert fit(case_of(drive), (), [reference]).base.gain == pytest.approx(1.01, abs=1e-3)
 
 
 def test_a_constant_that_the_drives_do_not_hold_stays_where_it_is_expected() -> None:
@@ -81,9 +66,9 @@ def test_a_constant_that_the_drives_do_not_hold_stays_where_it_is_expected() -> 
     phi = simulate(path, PERIOD_S)
     phi += 0.003 * np.random.default_rng(1).standard_normal(len(phi))
     warm = make("warm", "", PERIOD_S, signals, 1.0 / np.maximum(phi, 0.07))
-    alone = fit(_case(warm), (), [Constants()])
+    alone = fit(case_of(warm), (), [Constants()])
     # WHEN it is fitted
-    found = fit(_case(warm), (LIBRARY["wall_film"],), [alone])
+    found = fit(case_of(warm), (LIBRARY["wall_film"],), [alone])
     # THEN what can be seen is found, and the rest is as expected, with its uncertainty
     share, time_s, cold_growth = found.parameters[0]
     assert (share, time_s) == (pytest.approx(0.1, rel=0.2), pytest.approx(0.6, rel=0.3))
@@ -92,13 +77,13 @@ def test_a_constant_that_the_drives_do_not_hold_stays_where_it_is_expected() -> 
 
 
 def test_held_out_errors_are_those_of_a_fit_without_the_fold() -> None:
-    drive = _drive(1)
-    case = _case(drive)
+    drive = noisy_drive(1)
+    case = case_of(drive)
     found = fit(case, (), [BASE])
     quick = held_out(found, case.blocks)
     fold = np.zeros(len(drive), dtype=bool)
     fold[drive.kept] = case.blocks % 5 == 0
-    without = _case(replace(drive, scored=drive.scored & ~fold))
+    without = case_of(replace(drive, scored=drive.scored & ~fold))
     slow_base = fit(without, (), [BASE]).base
     slow = plain_errors(case, predict(case, slow_base, (), ())) / case.sigma
     out = case.blocks % 5 == 0
@@ -107,12 +92,14 @@ def test_held_out_errors_are_those_of_a_fit_without_the_fold() -> None:
 
 
 def test_the_held_out_rmse_is_the_noise_where_the_model_is_right() -> None:
-    case = _case(_drive(1), _drive(2))
+    case = case_of(noisy_drive(1), noisy_drive(2))
     assert held_out_rmse(case, fit(case, (), [BASE])) == pytest.approx(0.003, rel=0.03)
 
 
 def test_a_real_effect_scores_and_a_useless_one_does_not() -> None:
-    case = _case(_drive(1, effect="purge", value=0.5), _drive(2, effect="purge", value=0.5))
+    case = case_of(
+        noisy_drive(1, effect="purge", value=0.5), noisy_drive(2, effect="purge", value=0.5)
+    )
     alone = fit(case, (), [Constants()])
     before = scoring.deviance(alone, case.blocks)
     after = {
@@ -162,8 +149,8 @@ def test_random_coefficients_take_out_their_own_direction_and_leave_the_rest() -
 
 def _explained(strength: FloatArray) -> tuple[Case, Fit, Fit]:
     """Return a case whose gap is a signature times a strength by sample, and both fits."""
-    drive = _drive(1)
-    case = _case(drive)
+    drive = noisy_drive(1)
+    case = case_of(drive)
     m = int(drive.kept.sum())
     rng = np.random.default_rng(3)
     signature = np.sin(np.arange(m) / 7.0)
@@ -221,7 +208,7 @@ def test_a_sensor_fault_reads_as_the_monitors_definition_does(name: str, severit
 
 
 def test_the_manoeuvre_that_separates_two_models_is_the_one_they_differ_on() -> None:
-    case = _case(_drive(1))
+    case = case_of(noisy_drive(1))
     alone = fit(case, (), [BASE])
     film = replace(alone, terms=(LIBRARY["wall_film"],), parameters=(np.array([0.2, 0.6, 2.0]),))
     leak = replace(alone, terms=(LIBRARY["exhaust_leak"],), parameters=(np.array([0.05, 30.0]),))

@@ -347,6 +347,10 @@ def test_a_gap_is_measured_from_the_error_on_healthy_recordings_where_there_are_
     assert own.closed_beyond_healthy == pytest.approx(gone)
     page = report.as_page(made("named", verified=own))
     assert f"{gone:.0%} of what exceeds the error on healthy recordings is gone" in page
+    # and where the new model errs less than the old one did on healthy drives
+    less = replace(own, healthy=replace(healthy, before=0.0130))
+    page = report.as_page(made("named", verified=less))
+    assert "and all of what exceeds the error on healthy recordings is gone" in page
 
 
 def test_candidates_that_were_skipped_stand_with_what_they_lack() -> None:

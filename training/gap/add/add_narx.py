@@ -1,7 +1,8 @@
-"""Effects become part of a network's file: added to its output, or as an input it is retrained on.
+"""Effects become part of a network's file: before it, added to its output, or as one more input.
 
-The chain with the effects minus the chain without is what they change. Added to the output it needs
-no training and leaves the network as it is; as an input the network may weigh it by regime.
+Before it they change what the network reads (``add_narx_before``). The chain with the effects minus
+the chain without is what they change at the sensor: added to the output it leaves the network as it
+is; as an input the network is trained anew and may weigh it by regime.
 """
 
 import time
@@ -16,9 +17,11 @@ from monitor.model_card import Channel, ModelCard, TrainingRecording
 from training.chain import Constants
 from training.export import Network
 from training.fit import measures, recordings_of
+from training.gap.add.add_narx_before import CORRECTED, FUEL, acts_before
 from training.gap.add.add_narx_chain import ChainDifference
 from training.gap.add.add_narx_network import (
     AS_INPUT,
+    BEFORE,
     DIFFERENCE,
     TO_OUTPUT,
     NetworkWithEffects,
@@ -28,7 +31,7 @@ from training.gap.add.add_narx_parity import parity
 from training.gap.add.add_narx_training import Progress, train_again, with_difference
 from training.gap.add.added import Added
 from training.gap.add.effect_inputs import Ranges, channel_of
-from training.gap.drives import Drive, from_recording
+from training.gap.drives import Drive, from_recording, path_of
 from training.prepare import Prepared, Role, prepare
 from training.recordings import Recording
 from training.stability import CONTRACTION_SAMPLES, Contraction
@@ -44,28 +47,40 @@ def add(
     ranges: Ranges,
     recordings: Sequence[TrainingRecording],
     drives: Sequence[Drive] = (),
+    form: str = TO_OUTPUT,
 ) -> ModelCard:
-    """Write ``model`` with effects beside its output to ``out``; return its card.
+    """Write ``model`` with effects beside its output, or before it, to ``out``; return its card.
 
     chain : constants of the chain that the effects were fitted in
     ranges : low and high of every signal present in the drives of the fit; an optional signal
         that is not among them was not there, and the effect takes its own default for it
     recordings : what the effects were fitted to
     drives : on which ONNX, torch and numpy must agree; made inputs if there are none
+    form : TO_OUTPUT, or BEFORE if ``can_stand_before``
     Effects that the model has already stay, in the chain of the new constants.
     Raises ModelError if the model is not a network, was retrained with effects, a signal is
     missing, or the three disagree.
     """
     network, card = network_of(model), Model.load(model).card
     _check(card, str(model))
-    older = (
-        [entry.added for entry in ChainDifference.from_card(card).entries] if card.effects else []
-    )
+    older = _older(card)
     difference = ChainDifference.of(card, [*older, *added], chain, ranges)
     inputs = tuple(dict.fromkeys((*card.input_names, *difference.inputs)))
-    extended = NetworkWithEffects(TO_OUTPUT, network, difference, inputs)
+    extended = NetworkWithEffects(form, network, difference, inputs)
     entries = (*card.effects, *difference.effects_to_card(recordings)[len(older) :])
     return save(out, extended, _card(card, extended, entries, ranges, recordings), drives)
+
+
+def can_stand_before(
+    model: Path | str, added: Sequence[Added], chain: Constants, drive: Drive
+) -> bool:
+    """Whether effects, and those that the model has, may stand before the network.
+
+    They must act on fuel and charge alone, and the network must read the fuel.
+    """
+    card = Model.load(model).card
+    every, path = [*_older(card), *added], path_of(drive, chain)
+    return FUEL in card.input_names and acts_before(every, path, drive.signals)
 
 
 def retrain(
@@ -165,7 +180,7 @@ def _card(
     structure = {"form": model.form, "chain": model.difference.to_card()}
     return replace(
         card,
-        inputs=channels(card, model.inputs, ranges),
+        inputs=channels(card, model.inputs, ranges, CORRECTED if model.form == BEFORE else ()),
         state=model.state_layout,
         recordings=tuple(by_sha.values()),
         effects=tuple(entries),
@@ -173,10 +188,21 @@ def _card(
     )
 
 
-def channels(card: ModelCard, inputs: Sequence[str], ranges: Ranges) -> tuple[Channel, ...]:
-    """Return the inputs for a card; those that the network has keep what it was trained on."""
+def channels(
+    card: ModelCard, inputs: Sequence[str], ranges: Ranges, corrected: Sequence[str]
+) -> tuple[Channel, ...]:
+    """Return the inputs for a card; those that the network has keep what it was trained on.
+
+    corrected : those of which the network reads another value, so that they may be as ``ranges``
+        has them as well
+    """
     known = {each.name: each for each in card.inputs}
-    return tuple(known.get(name) or channel_of(name, None, ranges[name]) for name in inputs)
+    return tuple(
+        known[name]
+        if name in known and name not in corrected
+        else channel_of(name, known.get(name), ranges.get(name))
+        for name in inputs
+    )
 
 
 def _trained_card(card: ModelCard, data: Prepared, best: Trained, gap: Contraction) -> ModelCard:

@@ -139,7 +139,7 @@ class ChainDifference:
         phi is held as its distance from 1: a state of zeros is a steady stoichiometric mixture.
         """
         graph = graph.part("chain_")
-        inputs = {name: self._clipped(graph, name, signals[name]) for name in self.inputs}
+        inputs = self.clipped(graph, signals)
         phi, parts, at, offset = [], list[str](), 0, _offset(self.without, self.with_effects)
         middle = graph.constant("middle", offset[None])
         state = graph.add("Add", [state, middle], "state")
@@ -155,11 +155,14 @@ class ChainDifference:
         difference = graph.add("Sub", [phi[1], phi[0]], "difference")
         return difference, graph.add("Sub", [ahead, middle], "next_state")
 
-    def _clipped(self, graph: Graph, name: str, signal: str) -> str:
-        i = self.inputs.index(name)
-        bounds = [graph.constant(f"{name}_low", self.without.u_low[i]),
-                  graph.constant(f"{name}_high", self.without.u_high[i])]  # fmt: skip
-        return graph.add("Clip", [signal, *bounds], f"{name}_clipped")
+    def clipped(self, graph: Graph, signals: Mapping[str, str]) -> dict[str, str]:
+        """Add what limits the inputs to their ranges; return them by name."""
+        limited = {}
+        for i, name in enumerate(self.inputs):
+            bounds = [graph.constant(f"{name}_low", self.without.u_low[i]),
+                      graph.constant(f"{name}_high", self.without.u_high[i])]  # fmt: skip
+            limited[name] = graph.add("Clip", [signals[name], *bounds], f"{name}_clipped")
+        return limited
 
 
 def _effects(entries: Sequence[Entry], period_s: float) -> tuple[Any, ...]:

@@ -88,7 +88,7 @@ def _numpy(
 def _onnx(path: Path | str, model: NetworkWithEffects, u: FloatArray, y: FloatArray) -> FloatArray:
     loaded = Model.load(path)
     loaded.reset(u[0])
-    for _ in range(model.difference.memory):
+    for _ in range(model.memory):
         loaded.step(u[0])
     newest, part = loaded.card.state.output_start, model.network.state_layout.size
     found = np.empty(len(u))

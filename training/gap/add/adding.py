@@ -11,13 +11,17 @@ from monitor import config
 from monitor.errors import RecordingError
 from monitor.limits import Limits
 from monitor.model import Model
+from monitor.model_card import TrainingRecording
 from training.chain import Constants
 from training.export import update_card
 from training.gap import base
 from training.gap.add import add_greybox, add_narx
 from training.gap.add.across_drives import fit_alike, holds_on_others
+from training.gap.add.add_narx_network import BEFORE, TO_OUTPUT
 from training.gap.add.added import Added
+from training.gap.add.effect_inputs import Ranges
 from training.gap.check.detection import ACCEPTED
+from training.gap.drives import Drive
 from training.gap.given import Given, Options, split
 from training.gap.name.begin import begin
 from training.gap.name.fitting import fit
@@ -32,9 +36,11 @@ from training.recordings import Recording
 
 FORMS: Final = {
     "greybox": "inside the chain, where it acts on the mixture's way",
+    "before": "before the network, which reads fuel and lambda controller as if it were not there",
     "output": "beside the network: its output plus the chain with the effect less that without",
     "input": "as one more input of the network, trained anew",
 }
+AGAINST: Final = {"before": "before it", "output": "beside its output", "input": "trained anew"}
 WORSE: Final = 1.02  # of the RMSE, up to which a form counts as no worse
 
 
@@ -109,23 +115,49 @@ def add(
         )  # fmt: skip
         return _if_better(given.model, out, recordings, FORMS["greybox"])
     reference = known.plain if known else start
-    add_narx.add(given.model, added, reference, out, ranges=ranges, recordings=used, drives=drives)
+    form, says = _beside_network(given, out, added, reference, ranges, used, drives)
     if options.retrain_minutes <= 0.0:
-        return _if_better(given.model, out, recordings, FORMS["output"])
+        return _if_better(given.model, out, recordings, says)
     other = out.with_name("retrained.onnx")
     add_narx.retrain(
         given.model, added, reference, recordings, other, ranges=ranges,
         budget_minutes=options.retrain_minutes,
     )  # fmt: skip
-    beside, inside = (_rmse(each, split(given)[1] or recordings) for each in (out, other))
-    if inside * WORSE < beside:
+    kept, says = _kept(out, other, form, "input", split(given)[1] or recordings)
+    # Trained on the recordings it errs less on them than on others: the old limits stay.
+    return _if_better(given.model, out, recordings, says, limits=kept == form)
+
+
+def _beside_network(
+    given: Given, out: Path, added: Sequence[Added], chain: Constants, ranges: Ranges,
+    used: Sequence[TrainingRecording], drives: Sequence[Drive],
+) -> tuple[str, str]:  # fmt: skip
+    """Write the network with effects before it or at its output; return the form, also in words."""
+    possible = [TO_OUTPUT]
+    if add_narx.can_stand_before(given.model, added, chain, drives[0]):
+        possible = [BEFORE, *possible]
+    other = out.with_name("other.onnx")
+    for path, form in zip((out, other), possible, strict=False):
+        add_narx.add(
+            given.model, added, chain, path, ranges=ranges, recordings=used, drives=drives,
+            form=form,
+        )  # fmt: skip
+    if len(possible) == 1:
+        return "output", FORMS["output"]
+    recordings = [given.recordings[i] for i in split(given)[0]]
+    return _kept(out, other, "before", "output", recordings)
+
+
+def _kept(
+    out: Path, other: Path, form: str, of_other: str, recordings: Sequence[Recording]
+) -> tuple[str, str]:
+    """Leave the better of two files in ``out``; return its form, and it in words."""
+    own, others = (_rmse(each, recordings) for each in (out, other))
+    if others * WORSE < own:
         other.replace(out)
-        form = f"{FORMS['input']} (RMSE {inside:.4f} against {beside:.4f} beside it)"
-        # Trained on the recordings it errs less on them than on others: the old limits stay.
-        return _if_better(given.model, out, recordings, form, limits=False)
+        return of_other, f"{FORMS[of_other]} (RMSE {others:.4f} against {own:.4f} {AGAINST[form]})"
     other.unlink()
-    form = f"{FORMS['output']} (RMSE {beside:.4f} against {inside:.4f} trained anew)"
-    return _if_better(given.model, out, recordings, form)
+    return form, f"{FORMS[form]} (RMSE {own:.4f} against {others:.4f} {AGAINST[of_other]})"
 
 
 def _if_better(

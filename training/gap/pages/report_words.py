@@ -40,8 +40,12 @@ def _gone(result: Result) -> str:
         return ""
     beyond, closed = verified.closed_beyond_healthy, verified.closed
     if beyond is not None:
-        return f", and {percent(beyond)} of what exceeds the error on healthy recordings is gone"
-    return "" if closed is None else f", and {percent(closed)} of what exceeds it is gone"
+        return f", and {_share(beyond)} of what exceeds the error on healthy recordings is gone"
+    return "" if closed is None else f", and {_share(closed)} of what exceeds it is gone"
+
+
+def _share(closed: float) -> str:
+    return "all" if closed >= 1.0 else percent(closed)
 
 
 def _no_gap(result: Result) -> str:
