@@ -1,7 +1,6 @@
 """Added effects in the network's graph, on simulated drives of which one has a hidden effect."""
 
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -10,27 +9,32 @@ import pytest
 from monitor import config
 from monitor.errors import ModelError, RecordingError, UsageError
 from monitor.model import Model, from_model_units
-from monitor.model_card import ModelCard, TrainingRecording
+from monitor.model_card import ModelCard
 from monitor.replay import shipped_model
 from monitor.signals import NARX_INPUTS, OUTPUT
 from monitor.types import FloatArray
-from training.chain import Constants
+from tests.gap_networks import (
+    CHAIN,
+    FILM,
+    FIT,
+    drive,
+    fitted,
+    gap_drives,
+    inputs_of,
+    ranges,
+    rmse,
+    small_network,
+)  # fmt: skip
 from training.committee import committee
-from training.dyno import vehicle
-from training.dyno.ecu import broadcast, own_bus, samples
-from training.dyno.effects import from_severities
-from training.dyno.simulate import Experiment, simulate
 from training.evaluate import predict
 from training.export import Network, save
-from training.fit import FitResult, fit
+from training.fit import FitResult
 from training.gap.add.add_narx import add, retrain
 from training.gap.add.add_narx_chain import ChainDifference
 from training.gap.add.add_narx_network import AS_INPUT, DIFFERENCE, TO_OUTPUT, network_of
 from training.gap.add.add_narx_training import old_weights, spec_of, with_difference
 from training.gap.add.added import Added
-from training.gap.drives import Drive, from_recording
-from training.gap.effects import LIBRARY
-from training.gap.name import fitting
+from training.gap.drives import from_recording
 from training.gap.predicted import predicted_phi
 from training.judge import judge
 from training.limits import NO_LIMITS
@@ -39,40 +43,7 @@ from training.narx import simulate as run_network
 from training.prepare import Prepared, prepare
 from training.recordings import Recording
 
-VEHICLE = 2011
-FILM = ("wall_film", 4.0)
-CYCLES = ("wltc_3b", "micro_trips", "us06")
-FIT = (TrainingRecording("gap.log", "ab" * 32, 4000, "simulated"),)
 NOTHING = Added.with_values("injector_offset", [0.0])
-CHAIN = Constants(1.0, 0.1, 1.3, 0.08, 0.09, 0.98)
-
-
-@cache
-def drive(
-    cycle: str,
-    seed: int,
-    effect: tuple[str, float] | None = None,
-    duration_s: float = 400.0,
-    coolant_degc: float | None = None,
-) -> Recording:
-    """Return a recording as the monitor's grid sees it, the plant's own effect inside the loop."""
-    weather = vehicle.conditions(seed)
-    start_degc = weather.coolant_start_degc if coolant_degc is None else coolant_degc
-    experiment = Experiment(
-        cycle=cycle,
-        vehicle=VEHICLE,
-        seed=seed,
-        effects=from_severities(dict([effect] if effect else [])),
-        duration_s=duration_s,
-        conditions=weather._replace(coolant_start_degc=start_degc),
-    )
-    bus, rng = own_bus(), np.random.default_rng([5, seed])
-    block = samples(broadcast(simulate(experiment), bus, rng), bus, 100_000_000)
-    t_s = (block.t_ns - block.t_ns[0]) / 1e9
-    return Recording(
-        Path(f"{experiment.name}.log"), f"{seed:064x}", 100_000_000, t_s, tuple(bus.names),
-        block.values, block.quality,
-    )  # fmt: skip
 
 
 def without(recording: Recording, rows: slice, name: str) -> Recording:
@@ -122,44 +93,7 @@ def test_a_signal_that_is_never_good_is_refused() -> None:
 
 @pytest.fixture(scope="module")
 def base(tmp_path_factory: pytest.TempPathFactory) -> FitResult:
-    """A small network of the healthy vehicle, with boxes and a linear path."""
-    healthy = [drive(cycle, 2_020_110 + i) for i, cycle in enumerate(CYCLES)]
-    out = tmp_path_factory.mktemp("base") / "base.onnx"
-    return fit(
-        healthy, NARX_INPUTS, OUTPUT, out, lags=5, hidden=(5,), starts=1, threads=1,
-        budget_minutes=0.5, seed=2,
-    )  # fmt: skip
-
-
-@cache
-def gap_drives() -> tuple[Recording, ...]:
-    return tuple(drive(cycle, 2_020_120 + i, FILM) for i, cycle in enumerate(CYCLES))
-
-
-@cache
-def fitted() -> tuple[Constants, Added]:
-    """Return the library's film in the chain, fitted to drives with the plant's."""
-    drives = tuple(map(from_recording, gap_drives()))
-    nothing = tuple(np.zeros(len(each)) for each in drives)
-    case = fitting.Case(drives, nothing, ar=(0.9, 0.0), sigma=0.005)
-    alone = fitting.fit(case, (), [CHAIN])
-    found = fitting.fit(case, (LIBRARY["wall_film"],), [alone])
-    return found.base, Added.with_values("wall_film", found.parameters[0].tolist())
-
-
-def ranges(*recordings: Recording) -> dict[str, tuple[float, float]]:
-    drives = [from_recording(each) for each in recordings]
-    return {
-        name: (
-            min(float(each.signals[name].min()) for each in drives),
-            max(float(each.signals[name].max()) for each in drives),
-        )
-        for name in drives[0].signals
-    }
-
-
-def inputs_of(model: Model, driven: Drive) -> FloatArray:
-    return np.column_stack([driven.signals[name] for name in model.card.input_names])
+    return small_network(tmp_path_factory.mktemp("base"))
 
 
 def again(card: ModelCard, old: Network, data: Prepared) -> tuple[Spec, list[FloatArray]]:
@@ -174,10 +108,6 @@ def free(network: Network, u: FloatArray) -> FloatArray:
     begin, end = np.array([first]), np.array([len(u)])
     run = run_network(spec, network.weights, scale.scale_u(u), begin, end, history)
     return scale.unscale_y(run)[first:]
-
-
-def rmse(phi: FloatArray, driven: Drive) -> float:
-    return float(np.sqrt(np.mean((phi - driven.phi_measured)[driven.scored] ** 2)))
 
 
 @pytest.fixture(scope="module")

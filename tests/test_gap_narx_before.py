@@ -1,0 +1,167 @@
+"""Effects on fuel and charge before a network, on simulated drives with a hidden effect."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from monitor import config
+from monitor.errors import ModelError
+from monitor.model import Model
+from tests.gap_networks import (
+    CHAIN,
+    FILM,
+    FIT,
+    drive,
+    fitted,
+    gap_drives,
+    inputs_of,
+    ranges,
+    rmse,
+    small_network,
+)  # fmt: skip
+from training.fit import FitResult
+from training.gap.add.add_narx import add, can_stand_before
+from training.gap.add.add_narx_before import CORRECTED, Before
+from training.gap.add.add_narx_network import BEFORE, TO_OUTPUT
+from training.gap.add.added import Added
+from training.gap.drives import from_recording
+from training.gap.effects import ALL
+from training.gap.predicted import predicted_phi
+from training.judge import judge
+from training.limits import NO_LIMITS
+
+RAIL = ("rail_exponent", 16.0)
+NOTHING = Added.with_values("injector_offset", [0.0])
+
+
+@pytest.fixture(scope="module")
+def base(tmp_path_factory: pytest.TempPathFactory) -> FitResult:
+    return small_network(tmp_path_factory.mktemp("base"))
+
+
+@pytest.fixture(scope="module")
+def before(base: FitResult, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The network with the film before it."""
+    out = tmp_path_factory.mktemp("before") / "model.onnx"
+    chain, film = fitted()
+    add(
+        base.path, [film], chain, out, ranges=ranges(*gap_drives()), recordings=FIT,
+        drives=[from_recording(gap_drives()[1])], form=BEFORE,
+    )  # fmt: skip
+    return out
+
+
+def test_the_hidden_film_s_gap_shrinks_on_a_drive_no_fit_saw(base: FitResult, before: Path) -> None:
+    fresh = drive("udds", 2_020_130, FILM)
+    old, new = (
+        rmse(predicted_phi(path, [fresh])[0], from_recording(fresh)) for path in (base.path, before)
+    )
+    assert new < 0.5 * old
+
+
+def test_a_network_far_outside_its_training_is_brought_back_into_it(
+    base: FitResult, tmp_path: Path
+) -> None:
+    # GIVEN a rail pressure that acts so much otherwise that the controller leaves its usual range
+    recordings, (chain, rail) = gap_drives(RAIL), fitted(RAIL)
+    known = {channel.name: channel for channel in base.card.inputs}["lambda_controller"]
+    assert ranges(*recordings)["lambda_controller"][1] > known.maximum
+    # WHEN the effect is added to the output, and before the network
+    for form in (TO_OUTPUT, BEFORE):
+        out = tmp_path / f"{form}.onnx"
+        add(base.path, [rail], chain, out, ranges=ranges(*recordings), recordings=FIT, form=form)
+    # THEN the network that reads what it was trained on errs less
+    for cycle, seed in (("micro_trips", 2_020_133), ("us06", 2_020_134), ("udds", 2_020_136)):
+        fresh = drive(cycle, seed, RAIL)
+        output, before = (
+            rmse(predicted_phi(tmp_path / f"{form}.onnx", [fresh])[0], from_recording(fresh))
+            for form in (TO_OUTPUT, BEFORE)
+        )
+        assert before < 0.95 * output
+
+
+def test_the_card_takes_the_fuel_as_it_is_broadcast(base: FitResult, before: Path) -> None:
+    card, seen = Model.load(before).card, ranges(*gap_drives())
+    assert card.structure["form"] == BEFORE
+    assert card.effects[0]["name"] == "wall_film"
+    old = {channel.name: channel for channel in base.card.inputs}
+    for channel in card.inputs:
+        if channel.name in CORRECTED:
+            assert channel.minimum <= min(seen[channel.name][0], old[channel.name].minimum)
+            assert channel.maximum >= max(seen[channel.name][1], old[channel.name].maximum)
+        elif channel.name in old:
+            assert channel == old[channel.name]
+    found = card.checks["parity"]
+    assert found["samples"] > 2900
+    assert max(found["onnx_numpy"], found["torch_numpy"]) < 1e-4 < found["tolerance"]
+
+
+def test_an_effect_of_size_zero_changes_nothing_but_roundings(
+    base: FitResult, tmp_path: Path
+) -> None:
+    out = tmp_path / "model.onnx"
+    add(base.path, [NOTHING], CHAIN, out, ranges=ranges(*gap_drives()), recordings=FIT, form=BEFORE)
+    recordings = gap_drives()[:2]
+    for old, new in zip(
+        predicted_phi(base.path, recordings), predicted_phi(out, recordings), strict=True
+    ):
+        assert np.abs(old - new).max() < 1e-4
+
+
+def test_the_monitor_judges_it_as_streaming_and_in_a_batch(before: Path) -> None:
+    model, recording = Model.load(before), drive("micro_trips", 2_020_131, FILM, coolant_degc=85.0)
+    u = inputs_of(model, from_recording(recording))
+    both = np.stack([u[1000:1400], u[2000:2400]])
+    together = model.with_batch(2)
+    together.reset(both[:, 0])
+    batch = together.run_batch(both)
+    for i, rows in enumerate(both):
+        model.reset(rows[0])
+        assert np.array_equal([model.step(each) for each in rows], batch[i])
+    assert len(judge(recording, model, NO_LIMITS, config.load()).windows) > 5
+
+
+def test_a_file_that_computes_something_else_is_refused(
+    base: FitResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    right = Before.values
+    monkeypatch.setattr(
+        Before, "values", lambda self, s: {k: 1.02 * x for k, x in right(self, s).items()}
+    )
+    with pytest.raises(ModelError, match="free runs differ"):
+        add(base.path, [NOTHING], CHAIN, tmp_path / "model.onnx", ranges=ranges(*gap_drives()),
+            recordings=FIT, form=BEFORE)  # fmt: skip
+    assert not list(tmp_path.iterdir())
+
+
+def test_only_what_acts_on_fuel_and_charge_may_stand_before_a_network(base: FitResult) -> None:
+    driven = from_recording(gap_drives()[0])
+    may = {
+        effect.name
+        for effect in ALL
+        if can_stand_before(
+            base.path,
+            [Added.with_values(effect.name, [p.start[0] for p in effect.parameters])],
+            CHAIN,
+            driven,
+        )
+    }
+    assert may == {
+        "wall_film", "injector_offset", "rail_exponent", "purge", "ethanol", "maf_offset",
+        "maf_pulsation", "scavenging", "charge_temperature", "manifold_filling",
+    }  # fmt: skip
+
+
+def test_an_effect_of_the_exhaust_takes_what_stood_before_the_network_to_its_output(
+    base: FitResult, before: Path, tmp_path: Path
+) -> None:
+    chain, film = fitted()
+    more, seen = Added.with_values("back_pressure", [1.0]), ranges(*gap_drives())
+    assert not can_stand_before(before, [more], chain, from_recording(gap_drives()[0]))
+    twice, at_once = tmp_path / "twice.onnx", tmp_path / "at_once.onnx"
+    card = add(before, [more], chain, twice, ranges=seen, recordings=FIT)
+    add(base.path, [film, more], chain, at_once, ranges=seen, recordings=FIT)
+    assert [each["name"] for each in card.effects] == ["wall_film", "back_pressure"]
+    (one,), (other,) = (predicted_phi(path, gap_drives()[:1]) for path in (twice, at_once))
+    assert np.array_equal(one, other)
