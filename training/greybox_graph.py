@@ -29,6 +29,7 @@ from training.greybox_charge import ChargeMap
 from training.greybox_charge_error import ChargeError
 from training.greybox_nodes import (
     GraphEffect,
+    Nodes,
     base_nodes,
     charge_error_nodes,
     charge_nodes,
@@ -211,13 +212,11 @@ def chain_nodes(
         signals["air_mass_mg"], kept = charge_error_nodes(
             graph, greybox.charge_error, signals, (begun, held), greybox.period_s
         )
-    nodes, at = base_nodes(graph, greybox.constants, signals), greybox.chain_states
-    for i, effect in enumerate(greybox.on_the_way):
-        own = graph.part(f"effect{i}_{effect.name}_")
-        states = [own.take(state, at + j, at + j + 1, f"state{j}") for j in range(effect.n_states)]
-        nodes, after = effect.add(own, nodes, signals, states)
-        kept = [*kept, *after]
-        at += effect.n_states
+    nodes = base_nodes(graph, greybox.constants, signals)
+    nodes, after = effects_nodes(
+        graph, greybox.on_the_way, nodes, signals, state, greybox.chain_states
+    )
+    kept = [*kept, *after]
     valve = valve_nodes(graph, nodes)
     places = {"read": 0, "late": 1 + register, "mixed": 2 + register, "pumped": 3 + register}
     old = {name: graph.take(state, i, i + 1, f"old_{name}") for name, i in places.items()}
@@ -233,6 +232,24 @@ def chain_nodes(
     phi = graph.add("Clip", [read, *limits], "phi")
     rest = graph.take(history, 0, register, "next_register")
     return phi, [phi, rest, late, mixed, pumped, *kept]
+
+
+def effects_nodes(
+    graph: Graph, effects: Sequence[GraphEffect], nodes: Nodes, signals: Mapping[str, str],
+    state: str, first: int,
+) -> tuple[Nodes, list[str]]:  # fmt: skip
+    """Add effects to a path; return the changed path and their next states.
+
+    state : (batch, n), in which theirs stand from ``first`` on
+    """
+    kept, at = list[str](), first
+    for i, effect in enumerate(effects):
+        own = graph.part(f"effect{i}_{effect.name}_")
+        states = [own.take(state, at + j, at + j + 1, f"state{j}") for j in range(effect.n_states)]
+        nodes, after = effect.add(own, nodes, signals, states)
+        kept += after
+        at += effect.n_states
+    return nodes, kept
 
 
 def save(path: Path | str, greybox: Greybox, card: ModelCard) -> None:

@@ -18,7 +18,8 @@ from training.export import Graph
 from training.gap.add.add_narx_chain import ChainDifference
 from training.gap.add.added import Added
 from training.gap.add.effect_nodes.value import Value, clip, maximum, where
-from training.greybox_graph import FORGOTTEN, Greybox
+from training.gap.add.effect_parity import path_with
+from training.greybox_graph import FORGOTTEN, Greybox, effects_nodes
 from training.greybox_nodes import base_nodes, speed_nodes, valve_nodes
 
 FUEL: Final = "fuel_mass_mg"
@@ -66,14 +67,10 @@ class Before:
     def values(self, signals: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
         """Return fuel, and the controller if it is among them, for signals (n,)."""
         chain = self.chain.without
-        u = np.column_stack([signals[name] for name in chain.inputs])
-        seen = chain.signals(u)
-        path = chain.path(seen)
-        air_mg, factor = path.air_mg, path.factor
-        for entry in self.chain.entries:
-            read = {name: seen[name] for name in entry.reads}
-            path = entry.added.effect.apply(path, entry.added.values, read, chain.period_s)
-        fuel_mg = valve_phi(path) * np.maximum(air_mg, AIR_LEAST_MG) / (STOICHIOMETRIC * factor)
+        seen = chain.signals(np.column_stack([signals[name] for name in chain.inputs]))
+        air_mg = np.maximum(chain.path(seen).air_mg, AIR_LEAST_MG)
+        phi = valve_phi(path_with(chain, self.chain.entries, seen))
+        fuel_mg = phi * air_mg / (STOICHIOMETRIC * chain.constants.gain)
         corrected = {FUEL: fuel_mg}
         if CONTROLLER in signals:
             old_mg = seen[FUEL]
@@ -93,16 +90,8 @@ class Before:
         seen = self.chain.clipped(graph, signals)
         if "engine_speed_rpm" not in seen:
             seen["engine_speed_rpm"] = speed_nodes(graph, seen)
-        base = nodes = base_nodes(graph, greybox.constants, seen)
-        kept, at = list[str](), 0
-        for i, effect in enumerate(greybox.effects):
-            own = graph.part(f"effect{i}_{effect.name}_")
-            states = [
-                own.take(state, at + j, at + j + 1, f"state{j}") for j in range(effect.n_states)
-            ]
-            nodes, after = effect.add(own, nodes, seen, states)
-            kept += after
-            at += effect.n_states
+        base = base_nodes(graph, greybox.constants, seen)
+        nodes, kept = effects_nodes(graph, greybox.effects, base, seen, state, 0)
         phi, air_mg = Value(graph, valve_nodes(graph, nodes)), Value(graph, base.air_mg)
         old_mg = Value(graph, seen[FUEL])
         fuel_mg = phi * maximum(air_mg, AIR_LEAST_MG) / (STOICHIOMETRIC * greybox.constants.gain)

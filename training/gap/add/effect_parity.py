@@ -11,6 +11,7 @@ from monitor.errors import ModelError
 from monitor.model import Model
 from monitor.types import FloatArray
 from training.chain import STOICHIOMETRIC, charge_mg, simulate
+from training.chain import Path as ChainPath
 from training.gap.add.added import Added
 from training.gap.drives import Drive
 from training.greybox_checks import TOLERANCE
@@ -47,12 +48,18 @@ class Parity:
 
 def reading(greybox: Greybox, entries: Sequence[Entry], u: FloatArray) -> FloatArray:
     """Return the phi (n,) that the arrays read for inputs ``u`` (n, n_inputs)."""
-    signals = greybox.signals(u)
+    return simulate(path_with(greybox, entries, greybox.signals(u)), greybox.period_s)
+
+
+def path_with(
+    greybox: Greybox, entries: Sequence[Entry], signals: Mapping[str, FloatArray]
+) -> ChainPath:
+    """Return the path with effects, for what ``greybox.signals`` returns."""
     path = greybox.path(signals)
     for entry in entries:
         seen = {name: signals[name] for name in entry.reads}
         path = entry.added.effect.apply(path, entry.added.values, seen, greybox.period_s)
-    return simulate(path, greybox.period_s)
+    return path
 
 
 def parity(
