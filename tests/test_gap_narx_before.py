@@ -1,5 +1,6 @@
 """Effects on fuel and charge before a network, on simulated drives with a hidden effect."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -21,15 +22,19 @@ from tests.gap_networks import (
     small_network,
 )  # fmt: skip
 from training.fit import FitResult
+from training.gap.add import add_narx, adding
 from training.gap.add.add_narx import add, can_stand_before
 from training.gap.add.add_narx_before import CORRECTED, Before
-from training.gap.add.add_narx_network import BEFORE, TO_OUTPUT
+from training.gap.add.add_narx_network import BEFORE, TO_OUTPUT, NetworkWithEffects
 from training.gap.add.added import Added
-from training.gap.drives import from_recording
+from training.gap.add.effect_parity import ParityError
+from training.gap.drives import Drive, from_recording
 from training.gap.effects import ALL
+from training.gap.given import Given, Options
 from training.gap.predicted import predicted_phi
 from training.judge import judge
 from training.limits import NO_LIMITS
+from training.parity import Parity
 
 RAIL = ("rail_exponent", 16.0)
 NOTHING = Added.with_values("injector_offset", [0.0])
@@ -165,3 +170,35 @@ def test_an_effect_of_the_exhaust_takes_what_stood_before_the_network_to_its_out
     assert [each["name"] for each in card.effects] == ["wall_film", "back_pressure"]
     (one,), (other,) = (predicted_phi(path, gap_drives()[:1]) for path in (twice, at_once))
     assert np.array_equal(one, other)
+
+
+@pytest.mark.parametrize("wrong", [BEFORE, TO_OUTPUT])
+def test_a_form_that_fails_its_proof_is_left_out(
+    base: FitResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wrong: str
+) -> None:
+    # GIVEN a form in which ONNX and numpy differ, as they may where a network amplifies roundings
+    chain, film = fitted()
+    given = Given(base.path, gap_drives(), verify=gap_drives()[:1])
+    right = add_narx.parity
+
+    def parity(path: Path, model: NetworkWithEffects, drives: Sequence[Drive]) -> Parity:
+        if model.form == wrong:
+            raise ParityError("they differ")
+        return right(path, model, drives)
+
+    monkeypatch.setattr(add_narx, "parity", parity)
+    # WHEN the film is added THEN the other form is taken, and no other file is left
+    new, form = adding.add(given, tmp_path / "model.onnx", [film], None, chain, Options())
+    assert new is not None
+    assert form.startswith("beside the network" if wrong == BEFORE else "before the network")
+    assert list(tmp_path.iterdir()) == [new]
+    # and with none that agrees nothing is
+    monkeypatch.setattr(adding.add_narx, "can_stand_before", lambda *_: wrong == BEFORE)
+    monkeypatch.setattr(add_narx, "parity", _differ)
+    with pytest.raises(ParityError, match="they differ"):
+        adding.add(given, tmp_path / "other.onnx", [film], None, chain, Options())
+    assert list(tmp_path.iterdir()) == [new]
+
+
+def _differ(*_: object) -> Parity:
+    raise ParityError("they differ")

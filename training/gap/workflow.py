@@ -15,6 +15,7 @@ from training.chain import Constants
 from training.gap import base, located, mixed, usable
 from training.gap.add import adding
 from training.gap.add.added import Added, uncertain
+from training.gap.add.effect_parity import ParityError
 from training.gap.check.verified import Verified
 from training.gap.check.verify import verify
 from training.gap.compared import Compared
@@ -196,7 +197,10 @@ def _add(
     added = adding.refitted(given, naming, on.known, on.start)
     if not added:
         return None, "", (), [*warnings, VARIES]
-    new, form = adding.add(given, out / NEW_MODEL, added, on.known, on.start, options)
+    try:
+        new, form = adding.add(given, out / NEW_MODEL, added, on.known, on.start, options)
+    except ParityError as error:
+        return None, "", (), [*warnings, f"what was named is not added: {error}"]
     if new is None:
         return None, "", (), [*warnings, NO_USE]
     if on.known is not None and given.healthy and base.check(given.model).kind == base.GREYBOX:

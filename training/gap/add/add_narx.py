@@ -134,7 +134,7 @@ def save(
 ) -> ModelCard:
     """Write the file once its parity is proved; return the card with the proof.
 
-    Raises ModelError if ONNX, torch and numpy disagree.
+    Raises ParityError if ONNX, torch and numpy disagree.
     """
     path = Path(out)
     partial = path.with_suffix(".partial")

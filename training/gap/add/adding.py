@@ -20,6 +20,7 @@ from training.gap.add.across_drives import fit_alike, holds_on_others
 from training.gap.add.add_narx_network import BEFORE, TO_OUTPUT
 from training.gap.add.added import Added
 from training.gap.add.effect_inputs import Ranges
+from training.gap.add.effect_parity import ParityError
 from training.gap.check.detection import ACCEPTED
 from training.gap.drives import Drive
 from training.gap.given import Given, Options, split
@@ -91,6 +92,7 @@ def add(
 
     There is none if it predicts the recordings of the fit no better than the old one. Its decision
     limits are set on them: those of the old model go with the old model's errors.
+    Raises ParityError if no form computes the same in ONNX and numpy.
     """
     card = base.check(given.model)
     out.parent.mkdir(parents=True, exist_ok=True)
@@ -119,10 +121,13 @@ def add(
     if options.retrain_minutes <= 0.0:
         return _if_better(given.model, out, recordings, says)
     other = out.with_name("retrained.onnx")
-    add_narx.retrain(
-        given.model, added, reference, recordings, other, ranges=ranges,
-        budget_minutes=options.retrain_minutes,
-    )  # fmt: skip
+    try:
+        add_narx.retrain(
+            given.model, added, reference, recordings, other, ranges=ranges,
+            budget_minutes=options.retrain_minutes,
+        )  # fmt: skip
+    except ParityError:
+        return _if_better(given.model, out, recordings, says)
     kept, says = _kept(out, other, form, "input", split(given)[1] or recordings)
     # Trained on the recordings it errs less on them than on others: the old limits stay.
     return _if_better(given.model, out, recordings, says, limits=kept == form)
@@ -133,19 +138,29 @@ def _beside_network(
     used: Sequence[TrainingRecording], drives: Sequence[Drive],
 ) -> tuple[str, str]:  # fmt: skip
     """Write the network with effects before it or at its output; return the form, also in words."""
-    possible = [TO_OUTPUT]
+    forms = {"output": TO_OUTPUT}
     if add_narx.can_stand_before(given.model, added, chain, drives[0]):
-        possible = [BEFORE, *possible]
-    other = out.with_name("other.onnx")
-    for path, form in zip((out, other), possible, strict=False):
-        add_narx.add(
-            given.model, added, chain, path, ranges=ranges, recordings=used, drives=drives,
-            form=form,
-        )  # fmt: skip
-    if len(possible) == 1:
-        return "output", FORMS["output"]
+        forms = {"before": BEFORE, **forms}
+    written, wrong = {}, None
+    for name, form in forms.items():
+        path = out.with_name(f"{name}.onnx")
+        try:
+            add_narx.add(
+                given.model, added, chain, path, ranges=ranges, recordings=used, drives=drives,
+                form=form,
+            )  # fmt: skip
+            written[name] = path
+        except ParityError as error:
+            wrong = error
+    if not written:
+        assert wrong is not None
+        raise wrong
+    first, *others = written
+    written[first].replace(out)
+    if not others:
+        return first, FORMS[first]
     recordings = [given.recordings[i] for i in split(given)[0]]
-    return _kept(out, other, "before", "output", recordings)
+    return _kept(out, written[others[0]], first, others[0], recordings)
 
 
 def _kept(

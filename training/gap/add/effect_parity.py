@@ -17,12 +17,16 @@ from training.gap.drives import Drive
 from training.greybox_checks import TOLERANCE
 from training.greybox_graph import Greybox
 
-__all__ = ["TOLERANCE", "Entry", "Parity", "made_inputs", "parity", "reading"]
+__all__ = ["TOLERANCE", "Entry", "Parity", "ParityError", "made_inputs", "parity", "reading"]
 
 MADE = 3  # drives
 MADE_SAMPLES = 900  # of each, beside the memory
 CUT_EVERY, CUT_SAMPLES = 150, 20
 KNOT_SAMPLES = 10  # inputs run straight between places that far apart, or jump there
+
+
+class ParityError(ModelError):
+    """The forms of a model with effects compute different values."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +71,7 @@ def parity(
 ) -> Parity:
     """Compare free runs of a file and of its numpy form over made inputs and ``drives``.
 
-    Raises ModelError if they differ by more than 1e-5 in phi, or if a run in a batch differs from
+    Raises ParityError if they differ by more than 1e-5 in phi, or if a run in a batch differs from
     the same run alone in a single bit.
     """
     made = made_inputs(greybox, greybox.memory + MADE_SAMPLES)
@@ -81,12 +85,12 @@ def parity(
         away = np.abs(phi - reading(greybox, entries, u.astype(np.float64)))[after]
         off = max(off, float(away.max(initial=0.0)))
     if not off <= TOLERANCE:
-        raise ModelError(
+        raise ParityError(
             f"{file}: free runs of ONNX and numpy differ by {off:.2g} in phi, "
             f"tolerance {TOLERANCE:.2g}"
         )
     if not np.array_equal(_phi(model.with_batch(MADE), np.stack(seen[:MADE])), alone[:MADE]):
-        raise ModelError(f"{file}: runs side by side differ from the same runs alone")
+        raise ParityError(f"{file}: runs side by side differ from the same runs alone")
     return Parity(sum(len(u[after]) for u in seen), off)
 
 
