@@ -194,6 +194,7 @@ def _run(
     reading = np.empty(n)
     if n == 0:
         return reading
+    sensor = np.nan  # the time that the weights of the sensor's lag are for
     late_last = mixed = valve[0]
     pumped_last = read = 1.0 + span[0] * (mixed * gas_factor[0] + gas_offset[0] - 1.0)
     for k in range(n):
@@ -206,8 +207,10 @@ def _run(
         mixed = keep * mixed + newest * late + (1.0 - keep - newest) * late_last
         late_last = late
         pumped = 1.0 + span[k] * (mixed * gas_factor[k] + gas_offset[k] - 1.0)
-        keep, newest = _weights(rising[k] if pumped > read else falling[k])
-        read = keep * read + newest * pumped + (1.0 - keep - newest) * pumped_last
+        time = rising[k] if pumped > read else falling[k]
+        if time != sensor:
+            sensor, (held, fresh) = time, _weights(time)
+        read = held * read + fresh * pumped + (1.0 - held - fresh) * pumped_last
         pumped_last = pumped
         read = min(max(read, 0.0), PHI_MAX)
         reading[k] = read

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from monitor.types import BoolArray, FloatArray, IntArray
-from training.chain import RANGES, Constants, simulate
+from training.chain import RANGES, Constants, Path, simulate
 from training.gap.drives import Drive, path_of
 from training.gap.effects import Effect
 from training.gap.name.sensor_faults import SensorFault
@@ -47,9 +47,13 @@ class Case:
     scales: tuple[float, ...] = ()  # per drive, of its errors, in sigma; empty where all are 1
 
     kept: tuple[BoolArray, ...] = field(init=False)  # per drive (n,), see ``Drive.kept``
+    paths: tuple[Path, ...] = field(init=False)  # per drive, of a base that holds
 
     def __post_init__(self) -> None:
+        fixed = self.fixed
+        paths = () if fixed is None else tuple(path_of(drive, fixed) for drive in self.drives)
         object.__setattr__(self, "kept", tuple(drive.kept for drive in self.drives))
+        object.__setattr__(self, "paths", paths)
 
     @property
     def blocks(self) -> IntArray:
@@ -88,9 +92,10 @@ def predict(
     case: Case, base: Constants, terms: Sequence[Term], parameters: Sequence[FloatArray]
 ) -> list[FloatArray]:
     """Return what the sensor should read, per drive (n,) in phi."""
+    known = case.paths if base == case.fixed else (None,) * len(case.drives)
     return [
-        reading(drive, base, terms, parameters, correction)
-        for drive, correction in zip(case.drives, case.corrections, strict=True)
+        reading(drive, base, terms, parameters, correction, path)
+        for drive, correction, path in zip(case.drives, case.corrections, known, strict=True)
     ]
 
 
@@ -100,12 +105,14 @@ def reading(
     terms: Sequence[Term],
     parameters: Sequence[FloatArray],
     correction: FloatArray | float = 0.0,
+    path: Path | None = None,
 ) -> FloatArray:
     """Return the chain's phi (n,) with effects on the way and sensor faults after it.
 
     correction : (n,) in phi, by which the chain misses what a sound sensor reads
+    path : of the base on the drive, if it is there already
     """
-    path = path_of(drive, base)
+    path = path_of(drive, base) if path is None else path
     for term, values in zip(terms, parameters, strict=True):
         if isinstance(term, Effect):
             path = term.apply(path, values, drive.signals, drive.period_s)
