@@ -24,11 +24,11 @@ from training.chain import Constants, base_path
 from training.dyno.simulate import Experiment
 from training.dyno.write import write
 from training.export import Graph, update_card
-from training.gap.add import add_greybox
+from training.gap.add import add_greybox, effect_parity
 from training.gap.add.add_greybox import add
 from training.gap.add.added import Added
 from training.gap.add.effect_nodes import FORMS, graph_effect, signals_of
-from training.gap.add.effect_parity import TOLERANCE, made_inputs
+from training.gap.add.effect_parity import TOLERANCE, ParityError, made_inputs
 from training.gap.drives import Drive, make
 from training.gap.effects import ALL, LIBRARY, Effect
 from training.gap.name.fitting import reading
@@ -427,8 +427,6 @@ def test_a_graph_that_computes_something_else_is_not_left_behind(
     if wrong == "another size":
         monkeypatch.setattr(add_greybox, "save", save)
     else:
-        from training.gap.add import effect_parity
-
         whole = effect_parity._phi
         monkeypatch.setattr(effect_parity, "_phi", uneven)
     message = "ONNX and numpy differ by" if wrong == "another size" else "runs side by side differ"
@@ -436,3 +434,33 @@ def test_a_graph_that_computes_something_else_is_not_left_behind(
         add(base, [Added.with_values("ethanol", [0.1])], tmp_path / "m.onnx", ranges=ranges_of(),
             recordings=FIT)  # fmt: skip
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("places", "by", "passes"),
+    [
+        (slice(500, 501), 3e-5, True),  # roundings decided which branch an effect took
+        (slice(500, 501), 3e-3, False),
+        (slice(500, 550), 3e-5, False),
+    ],
+)
+def test_single_samples_may_differ_by_a_branch_of_an_effect(
+    base: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, places: slice, by: float,
+    passes: bool,
+) -> None:  # fmt: skip
+    whole = effect_parity._phi
+
+    def moved(model: Model, u: FloatArray) -> FloatArray:
+        phi = whole(model, u)
+        phi[:, places] += by
+        return phi
+
+    monkeypatch.setattr(effect_parity, "_phi", moved)
+    effect, out = Added.with_values("ethanol", [0.1]), tmp_path / "m.onnx"
+    if passes:
+        checks = add(base, [effect], out, ranges=ranges_of(), recordings=FIT).checks["parity"]
+        assert checks["onnx_numpy"] < TOLERANCE < checks["largest"]
+    else:
+        with pytest.raises(ParityError, match="ONNX and numpy differ by"):
+            add(base, [effect], out, ranges=ranges_of(), recordings=FIT)
+        assert not out.exists()

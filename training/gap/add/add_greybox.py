@@ -67,7 +67,8 @@ def add(
     except ModelError:
         partial.unlink()
         raise
-    found = {"samples": same.samples, "onnx_numpy": same.onnx_numpy, "tolerance": TOLERANCE}
+    found = {"samples": same.samples, "onnx_numpy": same.onnx_numpy, "tolerance": TOLERANCE,
+             "largest": same.largest}  # fmt: skip
     card = replace(card, checks={"parity": found})
     save(path, greybox, card)
     partial.unlink()

@@ -19,6 +19,7 @@ from training.greybox_graph import Greybox
 
 __all__ = ["TOLERANCE", "Entry", "Parity", "ParityError", "made_inputs", "parity", "reading"]
 
+SELDOM, TOLERANCE_SELDOM = 1e-3, 1e-3  # share of samples, and by how much they may differ
 MADE = 3  # drives
 MADE_SAMPLES = 900  # of each, beside the memory
 CUT_EVERY, CUT_SAMPLES = 150, 20
@@ -44,10 +45,11 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class Parity:
-    """What was compared, and the largest difference in phi."""
+    """What was compared, and how far the two were apart in phi."""
 
     samples: int
-    onnx_numpy: float
+    onnx_numpy: float  # at most, but for one in a thousand samples of a run
+    largest: float
 
 
 def reading(greybox: Greybox, entries: Sequence[Entry], u: FloatArray) -> FloatArray:
@@ -71,8 +73,10 @@ def parity(
 ) -> Parity:
     """Compare free runs of a file and of its numpy form over made inputs and ``drives``.
 
-    Raises ParityError if they differ by more than 1e-5 in phi, or if a run in a batch differs from
-    the same run alone in a single bit.
+    An effect with two branches (a sensor slower on one edge) takes the other one where both are
+    equal but for roundings; so one in a thousand samples may differ by more.
+    Raises ParityError if they differ by more than 1e-5 in phi, these samples by more than 1e-3, or
+    if a run in a batch differs from the same run alone in a single bit.
     """
     made = made_inputs(greybox, greybox.memory + MADE_SAMPLES)
     runs = [np.column_stack([drive.signals[name] for name in greybox.inputs]) for drive in drives]
@@ -80,18 +84,19 @@ def parity(
     model = Model.load(file)
     alone = [_phi(model, u[None])[0] for u in seen]
     after = slice(greybox.memory, None)
-    off = 0.0
+    off = largest = 0.0
     for phi, u in zip(alone, seen, strict=True):
-        away = np.abs(phi - reading(greybox, entries, u.astype(np.float64)))[after]
-        off = max(off, float(away.max(initial=0.0)))
-    if not off <= TOLERANCE:
+        away = np.sort(np.abs(phi - reading(greybox, entries, u.astype(np.float64)))[after])
+        off = max(off, float(away[-1 - int(SELDOM * len(away))]))
+        largest = max(largest, float(away[-1]))
+    if not (off <= TOLERANCE and largest <= TOLERANCE_SELDOM):
         raise ParityError(
             f"{file}: free runs of ONNX and numpy differ by {off:.2g} in phi, "
-            f"tolerance {TOLERANCE:.2g}"
+            f"tolerance {TOLERANCE:.2g}, single samples by {largest:.2g}, {TOLERANCE_SELDOM:.2g}"
         )
     if not np.array_equal(_phi(model.with_batch(MADE), np.stack(seen[:MADE])), alone[:MADE]):
         raise ParityError(f"{file}: runs side by side differ from the same runs alone")
-    return Parity(sum(len(u[after]) for u in seen), off)
+    return Parity(sum(len(u[after]) for u in seen), off, largest)
 
 
 def made_inputs(greybox: Greybox, n: int, seed: int = 8) -> FloatArray:
