@@ -1,5 +1,6 @@
 """Does a grey-box file with effects compute what their numpy forms do, alone and in a batch?"""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -87,7 +88,7 @@ def parity(
     off = largest = 0.0
     for phi, u in zip(alone, seen, strict=True):
         away = np.sort(np.abs(phi - reading(greybox, entries, u.astype(np.float64)))[after])
-        off = max(off, float(away[-1 - int(SELDOM * len(away))]))
+        off = max(off, float(away[-1 - math.ceil(SELDOM * len(away))]))
         largest = max(largest, float(away[-1]))
     if not (off <= TOLERANCE and largest <= TOLERANCE_SELDOM):
         raise ParityError(
