@@ -1,6 +1,7 @@
 """The grey-box model from command line to verdict, and beside the network and a first try."""
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,7 @@ from training.cli import main as o2train
 from training.dyno.simulate import Experiment
 from training.dyno.write import write
 from training.evaluate import predict
+from training.gap.reference import learn_reference
 from training.greybox_charge import INPUTS
 from training.judge import enabled_samples
 from training.recordings import Recording, load
@@ -27,6 +29,14 @@ TRAINING = (("wltc_3b", 1001), ("udds", 1002), ("us06", 1003), ("micro_trips", 1
 def training(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     folder = tmp_path_factory.mktemp("training")
     return [write(Experiment(cycle=c, seed=s), folder, "parquet") for c, s in TRAINING]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _without_reference() -> Iterator[None]:
+    """Leave out what a fit learns for the gap workflow: it takes long and has tests of its own."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(learn_reference, "GROUPS_LEAST", len(TRAINING) + 1)
+        yield
 
 
 @pytest.fixture(scope="module")
