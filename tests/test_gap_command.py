@@ -1,7 +1,7 @@
 """``o2train gap`` from files to a new model, on simulated drives with the plant's own effects."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +11,14 @@ from monitor import cli as o2mon
 from monitor.model import Model
 from tests.gap_files import drives, run
 from training import cli
+from training.chain import Constants
 from training.gap import base, workflow
 from training.gap.add import add_greybox, adding
 from training.gap.add.added import Added
+from training.gap.drives import Drive
 from training.gap.given import Given, Options
+from training.gap.reference import accepted
+from training.gap.reference.healthy import Healthy
 from training.gap.stages import Stages
 from training.gap.workflow import investigate
 from training.recordings import Recording, load
@@ -23,6 +27,22 @@ FIELDS = {
     "schema", "verdict", "where", "effects", "rmse_before", "rmse_after", "noise_floor",
     "detection_before", "detection_after", "experiment", "model",
 }  # fmt: skip
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _learned_once() -> Iterator[None]:
+    """Learn the same healthy drives once, whoever asks: it takes longer than all the rest."""
+    learn, found = accepted.learn, dict[Any, Healthy]()
+
+    def once(driven: Sequence[Drive], start: Constants, *told: Any) -> Healthy:
+        key = (start, *(drive.sha256 for drive in driven))
+        if key not in found:
+            found[key] = learn(driven, start, *told)
+        return found[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(accepted, "learn", once)
+        yield
 
 
 @pytest.fixture(scope="module")
