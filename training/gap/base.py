@@ -84,7 +84,11 @@ def plain_drives_of(card: ModelCard, recordings: Sequence[Recording]) -> list[Dr
     if card.kind != GREYBOX:
         return [from_recording(each) for each in recordings]
     chain = Greybox.of(card)
-    return [from_recording(each, _made(each, chain)) for each in recordings]
+    made = [_made(each, chain) for each in recordings]
+    return [
+        replace(from_recording(each, own), charged=bool(own))
+        for each, own in zip(recordings, made, strict=True)
+    ]
 
 
 def _plain(drive: Drive, chain: Greybox) -> FloatArray:

@@ -39,6 +39,7 @@ class Drive:
     phi_of_model: FloatArray | None = None  # (n,) of a model that is not the chain alone
     moved_phi: FloatArray | float = 0.0  # (n,) by which effects in the model move the chain
     own: Own = ()  # part of the base on this drive
+    charged: bool = False  # its air per stroke is not as broadcast, but as healthy drives taught
 
     def __len__(self) -> int:
         return len(self.phi_measured)

@@ -60,7 +60,7 @@ def refitted(
     greybox = base.check(given.model).kind == base.GREYBOX
     read = base.drives_of if greybox or not given.healthy else base.read_by
     if known and given.healthy and not greybox:
-        alone = replace(known, base=known.plain, own=())
+        alone = replace(known, base=known.plain, own=(), charge=None)
         known = healthy.learn(read(given.model, given.healthy), known.plain, alone)
     state = begin(read(given.model, recordings), known, known.base if known else start)
     last = naming.effects[-1].fit

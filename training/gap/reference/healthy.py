@@ -18,6 +18,7 @@ from training.gap.reference import ridge
 from training.gap.reference.features import features
 from training.gap.reference.ridge import Ridge
 from training.gap.reference.visited import Visited
+from training.greybox_charge_error import ChargeError, fit_with_charge_error
 
 WHITE = (0.9, 0.0)  # differences, nearly: what changes slowly is for the correction
 SCALE_MIN = 1e-3  # of a column, below which it is not taken for better known
@@ -53,6 +54,7 @@ class Healthy:
     spread: FloatArray  # (k,) of the columns' coefficients over drives
     visited: Visited
     surplus: Mapping[str, float] = field(default_factory=dict)  # see ``accepted``
+    charge: ChargeError | None = None  # of drives with the air per stroke as broadcast
 
     def columns(self, drive: Drive) -> FloatArray:
         """Return the columns of ``drive`` in the order of the names, (n, k)."""
@@ -72,7 +74,7 @@ class Healthy:
 
     def with_own(self, drive: Drive) -> Drive:
         """Return the drive with the healthy vehicle's effects as part of the base."""
-        return replace(drive, own=self.own)
+        return replace(charged(drive, self.charge), own=self.own)
 
     def known_of(self, drive: Drive) -> Drive:
         """Return the drive with those samples scored where healthy drives have been."""
@@ -93,8 +95,10 @@ class Healthy:
 def learn(drives: Sequence[Drive], start: Constants, like: Healthy | None = None) -> Healthy:
     """Return the healthy behaviour in ``drives``.
 
-    like : of the same vehicle, whose own effects are taken over
+    like : of the same vehicle, whose own effects and error of the charge are taken over
     """
+    charge = like.charge if like else _charge_error(drives)
+    drives = [charged(drive, charge) for drive in drives]
     plain, base, own = _chain(drives, start, like)
     drives = [replace(drive, own=own) for drive in drives]
     tables = [columns(drive, base) for drive in drives]
@@ -117,7 +121,31 @@ def learn(drives: Sequence[Drive], start: Constants, like: Healthy | None = None
     for column, value in KNOWN_VARIATION.items():
         if column in names:
             spread[names.index(column)] = value
-    return Healthy(base, plain, own, names, whole, spread, Visited.of(drives))
+    visited = Visited.of(drives)
+    return Healthy(base, plain, own, names, whole, spread, visited, charge=charge)
+
+
+def charged(drive: Drive, error: ChargeError | None) -> Drive:
+    """Return the drive with the right air per stroke, if it is still as broadcast."""
+    if error is None or drive.charged:
+        return drive
+    air_mg = error.air_mass_mg(drive.signals, drive.period_s)
+    return replace(drive, signals={**drive.signals, "air_mass_mg": air_mg}, charged=True)
+
+
+def _charge_error(drives: Sequence[Drive]) -> ChargeError | None:
+    """Return by how much the broadcast charge is wrong, None where it is not, or right already."""
+    if any(drive.charged or drive.phi_of_model is not None for drive in drives):
+        return None
+    together = {
+        name: np.concatenate([drive.signals[name] for drive in drives])
+        for name in ("fuel_mass_mg", "air_mass_mg", "engine_speed_rpm")
+    }
+    phi, scored = (
+        np.concatenate([getattr(drive, name) for drive in drives])
+        for name in ("phi_measured", "scored")
+    )
+    return fit_with_charge_error(together, phi, scored, drives[0].period_s)[1]
 
 
 def _chain(

@@ -19,6 +19,7 @@ from training.gap.effects import LIBRARY
 from training.gap.reference.healthy import Healthy, columns
 from training.gap.reference.ridge import Ridge
 from training.gap.reference.visited import Visited
+from training.greybox_charge_error import ChargeError
 from training.recordings import Recording
 
 KEY: Final = "gap"
@@ -53,6 +54,7 @@ def to_card(known: Healthy, recordings: Sequence[Recording]) -> dict[str, Any]:
             "coolants": _bits(known.visited.coolants),
         },
         "surplus": {name: _rounded(value) for name, value in sorted(known.surplus.items())},
+        "charge": None if known.charge is None else known.charge.to_card(),
     }
 
 
@@ -127,6 +129,7 @@ def _known(stored: Mapping[str, Any]) -> Healthy:
         spread,
         visited,
         {str(name): float(value) for name, value in stored["surplus"].items()},
+        None if stored.get("charge") is None else ChargeError.from_card(stored["charge"]),
     )
 
 

@@ -1,0 +1,62 @@
+"""What healthy drives teach of the broadcast charge, on simulated drives."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+
+from monitor.model import Model
+from monitor.replay import shipped_model
+from tests import gap_simulated
+from tests.gap_simulated import known, simulated
+from training.chain import simulate
+from training.gap.drives import Drive, path_of
+from training.gap.reference import healthy
+from training.gap.reference.healthy import Healthy
+from training.gap.reference.reference_card import KEY, from_card, to_card
+
+
+def _rmse(driven: Drive, taught: Healthy) -> float:
+    own = taught.with_own(driven)
+    e = simulate(path_of(own, taught.base), own.period_s) - own.phi_measured
+    return float(np.sqrt(np.mean(e[own.scored] ** 2)))
+
+
+def test_the_chain_misses_less_of_an_unseen_drive_with_the_right_charge() -> None:
+    # GIVEN healthy drives of an ECU whose air per stroke follows its air meter slowly
+    taught, fresh = known(), simulated("hwfet", 2_020_019)
+    assert taught.charge is not None
+    # WHEN the same drives teach the constants and volumes alone
+    as_broadcast = [replace(drive, charged=True) for drive in gap_simulated.healthy()]
+    alone = healthy.learn(as_broadcast, taught.plain)
+    assert alone.charge is None
+    # THEN a drive that taught neither is predicted better with the charge's error
+    assert _rmse(fresh, taught) < 0.9 * _rmse(fresh, alone)
+
+
+def test_the_charge_is_put_right_once() -> None:
+    taught, fresh = known(), simulated("hwfet", 2_020_019)
+    once = taught.with_own(fresh)
+    twice = taught.known_of(taught.with_own(once))
+    assert once.charged
+    assert not np.allclose(once.signals["air_mass_mg"], fresh.signals["air_mass_mg"])
+    assert np.array_equal(once.signals["air_mass_mg"], twice.signals["air_mass_mg"])
+    # nor is one that a model has put right already
+    right = replace(fresh, charged=True)
+    assert taught.with_own(right).signals is right.signals
+
+
+def test_the_model_card_holds_the_charge_s_error() -> None:
+    taught, fresh = known(), simulated("hwfet", 2_020_019)
+    stored = json.loads(json.dumps(to_card(taught, ())))
+    card = replace(Model.load(shipped_model()).card, reference={KEY: stored})
+    read, doubts = from_card(card)
+    assert doubts is None
+    assert read is not None
+    theirs, own = (each.with_own(fresh).signals["air_mass_mg"] for each in (read, taught))
+    assert np.allclose(theirs, own)
+    # and cards from before it was learned have none
+    del stored["charge"]
+    older, _ = from_card(card)
+    assert older is not None
+    assert older.charge is None
