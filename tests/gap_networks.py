@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from monitor import config
 from monitor.model import Model
 from monitor.model_card import TrainingRecording
 from monitor.signals import NARX_INPUTS, OUTPUT
@@ -19,6 +20,8 @@ from training.gap.add.added import Added
 from training.gap.drives import Drive, from_recording
 from training.gap.effects import LIBRARY
 from training.gap.name import fitting
+from training.judge import judge
+from training.limits import NO_LIMITS
 from training.recordings import Recording
 
 VEHICLE = 2011
@@ -102,3 +105,18 @@ def inputs_of(model: Model, driven: Drive) -> FloatArray:
 def rmse(phi: FloatArray, driven: Drive) -> float:
     """Return the RMSE in phi on the scored samples."""
     return float(np.sqrt(np.mean((phi - driven.phi_measured)[driven.scored] ** 2)))
+
+
+def assert_judged_alike(path: Path) -> None:
+    """Hold streaming and batched runs of a model to the same bits, and let the monitor judge."""
+    model, recording = Model.load(path), drive("micro_trips", 2_020_131, FILM, coolant_degc=85.0)
+    u = inputs_of(model, from_recording(recording))
+    both = np.stack([u[1000:1400], u[2000:2400]])
+    together = model.with_batch(2)
+    together.reset(both[:, 0])
+    batch = together.run_batch(both)
+    for i, rows in enumerate(both):
+        model.reset(rows[0])
+        assert np.array_equal([model.step(each) for each in rows], batch[i])
+    judged = judge(recording, model, NO_LIMITS, config.load())
+    assert len(judged.windows) > 5

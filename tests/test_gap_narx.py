@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from monitor import config
 from monitor.errors import ModelError, RecordingError, UsageError
 from monitor.model import Model, from_model_units
 from monitor.model_card import ModelCard
@@ -17,6 +16,7 @@ from tests.gap_networks import (
     CHAIN,
     FILM,
     FIT,
+    assert_judged_alike,
     drive,
     fitted,
     gap_drives,
@@ -36,8 +36,6 @@ from training.gap.add.add_narx_training import old_weights, spec_of, with_differ
 from training.gap.add.added import Added
 from training.gap.drives import from_recording
 from training.gap.predicted import predicted_phi
-from training.judge import judge
-from training.limits import NO_LIMITS
 from training.narx import Spec
 from training.narx import simulate as run_network
 from training.prepare import Prepared, prepare
@@ -220,18 +218,7 @@ def test_a_file_that_computes_something_else_is_refused(
 def test_the_monitor_judges_with_effects_as_streaming_and_in_a_batch(
     which: str, request: pytest.FixtureRequest
 ) -> None:
-    path = request.getfixturevalue(which)
-    model, recording = Model.load(path), drive("micro_trips", 2_020_131, FILM, coolant_degc=85.0)
-    u = inputs_of(model, from_recording(recording))
-    both = np.stack([u[1000:1400], u[2000:2400]])
-    together = model.with_batch(2)
-    together.reset(both[:, 0])
-    batch = together.run_batch(both)
-    for i, rows in enumerate(both):
-        model.reset(rows[0])
-        assert np.array_equal([model.step(each) for each in rows], batch[i])
-    judged = judge(recording, model, NO_LIMITS, config.load())
-    assert len(judged.windows) > 5
+    assert_judged_alike(request.getfixturevalue(which))
 
 
 def test_a_measured_output_forces_the_network_without_the_effect_s_part(

@@ -6,17 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from monitor import config
 from monitor.errors import ModelError
 from monitor.model import Model
 from tests.gap_networks import (
     CHAIN,
     FILM,
     FIT,
+    assert_judged_alike,
     drive,
     fitted,
     gap_drives,
-    inputs_of,
     ranges,
     rmse,
     small_network,
@@ -32,8 +31,6 @@ from training.gap.drives import Drive, from_recording
 from training.gap.effects import ALL
 from training.gap.given import Given, Options
 from training.gap.predicted import predicted_phi
-from training.judge import judge
-from training.limits import NO_LIMITS
 from training.parity import Parity
 
 RAIL = ("rail_exponent", 16.0)
@@ -115,16 +112,7 @@ def test_an_effect_of_size_zero_changes_nothing_but_roundings(
 
 
 def test_the_monitor_judges_it_as_streaming_and_in_a_batch(before: Path) -> None:
-    model, recording = Model.load(before), drive("micro_trips", 2_020_131, FILM, coolant_degc=85.0)
-    u = inputs_of(model, from_recording(recording))
-    both = np.stack([u[1000:1400], u[2000:2400]])
-    together = model.with_batch(2)
-    together.reset(both[:, 0])
-    batch = together.run_batch(both)
-    for i, rows in enumerate(both):
-        model.reset(rows[0])
-        assert np.array_equal([model.step(each) for each in rows], batch[i])
-    assert len(judge(recording, model, NO_LIMITS, config.load()).windows) > 5
+    assert_judged_alike(before)
 
 
 def test_a_file_that_computes_something_else_is_refused(
