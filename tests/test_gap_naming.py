@@ -72,6 +72,22 @@ def test_a_sensor_slow_from_the_start_is_suspected_and_nothing_is_added() -> Non
     assert lag_s == pytest.approx(0.3, abs=0.1)
 
 
+def test_another_fuel_and_a_biased_sensor_are_each_said_to_look_like_the_other() -> None:
+    # GIVEN drives on fuel with ethanol, and drives with a sensor that reads lean
+    fuel = two_drives(2_200_190, ("ethanol", 4.0))
+    sensor = two_drives(2_200_192, fault=("biased_lean", 0.05))
+    # WHEN they are looked at, THEN the sensor is suspected of both, and ethanol is beside it
+    for each in (fuel, sensor):
+        found = name(each, known())
+        assert found.verdict == "sensor_fault_suspected"
+        assert found.effects == ()
+        assert [c.name for c in found.indistinguishable] == ["ethanol"]
+    # AND with a sensor known to be good the fuel has its name
+    found = name(fuel, known(), sensor_known_good=True)
+    assert [c.name for c in found.effects] == ["ethanol"]
+    assert found.indistinguishable == ()
+
+
 def test_a_sensor_that_turns_late_within_the_drives_is_suspected() -> None:
     late = two_drives(2_200_186, fault=("delay_rich_to_lean", 0.5), fault_start_s=300.0)
     found = name(late, known())

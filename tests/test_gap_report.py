@@ -318,6 +318,16 @@ def test_the_page_says_what_to_do_now(verdict: Verdict, words: str) -> None:
     assert words in page[page.index('id="now"') : page.index('id="much"')]
 
 
+def test_a_suspicion_says_which_effect_it_cannot_be_told_from() -> None:
+    found = naming("sensor_fault_suspected", indistinguishable=RANKING[:1])
+    page = report.as_page(replace(made("sensor_fault_suspected"), naming=found))
+    first = page[page.index("<h1>") : page.index("<nav>")]
+    assert "cannot be told from purge (canister purge brings fuel vapour)." in first
+    now = page[page.index('id="now"') : page.index('id="much"')]
+    assert "run again with --sensor-known-good: then purge may be named." in now
+    assert as_json(replace(made("named"), naming=found))["indistinguishable"] == ["purge"]
+
+
 def test_worse_regimes_and_lost_faults_are_warned_of() -> None:
     page = report.as_page(made("named", verified=verified(worse=True, lost=True)))
     now = page[page.index('id="now"') : page.index('id="much"')]

@@ -22,6 +22,7 @@ from training.gap_study.answers import (
     closed,
     right,
     right_or_among,
+    right_or_beside_fault,
     wrong_names,
 )
 from training.gap_study.assess import Target, assess, quantile
@@ -39,8 +40,8 @@ def row(kind: str = "effect", **changed: Any) -> dict[str, Any]:
     return {
         "number": 0, "kind": kind, "vehicle": 2100, "hidden": ["purge"], "severities": [4.0],
         "fault": None, "fault_severity": None, "error": None, "verdict": "named",
-        "names": ["purge"], "among": [], "noise": 0.007, "gap_over_noise": 3.0, "seconds": 4.0,
-        "added": ["purge"],
+        "names": ["purge"], "among": [], "indistinguishable": [], "noise": 0.007,
+        "gap_over_noise": 3.0, "seconds": 4.0, "added": ["purge"],
         "faults": {"drives": 20, "before": 15, "before_named": 12, "after": 16,
                    "after_named": 11, "alike": 2, "alike_named": 2},
         "alarms": {"drives": 2, "before": 0, "after": 0},
@@ -147,6 +148,15 @@ def test_right_is_every_hidden_effect_named_and_nothing_else() -> None:
     assert wrong_names(row(kind="null", hidden=[])) == ["purge"]
     assert right_or_among(row(verdict="ambiguous", names=[], among=["ethanol", "purge"]))
     assert not right_or_among(row(verdict="ambiguous", names=[], among=["ethanol", "mix_flow"]))
+
+
+def test_an_effect_that_a_suspected_fault_looks_like_is_neither_named_nor_ambiguous() -> None:
+    suspected = row(verdict="sensor_fault_suspected", names=[], hidden=["ethanol"],
+                    indistinguishable=["ethanol"])  # fmt: skip
+    assert not right(suspected)
+    assert not right_or_among(suspected)
+    assert right_or_beside_fault(suspected)
+    assert not right_or_beside_fault(suspected | {"hidden": ["purge"]})
 
 
 def test_the_gap_closed_counts_what_was_not_named_as_open() -> None:

@@ -164,6 +164,7 @@ def as_json(result: Result) -> dict[str, Any]:
         "model": None if result.new_model is None else str(result.new_model),
         "form": result.form or None,
         "suspected": naming.suspected,
+        "indistinguishable": [c.name for c in naming.indistinguishable],
         "unknown_effect": result.unknown,
         "explained_share": naming.explained_share,
         "ranking": [_candidate(c) for c in naming.ranking],

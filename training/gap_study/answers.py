@@ -59,6 +59,12 @@ def right_or_among(row: Row) -> bool:
     return right(row) or any(alike(h, n) for h in row["hidden"] for n in row["among"])
 
 
+def right_or_beside_fault(row: Row) -> bool:
+    """Return whether it is right or among, or what a suspected fault is said to look like."""
+    like = row["indistinguishable"]
+    return right_or_among(row) or any(alike(h, n) for h in row["hidden"] for n in like)
+
+
 def wrong_names(row: Row) -> list[str]:
     """Return the names given that nothing hidden deserves."""
     return [n for n in row["names"] if not any(alike(h, n) for h in row["hidden"])]

@@ -18,6 +18,7 @@ from training.gap_study.answers import (
     large,
     right,
     right_or_among,
+    right_or_beside_fault,
     size,
     wrong_names,
 )
@@ -84,6 +85,8 @@ def assess(rows: Sequence[Row], base: str) -> list[Target]:
         _names(rows),
         _share("right name", wide, 0.90, [right(r) for r in big]),
         _share("right or in the ambiguous set", wide, 0.95, [right_or_among(r) for r in big]),
+        _share("the same, or what the suspected fault is said to look like", wide, 0.95,
+               [right_or_beside_fault(r) for r in big]),
         _share("right name", narrow, 0.85, [right(r) for r in small]),
         _most("an effect named", "nothing hidden", 0.01, [bool(r["names"]) for r in null]),
         _share("unknown_effect", "outside the library, gap at least twice", 0.90,

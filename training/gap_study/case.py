@@ -125,6 +125,7 @@ def _said(found: Result) -> Row:
         "among": names if naming.verdict == "ambiguous" else [],
         "added": [each.name for each in found.added],
         "suspected": naming.suspected,
+        "indistinguishable": [candidate.name for candidate in naming.indistinguishable],
         "runner_up": ranking[1].name if len(ranking) > 1 else None,
         "win": ranking[1].win if len(ranking) > 1 else None,
         "ranking": [

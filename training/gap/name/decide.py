@@ -44,7 +44,7 @@ class Outcome:
     """What a step concludes and what it looked at."""
 
     verdict: Verdict
-    best: tuple[Candidate, ...]  # the named one, or the ambiguous set
+    best: tuple[Candidate, ...]  # the named one, the ambiguous set, or what looks like the fault
     suspected: str | None
     experiment: Experiment | None
     ranking: tuple[Candidate, ...]
@@ -161,6 +161,7 @@ def _at_fault(
         return None
     at_fault = [c for c in strong if c.kind == "sensor fault" and _is_felt(state, c)]
     words = at_fault[0].name if at_fault else None
+    as_good = tuple(c for c in strong if c.kind == "effect") if at_fault else ()
     looked_at = strong[:1] or [c for c in ranking[:RANKED_CLOSELY] if _is_large(c)]
     for candidate in () if words else looked_at:
         if strong and getattr(candidate.fit.terms[-1], "varies", False):
@@ -175,7 +176,7 @@ def _at_fault(
         words = f"{shift} left its healthy reference"
     if words is None:
         return None
-    return Outcome("sensor_fault_suspected", (), words, None, ranking)
+    return Outcome("sensor_fault_suspected", as_good[:AMBIGUOUS_MOST], words, None, ranking)
 
 
 def _shift(state: State) -> str | None:
@@ -197,11 +198,11 @@ def _of_the_gain(
     """
     if _shift(state) != GAIN_WORDS or not _is_of_the_gain(state, ranking):
         return None
-    effect = [c for c in ranking if c.name == GAIN_CLASS[0]]
+    effect = tuple(c for c in ranking if c.name == GAIN_CLASS[0])
     if sensor_known_good and effect:
-        return Outcome("named", (effect[0],), None, None, ranking)
+        return Outcome("named", effect, None, None, ranking)
     words = "a factor on the mixture (ethanol, humidity, slope errors) or a biased sensor"
-    return Outcome("sensor_fault_suspected", (), words, None, ranking)
+    return Outcome("sensor_fault_suspected", effect, words, None, ranking)
 
 
 def _is_of_the_gain(state: State, ranking: Sequence[Candidate]) -> bool:

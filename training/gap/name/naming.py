@@ -166,4 +166,5 @@ def _answer(
         outcome.experiment,
         tuple(warnings),
         tuple(rounds) if added else (),
+        outcome.best if verdict == "sensor_fault_suspected" else (),
     )

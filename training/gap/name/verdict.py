@@ -60,3 +60,4 @@ class Naming:
     experiment: Experiment | None
     warnings: tuple[str, ...]
     rounds: tuple[Round, ...] = ()  # of what was named, in the order found
+    indistinguishable: tuple[Candidate, ...] = ()  # effects that the suspected fault looks like

@@ -73,7 +73,15 @@ def _unknown(result: Result) -> str:
 
 def _sensor(result: Result) -> str:
     why = result.naming.suspected or "the discrepancy lies in the measured channel"
-    return f"Sensor fault suspected: {why}; {_level(result)}. Nothing was added to the model."
+    return (
+        f"Sensor fault suspected: {why}; {_level(result)}. Nothing was added to the model."
+        f"{_looks_like(result)}"
+    )
+
+
+def _looks_like(result: Result) -> str:
+    like = [f"{c.name} ({c.says})" for c in result.naming.indistinguishable]
+    return f" On these recordings it cannot be told from {_and(like, 'or')}." if like else ""
 
 
 def _level(result: Result) -> str:
@@ -119,9 +127,11 @@ def _describe(result: Result) -> list[str]:
 
 
 def _check_sensor(result: Result) -> list[str]:
+    like = _and([c.name for c in result.naming.indistinguishable], "or")
     return [
         "Check the sensor, its wiring and its supply, or record again with a sensor known good.",
-        "If the sensor is known to be good, run again with --sensor-known-good.",
+        "If the sensor is known to be good, run again with --sensor-known-good"
+        + (f": then {like} may be named." if like else "."),
     ]
 
 
