@@ -18,14 +18,14 @@ from monitor.model_card import ModelCard, TrainingRecording
 from monitor.signals import BY_NAME
 from monitor.types import FloatArray
 from tests.gap_drives import PERIOD_S, plain_signals
-from tests.gap_simulated import healthy, simulated, two_drives
+from tests.gap_simulated import known, simulated, two_drives
 from training import chain, greybox_graph
 from training.chain import Constants, base_path
 from training.dyno.simulate import Experiment
 from training.dyno.write import write
 from training.export import Graph, update_card
 from training.gap.add import add_greybox, effect_parity
-from training.gap.add.add_greybox import add
+from training.gap.add.add_greybox import Vehicle, add
 from training.gap.add.added import Added
 from training.gap.add.effect_nodes import FORMS, graph_effect, signals_of
 from training.gap.add.effect_parity import TOLERANCE, ParityError, made_inputs
@@ -110,7 +110,7 @@ def test_an_effect_in_the_graph_reads_as_its_numpy_form(
     for values in values_of(effect):
         added = Added.with_values(effect.name, values)
         out = tmp_path / "m.onnx"
-        card = add(base, [added], out, ranges=ranges_of(), recordings=FIT, constants=MOVED)
+        card = add(base, [added], out, ranges=ranges_of(), recordings=FIT, vehicle=Vehicle(MOVED))
         assert card.checks["parity"]["onnx_numpy"] < TOLERANCE
         for drive in (driven(), plain()):
             expected = reading(seen(card, drive), MOVED, [effect], [added.values])
@@ -151,7 +151,7 @@ def test_an_optional_signal_that_the_fit_had_not_is_not_read(
 def test_the_card_says_what_was_added(base: Path, tmp_path: Path) -> None:
     out = tmp_path / "m.onnx"
     old = Model.load(base).card
-    card = add(base, [FILM, PURGE], out, ranges=ranges_of(), recordings=FIT, constants=MOVED)
+    card = add(base, [FILM, PURGE], out, ranges=ranges_of(), recordings=FIT, vehicle=Vehicle(MOVED))
     assert Model.load(out).card == card
     further = ("coolant_temperature_degc", "manifold_pressure_kpa", "ambient_pressure_kpa",
                "purge_duty_percent")  # fmt: skip
@@ -206,9 +206,9 @@ def test_a_model_can_be_extended_again(base: Path, tmp_path: Path) -> None:
 
 def test_the_healthy_vehicle_s_volumes_are_part_of_the_base(base: Path, tmp_path: Path) -> None:
     # GIVEN a base with volumes that the healthy vehicle has, and an effect
-    own = [Added.with_values("delay_flow", [-0.4]), Added.with_values("mix_flow", [0.6])]
+    own = (Added.with_values("delay_flow", [-0.4]), Added.with_values("mix_flow", [0.6]))
     out, wide = tmp_path / "m.onnx", {"ranges": ranges_of(), "recordings": FIT}
-    card = add(base, [FILM], out, **wide, constants=MOVED, own=own)
+    card = add(base, [FILM], out, **wide, vehicle=Vehicle(MOVED, own))
     # THEN the file reads as the arrays with all of them, and the effect alone is an added one
     every, drive = (*own, FILM), seen(card, driven())
     expected = reading(drive, MOVED, [e.effect for e in every], [e.values for e in every])
@@ -217,7 +217,7 @@ def test_the_healthy_vehicle_s_volumes_are_part_of_the_base(base: Path, tmp_path
     assert np.abs(without - expected)[card.lags :].max() > 0.01
     assert [each["name"] for each in card.effects] == ["wall_film"]
     again = add(out, [DELAY], tmp_path / "again.onnx", **wide)
-    assert Greybox.of(again).own == tuple(own)
+    assert Greybox.of(again).own == own
 
 
 def test_the_order_of_effects_is_that_of_their_fit(base: Path, tmp_path: Path) -> None:
@@ -298,14 +298,15 @@ def test_a_named_effect_in_the_file_makes_the_gap_smaller_on_a_drive_no_fit_saw(
 ) -> None:
     # GIVEN drives of a vehicle with a wall film in the plant's form, and its name
     drives = two_drives(2_200_140, ("wall_film", 4.0))
-    found = named(drives, healthy())
+    found = named(drives, known())
+    vehicle = Vehicle.of(known(), Greybox.of(Model.load(base).card), drives)
     assert [e.name for e in found.effects] == ["wall_film"]
     # WHEN it is added with the constants it was found with, and without it
     fresh = simulated("wltc_3b", 2_200_153, ("wall_film", 4.0))
     off = []
     for i, effects in enumerate(([], [Added.of(e) for e in found.effects])):
         out = tmp_path / f"{i}.onnx"
-        add(base, effects, out, ranges=ranges_of(), recordings=FIT, constants=found.base)
+        add(base, effects, out, ranges=ranges_of(), recordings=FIT, vehicle=vehicle)
         off.append(np.mean((run(out, fresh) - fresh.phi_measured)[fresh.scored] ** 2))
     # THEN the model with it is nearer to the measurement
     assert off[1] < 0.6 * off[0]

@@ -105,7 +105,7 @@ def test_without_healthy_recordings_an_effect_is_named_as_with_them(
     chain: Path, alone: Result, tmp_path: Path
 ) -> None:
     # GIVEN drives with a hidden effect
-    driven, healthy = recordings(2_311_000, **FILM), recordings(2_310_000, HEALTHY)[1:]
+    driven, healthy = recordings(2_311_000, **FILM), recordings(2_310_000, HEALTHY)[::-1]
     # WHEN it is looked for with the healthy recordings, and with the model's own reference
     given = asked(chain, driven, tmp_path, healthy=healthy, known=known())
     # THEN the answer is the same, but for what the report says of the drives that are not there
@@ -123,6 +123,32 @@ def test_without_healthy_recordings_an_effect_is_named_as_with_them(
     assert given.new_model is not None
     stored = Model.load(given.new_model).card.reference[KEY]
     assert stored["recordings"] == [each.path.name for each in healthy]
+
+
+def test_a_model_fitted_to_drives_with_the_effect_gets_the_charge_of_healthy_ones(
+    tmp_path: Path,
+) -> None:
+    # GIVEN a chain fitted to drives with a hidden effect, which its error of the charge takes in
+    driven, healthy = recordings(2_311_000, **FILM), recordings(2_310_000, HEALTHY)
+    model = fit_greybox(driven, tmp_path / "m.onnx").path
+    assert [each.charged for each in base.drives_of(model, driven)] == [True, True]
+    # WHEN healthy drives are given
+    made = base.drives_of(model, driven, healthy)
+    known = accepted.learn(base.drives_of(model, healthy, healthy), Constants())
+    found = asked(model, driven, tmp_path, healthy=healthy, known=known)
+    # THEN the effect is looked for beside the charge that these teach, and both go into the model
+    assert [each.charged for each in made] == [False, False]
+    np.testing.assert_array_equal(made[0].signals["air_mass_mg"], driven[0].column("air_mass_mg"))
+    assert (found.verdict, [a.name for a in found.added]) == ("named", ["wall_film"])
+    assert found.new_model is not None
+    new = Greybox.of(Model.load(found.new_model).card)
+    assert known.charge is not None
+    assert new.charge_error is not None
+    assert new.charge_error.to_card() == known.charge.to_card()
+    # AND a recording that no fit saw is predicted far better
+    before, after, _, _ = found.rmse
+    assert after is not None
+    assert after < 0.7 * before
 
 
 def test_a_model_extended_without_healthy_recordings_has_no_gap_left(

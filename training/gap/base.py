@@ -45,23 +45,29 @@ def own_charge(card: ModelCard) -> bool:
     return card.kind == GREYBOX and Greybox.of(card).charge_map is not None
 
 
-def drives_of(model: Path, recordings: Sequence[Recording]) -> list[Drive]:
+def drives_of(
+    model: Path, recordings: Sequence[Recording], healthy: Sequence[Recording] = ()
+) -> list[Drive]:
     """Return the recordings as the naming wants them: with the charge that the model sees.
 
     Effects are named on the chain, whatever the model is: what a network misses on new drives
     differs from what it misses on those it was trained on, and looks like an effect. Effects that
     the model has already move the chain as well.
+
+    healthy : what is known of the vehicle comes from these; of a model that was fitted to others
+        the charge is as broadcast, because its error there may hold part of what is looked for
     Raises RecordingError if a recording lacks a signal or too little of it can be scored.
     """
     card = check(model)
-    made = plain_drives_of(card, recordings)
+    made = plain_drives_of(card, recordings, healthy)
     if not card.effects:
         return made
     if card.kind == GREYBOX:
-        alone = Greybox.of(card)
-        read = predicted_phi(model, recordings)
+        alone, read = Greybox.of(card), predicted_phi(model, recordings)
+        seen = plain_drives_of(card, recordings)
         return [
-            replace(d, moved_phi=phi - _plain(d, alone)) for d, phi in zip(made, read, strict=True)
+            replace(drive, moved_phi=phi - _plain(own, alone))
+            for drive, own, phi in zip(made, seen, read, strict=True)
         ]
     added = ChainDifference.from_card(card)
     return [replace(d, moved_phi=added.values(d.signals)) for d in made]
@@ -76,19 +82,29 @@ def read_by(model: Path, recordings: Sequence[Recording]) -> list[Drive]:
     return [replace(d, phi_of_model=phi) for d, phi in zip(made, read, strict=True)]
 
 
-def plain_drives_of(card: ModelCard, recordings: Sequence[Recording]) -> list[Drive]:
+def plain_drives_of(
+    card: ModelCard, recordings: Sequence[Recording], healthy: Sequence[Recording] = ()
+) -> list[Drive]:
     """Return the recordings with the charge that the model sees, and without what it reads.
 
+    healthy : as in ``drives_of``
     Raises RecordingError as ``drives_of``.
     """
     if card.kind != GREYBOX:
         return [from_recording(each) for each in recordings]
     chain = Greybox.of(card)
+    if healthy and not _fitted_to(card, healthy):
+        chain = replace(chain, charge_error=None)
     made = [_made(each, chain) for each in recordings]
     return [
         replace(from_recording(each, own), charged=bool(own))
         for each, own in zip(recordings, made, strict=True)
     ]
+
+
+def _fitted_to(card: ModelCard, recordings: Sequence[Recording]) -> bool:
+    """Whether a model was fitted to nothing but these recordings."""
+    return {each.sha256 for each in card.recordings} <= {each.sha256 for each in recordings}
 
 
 def _plain(drive: Drive, chain: Greybox) -> FloatArray:

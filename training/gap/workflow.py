@@ -76,7 +76,7 @@ def investigate(
     mixing = mixed.warn(
         _with_own(drives, on.known),
         mixed.chain_of(naming, on.base),
-        _with_own(base.plain_drives_of(card, given.healthy), on.known),
+        _with_own(base.plain_drives_of(card, given.healthy, given.healthy), on.known),
     )
     new, form, added, warnings = _add(given, out, options, naming, on, progress)
     fitted_to, held_out = split(given)
@@ -131,7 +131,7 @@ class Yardstick:
 
 
 def _drives(given: Given) -> list[Drive]:
-    drives = base.drives_of(given.model, given.recordings)
+    drives = base.drives_of(given.model, given.recordings, given.healthy)
     usable.check_long(drives, "new")
     usable.check_moving(drives)
     return drives
@@ -163,7 +163,7 @@ def _name(
 
 
 def _learn(given: Given, start: Constants, progress: Progress) -> Healthy:
-    drives = base.drives_of(given.model, given.healthy)
+    drives = base.drives_of(given.model, given.healthy, given.healthy)
     usable.check_long(drives, "healthy")
     return accepted.learn(drives, start, progress)
 

@@ -193,4 +193,5 @@ def _errors(model: Path, recordings: Sequence[Recording]) -> list[FloatArray]:
 
 
 def _learn(model: Path, healthy: Sequence[Recording]) -> Healthy:
-    return accepted.learn(base.drives_of(model, healthy), base.constants_of(base.check(model)))
+    drives = base.drives_of(model, healthy, healthy)
+    return accepted.learn(drives, base.constants_of(base.check(model)))

@@ -1,7 +1,7 @@
 """Effects become part of a grey-box model's file, with proof that it computes what the fit did."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +16,29 @@ from training.gap.add.effect_inputs import SPEED, Ranges, channel_of, limits_of,
 from training.gap.add.effect_nodes import graph_effect
 from training.gap.add.effect_parity import TOLERANCE, Entry, parity
 from training.gap.drives import Drive
+from training.gap.reference.healthy import Healthy
 from training.greybox import Fitted, described, reference
+from training.greybox_charge_error import ChargeError
 from training.greybox_graph import Greybox, longest_dead_time_s, register_for, save
 
 BEFORE = "before_effects"  # what the card's measures are of: the new model's are not known here
 BEFORE_EFFECTS = "; of the base before effects were added, with other values"
+
+
+@dataclass(frozen=True, slots=True)
+class Vehicle:
+    """The healthy vehicle's chain, learned anew."""
+
+    constants: Constants
+    own: tuple[Added, ...] = ()  # what it has beside them
+    charge_error: ChargeError | None = None
+
+    @classmethod
+    def of(cls, known: Healthy, model: Greybox, drives: Sequence[Drive]) -> "Vehicle":
+        """Return what healthy drives taught; if ``drives`` have the model's charge, with that."""
+        own = tuple(Added.with_values(e.name, values.tolist()) for e, values in known.own)
+        charged = any(drive.charged for drive in drives)
+        return cls(known.base, own, model.charge_error if charged else known.charge)
 
 
 def add(
@@ -30,8 +48,7 @@ def add(
     *,
     ranges: Ranges,
     recordings: Sequence[TrainingRecording],
-    constants: Constants | None = None,
-    own: Sequence[Added] = (),
+    vehicle: Vehicle | None = None,
     drives: Sequence[Drive] = (),
 ) -> ModelCard:
     """Write ``model`` with effects behind those it has already to ``out``; return its card.
@@ -39,8 +56,7 @@ def add(
     ranges : low and high of every signal present in the drives of the fit; an optional signal
         that is not among them was not there, and the effect takes its own default for it
     recordings : what the effects were fitted to
-    constants, own : of the base and of what the healthy vehicle has beside it, if they were fitted
-        anew
+    vehicle : with which the effects were fitted, if it is not that of the model
     drives : further inputs on which ONNX must agree with numpy, beside made ones
     Raises ModelError if the model is not a grey-box, a signal is missing, or ONNX and numpy differ
     by more than 1e-5 in phi.
@@ -50,15 +66,17 @@ def add(
         raise ModelError(f"{model}: a {card.kind} model, a greybox is wanted to add effects in it")
     old = Greybox.of(card)
     reads = [reads_of(each, old.inputs, ranges) for each in added]
-    if constants is not None:
-        old = replace(old, constants=constants, own=tuple(own))
+    if vehicle is not None:
+        old = replace(
+            old, constants=vehicle.constants, own=vehicle.own, charge_error=vehicle.charge_error
+        )
     greybox = _extended(old, added, reads, ranges)
     came_from = [asdict(recording) for recording in recordings]
     entries = [each.to_card() | {"reads": list(names), "recordings": came_from}
                for each, names in zip(added, reads, strict=True)]  # fmt: skip
     card = _card(card, greybox, entries, ranges, recordings)
-    if constants is not None:
-        card = _with_constants(card, constants)
+    if vehicle is not None:
+        card = _with_constants(card, vehicle.constants)
     path = Path(out)
     partial = path.with_suffix(".partial")
     save(partial, greybox, card)

@@ -31,6 +31,7 @@ from training.gap.predicted import predicted_phi
 from training.gap.reference import healthy
 from training.gap.reference.healthy import Healthy
 from training.gap.result import of_recording
+from training.greybox_graph import Greybox
 from training.judge import judge_recordings
 from training.limits import whole, with_limits
 from training.recordings import Recording
@@ -58,11 +59,12 @@ def refitted(
     """
     recordings = [given.recordings[i] for i in split(given)[0]]
     greybox = base.check(given.model).kind == base.GREYBOX
-    read = base.drives_of if greybox or not given.healthy else base.read_by
+    drives = base.drives_of(given.model, recordings, given.healthy)
     if known and given.healthy and not greybox:
         alone = replace(known, base=known.plain, own=(), charge=None)
-        known = healthy.learn(read(given.model, given.healthy), known.plain, alone)
-    state = begin(read(given.model, recordings), known, known.base if known else start)
+        known = healthy.learn(base.read_by(given.model, given.healthy), known.plain, alone)
+        drives = base.read_by(given.model, recordings)
+    state = begin(drives, known, known.base if known else start)
     last = naming.effects[-1].fit
     case, again = fit_alike(state.case, fit(state.case, last.terms, [last]))
     if not holds_on_others(case, state.current, again):
@@ -97,7 +99,7 @@ def add(
     card = base.check(given.model)
     out.parent.mkdir(parents=True, exist_ok=True)
     recordings = [given.recordings[i] for i in split(given)[0]]
-    drives = base.drives_of(given.model, recordings)
+    drives = base.drives_of(given.model, recordings, given.healthy)
     ranges = {
         name: (
             float(min(np.min(d.signals[name]) for d in drives)),
@@ -109,12 +111,10 @@ def add(
     }
     used = tuple(map(of_recording, recordings))
     if card.kind == base.GREYBOX:
-        own = known.own if known else ()
+        vehicle = add_greybox.Vehicle.of(known, Greybox.of(card), drives) if known else None
         add_greybox.add(
-            given.model, added, out, ranges=ranges, recordings=used,
-            constants=known.base if known else None,
-            own=[Added.with_values(e.name, values.tolist()) for e, values in own], drives=drives,
-        )  # fmt: skip
+            given.model, added, out, ranges=ranges, recordings=used, vehicle=vehicle, drives=drives
+        )
         return _if_better(given.model, out, recordings, FORMS["greybox"])
     reference = known.plain if known else start
     form, says = _beside_network(given, out, added, reference, ranges, used, drives)
