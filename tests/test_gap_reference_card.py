@@ -18,7 +18,7 @@ from training.cli import main as o2train
 from training.dyno.simulate import Experiment
 from training.dyno.write import write
 from training.export import update_card
-from training.gap import base
+from training.gap import base, usable
 from training.gap.reference import accepted
 from training.gap.reference.healthy import Healthy, columns
 from training.gap.reference.learn_reference import set_reference, store
@@ -149,6 +149,14 @@ def test_a_model_fitted_to_drives_with_the_effect_gets_the_charge_of_healthy_one
     before, after, _, _ = found.rmse
     assert after is not None
     assert after < 0.7 * before
+
+
+def test_recordings_that_the_model_was_fitted_to_are_told_from_others(chain: Path) -> None:
+    card = Model.load(chain).card
+    driven, healthy = recordings(2_311_000, **FILM), recordings(2_310_000, HEALTHY)
+    assert usable.fitted_to(card, driven) == []
+    (warning,) = usable.fitted_to(card, (*driven, healthy[1]))
+    assert warning.startswith(f"{healthy[1].path.name}: the model was fitted to them")
 
 
 def test_a_model_extended_without_healthy_recordings_has_no_gap_left(

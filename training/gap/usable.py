@@ -141,6 +141,18 @@ def poor(card: ModelCard) -> list[str]:
     ]
 
 
+def fitted_to(card: ModelCard, recordings: Sequence[Recording]) -> list[str]:
+    """Return a warning if the model, with its own reference, was fitted to what is looked at."""
+    known = {each.sha256 for each in card.recordings}
+    own = [each.path.name for each in recordings if each.sha256 in known]
+    if not own:
+        return []
+    return [
+        f"{', '.join(own)}: the model was fitted to them, so a gap that they have counts as "
+        "healthy; give recordings of the vehicle without it as --healthy"
+    ]
+
+
 def unlearned(recordings: Sequence[Recording], healthy: Sequence[Recording]) -> list[str]:
     """Return warnings of effects whose signals healthy recordings lack and the others have."""
     if not healthy:

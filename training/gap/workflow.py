@@ -146,7 +146,8 @@ def _yardstick(
         return Yardstick(start, known)
     if given.healthy:
         return Yardstick(start, stages.done("healthy", lambda: _learn(given, start, progress)))
-    return Yardstick(start, *reference_card.known_of(card))
+    known, doubts = reference_card.known_of(card)
+    return Yardstick(start, known, [*doubts, *usable.fitted_to(card, given.recordings)])
 
 
 def _name(
