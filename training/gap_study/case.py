@@ -57,11 +57,16 @@ class Vehicle:
 
 
 def prepare(study: Study, number: int, model: Path) -> Vehicle:
-    """Return what a vehicle's healthy recordings teach; the base goes to the file ``model``."""
+    """Return what a vehicle's healthy recordings teach; the base goes to the file ``model``.
+
+    Where bases are fitted to the cases' own recordings it is taught without this base's charge.
+    """
     made = drive.healthy(healthy_parts(study, number), number, study.duration_s)
     fit_base(study.base, made, model)
-    known = _learn(model, made)
-    state = begin(base.drives_of(model, made), known, known.base)
+    alone = study.fitted_with_effect
+    drives = list(map(from_recording, made)) if alone else base.drives_of(model, made, made)
+    known = accepted.learn(drives, base.constants_of(base.check(model)))
+    state = begin(drives, known, known.base)
     noise_phi = scoring.floor_phi(state.case, state.current)
     return Vehicle(number, model, tuple(made), known, noise_phi)
 
@@ -93,15 +98,14 @@ def _answered(case: Case, study: Study, vehicle: Vehicle) -> Row:
     if case.hidden or case.fault:
         nothing = drive.recordings(case, study.duration_s, hidden=False)
     with TemporaryDirectory() as folder:
-        model, known, reference = vehicle.model, vehicle.known, vehicle.model
+        model = reference = vehicle.model
         if study.fitted_with_effect:
             model, reference = Path(folder) / "base.onnx", Path(folder) / "reference.onnx"
             fit_base(study.base, recordings, model)
             fit_base(study.base, nothing, reference)
-            known = _learn(model, vehicle.healthy)
         began_s = time.perf_counter()
         steps, faults = 2 if case.kind == "two" else 1, FAULTS if case.hidden else ()
-        found = ask(Given(model, recordings, vehicle.healthy), known, steps, faults)
+        found = ask(Given(model, recordings, vehicle.healthy), vehicle.known, steps, faults)
         took_s = time.perf_counter() - began_s
         held_out = {each.sha256 for each in found.held_out}
         pairs = zip(recordings, nothing, strict=True)
@@ -190,8 +194,3 @@ def _errors(model: Path, recordings: Sequence[Recording]) -> list[FloatArray]:
     return [
         np.where(d.scored, phi - d.phi_measured, np.nan) for d, phi in zip(made, run, strict=True)
     ]
-
-
-def _learn(model: Path, healthy: Sequence[Recording]) -> Healthy:
-    drives = base.drives_of(model, healthy, healthy)
-    return accepted.learn(drives, base.constants_of(base.check(model)))
