@@ -291,8 +291,11 @@ def test_the_base_is_fitted_to_the_healthy_recordings_or_to_those_of_the_case(
     # GIVEN a vehicle, and a case with an effect in it
     monkeypatch.setattr(plan, "HEALTHY_DRIVES", 3)
     study = Study(cases=(("effect", 1),), drives=2, duration_s=180.0, vehicles=1)
+    studies = [study, replace(study, fitted_with_effect=True)]
     (asked,) = cases(study)
-    vehicle = case.prepare(study, asked.vehicle, tmp_path / "base.onnx")
+    vehicles = [
+        case.prepare(s, asked.vehicle, tmp_path / f"{i}.onnx") for i, s in enumerate(studies)
+    ]
     fitted: list[str] = []
 
     def takes_note(kind: str, recordings: list[Recording], out: Path) -> None:
@@ -301,9 +304,7 @@ def test_the_base_is_fitted_to_the_healthy_recordings_or_to_those_of_the_case(
 
     monkeypatch.setattr(case, "fit_base", takes_note)
     # WHEN it is run with either base
-    rows = [
-        case.run(asked, replace(study, fitted_with_effect=own), vehicle) for own in (False, True)
-    ]
+    rows = [case.run(asked, s, vehicle) for s, vehicle in zip(studies, vehicles, strict=True)]
     # THEN only the second is fitted, to the drives with the effect and to those without
     assert [r["error"] for r in rows] == [None, None]
     assert fitted == [
