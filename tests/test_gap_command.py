@@ -253,9 +253,9 @@ def test_a_model_that_predicts_no_better_with_the_effect_is_not_written(
     given = Given(chain, recordings, verify=recordings[:1])
     lag = Added.with_values("mix_flow", [4.0])
     # WHEN it is to be added all the same
-    new, form = adding.add(
-        given, tmp_path / "m.onnx", [lag], None, base.constants_of(base.check(chain)), Options()
+    new, form, added = adding.add(
+        given, tmp_path / "m.onnx", [[lag]], None, base.constants_of(base.check(chain)), Options()
     )
     # THEN the error grows, and no file is left
-    assert (new, form) == (None, "")
+    assert (new, form, added) == (None, "", ())
     assert not list(tmp_path.iterdir())

@@ -176,16 +176,32 @@ def test_a_form_that_fails_its_proof_is_left_out(
 
     monkeypatch.setattr(add_narx, "parity", parity)
     # WHEN the film is added THEN the other form is taken, and no other file is left
-    new, form = adding.add(given, tmp_path / "model.onnx", [film], None, chain, Options())
+    target = tmp_path / "model.onnx"
+    new, form, added = adding.add(given, target, [[film]], None, chain, Options())
     assert new is not None
+    assert added == (film,)
     assert form.startswith("beside the network" if wrong == BEFORE else "before the network")
     assert list(tmp_path.iterdir()) == [new]
     # and with none that agrees nothing is
     monkeypatch.setattr(adding.add_narx, "can_stand_before", lambda *_: wrong == BEFORE)
     monkeypatch.setattr(add_narx, "parity", _differ)
     with pytest.raises(ParityError, match="they differ"):
-        adding.add(given, tmp_path / "other.onnx", [film], None, chain, Options())
+        adding.add(given, tmp_path / "other.onnx", [[film]], None, chain, Options())
     assert list(tmp_path.iterdir()) == [new]
+
+
+def test_of_several_constants_those_that_predict_best_are_taken(
+    base: FitResult, tmp_path: Path
+) -> None:
+    # GIVEN a film with constants that were fitted, and with others
+    chain, film = fitted()
+    far = Added.with_values("wall_film", [2.0 * film.values[0], *film.values[1:].tolist()])
+    given = Given(base.path, gap_drives(), verify=gap_drives()[:1])
+    for choices in ([[far], [film]], [[film], [far]]):
+        # WHEN it is added THEN the better ones are taken, whichever come first
+        _, _, added = adding.add(given, tmp_path / "m.onnx", choices, None, chain, Options())
+        assert added == (film,)
+    assert [each.name for each in tmp_path.iterdir()] == ["m.onnx"]
 
 
 def _differ(*_: object) -> Parity:

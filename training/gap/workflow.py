@@ -13,7 +13,7 @@ from typing import Final
 from monitor.model_card import ModelCard
 from training.chain import Constants
 from training.gap import base, located, mixed, usable
-from training.gap.add import adding
+from training.gap.add import adding, constants
 from training.gap.add.added import Added, uncertain
 from training.gap.add.effect_parity import ParityError
 from training.gap.check.verified import Verified
@@ -195,11 +195,11 @@ def _add(
     if not wanted:
         return None, "", (), warnings
     progress("adding")
-    added = adding.refitted(given, naming, on.known, on.start)
-    if not added:
+    choices = constants.refitted(given, naming, on.known, on.start)
+    if not choices:
         return None, "", (), [*warnings, VARIES]
     try:
-        new, form = adding.add(given, out / NEW_MODEL, added, on.known, on.start, options)
+        new, form, added = adding.add(given, out / NEW_MODEL, choices, on.known, on.start, options)
     except ParityError as error:
         return None, "", (), [*warnings, f"what was named is not added: {error}"]
     if new is None:

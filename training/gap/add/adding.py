@@ -1,7 +1,8 @@
-"""What was named becomes part of the model: constants, the form that predicts best, the file."""
+"""What was named becomes part of the model: the form and constants that predict best, the file."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Final
 
@@ -11,12 +12,10 @@ from monitor import config
 from monitor.errors import RecordingError
 from monitor.limits import Limits
 from monitor.model import Model
-from monitor.model_card import TrainingRecording
 from training.chain import Constants
 from training.export import update_card
 from training.gap import base
 from training.gap.add import add_greybox, add_narx
-from training.gap.add.across_drives import fit_alike, holds_on_others
 from training.gap.add.add_narx_network import BEFORE, TO_OUTPUT
 from training.gap.add.added import Added
 from training.gap.add.effect_inputs import Ranges
@@ -24,11 +23,7 @@ from training.gap.add.effect_parity import ParityError
 from training.gap.check.detection import ACCEPTED
 from training.gap.drives import Drive
 from training.gap.given import Given, Options, split
-from training.gap.name.begin import begin
-from training.gap.name.fitting import fit
-from training.gap.name.verdict import Naming
 from training.gap.predicted import predicted_phi
-from training.gap.reference import healthy
 from training.gap.reference.healthy import Healthy
 from training.gap.result import of_recording
 from training.greybox_graph import Greybox
@@ -46,52 +41,13 @@ AGAINST: Final = {"before": "before it", "output": "beside its output", "input":
 WORSE: Final = 1.02  # of the RMSE, up to which a form counts as no worse
 
 
-def refitted(
-    given: Given, naming: Naming, known: Healthy | None, start: Constants
-) -> tuple[Added, ...]:
-    """Return what was named, with constants from the recordings that are not held out.
-
-    Nothing if constants from some of these recordings predict the others no better than none.
-
-    A grey-box model takes over the base of the naming. Beside a network there is the plain chain;
-    the network's own errors are what the constants have to suit there, where healthy recordings
-    tell which of them it makes anyway.
-    """
-    recordings = [given.recordings[i] for i in split(given)[0]]
-    greybox = base.check(given.model).kind == base.GREYBOX
-    drives = base.drives_of(given.model, recordings, given.healthy)
-    if known and given.healthy and not greybox:
-        alone = replace(known, base=known.plain, own=(), charge=None)
-        known = healthy.learn(base.read_by(given.model, given.healthy), known.plain, alone)
-        drives = base.read_by(given.model, recordings)
-    state = begin(drives, known, known.base if known else start)
-    last = naming.effects[-1].fit
-    case, again = fit_alike(state.case, fit(state.case, last.terms, [last]))
-    if not holds_on_others(case, state.current, again):
-        return ()
-    added = []
-    for candidate, values, errors in zip(
-        naming.effects, again.parameters, again.standard_errors, strict=True
-    ):
-        names = list(candidate.parameters)
-        added.append(
-            Added.of(
-                replace(
-                    candidate,
-                    parameters=dict(zip(names, values.tolist(), strict=True)),
-                    standard_errors=dict(zip(names, errors.tolist(), strict=True)),
-                )
-            )
-        )
-    return tuple(added)
-
-
 def add(
-    given: Given, out: Path, added: Sequence[Added], known: Healthy | None, start: Constants,
-    options: Options,
-) -> tuple[Path | None, str]:  # fmt: skip
-    """Write the new model in the form that predicts best; return it and the form.
+    given: Given, out: Path, choices: Sequence[Sequence[Added]], known: Healthy | None,
+    start: Constants, options: Options,
+) -> tuple[Path | None, str, tuple[Added, ...]]:  # fmt: skip
+    """Write the new model that predicts best; return it, its form and its effects.
 
+    choices : the effects, each time with other constants, the ones to prefer first
     There is none if it predicts the recordings of the fit no better than the old one. Its decision
     limits are set on them: those of the old model go with the old model's errors.
     Raises ParityError if no form computes the same in ONNX and numpy.
@@ -111,79 +67,99 @@ def add(
     }
     used = tuple(map(of_recording, recordings))
     if card.kind == base.GREYBOX:
+        (added,) = map(tuple, choices)
         vehicle = add_greybox.Vehicle.of(known, Greybox.of(card), drives) if known else None
         add_greybox.add(
             given.model, added, out, ranges=ranges, recordings=used, vehicle=vehicle, drives=drives
         )
-        return _if_better(given.model, out, recordings, FORMS["greybox"])
+        return _if_better(given.model, out, recordings, FORMS["greybox"], added)
     reference = known.plain if known else start
-    form, says = _beside_network(given, out, added, reference, ranges, used, drives)
+    tried = _beside_network(given.model, out, choices, reference, ranges, recordings, drives)
+    best, says = _best(tried)
+    best.path.replace(out)
+    for each in tried:
+        each.path.unlink(missing_ok=True)
     if options.retrain_minutes <= 0.0:
-        return _if_better(given.model, out, recordings, says)
+        return _if_better(given.model, out, recordings, says, best.added)
     other = out.with_name("retrained.onnx")
     try:
         add_narx.retrain(
-            given.model, added, reference, recordings, other, ranges=ranges,
+            given.model, best.added, reference, recordings, other, ranges=ranges,
             budget_minutes=options.retrain_minutes,
         )  # fmt: skip
     except ParityError:
-        return _if_better(given.model, out, recordings, says)
-    kept, says = _kept(out, other, form, "input", split(given)[1] or recordings)
+        return _if_better(given.model, out, recordings, says, best.added)
+    judges = split(given)[1] or recordings
+    pair = [
+        _Tried(form, best.added, path, _rmse(path, judges))
+        for form, path in ((best.form, out), ("input", other))
+    ]
+    kept, says = _best(pair)
+    if kept.path != out:
+        other.replace(out)
+    other.unlink(missing_ok=True)
     # Trained on the recordings it errs less on them than on others: the old limits stay.
-    return _if_better(given.model, out, recordings, says, limits=kept == form)
+    limits = kept.form == best.form
+    return _if_better(given.model, out, recordings, says, best.added, limits=limits)
+
+
+@dataclass(frozen=True, slots=True)
+class _Tried:
+    """A file with effects in one form, and what it misses."""
+
+    form: str
+    added: tuple[Added, ...]
+    path: Path
+    rmse: float  # phi
 
 
 def _beside_network(
-    given: Given, out: Path, added: Sequence[Added], chain: Constants, ranges: Ranges,
-    used: Sequence[TrainingRecording], drives: Sequence[Drive],
-) -> tuple[str, str]:  # fmt: skip
-    """Write the network with effects before it or at its output; return the form, also in words."""
+    model: Path, out: Path, choices: Sequence[Sequence[Added]], chain: Constants, ranges: Ranges,
+    recordings: Sequence[Recording], drives: Sequence[Drive],
+) -> list[_Tried]:  # fmt: skip
+    """Write the network with effects before it and at its output, to files beside ``out``."""
     forms = {"output": TO_OUTPUT}
-    if add_narx.can_stand_before(given.model, added, chain, drives[0]):
+    if add_narx.can_stand_before(model, choices[0], chain, drives[0]):
         forms = {"before": BEFORE, **forms}
-    written, wrong = {}, None
-    for name, form in forms.items():
-        path = out.with_name(f"{name}.onnx")
+    tried, wrong = list[_Tried](), None
+    for (name, form), (i, added) in product(forms.items(), enumerate(choices)):
+        path = out.with_name(f"{name}{i}.onnx")
         try:
             add_narx.add(
-                given.model, added, chain, path, ranges=ranges, recordings=used, drives=drives,
-                form=form,
+                model, added, chain, path, ranges=ranges,
+                recordings=tuple(map(of_recording, recordings)), drives=drives, form=form,
             )  # fmt: skip
-            written[name] = path
+            tried.append(_Tried(name, tuple(added), path, _rmse(path, recordings)))
         except ParityError as error:
             wrong = error
-    if not written:
+    if not tried:
         assert wrong is not None
         raise wrong
-    first, *others = written
-    written[first].replace(out)
-    if not others:
-        return first, FORMS[first]
-    recordings = [given.recordings[i] for i in split(given)[0]]
-    return _kept(out, written[others[0]], first, others[0], recordings)
+    return tried
 
 
-def _kept(
-    out: Path, other: Path, form: str, of_other: str, recordings: Sequence[Recording]
-) -> tuple[str, str]:
-    """Leave the better of two files in ``out``; return its form, and it in words."""
-    own, others = (_rmse(each, recordings) for each in (out, other))
-    if others * WORSE < own:
-        other.replace(out)
-        return of_other, f"{FORMS[of_other]} (RMSE {others:.4f} against {own:.4f} {AGAINST[form]})"
-    other.unlink()
-    return form, f"{FORMS[form]} (RMSE {own:.4f} against {others:.4f} {AGAINST[of_other]})"
+def _best(tried: Sequence[_Tried]) -> tuple[_Tried, str]:
+    """Return the first that is about as good as the best, and in words what it is."""
+    least = min(each.rmse for each in tried)
+    best = next(each for each in tried if each.rmse <= WORSE * least)
+    rivals = [each for each in tried if each.form != best.form]
+    if not rivals:
+        return best, FORMS[best.form]
+    rival = min(rivals, key=lambda each: each.rmse)
+    against = f"RMSE {best.rmse:.4f} against {rival.rmse:.4f} {AGAINST[rival.form]}"
+    return best, f"{FORMS[best.form]} ({against})"
 
 
 def _if_better(
-    old: Path, new: Path, recordings: Sequence[Recording], form: str, *, limits: bool = True
-) -> tuple[Path | None, str]:
+    old: Path, new: Path, recordings: Sequence[Recording], form: str, added: tuple[Added, ...],
+    *, limits: bool = True,
+) -> tuple[Path | None, str, tuple[Added, ...]]:  # fmt: skip
     if _rmse(new, recordings) >= _rmse(old, recordings):
         new.unlink()
-        return None, ""
+        return None, "", ()
     if limits and Model.load(old).card.limits:
         _set_limits(new, recordings)
-    return new, form
+    return new, form, added
 
 
 def _set_limits(new: Path, recordings: Sequence[Recording]) -> None:

@@ -16,6 +16,7 @@ ONSET_T: Final = 6.0
 ONSET_T_SORTED: Final = 9.0  # if drives were put in the order that suits an onset best
 ONSET_BEFORE: Final = 0.25  # of the strength after, below which it was absent before
 ONSET_BLOCKS: Final = 4  # at least, on either side
+ONSET_KNOWN: Final = 0.02  # of all that is known of the strength, at least before it
 ONSET_WEIGHT: Final = 1e-4  # of all that is known of the strength, below which a block says nothing
 
 
@@ -113,7 +114,7 @@ def _step(a: FloatArray, w: FloatArray, t_least: float) -> int | None:
         rest = np.concatenate([a[:k] - low, a[k:] - high])
         scatter = max(float((w * rest**2).sum()) / (len(a) - 2), 1.0)
         t = (high - low) / np.sqrt(scatter * (1.0 / w[:k].sum() + 1.0 / w[k:].sum()))
-        absent = abs(low) < ONSET_BEFORE * high
+        absent = abs(low) < ONSET_BEFORE * high and w[:k].sum() > ONSET_KNOWN * w.sum()
         if absent and t > t_least and (best is None or t > best[0]):
             best = (float(t), k)
     return None if best is None else best[1]
