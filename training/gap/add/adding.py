@@ -1,7 +1,7 @@
 """What was named becomes part of the model: the form and constants that predict best, the file."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
 from typing import Final
@@ -56,7 +56,28 @@ def add(
     out.parent.mkdir(parents=True, exist_ok=True)
     recordings = [given.recordings[i] for i in split(given)[0]]
     drives = base.drives_of(given.model, recordings, given.healthy)
-    ranges = {
+    ranges = _ranges(recordings, drives)
+    if card.kind == base.GREYBOX:
+        (added,) = map(tuple, choices)
+        vehicle = add_greybox.Vehicle.of(known, Greybox.of(card), drives) if known else None
+        add_greybox.add(
+            given.model, added, out, ranges=ranges, recordings=tuple(map(of_recording, recordings)),
+            vehicle=vehicle, drives=drives,
+        )  # fmt: skip
+        return _if_better(given.model, out, recordings, FORMS["greybox"], added)
+    chain = known.plain if known else start
+    best, says = _beside_network(given.model, out, choices, chain, ranges, recordings, drives)
+    limits = True
+    if options.retrain_minutes > 0.0:
+        kept, says = _or_trained_anew(given, best, says, chain, ranges, options.retrain_minutes)
+        # Trained on the recordings it errs less on them than on others: the old limits stay.
+        limits = kept.form == best.form
+    return _if_better(given.model, out, recordings, says, best.added, limits=limits)
+
+
+def _ranges(recordings: Sequence[Recording], drives: Sequence[Drive]) -> Ranges:
+    """Return low and high of the signals that all of the recordings have."""
+    return {
         name: (
             float(min(np.min(d.signals[name]) for d in drives)),
             float(max(np.max(d.signals[name]) for d in drives)),
@@ -65,42 +86,6 @@ def add(
         if all(name in d.signals for d in drives)
         and all(name in recording.known for recording in recordings)  # not worked out
     }
-    used = tuple(map(of_recording, recordings))
-    if card.kind == base.GREYBOX:
-        (added,) = map(tuple, choices)
-        vehicle = add_greybox.Vehicle.of(known, Greybox.of(card), drives) if known else None
-        add_greybox.add(
-            given.model, added, out, ranges=ranges, recordings=used, vehicle=vehicle, drives=drives
-        )
-        return _if_better(given.model, out, recordings, FORMS["greybox"], added)
-    reference = known.plain if known else start
-    tried = _beside_network(given.model, out, choices, reference, ranges, recordings, drives)
-    best, says = _best(tried)
-    best.path.replace(out)
-    for each in tried:
-        each.path.unlink(missing_ok=True)
-    if options.retrain_minutes <= 0.0:
-        return _if_better(given.model, out, recordings, says, best.added)
-    other = out.with_name("retrained.onnx")
-    try:
-        add_narx.retrain(
-            given.model, best.added, reference, recordings, other, ranges=ranges,
-            budget_minutes=options.retrain_minutes,
-        )  # fmt: skip
-    except ParityError:
-        return _if_better(given.model, out, recordings, says, best.added)
-    judges = split(given)[1] or recordings
-    pair = [
-        _Tried(form, best.added, path, _rmse(path, judges))
-        for form, path in ((best.form, out), ("input", other))
-    ]
-    kept, says = _best(pair)
-    if kept.path != out:
-        other.replace(out)
-    other.unlink(missing_ok=True)
-    # Trained on the recordings it errs less on them than on others: the old limits stay.
-    limits = kept.form == best.form
-    return _if_better(given.model, out, recordings, says, best.added, limits=limits)
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,8 +101,8 @@ class _Tried:
 def _beside_network(
     model: Path, out: Path, choices: Sequence[Sequence[Added]], chain: Constants, ranges: Ranges,
     recordings: Sequence[Recording], drives: Sequence[Drive],
-) -> list[_Tried]:  # fmt: skip
-    """Write the network with effects before it and at its output, to files beside ``out``."""
+) -> tuple[_Tried, str]:  # fmt: skip
+    """Write the network with effects before it or at its output to ``out``; return it, in words."""
     forms = {"output": TO_OUTPUT}
     if add_narx.can_stand_before(model, choices[0], chain, drives[0]):
         forms = {"before": BEFORE, **forms}
@@ -135,13 +120,43 @@ def _beside_network(
     if not tried:
         assert wrong is not None
         raise wrong
-    return tried
+    return _kept(tried, out)
+
+
+def _or_trained_anew(
+    given: Given, other: _Tried, says: str, chain: Constants, ranges: Ranges, budget_minutes: float
+) -> tuple[_Tried, str]:
+    """Leave the better of a file and a network trained anew in its place; return it, in words."""
+    fitted_to, held_out = split(given)
+    recordings = [given.recordings[i] for i in fitted_to]
+    path = other.path.with_name("retrained.onnx")
+    try:
+        add_narx.retrain(
+            given.model, other.added, chain, recordings, path, ranges=ranges,
+            budget_minutes=budget_minutes,
+        )  # fmt: skip
+    except ParityError:
+        return other, says
+    judges = held_out or recordings
+    pair = [replace(other, rmse=_rmse(other.path, judges)),
+            _Tried("input", other.added, path, _rmse(path, judges))]  # fmt: skip
+    return _kept(pair, other.path)
+
+
+def _kept(tried: Sequence[_Tried], out: Path) -> tuple[_Tried, str]:
+    """Leave the best file alone, in ``out``; return it, and in words what it is."""
+    best, says = _best(tried)
+    best.path.replace(out)
+    for each in tried:
+        if each.path != out:
+            each.path.unlink(missing_ok=True)
+    return replace(best, path=out), says
 
 
 def _best(tried: Sequence[_Tried]) -> tuple[_Tried, str]:
     """Return the first that is about as good as the best, and in words what it is."""
     least = min(each.rmse for each in tried)
-    best = next(each for each in tried if each.rmse <= WORSE * least)
+    best = next((each for each in tried if each.rmse <= WORSE * least), tried[0])
     rivals = [each for each in tried if each.form != best.form]
     if not rivals:
         return best, FORMS[best.form]
@@ -154,7 +169,7 @@ def _if_better(
     old: Path, new: Path, recordings: Sequence[Recording], form: str, added: tuple[Added, ...],
     *, limits: bool = True,
 ) -> tuple[Path | None, str, tuple[Added, ...]]:  # fmt: skip
-    if _rmse(new, recordings) >= _rmse(old, recordings):
+    if not _rmse(new, recordings) < _rmse(old, recordings):
         new.unlink()
         return None, "", ()
     if limits and Model.load(old).card.limits:
