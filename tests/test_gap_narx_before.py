@@ -204,5 +204,45 @@ def test_of_several_constants_those_that_predict_best_are_taken(
     assert [each.name for each in tmp_path.iterdir()] == ["m.onnx"]
 
 
-def _differ(*_: object) -> Parity:
+@pytest.mark.parametrize(
+    ("trained", "begins"),
+    [("far", "beside the network"), ("near", "as one more input of the network")],
+)
+def test_a_network_trained_anew_is_kept_only_if_it_predicts_better(
+    base: FitResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, trained: str, begins: str
+) -> None:
+    # GIVEN training that ends in a network that is worse or better than the effect before the old
+    chain, film = fitted()
+    drives = gap_drives()
+    given, target = Given(base.path, drives, verify=drives[:1]), tmp_path / "m.onnx"
+    far, further = (
+        Added.with_values("wall_film", [size * film.values[0], *film.values[1:].tolist()])
+        for size in (1.2, 1.5)
+    )
+
+    def retrain(*_: object, **__: object) -> None:
+        values = film if trained == "near" else further
+        beside, _, _ = adding.add(
+            given, tmp_path / "r" / "m.onnx", [[values]], None, chain, Options()
+        )
+        assert beside is not None
+        beside.replace(tmp_path / "retrained.onnx")
+        beside.parent.rmdir()
+
+    monkeypatch.setattr(add_narx, "retrain", retrain)
+    # WHEN either may be taken
+    options = Options(retrain_minutes=1.0)
+    new, form, _ = adding.add(given, target, [[far]], None, chain, options)
+    # THEN it is the better one, and the other's file is gone
+    assert new == target
+    assert form.startswith(begins)
+    assert list(tmp_path.iterdir()) == [target]
+    # and of one that fails its proof nothing is said
+    monkeypatch.setattr(add_narx, "retrain", _differ)
+    _, form, _ = adding.add(given, target, [[far]], None, chain, options)
+    assert form.startswith("beside the network")
+    assert "anew" not in form
+
+
+def _differ(*_: object, **__: object) -> Parity:
     raise ParityError("they differ")
