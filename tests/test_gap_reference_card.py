@@ -19,8 +19,11 @@ from training.dyno.simulate import Experiment
 from training.dyno.write import write
 from training.export import update_card
 from training.gap import base, usable
+from training.gap.drives import from_recording
+from training.gap.effects import LIBRARY
+from training.gap.name.fitting import reading
 from training.gap.reference import accepted
-from training.gap.reference.healthy import Healthy, columns
+from training.gap.reference.healthy import Healthy, as_shown, columns
 from training.gap.reference.learn_reference import set_reference, store
 from training.gap.reference.reference_card import KEY, from_card, known_of, to_card
 from training.gap.result import Result
@@ -157,6 +160,10 @@ def test_recordings_that_the_model_was_fitted_to_are_told_from_others(chain: Pat
     assert usable.fitted_to(card, driven) == []
     (warning,) = usable.fitted_to(card, (*driven, healthy[1]))
     assert warning.startswith(f"{healthy[1].path.name}: the model was fitted to them")
+    # and what is held out should be none of them
+    assert usable.known_before(card, driven) == []
+    (warning,) = usable.known_before(card, (*driven, healthy[1]))
+    assert warning.startswith(f"{healthy[1].path.name}: the model was fitted to what is held out")
 
 
 def test_a_model_extended_without_healthy_recordings_has_no_gap_left(
@@ -170,6 +177,37 @@ def test_a_model_extended_without_healthy_recordings_has_no_gap_left(
     assert own == {effect.name: pytest.approx(values, rel=1e-5) for effect, values in known().own}
     again = asked(alone.new_model, recordings(2_311_000, **FILM), tmp_path)
     assert again.verdict == "no_gap"
+
+
+def test_an_extended_model_looked_at_with_the_healthy_recordings_of_before_has_no_gap_left(
+    alone: Result, tmp_path: Path
+) -> None:
+    # GIVEN a model with the effect, and healthy recordings from before it was there
+    assert alone.new_model is not None
+    healthy = recordings(2_310_000, HEALTHY)
+    # WHEN drives with it are held against them
+    again = asked(alone.new_model, recordings(2_311_000, **FILM), tmp_path, healthy=healthy)
+    # THEN that the model is wrong on these does not count as a gap
+    assert again.verdict == "no_gap"
+
+
+def test_what_an_extended_model_has_is_asked_of_healthy_drives_that_show_it() -> None:
+    # GIVEN drives with a wall film, without, and how far it moves the chain on each
+    start = known().base
+    shown, not_shown = (
+        [from_recording(each) for each in recordings(seed, **hidden)]
+        for seed, hidden in ((2_311_000, FILM), (2_313_000, {}))
+    )
+    film, amounts = LIBRARY["wall_film"], np.array([0.3, 0.8, 1.0])
+    for drives, stays in ((shown, True), (not_shown, False)):
+        moved = [
+            replace(d, moved_phi=reading(d, start, (film,), (amounts,)) - reading(d, start, (), ()))
+            for d in drives
+        ]
+        # THEN it counts where the drives have it, and nowhere else
+        kept = as_shown(moved, start)
+        assert all(np.any(d.moved_phi) == stays for d in kept)
+        assert as_shown(drives, start) is drives
 
 
 def test_drives_like_the_healthy_ones_get_no_name(chain: Path, tmp_path: Path) -> None:

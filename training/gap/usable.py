@@ -153,6 +153,18 @@ def fitted_to(card: ModelCard, recordings: Sequence[Recording]) -> list[str]:
     ]
 
 
+def known_before(card: ModelCard, held_out: Sequence[Recording]) -> list[str]:
+    """Return a warning if what is held out of the new model's fit was in the old one's."""
+    known = {each.sha256 for each in card.recordings}
+    own = [each.path.name for each in held_out if each.sha256 in known]
+    if not own:
+        return []
+    return [
+        f"{', '.join(own)}: the model was fitted to what is held out here, so its error before is "
+        "of drives that it knows; give other recordings as --verify"
+    ]
+
+
 def unlearned(recordings: Sequence[Recording], healthy: Sequence[Recording]) -> list[str]:
     """Return warnings of effects whose signals healthy recordings lack and the others have."""
     if not healthy:

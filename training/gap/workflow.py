@@ -91,7 +91,7 @@ def investigate(
             ),
         )  # fmt: skip
     doubts = [*usable.unlearned(given.recordings, given.healthy), *on.doubts, *usable.poor(card)]
-    of_verifying = _of_verifying(checked, held_out)
+    of_verifying = [*usable.known_before(card, held_out), *_of_verifying(checked, held_out)]
     return Result(
         ModelFile.of(given.model),
         tuple(map(of_recording, given.recordings)),

@@ -6,7 +6,7 @@ its error on the drives and on the same drives and seeds with nothing hidden. Th
 naming's ceiling leaves of the residual of the healthy recordings (``scoring.floor_phi``). The
 excess, of which a new model takes a share away, is the mean squared error on the recordings that
 the workflow holds out, less that of the same base, fitted alike, on the same drives with nothing
-hidden.
+hidden. A base of the case's own recordings is fitted to those that are not held out.
 """
 
 import time
@@ -26,7 +26,7 @@ from training.gap.check.detection import FAULTS
 from training.gap.check.verified import Found, Verified
 from training.gap.drives import from_recording
 from training.gap.effects import ALL
-from training.gap.given import Given, Options
+from training.gap.given import Given, Options, split
 from training.gap.name import scoring
 from training.gap.name.begin import begin
 from training.gap.predicted import predicted_phi
@@ -64,7 +64,7 @@ def prepare(study: Study, number: int, model: Path) -> Vehicle:
     made = drive.healthy(healthy_parts(study, number), number, study.duration_s)
     fit_base(study.base, made, model)
     alone = study.fitted_with_effect
-    drives = list(map(from_recording, made)) if alone else base.drives_of(model, made, made)
+    drives = list(map(from_recording, made)) if alone else base.drives_of(model, made)
     known = accepted.learn(drives, base.constants_of(base.check(model)))
     state = begin(drives, known, known.base)
     noise_phi = scoring.floor_phi(state.case, state.current)
@@ -101,8 +101,9 @@ def _answered(case: Case, study: Study, vehicle: Vehicle) -> Row:
         model = reference = vehicle.model
         if study.fitted_with_effect:
             model, reference = Path(folder) / "base.onnx", Path(folder) / "reference.onnx"
-            fit_base(study.base, recordings, model)
-            fit_base(study.base, nothing, reference)
+            seen, _ = split(Given(model, recordings, vehicle.healthy))
+            fit_base(study.base, [recordings[i] for i in seen], model)
+            fit_base(study.base, [nothing[i] for i in seen], reference)
         began_s = time.perf_counter()
         steps, faults = 2 if case.kind == "two" else 1, FAULTS if case.hidden else ()
         found = ask(Given(model, recordings, vehicle.healthy), vehicle.known, steps, faults)

@@ -135,7 +135,11 @@ def _head(rows: Sequence[Row], study: Study, identity: dict[str, Any]) -> str:
                 "values as decoded from the vehicle's bus at 100 ms, half of them from the start "
                 "of the engine and half from the midst of a drive. What is hidden acts in the "
                 "plant's own form inside the lambda control loop. The base is fitted to "
-                + ("the case's own recordings" if study.fitted_with_effect else "the healthy ones")
+                + (
+                    "the case's own recordings, but those that the workflow holds out"
+                    if study.fitted_with_effect
+                    else "the healthy ones"
+                )
                 + f"; {HEALTHY_DRIVES} healthy recordings of the vehicle, with other seeds, are "
                 "given."
             ),

@@ -34,6 +34,7 @@ def learn(
     drives: Sequence[Drive], start: Constants, progress: Progress = lambda _: None
 ) -> Healthy:
     """Return the healthy behaviour in ``drives`` and how far they contradict each other."""
+    drives = healthy.as_shown(drives, start)
     known = healthy.learn(drives, start)
     groups = min(len(drives), GROUPS_MOST)
     if groups < GROUPS_LEAST:
