@@ -191,14 +191,16 @@ def test_an_extended_model_looked_at_with_the_healthy_recordings_of_before_has_n
     assert again.verdict == "no_gap"
 
 
-def test_what_an_extended_model_has_is_asked_of_healthy_drives_that_show_it() -> None:
+def test_what_an_extended_model_has_is_asked_of_healthy_drives_that_show_it(
+    alone: Result,
+) -> None:
     # GIVEN drives with a wall film, without, and how far it moves the chain on each
     start = known().base
     shown, not_shown = (
         [from_recording(each) for each in recordings(seed, **hidden)]
         for seed, hidden in ((2_311_000, FILM), (2_313_000, {}))
     )
-    film, amounts = LIBRARY["wall_film"], np.array([0.3, 0.8, 1.0])
+    film, amounts = LIBRARY["wall_film"], np.array([*alone.added[0].parameters.values()])
     for drives, stays in ((shown, True), (not_shown, False)):
         moved = [
             replace(d, moved_phi=reading(d, start, (film,), (amounts,)) - reading(d, start, (), ()))
