@@ -33,6 +33,17 @@ def large(rows: Iterable[Row]) -> list[Row]:
     return [r for r in rows if size(r) == CLASSES[2]]
 
 
+def errs(row: Row) -> bool:
+    """Return whether the base itself errs by an excess of at least twice the noise.
+
+    One that was fitted to what is hidden follows part of it, and may have little left to close.
+
+    >>> errs({"excess_before": 4e-4, "noise": 0.01}), errs({"excess_before": -1e-5, "noise": 0.01})
+    (True, False)
+    """
+    return bool(row["excess_before"] >= (2.0 * row["noise"]) ** 2)
+
+
 def alike(hidden: str, answered: str) -> bool:
     """Return whether a name is right: the same, or of the same declared gain class.
 
