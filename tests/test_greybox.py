@@ -16,6 +16,9 @@ from training.dyno import vehicle
 from training.dyno.simulate import Experiment
 from training.dyno.write import write
 from training.export import Graph
+from training.gap.drives import from_recording
+from training.gap_study.drive import recording
+from training.gap_study.plan import Part
 from training.greybox import Fitted, fit_constants, reference
 from training.greybox_charge import INPUTS, ChargeMap, fit_with_charge
 from training.greybox_charge_error import ChargeError, fit_with_charge_error
@@ -356,6 +359,29 @@ def test_the_error_of_a_charge_is_found_from_the_reading_alone() -> None:
     assert np.abs(signals["air_mass_mg"] / air - 1.0).max() > 0.05
     assert np.quantile(np.abs(off), 0.99) < 0.01
     assert np.abs(np.array(fitted.constants) - TRUE)[1:].max() < 0.03
+
+
+def test_the_charge_stays_plausible_where_the_engine_was_not_when_it_was_fitted() -> None:
+    # GIVEN three drives of a simulated vehicle that hardly come near a full charge at idle speed
+    starts_s = {"hwfet": 39.0, "micro_trips": 337.0, "wltc_3b": 0.0, "udds": 243.0, "us06": 0.0}
+    parts = [Part(k, 22_013_000 + i, at_s, None) for i, (k, at_s) in enumerate(starts_s.items())]
+    made = [from_recording(recording(part, 10013, 600.0, {}, None)) for part in parts]
+    names = ("fuel_mass_mg", "air_mass_mg", "engine_speed_rpm")
+    together = {name: np.concatenate([d.signals[name] for d in made[:3]]) for name in names}
+    phi, scored = (
+        np.concatenate([getattr(d, name) for d in made[:3]]) for name in ("phi_measured", "scored")
+    )
+    # WHEN error and constants are fitted to them
+    fitted, found = fit_with_charge_error(together, phi, scored, PERIOD_S)
+    # THEN it helps on drives that go anywhere
+    assert found is not None
+    for each in made[3:]:
+        right = {"air_mass_mg": found.air_mass_mg(each.signals, PERIOD_S)}
+        broadcast, corrected = (
+            simulate(base_path(fitted.constants, signals), PERIOD_S) - each.phi_measured
+            for signals in (each.signals, dict(each.signals) | right)
+        )
+        assert corrected[each.scored].std() < 0.8 * broadcast[each.scored].std()
 
 
 def test_a_charge_that_is_right_has_no_error_worth_a_map() -> None:

@@ -1,5 +1,6 @@
 """Ridge regression with its penalty chosen on held-out blocks."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -31,16 +32,21 @@ def fit(
     target: FloatArray,
     fold: IntArray,
     limits: tuple[FloatArray, FloatArray] | None = None,
+    *,
+    penalties: Sequence[float] = PENALTIES,
+    alike: bool = False,
 ) -> Ridge:
     """Return the ridge of ``target`` (n,) on ``columns`` (n, k) with the best held-out error.
 
     fold : (n,) which samples are held out together
     limits : low and high (k,) of columns to predict for, default those of ``columns``
+    penalties : times the samples, to choose from
+    alike : the weights are of one unit and size, so columns are not brought to unit size
     Source: Hoerl and Kennard, Technometrics 12 (1970).
     """
     size = np.sqrt((columns**2).mean(axis=0))
     used = size > SPREAD_MIN
-    scale = np.where(used, size, 1.0)
+    scale = np.where(used & (not alike), size, 1.0)
     x = np.where(used, columns / scale, 0.0)
     y = target
     folds = np.unique(fold)
@@ -49,7 +55,7 @@ def fit(
     gram, moment = sum(grams), sum(moments)
     identity = np.eye(x.shape[1])
     best: tuple[float, float, FloatArray] | None = None
-    for penalty in PENALTIES:
+    for penalty in penalties:
         held_out = np.zeros_like(y)
         for f, own_gram, own_moment in zip(folds, grams, moments, strict=True):
             shrunk = gram - own_gram + penalty * len(y) * identity
