@@ -1,6 +1,7 @@
 """``o2train gap`` on what it cannot use: one line and exit 2, or a report of what is left."""
 
 import json
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -125,7 +126,7 @@ def test_recordings_without_excitation_are_refused(
     still = [table(tmp_path, seed, **flat) for seed in (6, 7)]
     line = refused(capsys, "--model", chain, *still, "--out", tmp_path / "gap")
     assert "drive_6.csv, drive_7.csv: no excitation" in line
-    assert "200 mg of air per stroke" in line
+    assert re.search(r"\b(199|200|201) mg of air per stroke", line)  # with the model's own charge
     assert "must move by 10%" in line
 
 
