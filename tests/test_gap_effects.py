@@ -97,9 +97,15 @@ def test_a_leak_and_an_air_meter_offset_matter_most_at_low_flow() -> None:
     low, high = flow < np.quantile(flow, 0.2), flow > np.quantile(flow, 0.8)
     before, leaking, _ = _with("exhaust_leak", 0.05, 20.0)
     assert (1 - leaking.gas_factor)[low].mean() > 3 * (1 - leaking.gas_factor)[high].mean() > 0
-    before, offset, _ = _with("maf_offset", 1.0)
+    before, offset, _ = _with("maf_offset", 1.0, 2.0)
     share = 1.0 - offset.air_mg / before.air_mg
     assert share[low].mean() > 2 * share[high].mean() > 0
+
+
+def test_an_ecu_that_takes_its_air_meter_at_once_takes_its_offset_at_once() -> None:
+    before, offset, _ = _with("maf_offset", 0.4, 0.02)
+    flow = np.maximum(plain_signals()["maf_kg_h"], 4.0)
+    np.testing.assert_allclose(1.0 - offset.air_mg / before.air_mg, 0.4 / flow, atol=2e-3)
 
 
 def test_dead_time_and_mixing_follow_the_flow() -> None:
@@ -154,6 +160,12 @@ def test_a_filling_runner_leans_nothing_in_the_mean_and_enriches_on_rising_charg
     assert abs(change.mean()) < 1e-3
 
 
+def test_a_late_estimate_of_the_filling_is_the_mirror_of_a_late_filling() -> None:
+    before, later, _ = _with("manifold_filling", 0.03)
+    _, sooner, _ = _with("manifold_filling", -0.03)
+    np.testing.assert_allclose(sooner.air_mg * later.air_mg, before.air_mg**2, rtol=1e-9)
+
+
 def test_warm_walls_scavenging_and_pulsation_act_where_their_physics_says() -> None:
     signals = plain_signals()
     before, warmed, _ = _with("charge_temperature", 0.2)
@@ -163,7 +175,7 @@ def test_warm_walls_scavenging_and_pulsation_act_where_their_physics_says() -> N
     before, blown, _ = _with("scavenging", 0.5, 3000.0)
     np.testing.assert_array_equal(blown.air_mg[throttled], before.air_mg[throttled])
     assert (blown.air_mg > before.air_mg).any()
-    before, pulsing, _ = _with("maf_pulsation", 0.5, 1500.0, 0.1)
+    before, pulsing, _ = _with("maf_pulsation", 0.5, 1500.0, 0.1, 2.0)
     assert (pulsing.air_mg <= before.air_mg).all()
     assert (pulsing.air_mg < before.air_mg).any()
 

@@ -252,7 +252,7 @@ def test_batched_and_single_runs_of_all_effects_give_the_same_bits(
 def test_a_reset_starts_every_lag_settled(base: Path, tmp_path: Path) -> None:
     # GIVEN a film of ten seconds and an air meter's lags, far slower than the chain's own
     slow = Added.with_values("wall_film", [0.3, 4.0, 4.0])
-    meter = Added.with_values("maf_offset", [2.0])
+    meter = Added.with_values("maf_offset", [2.0, 2.0])
     out = tmp_path / "m.onnx"
     card = add(base, [slow, meter], out, ranges=ranges_of(), recordings=FIT)
     assert card.lags < 50
@@ -282,7 +282,7 @@ def test_effects_act_on_whatever_charge_the_chain_has(
     bare, out = tmp_path / "bare.onnx", tmp_path / "m.onnx"
     fit_greybox([recording], bare, inputs=inputs)
     effects = [Added.with_values("manifold_filling", [0.05]), Added.with_values("mix_flow", [1.0]),
-               Added.with_values("maf_offset", [1.0])]  # fmt: skip
+               Added.with_values("maf_offset", [1.0, 0.05])]  # fmt: skip
     card = add(bare, effects, out, ranges=ranges_of(), recordings=FIT, drives=[driven()])
     # THEN flow and filling are that charge's, and at that speed
     greybox = Greybox.of(card)

@@ -9,7 +9,9 @@ from training.chain import AIR_LEAST_MG, Path
 from training.gap.effects.dynamics import lag, ramp_lag
 from training.gap.effects.effect import KELVIN, Effect, Parameter, Signals, ambient_kpa
 
-METER_FOLLOWED_S = 2.0  # the ECU's charge follows its air meter over a few seconds
+# The time in which the ECU's charge follows its air meter: at once, or over seconds where a table
+# gives the charge and the meter corrects it.
+FOLLOWED = Parameter("followed", "s", 0.02, 8.0, (0.05, 2.0))
 METER_MIN_KG_H = 4.0
 AIR_FACTOR_MIN, AIR_FACTOR_MAX = 0.5, 2.0
 
@@ -19,14 +21,16 @@ def _scaled(path: Path, factor: FloatArray) -> Path:
     return replace(path, air_mg=path.air_mg * np.clip(factor, AIR_FACTOR_MIN, AIR_FACTOR_MAX))
 
 
-def _taken_over(error_kg_h: FloatArray, signals: Signals, period_s: float) -> FloatArray:
+def _taken_over(
+    error_kg_h: FloatArray, followed_s: float, signals: Signals, period_s: float
+) -> FloatArray:
     """Return the relative error of the ECU's charge (n,) for an error of its air meter.
 
     Filtered flows are compared, and what differs is learned with the same time constant.
     """
     maf = np.maximum(signals["maf_kg_h"], METER_MIN_KG_H)
-    wrong = lag(error_kg_h, METER_FOLLOWED_S, period_s) / lag(maf, METER_FOLLOWED_S, period_s)
-    return lag(wrong, METER_FOLLOWED_S, period_s)
+    wrong = lag(error_kg_h, followed_s, period_s) / lag(maf, followed_s, period_s)
+    return lag(wrong, followed_s, period_s)
 
 
 def _maf_offset(path: Path, p: FloatArray, signals: Signals, period_s: float) -> Path:
@@ -36,7 +40,7 @@ def _maf_offset(path: Path, p: FloatArray, signals: Signals, period_s: float) ->
     that part.
     """
     offset = np.full(len(path), p[0])
-    return _scaled(path, 1.0 - _taken_over(offset, signals, period_s))
+    return _scaled(path, 1.0 - _taken_over(offset, p[1], signals, period_s))
 
 
 def _maf_pulsation(path: Path, p: FloatArray, signals: Signals, period_s: float) -> Path:
@@ -45,11 +49,11 @@ def _maf_pulsation(path: Path, p: FloatArray, signals: Signals, period_s: float)
     A bump over engine speed, growing with manifold pressure above 0.6 of ambient; the ECU's charge
     follows up to a limit.
     """
-    magnitude, centre_rpm, limit = p
+    magnitude, centre_rpm, limit, followed_s = p
     bump = np.exp(-(((signals["engine_speed_rpm"] - centre_rpm) / 450.0) ** 2))
     load = np.maximum(signals["manifold_pressure_kpa"] / ambient_kpa(signals) - 0.6, 0.0)
     error_kg_h = magnitude * bump * load * np.maximum(signals["maf_kg_h"], METER_MIN_KG_H)
-    taken_over = _taken_over(error_kg_h, signals, period_s)
+    taken_over = _taken_over(error_kg_h, followed_s, signals, period_s)
     return _scaled(path, 1.0 - limit * np.tanh(taken_over / limit))
 
 
@@ -75,18 +79,20 @@ def _charge_temperature(path: Path, p: FloatArray, signals: Signals, period_s: f
 def _manifold_filling(path: Path, p: FloatArray, signals: Signals, period_s: float) -> Path:
     """The runner fills later than the manifold's sensor says, by a time over engine speed.
 
-    The charge follows in proportion, in its logarithm: slower up and faster down than in mass.
+    The charge follows in proportion, in its logarithm: slower up and faster down than in mass. With
+    a time below 0 the ECU's estimate of the filling is late, and the charge ahead of it.
     """
-    time_s = p[0] * 1500.0 / np.maximum(signals["engine_speed_rpm"], 500.0)
+    time_s = abs(p[0]) * 1500.0 / np.maximum(signals["engine_speed_rpm"], 500.0)
     charge = np.log(np.maximum(path.air_mg, AIR_LEAST_MG))
-    return replace(path, air_mg=np.exp(ramp_lag(charge, time_s, period_s)))
+    late = ramp_lag(charge, time_s, period_s)
+    return replace(path, air_mg=np.exp(late if p[0] >= 0.0 else 2.0 * charge - late))
 
 
 EFFECTS = (
     Effect(
         "maf_offset",
         "the air meter reads a constant flow too much",
-        (Parameter("offset", "kg/h", -8.0, 8.0, (0.2,)),),
+        (Parameter("offset", "kg/h", -8.0, 8.0, (0.2,)), FOLLOWED),
         _maf_offset,
         ("maf_kg_h",),
         "fault-like",
@@ -98,6 +104,7 @@ EFFECTS = (
             Parameter("magnitude", "-", -1.0, 4.0, (0.2,)),
             Parameter("centre", "1/min", 800.0, 2500.0, (1200.0, 1800.0)),
             Parameter("limit", "-", 0.02, 0.5, (0.1,)),
+            FOLLOWED,
         ),
         _maf_pulsation,
         ("engine_speed_rpm", "manifold_pressure_kpa", "maf_kg_h"),
@@ -124,8 +131,8 @@ EFFECTS = (
     ),
     Effect(
         "manifold_filling",
-        "the runner fills later than the manifold pressure says",
-        (Parameter("time", "s", 0.0, 0.4, (0.02,), least=0.005),),
+        "the charge is later or earlier than broadcast while load moves",
+        (Parameter("time", "s", -0.4, 0.4, (0.02, -0.02), least=0.005),),
         _manifold_filling,
         ("engine_speed_rpm",),
         "physics",

@@ -1,12 +1,12 @@
 """Effects on the air that reaches the cylinder, as ``effects.air`` has them."""
 
+from training.chain import AIR_LEAST_MG
 from training.gap.add.effect_nodes.form import Form, Parameters
 from training.gap.add.effect_nodes.place import Place
 from training.gap.add.effect_nodes.value import Value, clip, exp, maximum, minimum, tanh
 from training.gap.effects.air import (
     AIR_FACTOR_MAX,
     AIR_FACTOR_MIN,
-    METER_FOLLOWED_S,
     METER_MIN_KG_H,
 )
 from training.gap.effects.effect import KELVIN
@@ -24,18 +24,19 @@ def _meter_kg_h(at: Place) -> Value:
 
 
 def _maf_offset(at: Place, p: Parameters) -> Nodes:
-    wrong = p[0] / at.lag(_meter_kg_h(at), METER_FOLLOWED_S)
-    return _scaled(at, 1.0 - at.lag(wrong, METER_FOLLOWED_S))
+    offset_kg_h, followed_s = p
+    wrong = offset_kg_h / at.lag(_meter_kg_h(at), followed_s)
+    return _scaled(at, 1.0 - at.lag(wrong, followed_s))
 
 
 def _maf_pulsation(at: Place, p: Parameters) -> Nodes:
-    magnitude, centre_rpm, limit = p
+    magnitude, centre_rpm, limit, followed_s = p
     off = (at.signal("engine_speed_rpm") - centre_rpm) / 450.0
     bump, meter = exp(-(off * off)), _meter_kg_h(at)
     load = maximum(at.signal("manifold_pressure_kpa") / at.ambient_kpa() - 0.6, 0.0)
-    error_kg_h = at.lag(magnitude * bump * load * meter, METER_FOLLOWED_S)
-    wrong = error_kg_h / at.lag(meter, METER_FOLLOWED_S)
-    taken_over = at.lag(wrong, METER_FOLLOWED_S)
+    error_kg_h = at.lag(magnitude * bump * load * meter, followed_s)
+    wrong = error_kg_h / at.lag(meter, followed_s)
+    taken_over = at.lag(wrong, followed_s)
     return _scaled(at, 1.0 - limit * tanh(taken_over / limit))
 
 
@@ -55,8 +56,10 @@ def _charge_temperature(at: Place, p: Parameters) -> Nodes:
 
 
 def _manifold_filling(at: Place, p: Parameters) -> Nodes:
-    time_s = p[0] * 1500.0 / maximum(at.signal("engine_speed_rpm"), 500.0)
-    return at.changed(air_mg=at.ramp_lag_in_proportion(at.of("air_mg"), time_s))
+    time_s = abs(p[0]) * 1500.0 / maximum(at.signal("engine_speed_rpm"), 500.0)
+    charge = maximum(at.of("air_mg"), AIR_LEAST_MG)
+    late = at.ramp_lag_in_proportion(charge, time_s)
+    return at.changed(air_mg=late if p[0] >= 0.0 else charge * charge / late)
 
 
 FORMS = {

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from training.chain import AIR_LEAST_MG, MG_RPM_PER_KG_H
+from training.chain import MG_RPM_PER_KG_H
 from training.export import Graph
 from training.gap.add.effect_nodes.value import Value, clip, exp, maximum, where
 from training.gap.effects.effect import FLOW_MIN_KG_H, STANDARD_KPA
@@ -63,7 +63,6 @@ class Place:
 
     def ramp_lag_in_proportion(self, u: Value, time_s: Value) -> Value:
         """Return a positive ``u`` of which ``effects.dynamics.ramp_lag`` makes the logarithm."""
-        u = maximum(u, AIR_LEAST_MG)
         x, last = self._settled(u), self._settled(u)
         time = maximum(time_s / self.period_s, LEAST_SAMPLES)
         drop = 1.0 - exp(-1.0 / time)
