@@ -9,6 +9,7 @@ from monitor.types import FloatArray
 from tests.gap_drives import PERIOD_S, plain_signals
 from training.chain import Constants, Path, base_path, simulate
 from training.gap.effects import ALL, LIBRARY, Effect
+from training.gap.effects.air import following
 
 BASE = Constants()
 NAMES = {
@@ -106,6 +107,15 @@ def test_an_ecu_that_takes_its_air_meter_at_once_takes_its_offset_at_once() -> N
     before, offset, _ = _with("maf_offset", 0.4, 0.02)
     flow = np.maximum(plain_signals()["maf_kg_h"], 4.0)
     np.testing.assert_allclose(1.0 - offset.air_mg / before.air_mg, 0.4 / flow, atol=2e-3)
+
+
+def test_how_an_ecu_follows_its_air_meter_bounds_what_the_meter_s_effects_may_be() -> None:
+    meter, film = LIBRARY["maf_offset"], LIBRARY["wall_film"]
+    for known_s, bounds in ((None, (0.02, 8.0)), (1.0, (0.02, 1.0)), (4.0, (0.5, 8.0))):
+        followed = following(meter, known_s).parameters[1]
+        assert (followed.low, followed.high) == bounds
+        assert all(followed.low <= start <= followed.high for start in followed.start)
+        assert following(film, known_s) is film
 
 
 def test_dead_time_and_mixing_follow_the_flow() -> None:

@@ -187,18 +187,25 @@ def test_without_a_gap_at_most_one_case_in_ten_has_a_finding(beside_healthy: boo
     assert sum(hits) <= 1
 
 
-def test_a_driver_that_tells_few_drives_apart_is_left_out_and_the_notes_say_so() -> None:
+@pytest.mark.parametrize(("slope_1_s", "few", "many"), [(1.5, 3, 5), (0.001, 6, 12)])
+def test_a_driver_that_tells_few_drives_apart_is_left_out_and_the_notes_say_so(
+    slope_1_s: float, few: int, many: int
+) -> None:
+    # GIVEN what differs more between drives than within them, or is constant as the weather is
     def hot(made: Made) -> np.ndarray:
         made.signals["ambient_temperature_degc"] = (  # type: ignore[index]
-            made.t_s * 0.001 + float(made.signals["engine_speed_rpm"][0])
+            made.t_s * slope_1_s + float(made.signals["engine_speed_rpm"][0])
         )
         return np.zeros(len(made.t_s))
 
-    few = localise([drive(seed, hot, n=3000) for seed in (1, 2, 3)])
-    many = localise([drive(seed, hot, n=3000) for seed in range(1, 6)])
-    assert "ambient_temperature_degc" not in {r.driver for r in few.regimes}
-    assert any("ambient temperature" in note for note in few.notes)
-    assert "ambient_temperature_degc" in {r.driver for r in many.regimes}
+    # WHEN there are few and many drives
+    left_out, looked_at = (
+        localise([drive(seed, hot, n=3000) for seed in range(1, 1 + n)]) for n in (few, many)
+    )
+    # THEN only many are asked for it
+    assert "ambient_temperature_degc" not in {r.driver for r in left_out.regimes}
+    assert any("ambient temperature" in note for note in left_out.notes)
+    assert "ambient_temperature_degc" in {r.driver for r in looked_at.regimes}
 
 
 def test_signals_of_another_length_are_refused() -> None:

@@ -1,11 +1,15 @@
 """Naming on simulated vehicles: the plant's own effects, sensor faults, and nothing at all."""
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
 from monitor.errors import RecordingError
 from tests.gap_simulated import known, two_drives
 from training.chain import Constants
 from training.gap import drives
+from training.gap.drives import Drive
 from training.gap.name.naming import name
 
 
@@ -86,6 +90,21 @@ def test_another_fuel_and_a_biased_sensor_are_each_said_to_look_like_the_other()
     found = name(fuel, known(), sensor_known_good=True)
     assert [c.name for c in found.effects] == ["ethanol"]
     assert found.indistinguishable == ()
+
+
+def test_a_charge_that_is_broadcast_too_early_on_every_drive_is_no_phase_of_its_message() -> None:
+    # GIVEN drives whose charge is broadcast 45 ms before the cylinder has it, whatever the speed
+    def early(drive: Drive) -> Drive:
+        air = drive.signals["air_mass_mg"]
+        t_s = np.arange(len(drive)) * drive.period_s
+        sooner = {"air_mass_mg": np.interp(t_s + 0.045, t_s, air)}
+        return replace(drive, signals=dict(drive.signals) | sooner)
+
+    found = name([early(drive) for drive in two_drives(2_200_194)], known())
+    # THEN it has its name, and no lag of the sensor is made of what the name leaves
+    assert found.verdict == "named"
+    assert [c.name for c in found.effects] == ["manifold_filling"]
+    assert found.effects[0].parameters["time"] == pytest.approx(0.045, abs=0.02)
 
 
 def test_a_sensor_that_turns_late_within_the_drives_is_suspected() -> None:

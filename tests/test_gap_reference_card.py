@@ -266,8 +266,8 @@ def with_reference(stored: dict[str, Any]) -> ModelCard:
     return replace(Model.load(shipped_model()).card, reference={KEY: stored})
 
 
-def test_every_column_of_a_drive_can_be_checked() -> None:
-    (driven,) = [base.from_recording(each) for each in recordings(2_313_000)[:1]]
+def test_every_column_of_a_drive_can_be_checked(chain: Path) -> None:
+    (driven,) = base.drives_of(chain, recordings(2_313_000)[:1])
     stored = to_card(known(), recordings(2_310_000, HEALTHY))
     assert set(stored["columns"]) == set(columns(driven, known().base))
     assert min(stored["size"]) > 1e-6

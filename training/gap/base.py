@@ -96,8 +96,9 @@ def plain_drives_of(
     if healthy and not _fitted_to(card, healthy):
         chain = replace(chain, charge_error=None)
     made = [_made(each, chain) for each in recordings]
+    meter_s = chain.charge_error.time_s if chain.charge_error else None
     return [
-        replace(from_recording(each, own), charged=bool(own))
+        replace(from_recording(each, own), charged=bool(own), meter_s=meter_s)
         for each, own in zip(recordings, made, strict=True)
     ]
 

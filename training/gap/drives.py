@@ -10,7 +10,8 @@ import numpy as np
 from monitor.errors import RecordingError
 from monitor.types import BoolArray, FloatArray
 from training.chain import Constants, Path, base_path, charge_mg, with_speed
-from training.gap.effects.effect import Effect
+from training.gap.effects import ALL, Effect
+from training.gap.effects.air import following
 from training.recordings import Recording
 
 OUTPUT: Final = "lambda_measured"
@@ -40,6 +41,14 @@ class Drive:
     moved_phi: FloatArray | float = 0.0  # (n,) by which effects in the model move the chain
     own: Own = ()  # part of the base on this drive
     charged: bool = False  # its air per stroke is not as broadcast, but as healthy drives taught
+    meter_s: float | None = (
+        None  # over which its ECU corrects the charge by the air meter, if known
+    )
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """Return the library as it suits the ECU."""
+        return tuple(following(effect, self.meter_s) for effect in ALL)
 
     def __len__(self) -> int:
         return len(self.phi_measured)

@@ -10,8 +10,11 @@ from training.gap.effects.dynamics import lag, ramp_lag
 from training.gap.effects.effect import KELVIN, Effect, Parameter, Signals, ambient_kpa
 
 # The time in which the ECU's charge follows its air meter: at once, or over seconds where a table
-# gives the charge and the meter corrects it.
+# gives the charge and the meter corrects it. Healthy drives tell which, see ``following``.
 FOLLOWED = Parameter("followed", "s", 0.02, 8.0, (0.05, 2.0))
+AT_ONCE = replace(FOLLOWED, high=1.0, start=(0.05,))
+SLOWLY = replace(FOLLOWED, low=0.5, start=(2.0,))
+AT_ONCE_S = 1.0
 METER_MIN_KG_H = 4.0
 AIR_FACTOR_MIN, AIR_FACTOR_MAX = 0.5, 2.0
 
@@ -31,6 +34,18 @@ def _taken_over(
     maf = np.maximum(signals["maf_kg_h"], METER_MIN_KG_H)
     wrong = lag(error_kg_h, followed_s, period_s) / lag(maf, followed_s, period_s)
     return lag(wrong, followed_s, period_s)
+
+
+def following(effect: Effect, meter_s: float | None) -> Effect:
+    """Return the effect for an ECU whose charge follows its air meter over ``meter_s``.
+
+    meter_s : time over which the error of its charge is corrected; None if not known
+    """
+    if meter_s is None or FOLLOWED not in effect.parameters:
+        return effect
+    known = AT_ONCE if meter_s <= AT_ONCE_S else SLOWLY
+    own = tuple(known if p == FOLLOWED else p for p in effect.parameters)
+    return replace(effect, parameters=own)
 
 
 def _maf_offset(path: Path, p: FloatArray, signals: Signals, period_s: float) -> Path:

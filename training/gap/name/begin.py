@@ -7,13 +7,14 @@ from typing import Final
 import numpy as np
 
 from monitor.errors import RecordingError
+from monitor.types import FloatArray
 from training.chain import Constants
 from training.gap.drives import MIN_SCORED_S, Drive
 from training.gap.name import scoring
-from training.gap.name.fitting import Case, Prior, fit
+from training.gap.name.fitting import Case, Prior, errors, fit, predict
 from training.gap.name.ranking import State
 from training.gap.reference import healthy as healthy_drives
-from training.gap.reference.healthy import Healthy, white
+from training.gap.reference.healthy import SKEW, Healthy, white
 from training.gap.reference.variation import Shrink, shrink
 
 # Constants from a card: of other drives, without what the base missed on them.
@@ -31,6 +32,7 @@ STARTS: Final = (
     Constants(dead_time_s=0.05, dead_time_revolutions=0.5, mixing_s=0.03, sensor_s=0.05),
     Constants(dead_time_s=0.35, dead_time_revolutions=3.0, mixing_s=0.1, sensor_s=0.3),
 )
+PHASE_MOST_S: Final = 0.02  # in the mean of all drives, of the charge's message against the fuel's
 SIGMA_PHI: Final = 0.004  # of the first fit; the noise is worked out of it
 
 
@@ -59,7 +61,7 @@ def begin(drives: Sequence[Drive], known: Healthy | None, base: Constants | None
     plain = scoring.plain_columns(case, current)
     case = scoring.whitened(case, current, plain)
     if known:
-        case = replace(case, shrinks=tuple(_shrink(case, known, d) for d in drives))
+        case = replace(case, shrinks=_shrinks(case, known))
     current = fit(case, (), [current, *starts])
     return State(
         case,
@@ -83,6 +85,29 @@ def _where_known(drives: Sequence[Drive], known: Healthy) -> list[Drive]:
     return left
 
 
-def _shrink(case: Case, known: Healthy, drive: Drive) -> Shrink:
-    columns = white(known.columns(drive), case.ar)[drive.kept] / case.sigma
-    return shrink(columns, known.spread)
+def _shrinks(case: Case, known: Healthy) -> tuple[Shrink, ...]:
+    """Return what differs from healthy drive to drive, of each drive."""
+    columns = [
+        white(known.columns(drive), case.ar)[drive.kept] / case.sigma for drive in case.drives
+    ]
+    spread = known.spread.copy()
+    if SKEW in known.names:
+        at = known.names.index(SKEW)
+        if _is_no_phase(case, [each[:, at] for each in columns]):
+            spread[at] = 0.0
+    return tuple(shrink(each, spread) for each in columns)
+
+
+def _is_no_phase(case: Case, skews: Sequence[FloatArray]) -> bool:
+    """Whether every drive's charge is late, or early, by more than phases of messages make it.
+
+    skews : (m,) of each drive, what a charge that is late by 1 s changes
+    """
+    assert case.fixed is not None
+    whitened = np.split(
+        errors(case, predict(case, case.fixed, (), ())), np.cumsum([len(x) for x in skews])[:-1]
+    )
+    late_s = np.array(
+        [-(x @ e) / max(float(x @ x), 1e-12) for x, e in zip(skews, whitened, strict=True)]
+    )
+    return bool(abs(late_s.mean()) > PHASE_MOST_S and (late_s * late_s.mean() > 0.0).all())

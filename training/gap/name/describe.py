@@ -63,7 +63,7 @@ class Description:
     @property
     def share(self) -> float:
         """Of the deviance that can be explained at all, by all terms."""
-        return sum(term.share for term in self.terms)
+        return min(sum(term.share for term in self.terms), 1.0)
 
     @property
     def sentence(self) -> str:

@@ -61,7 +61,7 @@ def name(
         for e in ALL
         if (missing := tuple(n for n in e.needs if any(n not in d.signals for d in drives)))
     }
-    candidates: list[Term] = [e for e in ALL if e.name not in skipped]
+    candidates: list[Term] = [e for e in state.case.drives[0].effects if e.name not in skipped]
     if not sensor_known_good and state.case.prior is not None:
         candidates += FAULTS
     first, added, rounds = state, list[Candidate](), list[Round]()

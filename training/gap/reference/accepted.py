@@ -17,7 +17,6 @@ import numpy as np
 from monitor.errors import RecordingError
 from training.chain import Constants, simulate
 from training.gap.drives import Drive, path_of
-from training.gap.effects import ALL
 from training.gap.name.begin import begin
 from training.gap.name.fitting import Term, fit
 from training.gap.name.ranking import Progress
@@ -88,7 +87,7 @@ def _typical(ratios: Sequence[float]) -> float:
 def _left_out(drives: Sequence[Drive], known: Healthy) -> dict[str, float]:
     """Return each candidate's likelihood ratio for each of its constants."""
     state = begin(drives, known, known.base)
-    terms: tuple[Term, ...] = (*ALL, *FAULTS)
+    terms: tuple[Term, ...] = (*state.case.drives[0].effects, *FAULTS)
     ratio = {}
     for term in terms:
         if any(not set(getattr(term, "needs", ())) <= set(d.signals) for d in drives):

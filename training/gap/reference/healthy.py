@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 from monitor.types import BoolArray, FloatArray, IntArray
 from training.chain import Constants, Path, simulate
 from training.gap.drives import Drive, Own, path_of
-from training.gap.effects import ALL, LIBRARY, Effect
+from training.gap.effects import LIBRARY, Effect
 from training.gap.effects.dynamics import ramp_lag
 from training.gap.name.fitting import BLOCK_S, FOLDS, Case, Fit, Term, fit, reading
 from training.gap.name.sensor_faults import FAULTS
@@ -28,12 +28,13 @@ SCALE_MIN = 1e-3  # of a column, below which it is not taken for better known
 VARIATION_PHI = (8e-5, 5e-5)
 SKEW_S = 0.01
 OWN = ("delay_flow", "mix_flow")  # that every exhaust has
+SKEW = "skew"  # what a charge that is late changes, per second
 CONSTANT = "constant"  # among the functions of ``features``
 KNOWN_VARIATION = {
     CONSTANT: 0.0008,  # phi: gain with weather and fuel
     "above": 0.008,  # span
     "rate": 0.005,  # s: phase of the sensor's message
-    "skew": 0.008,  # s: phase of the charge's message against the fuel's, both every 20 ms
+    SKEW: 0.008,  # s: phase of the charge's message against the fuel's, both every 20 ms
 }
 
 
@@ -142,7 +143,8 @@ def charged(drive: Drive, error: ChargeError | None) -> Drive:
     if error is None or drive.charged:
         return drive
     air_mg = error.air_mass_mg(drive.signals, drive.period_s)
-    return replace(drive, signals={**drive.signals, "air_mass_mg": air_mg}, charged=True)
+    signals = {**drive.signals, "air_mass_mg": air_mg}
+    return replace(drive, signals=signals, charged=True, meter_s=error.time_s)
 
 
 def _charge_error(drives: Sequence[Drive]) -> ChargeError | None:
@@ -212,8 +214,8 @@ def columns(drive: Drive, base: Constants) -> dict[str, FloatArray]:
     phi = simulate(path, drive.period_s)
     found = features(drive, path, phi)
     made = dict(zip(found.names, found.values.T, strict=True))
-    made["skew"] = (simulate(_skewed(path, drive.period_s), drive.period_s) - phi) / SKEW_S
-    terms: tuple[Term, ...] = (*ALL, *FAULTS)
+    made[SKEW] = (simulate(_skewed(path, drive.period_s), drive.period_s) - phi) / SKEW_S
+    terms: tuple[Term, ...] = (*drive.effects, *FAULTS)
     for term in terms:
         if isinstance(term, Effect) and not set(term.needs) <= set(drive.signals):
             continue

@@ -22,6 +22,7 @@ from training.gap.where.operating_map import Excerpt, OperatingMap, excerpt, ope
 from training.gap.where.over_time import Change, find_changes
 from training.gap.where.regime_tree import Box, find_boxes
 from training.gap.where.regimes import (
+    MANY,
     Regime,
     between_recordings,
     explained_by,
@@ -166,7 +167,8 @@ def _notes(new: Side, healthy: Side | None) -> tuple[str, ...]:
         names = ", ".join(new.drivers[name].words for name in few)
         notes.append(
             f"Not looked at, because they differ between these few recordings more than within "
-            f"them: {names}. With {FOLDS} recordings or more they are."
+            f"them: {names}. With {FOLDS} recordings or more they are, with {MANY} also what is "
+            "constant in each."
         )
     if new.transport is None:
         notes.append(

@@ -28,6 +28,8 @@ from training.gap.where.splines import Basis, held_out, normal
 ALPHA: Final = 0.02  # false regimes per localisation, all candidates together
 LEAST_SHARE: Final = 0.03  # of the excess; a driver of less is not where the gap is
 LEAST_WITHIN: Final = 0.5  # of a driver's variance must lie within recordings if they are few
+CONSTANT_WITHIN: Final = 0.05  # of one that is as good as constant in each, as the weather is
+MANY: Final = 12  # recordings, of which also what is constant in each may be told apart
 CURVES: Final = 4  # of the best regimes are drawn
 SEPARATED: Final = 0.95  # of the draws that the better one of two must win
 NEAR: Final = 0.03  # of the better one's gain: what is nearer than that is as good
@@ -129,14 +131,15 @@ def between_recordings(side: Side) -> tuple[str, ...]:
     Whatever else differs between a handful of drives would be put down to them.
     """
     n = len(side.recordings)
-    if not 1 < n < FOLDS:
+    if not 1 < n < MANY:
         return ()
+    least = LEAST_WITHIN if n < FOLDS else CONSTANT_WITHIN
     found = []
     for name, driver in side.drivers.items():
         each = [v[rows] for v, rows in zip(driver.values, side.blocks.rows, strict=True)]
         total = float(np.var(np.concatenate(each)))
         within = sum(len(v) * float(np.var(v)) for v in each) / sum(len(v) for v in each)
-        if within < LEAST_WITHIN * total:
+        if within < least * total:
             found.append(name)
     return tuple(found)
 
