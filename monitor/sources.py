@@ -61,7 +61,7 @@ def checked_kind(path: Path) -> str:
         with path.open("rb"):
             pass
     except OSError as error:
-        raise RecordingError(f"{path}: cannot read the log: {error.strerror}") from error
+        raise RecordingError(f"{path}: cannot read it: {error.strerror}") from error
     if size == 0:
         raise RecordingError(f"{path}: the log is empty")
     if kind == ".mf4":

@@ -168,7 +168,7 @@ def test_a_recording_that_cannot_be_used_is_its_reason_and_the_others_go_on(
             with pytest.raises(RecordingError) as raised:
                 replay(each.path, SETUP)
             assert str(each.error) == str(raised.value)
-    assert "cannot read the log: No such file" in str(found[3].error)
+    assert "cannot read it: No such file" in str(found[3].error)
     assert found[1].entry == found[5].entry == replayed(good, SETUP)
 
 

@@ -152,7 +152,7 @@ def test_a_chain_without_fuel_is_refused_and_told_what_is_left(
 ) -> None:
     dry = table(tmp_path, 8, without=["fuel_mass_mg"])
     line = refused(capsys, "--model", chain, dry, "--out", tmp_path / "gap")
-    assert "drive_8.csv: no good value of fuel_mass_mg" in line
+    assert "drive_8.csv: no column or no good value of fuel_mass_mg" in line
     assert "a network on other inputs" in line
 
 

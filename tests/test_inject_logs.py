@@ -115,7 +115,7 @@ def test_the_frames_of_several_drives_go_to_numbered_logs(tmp_path: Path) -> Non
         (["IN", "--out", "no/such/out.log"], "no/such/out.log: cannot record"),
         (["IN", "--out", "OUT", "-i", "virtual", "-c", "a"], "either a LOG or two buses"),
         (["IN", "--out", "OUT", "--fault", "signal_missing"], "no frame is left"),
-        (["none.log", "--out", "OUT"], "none.log: cannot read the log"),
+        (["none.log", "--out", "OUT"], "none.log: cannot read it"),
         (["-i", "virtual", "-c", "a"], "give the other side"),
         (["-i", "virtual", "-c", "a", "--to-channel", "a"], "both sides are virtual a"),
         (["-i", "virtual", "-c", "a", "--to-channel", "b", "--out", "OUT"], "--out is for a LOG"),

@@ -10,6 +10,7 @@ import pytest
 import dbc
 from monitor.bus_map import load_pairs
 from monitor.errors import ConfigError, RecordingError
+from monitor.signals import SIGNALS
 from monitor.sources import LogCounters, is_table, read_frames, read_table, table_samples
 from monitor.types import Frame, Quality
 from training.canlog import FrameBlock, broadcast, write_log
@@ -283,3 +284,10 @@ def test_a_columns_map_that_cannot_be_is_refused(
     columns.write_text(text)
     with pytest.raises(error, match=message):
         read_table(table(tmp_path, "time_s,a\n0,1\n"), columns)
+
+
+def test_the_page_of_signals_has_every_name_with_its_unit_and_range() -> None:
+    page = (Path(__file__).parents[1] / "docs" / "signals.md").read_text(encoding="utf-8")
+    rows = [row.strip("| ").split(" | ") for row in page.splitlines() if row.startswith("| `")]
+    told = {name.strip("`"): (unit, plausible) for name, unit, _, plausible in rows}
+    assert told == {s.name: (s.unit, f"{s.minimum:g} to {s.maximum:g}") for s in SIGNALS}

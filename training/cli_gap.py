@@ -16,6 +16,10 @@ _EXAMPLES = """examples:
   o2train gap --model chain.onnx new1.log new2.log new3.log --healthy old*.log --out gap
   o2train gap --model model.onnx new*.parquet --healthy old*.parquet --out gap --steps 3
   o2train gap --model chain.onnx new*.log --healthy old*.log --out gap --add exhaust_leak
+  o2train gap --model chain.onnx new*.csv --healthy old*.csv --columns channels.toml --out gap
+
+needed are fuel_mass_mg, lambda_measured and air_mass_mg (or maf_kg_h with engine_speed_rpm);
+names and units of all signals: docs/signals.md
 """
 
 
@@ -64,6 +68,7 @@ def run(args: argparse.Namespace) -> int:
 
     from training.gap.given import Given, options_of
     from training.gap.pages import report
+    from training.gap.pages.report_words import cautions
     from training.gap.result import save
     from training.gap.stages import Stages
     from training.gap.workflow import investigate
@@ -83,7 +88,7 @@ def run(args: argparse.Namespace) -> int:
             bar.update()
 
         found = investigate(given, args.out, options, stages=stages, progress=progress)
-    for warning in found.all_warnings:
+    for warning in cautions(found):
         print(f"o2train: warning: {warning}", file=sys.stderr)
     save(found, args.out / RESULT)
     report.save(found, args.out / REPORT)
@@ -127,6 +132,7 @@ def _identity(given: "Given", options: "Options") -> dict[str, Any]:
 
 
 def _print(found: "Result", out: Path) -> None:
+    from training.gap.name.decide import T_LEAST
     from training.gap.pages.report_words import verdict_sentence
 
     print(verdict_sentence(found))
@@ -134,7 +140,10 @@ def _print(found: "Result", out: Path) -> None:
     then = "" if after is None else f", {after:.4f} after"
     print(f"RMSE in phi on {measured_on}: {before:.4f} before{then}, noise floor {floor:.4f}")
     for candidate in found.naming.ranking[:5]:
-        print(f"  {candidate.name}: score {candidate.score:.0f}, t {candidate.t:.1f}")
+        print(
+            f"  {candidate.name}: score {candidate.score:.0f} ({candidate.needed:.0f} needed), "
+            f"t {candidate.t:.1f} ({T_LEAST:.0f} needed)"
+        )
     if found.naming.experiment is not None:
         print(f"to tell them apart: {found.naming.experiment}")
     if found.unknown:

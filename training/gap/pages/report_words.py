@@ -49,7 +49,7 @@ def _share(closed: float) -> str:
 
 
 def _no_gap(result: Result) -> str:
-    found = "no candidate explains more than chance"
+    found = "no candidate explains more than healthy drives differ by, and evenly"
     if not result.tried:
         found = "nothing in it is beyond chance"
         if result.healthy:
@@ -170,12 +170,15 @@ def cautions(result: Result) -> list[str]:
         for e in verified.worse
     ]
     found += [_lost(f, f.after, verified.overall) for f in verified.faults if f.lost and f.after]
-    alarms = verified.alarms
-    if alarms is not None and alarms.after is not None and alarms.after.found:
-        found.append(
-            f"With the new model the monitor raises codes in {alarms.after.found} of "
-            f"{alarms.after.drives} held-out drives without any fault."
-        )
+    for alarms, which in (
+        (verified.alarms, "held-out drives without any fault"),
+        (verified.healthy_alarms, "healthy recordings, which are of the vehicle as it was"),
+    ):
+        if alarms is not None and alarms.after is not None and alarms.after.found:
+            found.append(
+                f"With the new model the monitor raises codes in {alarms.after.found} of "
+                f"{alarms.after.drives} {which} (with the old one in {alarms.before.found})."
+            )
     return found
 
 
