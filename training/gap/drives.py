@@ -41,9 +41,7 @@ class Drive:
     moved_phi: FloatArray | float = 0.0  # (n,) by which effects in the model move the chain
     own: Own = ()  # part of the base on this drive
     charged: bool = False  # its air per stroke is not as broadcast, but as healthy drives taught
-    meter_s: float | None = (
-        None  # over which its ECU corrects the charge by the air meter, if known
-    )
+    meter_s: float | None = None  # over which the meter corrects the charge; None is not known
 
     @property
     def effects(self) -> tuple[Effect, ...]:

@@ -144,26 +144,27 @@ def poor(card: ModelCard) -> list[str]:
 
 def fitted_to(card: ModelCard, recordings: Sequence[Recording]) -> list[str]:
     """Return a warning if the model, with its own reference, was fitted to what is looked at."""
-    known = {each.sha256 for each in card.recordings}
-    own = [each.path.name for each in recordings if each.sha256 in known]
-    if not own:
-        return []
     return [
-        f"{', '.join(own)}: the model was fitted to them, so a gap that they have counts as "
+        f"{names}: the model was fitted to them, so a gap that they have counts as "
         "healthy; give recordings of the vehicle without it as --healthy"
+        for names in _fitted_to(card, recordings)
     ]
 
 
 def known_before(card: ModelCard, held_out: Sequence[Recording]) -> list[str]:
     """Return a warning if what is held out of the new model's fit was in the old one's."""
-    known = {each.sha256 for each in card.recordings}
-    own = [each.path.name for each in held_out if each.sha256 in known]
-    if not own:
-        return []
     return [
-        f"{', '.join(own)}: the model was fitted to what is held out here, so its error before is "
+        f"{names}: the model was fitted to what is held out here, so its error before is "
         "of drives that it knows; give other recordings as --verify"
+        for names in _fitted_to(card, held_out)
     ]
+
+
+def _fitted_to(card: ModelCard, recordings: Sequence[Recording]) -> list[str]:
+    """Return the names of the recordings that the model was fitted to as one text, if any."""
+    known = {each.sha256 for each in card.recordings}
+    own = [each.path.name for each in recordings if each.sha256 in known]
+    return [", ".join(own)] if own else []
 
 
 def unlearned(recordings: Sequence[Recording], healthy: Sequence[Recording]) -> list[str]:
