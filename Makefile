@@ -115,9 +115,8 @@ python:
 	  { echo "$(PYTHON) cannot make environments; apt-get install python3-venv" >&2; exit 2; }
 
 # The tests on a CAN bus need a kernel with vcan, or User-Mode Linux as one. Without either they
-# are skipped, or fail if O2_REQUIRE_VCAN=1; with AMX, on which that kernel dies, they are skipped in
-# any case. Those of the live page need Debian's chromium, and fail without it if
-# O2_REQUIRE_BROWSER=1.
+# are skipped, or fail if O2_REQUIRE_VCAN=1. Those of the live page need Debian's chromium, and fail
+# without it if O2_REQUIRE_BROWSER=1.
 system:
 	@sh tests/vcan/install.sh
 	@sh tests/install_browser.sh
