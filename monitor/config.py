@@ -1,6 +1,7 @@
 """Configuration: a TOML file becomes frozen objects; an unknown key is an error."""
 
 import math
+import sys
 import tomllib
 from dataclasses import dataclass
 from functools import cache
@@ -270,7 +271,7 @@ def _check_size(path: Path, section: str, key: str, number: float) -> None:
     name = f"{section}.{key}"
     lowest, highest = _LOWEST.get(name), _HIGHEST.get(name, math.inf)
     above = number >= lowest if lowest is not None else number > 0.0
-    if not (above and number <= highest and math.isfinite(number)):
+    if not (above and number <= min(highest, sys.float_info.max)):
         wanted = f"at least {lowest:g}" if lowest is not None else "above 0"
         wanted += f" and at most {highest:g}" if highest < math.inf else ""
         raise ConfigError(f"{path}: [{section}] {key} = {number}, wanted {wanted}")

@@ -22,6 +22,7 @@ from monitor.model import Model
 from monitor.model_card import ModelCard
 from monitor.pipeline import CycleStarted, Event, FramePipeline, Monitor
 from monitor.report import Trace
+from monitor.signals import OUTPUT
 from monitor.sinks import SCHEMA, Collector
 from monitor.sources import LogCounters, is_table, read_frames, read_table
 from monitor.tables import table_block
@@ -186,6 +187,12 @@ def trained_on(card: ModelCard) -> str:
     """Return in words where a model's training recordings come from."""
     sources = sorted({r.source or "source not said" for r in card.recordings})
     return ", ".join(sources) or "source not said"
+
+
+def predicted_quantity(setup: Setup) -> str:
+    """Return what the model predicts, as a page calls it."""
+    name = setup.model.card.output.name
+    return "lambda" if name == OUTPUT else name
 
 
 def model_info(setup: Setup) -> dict[str, str]:

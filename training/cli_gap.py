@@ -71,7 +71,7 @@ def run(args: argparse.Namespace) -> int:
     from training.gap.pages.report_words import cautions
     from training.gap.result import save
     from training.gap.stages import Stages
-    from training.gap.workflow import investigate
+    from training.gap.workflow import NEW_MODEL, investigate
 
     options = options_of(args.steps, args.sensor_known_good, _effects(args.add), args.retrain)
     period_s = args.period if args.period is not None else _period_s(args.model)
@@ -88,6 +88,9 @@ def run(args: argparse.Namespace) -> int:
             bar.update()
 
         found = investigate(given, args.out, options, stages=stages, progress=progress)
+    of_before = args.out / NEW_MODEL
+    if found.new_model is None and of_before.exists() and not of_before.samefile(args.model):
+        of_before.unlink()
     for warning in cautions(found):
         print(f"o2train: warning: {warning}", file=sys.stderr)
     save(found, args.out / RESULT)
@@ -125,7 +128,7 @@ def _identity(given: "Given", options: "Options") -> dict[str, Any]:
         "options": repr(options),
         "code": code_sha256([*root.rglob("*.py")], root),
         **{
-            each: [(r.path.name, r.sha256, r.period_ns) for r in getattr(given, each)]
+            each: [(r.path.name, r.read_sha256) for r in getattr(given, each)]
             for each in ("recordings", "healthy", "verify")
         },
     }

@@ -143,10 +143,14 @@ def run_table(args: argparse.Namespace) -> int:
 def run_log(args: argparse.Namespace) -> int:
     """Write a table as a CAN log; returns the exit code."""
     from monitor.bus_map import load_pairs
+    from monitor.candump import LATEST_S
+    from monitor.errors import UsageError
     from training.canlog import broadcast, write_log
     from training.recordings import default_pairs
     from training.table_files import load_table
 
+    if args.start is not None and not 0.0 <= args.start < LATEST_S:
+        raise UsageError(f"--start {args.start:g}: seconds from 0 to {LATEST_S:g} are wanted")
     table = load_table(args.table, args.columns)
     bus_map = load_pairs(pairs_of(args) or default_pairs())
     values = {name: table.values[:, i] for i, name in enumerate(table.names)}

@@ -60,6 +60,8 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError("--count is at least 1, --period at least 0.01 s")
     if min(args.seed, args.vehicle) < 0:
         raise UsageError("--seed and --vehicle are at least 0")
+    if args.duration is not None and not 0.0 < args.duration < float("inf"):
+        raise UsageError(f"--duration {args.duration:g}: a positive number is wanted")
     if not 0.0 <= args.fault_start < (args.duration or float("inf")):
         raise UsageError(f"--fault-start {args.fault_start:g}: not within the drive")
     fault = faults.combine([faults.resolve(*pair) for pair in map(_fault, args.fault)])

@@ -69,13 +69,13 @@ def fit_constants(
     that count. The chain runs over all samples, so those after a break should not be scored.
     Raises RecordingError if too few samples count.
     """
-    n = int(scored.sum())
-    if n < SAMPLES_LEAST:
-        raise RecordingError(
-            f"{n} samples enabled and clear of fuel cut, {SAMPLES_LEAST} are wanted to fit the "
-            "grey-box chain: give longer recordings with the engine warm and in closed loop"
-        )
     at = np.flatnonzero(_with_past(scored))
+    if len(at) < SAMPLES_LEAST:
+        raise RecordingError(
+            f"{len(at)} samples enabled and clear of fuel cut, like the {NOISE_ORDER} before them, "
+            f"{SAMPLES_LEAST} are wanted to fit the grey-box chain: give longer recordings with "
+            "the engine warm and in closed loop, all signals on every sample of the grid"
+        )
     fits = [_whitened(signals, phi, at, period_s, start) for start in starts]
     costs = np.array([fit.end.cost for fit in fits])
     best = fits[int(costs.argmin())]
@@ -94,7 +94,7 @@ def fit_constants(
         noise_model=best.noise_model,
         rmse=float(np.sqrt(np.mean(off**2))),
         white_rmse=float(np.sqrt(2.0 * best.end.cost / len(at))),
-        samples=n,
+        samples=int(scored.sum()),
         spread=float(np.sqrt(costs.max() / costs.min()) - 1.0) if costs.min() > 0.0 else 0.0,
         at_bound=tuple(name for name, on in zip(Constants._fields, stuck, strict=True) if on),
     )

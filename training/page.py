@@ -4,9 +4,15 @@ import base64
 import html
 from collections.abc import Sequence
 from io import BytesIO
+from typing import Final
 
 import matplotlib as mpl
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.text import Text
+from matplotlib.ticker import NullFormatter
+
+_POWER: Final = r"\mathdefault"  # in matplotlib's own labels of logarithmic axes
 
 _PAGE = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8">
@@ -68,7 +74,11 @@ def _cell(text: str, *, is_first: bool) -> str:
 def picture(figure: Figure, caption: str) -> str:
     """Return the figure as embedded SVG; the same figure gives the same bytes."""
     buffer = BytesIO()
-    with mpl.rc_context({"svg.hashsalt": "o2-monitor"}):
+    texts = [text for text in figure.findobj(Text) if isinstance(text, Text)]
+    has_dollars = any("$" in t.get_text() and _POWER not in t.get_text() for t in texts)
+    if has_dollars:
+        _take_no_formulas(figure, texts)
+    with mpl.rc_context({"svg.hashsalt": "o2-monitor", "text.parse_math": not has_dollars}):
         figure.savefig(buffer, format="svg", metadata={"Date": None})
     data = base64.b64encode(buffer.getvalue()).decode()
     text = html.escape(caption)
@@ -76,3 +86,13 @@ def picture(figure: Figure, caption: str) -> str:
         f'<figure><img alt="{text}" src="data:image/svg+xml;base64,{data}">'
         f"<figcaption>{text}</figcaption></figure>"
     )
+
+
+def _take_no_formulas(figure: Figure, texts: Sequence[Text]) -> None:
+    """Show dollars as they are: names of files and signals may hold some."""
+    for text in texts:
+        text.set_parse_math(False)
+    for axis in figure.findobj(Axis):
+        if isinstance(axis, Axis) and axis.get_scale() != "linear":
+            axis.set_major_formatter("{x:g}")  # its powers are formulas
+            axis.set_minor_formatter(NullFormatter())

@@ -4,6 +4,8 @@ A log is decoded and assembled exactly as on board; a table is used as ``o2mon r
 """
 
 import hashlib
+import json
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -48,6 +50,15 @@ class Recording:
     values: FloatArray  # (n, n_names), NaN where not good
     quality: QualityArray  # (n, n_names)
 
+    @property
+    def read_sha256(self) -> str:
+        """Hash of what was read: of the file as databases, maps, columns and grid took it."""
+        tree = [self.sha256, self.period_ns, self.names]
+        read = hashlib.sha256(json.dumps(tree).encode())
+        for each in (self.t_s, self.values, self.quality):
+            read.update(each.tobytes())
+        return read.hexdigest()
+
     def column(self, name: str) -> FloatArray:
         """Return one signal, (n,); raises RecordingError if there is no such name."""
         if name not in self.names:
@@ -78,9 +89,9 @@ def load(
     Raises RecordingError or SignalMapError naming the file and what is wrong.
     """
     path = Path(path)
-    period_ns = None if period_s is None else round(period_s * 1e9)
-    if period_ns is not None and period_ns <= 0:
+    if period_s is not None and not 1e-9 <= period_s < math.inf:
         raise UsageError(f"a sample period of {period_s} s, above 0 is wanted")
+    period_ns = None if period_s is None else round(period_s * 1e9)
     wanted = None if names is None else tuple(names)
     if is_measurement(path, columns):
         got, period_ns, block = _from_measurement(path, wanted, period_ns, columns)

@@ -37,12 +37,16 @@ def _parquet(path: Path, mapping: Mapping[str, Column] | None) -> tuple[list[str
     except (OSError, pl.exceptions.PolarsError) as error:
         reason = " ".join(str(error).split())
         raise RecordingError(f"{path}: cannot read the table: {reason}") from error
-    if mapping is not None:
-        wanted = {TIME, *(each.column for each in mapping.values())}
-        frame = frame.select([name for name in frame.columns if name in wanted])
+    needed = set(frame.columns)
+    if mapping is not None:  # the others keep their own names, where they are numbers
+        needed = {TIME, *(each.column for each in mapping.values())}
+    numbers = []
     for name, kind in frame.schema.items():
-        if not (kind.is_numeric() or kind == pl.Boolean):
+        if kind.is_numeric() or kind == pl.Boolean:
+            numbers.append(name)
+        elif name in needed:
             raise RecordingError(f"{path}: column {name} holds {kind}, numbers are wanted")
+    frame = frame.select(numbers)
     cells = [
         series.cast(pl.Float64).fill_null(float("nan")).to_numpy()
         for series in frame.iter_columns()

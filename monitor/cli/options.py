@@ -175,6 +175,7 @@ def write_outputs(
                 traces,
                 title="Oxygen sensor monitor",
                 model_info=replay.model_info(setup),
+                output=replay.predicted_quantity(setup),
             )
             say(f"report: {args.html}")
     except OSError as error:

@@ -43,7 +43,7 @@ def _replay(args: argparse.Namespace) -> int:
 
     check_outputs(args)
     setup = set_up(args)
-    memory = Memory(args.memory) if args.memory else None
+    memory = Memory(args.memory, hold=True) if args.memory else None
     recordings, traces = [], []
     with closing(memory) if memory else nullcontext():
         for recording, trace in replay.replay_all(args.log, setup, memory, trace=bool(args.html)):

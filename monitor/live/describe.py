@@ -30,6 +30,7 @@ _QUALITY: Final = {
     Quality.STALE: "not received",
     Quality.INVALID: "sent as invalid",
     Quality.OUT_OF_RANGE: "out of range",
+    Quality.OFF_BUS: "monitor is off the bus",
 }
 _SIGNAL_OF: Final = {
     "coolant_warm": "coolant_temperature_degc",

@@ -113,10 +113,14 @@ def _plain(drive: Drive, chain: Greybox) -> FloatArray:
 
 
 def _made(recording: Recording, chain: Greybox) -> dict[str, FloatArray]:
-    """Return the signals (n,) that the model makes for itself: the charge, and with it speed."""
+    """Return the signals (n,) that the model makes for itself: the charge, and with it speed.
+
+    NaN where one of those that it makes them of was not measured.
+    """
     if chain.charge_map is None and chain.charge_error is None:
         return {}
-    inputs = np.stack([hold(recording.column(name)) for name in chain.inputs], axis=1)
-    signals = chain.signals(inputs)
+    inputs = [recording.column(name) for name in chain.inputs]
+    measured = np.isfinite(inputs).all(axis=0)
+    signals = chain.signals(np.stack([hold(values) for values in inputs], axis=1))
     wanted = ["air_mass_mg", *({"engine_speed_rpm"} - set(chain.inputs))]
-    return {name: signals[name] for name in wanted}
+    return {name: np.where(measured, signals[name], np.nan) for name in wanted}

@@ -109,7 +109,8 @@ def make(
     """
     good = np.isfinite(lambda_measured) & (lambda_measured > 0.0)
     phi = np.minimum(1.0 / np.where(good, lambda_measured, 1.0), PHI_MAX)
-    inputs_good = np.all([np.isfinite(signals[each]) for each in needed], axis=0)
+    read = {*needed, *({"engine_speed_rpm"} & signals.keys())}
+    inputs_good = np.all([np.isfinite(signals[each]) for each in read], axis=0)
     held = {each: hold(values) for each, values in signals.items()}
     if set(NEEDED) <= set(needed):
         if not {"engine_speed_rpm", "maf_kg_h"} & set(held):

@@ -56,6 +56,6 @@ def options_of(
     """Return the options; raises UsageError if they make no sense."""
     if steps < 1:
         raise UsageError("--steps is at least 1")
-    if retrain_minutes < 0.0:
+    if not 0.0 <= retrain_minutes < float("inf"):
         raise UsageError("--retrain takes minutes, 0 or more")
     return Options(steps, sensor_known_good, tuple(add), retrain_minutes)

@@ -42,6 +42,6 @@ class Stages:
     def clear(self) -> None:
         """Remove what is kept, all runs'."""
         if self.folder is not None and self.folder.exists():
-            for path in self.folder.glob("*.pickle"):
+            for path in [*self.folder.glob("*.pickle"), *self.folder.glob("*.begun")]:
                 path.unlink()
             self.folder.rmdir()

@@ -10,14 +10,16 @@ from monitor.model_card import ModelCard
 from monitor.types import FloatArray
 from training.chain import Constants, base_path, valve_phi
 from training.gap import base
-from training.gap.drives import NEEDED, Drive
+from training.gap.drives import MIN_SCORED_S, NEEDED, Drive
 from training.gap.effects import ALL
+from training.gap.reference.healthy import Healthy
 from training.recordings import Recording
 
 SCORED_LEAST_S: Final = 300.0  # in all drives together: ten blocks to hold out in turn
 MOVES_LEAST: Final = 0.1  # of the median, of load or engine speed
 QUANTILES: Final = (0.05, 0.95)  # between which a signal moves
 CORRELATION_LEAST: Final = 0.6
+UNVISITED_MOST: Final = 0.25  # of all samples, where no healthy recording has been
 CHARGE: Final = ("maf_kg_h", "engine_speed_rpm")  # instead of the air per stroke
 SPEED: Final = ("engine_speed_rpm", "maf_kg_h")  # either, with the charge
 
@@ -178,6 +180,24 @@ def unlearned(recordings: Sequence[Recording], healthy: Sequence[Recording]) -> 
         for effect in ALL
         if set(effect.needs) <= here and not set(effect.needs) <= there | set(NEEDED)
     ]
+
+
+def unvisited(drives: Sequence[Drive], known: Healthy | None) -> list[str]:
+    """Return warnings of what lies where no healthy recording has been, which names nothing."""
+    if known is None:
+        return []
+    there = [int(d.kept.sum()) for d in drives]
+    left = [int(known.known_of(d).kept.sum()) for d in drives]
+    where = "at speeds, loads and temperatures that no healthy recording has visited"
+    warnings = [
+        f"{d.name}: left out of the naming, all but {n * d.period_s:.0f} s lie {where}"
+        for d, n in zip(drives, left, strict=True)
+        if n * d.period_s < MIN_SCORED_S
+    ]
+    share = 1.0 - sum(left) / max(sum(there), 1)
+    if share >= UNVISITED_MOST:
+        warnings.append(f"{share:.0%} of the samples lie {where} and name nothing")
+    return warnings
 
 
 def _moves(values: Sequence[FloatArray]) -> tuple[float, float]:

@@ -90,7 +90,12 @@ def investigate(
                 faults=options.faults, progress=progress,
             ),
         )  # fmt: skip
-    doubts = [*usable.unlearned(given.recordings, given.healthy), *on.doubts, *usable.poor(card)]
+    doubts = [
+        *usable.unlearned(given.recordings, given.healthy),
+        *usable.unvisited(drives, on.known),
+        *on.doubts,
+        *usable.poor(card),
+    ]
     of_verifying = [*usable.known_before(card, held_out), *_of_verifying(checked, held_out)]
     return Result(
         ModelFile.of(given.model),

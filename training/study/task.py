@@ -103,7 +103,7 @@ class Task:
         if whole:
             used += [self.test, self.faulty, self.steady]
         tree = {
-            "recordings": [[r.sha256 for r in each] for each in used],
+            "recordings": [[r.read_sha256 for r in each] for each in used],
             "signals": [self.inputs, self.output],
             "period_ns": self.recordings[0].period_ns,
             "settings": asdict(self.settings),

@@ -12,12 +12,13 @@ from monitor.errors import ConfigError, ModelError, RecordingError
 from monitor.faults import Fault
 from monitor.types import FloatArray, IntArray
 from training.chain import Constants
+from training.gap.base import check, plain_drives_of
 from training.gap.check import detection
 from training.gap.check.detection import FAULTS, Monitors, monitor_of
 from training.gap.check.error_regimes import compare, rms, scored
 from training.gap.check.verified import Error, Found, Trace, Verified
 from training.gap.compared import BLOCK_S, FOLDS, Compared
-from training.gap.drives import Drive, from_recording
+from training.gap.drives import Drive
 from training.gap.predicted import predicted_phi
 from training.gap.reference import ridge
 from training.gap.reference.healthy import columns
@@ -89,10 +90,10 @@ def _monitors(old: Path, new: Path | None, accepted: Sequence[Recording]) -> Mon
 def _errors(
     old: Path, new: Path | None, recordings: Sequence[Recording], chain: Constants
 ) -> tuple[Error, tuple[Error, ...], Trace | None]:
-    before, after = _compared(old, new, recordings)
+    drives = plain_drives_of(check(old), recordings)
+    before, after = _compared(old, new, recordings, drives)
     both = [[r.residual for r in each] for each in (before, after) if each is not None]
     best = min(both, key=lambda residuals: rms(scored(before, residuals)))
-    drives = [from_recording(r) for r in recordings]
     floor = left_over(drives, before, best, chain)
     overall, *regimes = compare(before, both[1] if after else None, floor)
     return overall, tuple(regimes), _trace(before, after) if after else None
@@ -100,20 +101,21 @@ def _errors(
 
 def _plain(old: Path, new: Path | None, recordings: Sequence[Recording]) -> Error:
     """Return the error of all samples alone, without a floor."""
-    before, after = _compared(old, new, recordings)
+    drives = plain_drives_of(check(old), recordings)
+    before, after = _compared(old, new, recordings, drives)
     whole = compare(before, [r.residual for r in after] if after else None, None)[0]
     return replace(whole, kind="healthy", regime="healthy recordings")
 
 
 def _compared(
-    old: Path, new: Path | None, recordings: Sequence[Recording]
+    old: Path, new: Path | None, recordings: Sequence[Recording], drives: Sequence[Drive]
 ) -> tuple[list[Compared], list[Compared] | None]:
     """Return the drives with each model's prediction, scored on the same samples."""
     before = predicted_phi(old, recordings)
     after = before if new is None else predicted_phi(new, recordings)
     drives = [
         replace(d, scored=d.scored & np.isfinite(b) & np.isfinite(a))
-        for d, b, a in zip(map(from_recording, recordings), before, after, strict=True)
+        for d, b, a in zip(drives, before, after, strict=True)
     ]
     old_run, new_run = (
         [Compared.of(d, phi) for d, phi in zip(drives, each, strict=True)]

@@ -50,8 +50,11 @@ def set_reference(
             f"no healthy reference for o2train gap: {len(drives)} of {len(recordings)} recordings "
             f"can be used, {GROUPS_LEAST} are wanted{why}"
         )
-    with threadpool_limits(1):  # many small matrices
-        known = accepted.learn(drives, start, progress)
+    try:
+        with threadpool_limits(1):  # many small matrices
+            known = accepted.learn(drives, start, progress)
+    except RecordingError as error:
+        return card, f"no healthy reference for o2train gap: {error}"
     return store(path, known, used), None
 
 
