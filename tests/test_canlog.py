@@ -199,8 +199,40 @@ def test_unusable_tables_are_refused_by_name(tmp_path: Path) -> None:
     pl.DataFrame({"time_s": [0.0], "x": ["word"]}).write_parquet(path)
     with pytest.raises(RecordingError, match="column x holds String"):
         load(path)
-    with pytest.raises(UsageError, match="sample period"):
-        load(path, period_s=-1.0)
+    for period_s in (-1.0, 0.0, math.nan, math.inf):
+        with pytest.raises(UsageError, match="sample period"):
+            load(path, period_s=period_s)
+
+
+def test_columns_that_a_map_does_not_name_keep_their_own_names(tmp_path: Path) -> None:
+    # GIVEN the same table as CSV and Parquet, with a word that no model reads, and a map of one
+    table = pl.DataFrame({"time_s": [0.0, 0.1], "AFR": [14.7, 29.4], "x": [1.0, 2.0]})
+    table.write_csv(tmp_path / "t.csv")
+    table.with_columns(word=pl.lit("drive")).write_parquet(tmp_path / "t.parquet")
+    columns = tmp_path / "columns.toml"
+    columns.write_text('lambda_measured = { column = "AFR", factor = 0.06802721 }')
+    # WHEN either is read
+    for name in ("t.csv", "t.parquet"):
+        found = load(tmp_path / name, columns=columns)
+        # THEN what it names is there, and what it does not
+        assert sorted(found.names) == ["AFR", "lambda_measured", "x"]
+        np.testing.assert_allclose(found.column("lambda_measured"), [1.0, 2.0], rtol=1e-6)
+    # but a mapped column must hold numbers
+    columns.write_text('lambda_measured = "word"')
+    with pytest.raises(RecordingError, match="column word holds String"):
+        load(tmp_path / "t.parquet", columns=columns)
+
+
+def test_a_recording_read_otherwise_is_another_one(tmp_path: Path) -> None:
+    path, columns = tmp_path / "t.csv", tmp_path / "columns.toml"
+    write_table(path, np.arange(3) * 0.1, ["AFR"], np.full((3, 1), 14.7))
+    read = []
+    for factor in (1 / 14.7, 1 / 14.7, 1 / 14.0):
+        columns.write_text(f'lambda_measured = {{ column = "AFR", factor = {factor} }}')
+        read.append(load(path, columns=columns))
+    first, same, other = read
+    assert first.read_sha256 == same.read_sha256 != other.read_sha256
+    assert first.sha256 == other.sha256
 
 
 def measurement(path: Path, rasters: dict[str, float]) -> None:

@@ -88,7 +88,7 @@ def test_a_count_is_a_whole_number(tmp_path: Path) -> None:
         refused(tmp_path, f"[{section}]\n{key} = 50.5\n", f"[{section}] {key}")
 
 
-@pytest.mark.parametrize("value", ["nan", "inf", "-inf"])
+@pytest.mark.parametrize("value", ["nan", "inf", "-inf", f"1{'0' * 400}"])
 def test_a_value_that_is_no_finite_number_is_refused(tmp_path: Path, value: str) -> None:
     for section, key in KEYS:
         listed = f"[{value}]" if isinstance(SHIPPED[section][key], list) else value

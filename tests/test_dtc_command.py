@@ -10,6 +10,7 @@ from monitor import cli, obd_records
 from monitor.dtc import Dtc, DtcStore, Saved
 from monitor.memory import Memory
 from monitor.obd_records import FreezeFrame
+from tests.injected_frames import HEALTHY
 
 
 @pytest.fixture
@@ -141,6 +142,18 @@ def test_clearing_is_refused_while_a_monitor_runs_on_the_memory(
         assert "o2.db: the fault memory is in use by a running monitor" in capsys.readouterr().err
         assert "P015A" in output(capsys, "list", "--memory", memory)  # reading is allowed
     output(capsys, "clear", "--memory", memory)
+
+
+def test_a_replay_is_refused_while_another_process_works_on_the_memory(
+    memory: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # GIVEN a memory that somebody else reads at the beginning and writes at the end
+    with closing(Memory(memory, hold=True)):
+        # WHEN a replay would do the same
+        code = cli.main(["replay", str(HEALTHY), "--memory", str(memory), "--quiet"])
+    # THEN it says so, and no code of either is written over
+    assert code == 2
+    assert "o2.db: the fault memory is in use by a running monitor" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("action", ["list", "freeze-frame", "readiness", "clear"])

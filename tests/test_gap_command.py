@@ -234,6 +234,8 @@ def test_a_slow_sensor_is_suspected_and_no_model_is_written(
 ) -> None:
     slow = drives(tmp_path, 2_800_021, fault=("slow_symmetric", 0.3))
     out = tmp_path / "gap"
+    out.mkdir()
+    (out / "model.onnx").write_text("of a run before, on other recordings")
     assert run("--model", chain, *slow, "--healthy", *healthy, "--out", out) == 0
     found = json.loads((out / "gap.json").read_text())
     assert found["verdict"] == "sensor_fault_suspected"

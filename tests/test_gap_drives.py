@@ -46,12 +46,13 @@ def test_a_cut_that_is_read_late_is_not_scored_either() -> None:
     assert drive.scored[last + 11]
 
 
-def test_a_gap_in_an_input_is_held_and_not_scored() -> None:
+@pytest.mark.parametrize("name", ["air_mass_mg", "fuel_mass_mg", "engine_speed_rpm"])
+def test_a_gap_in_an_input_is_held_and_not_scored(name: str) -> None:
     signals = plain_signals()
-    air = signals["air_mass_mg"].copy()
-    air[3000:3010] = np.nan
-    drive = _make(signals | {"air_mass_mg": air}, np.ones(6000))
-    np.testing.assert_array_equal(drive.signals["air_mass_mg"][3000:3010], np.full(10, air[2999]))
+    values = signals[name].copy()
+    values[3000:3010] = np.nan
+    drive = _make(signals | {name: values}, np.ones(6000))
+    np.testing.assert_array_equal(drive.signals[name][3000:3010], np.full(10, values[2999]))
     assert not drive.scored[3000 : 3010 + 49].any()
 
 

@@ -18,6 +18,7 @@ from training.gap.add.added import Added, uncertain
 from training.gap.drives import Drive, make
 from training.gap.effects import LIBRARY
 from training.gap.mixed import Chain, parted, warn
+from training.gap.reference import accepted
 from training.gap.reference.visited import Visited
 from training.gap.stages import Stages
 from training.recordings import Recording
@@ -189,6 +190,19 @@ def test_drives_that_do_not_say_their_coolant_temperature_count_as_of_any() -> N
     assert "coolant_temperature_degc" in warm.signals
     assert Visited.of([warm]).on(silent)[warm.scored].all()
     assert Visited.of([silent]).on(warm)[warm.scored].all()
+
+
+def test_drives_where_no_healthy_one_has_been_are_warned_of() -> None:
+    # GIVEN healthy drives with a warm engine, and new ones of which one is cold
+    known = accepted.learn([drive(seed) for seed in (1, 2, 3)], USUAL, lambda _: None)
+    cold = drive(5, coolant_temperature_degc=np.full(6000, 10.0))
+    # WHEN they are to be named
+    assert usable.unvisited([drive(4)], known) == []
+    left_out, share = usable.unvisited([drive(4), cold], known)
+    # THEN the cold one is said to be left out
+    assert left_out.startswith("drive_5: left out of the naming")
+    assert share.startswith("5")
+    assert "name nothing" in share
 
 
 def test_a_stage_is_made_once_for_a_run_and_again_for_another(tmp_path: Path) -> None:

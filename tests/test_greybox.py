@@ -16,6 +16,8 @@ from training.dyno import vehicle
 from training.dyno.simulate import Experiment
 from training.dyno.write import write
 from training.export import Graph
+from training.gap.base import plain_drives_of
+from training.gap.check.verify import verify
 from training.gap.drives import from_recording
 from training.gap_study.drive import recording
 from training.gap_study.plan import Part
@@ -117,7 +119,7 @@ def test_a_simulated_vehicle_s_sensor_and_transport_are_found(result: GreyboxRes
 
 def test_too_few_samples_are_an_error() -> None:
     signals, phi = synthetic(0, 600)
-    with pytest.raises(RecordingError, match="400 samples enabled"):
+    with pytest.raises(RecordingError, match="398 samples enabled"):
         fit_constants(signals, phi, np.arange(600) >= 200, PERIOD_S)
 
 
@@ -244,6 +246,15 @@ def test_fuel_cut_reads_lean_even_if_no_recording_had_one(
     assert reading > 15.9
 
 
+def test_a_reading_on_every_second_sample_is_refused_with_what_is_wanted() -> None:
+    # GIVEN lambda at half the grid's rate, as exports of several rates have it
+    signals, phi = synthetic(3)
+    scored = np.arange(len(phi)) % 2 == 0
+    # WHEN the chain, whose noise has a memory of two samples, is fitted
+    with pytest.raises(RecordingError, match=r"^0 samples enabled .* on every sample of the grid"):
+        fit_constants(signals, phi, scored, PERIOD_S)
+
+
 def without(recording: Recording, *names: str) -> Recording:
     kept = tuple(n for n in recording.names if n not in names)
     columns = [recording.names.index(n) for n in kept]
@@ -333,6 +344,34 @@ def test_a_chain_with_its_own_charge_is_rebuilt_from_its_card(dense: GreyboxResu
     again = Greybox.of(Model.load(dense.path).card)
     assert build(again) == build(dense.greybox)
     assert again.charge_map is not None
+
+
+@pytest.mark.parametrize("chain", ["result", "dense"])
+def test_where_the_charge_cannot_be_made_nothing_is_scored(
+    chain: str, drives: list[Recording], request: pytest.FixtureRequest
+) -> None:
+    # GIVEN a drive in which what a chain makes its charge of is lost for a minute
+    card = request.getfixturevalue(chain).card
+    lossy = replace(drives[0], values=drives[0].values.copy())
+    for name in ("air_mass_mg", "manifold_pressure_kpa"):
+        lossy.values[3000:3600, lossy.names.index(name)] = np.nan
+    # WHEN it becomes a drive of the gap workflow
+    (made,), (whole,) = (plain_drives_of(card, [each]) for each in (lossy, drives[0]))
+    # THEN that minute says nothing, and the others as much as before
+    assert whole.scored[3000:3600].mean() > 0.5
+    assert not made.scored[3000:3600].any()
+    np.testing.assert_array_equal(made.scored[:3000], whole.scored[:3000])
+
+
+def test_a_chain_with_its_own_charge_is_verified_without_a_broadcast_one(
+    dense: GreyboxResult, drives: list[Recording]
+) -> None:
+    silent = without(drives[2], "air_mass_mg", "maf_kg_h")
+    found, told = (
+        verify(dense.path, None, [each], chain=dense.fitted.constants, faults=())
+        for each in (silent, drives[2])
+    )
+    assert found.overall.before == told.overall.before > 0.0
 
 
 def test_the_error_of_a_charge_is_found_from_the_reading_alone() -> None:

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import httpx
+import numpy as np
 import pytest
 
 from monitor.decide import DtcChanged
@@ -24,10 +25,10 @@ from monitor.dtc import DtcStore
 from monitor.enable import CONDITIONS
 from monitor.live import feed as feeds
 from monitor.live.codes import fault_memory
-from monitor.live.describe import Conditions
+from monitor.live.describe import Conditions, signal_rows
 from monitor.live.process import Server
 from monitor.pipeline import Tick
-from monitor.types import Frame
+from monitor.types import Frame, Quality, Sample
 from tests.http_fuzz import ask, request
 from tests.live_player import Player, Sink, frames_of
 
@@ -164,6 +165,14 @@ def test_a_condition_says_what_it_sees(late_sensor: list[Frame]) -> None:
     assert seen["closed_loop"] in ("closed", "open loop", "changing")
     assert now["predicted"] is None
     assert [row[2] for row in now["signals"] if row[2]]
+
+
+@pytest.mark.parametrize("quality", set(Quality) - {Quality.GOOD})
+def test_a_value_that_is_missing_says_why(quality: Quality) -> None:
+    sample = Sample(0, 0, np.array([math.nan]), np.array([quality], dtype=np.uint8))
+    ((_, value, why),) = signal_rows(["maf_kg_h"], sample)
+    assert value == "–"
+    assert why
 
 
 def test_an_input_outside_the_training_is_named_with_its_bound(late_sensor: list[Frame]) -> None:
