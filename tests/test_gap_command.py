@@ -1,5 +1,6 @@
 """``o2train gap`` from files to a new model, on simulated drives with the plant's own effects."""
 
+import html
 import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -151,6 +152,7 @@ def test_the_report_shows_the_name_the_model_and_that_all_is_simulated(named: St
     assert page.index("Named: wall_film") < page.index("What now")
     assert str(named.out / "model.onnx") in page
     assert "simulated" in page
+    assert html.escape("Transport to the sensor: the model's own chain") in page
     assert page.count("<img") + page.count("<svg") >= 4
 
 

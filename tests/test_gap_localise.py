@@ -19,7 +19,7 @@ from tests.gap_residuals import (
     wall_film,
 )
 from training.gap.compared import Compared
-from training.gap.pages.page import localise_page
+from training.gap.pages.page import section
 from training.gap.where.localise import Findings, localise
 
 FLOW = {"maf_kg_h", "inverse_flow_h_kg", "load_times_speed"}
@@ -228,12 +228,12 @@ def test_recordings_of_different_periods_are_refused() -> None:
 
 def test_the_page_says_what_was_found_and_the_same_findings_give_the_same_page() -> None:
     result = found(purge)
-    text = localise_page(result)
+    text = section(result)
     for sentence in result.significant:
         assert sentence.split(":")[0] in text
     assert text.count("<figure>") == 7
     again = localise([drive(seed, purge, n=4000) for seed in (1, 2, 3)])
-    assert localise_page(again) == text
+    assert section(again) == text
 
 
 def test_the_entries_of_the_report_are_shares_between_0_and_1() -> None:

@@ -146,11 +146,6 @@ class MessageWriter:
         self._checksum = Field(first, integrity.checksum) if integrity.checksum else None
         self._algorithm = integrity.algorithm
 
-    @property
-    def has_counter(self) -> bool:
-        """Return whether its frames are counted."""
-        return self._counter is not None
-
     def is_sound(self, data: bytes) -> bool:
         """Return whether length and checksum hold."""
         if len(data) not in self._lengths:

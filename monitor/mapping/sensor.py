@@ -51,10 +51,6 @@ def _plain(text: str) -> str:
     return " ".join(words_of(text))
 
 
-def _numbers(words: tuple[str, ...]) -> list[int]:
-    return [int(word) for word in words if word.isdigit()]
-
-
 def _sensor_numbers(text: str) -> list[int]:
     """Return the numbers of bank and sensor in a name: B1S2, O2S12, Lambda_2, Sonde 2."""
     found: list[int] = []

@@ -7,6 +7,7 @@ import numpy as np
 
 from monitor.errors import RecordingError
 from monitor.types import BoolArray, FloatArray, IntArray
+from training.chain import Path
 from training.gap.drives import Drive
 
 BLOCK_S = 30.0  # one block: many cycles of the lambda controller and a manoeuvre or two
@@ -33,11 +34,12 @@ class Compared:
     residual: FloatArray = field(init=False)  # (n,) measured minus predicted, 0 where not scored
 
     @classmethod
-    def of(cls, drive: Drive, phi_predicted: FloatArray) -> "Compared":
-        """Return a drive with a model's prediction (n,) of its phi."""
+    def of(cls, drive: Drive, phi_predicted: FloatArray, path: Path | None = None) -> "Compared":
+        """Return a drive with a model's prediction (n,) of its phi, and the path of its chain."""
         return cls(
             drive.name, drive.period_s, drive.signals, drive.phi_measured, phi_predicted,
-            drive.scored,
+            drive.scored, path.dead_time_s if path else None,
+            float(np.median(path.mixing_s + path.sensor_rising_s)) if path else None,
         )  # fmt: skip
 
     def __post_init__(self) -> None:

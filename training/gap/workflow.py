@@ -31,6 +31,7 @@ from training.gap.reference.healthy import Healthy
 from training.gap.result import ModelFile, Result, Step, of_recording
 from training.gap.stages import Stages
 from training.gap.where.localise import Findings, localise
+from training.greybox_graph import Greybox
 from training.recordings import Recording
 
 Progress = Callable[[str], None]
@@ -180,9 +181,11 @@ def _with_own(drives: Sequence[Drive], known: Healthy | None) -> list[Drive]:
 
 def _localise(given: Given, progress: Progress) -> Findings:
     progress("localising")
+    card = base.check(given.model)
+    chain = Greybox.of(card) if card.kind == base.GREYBOX else None
     new, known = (
         [
-            Compared.of(drive, phi)
+            Compared.of(drive, phi, chain.path(drive.signals) if chain else None)
             for drive, phi in zip(
                 base.drives_of(given.model, each), predicted_phi(given.model, each), strict=True
             )

@@ -18,16 +18,11 @@ from training.gap.where.localise import Findings
 from training.gap.where.over_time import Change
 from training.gap.where.regime_tree import Box
 from training.gap.where.regimes import Regime
-from training.page import page, paragraph, picture, table
+from training.page import paragraph, picture, table
 
 SHOWN = 8  # regimes in the picture and table
 SHOWN_LAGS = 4
 SHOWN_CHANGES = 6
-
-
-def localise_page(found: Findings, title: str = "Where model and vehicle disagree") -> str:
-    """Return a whole HTML page of the findings."""
-    return page(title, section(found))
 
 
 def section(found: Findings) -> str:
