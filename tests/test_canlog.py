@@ -299,6 +299,20 @@ def test_log_and_table_commands_undo_each_other(
     assert "1000 frames" in capsys.readouterr().out
 
 
+def test_a_table_whose_times_are_milliseconds_makes_no_log_of_weeks(tmp_path: Path) -> None:
+    # GIVEN six seconds of a drive, its times in ms
+    table, log, columns = tmp_path / "a.csv", tmp_path / "a.log", tmp_path / "columns.toml"
+    write_table(table, np.arange(60) * 100.0, ["maf_kg_h"], np.full((60, 1), 20.0))
+    # WHEN it is to become a log, THEN what to give is said
+    with pytest.raises(RecordingError, match=r"a\.csv: rows are 100 s apart.* factor = 0\.001"):
+        run("log", table, "--out", log)
+    columns.write_text('time_s = { column = "time_s", factor = 0.001 }')
+    assert run("log", table, "--out", log, "--columns", columns) == 0
+    for start in ("nan", "1e30", "-1"):
+        with pytest.raises(UsageError, match="--start"):
+            run("log", table, "--out", log, f"--start={start}")
+
+
 def test_a_dbc_without_its_map_is_refused(tmp_path: Path) -> None:
     with pytest.raises(O2Error, match="--dbc is given 1 times and --map 0 times"):
         run("table", tmp_path / "a.log", "--out", tmp_path / "a.csv", "--dbc", "x.dbc")

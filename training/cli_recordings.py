@@ -3,10 +3,13 @@
 import argparse
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
+    from monitor.types import IntArray
     from training.recordings import Recording
+
+ROWS_APART_MOST_S: Final = 10.0  # in the median, of a table that becomes a log
 
 _TABLE_EXAMPLES = """examples:
   o2train table drive.log --out drive.csv
@@ -152,6 +155,7 @@ def run_log(args: argparse.Namespace) -> int:
     if args.start is not None and not 0.0 <= args.start < LATEST_S:
         raise UsageError(f"--start {args.start:g}: seconds from 0 to {LATEST_S:g} are wanted")
     table = load_table(args.table, args.columns)
+    _check_rows(args.table, table.t_ns)
     bus_map = load_pairs(pairs_of(args) or default_pairs())
     values = {name: table.values[:, i] for i, name in enumerate(table.names)}
     start_ns = None if args.start is None else round(args.start * 1e6) * 1000
@@ -165,3 +169,17 @@ def run_log(args: argparse.Namespace) -> int:
     seconds = (int(frames.t_ns[-1]) - int(frames.t_ns[0])) / 1e9
     print(f"{args.out}: {len(frames.t_ns)} frames in {seconds:.1f} s")
     return 0
+
+
+def _check_rows(path: Path, t_ns: "IntArray") -> None:
+    """Raise RecordingError if the rows lie so far apart that the times are hardly seconds."""
+    import numpy as np
+
+    from monitor.errors import RecordingError
+
+    apart_s = float(np.median(np.diff(t_ns))) / 1e9 if len(t_ns) > 1 else 0.0
+    if apart_s > ROWS_APART_MOST_S:
+        raise RecordingError(
+            f"{path}: rows are {apart_s:g} s apart, at most {ROWS_APART_MOST_S:g} s are wanted; "
+            'for times in ms give --columns with time_s = { column = "time_s", factor = 0.001 }'
+        )
