@@ -14,7 +14,7 @@ import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any, Final
+from typing import IO, Any, Final, cast
 
 import numpy as np
 
@@ -109,7 +109,13 @@ def read_table(path: str | Path, columns: str | Path | None = None) -> Table:
         )
     try:
         with _open(path) as file:
-            header = [name.strip() for name in file.readline().lstrip("\ufeff").split(",")]
+            first = file.readline().lstrip("\ufeff")
+            header = [name.strip() for name in first.split(",")]
+            if len(header) == 1 and ";" in first:
+                raise RecordingError(
+                    f"{path}: columns are parted by semicolons, commas are wanted, and points in "
+                    "numbers"
+                )
             cells = _cells(path, header, file)
     except (OSError, EOFError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or str(error)
@@ -173,9 +179,15 @@ def _times(path: Path, time_s: FloatArray) -> IntArray:
 
 
 def _open(path: Path) -> IO[str]:
-    if path.name.lower().endswith(".gz"):
-        return gzip.open(path, "rt", encoding="utf-8", newline="")
-    return path.open(encoding="utf-8", newline="")
+    """Open a table; one that is not UTF-8 is Windows' own Western encoding."""
+    opened = gzip.open if path.name.lower().endswith(".gz") else open
+    with opened(path, "rb") as file:
+        header = file.readline()
+    try:
+        header.decode("utf-8")
+    except UnicodeDecodeError:
+        return cast("IO[str]", opened(path, "rt", encoding="cp1252", errors="replace", newline=""))
+    return cast("IO[str]", opened(path, "rt", encoding="utf-8", newline=""))
 
 
 def _cells(path: Path, header: Sequence[str], lines: IO[str]) -> FloatArray:

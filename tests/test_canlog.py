@@ -223,6 +223,28 @@ def test_columns_that_a_map_does_not_name_keep_their_own_names(tmp_path: Path) -
         load(tmp_path / "t.parquet", columns=columns)
 
 
+def test_a_table_in_windows_own_encoding_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    path.write_bytes("time_s,Öltemp °C,lambda_measured\n0,80,1\n0.1,81,1.01\n".encode("cp1252"))
+    found = load(path)
+    assert found.names == ("Öltemp °C", "lambda_measured")
+    np.testing.assert_allclose(found.column("Öltemp °C"), [80.0, 81.0])
+
+
+def test_semicolons_are_told_from_columns(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text("time_s;lambda_measured\n0,0;1,0\n0,1;1,01\n")
+    with pytest.raises(RecordingError, match=r"t\.csv: columns are parted by semicolons"):
+        load(path)
+
+
+def test_a_log_of_other_frames_than_the_map_s_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "other.log"
+    path.write_text("".join(f"({0.01 * i:.2f}) can0 7A1#0011\n" for i in range(100)))
+    with pytest.raises(RecordingError, match=r"other\.log: no frame holds a good value of "):
+        load(path)
+
+
 def test_a_recording_read_otherwise_is_another_one(tmp_path: Path) -> None:
     path, columns = tmp_path / "t.csv", tmp_path / "columns.toml"
     write_table(path, np.arange(3) * 0.1, ["AFR"], np.full((3, 1), 14.7))

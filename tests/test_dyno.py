@@ -100,6 +100,8 @@ def test_a_file_is_named_after_what_was_driven(tmp_path: Path) -> None:
     )
     assert write(experiment, tmp_path, "csv").name == "udds_v12_s7_delay_symmetric.csv"
     assert replace(experiment, fault=None).name == "udds_v12_s7_healthy"
+    film = replace(experiment, fault=None, effects=effects.from_severities({"wall_film": 2.0}))
+    assert film.name == "udds_v12_s7_wall_film"
 
 
 # Log and table

@@ -181,6 +181,16 @@ def test_the_monitor_replays_with_the_new_model(
     assert sum(w["verdict"] == "failed" for w in judged["windows"]) == 0
 
 
+def test_the_model_that_is_looked_at_is_not_written_over(
+    named: Stopped, healthy: list[Path], film: list[Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    new = named.out / "model.onnx"
+    before = new.read_bytes()
+    assert run("--model", new, *film, "--healthy", *healthy, "--out", named.out) == 2
+    assert f"{new}: is read, too" in capsys.readouterr().err
+    assert new.read_bytes() == before
+
+
 def test_the_new_model_can_be_extended_again(
     named: Stopped, film: list[Path], tmp_path: Path
 ) -> None:

@@ -78,6 +78,15 @@ def test_options_of_a_network_are_refused(
     assert message in capsys.readouterr().err.splitlines()[-1]
 
 
+def test_a_recording_given_twice_is_refused(
+    training: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first = str(training[0])
+    out = str(tmp_path / "m.onnx")
+    assert o2train(["fit", first, first, "--kind", "greybox", "--out", out]) == 2
+    assert f"{first}: the same as {first}" in capsys.readouterr().err
+
+
 @pytest.fixture(scope="module")
 def dense(training: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The chain with its own charge."""

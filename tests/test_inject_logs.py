@@ -112,7 +112,7 @@ def test_the_frames_of_several_drives_go_to_numbered_logs(tmp_path: Path) -> Non
         (["IN", "--out", "OUT", "--fault", "slow"], "fault 'slow' is unknown"),
         (["IN", "--out", "OUT", "--assert"], "--assert needs a --scenario"),
         (["IN", "--out", "out.txt"], "unknown log format '.txt'"),
-        (["IN", "--out", "no/such/out.log"], "no/such/out.log: cannot record"),
+        (["IN", "--out", "no/such/out.log"], "no/such/out.log: the folder does not exist"),
         (["IN", "--out", "OUT", "-i", "virtual", "-c", "a"], "either a LOG or two buses"),
         (["IN", "--out", "OUT", "--fault", "signal_missing"], "no frame is left"),
         (["none.log", "--out", "OUT"], "none.log: cannot read it"),

@@ -21,7 +21,7 @@ from monitor.pipeline import WindowJudged
 from training.judge import Judged, judge_recordings
 from training.limits import NO_LIMITS, limits_of
 from training.paper_limits import PaperLimits, Residuals, choose, held_out
-from training.recordings import Recording, sha256
+from training.recordings import Recording, check_each_once, sha256
 from training.tolerance import CONFIDENCE, rate_bounds
 
 SCHEMA = "o2train.calibrate/1"
@@ -82,18 +82,15 @@ def calibrate(
 
 
 def _check(healthy: Sequence[Recording], faulty: Sequence[Recording]) -> None:
-    seen: dict[str, Path] = {}
     for kind, drives in (("healthy", healthy), ("faulty", faulty)):
         for recording in drives:
-            if recording.sha256 in seen:
-                raise UsageError(f"{recording.path}: the same as {seen[recording.sha256]}")
-            seen[recording.sha256] = recording.path
             entry = _entry(recording)
             fault = entry.get("fault")
             if kind == "healthy" and fault:
                 raise UsageError(f"{recording.path}: given as healthy, its manifest says {fault}")
             if kind == "faulty" and entry and not fault:
                 raise UsageError(f"{recording.path}: given as faulty, its manifest says healthy")
+    check_each_once((*healthy, *faulty))
 
 
 def _entry(recording: Recording) -> dict[str, Any]:

@@ -66,6 +66,7 @@ def run(args: argparse.Namespace) -> int:
     """Look for the gap and write what was found; returns the exit code."""
     from tqdm import tqdm
 
+    from monitor.outputs import check
     from training.gap.given import Given, options_of
     from training.gap.pages import report
     from training.gap.pages.report_words import cautions
@@ -73,6 +74,7 @@ def run(args: argparse.Namespace) -> int:
     from training.gap.stages import Stages
     from training.gap.workflow import NEW_MODEL, investigate
 
+    check((args.out / NEW_MODEL,) if args.out.is_dir() else (), (args.model,))
     options = options_of(args.steps, args.sensor_known_good, _effects(args.add), args.retrain)
     period_s = args.period if args.period is not None else _period_s(args.model)
     given = Given(
@@ -89,8 +91,8 @@ def run(args: argparse.Namespace) -> int:
 
         found = investigate(given, args.out, options, stages=stages, progress=progress)
     of_before = args.out / NEW_MODEL
-    if found.new_model is None and of_before.exists() and not of_before.samefile(args.model):
-        of_before.unlink()
+    if found.new_model is None:
+        of_before.unlink(missing_ok=True)
     for warning in cautions(found):
         print(f"o2train: warning: {warning}", file=sys.stderr)
     save(found, args.out / RESULT)

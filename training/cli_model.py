@@ -117,9 +117,11 @@ def run_fit(args: argparse.Namespace) -> int:
     """Train and write a model; returns the exit code."""
     from training import fit_report, greybox_report
     from training.fit import FitResult
+    from training.recordings import check_each_once
 
     report = _check_fit(args)
     recordings = load_all(args, args.recordings, args.period)
+    check_each_once(recordings)
     result = _narx(args, recordings) if args.kind == "narx" else cli_greybox.fit(args, recordings)
     warnings = (*_set_limits(result, recordings), *_set_reference(result, recordings))
     for warning in (*result.warnings, *warnings):
@@ -138,6 +140,7 @@ def run_fit(args: argparse.Namespace) -> int:
 def _check_fit(args: argparse.Namespace) -> Path:
     """Return where the report goes; raises UsageError for impossible options."""
     from monitor.errors import UsageError
+    from monitor.outputs import check as check_outputs
     from monitor.signals import NARX_INPUTS
 
     if (
@@ -150,9 +153,7 @@ def _check_fit(args: argparse.Namespace) -> Path:
     if args.seed < 0:
         raise UsageError("--seed is at least 0")
     report: Path = args.report or args.out.with_suffix(".html")
-    for out in (args.out, report):
-        if not out.absolute().parent.is_dir():
-            raise UsageError(f"{out}: the folder does not exist")
+    check_outputs((args.out, report), (*args.recordings, *args.validate, args.columns))
     if args.kind == "greybox":
         cli_greybox.check(args)
     if args.ratio and not {"fuel_mass_mg", "air_mass_mg"} <= set(args.inputs or NARX_INPUTS):

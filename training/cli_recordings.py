@@ -3,13 +3,10 @@
 import argparse
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from monitor.types import IntArray
     from training.recordings import Recording
-
-ROWS_APART_MOST_S: Final = 10.0  # in the median, of a table that becomes a log
 
 _TABLE_EXAMPLES = """examples:
   o2train table drive.log --out drive.csv
@@ -125,8 +122,10 @@ def load_all(
 
 def run_table(args: argparse.Namespace) -> int:
     """Write a recording as a table; returns the exit code."""
+    from monitor.outputs import check
     from training.recordings import load, write_table
 
+    check((args.out,), (args.recording, args.columns))
     recording = load(
         args.recording,
         args.signals,
@@ -148,14 +147,16 @@ def run_log(args: argparse.Namespace) -> int:
     from monitor.bus_map import load_pairs
     from monitor.candump import LATEST_S
     from monitor.errors import UsageError
+    from monitor.outputs import check
     from training.canlog import broadcast, write_log
-    from training.recordings import default_pairs
+    from training.recordings import check_rows, default_pairs
     from training.table_files import load_table
 
     if args.start is not None and not 0.0 <= args.start < LATEST_S:
         raise UsageError(f"--start {args.start:g}: seconds from 0 to {LATEST_S:g} are wanted")
+    check((args.out,), (args.table, args.columns))
     table = load_table(args.table, args.columns)
-    _check_rows(args.table, table.t_ns)
+    check_rows(args.table, table.t_ns)
     bus_map = load_pairs(pairs_of(args) or default_pairs())
     values = {name: table.values[:, i] for i, name in enumerate(table.names)}
     start_ns = None if args.start is None else round(args.start * 1e6) * 1000
@@ -169,17 +170,3 @@ def run_log(args: argparse.Namespace) -> int:
     seconds = (int(frames.t_ns[-1]) - int(frames.t_ns[0])) / 1e9
     print(f"{args.out}: {len(frames.t_ns)} frames in {seconds:.1f} s")
     return 0
-
-
-def _check_rows(path: Path, t_ns: "IntArray") -> None:
-    """Raise RecordingError if the rows lie so far apart that the times are hardly seconds."""
-    import numpy as np
-
-    from monitor.errors import RecordingError
-
-    apart_s = float(np.median(np.diff(t_ns))) / 1e9 if len(t_ns) > 1 else 0.0
-    if apart_s > ROWS_APART_MOST_S:
-        raise RecordingError(
-            f"{path}: rows are {apart_s:g} s apart, at most {ROWS_APART_MOST_S:g} s are wanted; "
-            'for times in ms give --columns with time_s = { column = "time_s", factor = 0.001 }'
-        )

@@ -28,13 +28,14 @@ from monitor.tables import (
     table_block,
     table_period_ns,
 )
-from monitor.types import FloatArray, Quality, QualityArray, SampleBlock
+from monitor.types import FloatArray, IntArray, Quality, QualityArray, SampleBlock
 from training.measurement import is_measurement, read_measurement, union_of_times
 from training.table_files import load_table, write_table
 
 __all__ = ["Recording", "default_pairs", "load", "log_block", "sha256", "write_table"]
 
 Pairs = Sequence[tuple[str | Path, str | Path]]
+ROWS_APART_MOST_S: Final = 60.0  # in the median
 DEFAULT_PAIR: Final = ("o2_ecu.dbc", "o2_ecu.toml")
 
 
@@ -96,15 +97,41 @@ def load(
     if is_measurement(path, columns):
         got, period_ns, block = _from_measurement(path, wanted, period_ns, columns)
     elif is_table(path):
-        got, period_ns, block = _from_table(load_table(path, columns), wanted, period_ns)
+        table = load_table(path, columns)
+        check_rows(path, table.t_ns)
+        got, period_ns, block = _from_table(table, wanted, period_ns)
     else:
         bus_map = load_pairs(default_pairs() if pairs is None else pairs)
         got, period_ns = wanted or bus_map.names, period_ns or DEFAULT_PERIOD_NS
         block = log_block(path, bus_map, got, period_ns)
+        if block.quality.size and (block.quality != Quality.GOOD).all():
+            raise RecordingError(
+                f"{path}: no frame holds a good value of {', '.join(got[:3])}"
+                f"{', …' if len(got) > 3 else ''}; wrong --dbc or --map?"
+            )
     if len(block.t_ns) == 0:
         raise RecordingError(f"{path}: too short for one sample of {period_ns / 1e9:g} s")
     t_s = (block.t_ns - block.t_ns[0]) / 1e9
     return Recording(path, sha256(path), period_ns, t_s, got, block.values, block.quality)
+
+
+def check_each_once(recordings: Sequence[Recording]) -> None:
+    """Raise UsageError if the same file is there twice, under whatever name."""
+    seen: dict[str, Path] = {}
+    for each in recordings:
+        if each.sha256 in seen:
+            raise UsageError(f"{each.path}: the same as {seen[each.sha256]}")
+        seen[each.sha256] = each.path
+
+
+def check_rows(path: Path, t_ns: IntArray) -> None:
+    """Raise RecordingError if a table's rows lie so far apart that its times are hardly seconds."""
+    apart_s = float(np.median(np.diff(t_ns))) / 1e9 if len(t_ns) > 1 else 0.0
+    if apart_s > ROWS_APART_MOST_S:
+        raise RecordingError(
+            f"{path}: rows are {apart_s:g} s apart, at most {ROWS_APART_MOST_S:g} s are wanted; "
+            'for times in ms give --columns with time_s = { column = "time_s", factor = 0.001 }'
+        )
 
 
 def _from_table(

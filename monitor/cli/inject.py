@@ -127,6 +127,7 @@ def _logs(
     from monitor.inject.expected import Judge, fresh_memory
     from monitor.inject.gateway import write_log
     from monitor.inject.injector import Injector
+    from monitor.outputs import check, numbered
     from monitor.sources import read_frames
 
     if not (args.out or args.check):
@@ -142,7 +143,8 @@ def _logs(
                 keep_counters=scenario.keep_counters,
             )
             judge = Judge(setup, memory) if setup and memory else None
-            out = _numbered(args.out, drive, scenario.n_drives) if args.out else None
+            out = args.out and (numbered(args.out, drive) if scenario.n_drives > 1 else args.out)
+            check((out,), (args.log, args.scenario, *args.dbc, *args.map))
             frames = injector.stream(read_frames(args.log))
             frames = _seen(frames, judge.push) if judge else frames
             n = write_log(out, frames) if out else sum(1 for _ in frames)
@@ -159,14 +161,6 @@ def _seen(frames: "Iterable[Frame]", take: Any) -> "Iterator[Frame]":
     for frame in frames:
         take(frame)
         yield frame
-
-
-def _numbered(path: Path, drive: int, n_drives: int) -> Path:
-    """Return the output's name for one of several drives: drive_2.log.gz for drive.log.gz."""
-    if n_drives == 1:
-        return path
-    stem, dot, suffixes = path.name.partition(".")
-    return path.with_name(f"{stem}_{drive}{dot}{suffixes}")
 
 
 def _buses(

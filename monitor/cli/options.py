@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from monitor import outputs
 from monitor.errors import BusError, UsageError
 
 if TYPE_CHECKING:
@@ -27,14 +28,18 @@ def positive(text: str) -> float:
     return value
 
 
+def hexadecimal(text: str) -> int:
+    """Return a whole number given as hexadecimal digits."""
+    return int(text, 16)
+
+
 def check_outputs(args: argparse.Namespace) -> None:
-    """Find out before the work whether its result can be written.
+    """Find out before the work whether its result can be written, and over nothing that is read.
 
     Raises UsageError.
     """
-    for path in (args.json, args.html, getattr(args, "record", None)):
-        if path is not None and not path.absolute().parent.is_dir():
-            raise UsageError(f"{path}: the folder does not exist")
+    read = (*getattr(args, "log", ()), args.model, args.config, args.memory, *args.dbc, *args.map)
+    outputs.check((args.json, args.html, getattr(args, "record", None)), read)
 
 
 def say(line: str) -> None:
@@ -98,7 +103,7 @@ def add_obd(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--obd-request",
-        type=lambda text: int(text, 16),
+        type=hexadecimal,
         metavar="ID",
         help="identifier to ask under, hexadecimal (default: 7E0, 7DF and their 29-bit "
         "counterparts, until one is answered)",

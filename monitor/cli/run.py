@@ -27,6 +27,7 @@ from monitor.cli.options import (
     tell_if_too_slow,
     write_outputs,
 )
+from monitor.outputs import unused
 
 if TYPE_CHECKING:
     from monitor.attachment import Attachment
@@ -51,7 +52,12 @@ def add(commands: Any) -> None:
     add_bus(run)
     add_setup(run)
     run.add_argument("--duration", type=positive, metavar="S", help="stop after so many seconds")
-    run.add_argument("--record", type=Path, metavar="LOG", help="write all frames to a log")
+    run.add_argument(
+        "--record",
+        type=Path,
+        metavar="LOG",
+        help="write all frames to a log; one that is there is kept, and a number added",
+    )
     run.add_argument("--transmit", action="store_true", help="send fault flag and codes")
     add_diagnostics(run)
     add_obd(run)
@@ -80,6 +86,9 @@ def _judge(args: argparse.Namespace, server: "Server | None") -> int:
 
     _take_place(args)
     setup = set_up(args)
+    record = unused(args.record) if args.record else None
+    if record != args.record:
+        print(f"o2mon: {args.record} is kept, this run is recorded in {record}", file=sys.stderr)
     out = Out(sys.stdout)
     memory = Memory(args.memory, hold=True) if args.memory else None
     with closing(memory) if memory else nullcontext(), open_bus(args) as bus:
@@ -87,7 +96,7 @@ def _judge(args: argparse.Namespace, server: "Server | None") -> int:
             bus,
             setup,
             memory=memory,
-            record=args.record,
+            record=record,
             trace=bool(args.html),
             reopen=lambda: open_bus(args),
             say=_speaker(args, out),

@@ -29,11 +29,15 @@ def write_log(path: Path, frames: Iterable[Frame]) -> int:
 
     Raises RecordingError if the format is unknown or the file cannot be written.
     """
-    n = 0
-    with Recorder(path) as recorder:
-        for frame in frames:
-            recorder.write(frame)
-            n += 1
+    n, begun = 0, path.with_name(f".begun_{path.name}")
+    try:
+        with Recorder(begun) as recorder:
+            for frame in frames:
+                recorder.write(frame)
+                n += 1
+        begun.replace(path)
+    finally:
+        begun.unlink(missing_ok=True)
     return n
 
 

@@ -30,9 +30,10 @@ class Experiment:
 
     @property
     def name(self) -> str:
-        """Return the file name's stem: cycle, vehicle, seed, healthy or the fault."""
-        what = self.fault.name if self.fault else "healthy"
-        return f"{self.cycle}_v{self.vehicle}_s{self.seed}_{what}"
+        """Return the file name's stem: cycle, vehicle, seed, fault and effects, or healthy."""
+        effects = [name for name, scale in self.effects._asdict().items() if scale]
+        what = [*([self.fault.name] if self.fault else []), *effects] or ["healthy"]
+        return "_".join([self.cycle, f"v{self.vehicle}", f"s{self.seed}", *what])
 
 
 def simulate(experiment: Experiment) -> dict[str, FloatArray]:

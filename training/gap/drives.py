@@ -131,7 +131,11 @@ def make(
     scored[: round(AFTER_GAP_S / period_s)] = False
     seconds = float(scored.sum()) * period_s
     if seconds < MIN_SCORED_S:
-        raise RecordingError(f"{name}: {seconds:.0f} s can be scored, {MIN_SCORED_S:.0f} wanted")
+        raise RecordingError(
+            f"{name}: {seconds:.0f} s can be scored, {MIN_SCORED_S:.0f} wanted; of its samples "
+            f"{good.mean():.0%} have lambda, {inputs_good.mean():.0%} {', '.join(sorted(read))}, "
+            f"{1.0 - cut.mean():.0%} are outside fuel cut (fuel_mass_mg from {CUT_FUEL_MG:g} mg)"
+        )
     phi = np.where(good, phi, hold(np.where(good, phi, np.nan)))
     return Drive(name, sha256, period_s, MappingProxyType(held), phi, scored)
 
