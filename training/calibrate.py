@@ -82,7 +82,8 @@ def calibrate(
 
 
 def _check(healthy: Sequence[Recording], faulty: Sequence[Recording]) -> None:
-    for kind, drives in (("healthy", healthy), ("faulty", faulty)):
+    for kind, drives, before in (("healthy", healthy, ()), ("faulty", faulty, healthy)):
+        check_each_once((*before, *drives))
         for recording in drives:
             entry = _entry(recording)
             fault = entry.get("fault")
@@ -90,7 +91,6 @@ def _check(healthy: Sequence[Recording], faulty: Sequence[Recording]) -> None:
                 raise UsageError(f"{recording.path}: given as healthy, its manifest says {fault}")
             if kind == "faulty" and entry and not fault:
                 raise UsageError(f"{recording.path}: given as faulty, its manifest says healthy")
-    check_each_once((*healthy, *faulty))
 
 
 def _entry(recording: Recording) -> dict[str, Any]:
