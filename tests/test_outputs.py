@@ -7,6 +7,7 @@ import pytest
 
 from monitor import cli as o2mon
 from monitor.outputs import numbered, unused
+from monitor.replay import shipped_model
 from tests.injected_frames import HEALTHY
 from training import cli as o2train
 
@@ -27,6 +28,7 @@ def drive(tmp_path: Path) -> Path:
         (o2mon.main, "replay {} --html {}"),
         (o2train.main, "table {} --out {}"),
         (o2train.main, "log {} --out {}"),
+        (o2train.main, f"evaluate {{}} --json {{}} --model {shipped_model()}"),
     ],
 )
 def test_a_recording_is_not_written_over_by_what_is_made_of_it(

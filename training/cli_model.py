@@ -258,12 +258,14 @@ def run_evaluate(args: argparse.Namespace) -> int:
     """Predict recordings with a model, or drive the matrix; returns the exit code."""
     from monitor.errors import UsageError
     from monitor.model import Model
+    from monitor.outputs import check as check_outputs
     from training.evaluate import evaluate, save
 
     if args.matrix:
         return cli_matrix.run(args)
     if not args.recordings:
         raise UsageError("at least one RECORDING is wanted, or --matrix")
+    check_outputs((args.json,), (args.model, *args.recordings, args.columns))
     card = Model.load(args.model).card
     period_s = args.period if args.period is not None else card.period_ns / 1e9
     result = evaluate(args.model, load_all(args, args.recordings, period_s), args.washout)

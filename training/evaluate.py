@@ -46,7 +46,6 @@ def evaluate(
 
 def save(result: dict[str, Any], path: Path | str) -> None:
     """Write the figures as JSON."""
-    Path(path).parent.mkdir(parents=True, exist_ok=True)
     Path(path).write_text(json.dumps(result, indent=1, allow_nan=False) + "\n")
 
 
