@@ -16,7 +16,7 @@ from monitor.bus.recorder import Recorder, message_of
 from monitor.inject.injector import Injector
 from monitor.inject.side import Side
 from monitor.own_frames import bus_state, is_own, time_mark
-from monitor.sources import frame_of
+from monitor.sources import frame_of, log_kind
 from monitor.types import Frame
 
 POLL_S: Final = 0.001  # between two looks at buses that cannot be waited for together
@@ -29,6 +29,7 @@ def write_log(path: Path, frames: Iterable[Frame]) -> int:
 
     Raises RecordingError if the format is unknown or the file cannot be written.
     """
+    log_kind(path)  # under its own name, not that of the file begun
     n, begun = 0, path.with_name(f".begun_{path.name}")
     try:
         with Recorder(begun) as recorder:

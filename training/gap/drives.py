@@ -109,10 +109,11 @@ def make(
     """
     good = np.isfinite(lambda_measured) & (lambda_measured > 0.0)
     phi = np.minimum(1.0 / np.where(good, lambda_measured, 1.0), PHI_MAX)
-    read = {*needed, *({"engine_speed_rpm"} & signals.keys())}
+    is_chain = set(NEEDED) <= set(needed)
+    read = {*needed, *({"engine_speed_rpm"} & signals.keys() if is_chain else ())}
     inputs_good = np.all([np.isfinite(signals[each]) for each in read], axis=0)
     held = {each: hold(values) for each, values in signals.items()}
-    if set(NEEDED) <= set(needed):
+    if is_chain:
         if not {"engine_speed_rpm", "maf_kg_h"} & set(held):
             raise RecordingError(f"{name}: has neither engine_speed_rpm nor maf_kg_h")
         held = with_speed(held)
