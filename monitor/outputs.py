@@ -1,5 +1,6 @@
 """Files to write, looked at before the work: nothing that is read is written over."""
 
+import os
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -7,13 +8,16 @@ from monitor.errors import UsageError
 
 
 def check(outputs: Iterable[Path | None], inputs: Iterable[Path | None] = ()) -> None:
-    """Raise UsageError if an output's folder is missing, or it is a folder or one of the inputs."""
+    """Raise UsageError if an output cannot be written, or is one of the inputs."""
     read = [each for each in inputs if each is not None and each.exists()]
     for path in outputs:
         if path is None:
             continue
-        if not path.absolute().parent.is_dir():
+        folder = path.absolute().parent
+        if not folder.is_dir():
             raise UsageError(f"{path}: the folder does not exist")
+        if not os.access(folder, os.W_OK):
+            raise UsageError(f"{path}: the folder may not be written to")
         if path.is_dir():
             raise UsageError(f"{path}: is a folder, a file to write is wanted")
         if path.exists() and any(path.samefile(each) for each in read):

@@ -105,9 +105,8 @@ def guarded(path: Path, counters: LogCounters, found: Iterator[T]) -> Iterator[T
         yield from found
     except Exception as error:  # the readers raise whatever their parsers raise
         reason = " ".join(str(error).split()) or type(error).__name__
-        raise RecordingError(
-            f"{path}: damaged or cut short after {counters.frames} frames: {reason}"
-        ) from error
+        after = f" after {counters.frames} frames" if counters.frames else ""
+        raise RecordingError(f"{path}: damaged or cut short{after}: {reason}") from error
     if counters.frames == 0:
         raise RecordingError(f"{path}: no CAN frames in the log")
 

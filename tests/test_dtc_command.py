@@ -163,6 +163,11 @@ def test_a_memory_that_cannot_be_used_is_one_line_and_exit_code_2(
     missing = tmp_path / "nowhere.db"
     assert cli.main(["dtc", action, "--memory", str(missing)]) == 2
     assert f"{missing}: no such fault memory" in capsys.readouterr().err
+    empty = tmp_path / "empty.db"
+    empty.touch()
+    assert cli.main(["dtc", action, "--memory", str(empty)]) == 2
+    assert f"{empty}: is empty, a fault memory is wanted" in capsys.readouterr().err
+    assert empty.stat().st_size == 0
     assert not missing.exists()
     other = tmp_path / "drive.log"
     other.write_text("(1.0) can0 123#00\n" * 100)

@@ -67,3 +67,17 @@ def test_a_drive_that_was_recorded_is_kept_and_the_next_one_gets_a_number(drive:
 def test_a_folder_is_no_file_to_write(drive: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert o2mon.main(["replay", str(drive), "--json", str(drive.parent)]) == 2
     assert "is a folder, a file to write is wanted" in capsys.readouterr().err
+
+
+def test_a_folder_without_rights_is_refused_before_the_work(
+    drive: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # GIVEN a folder that may be read only, as os.access has it for all users but root
+    locked = drive.parent / "locked"
+    locked.mkdir()
+    monkeypatch.setattr("os.access", lambda path, mode: Path(path) != locked)
+    # WHEN a model is to be fitted into it
+    words = ["fit", str(drive), "--out", str(locked / "model.onnx")]
+    # THEN the command ends at once
+    assert o2train.main(words) == 2
+    assert f"{locked / 'model.onnx'}: the folder may not be written to" in capsys.readouterr().err

@@ -43,13 +43,20 @@ def add(commands: Any) -> None:
             action.add_argument("code", nargs="*", metavar="CODE", help="default: every code")
 
 
+def _check(path: Path) -> None:
+    """Raise UsageError if there is no fault memory: none is to be made by looking for one."""
+    if not path.exists():
+        raise UsageError(f"{path}: no such fault memory")
+    if path.is_file() and path.stat().st_size == 0:
+        raise UsageError(f"{path}: is empty, a fault memory is wanted")
+
+
 def _load(path: Path) -> "DtcStore":
-    """Return what a fault memory holds; a file that is not there is not made."""
+    """Return what a fault memory holds."""
     from monitor.dtc import DtcStore
     from monitor.memory import Memory
 
-    if not path.exists():
-        raise UsageError(f"{path}: no such fault memory")
+    _check(path)
     with closing(Memory(path)) as memory:
         return DtcStore(memory.load())
 
@@ -193,8 +200,7 @@ def _clear(args: argparse.Namespace) -> int:
     from monitor.dtc import DtcStore
     from monitor.memory import Memory
 
-    if not args.memory.exists():
-        raise UsageError(f"{args.memory}: no such fault memory")
+    _check(args.memory)
     with closing(Memory(args.memory, hold=True)) as memory:
         store = DtcStore(memory.load())
         cleared = [dtc.code for dtc in store.active]
