@@ -178,9 +178,12 @@ def test_a_late_estimate_of_the_filling_is_the_mirror_of_a_late_filling() -> Non
 
 def test_warm_walls_scavenging_and_pulsation_act_where_their_physics_says() -> None:
     signals = plain_signals()
-    before, warmed, _ = _with("charge_temperature", 0.2)
+    before, warmed, _ = _with("charge_temperature", 0.2, 0.0, 2.0)
     hot = signals["coolant_temperature_degc"] > signals["manifold_temperature_degc"] + 5.0
     assert (warmed.air_mg < before.air_mg)[hot].all()
+    _, learned, _ = _with("charge_temperature", 0.2, 0.6, 2.0)
+    lost, left = (np.log(before.air_mg / path.air_mg)[hot].mean() for path in (warmed, learned))
+    assert 0.3 * lost < left < 0.5 * lost
     throttled = signals["manifold_pressure_kpa"] < 0.55 * 98.0
     before, blown, _ = _with("scavenging", 0.5, 3000.0)
     np.testing.assert_array_equal(blown.air_mg[throttled], before.air_mg[throttled])

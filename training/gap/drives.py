@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from monitor.errors import RecordingError
+from monitor.model import PHI_MAX
 from monitor.types import BoolArray, FloatArray
 from training.chain import Constants, Path, base_path, charge_mg, with_speed
 from training.gap.effects import ALL, Effect
@@ -21,7 +22,6 @@ CUT_PHI: Final = 0.5  # read of burnt mixture never, of a fuel cut wherever it i
 AFTER_CUT_READ_S: Final = 1.0  # the end of a cut has passed the chain, whatever its dead time
 AFTER_GAP_S: Final = 5.0  # a held value has left the chain
 CUT_FUEL_MG: Final = 0.3  # per stroke; below the smallest injection
-PHI_MAX: Final = 2.0
 MIN_SCORED_S: Final = 60.0
 
 Own = tuple[tuple[Effect, FloatArray], ...]  # effects of a healthy vehicle, with their constants

@@ -84,11 +84,16 @@ def _scavenging(path: Path, p: FloatArray, signals: Signals, period_s: float) ->
 
 
 def _charge_temperature(path: Path, p: FloatArray, signals: Signals, period_s: float) -> Path:
-    """Hot walls warm the charge behind the manifold's sensor, less at high flow."""
+    """Hot walls warm the charge behind the manifold's sensor, less at high flow.
+
+    An ECU that corrects its charge by an air meter learns a share of what is lost, over seconds.
+    """
+    share, learned, followed_s = p
     manifold = signals["manifold_temperature_degc"]
     excess = signals["coolant_temperature_degc"] - manifold
-    warmed = p[0] * excess / (1.0 + np.maximum(signals["maf_kg_h"], 0.0) / 30.0)
-    return _scaled(path, (manifold + KELVIN) / np.maximum(manifold + KELVIN + warmed, 100.0))
+    warmed = share * excess / (1.0 + np.maximum(signals["maf_kg_h"], 0.0) / 30.0)
+    lost = 1.0 - (manifold + KELVIN) / np.maximum(manifold + KELVIN + warmed, 100.0)
+    return _scaled(path, (1.0 - lost) / (1.0 - learned * lag(lost, followed_s, period_s)))
 
 
 def _manifold_filling(path: Path, p: FloatArray, signals: Signals, period_s: float) -> Path:
@@ -139,7 +144,11 @@ EFFECTS = (
     Effect(
         "charge_temperature",
         "walls warm the charge behind the temperature sensor",
-        (Parameter("share", "-", -0.6, 0.8, (0.05,)),),
+        (
+            Parameter("share", "-", -0.6, 0.8, (0.05,)),
+            Parameter("learned", "-", 0.0, 0.9, (0.5,), spread=0.5),
+            SLOWLY,
+        ),
         _charge_temperature,
         ("coolant_temperature_degc", "manifold_temperature_degc", "maf_kg_h"),
         "physics",

@@ -48,11 +48,13 @@ def _scavenging(at: Place, p: Parameters) -> Nodes:
 
 
 def _charge_temperature(at: Place, p: Parameters) -> Nodes:
+    share, learned, followed_s = p
     manifold = at.signal("manifold_temperature_degc")
     excess = at.signal("coolant_temperature_degc") - manifold
-    warmed = p[0] * excess / (1.0 + maximum(at.signal("maf_kg_h"), 0.0) / 30.0)
+    warmed = share * excess / (1.0 + maximum(at.signal("maf_kg_h"), 0.0) / 30.0)
     kelvin = manifold + KELVIN
-    return _scaled(at, kelvin / maximum(kelvin + warmed, 100.0))
+    left = kelvin / maximum(kelvin + warmed, 100.0)
+    return _scaled(at, left / (1.0 - learned * at.lag(1.0 - left, followed_s)))
 
 
 def _manifold_filling(at: Place, p: Parameters) -> Nodes:
@@ -66,6 +68,6 @@ FORMS = {
     "maf_offset": Form(_maf_offset, 3),
     "maf_pulsation": Form(_maf_pulsation, 4, AMBIENT),
     "scavenging": Form(_scavenging, 0, AMBIENT),
-    "charge_temperature": Form(_charge_temperature),
+    "charge_temperature": Form(_charge_temperature, 2),
     "manifold_filling": Form(_manifold_filling, 3),
 }
