@@ -97,7 +97,8 @@ def test_a_leak_and_an_air_meter_offset_matter_most_at_low_flow() -> None:
     flow = plain_signals()["maf_kg_h"]
     low, high = flow < np.quantile(flow, 0.2), flow > np.quantile(flow, 0.8)
     before, leaking, _ = _with("exhaust_leak", 0.05, 20.0)
-    assert (1 - leaking.gas_factor)[low].mean() > 3 * (1 - leaking.gas_factor)[high].mean() > 0
+    drawn = 1 - leaking.factor / before.factor
+    assert drawn[low].mean() > 3 * drawn[high].mean() > 0
     before, offset, _ = _with("maf_offset", 1.0, 2.0)
     share = 1.0 - offset.air_mg / before.air_mg
     assert share[low].mean() > 2 * share[high].mean() > 0
@@ -142,17 +143,20 @@ def test_purge_enriches_while_the_valve_is_open_only() -> None:
     assert np.abs(change[for_a_while == 0]).max() < 0.0002
 
 
-def test_a_tail_leans_the_exhaust_after_a_fuel_cut_until_it_is_washed_out() -> None:
+def test_a_tail_leans_the_exhaust_after_a_fuel_cut_until_it_is_washed_out_or_over() -> None:
     signals = plain_signals()
     cut = signals["fuel_mass_mg"] <= 0
     since = np.arange(6000) - np.maximum.accumulate(np.where(cut, np.arange(6000), -1000))
-    change = _phi_change("fuel_cut_tail", 0.1, 30.0)
+    change = _phi_change("fuel_cut_tail", 0.1, 3.0, 1.0)
     late = (since > 6) & (since < 20)
     assert change[late].mean() < -0.01
     assert np.abs(change[since > 120]).max() < 1e-3
     twice = {name: 2.0 * signals[name] for name in ("air_mass_mg", "fuel_mass_mg")}
-    sooner = _phi_change("fuel_cut_tail", 0.1, 30.0, **twice)
-    assert abs(sooner[late].mean()) < 0.5 * abs(change[late].mean())
+    sooner = _phi_change("fuel_cut_tail", 0.1, 3.0, 1.0, **twice)
+    assert abs(sooner[late].mean()) < 0.6 * abs(change[late].mean())
+    timed, same = (_phi_change("fuel_cut_tail", 0.1, 3.0, 0.0, **each) for each in ({}, twice))
+    assert timed[late].mean() < -0.01
+    np.testing.assert_allclose(same, timed, atol=1e-12)
 
 
 def test_ethanol_scales_the_mixture_as_its_stoichiometric_ratio_does() -> None:

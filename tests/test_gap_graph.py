@@ -42,7 +42,7 @@ FIT = (TrainingRecording("gap.parquet", "ab" * 32, 6000, "simulated"),)
 MOVED = Constants(1.01, 0.17, 1.6, 0.05, 0.12, 0.96)
 FILM = Added.with_values("wall_film", [0.2, 0.8, 1.0], [0.01, 0.1, 0.3])
 DELAY = Added.with_values("delay_flow", [8.0])
-TAIL = Added.with_values("fuel_cut_tail", [0.1, 8.0])
+TAIL = Added.with_values("fuel_cut_tail", [0.1, 2.0, 0.5])
 PURGE = Added.with_values("purge", [1.5])
 
 

@@ -92,6 +92,19 @@ def test_another_fuel_and_a_biased_sensor_are_each_said_to_look_like_the_other()
     assert found.indistinguishable == ()
 
 
+def test_another_fuel_is_no_answer_even_where_the_refitted_base_moved_elsewhere(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # GIVEN a base that follows a biased sensor with its lag, and drives that prefer ethanol to it
+    monkeypatch.setattr("training.gap.name.guards.shifted", lambda *_: "the lag or dead time")
+    found = name(two_drives(2_200_190, fault=("biased_rich", 0.05)), known())
+    assert [c.name for c in found.ranking[:2]] == ["ethanol", "biased"]
+    # THEN the sensor is suspected all the same
+    assert found.verdict == "sensor_fault_suspected"
+    assert found.effects == ()
+    assert [c.name for c in found.indistinguishable] == ["ethanol"]
+
+
 def test_a_charge_that_is_broadcast_too_early_on_every_drive_is_no_phase_of_its_message() -> None:
     # GIVEN drives whose charge is broadcast 45 ms before the cylinder has it, whatever the speed
     def early(drive: Drive) -> Drive:

@@ -70,7 +70,6 @@ class Path:
     sensor_rising_s: FloatArray  # rising phi is lean to rich
     sensor_falling_s: FloatArray
     gas_factor: FloatArray  # on phi at the sensor, after mixing
-    gas_offset: FloatArray  # in phi, after the factor
     span: FloatArray
 
     def __len__(self) -> int:
@@ -133,7 +132,6 @@ def base_path(constants: Constants, signals: Mapping[str, FloatArray]) -> Path:
         sensor_rising_s=sensor_s,
         sensor_falling_s=sensor_s,
         gas_factor=ones,
-        gas_offset=np.zeros(len(ones)),
         span=constants.span * ones,
     )
 
@@ -152,7 +150,7 @@ def simulate(path: Path, period_s: float) -> FloatArray:
     return _run(
         valve_phi(path), path.dead_time_s / period_s, path.mixing_s / period_s,
         path.sensor_rising_s / period_s, path.sensor_falling_s / period_s,
-        path.gas_factor, path.gas_offset, path.span,
+        path.gas_factor, path.span,
     )  # fmt: skip
 
 
@@ -187,7 +185,7 @@ def _weights(time: float) -> tuple[float, float]:  # pragma: no cover
 @njit(cache=True)
 def _run(
     valve: FloatArray, dead: FloatArray, mixing: FloatArray, rising: FloatArray,
-    falling: FloatArray, gas_factor: FloatArray, gas_offset: FloatArray, span: FloatArray,
+    falling: FloatArray, gas_factor: FloatArray, span: FloatArray,
 ) -> FloatArray:  # fmt: skip  # pragma: no cover
     """Return the reading (n,); times in samples."""
     n = len(valve)
@@ -196,7 +194,7 @@ def _run(
         return reading
     sensor = np.nan  # the time that the weights of the sensor's lag are for
     late_last = mixed = valve[0]
-    pumped_last = read = 1.0 + span[0] * (mixed * gas_factor[0] + gas_offset[0] - 1.0)
+    pumped_last = read = 1.0 + span[0] * (mixed * gas_factor[0] - 1.0)
     for k in range(n):
         at = max(k - max(dead[k], 0.0), 0.0)
         whole = int(at)
@@ -206,7 +204,7 @@ def _run(
         keep, newest = _weights(mixing[k])
         mixed = keep * mixed + newest * late + (1.0 - keep - newest) * late_last
         late_last = late
-        pumped = 1.0 + span[k] * (mixed * gas_factor[k] + gas_offset[k] - 1.0)
+        pumped = 1.0 + span[k] * (mixed * gas_factor[k] - 1.0)
         time = rising[k] if pumped > read else falling[k]
         if time != sensor:
             sensor, (held, fresh) = time, _weights(time)

@@ -38,7 +38,6 @@ class Nodes:
     sensor_rising_s: str
     sensor_falling_s: str
     gas_factor: str
-    gas_offset: str
     span: str
 
 
@@ -84,7 +83,6 @@ def base_nodes(graph: Graph, constants: Constants, signals: Mapping[str, str]) -
         sensor_rising_s=sensor,
         sensor_falling_s=sensor,
         gas_factor=graph.constant("gas_factor", 1.0),
-        gas_offset=graph.constant("gas_offset", 0.0),
         span=graph.constant("span", c.span),
     )
 
@@ -245,8 +243,7 @@ def lag_nodes(
 
 def pumped_nodes(graph: Graph, nodes: Nodes, mixed: str) -> str:
     """Add what the sensor pumps of the mixed gas."""
-    scaled = graph.add("Mul", [mixed, nodes.gas_factor], "gas_scaled")
-    gas = graph.add("Add", [scaled, nodes.gas_offset], "gas")
+    gas = graph.add("Mul", [mixed, nodes.gas_factor], "gas")
     one = graph.constant("pumped_one", 1.0)
     rich = graph.add("Mul", [graph.add("Sub", [gas, one], "gas_rich"), nodes.span], "rich")
     return graph.add("Add", [rich, one], "pumped")

@@ -10,6 +10,8 @@ from training.gap.effects.dynamics import lag
 from training.gap.effects.effect import GAS_KG_PER_M3, Effect, Parameter, Signals, flow_kg_h
 
 DEAD_TIME_MAX_S, MIXING_MAX_S = 3.0, 5.0
+TAIL_FLOW_KG_H = 20.0  # at which a tail has its time
+TAIL_FACTOR_MIN = 0.2
 
 
 def _passage_s(path: Path, litres: float, signals: Signals) -> FloatArray:
@@ -31,21 +33,27 @@ def _mix_flow(path: Path, p: FloatArray, signals: Signals, period_s: float) -> P
 
 
 def _exhaust_leak(path: Path, p: FloatArray, signals: Signals, period_s: float) -> Path:
-    """Pulsation draws air in through a leak; the share fades with the exhaust's flow."""
+    """Pulsation draws air in through a leak; the share fades with the exhaust's flow.
+
+    The leak is near the valves: what it dilutes then travels to the sensor.
+    """
     fraction, fading_kg_h = p
     drawn = fraction * np.exp(-flow_kg_h(path, signals) / fading_kg_h)
-    return replace(path, gas_factor=path.gas_factor * (1.0 - np.clip(drawn, -0.5, 0.5)))
+    return replace(path, factor=path.factor * (1.0 - np.clip(drawn, -0.5, 0.5)))
 
 
 def _fuel_cut_tail(path: Path, p: FloatArray, signals: Signals, period_s: float) -> Path:
-    """After a fuel cut the gas stays lean for a while, as air leaves a dead volume.
+    """After a fuel cut the gas stays lean for a while: air leaves a dead volume, walls are dry.
 
-    The exhaust's flow fills it with air in the cut and washes it out afterwards.
+    The cut fills a store and it empties afterwards, in a time over a power of the exhaust's flow:
+    1 is a volume that is washed out, 0 a time of its own.
     """
-    depth, litres = p
+    depth, time_s, exponent = p
     cut = path.fuel_mg <= 0.0
-    tail = lag(cut.astype(np.float64), _passage_s(path, litres, signals), period_s)
-    return replace(path, gas_offset=path.gas_offset - depth * tail * ~cut)
+    emptied_s = time_s * (TAIL_FLOW_KG_H / flow_kg_h(path, signals)) ** exponent
+    tail = lag(cut.astype(np.float64), emptied_s, period_s)
+    kept = np.maximum(1.0 - depth * tail * ~cut, TAIL_FACTOR_MIN)
+    return replace(path, gas_factor=path.gas_factor * kept)
 
 
 EFFECTS = (
@@ -81,7 +89,8 @@ EFFECTS = (
         "the exhaust stays lean after a fuel cut",
         (
             Parameter("depth", "-", -0.5, 2.0, (0.05,), positive=True),
-            Parameter("volume", "l", 1.0, 40.0, (4.0, 12.0)),
+            Parameter("time", "s", 0.2, 8.0, (2.0,)),
+            Parameter("exponent", "-", 0.0, 1.0, (0.5,), spread=0.5),
         ),
         _fuel_cut_tail,
         ("engine_speed_rpm",),

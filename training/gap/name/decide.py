@@ -37,6 +37,7 @@ GAIN_WORDS: Final = "the gain"
 OFFSETS: Final = 1.5  # times healthy drives' own, from which an offset of all drives is one
 GAIN_OF_ETHANOL: Final = 1.0 - ETHANOL_AIR_FUEL / PETROL_AIR_FUEL  # of the mixture, per fraction
 GAIN_CLASS: Final = ("ethanol", "biased")  # a factor on the mixture, and what looks like it
+GAIN_SUSPECTED: Final = "a factor on the mixture (ethanol, humidity, slope errors) or a biased sensor"
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,9 +157,15 @@ def _at_fault(
     ranking: tuple[Candidate, ...],
     sensor_known_good: bool,
 ) -> Outcome | None:
-    """Suspect the sensor if a fault explains about as much, something began, or the base moved."""
+    """Suspect the sensor if a fault explains about as much, something began, or the base moved.
+
+    Where a factor on the mixture explains most, a biased sensor does as well, see ``_of_the_gain``.
+    """
     if sensor_known_good:
         return None
+    if strong and strong[0].name == GAIN_CLASS[0]:
+        factor = (strong[0],)
+        return Outcome("sensor_fault_suspected", factor, GAIN_SUSPECTED, None, ranking)
     at_fault = [c for c in strong if c.kind == "sensor fault" and _is_felt(state, c)]
     words = at_fault[0].name if at_fault else None
     as_good = tuple(c for c in strong if c.kind == "effect") if at_fault else ()
@@ -201,8 +208,7 @@ def _of_the_gain(
     effect = tuple(c for c in ranking if c.name == GAIN_CLASS[0])
     if sensor_known_good and effect:
         return Outcome("named", effect, None, None, ranking)
-    words = "a factor on the mixture (ethanol, humidity, slope errors) or a biased sensor"
-    return Outcome("sensor_fault_suspected", effect, words, None, ranking)
+    return Outcome("sensor_fault_suspected", effect, GAIN_SUSPECTED, None, ranking)
 
 
 def _is_of_the_gain(state: State, ranking: Sequence[Candidate]) -> bool:

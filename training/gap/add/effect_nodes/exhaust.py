@@ -2,9 +2,14 @@
 
 from training.gap.add.effect_nodes.form import Form, Parameters
 from training.gap.add.effect_nodes.place import Place
-from training.gap.add.effect_nodes.value import Value, clip, exp, where
+from training.gap.add.effect_nodes.value import Value, clip, exp, maximum, where
 from training.gap.effects.effect import FLOW_MIN_KG_H, GAS_KG_PER_M3
-from training.gap.effects.exhaust import DEAD_TIME_MAX_S, MIXING_MAX_S
+from training.gap.effects.exhaust import (
+    DEAD_TIME_MAX_S,
+    MIXING_MAX_S,
+    TAIL_FACTOR_MIN,
+    TAIL_FLOW_KG_H,
+)
 from training.greybox_nodes import Nodes
 
 KG_PER_H_AND_LITRE_PER_S = 3.6 * GAS_KG_PER_M3
@@ -32,19 +37,25 @@ def _mix_flow(at: Place, p: Parameters) -> Nodes:
 def _exhaust_leak(at: Place, p: Parameters) -> Nodes:
     fraction, fading_kg_h = p
     drawn = fraction * exp(-at.flow_kg_h() / fading_kg_h)
-    return at.changed(gas_factor=at.of("gas_factor") * (1.0 - clip(drawn, -0.5, 0.5)))
+    return at.changed(factor=at.of("factor") * (1.0 - clip(drawn, -0.5, 0.5)))
 
 
 def _fuel_cut_tail(at: Place, p: Parameters) -> Nodes:
-    depth, litres = p
+    depth, time_s, exponent = p
     cut = at.of("fuel_mg") <= 0.0
-    tail = at.lag(where(cut, 1.0, 0.0), _passage_s(at, litres))
-    return at.changed(gas_offset=at.of("gas_offset") - depth * where(cut, 0.0, tail))
+    tail = at.lag(where(cut, 1.0, 0.0), time_s * (TAIL_FLOW_KG_H / at.flow_kg_h()) ** exponent)
+    kept = maximum(1.0 - depth * where(cut, 0.0, tail), TAIL_FACTOR_MIN)
+    return at.changed(gas_factor=at.of("gas_factor") * kept)
+
+
+def _longest_tail_s(p: Parameters) -> float:
+    """Return the time in which a tail ends at the least flow."""
+    return p[1] * (TAIL_FLOW_KG_H / FLOW_MIN_KG_H) ** p[2]
 
 
 FORMS = {
     "delay_flow": Form(_delay_flow, dead_time_s=lambda p: min(_longest_s(p[0]), DEAD_TIME_MAX_S)),
     "mix_flow": Form(_mix_flow, lag_s=lambda p: min(_longest_s(p[0]), MIXING_MAX_S)),
     "exhaust_leak": Form(_exhaust_leak),
-    "fuel_cut_tail": Form(_fuel_cut_tail, 2, lag_s=lambda p: _longest_s(p[1])),
+    "fuel_cut_tail": Form(_fuel_cut_tail, 2, lag_s=_longest_tail_s),
 }
