@@ -96,8 +96,8 @@ def test_a_wall_film_leans_the_mixture_when_fuel_rises_and_keeps_the_mean() -> N
 def test_a_leak_and_an_air_meter_offset_matter_most_at_low_flow() -> None:
     flow = plain_signals()["maf_kg_h"]
     low, high = flow < np.quantile(flow, 0.2), flow > np.quantile(flow, 0.8)
-    before, leaking, _ = _with("exhaust_leak", 0.05, 20.0)
-    drawn = 1 - leaking.factor / before.factor
+    before, leaking, _ = _with("exhaust_leak", 0.05, 20.0, 0.5)
+    drawn = 1 - leaking.factor * leaking.gas_factor / before.factor
     assert drawn[low].mean() > 3 * drawn[high].mean() > 0
     before, offset, _ = _with("maf_offset", 1.0, 2.0)
     share = 1.0 - offset.air_mg / before.air_mg

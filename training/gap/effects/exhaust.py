@@ -35,11 +35,17 @@ def _mix_flow(path: Path, p: FloatArray, signals: Signals, period_s: float) -> P
 def _exhaust_leak(path: Path, p: FloatArray, signals: Signals, period_s: float) -> Path:
     """Pulsation draws air in through a leak; the share fades with the exhaust's flow.
 
-    The leak is near the valves: what it dilutes then travels to the sensor.
+    Near the valves (place 0) what it dilutes then travels to the sensor, where it is at once with
+    place 1.
     """
-    fraction, fading_kg_h = p
+    fraction, fading_kg_h, place = p
     drawn = fraction * np.exp(-flow_kg_h(path, signals) / fading_kg_h)
-    return replace(path, factor=path.factor * (1.0 - np.clip(drawn, -0.5, 0.5)))
+    kept = 1.0 - np.clip(drawn, -0.5, 0.5)
+    return replace(
+        path,
+        factor=path.factor * kept ** (1.0 - place),
+        gas_factor=path.gas_factor * kept**place,
+    )
 
 
 def _fuel_cut_tail(path: Path, p: FloatArray, signals: Signals, period_s: float) -> Path:
@@ -79,6 +85,7 @@ EFFECTS = (
         (
             Parameter("fraction", "-", -0.3, 0.4, (0.02,), positive=True),
             Parameter("fading", "kg/h", 8.0, 120.0, (20.0, 50.0)),
+            Parameter("place", "-", 0.0, 1.0, (0.5,), spread=0.5),
         ),
         _exhaust_leak,
         ("engine_speed_rpm",),

@@ -37,7 +37,9 @@ GAIN_WORDS: Final = "the gain"
 OFFSETS: Final = 1.5  # times healthy drives' own, from which an offset of all drives is one
 GAIN_OF_ETHANOL: Final = 1.0 - ETHANOL_AIR_FUEL / PETROL_AIR_FUEL  # of the mixture, per fraction
 GAIN_CLASS: Final = ("ethanol", "biased")  # a factor on the mixture, and what looks like it
-GAIN_SUSPECTED: Final = "a factor on the mixture (ethanol, humidity, slope errors) or a biased sensor"
+GAIN_SUSPECTED: Final = (
+    "a factor on the mixture (ethanol, humidity, slope errors) or a biased sensor"
+)
 
 
 @dataclass(frozen=True, slots=True)

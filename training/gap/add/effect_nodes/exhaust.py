@@ -35,9 +35,13 @@ def _mix_flow(at: Place, p: Parameters) -> Nodes:
 
 
 def _exhaust_leak(at: Place, p: Parameters) -> Nodes:
-    fraction, fading_kg_h = p
+    fraction, fading_kg_h, place = p
     drawn = fraction * exp(-at.flow_kg_h() / fading_kg_h)
-    return at.changed(factor=at.of("factor") * (1.0 - clip(drawn, -0.5, 0.5)))
+    kept = 1.0 - clip(drawn, -0.5, 0.5)
+    return at.changed(
+        factor=at.of("factor") * kept ** (1.0 - place),
+        gas_factor=at.of("gas_factor") * kept**place,
+    )
 
 
 def _fuel_cut_tail(at: Place, p: Parameters) -> Nodes:
