@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.gap_drives import BASE, case_of, noisy_drive
-from training.gap.add.across_drives import fit_alike, holds_on_others
+from training.gap.add.across_drives import fit_alike, on_others
 from training.gap.effects import LIBRARY
 from training.gap.name.begin import SPREAD_CARD
 from training.gap.name.fitting import Case, Fit, Prior, fit
@@ -59,4 +59,4 @@ def test_an_effect_is_kept_if_drives_left_out_are_predicted_better_with_it(
     case = _case(*offsets_mg)
     before, plain = _plain(case)
     weighed, alike = fit_alike(case, plain)
-    assert holds_on_others(weighed, before, alike) is holds
+    assert (on_others(weighed, weighed, before, alike) < 1.0) is holds

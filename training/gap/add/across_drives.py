@@ -30,17 +30,18 @@ def fit_alike(case: Case, found: Fit) -> tuple[Case, Fit]:
     return case, found
 
 
-def holds_on_others(case: Case, before: Fit, found: Fit) -> bool:
-    """Whether drives are predicted better, on the geometric mean, by a fit to the others.
+def on_others(case: Case, judge: Case, before: Fit, found: Fit) -> float:
+    """Return the RMSE of drives by a fit to the others over that ``before``, geometric mean.
 
+    judge : the same drives, with the corrections that count
     before : the fit of ``case`` without the last terms
-    One drive alone cannot tell.
+    One drive alone cannot tell: it is the fit's own.
     """
-    if len(case.drives) < 2:
-        return True
-    old = _rms(case, before)
-    new = [_rms(case, fit(_without(case, i), found.terms, [found]))[i] for i in range(len(old))]
-    return float(np.mean(np.log(np.array(new) / old))) < 0.0
+    old, new, n = _rms(judge, before), _rms(judge, found), len(case.drives)
+    if n > 1:
+        left = [fit(_without(case, i), found.terms, [found]) for i in range(n)]
+        new = np.array([_rms(judge, each)[i] for i, each in enumerate(left)])
+    return float(np.exp(np.mean(np.log(new / old))))
 
 
 def _without(case: Case, i: int) -> Case:

@@ -1,21 +1,25 @@
 """Constants of what was named, from the recordings that are not held out.
 
-Beside a network there may be two answers: constants that suit the chain, on which effects are
-named, and those that suit the errors that the network makes beyond those it makes on healthy
-drives, because it reads an effect in its own way. Which of them predict better is tried.
+Naming corrects the chain by what it misses on healthy drives and whitens its errors: that tells
+effects from each other, but takes part of an effect's size, because the corrections follow signals
+that the effect has moved. So constants are also fitted to the plain errors of the chain alone.
+Beside a network there are those, too, that suit the errors which the network makes beyond those it
+makes on healthy drives, because it reads an effect in its own way. What predicts best is kept.
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
+
+import numpy as np
 
 from training.chain import Constants
 from training.gap import base
-from training.gap.add.across_drives import fit_alike, holds_on_others
+from training.gap.add.across_drives import fit_alike, on_others
 from training.gap.add.added import Added
-from training.gap.drives import Drive
 from training.gap.given import Given, split
+from training.gap.name import scoring
 from training.gap.name.begin import begin
-from training.gap.name.fitting import fit
+from training.gap.name.fitting import Case, Fit, fit
+from training.gap.name.ranking import State
 from training.gap.name.verdict import Naming
 from training.gap.reference import healthy
 from training.gap.reference.healthy import Healthy
@@ -24,35 +28,51 @@ from training.gap.reference.healthy import Healthy
 def refitted(
     given: Given, naming: Naming, known: Healthy | None, start: Constants
 ) -> list[tuple[Added, ...]]:
-    """Return what was named, with each of its possible constants, those of the chain first.
+    """Return what was named, with each of its possible constants, those of the naming first.
 
     Constants that, fitted to some of the recordings, predict the others no better than none are
-    left out. A grey-box model takes over the base of the naming. Beside a network there is the
-    plain chain; where healthy recordings tell which errors the network makes anyway, constants
-    that suit its other errors come second.
+    left out. A grey-box model takes over the base of the naming, and gets those constants alone
+    that predict best. Beside a network there is the plain chain.
     """
     recordings = [given.recordings[i] for i in split(given)[0]]
     drives = base.drives_of(given.model, recordings, given.healthy)
-    found = [_fitted(drives, naming, known, start)]
-    if known and given.healthy and base.check(given.model).kind != base.GREYBOX:
-        alone = replace(known, base=known.plain, own=(), charge=None)
-        known = healthy.learn(base.read_by(given.model, given.healthy), known.plain, alone)
-        found.append(_fitted(base.read_by(given.model, recordings), naming, known, start))
-    return [each for each in found if each]
+    state, last = begin(drives, known, known.base if known else start), naming.effects[-1].fit
+    alone = _alone(state)
+    if base.check(given.model).kind == base.GREYBOX:
+        found = [_alike(state, case, alone, last) for case in (state.case, alone)]
+        return [_added(naming, fitted) for fitted, ratio in [min(found, key=_ratio)] if ratio < 1.0]
+    found = [_alike(state, state.case, state.case, last)]
+    if known and given.healthy:
+        plain = replace(known, base=known.plain, own=(), charge=None)
+        other = healthy.learn(base.read_by(given.model, given.healthy), known.plain, plain)
+        own = begin(base.read_by(given.model, recordings), other, other.base)
+        found.append(_alike(own, own.case, own.case, last))
+    found.append(_alike(state, alone, alone, last))
+    return [_added(naming, fitted) for fitted, ratio in found if ratio < 1.0]
 
 
-def _fitted(
-    drives: Sequence[Drive], naming: Naming, known: Healthy | None, start: Constants
-) -> tuple[Added, ...]:
-    """Return what was named with constants of these drives, nothing if they do not hold."""
-    state = begin(drives, known, known.base if known else start)
-    last = naming.effects[-1].fit
-    case, again = fit_alike(state.case, fit(state.case, last.terms, [last]))
-    if not holds_on_others(case, state.current, again):
-        return ()
+def _alone(state: State) -> Case:
+    """Return the case of the chain without corrections, in which slow errors count as fast ones."""
+    floor_phi = scoring.floor_phi(state.case, state.current)
+    nothing = tuple(np.zeros(len(drive)) for drive in state.case.drives)
+    return replace(state.case, corrections=nothing, ar=(0.0, 0.0), sigma=floor_phi, shrinks=())
+
+
+def _alike(state: State, case: Case, judge: Case, last: Fit) -> tuple[Fit, float]:
+    """Return the fit to drives that count alike, and ``on_others`` of it."""
+    case, found = fit_alike(case, fit(case, last.terms, [last]))
+    return found, on_others(case, judge, state.current, found)
+
+
+def _ratio(found: tuple[Fit, float]) -> float:
+    return found[1]
+
+
+def _added(naming: Naming, found: Fit) -> tuple[Added, ...]:
+    """Return what was named with the constants of a fit."""
     added = []
     for candidate, values, errors in zip(
-        naming.effects, again.parameters, again.standard_errors, strict=True
+        naming.effects, found.parameters, found.standard_errors, strict=True
     ):
         names = list(candidate.parameters)
         added.append(
