@@ -13,6 +13,7 @@ from monitor.replay import shipped_model
 from training import metrics
 from training.baseline import fit_baseline
 from training.cli import main as o2train
+from training.cli_greybox import constant_line
 from training.dyno.simulate import Experiment
 from training.dyno.write import write
 from training.evaluate import predict
@@ -94,6 +95,14 @@ def dense(training: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Pat
     arguments = ["fit", *map(str, training), "--kind", "greybox", "--out", str(out)]
     assert o2train([*arguments, "--inputs", *INPUTS]) == 0
     return out
+
+
+def test_a_constant_that_the_recordings_hardly_hold_has_no_standard_error_in_its_line() -> None:
+    held = {"value": 1.01, "standard_error": 0.0005, "unit": "-"}
+    assert constant_line("gain", held) == "constant gain: 1.0100 ± 0.0005 -"
+    at_its_bound = {"value": 0.005, "standard_error": 1961.5, "unit": "s"}
+    line = constant_line("mixing_s", at_its_bound)
+    assert line == "constant mixing_s: 0.0050 s (the recordings hardly hold it)"
 
 
 def test_the_report_says_where_the_charge_comes_from(model: Path, dense: Path) -> None:

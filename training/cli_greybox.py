@@ -1,7 +1,8 @@
 """The grey-box half of ``o2train fit``."""
 
 import argparse
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 from training.cli_recordings import load_all
 
@@ -46,5 +47,12 @@ def print_fit(result: "GreyboxResult") -> None:
     n = len(result.data.role)
     print(f"{result.path}: {n} samples, grey-box chain, {result.seconds:.0f} s")
     for name, constant in result.card.structure["constants"].items():
-        error = constant["standard_error"]
-        print(f"constant {name}: {constant['value']:.4f} ± {error:.4f} {constant['unit']}")
+        print(constant_line(name, constant))
+
+
+def constant_line(name: str, constant: Mapping[str, Any]) -> str:
+    """Return a constant of a card in words."""
+    value, error, unit = (constant[key] for key in ("value", "standard_error", "unit"))
+    if error > abs(value):
+        return f"constant {name}: {value:.4f} {unit} (the recordings hardly hold it)"
+    return f"constant {name}: {value:.4f} ± {error:.4f} {unit}"
