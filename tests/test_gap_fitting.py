@@ -222,7 +222,9 @@ def test_the_manoeuvre_that_separates_two_models_is_the_one_they_differ_on() -> 
     case = case_of(noisy_drive(1))
     alone = fit(case, (), [BASE])
     film = replace(alone, terms=(LIBRARY["wall_film"],), parameters=(np.array([0.2, 0.6, 2.0]),))
-    leak = replace(alone, terms=(LIBRARY["exhaust_leak"],), parameters=(np.array([0.05, 30.0]),))
+    leak = replace(
+        alone, terms=(LIBRARY["exhaust_leak"],), parameters=(np.array([0.05, 30.0, 0.5]),)
+    )
     dynamic = separate(film, alone)
     static = separate(leak, alone)
     assert "tip-in" in dynamic.name

@@ -16,8 +16,8 @@ ADEQUATE: Final = 0.85  # of what can be explained at all; DESIGN, "what a proto
 RIVAL_SCORE: Final = 0.5  # of the best, below which a candidate is no rival
 USUAL_SHARE: Final = 0.09  # of the deviance, left to explain by an effect in another form
 RANKED_CLOSELY: Final = 4  # candidates whose adequacy is worked out
-SCORE_LEAST: Final = 120.0
-OVER_HEALTHY: Final = 60.0  # times what healthy drives give: 1.3 times the most of 161 nulls
+SCORE_LEAST: Final = 160.0
+OVER_HEALTHY: Final = 80.0  # times what healthy drives give; see docs/gap.md
 Progress = Callable[[str], None]
 
 
