@@ -168,6 +168,16 @@ def test_a_constant_smaller_than_its_standard_error_is_warned_of() -> None:
     assert "do not determine" in uncertain([unseen])[0]
 
 
+def test_a_share_of_about_none_is_known_as_well_as_any_other_and_warned_of_only_if_it_is_not() -> (
+    None
+):
+    leak = Added.with_values("exhaust_leak", [0.05, 30.0, 0.0], [0.002, 2.0, 0.1])
+    assert uncertain([leak]) == []
+    unknown = replace(leak, standard_errors=dict(leak.standard_errors) | {"place": 0.45})
+    (warning,) = uncertain([unknown])
+    assert "place is 0, which the recordings of the fit do not determine" in warning
+
+
 def test_cells_count_as_visited_from_fifteen_seconds_on() -> None:
     n = 6000
     speed = np.where(np.arange(n) < 1000, 3000.0, 2000.0)

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -12,6 +12,8 @@ from training.gap.effects import LIBRARY, Effect
 
 if TYPE_CHECKING:
     from training.gap.name.verdict import Candidate
+
+AS_EXPECTED: Final = 0.8  # of the spread about what is expected, above which nothing was learned
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,17 +110,20 @@ def _entry(name: str) -> Effect:
 def uncertain(added: Sequence[Added]) -> list[str]:
     """Return warnings of constants that the recordings hardly determine, or not at all.
 
-    A constant that moves nothing on them has a standard error of 0.
+    A constant that moves nothing on them has a standard error of 0. One that is expected about some
+    value is not determined if it is known hardly better than that; near 0 it may be exact.
     """
     warnings = []
     for each in added:
+        spreads = {p.name: p.spread for p in _entry(each.name).parameters}
         for name, value in each.parameters.items():
-            error = each.standard_errors[name]
-            says = f"{each.name}: {name} is {value:.2g} {each.units[name]}"
+            error, spread = each.standard_errors[name], spreads[name]
+            most = abs(value) if spread is None else AS_EXPECTED * spread
+            says = f"{each.name}: {name} is {value:.2g} {each.units[name]}".removesuffix(" -")
             more = "record driving in which the effect is stronger"
-            if error == 0.0:
+            if error == 0.0 or (spread is not None and error > most):
                 warnings.append(f"{says}, which the recordings of the fit do not determine: {more}")
-            elif error > abs(value):
+            elif error > most:
                 warnings.append(
                     f"{says} with a standard error of {error:.2g}, larger than it: {more}"
                 )
