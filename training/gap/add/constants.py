@@ -37,11 +37,11 @@ def refitted(
     recordings = [given.recordings[i] for i in split(given)[0]]
     drives = base.drives_of(given.model, recordings, given.healthy)
     state, last = begin(drives, known, known.base if known else start), naming.effects[-1].fit
-    # What is another in every drive would follow the drive in which it is strongest.
-    alone = () if any(getattr(term, "varies", False) for term in last.terms) else (_alone(state),)
+    alone = _alone(state)
+    # Constants of what is another in every drive would follow the drive in which it is strongest.
+    also = () if any(getattr(term, "varies", False) for term in last.terms) else (alone,)
     if base.check(given.model).kind == base.GREYBOX:
-        judge = _alone(state)
-        found = [_alike(state, case, judge, last) for case in (state.case, *alone)]
+        found = [_alike(state, case, alone, last) for case in (state.case, *also)]
         return [_added(naming, fitted) for fitted, ratio in [min(found, key=_ratio)] if ratio < 1.0]
     found = [_alike(state, state.case, state.case, last)]
     if known and given.healthy:
@@ -49,7 +49,7 @@ def refitted(
         other = healthy.learn(base.read_by(given.model, given.healthy), known.plain, plain)
         own = begin(base.read_by(given.model, recordings), other, other.base)
         found.append(_alike(own, own.case, own.case, last))
-    found += [_alike(state, case, case, last) for case in alone]
+    found += [_alike(state, case, case, last) for case in also]
     return [_added(naming, fitted) for fitted, ratio in found if ratio < 1.0]
 
 
