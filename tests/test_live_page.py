@@ -189,8 +189,8 @@ def test_windows_response_health_and_memory_are_shown(browser: Browser, drive: P
         assert re.search(r"≤ 0.25 s\s+✕ 0\.\d\d s", late.inner_text())
         assert "sound is ≤ 0.25 s" in (late.locator("svg").get_attribute("aria-label") or "")
         page.wait_for_selector("#health .bad")
-        assert page.locator("#health .bad").count() == 1
-        assert re.search(r"error frames\s+3", text(page, "#health .bad"))
+        bad = page.locator("#health .bad", has_text="error frames")  # a busy machine may be late
+        assert re.search(r"error frames\s+3", bad.inner_text())
         assert re.search(r"response\s+✓ complete\s+1 / 0", text(page, "#memory"))
         assert re.search(r"ignition cycles\s+\d", text(page, "#memory"))
         assert re.search(r"rail pressure\s+[\d.]+ MPa", text(page, "#signals"))

@@ -28,6 +28,8 @@ SCALE_MIN = 1e-3  # of a column, below which it is not taken for better known
 VARIATION_PHI = (8e-5, 5e-5)
 SKEW_S = 0.01
 OWN = ("delay_flow", "mix_flow")  # that every exhaust has
+OWN_OF_SOME = ("wall_film", "manifold_filling")  # port injection, an ECU whose charge is early
+OWN_FALL = 0.2  # of the squared error, from which one of these is the vehicle's own
 SKEW = "skew"  # what a charge that is late changes, per second
 CONSTANT = "constant"  # among the functions of ``features``
 KNOWN_VARIATION = {
@@ -172,7 +174,24 @@ def _chain(
     effects = [e for e in effects if all(set(e.needs) <= set(d.signals) for d in drives)]
     for i in range(len(effects)):
         found = _fit(drives, effects[: i + 1], [found])
+    effects, found = _with_more(drives, effects, found)
     return plain.base, found.base, tuple(zip(effects, found.parameters, strict=True))
+
+
+def _with_more(
+    drives: Sequence[Drive], effects: list[Effect], found: Fit
+) -> tuple[list[Effect], Fit]:
+    """Return effects and fit with those more that only some vehicles have, the strongest first."""
+    left = [LIBRARY[name] for name in OWN_OF_SOME]
+    left = [e for e in left if all(set(e.needs) <= set(d.signals) for d in drives)]
+    while left:
+        fits = {effect.name: _fit(drives, (*effects, effect), [found]) for effect in left}
+        best = min(left, key=lambda effect: fits[effect.name].cost)
+        if fits[best.name].cost > (1.0 - OWN_FALL) * found.cost:
+            break
+        left.remove(best)
+        effects, found = [*effects, best], fits[best.name]
+    return effects, found
 
 
 def _fit(drives: Sequence[Drive], terms: Sequence[Term], starts: Sequence[Fit | Constants]) -> Fit:
