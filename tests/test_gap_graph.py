@@ -286,9 +286,10 @@ def test_effects_act_on_whatever_charge_the_chain_has(
     card = add(bare, effects, out, ranges=ranges_of(), recordings=FIT, drives=[driven()])
     # THEN flow and filling are that charge's, and at that speed
     greybox = Greybox.of(card)
+    every = [*greybox.own, *effects]
     expected = reading(
         seen(card, driven()), greybox.constants,
-        [e.effect for e in effects], [e.values for e in effects],
+        [e.effect for e in every], [e.values for e in every],
     )  # fmt: skip
     assert np.abs(run(out, driven()) - expected)[card.lags :].max() < TOLERANCE
 

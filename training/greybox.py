@@ -7,7 +7,7 @@ autoregression of its own, fitted in turn with the constants (Söderström and S
 Identification, 1989, sections 7.4 and 10.3).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +17,7 @@ from scipy.optimize import OptimizeResult, least_squares
 from monitor.errors import RecordingError
 from monitor.types import BoolArray, FloatArray
 from training.chain import RANGES, Constants, base_path, simulate
+from training.gap.effects import Own, along
 
 BLOCK_S = 45.0  # samples further apart than this count as independent
 SAMPLES_LEAST = 500
@@ -62,11 +63,13 @@ def fit_constants(
     scored: BoolArray,
     period_s: float,
     starts: Sequence[Constants] = STARTS,
+    own: Own = (),
 ) -> Fitted:
     """Return the constants that make the chain's free run read ``phi`` best.
 
     signals : (n,) each, see ``chain.base_path``; phi : (n,) measured; scored : (n,) bool, samples
     that count. The chain runs over all samples, so those after a break should not be scored.
+    own : effects of the healthy vehicle, with constants that hold
     Raises RecordingError if too few samples count.
     """
     at = np.flatnonzero(_with_past(scored))
@@ -76,7 +79,12 @@ def fit_constants(
             f"{SAMPLES_LEAST} are wanted to fit the grey-box chain: give longer recordings with "
             "the engine warm and in closed loop, all signals on every sample of the grid"
         )
-    fits = [_whitened(signals, phi, at, period_s, start) for start in starts]
+
+    def read(constants: Constants) -> FloatArray:
+        path = along(base_path(constants, signals), own, signals, period_s)
+        return simulate(path, period_s)
+
+    fits = [_whitened(read, phi, at, start) for start in starts]
     costs = np.array([fit.end.cost for fit in fits])
     best = fits[int(costs.argmin())]
     x, jacobian = best.end.x, best.end.jac
@@ -87,7 +95,7 @@ def fit_constants(
     near = AT_BOUND * (high - low)
     stuck = (x - low < near) | (high - x < near)
     constants = Constants(*x.tolist())
-    off = phi[scored] - simulate(base_path(constants, signals), period_s)[scored]
+    off = phi[scored] - read(constants)[scored]
     return Fitted(
         constants=constants,
         covariance=sandwich(jacobian, best.end.fun, at // max(round(BLOCK_S / period_s), 1)),
@@ -107,14 +115,16 @@ class _Whitened:
 
 
 def _whitened(
-    signals: Mapping[str, FloatArray], phi: FloatArray, at: np.ndarray, period_s: float,
-    start: Constants,
-) -> _Whitened:  # fmt: skip
-    """Return the fit from one start; ``at`` are the samples scored with their past."""
+    read: Callable[[Constants], FloatArray], phi: FloatArray, at: np.ndarray, start: Constants
+) -> _Whitened:
+    """Return the fit from one start; ``at`` are the samples scored with their past.
+
+    read : constants → the chain's phi (n,)
+    """
     past = at[:, None] - np.arange(1, NOISE_ORDER + 1)
 
     def residual(x: FloatArray) -> FloatArray:
-        return phi - simulate(base_path(Constants(*x), signals), period_s)
+        return phi - read(Constants(*x))
 
     def whitened(x: FloatArray, noise_model: FloatArray) -> FloatArray:
         e = residual(x)

@@ -17,6 +17,7 @@ from scipy.signal import lfilter
 
 from monitor.types import BoolArray, FloatArray
 from training.chain import Constants, base_path, charge_mg, simulate
+from training.gap.effects import Own, along
 from training.gap.reference import ridge
 from training.greybox import Fitted, fit_constants
 from training.greybox_charge import hats, knots_of
@@ -87,21 +88,26 @@ def share_of(time_s: float, period_s: float) -> float:
 
 
 def fit_with_charge_error(
-    signals: Mapping[str, FloatArray], phi: FloatArray, scored: BoolArray, period_s: float
+    signals: Mapping[str, FloatArray],
+    phi: FloatArray,
+    scored: BoolArray,
+    period_s: float,
+    own: Own = (),
 ) -> tuple[Fitted, ChargeError | None]:
     """Return the constants and the error of the charge that make the chain read ``phi`` best.
 
-    signals, phi, scored : see ``greybox.fit_constants``
+    signals, phi, scored, own : see ``greybox.fit_constants``
     There is no error where none makes held-out blocks better. Raises RecordingError if too few
     samples count.
     """
-    fitted, error = fit_constants(signals, phi, scored, period_s), None
+    fitted = alone = fit_constants(signals, phi, scored, period_s, own=own)
+    error = None
     for _ in range(ROUNDS):
-        error = _error(fitted.constants, signals, phi, scored, period_s)
+        error = _error(fitted.constants, signals, phi, scored, period_s, own)
         if error is None:
-            return fit_constants(signals, phi, scored, period_s), None
+            return alone, None
         right = dict(signals) | {"air_mass_mg": error.air_mass_mg(signals, period_s)}
-        fitted = fit_constants(right, phi, scored, period_s, [fitted.constants])
+        fitted = fit_constants(right, phi, scored, period_s, [fitted.constants], own)
     return fitted, error
 
 
@@ -111,9 +117,10 @@ def _error(
     phi: FloatArray,
     scored: BoolArray,
     period_s: float,
+    own: Own,
 ) -> ChargeError | None:
     """Return the maps with the best held-out error, None if it is no better than without."""
-    path = base_path(constants._replace(span=1.0), signals)
+    path = along(base_path(constants._replace(span=1.0), signals), own, signals, period_s)
     speed, air = signals["engine_speed_rpm"], charge_mg(signals)
     speeds, charges = knots_of(speed[scored], SPEEDS), knots_of(air[scored], CHARGES)
     cells = hats(speed, speeds)[:, :, None] * hats(air, charges)[:, None, :]
@@ -124,7 +131,7 @@ def _error(
 
     def carried(shares: FloatArray) -> FloatArray:
         """Return what each error of 1 at the valve makes of the reading, (m, k)."""
-        factors = (constants.gain * share for share in shares.T)
+        factors = (path.factor * share for share in shares.T)
         return np.column_stack(
             [simulate(replace(path, factor=each), period_s)[scored] for each in factors]
         )

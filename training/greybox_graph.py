@@ -24,7 +24,8 @@ from training.chain import SPEED_LEAST_RPM, Constants, base_path, with_speed
 from training.chain import Path as ChainPath
 from training.export import Graph, finished
 from training.gap.add.added import Added
-from training.gap.add.effect_nodes import graph_effect
+from training.gap.add.effect_nodes import graph_effect, signals_of
+from training.gap.effects import along
 from training.greybox_charge import ChargeMap
 from training.greybox_charge_error import ChargeError
 from training.greybox_nodes import (
@@ -113,7 +114,7 @@ class Greybox:
     @property
     def on_the_way(self) -> tuple[GraphEffect, ...]:
         """What acts beside the base: of the healthy vehicle, then the effects."""
-        own = (graph_effect(e, self.period_s, e.effect.needs) for e in self.own)
+        own = (graph_effect(e, self.period_s, signals_of(e.name, self.inputs)) for e in self.own)
         return (*own, *self.effects)
 
     @property
@@ -146,10 +147,8 @@ class Greybox:
 
     def path(self, signals: Mapping[str, FloatArray]) -> ChainPath:
         """Return the path of the healthy vehicle, without effects, for what ``signals`` returns."""
-        path = base_path(self.constants, signals)
-        for each in self.own:
-            path = each.effect.apply(path, each.values, signals, self.period_s)
-        return path
+        own = tuple((each.effect, each.values) for each in self.own)
+        return along(base_path(self.constants, signals), own, signals, self.period_s)
 
 
 def register_for(longest_s: float, period_s: float) -> int:

@@ -24,6 +24,8 @@ from training.chain import (
     with_speed,
 )
 from training.fit import HeldOut, held_out, measures, recordings_of
+from training.gap.add.added import Added
+from training.gap.reference.own import own_of
 from training.greybox import Fitted, described, fit_constants, reference
 from training.greybox_charge import INPUTS as CHARGE_INPUTS
 from training.greybox_charge import fit_with_charge
@@ -91,14 +93,18 @@ def fit_greybox(
     signals = _signals(data, limits)
     scored = scored_rows(data, signals) & (data.role == Role.TRAIN)
     charge_map, charge_error, known = None, None, (signals, _phi(data), scored, _period_s(data))
+    own = () if has_own_charge(inputs) else own_of(*known)
     if has_own_charge(inputs):
         fitted, charge_map = fit_with_charge(*known)
     elif "air_mass_mg" in inputs:
-        fitted, charge_error = fit_with_charge_error(*known)
+        fitted, charge_error = fit_with_charge_error(*known, own)
     else:
-        fitted = fit_constants(*known)
+        fitted = fit_constants(*known, own=own)
     greybox = replace(
-        _greybox(data, limits, fitted.constants), charge_map=charge_map, charge_error=charge_error
+        _greybox(data, limits, fitted.constants),
+        charge_map=charge_map,
+        charge_error=charge_error,
+        own=tuple(Added.with_values(effect.name, values.tolist()) for effect, values in own),
     )
     predicted = _free_run(data, greybox)
     card = write_model(out, greybox, fitted, data, predicted, seed)

@@ -11,7 +11,7 @@ from monitor.errors import RecordingError
 from monitor.model import PHI_MAX
 from monitor.types import BoolArray, FloatArray
 from training.chain import Constants, Path, base_path, charge_mg, with_speed
-from training.gap.effects import ALL, Effect
+from training.gap.effects import ALL, Effect, Own, along
 from training.gap.effects.air import following
 from training.recordings import Recording
 
@@ -23,8 +23,6 @@ AFTER_CUT_READ_S: Final = 1.0  # the end of a cut has passed the chain, whatever
 AFTER_GAP_S: Final = 5.0  # a held value has left the chain
 CUT_FUEL_MG: Final = 0.3  # per stroke; below the smallest injection
 MIN_SCORED_S: Final = 60.0
-
-Own = tuple[tuple[Effect, FloatArray], ...]  # effects of a healthy vehicle, with their constants
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,10 +61,7 @@ class Drive:
 
 def path_of(drive: Drive, base: Constants) -> Path:
     """Return the path of the base on a drive, with the effects that the healthy vehicle has."""
-    path = base_path(base, drive.signals)
-    for effect, values in drive.own:
-        path = effect.apply(path, values, drive.signals, drive.period_s)
-    return path
+    return along(base_path(base, drive.signals), drive.own, drive.signals, drive.period_s)
 
 
 def from_recording(recording: Recording, made: Mapping[str, FloatArray] | None = None) -> Drive:

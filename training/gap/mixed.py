@@ -17,9 +17,8 @@ import numpy as np
 from monitor.types import FloatArray, IntArray
 from training.chain import Constants
 from training.gap.drives import Drive
-from training.gap.name.fitting import Case, Term, errors, predict
+from training.gap.name.fitting import WHITE, Case, Term, errors, predict
 from training.gap.name.verdict import Naming
-from training.gap.reference.healthy import WHITE
 
 DRIVES_LEAST: Final = 3
 STEPS: Final = {"gain": 1e-3, "dead_time_s": 5e-3, "sensor_s": 5e-3}  # for derivatives

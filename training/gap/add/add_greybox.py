@@ -99,7 +99,8 @@ def _extended(
     reads: Sequence[Sequence[str]],
     ranges: Ranges,
 ) -> Greybox:
-    wanted = dict.fromkeys(name for each in reads for name in each)
+    own = [reads_of(each, old.inputs, ranges) for each in old.own]
+    wanted = dict.fromkeys(name for each in (*own, *reads) for name in each)
     further = [name for name in wanted if name not in (*old.inputs, SPEED)]  # it knows the speed
     inputs = (*old.inputs, *further)
     known = dict(zip(old.inputs, zip(old.u_low, old.u_high, strict=True), strict=True))

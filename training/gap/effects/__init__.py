@@ -8,9 +8,9 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from training.gap.effects import air, exhaust, fuel, sensor
-from training.gap.effects.effect import Effect, Parameter
+from training.gap.effects.effect import Effect, Own, Parameter, along
 
 ALL: tuple[Effect, ...] = (*fuel.EFFECTS, *air.EFFECTS, *exhaust.EFFECTS, *sensor.EFFECTS)
 LIBRARY: Mapping[str, Effect] = MappingProxyType({effect.name: effect for effect in ALL})
 
-__all__ = ["ALL", "LIBRARY", "Effect", "Parameter"]
+__all__ = ["ALL", "LIBRARY", "Effect", "Own", "Parameter", "along"]

@@ -58,6 +58,16 @@ class Effect:
         return np.array([p.high for p in self.parameters])
 
 
+Own = tuple[tuple[Effect, FloatArray], ...]  # effects of a healthy vehicle, with their constants
+
+
+def along(path: Path, own: Own, signals: Signals, period_s: float) -> Path:
+    """Return the path with effects on it, one after the other."""
+    for effect, values in own:
+        path = effect.apply(path, values, signals, period_s)
+    return path
+
+
 def flow_kg_h(path: Path, signals: Signals) -> FloatArray:
     """Return the exhaust's mass flow (n,) from the charge and engine speed."""
     flow = path.air_mg * signals["engine_speed_rpm"] / MG_RPM_PER_KG_H

@@ -11,9 +11,8 @@ from monitor.types import FloatArray
 from training.chain import Constants
 from training.gap.drives import MIN_SCORED_S, Drive
 from training.gap.name import scoring
-from training.gap.name.fitting import Case, Prior, errors, fit, predict
+from training.gap.name.fitting import WHITE, Case, Prior, errors, fit, predict
 from training.gap.name.ranking import State
-from training.gap.reference import healthy as healthy_drives
 from training.gap.reference.healthy import SKEW, Healthy, white
 from training.gap.reference.variation import Shrink, shrink
 
@@ -52,7 +51,7 @@ def begin(drives: Sequence[Drive], known: Healthy | None, base: Constants | None
     case = Case(
         tuple(drives),
         corrections,
-        healthy_drives.WHITE,
+        WHITE,
         SIGMA_PHI,
         prior,
         known.base if known else None,

@@ -22,6 +22,7 @@ LOW: Final = np.array([RANGES[name].low for name in Constants._fields])
 HIGH: Final = np.array([RANGES[name].high for name in Constants._fields])
 SCALE: Final = Constants(0.01, 0.02, 0.2, 0.02, 0.02, 0.02)  # of a typical step of a fit
 STEP: Final = 1e-4  # relative to the scale, for derivatives
+WHITE: Final = (0.9, 0.0)  # differences, nearly: what changes slowly is for the correction
 INSIDE: Final = 1e-6  # relative distance from a bound at which a fit starts
 
 

@@ -9,18 +9,18 @@ from scipy.signal import lfilter
 
 from monitor.types import BoolArray, FloatArray, IntArray
 from training.chain import Constants, Path, simulate
-from training.gap.drives import Drive, Own, path_of
-from training.gap.effects import LIBRARY, Effect
+from training.gap.drives import Drive, path_of
+from training.gap.effects import LIBRARY, Effect, Own
 from training.gap.effects.dynamics import ramp_lag
-from training.gap.name.fitting import BLOCK_S, FOLDS, Case, Fit, Term, fit, reading
+from training.gap.name.fitting import BLOCK_S, FOLDS, WHITE, Case, Fit, Term, fit, reading
 from training.gap.name.sensor_faults import FAULTS
 from training.gap.reference import ridge
 from training.gap.reference.features import features
+from training.gap.reference.own import own_of, with_more
 from training.gap.reference.ridge import Ridge
 from training.gap.reference.visited import Visited
 from training.greybox_charge_error import ChargeError, fit_with_charge_error
 
-WHITE = (0.9, 0.0)  # differences, nearly: what changes slowly is for the correction
 SCALE_MIN = 1e-3  # of a column, below which it is not taken for better known
 # Spread of the coefficients from drive to drive, of a column's own size: plain functions,
 # signatures. On nulls of three simulated vehicles larger values hide effects, smaller ones let
@@ -28,8 +28,6 @@ SCALE_MIN = 1e-3  # of a column, below which it is not taken for better known
 VARIATION_PHI = (8e-5, 5e-5)
 SKEW_S = 0.01
 OWN = ("delay_flow", "mix_flow")  # that every exhaust has
-OWN_OF_SOME = ("wall_film", "manifold_filling")  # port injection, an ECU whose charge is early
-OWN_FALL = 0.2  # of the squared error, from which one of these is the vehicle's own
 SKEW = "skew"  # what a charge that is late changes, per second
 CONSTANT = "constant"  # among the functions of ``features``
 KNOWN_VARIATION = {
@@ -159,7 +157,8 @@ def _charge_error(drives: Sequence[Drive]) -> ChargeError | None:
     }
     phi = np.concatenate([drive.phi_measured - drive.moved_phi for drive in drives])
     scored = np.concatenate([drive.scored for drive in drives])
-    return fit_with_charge_error(together, phi, scored, drives[0].period_s)[1]
+    known = (together, phi, scored, drives[0].period_s)
+    return fit_with_charge_error(*known, own_of(*known))[1]
 
 
 def _chain(
@@ -174,29 +173,17 @@ def _chain(
     effects = [e for e in effects if all(set(e.needs) <= set(d.signals) for d in drives)]
     for i in range(len(effects)):
         found = _fit(drives, effects[: i + 1], [found])
-    effects, found = _with_more(drives, effects, found)
+    effects, found = with_more(_case(drives), effects, found)
     return plain.base, found.base, tuple(zip(effects, found.parameters, strict=True))
 
 
-def _with_more(
-    drives: Sequence[Drive], effects: list[Effect], found: Fit
-) -> tuple[list[Effect], Fit]:
-    """Return effects and fit with those more that only some vehicles have, the strongest first."""
-    left = [LIBRARY[name] for name in OWN_OF_SOME]
-    left = [e for e in left if all(set(e.needs) <= set(d.signals) for d in drives)]
-    while left:
-        fits = {effect.name: _fit(drives, (*effects, effect), [found]) for effect in left}
-        best = min(left, key=lambda effect: fits[effect.name].cost)
-        if fits[best.name].cost > (1.0 - OWN_FALL) * found.cost:
-            break
-        left.remove(best)
-        effects, found = [*effects, best], fits[best.name]
-    return effects, found
-
-
 def _fit(drives: Sequence[Drive], terms: Sequence[Term], starts: Sequence[Fit | Constants]) -> Fit:
+    return fit(_case(drives), terms, starts)
+
+
+def _case(drives: Sequence[Drive]) -> Case:
     moved = tuple(np.zeros(len(drive)) + drive.moved_phi for drive in drives)
-    return fit(Case(tuple(drives), moved, WHITE), terms, starts)
+    return Case(tuple(drives), moved, WHITE)
 
 
 def _left(drive: Drive, base: Constants) -> FloatArray:

@@ -1,0 +1,50 @@
+"""Effects that some vehicles have when healthy, so strongly that the base needs them.
+
+With port injection much of the fuel goes by way of the walls, and an ECU that allows for it
+commands what the mixture does not do. A chain without walls then follows nothing, and all that is
+fitted to it, lags and charge alike, imitates them.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import numpy as np
+
+from monitor.types import BoolArray, FloatArray
+from training.chain import Constants
+from training.gap.drives import Drive
+from training.gap.effects import LIBRARY, Effect, Own
+from training.gap.name.fitting import WHITE, Case, Fit, fit
+
+OF_SOME: Final = ("wall_film", "manifold_filling")
+FALL: Final = 0.3  # of the squared error, from which one of these is the vehicle's own
+
+
+def own_of(
+    signals: Mapping[str, FloatArray], phi: FloatArray, scored: BoolArray, period_s: float
+) -> Own:
+    """Return what a healthy vehicle has of these, with its constants.
+
+    signals, phi, scored : see ``greybox.fit_constants``
+    """
+    drive = Drive("", "", period_s, signals, phi, scored)
+    case = Case((drive,), (np.zeros(len(phi)),), WHITE)
+    effects, found = with_more(case, (), fit(case, (), [Constants()]))
+    return tuple(zip(effects, found.parameters, strict=True))
+
+
+def with_more(case: Case, effects: Sequence[Effect], found: Fit) -> tuple[list[Effect], Fit]:
+    """Return effects and their fit with those of these that the drives show, the strongest first.
+
+    found : the fit of ``effects``
+    """
+    effects, left = list(effects), [LIBRARY[name] for name in OF_SOME]
+    left = [e for e in left if all(set(e.needs) <= set(d.signals) for d in case.drives)]
+    while left:
+        fits = {effect.name: fit(case, (*effects, effect), [found]) for effect in left}
+        best = min(left, key=lambda effect: fits[effect.name].cost)
+        if fits[best.name].cost > (1.0 - FALL) * found.cost:
+            break
+        left.remove(best)
+        effects, found = [*effects, best], fits[best.name]
+    return effects, found
