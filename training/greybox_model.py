@@ -25,6 +25,8 @@ from training.chain import (
 )
 from training.fit import HeldOut, held_out, measures, recordings_of
 from training.gap.add.added import Added
+from training.gap.add.effect_nodes import signals_of
+from training.gap.effects import Own
 from training.gap.reference.own import own_of
 from training.greybox import Fitted, described, fit_constants, reference
 from training.greybox_charge import INPUTS as CHARGE_INPUTS
@@ -77,15 +79,16 @@ def fit_greybox(
 ) -> GreyboxResult:
     """Fit the chain's constants to ``recordings`` and write the model file ``out``.
 
-    inputs : default those of the chain; with manifold pressure and temperature but without the
-        air per stroke the chain makes its own charge; more are for effects to be added
+    inputs : default those of the chain and of what the vehicle has beside it; with manifold
+        pressure and temperature but without the air per stroke the chain makes its own charge;
+        more are for effects to be added
     validate : recordings that are not fitted; without, blocks held out of all of them
     Raises RecordingError or UsageError if the recordings or names cannot be used, ModelError if
     ONNX and numpy disagree.
     """
     began = time.monotonic()
     everything = (*recordings, *validate)
-    inputs = tuple(inputs or greybox_inputs(everything))
+    chosen, inputs = inputs is not None, tuple(inputs or greybox_inputs(everything))
     _check_names(inputs, output)
     judges = range(len(recordings), len(everything))
     data = prepare(everything, inputs, output, seed=seed, validate=judges)
@@ -94,6 +97,12 @@ def fit_greybox(
     scored = scored_rows(data, signals) & (data.role == Role.TRAIN)
     charge_map, charge_error, known = None, None, (signals, _phi(data), scored, _period_s(data))
     own = () if has_own_charge(inputs) else own_of(*known)
+    further = [] if chosen else _further_inputs(own, everything, inputs)
+    if further:  # a cold engine's walls
+        wider = (*inputs, *further)
+        return fit_greybox(
+            recordings, out, inputs=wider, output=output, seed=seed, validate=validate
+        )
     if has_own_charge(inputs):
         fitted, charge_map = fit_with_charge(*known)
     elif "air_mass_mg" in inputs:
@@ -113,6 +122,16 @@ def fit_greybox(
         Path(out), card, greybox, fitted, data, predicted, held_out(data),
         time.monotonic() - began, warnings,
     )  # fmt: skip
+
+
+def _further_inputs(
+    own: Own, recordings: "Sequence[Recording]", inputs: Sequence[str]
+) -> list[str]:
+    """Return what the vehicle's own effects read beside the inputs, of what every file has."""
+    known = frozenset.intersection(*(recording.known for recording in recordings))
+    wanted = dict.fromkeys(name for effect, _ in own for name in signals_of(effect.name, known))
+    there = {*inputs, "engine_speed_rpm"}  # worked out where it is not broadcast
+    return [name for name in wanted if name not in there]
 
 
 def has_own_charge(inputs: Sequence[str]) -> bool:
