@@ -27,7 +27,7 @@ from training.export import Graph, update_card
 from training.gap.add import add_greybox, effect_parity
 from training.gap.add.add_greybox import Vehicle, add
 from training.gap.add.added import Added
-from training.gap.add.effect_nodes import FORMS, graph_effect, signals_of
+from training.gap.add.effect_nodes import FORMS, FUEL, graph_effect, signals_of
 from training.gap.add.effect_parity import TOLERANCE, ParityError, made_inputs
 from training.gap.drives import Drive, make
 from training.gap.effects import ALL, LIBRARY, Effect
@@ -127,7 +127,7 @@ def test_an_effect_reads_the_signals_it_says(effect: Effect) -> None:
     reads = signals_of(effect.name, signals)
     changed = [
         effect.apply(path, start, seen, PERIOD_S)
-        for seen in (signals, {name: signals[name] for name in reads})
+        for seen in (signals, {name: signals[name] for name in (FUEL, *reads)})
     ]
     for each in fields(chain.Path):
         np.testing.assert_array_equal(*(getattr(c, each.name) for c in changed))

@@ -14,6 +14,7 @@ from monitor.types import FloatArray
 from training.chain import STOICHIOMETRIC, charge_mg, simulate
 from training.chain import Path as ChainPath
 from training.gap.add.added import Added
+from training.gap.add.effect_nodes import FUEL
 from training.gap.drives import Drive
 from training.greybox_checks import TOLERANCE
 from training.greybox_graph import Greybox
@@ -64,7 +65,7 @@ def path_with(
     """Return the path with effects, for what ``greybox.signals`` returns."""
     path = greybox.path(signals)
     for entry in entries:
-        seen = {name: signals[name] for name in entry.reads}
+        seen = {name: signals[name] for name in (FUEL, *entry.reads)}
         path = entry.added.effect.apply(path, entry.added.values, seen, greybox.period_s)
     return path
 

@@ -6,7 +6,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from monitor.types import FloatArray
+from monitor.types import BoolArray, FloatArray
 from training.chain import MG_RPM_PER_KG_H, Path
 
 Signals = Mapping[str, FloatArray]
@@ -66,6 +66,11 @@ def along(path: Path, own: Own, signals: Signals, period_s: float) -> Path:
     for effect, values in own:
         path = effect.apply(path, values, signals, period_s)
     return path
+
+
+def injecting(signals: Signals) -> BoolArray:
+    """Return where fuel is injected (n,): in a cut that of the walls may still enter."""
+    return np.asarray(signals["fuel_mass_mg"] > 0.0)
 
 
 def flow_kg_h(path: Path, signals: Signals) -> FloatArray:

@@ -7,7 +7,14 @@ import numpy as np
 from monitor.types import FloatArray
 from training.chain import Path
 from training.gap.effects.dynamics import lag
-from training.gap.effects.effect import GAS_KG_PER_M3, Effect, Parameter, Signals, flow_kg_h
+from training.gap.effects.effect import (
+    GAS_KG_PER_M3,
+    Effect,
+    Parameter,
+    Signals,
+    flow_kg_h,
+    injecting,
+)
 
 DEAD_TIME_MAX_S, MIXING_MAX_S = 3.0, 5.0
 TAIL_FLOW_KG_H = 20.0  # at which a tail has its time
@@ -55,7 +62,7 @@ def _fuel_cut_tail(path: Path, p: FloatArray, signals: Signals, period_s: float)
     1 is a volume that is washed out, 0 a time of its own.
     """
     depth, time_s, exponent = p
-    cut = path.fuel_mg <= 0.0
+    cut = ~injecting(signals)
     emptied_s = time_s * (TAIL_FLOW_KG_H / flow_kg_h(path, signals)) ** exponent
     tail = lag(cut.astype(np.float64), emptied_s, period_s)
     kept = np.maximum(1.0 - depth * tail * ~cut, TAIL_FACTOR_MIN)

@@ -7,7 +7,7 @@ import numpy as np
 from monitor.types import FloatArray
 from training.chain import Path
 from training.gap.effects.dynamics import lag
-from training.gap.effects.effect import Effect, Parameter, Signals, ambient_kpa
+from training.gap.effects.effect import Effect, Parameter, Signals, ambient_kpa, injecting
 
 REFERENCE_RAIL_MPA = 10.0
 WARM_DEGC = 80.0
@@ -37,8 +37,7 @@ def _injector_offset(path: Path, p: FloatArray, signals: Signals, period_s: floa
 
     It matters most where injections are short.
     """
-    injecting = path.fuel_mg > 0.0
-    return replace(path, fuel_mg=np.maximum(path.fuel_mg + p[0] * injecting, 0.0))
+    return replace(path, fuel_mg=np.maximum(path.fuel_mg + p[0] * injecting(signals), 0.0))
 
 
 def _rail_exponent(path: Path, p: FloatArray, signals: Signals, period_s: float) -> Path:
@@ -63,13 +62,14 @@ def _purge(path: Path, p: FloatArray, signals: Signals, period_s: float) -> Path
         duty = 50.0 * _purge_allowed(path, signals)
     strokes_per_s = np.maximum(signals["engine_speed_rpm"], 400.0) / 30.0
     vapour_mg_s = lag(p[0] * 0.01 * duty * drop_kpa, VAPOUR_LAG_S, period_s)
-    return replace(path, fuel_mg=path.fuel_mg + vapour_mg_s / strokes_per_s * (path.fuel_mg > 0.0))
+    more = vapour_mg_s / strokes_per_s * injecting(signals)
+    return replace(path, fuel_mg=path.fuel_mg + more)
 
 
 def _purge_allowed(path: Path, signals: Signals) -> FloatArray:
     warm = signals.get("coolant_temperature_degc", np.full_like(path.fuel_mg, WARM_DEGC)) > 60.0
     driving = signals["engine_speed_rpm"] > 1000.0
-    return (warm & driving & (path.fuel_mg > 0.0)).astype(np.float64)
+    return (warm & driving & injecting(signals)).astype(np.float64)
 
 
 def _ethanol(path: Path, p: FloatArray, signals: Signals, period_s: float) -> Path:

@@ -15,6 +15,7 @@ from monitor.signals import BY_NAME, OUTPUT
 from monitor.types import FloatArray
 from training.chain import Constants, simulate
 from training.gap.drives import Drive, path_of
+from training.gap.effects.effect import injecting
 
 # The controller's answer to the mixture and the flags explain nothing.
 LEFT_OUT: Final = (OUTPUT, "lambda_controller", "lambda_target", "fuel_mass_mg")
@@ -110,8 +111,8 @@ def columns(drive: Drive, base: Constants, functions: Sequence[Function]) -> Flo
         small = STEP / max(float(np.abs(x).max()), 1e-9)
         if function.kind == "mass":
             step = small * mass
-            running = path.fuel_mg > 0.0
-            changed = replace(path, fuel_mg=path.fuel_mg + step * x * running)
+            more = step * x * injecting(drive.signals)
+            changed = replace(path, fuel_mg=path.fuel_mg + more)
         else:
             step = small * PERCENT
             changed = replace(path, factor=path.factor * (1.0 + small * x))

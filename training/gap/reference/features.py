@@ -16,7 +16,7 @@ from monitor.types import FloatArray
 from training.chain import Path
 from training.gap.drives import Drive
 from training.gap.effects.dynamics import charged, lag, slope
-from training.gap.effects.effect import flow_kg_h
+from training.gap.effects.effect import flow_kg_h, injecting
 
 WARM_DEGC: Final = 80.0
 SPEED_KNOTS_RPM: Final = (800.0, 1300.0, 1800.0, 2400.0, 3200.0)
@@ -48,7 +48,7 @@ def features(drive: Drive, path: Path, phi: FloatArray) -> Features:
 def _at_valve(drive: Drive, path: Path) -> dict[str, FloatArray]:
     s, period_s = drive.signals, drive.period_s
     air, fuel, rpm = path.air_mg, path.fuel_mg, s["engine_speed_rpm"]
-    running = (fuel > 0.0).astype(np.float64)
+    running = injecting(s).astype(np.float64)
     speeds, loads = _hats(rpm, SPEED_KNOTS_RPM), _hats(air, LOAD_KNOTS_MG)
     made = {
         f"map {i}{j}": speeds[:, i] * loads[:, j] * running
@@ -112,7 +112,7 @@ def _at_sensor(drive: Drive, path: Path, phi: FloatArray) -> dict[str, FloatArra
         "leak 20": np.exp(-flow / 20.0),
         "leak 50": np.exp(-flow / 50.0),
     }
-    cut = path.fuel_mg <= 0.0
+    cut = ~injecting(drive.signals)
     for time_s in (0.5, 1.2, 3.0):
         columns[f"after cut {time_s}"] = charged(cut, 1.0, time_s, drive.period_s)
     return columns

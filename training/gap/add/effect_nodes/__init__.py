@@ -11,6 +11,7 @@ from training.gap.effects import LIBRARY
 from training.greybox_nodes import GraphEffect, Nodes
 
 FORMS: Mapping[str, Form] = fuel.FORMS | air.FORMS | exhaust.FORMS | sensor.FORMS
+FUEL = "fuel_mass_mg"  # which every effect sees
 
 
 def signals_of(name: str, present: Collection[str]) -> tuple[str, ...]:
@@ -27,14 +28,14 @@ def signals_of(name: str, present: Collection[str]) -> tuple[str, ...]:
 def graph_effect(added: Added, period_s: float, reads: Collection[str]) -> GraphEffect:
     """Return the effect for a graph of this sample period.
 
-    reads : see ``signals_of``; other inputs of the graph are not seen by the effect
+    reads : see ``signals_of``; beside these and the fuel the effect sees no input of the graph
     """
     form, p = FORMS[added.name], added.values.tolist()
 
     def add(
         graph: Graph, nodes: Nodes, signals: Mapping[str, str], states: Sequence[str]
     ) -> tuple[Nodes, Sequence[str]]:
-        seen = {name: signals[name] for name in reads}
+        seen = {name: signals[name] for name in (FUEL, *reads)}
         place = Place(graph, nodes, seen, states, period_s)
         return form.add(place, p), place.kept
 

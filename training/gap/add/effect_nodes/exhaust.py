@@ -46,9 +46,9 @@ def _exhaust_leak(at: Place, p: Parameters) -> Nodes:
 
 def _fuel_cut_tail(at: Place, p: Parameters) -> Nodes:
     depth, time_s, exponent = p
-    cut = at.of("fuel_mg") <= 0.0
-    tail = at.lag(where(cut, 1.0, 0.0), time_s * (TAIL_FLOW_KG_H / at.flow_kg_h()) ** exponent)
-    kept = maximum(1.0 - depth * where(cut, 0.0, tail), TAIL_FACTOR_MIN)
+    runs = at.injecting()
+    tail = at.lag(where(runs, 0.0, 1.0), time_s * (TAIL_FLOW_KG_H / at.flow_kg_h()) ** exponent)
+    kept = maximum(1.0 - depth * where(runs, tail, 0.0), TAIL_FACTOR_MIN)
     return at.changed(gas_factor=at.of("gas_factor") * kept)
 
 

@@ -31,7 +31,7 @@ def _wall_film(at: Place, p: Parameters) -> Nodes:
 
 def _injector_offset(at: Place, p: Parameters) -> Nodes:
     fuel = at.of("fuel_mg")
-    return at.changed(fuel_mg=maximum(fuel + where(fuel > 0.0, p[0], 0.0), 0.0))
+    return at.changed(fuel_mg=maximum(fuel + where(at.injecting(), p[0], 0.0), 0.0))
 
 
 def _rail_exponent(at: Place, p: Parameters) -> Nodes:
@@ -47,12 +47,12 @@ def _purge(at: Place, p: Parameters) -> Nodes:
     else:
         duty = where(_purge_allowed(at), 50.0, 0.0)
     vapour_mg_s = at.lag(p[0] * 0.01 * duty * drop_kpa, VAPOUR_LAG_S)
-    more = where(fuel > 0.0, vapour_mg_s / _strokes_per_s(at), 0.0)
+    more = where(at.injecting(), vapour_mg_s / _strokes_per_s(at), 0.0)
     return at.changed(fuel_mg=fuel + more)
 
 
 def _purge_allowed(at: Place) -> Value:
-    allowed = (at.signal("engine_speed_rpm") > 1000.0) & (at.of("fuel_mg") > 0.0)
+    allowed = (at.signal("engine_speed_rpm") > 1000.0) & at.injecting()
     if "coolant_temperature_degc" in at.signals:
         allowed = allowed & (at.signal("coolant_temperature_degc") > 60.0)
     return allowed

@@ -39,6 +39,10 @@ class Place:
         """Return a signal that must be there."""
         return Value(self.graph, self.signals[name])
 
+    def injecting(self) -> Value:
+        """Return where fuel is injected, as ``effects.effect.injecting``."""
+        return self.signal("fuel_mass_mg") > 0.0
+
     def changed(self, **fields: Value) -> Nodes:
         """Return the path with some fields changed."""
         return with_fields(self.nodes, **{name: value.name for name, value in fields.items()})
