@@ -18,6 +18,7 @@ from training.gap.name.fitting import WHITE, Case, Fit, fit
 
 OF_SOME: Final = ("wall_film", "manifold_filling")
 FALL: Final = 0.3  # of the squared error, from which one of these is the vehicle's own
+FURTHER_FALL: Final = 0.1  # from which the other is, too: walls alone would stand for both
 
 
 def own_of(
@@ -38,13 +39,14 @@ def with_more(case: Case, effects: Sequence[Effect], found: Fit) -> tuple[list[E
 
     found : the fit of ``effects``
     """
-    effects, left = list(effects), [LIBRARY[name] for name in OF_SOME]
+    effects, left, fall = list(effects), [LIBRARY[name] for name in OF_SOME], FALL
     left = [e for e in left if all(set(e.needs) <= set(d.signals) for d in case.drives)]
     while left:
         fits = {effect.name: fit(case, (*effects, effect), [found]) for effect in left}
         best = min(left, key=lambda effect: fits[effect.name].cost)
-        if fits[best.name].cost > (1.0 - FALL) * found.cost:
+        if fits[best.name].cost > (1.0 - fall) * found.cost:
             break
         left.remove(best)
+        fall = FURTHER_FALL
         effects, found = [*effects, best], fits[best.name]
     return effects, found
