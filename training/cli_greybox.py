@@ -48,6 +48,8 @@ def print_fit(result: "GreyboxResult") -> None:
     print(f"{result.path}: {n} samples, grey-box chain, {result.seconds:.0f} s")
     for name, constant in result.card.structure["constants"].items():
         print(constant_line(name, constant))
+    for own in result.greybox.own:
+        print(f"healthy vehicle's {own.in_words}")
 
 
 def constant_line(name: str, constant: Mapping[str, Any]) -> str:

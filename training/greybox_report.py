@@ -40,6 +40,7 @@ def _overview(result: GreyboxResult) -> str:
         ("output", f"{card.output.name} [{card.output.unit or 'as recorded'}]"),
         ("sample period", f"{card.period_ns / 1e9:g} s"),
         ("chain", "fuel over air, dead time, two lags, span"),
+        *(("healthy vehicle's own", own.in_words) for own in result.greybox.own),
         ("charge", _charge(result)),
         ("samples", f"{len(result.data.role)} of {len(card.recordings)} recordings, "
                     f"{fitted.samples} of them fitted"),

@@ -84,6 +84,16 @@ class Added:
         """Return the parameters (k,) in the library's order."""
         return np.array([self.parameters[p.name] for p in self.effect.parameters])
 
+    @property
+    def in_words(self) -> str:
+        """Return name and parameters with their units.
+
+        >>> Added.with_values("mix_flow", [1.5]).in_words
+        'mix_flow: volume 1.5 l'
+        """
+        sizes = (f"{name} {v:.3g} {self.units[name]}" for name, v in self.parameters.items())
+        return f"{self.name}: {', '.join(size.removesuffix(' -') for size in sizes)}"
+
     def to_card(self) -> dict[str, Any]:
         """Return what ``from_card`` reads."""
         return asdict(self) | {"like": list(self.like)}

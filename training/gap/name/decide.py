@@ -37,6 +37,7 @@ GAIN_WORDS: Final = "the gain"
 OFFSETS: Final = 1.5  # times healthy drives' own, from which an offset of all drives is one
 GAIN_OF_ETHANOL: Final = 1.0 - ETHANOL_AIR_FUEL / PETROL_AIR_FUEL  # of the mixture, per fraction
 GAIN_CLASS: Final = ("ethanol", "biased")  # a factor on the mixture, and what looks like it
+BIAS_NEAR: Final = 0.75  # of the best score: in the loop a bias is close to much that loses to it
 GAIN_SUSPECTED: Final = (
     "a factor on the mixture (ethanol, humidity, slope errors) or a biased sensor"
 )
@@ -168,7 +169,8 @@ def _at_fault(
     if strong and strong[0].name == GAIN_CLASS[0]:
         factor = (strong[0],)
         return Outcome("sensor_fault_suspected", factor, GAIN_SUSPECTED, None, ranking)
-    at_fault = [c for c in strong if c.kind == "sensor fault" and _is_felt(state, c)]
+    near = [c for c in ranking if strong and _is_near_bias(c, strong[0])]
+    at_fault = [c for c in (*strong, *near) if c.kind == "sensor fault" and _is_felt(state, c)]
     words = at_fault[0].name if at_fault else None
     as_good = tuple(c for c in strong if c.kind == "effect") if at_fault else ()
     looked_at = strong[:1] or [c for c in ranking[:RANKED_CLOSELY] if _is_large(c)]
@@ -186,6 +188,12 @@ def _at_fault(
     if words is None:
         return None
     return Outcome("sensor_fault_suspected", as_good[:AMBIGUOUS_MOST], words, None, ranking)
+
+
+def _is_near_bias(candidate: Candidate, best: Candidate) -> bool:
+    """Whether a candidate is a biased sensor that explains nearly as much as the best."""
+    near = candidate.score >= BIAS_NEAR * best.score
+    return candidate.name == GAIN_CLASS[1] and near and matters(candidate)
 
 
 def _shift(state: State) -> str | None:
