@@ -241,7 +241,7 @@ def _is_of_the_gain(state: State, ranking: Sequence[Candidate]) -> bool:
         return scoring.deviance(found, case.blocks), found
 
     best = ranking[0]
-    rival = alone(best)[0] if best.physical and best.name not in GAIN_CLASS else None
+    rival = None if best.name in GAIN_CLASS else alone(best)[0]
     for candidate in (c for c in ranking if c.name in GAIN_CLASS):
         deviance, found = alone(candidate)
         offset = float(np.abs(found.parameters[-1]).max())

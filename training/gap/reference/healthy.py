@@ -21,6 +21,7 @@ from training.gap.reference.ridge import Ridge
 from training.gap.reference.visited import Visited
 from training.greybox_charge_error import ChargeError, fit_with_charge_error
 
+LARGER_PENALTIES = (1e-4, 1e-3, 1e-2, 1e-1, 1.0)
 SCALE_MIN = 1e-3  # of a column, below which it is not taken for better known
 # Spread of the coefficients from drive to drive, of a column's own size: plain functions,
 # signatures. On nulls of three simulated vehicles larger values hide effects, smaller ones let
@@ -115,7 +116,7 @@ def learn(drives: Sequence[Drive], start: Constants, like: Healthy | None = None
     x = [white(r, ar)[k] / sigma for r, k in zip(raw, kept, strict=True)]
     e = [white(t, ar)[k] / sigma for t, k in zip(target, kept, strict=True)]
     x_all, e_all = np.concatenate(x), np.concatenate(e)
-    whole = ridge.fit(x_all, e_all, fold, limits)
+    whole = _no_worse(stacked, y, ridge.fit(x_all, e_all, fold, limits), (x_all, e_all, fold))
     scale = np.maximum(np.sqrt((stacked**2).mean(axis=0)), SCALE_MIN)
     group = np.array([int(name.endswith(")")) for name in names])  # signatures apart
     spread = np.array(VARIATION_PHI)[group] / scale
@@ -124,6 +125,22 @@ def learn(drives: Sequence[Drive], start: Constants, like: Healthy | None = None
             spread[names.index(column)] = value
     visited = Visited.of(drives)
     return Healthy(base, plain, own, names, whole, spread, visited, charge=charge)
+
+
+def _no_worse(
+    plain: FloatArray, y: FloatArray, found: Ridge, white: tuple[FloatArray, FloatArray, IntArray]
+) -> Ridge:
+    """Return the ridge with a penalty large enough that plain errors do not grow by it.
+
+    plain, y : columns (m, k) and errors (m,) as they are; white : both whitened, and the folds
+    Smooth functions, as the time after a fuel cut, hardly show in whitened errors.
+    """
+    for penalty in LARGER_PENALTIES:
+        if ((y - plain @ found.weights) ** 2).sum() <= (y**2).sum():
+            break
+        if penalty > found.penalty:
+            found = ridge.fit(*white, (found.low, found.high), penalties=[penalty])
+    return found
 
 
 def as_shown(drives: Sequence[Drive], start: Constants) -> Sequence[Drive]:
