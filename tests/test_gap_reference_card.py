@@ -132,7 +132,7 @@ def test_a_model_fitted_to_drives_with_the_effect_gets_the_charge_of_healthy_one
     tmp_path: Path,
 ) -> None:
     # GIVEN a chain fitted to drives with a hidden effect, which its error of the charge takes in
-    driven, healthy = recordings(2_311_000, **FILM), recordings(2_310_000, HEALTHY)
+    driven, healthy = recordings(2_311_000, purge=8.0), recordings(2_310_000, HEALTHY)
     model = fit_greybox(driven, tmp_path / "m.onnx").path
     assert [each.charged for each in base.drives_of(model, driven)] == [True, True]
     # WHEN healthy drives are given
@@ -142,7 +142,7 @@ def test_a_model_fitted_to_drives_with_the_effect_gets_the_charge_of_healthy_one
     # THEN the effect is looked for beside the charge that these teach, and both go into the model
     assert [each.charged for each in made] == [False, False]
     np.testing.assert_array_equal(made[0].signals["air_mass_mg"], driven[0].column("air_mass_mg"))
-    assert (found.verdict, [a.name for a in found.added]) == ("named", ["wall_film"])
+    assert (found.verdict, [a.name for a in found.added]) == ("named", ["purge"])
     assert found.new_model is not None
     new = Greybox.of(Model.load(found.new_model).card)
     assert known.charge is not None
@@ -152,6 +152,19 @@ def test_a_model_fitted_to_drives_with_the_effect_gets_the_charge_of_healthy_one
     before, after, _, _ = found.rmse
     assert after is not None
     assert after < 0.7 * before
+
+
+def test_walls_that_a_model_has_taken_in_are_named_and_not_added_again(tmp_path: Path) -> None:
+    # GIVEN a chain fitted to drives with walls, which are part of it then
+    driven, healthy = recordings(2_311_000, **FILM), recordings(2_310_000, HEALTHY)
+    fitted = fit_greybox(driven, tmp_path / "m.onnx")
+    assert [own.name for own in fitted.greybox.own] == ["wall_film"]
+    # WHEN healthy drives without them are given
+    found = asked(fitted.path, driven, tmp_path, healthy=healthy)
+    # THEN they are what is new, and nothing is to be added
+    assert [each.name for each in found.naming.effects] == ["wall_film"]
+    assert found.new_model is None
+    assert any("follows the effect already" in each for each in found.warnings)
 
 
 def test_recordings_that_the_model_was_fitted_to_are_told_from_others(chain: Path) -> None:

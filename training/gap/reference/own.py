@@ -44,9 +44,15 @@ def with_more(case: Case, effects: Sequence[Effect], found: Fit) -> tuple[list[E
     while left:
         fits = {effect.name: fit(case, (*effects, effect), [found]) for effect in left}
         best = min(left, key=lambda effect: fits[effect.name].cost)
-        if fits[best.name].cost > (1.0 - fall) * found.cost:
+        if fits[best.name].cost > (1.0 - fall) * found.cost or not _physical(fits[best.name]):
             break
         left.remove(best)
         fall = FURTHER_FALL
         effects, found = [*effects, best], fits[best.name]
     return effects, found
+
+
+def _physical(found: Fit) -> bool:
+    """Whether constants of the last effect that cannot be below 0 are not."""
+    sizes = zip(found.terms[-1].parameters, found.parameters[-1], strict=True)
+    return all(value > 0.0 for p, value in sizes if p.positive)
