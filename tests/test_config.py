@@ -1,5 +1,6 @@
 """The configuration: a file changes what it names, and a mistake is an error that says where."""
 
+import re
 import tomllib
 from dataclasses import fields, is_dataclass
 from importlib.resources import files
@@ -20,15 +21,15 @@ def file_of(tmp_path: Path, text: str) -> Path:
     return path
 
 
-def refused(tmp_path: Path, text: str, *words: str) -> None:
+def refusal(tmp_path: Path, text: str) -> str:
+    """Return the one line that refuses the file, after its path."""
     path = file_of(tmp_path, text)
     with pytest.raises(ConfigError) as caught:
         config.load(path)
-    message = str(caught.value)
-    assert str(path) in message
+    before, found, message = str(caught.value).partition(str(path))
+    assert found, before
     assert "\n" not in message
-    for word in words:
-        assert word in message
+    return message
 
 
 def test_the_shipped_file_sets_every_key_and_nothing_else() -> None:
@@ -64,35 +65,40 @@ def test_an_own_file_does_not_change_what_is_loaded_next(tmp_path: Path) -> None
 
 
 def test_an_unknown_key_is_named_with_its_section(tmp_path: Path) -> None:
-    refused(tmp_path, "[window]\nn_sample = 50\n", "[window]", "n_sample ", "n_samples")
+    message = refusal(tmp_path, "[window]\nn_sample = 50\n")
+    assert "[window]" in message
+    assert "n_sample " in message
+    assert "n_samples" in message
 
 
 def test_an_unknown_section_is_named(tmp_path: Path) -> None:
-    refused(tmp_path, "[windows]\nn_samples = 50\n", "[windows]", "window")
+    message = refusal(tmp_path, "[windows]\nn_samples = 50\n")
+    assert "[windows]" in message
+    assert re.search(r"\bwindow\b", message)
 
 
 def test_a_section_that_is_a_value_is_refused(tmp_path: Path) -> None:
-    refused(tmp_path, "window = 50\n", "window")
+    assert "window" in refusal(tmp_path, "window = 50\n")
 
 
 @pytest.mark.parametrize("value", ['"50"', "true", "{ a = 1 }", "1979-05-27"])
 def test_a_value_of_the_wrong_type_is_refused(tmp_path: Path, value: str) -> None:
     for section, key in KEYS:
-        refused(tmp_path, f"[{section}]\n{key} = {value}\n", f"[{section}] {key}")
+        assert f"[{section}] {key}" in refusal(tmp_path, f"[{section}]\n{key} = {value}\n")
 
 
 def test_a_count_is_a_whole_number(tmp_path: Path) -> None:
     counts = [(s, k) for s, k in KEYS if type(SHIPPED[s][k]) is int]
     assert ("window", "n_samples") in counts
     for section, key in counts:
-        refused(tmp_path, f"[{section}]\n{key} = 50.5\n", f"[{section}] {key}")
+        assert f"[{section}] {key}" in refusal(tmp_path, f"[{section}]\n{key} = 50.5\n")
 
 
 @pytest.mark.parametrize("value", ["nan", "inf", "-inf", f"1{'0' * 400}"])
 def test_a_value_that_is_no_finite_number_is_refused(tmp_path: Path, value: str) -> None:
     for section, key in KEYS:
         listed = f"[{value}]" if isinstance(SHIPPED[section][key], list) else value
-        refused(tmp_path, f"[{section}]\n{key} = {listed}\n", f"[{section}] {key}")
+        assert f"[{section}] {key}" in refusal(tmp_path, f"[{section}]\n{key} = {listed}\n")
 
 
 @pytest.mark.parametrize(
@@ -142,7 +148,9 @@ def test_a_value_that_is_no_finite_number_is_refused(tmp_path: Path, value: str)
     ],
 )
 def test_an_impossible_value_is_refused(tmp_path: Path, section: str, key: str, value: str) -> None:
-    refused(tmp_path, f"[{section}]\n{key} = {value}\n", f"[{section}]", key)
+    message = refusal(tmp_path, f"[{section}]\n{key} = {value}\n")
+    assert f"[{section}]" in message
+    assert key in message
 
 
 @pytest.mark.parametrize(
@@ -167,7 +175,7 @@ def test_a_value_on_the_boundary_is_taken(
 
 
 def test_what_is_not_toml_is_refused(tmp_path: Path) -> None:
-    refused(tmp_path, "[window\nn_samples = 50\n", "TOML")
+    assert "TOML" in refusal(tmp_path, "[window\nn_samples = 50\n")
 
 
 def test_what_is_not_text_is_refused(tmp_path: Path) -> None:
