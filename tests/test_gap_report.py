@@ -363,6 +363,12 @@ def test_a_gap_is_measured_from_the_error_on_healthy_recordings_where_there_are_
     assert "and all of what exceeds the error on healthy recordings is gone" in page
 
 
+def test_an_error_that_is_no_gap_stands_beside_that_on_healthy_recordings() -> None:
+    own = replace(verified(None), healthy=replace(error("healthy", "", None), before=0.0205))
+    page = report.as_page(made("no_gap", verified=own))
+    assert "is 0.0210 RMS in phi (0.0205 on healthy ones), the noise floor 0.0102" in page
+
+
 def test_candidates_that_were_skipped_stand_with_what_they_lack() -> None:
     page = report.as_page(made("no_gap"))
     what = page[page.index('id="what"') : page.index('id="where"')]

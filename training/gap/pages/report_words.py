@@ -86,7 +86,9 @@ def _looks_like(result: Result) -> str:
 
 def _level(result: Result) -> str:
     before, _, floor, on = result.rmse
-    return f"the error on {on} is {phi(before)} RMS in phi, the noise floor {phi(floor)}"
+    healthy = result.verified.healthy if result.verified else None
+    beside = f" ({phi(healthy.before)} on healthy ones)" if healthy else ""
+    return f"the error on {on} is {phi(before)} RMS in phi{beside}, the noise floor {phi(floor)}"
 
 
 def actions(result: Result) -> list[str]:
