@@ -26,8 +26,9 @@ from training.gap.name.verdict import Candidate, Naming, Round, Verdict
 from training.gap.reference import accepted
 from training.gap.reference.healthy import Healthy
 
-ADEQUATE_ALONE: Final = 0.7  # of what can be explained, where no other candidate comes near
-FAR: Final = 0.1  # of the best score, below which another is far from it
+ADEQUATE_ALONE: Final = 0.5  # of what can be explained, where no other candidate comes near
+FAR: Final = 1.0 / 3.0  # of the best score, below which another is far from it
+LARGER: Final = 1.6  # times the usual error on healthy drives, from which there is a gap
 
 
 def name(
@@ -128,6 +129,16 @@ def _is_alone(ranking: Sequence[Candidate]) -> bool:
     return all(each.score < FAR * best.score for each in others)
 
 
+def _is_larger(rmse: float, drives: Sequence[Drive], known: Healthy | None) -> bool:
+    """Whether the chain's error is more than on healthy drives, whatever the reason.
+
+    Slow errors hardly show in whitened ones, so there may be a gap that no candidate scores on.
+    """
+    usual = known.rmse_usual if known else None
+    of_chain = all(d.phi_of_model is None and not np.any(d.moved_phi) for d in drives)
+    return of_chain and usual is not None and rmse > LARGER * usual
+
+
 def _answer(
     first: State,
     last: State,
@@ -140,7 +151,10 @@ def _answer(
 ) -> Naming:
     added = _kept(first, last, outcome, rounds)
     verdict: Verdict = "named" if added else outcome.verdict
-    if verdict == "named" and not added:
+    rmse = held_out_rmse(first.case, first.current)
+    if not added and (
+        verdict == "named" or (verdict == "no_gap" and _is_larger(rmse, first.case.drives, known))
+    ):
         verdict = "unknown_effect"
     base = known.base if known else reference
     alone = (
@@ -159,7 +173,7 @@ def _answer(
         last.current.base,
         base,
         shift,
-        held_out_rmse(first.case, first.current),
+        rmse,
         held_out_rmse(last.case, last.current) if added else None,
         scoring.floor_phi(first.case, first.current),
         float(gains.sum() / first.deviance.sum()),

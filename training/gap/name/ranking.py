@@ -14,6 +14,7 @@ from training.gap.name.verdict import Candidate
 WIN: Final = 0.95  # of resampled blocks
 ADEQUATE: Final = 0.85  # of what can be explained at all; DESIGN, "what a prototype taught"
 RIVAL_SCORE: Final = 0.5  # of the best, below which a candidate is no rival
+EDGE: Final = 1e-3  # of a constant's range
 USUAL_SHARE: Final = 0.09  # of the deviance, left to explain by an effect in another form
 RANKED_CLOSELY: Final = 4  # candidates whose adequacy is worked out
 SCORE_LEAST: Final = 160.0
@@ -83,11 +84,22 @@ def _candidate(
         score.gain,
         needed,
         score.t,
-        all(v > 0.0 for p, v in zip(term.parameters, values, strict=True) if p.positive),
+        _is_physical(term, values),
         adequacy,
         win,
         fitted,
     )
+
+
+def _is_physical(term: Term, values: FloatArray) -> bool:
+    """Whether constants have the sign that they must have, and are not all at the library's edge.
+
+    There, something else is imitated as far as the form allows.
+    """
+    limits = zip(term.parameters, values, strict=True)
+    edges = [min(v - p.low, p.high - v) < EDGE * (p.high - p.low) for p, v in limits]
+    signs = [v > 0.0 for p, v in zip(term.parameters, values, strict=True) if p.positive]
+    return all(signs) and not (len(edges) > 1 and all(edges))
 
 
 def matters(candidate: Candidate) -> bool:

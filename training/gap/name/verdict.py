@@ -26,7 +26,7 @@ class Candidate:
     score: float  # fall of the deviance on held-out blocks
     needed: float  # score below which it is nothing new, by what healthy drives give it
     t: float  # of the signed square roots of the blocks' falls
-    physical: bool  # whether its constants have the sign that the effect has
+    physical: bool  # whether its constants are such as the effect can have
     adequacy: float | None  # of what can be explained at all; None if not worth asking
     win: float | None  # how often resampled blocks prefer the best to this; None for the best
     fit: Fit

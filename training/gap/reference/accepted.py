@@ -18,8 +18,8 @@ from monitor.errors import RecordingError
 from training.chain import Constants, simulate
 from training.gap.drives import Drive, path_of
 from training.gap.name.begin import begin
-from training.gap.name.fitting import Term, fit
-from training.gap.name.ranking import Progress
+from training.gap.name.fitting import Term, fit, held_out_rmse
+from training.gap.name.ranking import Progress, State
 from training.gap.name.sensor_faults import FAULTS
 from training.gap.reference import healthy
 from training.gap.reference.healthy import CONSTANT, Healthy
@@ -46,13 +46,19 @@ def learn(
         others = healthy.learn(rest, start, known)
         held_out.append(([drives[i] for i in sorted(out)], others))
     known = _with_offsets(known, [m for own, others in held_out for m in _offsets(own, others)])
-    left = []
+    states = []
     for own, others in held_out:
         with suppress(RecordingError):  # of driving that the others do not know
-            left.append(_left_out(own, replace(others, spread=known.spread_of(others.names))))
+            alike = replace(others, spread=known.spread_of(others.names))
+            states.append(begin(own, alike, alike.base))
+    left = [_left_out(state) for state in states]
     names = set[str]().union(*left)
     surplus = {name: _typical([ratio[name] for ratio in left if name in ratio]) for name in names}
-    return replace(known, surplus=surplus)
+    rmse = [held_out_rmse(state.case, state.current) for state in states]
+    # A network has seen these drives, so others are worse without any gap.
+    is_chain = all(drive.phi_of_model is None for drive in drives)
+    usual = float(np.median(rmse)) if rmse and is_chain else None
+    return replace(known, surplus=surplus, rmse_usual=usual)
 
 
 def _offsets(drives: Sequence[Drive], known: Healthy) -> list[float]:
@@ -84,10 +90,10 @@ def _typical(ratios: Sequence[float]) -> float:
     return float(np.exp(logarithms.sum() / (len(ratios) + PRIOR_GROUPS)))
 
 
-def _left_out(drives: Sequence[Drive], known: Healthy) -> dict[str, float]:
+def _left_out(state: State) -> dict[str, float]:
     """Return each candidate's likelihood ratio for each of its constants."""
-    state = begin(drives, known, known.base)
-    terms: tuple[Term, ...] = (*state.case.drives[0].effects, *FAULTS)
+    drives = state.case.drives
+    terms: tuple[Term, ...] = (*drives[0].effects, *FAULTS)
     ratio = {}
     for term in terms:
         if any(not set(getattr(term, "needs", ())) <= set(d.signals) for d in drives):

@@ -57,6 +57,7 @@ class Healthy:
     visited: Visited
     surplus: Mapping[str, float] = field(default_factory=dict)  # see ``accepted``
     charge: ChargeError | None = None  # of drives with the air per stroke as broadcast
+    rmse_usual: float | None = None  # phi, of healthy drives judged by others; of a chain only
 
     def columns(self, drive: Drive) -> FloatArray:
         """Return the columns of ``drive`` in the order of the names, (n, k)."""
@@ -185,12 +186,14 @@ def _chain(
     if like is not None:
         found = _fit([like.with_own(drive) for drive in drives], (), [like.base])
         return like.plain, found.base, like.own
-    found = plain = _fit(drives, (), [start, Constants()])
-    effects = [LIBRARY[name] for name in OWN]
-    effects = [e for e in effects if all(set(e.needs) <= set(d.signals) for d in drives)]
-    for i in range(len(effects)):
-        found = _fit(drives, effects[: i + 1], [found])
-    effects, found = with_more(_case(drives), effects, found)
+    case = _case(drives)
+    plain = fit(case, (), [start, Constants()])
+    # Beside volumes that imitate them already walls would not be found.
+    effects, found = with_more(case, (), plain)
+    for effect in (LIBRARY[name] for name in OWN):
+        if all(set(effect.needs) <= set(drive.signals) for drive in drives):
+            effects = [*effects, effect]
+            found = fit(case, effects, [found])
     return plain.base, found.base, tuple(zip(effects, found.parameters, strict=True))
 
 

@@ -55,6 +55,7 @@ def to_card(known: Healthy, recordings: Sequence[Recording]) -> dict[str, Any]:
         },
         "surplus": {name: _rounded(value) for name, value in sorted(known.surplus.items())},
         "charge": None if known.charge is None else known.charge.to_card(),
+        "rmse_usual": known.rmse_usual,
     }
 
 
@@ -130,6 +131,7 @@ def _known(stored: Mapping[str, Any]) -> Healthy:
         visited,
         {str(name): float(value) for name, value in stored["surplus"].items()},
         None if stored.get("charge") is None else ChargeError.from_card(stored["charge"]),
+        None if stored.get("rmse_usual") is None else float(stored["rmse_usual"]),
     )
 
 
