@@ -10,7 +10,9 @@ from tests.gap_simulated import known, two_drives
 from training.chain import Constants
 from training.gap import drives
 from training.gap.drives import Drive
+from training.gap.effects import LIBRARY
 from training.gap.name.naming import name
+from training.gap.name.ranking import is_physical
 
 
 def test_drives_like_the_healthy_ones_have_no_gap() -> None:
@@ -125,6 +127,29 @@ def test_a_sensor_that_turns_late_within_the_drives_is_suspected() -> None:
     found = name(late, known())
     assert found.verdict == "sensor_fault_suspected"
     assert found.effects == ()
+
+
+def test_an_error_far_above_that_of_healthy_drives_is_a_gap_though_nothing_fits_it() -> None:
+    # GIVEN drives whose mixture wanders slowly, by what no signal tells
+    def wandering(drive: Drive, periods_s: tuple[float, float]) -> Drive:
+        t_s = np.arange(len(drive)) * drive.period_s
+        slow = sum(0.02 * np.sin(2.0 * np.pi * t_s / period_s) for period_s in periods_s)
+        return replace(drive, phi_measured=drive.phi_measured + slow)
+
+    first, second = two_drives(2_200_120)
+    found = name([wandering(first, (47.0, 31.0)), wandering(second, (59.0, 37.0))], known())
+    # THEN that is no error of a healthy drive
+    assert found.verdict == "unknown_effect"
+    assert all(c.score < c.needed or c.t < 3.0 for c in found.ranking)
+
+
+def test_constants_at_the_edge_of_all_that_they_can_be_are_of_something_else() -> None:
+    tail, purge = LIBRARY["fuel_cut_tail"], LIBRARY["purge"]
+    low, high = tail.low, tail.high
+    assert not is_physical(tail, np.array([high[0], low[1], high[2]]))
+    assert is_physical(tail, np.array([high[0], low[1], 0.5]))
+    assert is_physical(purge, purge.high)  # one constant may be larger than the library thinks
+    assert not is_physical(LIBRARY["wall_film"], np.array([-0.05, 0.5, 1.0]))
 
 
 def test_a_candidate_without_its_signals_is_skipped_and_said_so() -> None:

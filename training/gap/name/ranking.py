@@ -84,14 +84,14 @@ def _candidate(
         score.gain,
         needed,
         score.t,
-        _is_physical(term, values),
+        is_physical(term, values),
         adequacy,
         win,
         fitted,
     )
 
 
-def _is_physical(term: Term, values: FloatArray) -> bool:
+def is_physical(term: Term, values: FloatArray) -> bool:
     """Whether constants have the sign that they must have, and are not all at the library's edge.
 
     There, something else is imitated as far as the form allows.
