@@ -78,6 +78,13 @@ def test_a_sensor_slow_from_the_start_is_suspected_and_nothing_is_added() -> Non
     assert lag_s == pytest.approx(0.3, abs=0.1)
 
 
+def test_a_sensor_slow_in_one_direction_may_be_made_so() -> None:
+    found = name(two_drives(2_200_181, fault=("slow_rich_to_lean", 0.6)), known())
+    assert found.verdict == "sensor_fault_suspected"
+    assert found.suspected == "slow_rich_to_lean"
+    assert [c.name for c in found.indistinguishable] == ["sensor_asymmetry"]
+
+
 def test_another_fuel_and_a_biased_sensor_are_each_said_to_look_like_the_other() -> None:
     # GIVEN drives on fuel with ethanol, and drives with a sensor that reads lean
     fuel = two_drives(2_200_190, ("ethanol", 4.0))

@@ -172,7 +172,7 @@ def _at_fault(
     near = [c for c in ranking if strong and _is_near_bias(c, strong[0])]
     at_fault = [c for c in (*strong, *near) if c.kind == "sensor fault" and _is_felt(state, c)]
     words = at_fault[0].name if at_fault else None
-    as_good = tuple(c for c in strong if c.kind == "effect") if at_fault else ()
+    as_good = _as_good(strong, ranking, words) if words else ()
     looked_at = strong[:1] or [c for c in ranking[:RANKED_CLOSELY] if _is_large(c)]
     for candidate in () if words else looked_at:
         if strong and getattr(candidate.fit.terms[-1], "varies", False):
@@ -188,6 +188,16 @@ def _at_fault(
     if words is None:
         return None
     return Outcome("sensor_fault_suspected", as_good[:AMBIGUOUS_MOST], words, None, ranking)
+
+
+def _as_good(
+    strong: Sequence[Candidate], ranking: Sequence[Candidate], fault: str
+) -> tuple[Candidate, ...]:
+    """Return the effects that explain as much as a fault, and those that act as it does."""
+    as_good = {c.name for c in strong}
+    return tuple(
+        c for c in ranking if c.kind == "effect" and (c.name in as_good or fault in c.like)
+    )
 
 
 def _is_near_bias(candidate: Candidate, best: Candidate) -> bool:
