@@ -150,11 +150,12 @@ def test_an_error_far_above_that_of_healthy_drives_is_a_gap_though_nothing_fits_
     assert all(c.score < c.needed or c.t < 3.0 for c in found.ranking)
 
 
-def test_constants_at_the_edge_of_all_that_they_can_be_are_of_something_else() -> None:
+def test_a_size_at_its_edge_with_a_form_at_its_edge_is_of_something_else() -> None:
     tail, purge = LIBRARY["fuel_cut_tail"], LIBRARY["purge"]
     low, high = tail.low, tail.high
-    assert not is_physical(tail, np.array([high[0], low[1], high[2]]))
-    assert is_physical(tail, np.array([high[0], low[1], 0.5]))
+    assert not is_physical(tail, np.array([high[0], 0.3, high[2]]))
+    assert is_physical(tail, np.array([high[0], 0.3, 0.5]))
+    assert is_physical(tail, np.array([0.5, low[1], high[2]]))
     assert is_physical(purge, purge.high)  # one constant may be larger than the library thinks
     assert not is_physical(LIBRARY["wall_film"], np.array([-0.05, 0.5, 1.0]))
 

@@ -92,14 +92,14 @@ def _candidate(
 
 
 def is_physical(term: Term, values: FloatArray) -> bool:
-    """Whether constants have the sign that they must have, and are not all at the library's edge.
+    """Whether constants have the sign that they must have, and size and form are not at an edge.
 
-    There, something else is imitated as far as the form allows.
+    There, something else is imitated as far as the library allows.
     """
     limits = zip(term.parameters, values, strict=True)
     edges = [min(v - p.low, p.high - v) < EDGE * (p.high - p.low) for p, v in limits]
     signs = [v > 0.0 for p, v in zip(term.parameters, values, strict=True) if p.positive]
-    return all(signs) and not (len(edges) > 1 and all(edges))
+    return all(signs) and not (edges[0] and any(edges[1:]))
 
 
 def matters(candidate: Candidate) -> bool:
