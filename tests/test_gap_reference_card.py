@@ -102,6 +102,7 @@ def test_the_reference_in_a_model_file_corrects_drives_as_what_was_learned(chain
         assert (read.known_of(driven).scored == known().known_of(driven).scored).all()
     assert read.spread == pytest.approx(known().spread, rel=1e-6)
     assert read.surplus == pytest.approx(known().surplus, rel=1e-6)
+    assert read.rmse_usual == pytest.approx(known().rmse_usual, rel=1e-6)
 
 
 def test_without_healthy_recordings_an_effect_is_named_as_with_them(
