@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import dbc
@@ -176,8 +176,20 @@ def bus_map_of(folder: Path, size: int, signals: str, own: str) -> BusMap:
     return load_pairs([(dbc_path, map_path)])
 
 
+SHORT_FOR_ONE_GROUP = (  # whose other group marks its value as not available
+    2,
+    ' SG_ Mux M : 0|2@1+ (1,0) [0|0] "" A\n SG_ X0 : 0|2@1+ (1,0) [0|0] "" A\n'
+    ' SG_ X1 m3 : 7|2@1+ (1,0) [0|0] "" A\n\n',
+    '[integrity]\nnot_available = "all_ones"\n[signals]\n'
+    'x0 = { message = "M", signal = "X0", factor = 1.0, offset = 0.0 }\n'
+    'x1 = { message = "M", signal = "X1", factor = 1.0, offset = 0.0 }',
+    ["x0", "x1"],
+)
+
+
 @settings(max_examples=120, deadline=None)
 @given(layout=layouts(), seed=st.integers(0, 2**32 - 1), cuts=cuts)
+@example(layout=SHORT_FOR_ONE_GROUP, seed=0, cuts=[])
 def test_any_layout_gives_the_same_values_and_counters(
     tmp_path_factory: pytest.TempPathFactory,
     layout: tuple[int, str, str, list[str]],

@@ -183,7 +183,7 @@ class _MessageDecoder:
     def _multiplexed(self, rows: IntArray, length: Bytes, payloads: "Payloads") -> list[Decoded]:
         counts = self.counts
         alive, used = np.ones(len(rows), dtype=np.bool_), np.zeros(len(rows), dtype=np.bool_)
-        found: list[tuple[_Group, IntArray, FloatArray]] = []
+        found: list[tuple[_Group, BoolArray]] = []
         for group in self.plan.groups:
             carries = alive.copy()
             for signal, ids in group.conditions:
@@ -191,14 +191,14 @@ class _MessageDecoder:
             short = carries & (length < group.n_bytes)
             counts[Reason.LENGTH] += int(np.count_nonzero(short))
             alive &= ~short
-            places = np.flatnonzero(carries & ~short)
-            used[places] = True
-            found.append((group, places, self._values(group, payloads.at(places))))
+            used |= carries
+            found.append((group, carries))
         counts[Reason.OTHER] += int(np.count_nonzero(alive & ~used))
         parts = []
-        for group, places, values in found:
-            kept = alive[places]
-            parts.append(Decoded(rows[places[kept]], group.channels, values[:, kept]))
+        for group, carries in found:  # of a frame that is too short for one group nothing is said
+            places = np.flatnonzero(carries & alive)
+            values = self._values(group, payloads.at(places))
+            parts.append(Decoded(rows[places], group.channels, values))
         return parts
 
     def _values(self, group: _Group, payloads: "Payloads") -> FloatArray:
