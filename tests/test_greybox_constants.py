@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from monitor.errors import RecordingError
@@ -18,10 +19,15 @@ PERIOD_S = 0.1
 TRUE = Constants(1.01, 0.17, 1.5, 0.05, 0.12, 0.95)
 
 
+def steps(rng: np.random.Generator, n: int, longest: int) -> NDArray[np.int64]:
+    """Return which of steps of 5 samples and more each of n samples belongs to."""
+    return np.searchsorted(np.cumsum(rng.integers(5, longest, n)), np.arange(n), side="right")
+
+
 def synthetic(seed: int, n: int = 6000) -> tuple[dict[str, FloatArray], FloatArray]:
     """Signals and the reading of a chain with the constants TRUE and a slow noise."""
     rng = np.random.default_rng([seed, 7])
-    hold = np.searchsorted(np.cumsum(rng.integers(5, 25, n)), np.arange(n), side="right")
+    hold = steps(rng, n, 25)
     mixture = (1.0 + 0.03 * rng.choice([-1.0, 1.0], n))[hold]
     signals = {
         "fuel_mass_mg": 300.0 / 14.7 * mixture,
@@ -85,7 +91,7 @@ def test_a_reading_on_every_second_sample_is_refused_with_what_is_wanted() -> No
 def test_the_error_of_a_charge_is_found_from_the_reading_alone() -> None:
     # GIVEN a chain whose charge is wrong by speed and charge, which its ECU learns in four seconds
     n, rng = 20_000, np.random.default_rng(12)
-    hold = np.searchsorted(np.cumsum(rng.integers(5, 60, n)), np.arange(n), side="right")
+    hold = steps(rng, n, 60)
     signals = {
         "air_mass_mg": rng.uniform(100.0, 600.0, n)[hold],
         "engine_speed_rpm": rng.uniform(800.0, 4000.0, n)[hold],
@@ -143,7 +149,7 @@ def test_a_charge_that_is_right_has_no_error_worth_a_map() -> None:
 def test_a_charge_map_is_found_from_the_reading_alone() -> None:
     # GIVEN a chain whose efficiency falls with speed and rises with pressure
     n, rng = 8000, np.random.default_rng(11)
-    hold = np.searchsorted(np.cumsum(rng.integers(5, 25, n)), np.arange(n), side="right")
+    hold = steps(rng, n, 25)
     signals = {
         "manifold_pressure_kpa": rng.uniform(20.0, 150.0, n)[hold],
         "manifold_temperature_degc": rng.uniform(10.0, 60.0, n)[hold],

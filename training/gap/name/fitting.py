@@ -89,6 +89,11 @@ class Fit:
         return tuple(spread[a:b] for a, b in pairwise(sizes))
 
 
+def has_its_signs(term: Term, values: FloatArray) -> bool:
+    """Whether the constants of a term that cannot be below 0 are above it."""
+    return all(v > 0.0 for p, v in zip(term.parameters, values, strict=True) if p.positive)
+
+
 def predict(
     case: Case, base: Constants, terms: Sequence[Term], parameters: Sequence[FloatArray]
 ) -> list[FloatArray]:

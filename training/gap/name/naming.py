@@ -152,9 +152,8 @@ def _answer(
     added = _kept(first, last, outcome, rounds)
     verdict: Verdict = "named" if added else outcome.verdict
     rmse = held_out_rmse(first.case, first.current)
-    if not added and (
-        verdict == "named" or (verdict == "no_gap" and _is_larger(rmse, first.case.drives, known))
-    ):
+    unexplained = verdict == "no_gap" and _is_larger(rmse, first.case.drives, known)
+    if not added and (verdict == "named" or unexplained):
         verdict = "unknown_effect"
     base = known.base if known else reference
     alone = (

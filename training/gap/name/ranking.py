@@ -7,7 +7,7 @@ from typing import Final
 from monitor.types import FloatArray
 from training.gap.effects import Effect
 from training.gap.name import guards, scoring
-from training.gap.name.fitting import Case, Fit, Term, fit
+from training.gap.name.fitting import Case, Fit, Term, fit, has_its_signs
 from training.gap.name.sensor_faults import SensorFault
 from training.gap.name.verdict import Candidate
 
@@ -98,8 +98,7 @@ def is_physical(term: Term, values: FloatArray) -> bool:
     """
     limits = zip(term.parameters, values, strict=True)
     edges = [min(v - p.low, p.high - v) < EDGE * (p.high - p.low) for p, v in limits]
-    signs = [v > 0.0 for p, v in zip(term.parameters, values, strict=True) if p.positive]
-    return all(signs) and not (edges[0] and any(edges[1:]))
+    return has_its_signs(term, values) and not (edges[0] and any(edges[1:]))
 
 
 def matters(candidate: Candidate) -> bool:

@@ -189,7 +189,7 @@ def _chain(
     case = _case(drives)
     plain = fit(case, (), [start, Constants()])
     # Beside volumes that imitate them already walls would not be found.
-    effects, found = with_more(case, (), plain)
+    effects, found = with_more(case, plain)
     for effect in (LIBRARY[name] for name in OWN):
         if all(set(effect.needs) <= set(drive.signals) for drive in drives):
             effects = [*effects, effect]

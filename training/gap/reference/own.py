@@ -5,7 +5,7 @@ commands what the mixture does not do. A chain without walls then follows nothin
 fitted to it, lags and charge alike, imitates them.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
@@ -14,7 +14,7 @@ from monitor.types import BoolArray, FloatArray
 from training.chain import Constants
 from training.gap.drives import Drive
 from training.gap.effects import LIBRARY, Effect, Own
-from training.gap.name.fitting import WHITE, Case, Fit, fit
+from training.gap.name.fitting import WHITE, Case, Fit, fit, has_its_signs
 
 OF_SOME: Final = ("wall_film", "manifold_filling")
 FALL: Final = 0.3  # of the squared error, from which one of these is the vehicle's own
@@ -30,29 +30,25 @@ def own_of(
     """
     drive = Drive("", "", period_s, signals, phi, scored)
     case = Case((drive,), (np.zeros(len(phi)),), WHITE)
-    effects, found = with_more(case, (), fit(case, (), [Constants()]))
+    effects, found = with_more(case, fit(case, (), [Constants()]))
     return tuple(zip(effects, found.parameters, strict=True))
 
 
-def with_more(case: Case, effects: Sequence[Effect], found: Fit) -> tuple[list[Effect], Fit]:
-    """Return effects and their fit with those of these that the drives show, the strongest first.
+def with_more(case: Case, found: Fit) -> tuple[list[Effect], Fit]:
+    """Return those of these that the drives show, the strongest first, and the fit with them.
 
-    found : the fit of ``effects``
+    found : the fit of the chain alone
     """
-    effects, left, fall = list(effects), [LIBRARY[name] for name in OF_SOME], FALL
+    effects, fall = list[Effect](), FALL
+    left = [LIBRARY[name] for name in OF_SOME]
     left = [e for e in left if all(set(e.needs) <= set(d.signals) for d in case.drives)]
     while left:
         fits = {effect.name: fit(case, (*effects, effect), [found]) for effect in left}
         best = min(left, key=lambda effect: fits[effect.name].cost)
-        if fits[best.name].cost > (1.0 - fall) * found.cost or not _physical(fits[best.name]):
+        more = fits[best.name]
+        if more.cost > (1.0 - fall) * found.cost or not has_its_signs(best, more.parameters[-1]):
             break
         left.remove(best)
         fall = FURTHER_FALL
-        effects, found = [*effects, best], fits[best.name]
+        effects, found = [*effects, best], more
     return effects, found
-
-
-def _physical(found: Fit) -> bool:
-    """Whether constants of the last effect that cannot be below 0 are not."""
-    sizes = zip(found.terms[-1].parameters, found.parameters[-1], strict=True)
-    return all(value > 0.0 for p, value in sizes if p.positive)
