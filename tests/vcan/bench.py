@@ -69,7 +69,11 @@ def main() -> int:
                 while not uds and time.monotonic() < until_s:  # the player lags on a busy machine
                     time.sleep(1.0)
                     uds = ask_uds()
-                told = {"uds": uds, "obd": ask_obd(), "page": fetch(), "event": first_event()}
+                event = first_event()
+                while not shown_codes(event) and time.monotonic() < until_s:  # so does the server
+                    time.sleep(1.0)
+                    event = first_event()
+                told = {"uds": uds, "obd": ask_obd(), "page": fetch(), "event": event}
                 (folder / "clients.json").write_text(json.dumps(told), encoding="utf-8")
                 returncodes["player"] = playing.wait(timeout=PATIENCE_S)
             ended = {"monitor": listening, "gateway": between}
@@ -137,6 +141,12 @@ def first_event() -> str:
             if lines[-1] == "\n" and any(each.startswith("data:") for each in lines):
                 break
     return "".join(lines)
+
+
+def shown_codes(event: str) -> list[object]:
+    """Return the codes that an event of the page shows."""
+    shown = json.loads(event.partition("data: ")[2])
+    return list(shown.get("memory", {}).get("codes", []))
 
 
 def length_s(log: Path) -> float:
