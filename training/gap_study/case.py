@@ -178,8 +178,9 @@ def _counts(found: Sequence[Found]) -> dict[str, int] | None:
 
 def moved_phi(model: Path, hidden: Sequence[Recording], nothing: Sequence[Recording]) -> float:
     """Return how far a model's error differs between two series of the same drives, RMS in phi."""
-    a, b = _errors(model, hidden), _errors(model, nothing)
-    moved = np.concatenate([x - y for x, y in zip(a, b, strict=True)])
+    errors = _errors(model, [*hidden, *nothing])  # side by side
+    pairs = zip(errors[: len(hidden)], errors[len(hidden) :], strict=True)
+    moved = np.concatenate([x - y for x, y in pairs])
     return float(np.sqrt(np.nanmean(moved**2)))
 
 

@@ -198,8 +198,7 @@ def _set_limits(new: Path, recordings: Sequence[Recording]) -> None:
 
 def _rmse(model: Path, recordings: Sequence[Recording]) -> float:
     """Return the RMSE in phi on the scored samples of recordings."""
-    squares = []
-    for recording, phi in zip(recordings, predicted_phi(model, recordings), strict=True):
-        (drive,) = base.drives_of(model, [recording])
-        squares.append((phi - drive.phi_measured)[drive.scored] ** 2)
+    drives = base.plain_drives_of(base.check(model), recordings)
+    runs = predicted_phi(model, recordings)
+    squares = [(p - d.phi_measured)[d.scored] ** 2 for d, p in zip(drives, runs, strict=True)]
     return float(np.sqrt(np.concatenate(squares).mean()))

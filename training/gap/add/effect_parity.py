@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from monitor.errors import ModelError
-from monitor.model import Model
+from monitor.model import Float32Array, Model
 from monitor.types import FloatArray
 from training.chain import STOICHIOMETRIC, charge_mg, simulate
 from training.chain import Path as ChainPath
@@ -84,10 +84,10 @@ def parity(
     runs = [np.column_stack([drive.signals[name] for name in greybox.inputs]) for drive in drives]
     seen = [u.astype(np.float32) for u in (*made, *runs)]
     model = Model.load(file)
-    alone = [_phi(model, u[None])[0] for u in seen]
+    alone = [_phi(model, u[None])[0] for u in seen[:MADE]]
     after = slice(greybox.memory, None)
     off = largest = 0.0
-    for phi, u in zip(alone, seen, strict=True):
+    for phi, u in zip([*alone, *_side_by_side(model, seen[MADE:])], seen, strict=True):
         away = np.sort(np.abs(phi - reading(greybox, entries, u.astype(np.float64)))[after])
         most = away[: len(away) - math.ceil(SELDOM * len(away))]
         off = max(off, float(most.max(initial=0.0)))
@@ -97,7 +97,7 @@ def parity(
             f"{file}: free runs of ONNX and numpy differ by {off:.2g} in phi, "
             f"tolerance {TOLERANCE:.2g}, single samples by {largest:.2g}, {TOLERANCE_SELDOM:.2g}"
         )
-    if not np.array_equal(_phi(model.with_batch(MADE), np.stack(seen[:MADE])), alone[:MADE]):
+    if not np.array_equal(_phi(model.with_batch(MADE), np.stack(seen[:MADE])), alone):
         raise ParityError(f"{file}: runs side by side differ from the same runs alone")
     return Parity(sum(len(u[after]) for u in seen), off, largest)
 
@@ -120,7 +120,17 @@ def made_inputs(greybox: Greybox, n: int, seed: int = 8) -> FloatArray:
     return u
 
 
-def _phi(model: Model, u: FloatArray | np.ndarray) -> FloatArray:
+def _side_by_side(model: Model, runs: Sequence[Float32Array]) -> list[FloatArray]:
+    """Return the free runs (n,) in phi for inputs (n, n_inputs), each with an n of its own."""
+    if not runs:
+        return []
+    longest = max(map(len, runs))
+    padded = [np.pad(u, ((0, longest - len(u)), (0, 0)), "edge") for u in runs]
+    phi = _phi(model.with_batch(len(runs)), np.stack(padded))
+    return [own[: len(u)] for own, u in zip(phi, runs, strict=True)]
+
+
+def _phi(model: Model, u: Float32Array) -> FloatArray:
     """Return the free runs (batch, n) in phi for inputs (batch, n, n_inputs)."""
     model.reset(u[:, 0])
     phi = np.empty(u.shape[:2])
