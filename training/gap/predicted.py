@@ -50,11 +50,20 @@ def _checked(model: Model, recording: Recording) -> tuple[FloatArray, FloatArray
     return inputs, recording.column(card.output.name)
 
 
+def stacked(runs: Sequence[FloatArray], axis: int = 0) -> FloatArray:
+    """Return runs (n, …), each with an n of its own, as one array; short ones keep their last row.
+
+    axis : of the runs, 0 for (runs, n, …), 1 for (n, runs, …)
+    """
+    longest = max(map(len, runs))
+    around = [((0, longest - len(run)), *((0, 0),) * (run.ndim - 1)) for run in runs]
+    padded = [np.pad(run, pad, "edge") for run, pad in zip(runs, around, strict=True)]
+    return np.stack(padded, axis)
+
+
 def _run(model: Model, rows: Sequence[tuple[FloatArray, FloatArray]]) -> list[FloatArray]:
     lengths = [len(measured) for _, measured in rows]
-    u = np.empty((max(lengths), len(rows), model.n_inputs), np.float32)
-    for i, (inputs, _) in enumerate(rows):
-        u[: len(inputs), i], u[len(inputs) :, i] = inputs, inputs[-1]
+    u = stacked([inputs for inputs, _ in rows], axis=1).astype(np.float32)
     begins = [int(np.argmax(np.isfinite(measured))) for _, measured in rows]
     forced = np.full((max(begins) + model.card.lags, len(rows)), np.nan)
     for i, ((_, measured), begin) in enumerate(zip(rows, begins, strict=True)):

@@ -6,6 +6,7 @@ The network is that of ``parity``; the chains' difference is that of the arrays.
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -16,12 +17,21 @@ from monitor.types import FloatArray
 from training.gap.add.add_narx_network import TO_OUTPUT, NetworkWithEffects
 from training.gap.add.effect_parity import ParityError, made_inputs
 from training.gap.drives import Drive
+from training.gap.predicted import stacked
 from training.narx import simulate
 from training.parity import TOLERANCE, Parity, Step
 from training.transforms import apply
 
 SAMPLES = 3000  # of each drive
 TOGETHER = 300  # samples that run side by side and alone
+
+
+class _Run(NamedTuple):
+    """A free run in numpy."""
+
+    inputs: FloatArray  # (n, k) as the network gets them
+    difference: FloatArray  # (n,) of the chains
+    output: FloatArray  # (n - memory,) of the whole, after the first samples
 
 
 def parity(path: Path | str, model: NetworkWithEffects, drives: Sequence[Drive] = ()) -> Parity:
@@ -33,7 +43,11 @@ def parity(path: Path | str, model: NetworkWithEffects, drives: Sequence[Drive] 
     or if runs side by side are not bit for bit those alone.
     """
     runs = [_of_drive(model, drive) for drive in drives] or _made(model, Model.load(path).card)
-    each = [_compared(path, model, u, y) for u, y in runs]
+    exact = [_numpy(model, u, y) for u, y in runs]
+    y = stacked([y for _, y in runs])
+    onnx = _onnx(path, model, stacked([u for u, _ in runs]), y)
+    own = _torch(model, stacked([run.inputs for run in exact]), y)
+    each = [_compared(model, *run) for run in zip(exact, onnx, own, strict=True)]
     worst = max(each, key=lambda found: max(found.onnx_numpy, found.torch_numpy) / found.tolerance)
     if not max(worst.onnx_numpy, worst.torch_numpy) <= worst.tolerance:
         raise ParityError(
@@ -44,16 +58,18 @@ def parity(path: Path | str, model: NetworkWithEffects, drives: Sequence[Drive] 
     return replace(worst, samples=sum(found.samples for found in each))
 
 
-def _compared(path: Path | str, model: NetworkWithEffects, u: FloatArray, y: FloatArray) -> Parity:
-    first = model.network.spec.memory
-    reference, difference, inputs = _numpy(model, u, y)
-    onnx = _onnx(path, model, u, y)[first:]
-    other = model.whole(_torch(model, inputs, y)[first:], difference[first:])
+def _compared(model: NetworkWithEffects, run: _Run, onnx: FloatArray, own: FloatArray) -> Parity:
+    """Return how far ONNX and torch, with the network's own output, are from numpy.
+
+    onnx, own : (n,) or longer
+    """
+    after = slice(model.network.spec.memory, len(run.difference))
+    other = model.whole(own[after], run.difference[after])
     return Parity(
-        len(reference),
-        float(np.abs(onnx - reference).max()),
-        float(np.abs(other - reference).max()),
-        TOLERANCE * float(reference.std()),
+        len(run.output),
+        float(np.abs(onnx[after] - run.output).max()),
+        float(np.abs(other - run.output).max()),
+        TOLERANCE * float(run.output.std()),
     )
 
 
@@ -76,10 +92,7 @@ def _single(u: FloatArray) -> FloatArray:
     return u.astype(np.float32).astype(np.float64)
 
 
-def _numpy(
-    model: NetworkWithEffects, u: FloatArray, y: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the output after the first samples, the difference (n,), the network's inputs."""
+def _numpy(model: NetworkWithEffects, u: FloatArray, y: FloatArray) -> _Run:
     net = model.network
     spec, scale, first = net.spec, net.scaling, net.spec.memory
     inputs, difference = model.split(u)
@@ -87,36 +100,37 @@ def _numpy(
     history = scale.scale_y(y[first - spec.lags : first])[::-1][None].copy()
     begin, end = np.array([first]), np.array([len(u)])
     own = scale.unscale_y(simulate(spec, net.weights, scaled, begin, end, history))
-    return model.whole(own, difference)[first:], difference, inputs
+    return _Run(inputs, difference, model.whole(own, difference)[first:])
 
 
 def _onnx(path: Path | str, model: NetworkWithEffects, u: FloatArray, y: FloatArray) -> FloatArray:
-    loaded = Model.load(path)
-    loaded.reset(u[0])
+    """Return the output (runs, n) for inputs (runs, n, k) and measured outputs (runs, n)."""
+    loaded = Model.load(path, len(u))
+    loaded.reset(u[:, 0])
     for _ in range(model.memory):
-        loaded.step(u[0])
+        loaded.step_batch(u[:, 0])
     newest, part = loaded.card.state.output_start, model.network.state_layout.size
-    found = np.empty(len(u))
-    for k, inputs in enumerate(u):
-        loaded.step(inputs)
+    found = np.empty(y.shape)
+    for k in range(y.shape[1]):
+        loaded.step_batch(u[:, k])
         if k < model.network.spec.memory:  # the network's own output is the measured one
-            more = loaded.state[0, part] if model.form == TO_OUTPUT else 0.0
-            loaded.state[0, newest] = y[k] + more
-        found[k] = loaded.state[0, newest]
+            more = loaded.state[:, part] if model.form == TO_OUTPUT else 0.0
+            loaded.state[:, newest] = y[:, k] + more
+        found[:, k] = loaded.state[:, newest]
     return found
 
 
 def _torch(model: NetworkWithEffects, inputs: FloatArray, y: FloatArray) -> FloatArray:
-    """Return what the network itself says (n,)."""
+    """Return what the network itself says (runs, n)."""
     layout, module = model.network.state_layout, Step(model.network)
-    state, found = torch.zeros((1, layout.size)), np.empty(len(y))
-    u = torch.tensor(inputs, dtype=torch.float32)
+    state, found = torch.zeros((len(y), layout.size)), np.empty(y.shape)
+    u, measured = torch.tensor(inputs, dtype=torch.float32), torch.tensor(y, dtype=torch.float32)
     with torch.no_grad():
-        for k in range(len(y)):
-            _, state = module(u[k : k + 1], state)
+        for k in range(y.shape[1]):
+            _, state = module(u[:, k], state)
             if k < model.network.spec.memory:
-                state[0, layout.output_start] = float(y[k])
-            found[k] = float(state[0, layout.output_start])
+                state[:, layout.output_start] = measured[:, k]
+            found[:, k] = state[:, layout.output_start].numpy()
     return found
 
 

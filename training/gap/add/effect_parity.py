@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 
 from monitor.errors import ModelError
-from monitor.model import Float32Array, Model
+from monitor.model import Inputs, Model
 from monitor.types import FloatArray
 from training.chain import STOICHIOMETRIC, charge_mg, simulate
 from training.chain import Path as ChainPath
 from training.gap.add.added import Added
 from training.gap.add.effect_nodes import FUEL
 from training.gap.drives import Drive
+from training.gap.predicted import stacked
 from training.greybox_checks import TOLERANCE
 from training.greybox_graph import Greybox
 
@@ -85,10 +86,12 @@ def parity(
     seen = [u.astype(np.float32) for u in (*made, *runs)]
     model = Model.load(file)
     alone = [_phi(model, u[None])[0] for u in seen[:MADE]]
+    together = _phi(model.with_batch(len(runs)), stacked(seen[MADE:])) if runs else ()
     after = slice(greybox.memory, None)
     off = largest = 0.0
-    for phi, u in zip([*alone, *_side_by_side(model, seen[MADE:])], seen, strict=True):
-        away = np.sort(np.abs(phi - reading(greybox, entries, u.astype(np.float64)))[after])
+    for phi, u in zip((*alone, *together), seen, strict=True):
+        own = reading(greybox, entries, u.astype(np.float64))
+        away = np.sort(np.abs(phi[: len(u)] - own)[after])
         most = away[: len(away) - math.ceil(SELDOM * len(away))]
         off = max(off, float(most.max(initial=0.0)))
         largest = max(largest, float(away.max(initial=0.0)))
@@ -120,17 +123,7 @@ def made_inputs(greybox: Greybox, n: int, seed: int = 8) -> FloatArray:
     return u
 
 
-def _side_by_side(model: Model, runs: Sequence[Float32Array]) -> list[FloatArray]:
-    """Return the free runs (n,) in phi for inputs (n, n_inputs), each with an n of its own."""
-    if not runs:
-        return []
-    longest = max(map(len, runs))
-    padded = [np.pad(u, ((0, longest - len(u)), (0, 0)), "edge") for u in runs]
-    phi = _phi(model.with_batch(len(runs)), np.stack(padded))
-    return [own[: len(u)] for own, u in zip(phi, runs, strict=True)]
-
-
-def _phi(model: Model, u: Float32Array) -> FloatArray:
+def _phi(model: Model, u: Inputs) -> FloatArray:
     """Return the free runs (batch, n) in phi for inputs (batch, n, n_inputs)."""
     model.reset(u[:, 0])
     phi = np.empty(u.shape[:2])
