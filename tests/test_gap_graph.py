@@ -466,3 +466,38 @@ def test_single_samples_may_differ_by_a_branch_of_an_effect(
         with pytest.raises(ParityError, match="ONNX and numpy differ by"):
             add(base, [effect], out, ranges=ranges_of(), recordings=FIT)
         assert not out.exists()
+
+
+def test_drives_of_other_lengths_are_compared_side_by_side(
+    base: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # GIVEN a long drive and a short one
+    effect, out, whole = (
+        Added.with_values("ethanol", [0.1]),
+        tmp_path / "m.onnx",
+        effect_parity._phi,
+    )
+    short = replace(plain(), signals={n: x[:900] for n, x in plain().signals.items()})
+    given = {"ranges": ranges_of(), "recordings": FIT}
+
+    def samples(*drives: Drive) -> int:
+        checks = add(base, [effect], out, **given, drives=drives).checks["parity"]
+        return int(checks["samples"])
+
+    # THEN no sample of either is left out, and none that stands behind the short one's end is asked
+    made, memory = samples(), Model.load(out).card.lags
+    assert samples(driven(), short) - made == len(driven()) + 900 - 2 * memory
+
+    def wrong(places: slice) -> None:
+        def moved(model: Model, u: FloatArray) -> FloatArray:
+            phi = whole(model, u)
+            phi[1:2, places] += 1e-2 * (u.shape[1] == len(driven()))  # the short one's
+            return phi
+
+        monkeypatch.setattr(effect_parity, "_phi", moved)
+
+    wrong(slice(900, None))
+    samples(driven(), short)
+    wrong(slice(800, 900))
+    with pytest.raises(ParityError, match="ONNX and numpy differ by"):
+        samples(driven(), short)
