@@ -14,6 +14,7 @@ from monitor.model import Model
 from training import run_folder
 from training.cli import main
 from training.gap.effects import LIBRARY
+from training.gap.given import Options
 from training.gap_study import base, case, drive, plan, run, tables
 from training.gap_study.answers import (
     AMONG,
@@ -311,6 +312,34 @@ def test_the_base_is_fitted_to_the_healthy_recordings_or_to_those_of_the_case(
     assert fitted == [each.sha256 for each in first]
     # and the gap is that of the vehicle's base in both
     assert rows[0]["gap"] == rows[1]["gap"] > 0.0
+
+
+def test_a_sensor_declared_good_is_declared_to_the_workflow_and_has_no_faults(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # GIVEN a study in which the sensor is declared good, and one in which it is not
+    small = replace(WHOLE, cases=(("effect", 1),), drives=2, duration_s=120.0)
+    told: list[bool] = []
+
+    def takes_note(_: object, __: object, options: Options, **___: object) -> None:
+        told.append(options.sensor_known_good)
+        raise RuntimeError("enough")
+
+    monkeypatch.setattr(case, "investigate", takes_note)
+    vehicle = case.Vehicle(2100, Path(), (), None, 0.007)  # type: ignore[arg-type]
+    # WHEN a case of either is run
+    for study in (replace(small, sensor_known_good=True), small):
+        assert case.run(cases(study)[0], study, vehicle)["error"] == "RuntimeError: enough"
+    # THEN the workflow is told so in the first
+    assert told == [True, False]
+    # and cases with a faulty sensor are left out, or refused
+    monkeypatch.setattr(run, "run", lambda *_, **__: None)
+    good = ["gap-study", "--sensor-known-good", "--out", str(tmp_path), "--cases", "2"]
+    assert main(good) == 0
+    assert "0 of 8 simulated cases reached" in capsys.readouterr().out
+    assert "The sensor is declared good." in (tmp_path / "report.html").read_text()
+    assert main([*good, "--kinds", "null,fault"]) == 2
+    assert "kind 'fault': its sensors are not known to be good" in capsys.readouterr().err
 
 
 def test_a_network_as_base_follows_the_recordings_it_was_fitted_to(tmp_path: Path) -> None:

@@ -35,6 +35,8 @@ def add_parsers(commands: "argparse._SubParsersAction[Any]") -> None:
     study.add_argument("--minutes", type=float, default=10.0, help="of a recording")
     study.add_argument("--fitted-with-effect", action="store_true",
                        help="fit the base to the case's own recordings not held out")  # fmt: skip
+    study.add_argument("--sensor-known-good", action="store_true",
+                       help="tell the workflow so; leaves onset and fault out")  # fmt: skip
     add_cores_options(study)
     study.set_defaults(func=run)
 
@@ -62,11 +64,12 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _study(args: argparse.Namespace) -> "Study":
-    from training.gap_study.plan import BASES, CASES, KINDS, Study
+    from training.gap_study.plan import BASES, CASES, FAULTY, KINDS, Study
 
     if args.base not in BASES:
         raise UsageError(f"base {args.base!r} is unknown; there are {', '.join(BASES)}")
-    kinds = args.kinds.split(",") if args.kinds else list(KINDS)
+    left_out = FAULTY if args.sensor_known_good else ()
+    kinds = args.kinds.split(",") if args.kinds else [k for k in KINDS if k not in left_out]
     numbers = {kind: CASES[args.base].get(kind, 0) for kind in kinds}
     for text in args.cases:
         kind, _, number = text.rpartition("=")
@@ -86,4 +89,5 @@ def _study(args: argparse.Namespace) -> "Study":
         drives=args.drives,
         duration_s=60.0 * args.minutes,
         fitted_with_effect=args.fitted_with_effect,
+        sensor_known_good=args.sensor_known_good,
     )

@@ -71,10 +71,16 @@ def prepare(study: Study, number: int, model: Path) -> Vehicle:
     return Vehicle(number, model, tuple(made), known, noise_phi)
 
 
-def ask(given: Given, known: Healthy, steps: int, faults: tuple[Fault, ...]) -> Result:
+def ask(
+    given: Given,
+    known: Healthy,
+    steps: int,
+    faults: tuple[Fault, ...],
+    sensor_known_good: bool = False,
+) -> Result:
     """Return the workflow's answer; ``faults`` are put on to see that they are still found."""
     with TemporaryDirectory() as out:
-        options = Options(steps, add=ADD, faults=faults, localise=False)
+        options = Options(steps, sensor_known_good, ADD, faults=faults, localise=False)
         return investigate(given, Path(out), options, known=known)
 
 
@@ -106,7 +112,8 @@ def _answered(case: Case, study: Study, vehicle: Vehicle) -> Row:
             fit_base(study.base, [nothing[i] for i in seen], reference)
         began_s = time.perf_counter()
         steps, faults = 2 if case.kind == "two" else 1, FAULTS if case.hidden else ()
-        found = ask(Given(model, recordings, vehicle.healthy), vehicle.known, steps, faults)
+        given = Given(model, recordings, vehicle.healthy)
+        found = ask(given, vehicle.known, steps, faults, study.sensor_known_good)
         took_s = time.perf_counter() - began_s
         held_out = {each.sha256 for each in found.held_out}
         pairs = zip(recordings, nothing, strict=True)

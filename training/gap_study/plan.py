@@ -17,6 +17,7 @@ from training.matrix.plan import ELECTRICAL
 from training.matrix.plan import SEVERITIES as FAULT_SEVERITIES
 
 KINDS: Final = ("effect", "null", "unknown", "two", "onset", "fault")
+FAULTY: Final = ("onset", "fault")  # the kinds in which the sensor has a fault
 BASES: Final = ("greybox", "narx")
 CASES: Final[Mapping[str, Mapping[str, int]]] = MappingProxyType(
     {
@@ -76,6 +77,7 @@ class Study:
     drives: int = 6
     duration_s: float = 600.0
     fitted_with_effect: bool = False  # the base, to the case's own recordings
+    sensor_known_good: bool = False  # the workflow is told so
 
     def __post_init__(self) -> None:
         if self.base not in BASES:
@@ -85,6 +87,8 @@ class Study:
                 raise UsageError(f"kind {kind!r} is unknown; there are {', '.join(KINDS)}")
             if number < 0:
                 raise UsageError(f"{kind}: {number} cases, wanted 0 or more")
+            if self.sensor_known_good and kind in FAULTY:
+                raise UsageError(f"kind {kind!r}: its sensors are not known to be good")
         if not 1 <= self.vehicles <= MOST_VEHICLES:
             raise UsageError(f"--vehicles is 1 to {MOST_VEHICLES}")
         if min(self.first_vehicle, self.seed) < 0:

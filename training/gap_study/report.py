@@ -141,7 +141,7 @@ def _head(rows: Sequence[Row], study: Study, identity: dict[str, Any]) -> str:
                     else "the healthy ones"
                 )
                 + f"; {HEALTHY_DRIVES} healthy recordings of the vehicle, with other seeds, are "
-                "given."
+                "given." + (" The sensor is declared good." if study.sensor_known_good else "")
             ),
             paragraph(
                 "The gap of a case is how far what is hidden moves the error of the base that was "
