@@ -3,7 +3,6 @@
 import json
 from collections.abc import Sequence
 from dataclasses import fields, replace
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -14,31 +13,29 @@ from onnxruntime import InferenceSession
 from monitor import cli
 from monitor.errors import ModelError
 from monitor.model import Model
-from monitor.model_card import ModelCard, TrainingRecording
+from monitor.model_card import ModelCard
 from monitor.signals import BY_NAME
 from monitor.types import FloatArray
 from tests.gap_drives import PERIOD_S, plain_signals
+from tests.gap_graphs import FIT, driven, fitted, plain, ranges_of, recording
 from tests.gap_simulated import known, simulated, two_drives
-from training import chain, greybox_graph
+from training import chain
 from training.chain import Constants, base_path
 from training.dyno.simulate import Experiment
 from training.dyno.write import write
 from training.export import Graph, update_card
-from training.gap.add import add_greybox, effect_parity
 from training.gap.add.add_greybox import Vehicle, add
 from training.gap.add.added import Added
 from training.gap.add.effect_nodes import FORMS, FUEL, graph_effect, signals_of
-from training.gap.add.effect_parity import TOLERANCE, ParityError, made_inputs
-from training.gap.drives import Drive, make
+from training.gap.add.effect_parity import TOLERANCE, made_inputs
+from training.gap.drives import Drive
 from training.gap.effects import ALL, LIBRARY, Effect
 from training.gap.name.fitting import reading
 from training.gap.name.naming import name as named
 from training.greybox_charge import INPUTS as CHARGE_INPUTS
 from training.greybox_graph import Greybox, build, chain_nodes
 from training.greybox_model import fit_greybox
-from training.recordings import Recording, load
 
-FIT = (TrainingRecording("gap.parquet", "ab" * 32, 6000, "simulated"),)
 MOVED = Constants(1.01, 0.17, 1.6, 0.05, 0.12, 0.96)
 FILM = Added.with_values("wall_film", [0.2, 0.8, 1.0], [0.01, 0.1, 0.3])
 DELAY = Added.with_values("delay_flow", [8.0])
@@ -47,34 +44,8 @@ PURGE = Added.with_values("purge", [1.5])
 
 
 @pytest.fixture(scope="module")
-def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
-    experiment = Experiment(cycle="micro_trips", seed=2_000_002, vehicle=2001)
-    return load(write(experiment, tmp_path_factory.mktemp("drive"), "parquet"))
-
-
-@pytest.fixture(scope="module")
-def base(recording: Recording, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A chain fitted to one simulated drive."""
-    return fit_greybox([recording], tmp_path_factory.mktemp("base") / "base.onnx").path
-
-
-@cache
-def driven() -> Drive:
-    return simulated("micro_trips", 2_030_001)
-
-
-@cache
-def plain() -> Drive:
-    """A drive of plain formulas that is cold at first, with purge, boost and fuel cuts."""
-    signals = plain_signals()
-    return make("plain", "0" * 64, PERIOD_S, signals, np.ones(len(signals["fuel_mass_mg"])))
-
-
-def ranges_of(*names: str) -> dict[str, tuple[float, float]]:
-    """Return low and high of the signals of both drives, or of those named."""
-    both = [(driven().signals[n], plain().signals[n]) for n in names or plain().signals]
-    ends = [(min(a.min(), b.min()), max(a.max(), b.max())) for a, b in both]
-    return dict(zip(names or plain().signals, ends, strict=True))
+def base(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return fitted(tmp_path_factory.mktemp("base") / "base.onnx")
 
 
 def run(file: Path, drive: Drive) -> FloatArray:
@@ -276,11 +247,11 @@ def test_a_reset_starts_every_lag_settled(base: Path, tmp_path: Path) -> None:
     ],
 )
 def test_effects_act_on_whatever_charge_the_chain_has(
-    recording: Recording, tmp_path: Path, inputs: Sequence[str]
+    tmp_path: Path, inputs: Sequence[str]
 ) -> None:
     # GIVEN a chain with a charge of its own, or from the air meter, or a speed from both
     bare, out = tmp_path / "bare.onnx", tmp_path / "m.onnx"
-    fit_greybox([recording], bare, inputs=inputs)
+    fit_greybox([recording()], bare, inputs=inputs)
     effects = [Added.with_values("manifold_filling", [0.05]), Added.with_values("mix_flow", [1.0]),
                Added.with_values("maf_offset", [1.0, 0.05])]  # fmt: skip
     card = add(bare, effects, out, ranges=ranges_of(), recordings=FIT, drives=[driven()])
@@ -411,93 +382,3 @@ def test_a_card_whose_effects_are_not_ours_is_refused(base: Path, tmp_path: Path
         update_card(out, replace(card, effects=(effects,)))
         with pytest.raises(ModelError, match=message):
             Greybox.of(Model.load(out).card)
-
-
-@pytest.mark.parametrize("wrong", ["another size", "uneven rows"])
-def test_a_graph_that_computes_something_else_is_not_left_behind(
-    base: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wrong: str
-) -> None:
-    def save(path: Path, greybox: Greybox, card: object) -> None:
-        other = Added.with_values("ethanol", [0.1001])
-        effects = (graph_effect(other, PERIOD_S, ()),)
-        greybox_graph.save(path, replace(greybox, effects=effects), card)
-
-    def uneven(kind: object, *arguments: object) -> FloatArray:
-        phi = whole(kind, *arguments)
-        return phi + 1e-9 * (len(phi) > 1)
-
-    if wrong == "another size":
-        monkeypatch.setattr(add_greybox, "save", save)
-    else:
-        whole = effect_parity._phi
-        monkeypatch.setattr(effect_parity, "_phi", uneven)
-    message = "ONNX and numpy differ by" if wrong == "another size" else "runs side by side differ"
-    with pytest.raises(ModelError, match=message):
-        add(base, [Added.with_values("ethanol", [0.1])], tmp_path / "m.onnx", ranges=ranges_of(),
-            recordings=FIT)  # fmt: skip
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize(
-    ("places", "by", "passes"),
-    [
-        (slice(500, 501), 3e-5, True),  # roundings decided which branch an effect took
-        (slice(500, 501), 3e-3, False),
-        (slice(500, 550), 3e-5, False),
-    ],
-)
-def test_single_samples_may_differ_by_a_branch_of_an_effect(
-    base: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, places: slice, by: float,
-    passes: bool,
-) -> None:  # fmt: skip
-    whole = effect_parity._phi
-
-    def moved(model: Model, u: FloatArray) -> FloatArray:
-        phi = whole(model, u)
-        phi[:, places] += by
-        return phi
-
-    monkeypatch.setattr(effect_parity, "_phi", moved)
-    effect, out = Added.with_values("ethanol", [0.1]), tmp_path / "m.onnx"
-    if passes:
-        checks = add(base, [effect], out, ranges=ranges_of(), recordings=FIT).checks["parity"]
-        assert checks["onnx_numpy"] < TOLERANCE < checks["largest"]
-    else:
-        with pytest.raises(ParityError, match="ONNX and numpy differ by"):
-            add(base, [effect], out, ranges=ranges_of(), recordings=FIT)
-        assert not out.exists()
-
-
-def test_drives_of_other_lengths_are_compared_side_by_side(
-    base: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # GIVEN a long drive and a short one
-    effect, out, whole = (
-        Added.with_values("ethanol", [0.1]),
-        tmp_path / "m.onnx",
-        effect_parity._phi,
-    )
-    short = replace(plain(), signals={n: x[:900] for n, x in plain().signals.items()})
-    given = {"ranges": ranges_of(), "recordings": FIT}
-
-    def samples(*drives: Drive) -> int:
-        checks = add(base, [effect], out, **given, drives=drives).checks["parity"]
-        return int(checks["samples"])
-
-    # THEN no sample of either is left out, and none that stands behind the short one's end is asked
-    made, memory = samples(), Model.load(out).card.lags
-    assert samples(driven(), short) - made == len(driven()) + 900 - 2 * memory
-
-    def wrong(places: slice) -> None:
-        def moved(model: Model, u: FloatArray) -> FloatArray:
-            phi = whole(model, u)
-            phi[1:2, places] += 1e-2 * (u.shape[1] == len(driven()))  # the short one's
-            return phi
-
-        monkeypatch.setattr(effect_parity, "_phi", moved)
-
-    wrong(slice(900, None))
-    samples(driven(), short)
-    wrong(slice(800, 900))
-    with pytest.raises(ParityError, match="ONNX and numpy differ by"):
-        samples(driven(), short)
