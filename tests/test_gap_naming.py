@@ -150,6 +150,19 @@ def test_an_error_far_above_that_of_healthy_drives_is_a_gap_though_nothing_fits_
     assert all(c.score < c.needed or c.t < 3.0 for c in found.ranking)
 
 
+@pytest.mark.parametrize(("explained", "verdict"), [(-0.1, "no_gap"), (0.1, "named")])
+def test_what_gains_where_functions_with_more_freedom_lose_is_no_name(
+    monkeypatch: pytest.MonkeyPatch, explained: float, verdict: str
+) -> None:
+    # GIVEN drives on which an effect gains, and what the ceiling gains on the same blocks
+    monkeypatch.setattr("training.gap.name.scoring.explained", lambda *_: explained)
+    found = name(two_drives(2_200_140, ("fuel_cut_tail", 8.0)), known())
+    best = found.ranking[0]
+    assert (best.name, best.score > best.needed) == ("fuel_cut_tail", True)
+    # THEN the name needs both
+    assert found.verdict == verdict
+
+
 def test_a_size_at_its_edge_with_a_form_at_its_edge_is_of_something_else() -> None:
     tail, purge = LIBRARY["fuel_cut_tail"], LIBRARY["purge"]
     low, high = tail.low, tail.high

@@ -74,7 +74,11 @@ def step(
     strange += [c for c in held[:1] if c.physical and c not in strong]
     plain = plainest(state)
     no_rival = plain is not None and _is_no_rival(state, ranking[0], plain)
-    if no_rival or (strong and any(_rules_out(state, c, strong[0]) for c in strange)):
+    if strong and (
+        no_rival
+        or not _is_confirmed(state, strong[0])
+        or any(_rules_out(state, c, strong[0]) for c in strange)
+    ):
         strong = []
     if strong:
         ranking, rivals = against(state, strong[0], ranking)
@@ -99,6 +103,16 @@ def _rules_out(state: State, strange: Candidate, best: Candidate) -> bool:
     blocks = state.case.blocks
     own, other = (scoring.deviance(c.fit, blocks) for c in (best, strange))
     return scoring.win(own, other) < WIN
+
+
+def _is_confirmed(state: State, best: Candidate) -> bool:
+    """Whether functions with far more freedom than an effect explain anything of held-out blocks.
+
+    An effect that gains where they lose has met what differs from drive to drive.
+    """
+    if best.kind == "sensor fault":
+        return True
+    return scoring.explained(state.current, state.roof, state.case.blocks) > 0.0
 
 
 def _is_no_rival(state: State, best: Candidate, plain: Plain) -> bool:

@@ -106,8 +106,7 @@ def describe(state: State) -> Description:
     fold = blocks % FOLDS
     told, table = _plain(state)
     known, target = state.current.jacobian, -state.current.residual
-    _, gains = scoring.left(state.current, state.roof, blocks)
-    by_ceiling = float(gains.sum())
+    by_ceiling = scoring.explained(state.current, state.roof, blocks)
     steps = _pursue(table, known, target, blocks, max(GAIN_LEAST, SHARE_LEAST * by_ceiling))
     design = np.column_stack([table[:, [step.columns[0] for step in steps]], known])
     weights = np.linalg.lstsq(design, target)[0]

@@ -162,7 +162,7 @@ def _answer(
         else None
     )
     shift = Constants(*(np.array(alone.base) - np.array(base)).tolist()) if alone else None
-    _, gains = scoring.left(first.current, first.roof, first.case.blocks)
+    explained = scoring.explained(first.current, first.roof, first.case.blocks)
     return Naming(
         verdict,
         tuple(added) or (outcome.best if outcome.verdict == "ambiguous" else ()),
@@ -175,7 +175,7 @@ def _answer(
         rmse,
         held_out_rmse(last.case, last.current) if added else None,
         scoring.floor_phi(first.case, first.current),
-        float(gains.sum() / first.deviance.sum()),
+        explained / float(first.deviance.sum()),
         outcome.experiment,
         tuple(warnings),
         tuple(rounds) if added else (),

@@ -60,9 +60,8 @@ def rank(state: State, candidates: Sequence[Term], progress: Progress) -> tuple[
 
 def adequacy_of(state: State, gain: float, fitted: Fit) -> float:
     """Return a gain's share of it and what the ceiling explains of what it leaves."""
-    _, gains = scoring.left(fitted, state.roof, state.case.blocks)
     usual = USUAL_SHARE * float(state.deviance.sum())
-    rest = max(float(gains.sum()) - usual, 0.0)
+    rest = max(scoring.explained(fitted, state.roof, state.case.blocks) - usual, 0.0)
     return max(gain, 0.0) / max(max(gain, 0.0) + rest, 1e-9)
 
 

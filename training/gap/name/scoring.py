@@ -93,11 +93,11 @@ def ceiling(case: Case, plain: Sequence[FloatArray]) -> Ceiling:
     return Ceiling(np.concatenate(white) / case.sigma)
 
 
-def left(found: Fit, roof: Ceiling, blocks: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Return what the ceiling's held-out fit leaves of the errors (m,), and its score's gains."""
+def explained(found: Fit, roof: Ceiling, blocks: IntArray) -> float:
+    """Return by how much the deviance of held-out blocks falls with the ceiling."""
     table = np.column_stack([roof.columns, found.jacobian])
     rest = found.residual - ridge.fit(table, found.residual, blocks % FOLDS).held_out
-    return rest, by_block(found.residual, blocks) - by_block(rest, blocks)
+    return float((by_block(found.residual, blocks) - by_block(rest, blocks)).sum())
 
 
 def whitened(case: Case, found: Fit, plain: Sequence[FloatArray]) -> Case:
