@@ -22,6 +22,7 @@ from training.gap.name.manoeuvres import Experiment
 from training.gap.name.sensor_faults import FAULTS
 from training.gap.name.verdict import Candidate, Naming, Verdict
 from training.gap.pages import report
+from training.gap.pages.report_words import verdict_sentence
 from training.gap.result import ModelFile, Result, Step, as_json
 from training.gap.where.localise import Findings, localise
 
@@ -316,6 +317,35 @@ def test_a_page_about_simulated_recordings_says_so() -> None:
 def test_the_page_says_what_to_do_now(verdict: Verdict, words: str) -> None:
     page = report.as_page(made(verdict))
     assert words in page[page.index('id="now"') : page.index('id="much"')]
+
+
+def test_a_fall_of_the_error_that_is_not_beyond_confidence_is_none_to_use() -> None:
+    shown = verified()
+    overall = replace(shown.overall, after=0.0208, change_low=-0.0006, change_high=0.0002)
+    found = made("named", verified=replace(shown, overall=overall))
+    page = report.as_page(found)
+    assert "does not fall beyond confidence, from 0.0210 to 0.0208" in page
+    assert "Keep the model: that out/model.onnx is better on other recordings is not shown." in page
+    assert "Use out/model.onnx" not in page
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"t": 2.3}, "enough of it; purge comes first, but unevenly (t 2.3, 3 needed)."),
+        (
+            {"adequacy": 0.83},
+            "purge comes first with 83% of what can be explained (85% needed)",
+        ),
+        ({"score": 70.0}, "no candidate of the library explains enough of it."),
+    ],
+)
+def test_an_unknown_effect_says_what_the_first_candidate_lacks(
+    changes: dict[str, float], words: str
+) -> None:
+    best = replace(RANKING[0], **changes)
+    found = naming("unknown_effect", ranking=(best, *RANKING[1:]))
+    assert words in verdict_sentence(replace(made("unknown_effect"), naming=found))
 
 
 def test_a_suspicion_says_which_effect_it_cannot_be_told_from() -> None:

@@ -211,6 +211,7 @@ def test_drives_where_no_healthy_one_has_been_are_warned_of() -> None:
     left_out, share = usable.unvisited([drive(4), cold], known)
     # THEN the cold one is said to be left out
     assert left_out.startswith("drive_5: left out of the naming")
+    assert left_out.endswith("at coolant temperatures that no healthy recording has visited")
     assert share.startswith("5")
     assert "name nothing" in share
 

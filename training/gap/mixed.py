@@ -28,7 +28,7 @@ UNITS: Final = {"gain": "", "dead time and lag": " s"}
 USUAL: Final = {"gain": 0.003, "dead time and lag": 0.008}
 T_LEAST: Final = {"gain": 4.0, "dead time and lag": 6.5}
 CAUSES: Final = {
-    "gain": ", such as the fuel, of which E10 instead of E0 is 0.035",
+    "gain": ", such as the fuel, of which E10 instead of E0 is 0.035, or the sensor",
     "dead time and lag": ", such as the sensor or its place",
 }
 OVER_HEALTHY: Final = 1.5  # times what healthy drives differ by

@@ -61,8 +61,8 @@ def _maf_offset(path: Path, p: FloatArray, signals: Signals, period_s: float) ->
 def _maf_pulsation(path: Path, p: FloatArray, signals: Signals, period_s: float) -> Path:
     """Pulsation makes the air meter read too much at low speed and high load.
 
-    A bump over engine speed, growing with manifold pressure above 0.6 of ambient; the ECU's charge
-    follows up to a limit.
+    What flows back counts as air drawn in, so it is never too little. A bump over engine speed,
+    growing with manifold pressure above 0.6 of ambient; the ECU's charge follows up to a limit.
     """
     magnitude, centre_rpm, limit, followed_s = p
     bump = np.exp(-(((signals["engine_speed_rpm"] - centre_rpm) / 450.0) ** 2))
@@ -121,7 +121,7 @@ EFFECTS = (
         "maf_pulsation",
         "pulsation makes the air meter read too much",
         (
-            Parameter("magnitude", "-", -1.0, 4.0, (0.2,)),
+            Parameter("magnitude", "-", -1.0, 4.0, (0.2,), positive=True),
             Parameter("centre", "1/min", 800.0, 2500.0, (1200.0, 1800.0)),
             Parameter("limit", "-", 0.02, 0.5, (0.1,)),
             FOLLOWED,

@@ -1,6 +1,8 @@
 """Sentences of the gap report: the verdict with its figures, what to do, what to beware of."""
 
 from training.gap.check.verified import Count, Error, Found
+from training.gap.name.decide import T_LEAST
+from training.gap.name.ranking import ADEQUATE
 from training.gap.pages.report_tables import percent, phi
 from training.gap.result import Result
 
@@ -28,9 +30,21 @@ def _named(result: Result) -> str:
         return f"Named: {names}, but not added; {_level(result)}."
     return (
         f"Named: {names}. With it in the model the error on {on} "
-        f"{'falls' if after < before else 'does not fall'}, from {phi(before)} to {phi(after)} "
+        f"{_falls(result)}, from {phi(before)} to {phi(after)} "
         f"RMS in phi; the noise floor is {phi(floor)}{_gone(result)}."
     )
+
+
+def _falls(result: Result) -> str:
+    before, after, _, _ = result.rmse
+    if after is None or after >= before:
+        return "does not fall"
+    return "falls" if _is_better(result) else "does not fall beyond confidence"
+
+
+def _is_better(result: Result) -> bool:
+    """Return whether the fall of the error is beyond confidence, if that was looked at."""
+    return result.verified is None or result.verified.overall.better
 
 
 def _gone(result: Result) -> str:
@@ -64,11 +78,27 @@ def _ambiguous(result: Result) -> str:
 
 
 def _unknown(result: Result) -> str:
-    found = "no candidate of the library explains enough of it"
-    if not result.tried:
+    if result.tried:
+        found = f"no candidate of the library explains enough of it{_nearest(result)}"
+    else:
         before = "what the model left before" if result.healthy else "the noise"
         found = f"it exceeds {before}; no effect could be tried"
     return f"Unknown effect: {_level(result)}, and {found}."
+
+
+def _nearest(result: Result) -> str:
+    """Return what keeps the best candidate from being a name, where it is far above chance."""
+    best = result.naming.ranking[0]
+    if best.score < best.needed:
+        return ""
+    if best.t < T_LEAST:
+        return f"; {best.name} comes first, but unevenly (t {best.t:.1f}, {T_LEAST:g} needed)"
+    if best.adequacy is None or best.adequacy >= ADEQUATE:
+        return ""
+    return (
+        f"; {best.name} comes first with {percent(best.adequacy)} of what can be explained "
+        f"({percent(ADEQUATE)} needed)"
+    )
 
 
 def _sensor(result: Result) -> str:
@@ -107,6 +137,11 @@ def _take_over(result: Result) -> list[str]:
     if result.new_model is None:
         return ["No model file was written."]
     verified = result.verified
+    if not _is_better(result):
+        return [
+            f"Keep the model: that {result.new_model} is better on other recordings is not shown.",
+            "Record drives in which the effect is stronger, and run again with them.",
+        ]
     at_risk = verified is None or verified.worse or any(f.lost for f in verified.faults)
     verb = "Look at the warnings before using" if at_risk else "Use"
     return [

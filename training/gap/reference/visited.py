@@ -46,10 +46,15 @@ class Visited:
 
     def on(self, drive: Drive) -> BoolArray:
         """Return where a drive is within, (n,)."""
-        speed, load = _places(drive.signals)
+        return np.logical_and.reduce([*self.parts(drive).values()])
+
+    def parts(self, drive: Drive) -> dict[str, BoolArray]:
+        """Return where a drive is within, (n,) each, in speed and load and in temperature."""
         coolant = _coolant(drive.signals)
-        within = self.cells[speed, load]
-        return np.asarray(within if coolant is None else within & self.coolants[coolant])
+        parts = {"speeds and loads": self.cells[_places(drive.signals)]}
+        if coolant is not None:
+            parts["coolant temperatures"] = self.coolants[coolant]
+        return parts
 
 
 def _places(signals: Mapping[str, FloatArray]) -> tuple[IntArray, IntArray]:
