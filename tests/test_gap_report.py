@@ -332,6 +332,7 @@ def test_a_fall_of_the_error_that_is_not_beyond_confidence_is_none_to_use() -> N
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
+        ({"physical": False}, "; purge comes first with constants that it cannot have."),
         ({"t": 2.3}, "enough of it; purge comes first, but unevenly (t 2.3, 3 needed)."),
         (
             {"adequacy": 0.83},

@@ -148,6 +148,7 @@ def _print(found: "Result", out: Path) -> None:
         print(
             f"  {candidate.name}: score {candidate.score:.0f} ({candidate.needed:.0f} needed), "
             f"t {candidate.t:.1f} ({T_LEAST:.0f} needed)"
+            + ("" if candidate.physical else ", with constants that it cannot have")
         )
     if found.naming.experiment is not None:
         print(f"to tell them apart: {found.naming.experiment}")

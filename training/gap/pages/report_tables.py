@@ -93,21 +93,27 @@ def _rates(counts: Sequence[Count], of: str) -> str:
 
 
 def candidates_table(ranking: Sequence[Candidate], chosen: Iterable[str]) -> str:
-    """Return candidates with score, t, adequacy and margin, chosen ones marked."""
+    """Return candidates with score, t, adequacy and margin, chosen ones marked.
+
+    Constants are impossible that have the wrong sign, or size and form at the edge of their ranges.
+    """
     names = set(chosen)
     rows = [
         (
             f"{'→ ' if c.name in names else ''}{c.name}",
             c.tag,
             f"{c.score:.0f}",
+            f"{c.needed:.0f}",
             f"{c.t:.1f}",
+            "possible" if c.physical else "impossible",
             percent(c.adequacy),
             "the best" if c.win is None else percent(c.win),
             ", ".join(c.like) or NONE,
         )
         for c in ranking
     ]
-    head = ("candidate", "kind", "score", "t", "adequacy", "beaten in", "same class")
+    head = ("candidate", "kind", "score", "needed", "t", "constants", "adequacy", "beaten in",
+            "same class")  # fmt: skip
     return table(rows, head)
 
 

@@ -63,7 +63,7 @@ def _share(closed: float) -> str:
 
 
 def _no_gap(result: Result) -> str:
-    found = "no candidate explains more than healthy drives differ by, and evenly"
+    found = "no candidate explains more than healthy drives differ by, evenly and as it can act"
     if not result.tried:
         found = "nothing in it is beyond chance"
         if result.healthy:
@@ -91,6 +91,8 @@ def _nearest(result: Result) -> str:
     best = result.naming.ranking[0]
     if best.score < best.needed:
         return ""
+    if not best.physical:
+        return f"; {best.name} comes first with constants that it cannot have"
     if best.t < T_LEAST:
         return f"; {best.name} comes first, but unevenly (t {best.t:.1f}, {T_LEAST:g} needed)"
     if best.adequacy is None or best.adequacy >= ADEQUATE:
