@@ -35,6 +35,7 @@ def fit(
     *,
     penalties: Sequence[float] = PENALTIES,
     alike: bool = False,
+    prior: FloatArray | None = None,
 ) -> Ridge:
     """Return the ridge of ``target`` (n,) on ``columns`` (n, k) with the best held-out error.
 
@@ -42,6 +43,7 @@ def fit(
     limits : low and high (k,) of columns to predict for, default those of ``columns``
     penalties : times the samples, to choose from
     alike : the weights are of one unit and size, so columns are not brought to unit size
+    prior : (k, k) precision of the weights, where the target's noise is 1
     Source: Hoerl and Kennard, Technometrics 12 (1970).
     """
     size = np.sqrt((columns**2).mean(axis=0))
@@ -54,18 +56,19 @@ def fit(
     moments = [x[fold == f].T @ y[fold == f] for f in folds]
     gram, moment = sum(grams), sum(moments)
     identity = np.eye(x.shape[1])
+    known = 0.0 if prior is None else prior / np.outer(scale, scale)
     best: tuple[float, float, FloatArray] | None = None
     for penalty in penalties:
         held_out = np.zeros_like(y)
         for f, own_gram, own_moment in zip(folds, grams, moments, strict=True):
-            shrunk = gram - own_gram + penalty * len(y) * identity
+            shrunk = gram - own_gram + penalty * len(y) * identity + known
             held_out[fold == f] = x[fold == f] @ np.linalg.solve(shrunk, moment - own_moment)
         error = float(((y - held_out) ** 2).sum())
         if best is None or error < best[0]:
             best = (error, penalty, held_out)
     assert best is not None
     _, penalty, held_out = best
-    weights = np.linalg.solve(gram + penalty * len(y) * identity, moment) / scale
+    weights = np.linalg.solve(gram + penalty * len(y) * identity + known, moment) / scale
     weights = np.where(used, weights, 0.0)
     low, high = limits or (columns.min(axis=0), columns.max(axis=0))
     return Ridge(weights, low, high, held_out, penalty)

@@ -15,7 +15,7 @@ from training.gap.drives import Drive
 
 SPEEDS_RPM: Final = np.array([1050.0, 1550.0, 2100.0, 2800.0, 3600.0, 4500.0])
 LOADS_MG: Final = np.array([125.0, 210.0, 330.0, 500.0])
-COOLANTS_DEGC: Final = np.array([15.0, 40.0, 65.0])
+COOLANTS_DEGC: Final = np.array([15.0, 40.0, 65.0, 82.5])  # between the knots of `features`
 ENOUGH_S: Final = 15.0  # in a cell, in all healthy drives together
 
 
