@@ -131,6 +131,18 @@ def test_a_ridge_predicts_what_is_there_and_nothing_of_noise() -> None:
     assert np.mean((pure - ridge.fit(x, pure, fold).held_out) ** 2) > 0.99 * np.mean(pure**2)
 
 
+def test_a_ridge_says_of_what_hardly_moved_what_is_known_of_it() -> None:
+    # GIVEN two columns whose weights are known to be much alike, one of which hardly moves
+    rng = np.random.default_rng(2)
+    x = rng.standard_normal((4000, 2)) * [1.0, 0.02]
+    y = x @ [2.0, 9.0] + rng.standard_normal(4000)
+    fold = np.arange(4000) // 100 % 5
+    alike = np.array([[1.0, -1.0], [-1.0, 1.0]]) / 0.1**2
+    # THEN that one's weight is the other's, and not what its small moves say
+    assert ridge.fit(x, y, fold).weights[1] > 5.0
+    assert ridge.fit(x, y, fold, prior=alike).weights == pytest.approx([2.0, 2.0], abs=0.3)
+
+
 def test_random_coefficients_take_out_their_own_direction_and_leave_the_rest() -> None:
     rng = np.random.default_rng(2)
     column = rng.standard_normal((1000, 1))

@@ -9,7 +9,7 @@ from monitor.model import Model
 from monitor.replay import shipped_model
 from tests import gap_simulated
 from tests.gap_simulated import known, simulated
-from training.chain import simulate
+from training.chain import Constants, simulate
 from training.gap.drives import Drive, path_of
 from training.gap.reference import healthy
 from training.gap.reference.healthy import Healthy
@@ -32,6 +32,24 @@ def test_the_chain_misses_less_of_an_unseen_drive_with_the_right_charge() -> Non
     assert alone.charge is None
     # THEN a drive that taught neither is predicted better with the charge's error
     assert _rmse(fresh, taught) < 0.9 * _rmse(fresh, alone)
+
+
+def test_healthy_drives_say_nothing_of_coolant_temperatures_between_those_they_had() -> None:
+    # GIVEN warm drives only, whose reading rises a little with small changes of the temperature
+    def warm(drive: Drive) -> Drive:
+        change_k = np.sin(np.arange(len(drive)) * drive.period_s / 40.0)
+        coolant = {"coolant_temperature_degc": 87.0 + change_k}
+        read = drive.phi_measured + 0.002 * change_k
+        return replace(drive, signals=dict(drive.signals) | coolant, phi_measured=read)
+
+    taught = healthy.learn([warm(drive) for drive in gap_simulated.healthy()], Constants())
+    weights = dict(zip(taught.names, taught.ridge.weights.tolist(), strict=True))
+    # THEN that slope is not carried on over the 15 K to a temperature where none was
+    assert abs(weights["coolant 3"] - weights["coolant 4"]) < 0.02 < 15.0 * 0.002
+    # nor do samples there count
+    cool = {"coolant_temperature_degc": np.full(len(gap_simulated.healthy()[0]), 75.0)}
+    fresh = gap_simulated.healthy()[0]
+    assert not taught.visited.on(replace(fresh, signals=dict(fresh.signals) | cool)).any()
 
 
 def test_the_charge_is_put_right_once() -> None:
