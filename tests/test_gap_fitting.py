@@ -141,6 +141,10 @@ def test_a_ridge_says_of_what_hardly_moved_what_is_known_of_it() -> None:
     # THEN that one's weight is the other's, and not what its small moves say
     assert ridge.fit(x, y, fold).weights[1] > 5.0
     assert ridge.fit(x, y, fold, prior=alike).weights == pytest.approx([2.0, 2.0], abs=0.3)
+    # nor is one that did not move at all without a weight
+    still = x * [1.0, 0.0]
+    assert ridge.fit(still, y, fold).weights[1] == 0.0
+    assert ridge.fit(still, y, fold, prior=alike).weights == pytest.approx([2.0, 2.0], abs=0.1)
 
 
 def test_random_coefficients_take_out_their_own_direction_and_leave_the_rest() -> None:

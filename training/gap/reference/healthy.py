@@ -115,7 +115,8 @@ def learn(drives: Sequence[Drive], start: Constants, like: Healthy | None = None
     fold = np.concatenate([_fold(d, i) for i, d in enumerate(drives)])
     y = np.concatenate([e[k] for e, k in zip(target, kept, strict=True)])
     ar, sigma = noise(kept, y - ridge.fit(stacked, y, fold).held_out)
-    limits = (stacked.min(axis=0), stacked.max(axis=0))
+    coolant = [name.startswith(COOLANT) for name in names]
+    limits = (stacked.min(axis=0), np.where(coolant, 1.0, stacked.max(axis=0)))
     x = [white(r, ar)[k] / sigma for r, k in zip(raw, kept, strict=True)]
     e = [white(t, ar)[k] / sigma for t, k in zip(target, kept, strict=True)]
     x_all, e_all = np.concatenate(x), np.concatenate(e)

@@ -56,7 +56,8 @@ def fit(
     moments = [x[fold == f].T @ y[fold == f] for f in folds]
     gram, moment = sum(grams), sum(moments)
     identity = np.eye(x.shape[1])
-    known = 0.0 if prior is None else prior / np.outer(scale, scale)
+    prior = np.zeros_like(identity) if prior is None else prior
+    known = prior / np.outer(scale, scale)
     best: tuple[float, float, FloatArray] | None = None
     for penalty in penalties:
         held_out = np.zeros_like(y)
@@ -69,6 +70,6 @@ def fit(
     assert best is not None
     _, penalty, held_out = best
     weights = np.linalg.solve(gram + penalty * len(y) * identity + known, moment) / scale
-    weights = np.where(used, weights, 0.0)
+    weights = np.where(used | (np.diag(prior) > 0.0), weights, 0.0)
     low, high = limits or (columns.min(axis=0), columns.max(axis=0))
     return Ridge(weights, low, high, held_out, penalty)
