@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from monitor.model import Model
 from monitor.replay import shipped_model
@@ -45,10 +46,13 @@ def test_healthy_drives_say_nothing_of_coolant_temperatures_between_those_they_h
     taught = healthy.learn([warm(drive) for drive in gap_simulated.healthy()], Constants())
     weights = dict(zip(taught.names, taught.ridge.weights.tolist(), strict=True))
     # THEN that slope is not carried on over the 15 K to a temperature where none was
-    assert abs(weights["coolant 3"] - weights["coolant 4"]) < 0.02 < 15.0 * 0.002
+    assert abs(weights["coolant 3"] - weights["coolant 4"]) < 0.02  # 15 times 0.002 is 0.03
+    # nor are colder engines held to have no such miss at all
+    assert weights["coolant 0"] == pytest.approx(weights["coolant 3"], abs=0.005) != 0.0
+    assert taught.ridge.high[taught.names.index("coolant 0")] == 1.0
     # nor do samples there count
-    cool = {"coolant_temperature_degc": np.full(len(gap_simulated.healthy()[0]), 75.0)}
     fresh = gap_simulated.healthy()[0]
+    cool = {"coolant_temperature_degc": np.full(len(fresh), 75.0)}
     assert not taught.visited.on(replace(fresh, signals=dict(fresh.signals) | cool)).any()
 
 

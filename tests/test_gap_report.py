@@ -336,7 +336,7 @@ def test_a_fall_of_the_error_that_is_not_beyond_confidence_is_none_to_use() -> N
         ({"t": 2.3}, "enough of it; purge comes first, but unevenly (t 2.3, 3 needed)."),
         (
             {"adequacy": 0.83},
-            "purge comes first with 83% of what can be explained (85% needed)",
+            "with 83% of what can be explained (85% needed, 50% of one far ahead)",
         ),
         ({"score": 70.0}, "no candidate of the library explains enough of it."),
     ],

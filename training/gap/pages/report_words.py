@@ -2,6 +2,7 @@
 
 from training.gap.check.verified import Count, Error, Found
 from training.gap.name.decide import T_LEAST
+from training.gap.name.naming import ADEQUATE_ALONE
 from training.gap.name.ranking import ADEQUATE
 from training.gap.pages.report_tables import percent, phi
 from training.gap.result import Result
@@ -99,7 +100,7 @@ def _nearest(result: Result) -> str:
         return ""
     return (
         f"; {best.name} comes first with {percent(best.adequacy)} of what can be explained "
-        f"({percent(ADEQUATE)} needed)"
+        f"({percent(ADEQUATE)} needed, {percent(ADEQUATE_ALONE)} of one far ahead)"
     )
 
 
