@@ -175,8 +175,8 @@ def test_recordings_that_the_model_was_fitted_to_are_told_from_others(chain: Pat
     (warning,) = usable.fitted_to(card, (*driven, healthy[1]))
     assert warning.startswith(f"{healthy[1].path.name}: the model was fitted to them")
     # and what is held out should be none of them
-    assert usable.known_before(card, driven) == []
-    (warning,) = usable.known_before(card, (*driven, healthy[1]))
+    assert usable.held_out(card, driven) == []
+    (warning,) = usable.held_out(card, (*driven, healthy[1]))
     assert warning.startswith(f"{healthy[1].path.name}: the model was fitted to what is held out")
 
 

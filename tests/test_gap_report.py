@@ -360,10 +360,16 @@ def test_a_suspicion_says_which_effect_it_cannot_be_told_from() -> None:
 
 
 def test_worse_regimes_and_lost_faults_are_warned_of() -> None:
-    page = report.as_page(made("named", verified=verified(worse=True, lost=True)))
+    lost = made("named", verified=verified(worse=True, lost=True))
+    page = report.as_page(lost)
     now = page[page.index('id="now"') : page.index('id="much"')]
     assert "Look at the warnings before using out/model.onnx" in now
-    assert "Worse beyond confidence: from lean to rich, from 0.0210 to 0.0230 in phi" in now
+    worse = (
+        "worse beyond confidence with the new model: from lean to rich, "
+        "RMSE 0.0210 before and 0.0230 after, in phi"
+    )
+    assert now.count(worse) == 1
+    assert worse in as_json(lost)["warnings"]
     assert "gain_low 0.6 was found in 3 of 4 held-out drives with the old model, in 1 with" in now
     assert ">lost<" in page
 

@@ -108,7 +108,12 @@ class Result:
     @property
     def all_warnings(self) -> tuple[str, ...]:
         """Return the warnings of naming, adding and verifying, each once."""
-        return tuple(dict.fromkeys((*self.naming.warnings, *self.warnings)))
+        worse = [
+            f"worse beyond confidence with the new model: {e.regime}, "
+            f"RMSE {e.before:.4f} before and {e.after:.4f} after, in phi"
+            for e in (self.verified.worse if self.verified else ())
+        ]
+        return tuple(dict.fromkeys((*self.naming.warnings, *self.warnings, *worse)))
 
     def ranking_of(self, name: str) -> tuple[Candidate, ...]:
         """Return the ranking out of which an effect was chosen, best first."""

@@ -155,12 +155,14 @@ def fitted_to(card: ModelCard, recordings: Sequence[Recording]) -> list[str]:
     ]
 
 
-def known_before(card: ModelCard, held_out: Sequence[Recording]) -> list[str]:
-    """Return a warning if what is held out of the new model's fit was in the old one's."""
+def held_out(card: ModelCard, recordings: Sequence[Recording]) -> list[str]:
+    """Return a warning if nothing is held out of the new model's fit, or was in the old one's."""
+    if not recordings:
+        return ["one recording: nothing could be held out, the figures are of held-out blocks"]
     return [
         f"{names}: the model was fitted to what is held out here, so its error before is "
         "of drives that it knows; give other recordings as --verify"
-        for names in _fitted_to(card, held_out)
+        for names in _fitted_to(card, recordings)
     ]
 
 

@@ -16,7 +16,6 @@ from training.gap import base, located, mixed, usable
 from training.gap.add import adding, constants
 from training.gap.add.added import Added, uncertain
 from training.gap.add.effect_parity import ParityError
-from training.gap.check.verified import Verified
 from training.gap.check.verify import verify
 from training.gap.compared import Compared
 from training.gap.drives import Drive
@@ -32,7 +31,6 @@ from training.gap.result import ModelFile, Result, Step, of_recording
 from training.gap.stages import Stages
 from training.gap.where.localise import Findings, localise
 from training.greybox_graph import Greybox
-from training.recordings import Recording
 
 Progress = Callable[[str], None]
 NEW_MODEL: Final = "model.onnx"
@@ -97,7 +95,6 @@ def investigate(
         *on.doubts,
         *usable.poor(card),
     ]
-    of_verifying = [*usable.known_before(card, held_out), *_of_verifying(checked, held_out)]
     return Result(
         ModelFile.of(given.model),
         tuple(map(of_recording, given.recordings)),
@@ -111,7 +108,7 @@ def investigate(
         new,
         _steps(naming),
         _unknown(naming, drives, on),
-        (*doubts, *mixing, *warnings, *uncertain(added), *of_verifying),
+        (*doubts, *mixing, *warnings, *uncertain(added), *usable.held_out(card, held_out)),
         options.sensor_known_good,
         time.monotonic() - began_s,
     )
@@ -245,13 +242,3 @@ def _unknown(naming: Naming, drives: Sequence[Drive], on: Yardstick) -> str | No
     if naming.verdict != "unknown_effect":
         return None
     return describe(begin(drives, on.known, on.base)).sentence
-
-
-def _of_verifying(checked: Verified | None, held_out: Sequence[Recording]) -> list[str]:
-    """Return what the verification warns of."""
-    if not held_out:
-        return ["one recording: nothing could be held out, the figures are of held-out blocks"]
-    return [
-        f"worse than before beyond its bounds: {error.regime}"
-        for error in (checked.worse if checked else ())
-    ]

@@ -205,10 +205,6 @@ def cautions(result: Result) -> list[str]:
             f"On the healthy recordings the error rises from {phi(verified.healthy.before)} to "
             f"{phi(verified.healthy.after)}: the new model is one of the vehicle as it is now."
         )
-    found += [
-        f"Worse beyond confidence: {e.regime}, from {phi(e.before)} to {phi(e.after)} in phi."
-        for e in verified.worse
-    ]
     found += [_lost(f, f.after, verified.overall) for f in verified.faults if f.lost and f.after]
     for alarms, which in (
         (verified.alarms, "held-out drives without any fault"),
