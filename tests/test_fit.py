@@ -211,7 +211,7 @@ def test_fit_and_evaluate_on_the_command_line(
                  "--lags", "2", "--hidden", "3", "--starts", "1",
                  "--report", str(tmp_path / "fit.html")])  # fmt: skip
     assert done == 0
-    assert "held-out blocks: free run fit" in capsys.readouterr().out
+    assert "held-out blocks, enabled samples: free run fit" in capsys.readouterr().out
     done = main(["evaluate", "--model", model, str(tmp_path / "drive2.csv"),
                  "--json", str(figures)])  # fmt: skip
     # THEN the figures are there, and a model that is missing is an error of one line

@@ -14,6 +14,8 @@ from training.cli_recordings import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from monitor.model_card import ModelCard
     from training.fit import FitResult
     from training.greybox_model import GreyboxResult
@@ -238,16 +240,23 @@ def _print_fit(result: "FitResult") -> None:
 
 
 def _print_measures(card: "ModelCard") -> None:
-    for name, title in (("test", "held-out blocks"), ("test_enabled", "  enabled samples")):
-        figures = card.fit[name]
-        if name == "test_enabled" and figures == card.fit["test"]:
-            continue  # nothing says what is enabled
-        if "rmse" in figures:
-            print(
-                f"{title}: free run fit {figures['fit_percent']:.1f} %, "
-                f"correlation {figures['correlation']:.4f}, RMSE {figures['rmse']:.4g} "
-                f"{card.output.unit}, {figures['samples']:.0f} samples"
-            )
+    every, enabled = card.fit["test"], card.fit["test_enabled"]
+    told_apart = enabled != every  # else nothing says what is enabled
+    if told_apart:
+        _print_measure("held-out blocks, enabled samples", enabled, card)
+    title = "held-out blocks, all samples, fuel cuts too" if told_apart else "held-out blocks"
+    _print_measure(title, every, card)
+
+
+def _print_measure(title: str, figures: "Mapping[str, Any]", card: "ModelCard") -> None:
+    if "rmse" not in figures:
+        return
+    unit = f"in {card.output.name}" if card.output.unit == "-" else card.output.unit
+    print(
+        f"{title}: free run fit {figures['fit_percent']:.1f} %, "
+        f"correlation {figures['correlation']:.4f}, RMSE {figures['rmse']:.4g} "
+        f"{unit}, {figures['samples']:.0f} samples"
+    )
 
 
 def _number(value: float | None) -> str:
