@@ -44,7 +44,7 @@ def noisy_drive(seed: int = 1, noise: float = 0.003, effect: str = "", value: fl
         path = LIBRARY[effect].apply(path, np.array([value]), signals, PERIOD_S)
     phi = simulate(path, PERIOD_S)
     phi = phi + noise * np.random.default_rng(seed).standard_normal(len(phi))
-    return make(f"drive {seed}", "", PERIOD_S, signals, 1.0 / np.maximum(phi, 0.07))
+    return make(f"drive {seed}", PERIOD_S, signals, 1.0 / np.maximum(phi, 0.07))
 
 
 def case_of(*drives: Drive) -> Case:

@@ -40,7 +40,7 @@ def driven() -> Drive:
 def plain() -> Drive:
     """A drive of plain formulas that is cold at first, with purge, boost and fuel cuts."""
     signals = plain_signals()
-    return make("plain", "0" * 64, PERIOD_S, signals, np.ones(len(signals["fuel_mass_mg"])))
+    return make("plain", PERIOD_S, signals, np.ones(len(signals["fuel_mass_mg"])))
 
 
 def ranges_of(*names: str) -> dict[str, tuple[float, float]]:

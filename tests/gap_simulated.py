@@ -42,7 +42,7 @@ def simulated(
     values = samples(sent, bus, 100_000_000).values
     columns = {name: values[:, i] for i, name in enumerate(bus.names)}
     measured = columns.pop("lambda_measured")
-    return drives.make(experiment.name, str(seed), 0.1, columns, measured)
+    return drives.make(experiment.name, 0.1, columns, measured)
 
 
 @cache

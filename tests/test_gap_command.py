@@ -4,11 +4,12 @@ import html
 import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import pytest
 
 from monitor import cli as o2mon
+from monitor.errors import ModelError
 from monitor.model import Model
 from tests.gap_files import drives, run
 from training import cli
@@ -36,7 +37,7 @@ def _learned_once() -> Iterator[None]:
     learn, found = accepted.learn, dict[Any, Healthy]()
 
     def once(driven: Sequence[Drive], start: Constants, *told: Any) -> Healthy:
-        key = (start, *(drive.sha256 for drive in driven))
+        key = (start, *(drive.phi_measured.tobytes() for drive in driven))
         if key not in found:
             found[key] = learn(driven, start, *told)
         return found[key]
@@ -216,7 +217,7 @@ def _mean_phi(model: Path, recording: Recording) -> float:
 
 
 def test_a_leak_is_named_and_added_only_if_it_is_known_to_be_no_fault(
-    chain: Path, healthy: list[Path], tmp_path: Path
+    chain: Path, healthy: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     leaking = drives(tmp_path, 2_800_031, ("exhaust_leak", 4.0))
     given = Given(chain, [load(p) for p in leaking], [load(p) for p in healthy])
@@ -239,6 +240,15 @@ def test_a_leak_is_named_and_added_only_if_it_is_known_to_be_no_fault(
     assert told.rmse[1] < 0.8 * told.rmse[0]
     known_good = workflow._to_add(told.naming, Options(sensor_known_good=True))
     assert known_good == (True, [])
+    # and a model that takes no effect, such as a network retrained with one, leaves a result too
+    monkeypatch.setattr(workflow.adding, "add", _takes_none)
+    without = found(add=("exhaust_leak",))
+    assert (without.verdict, without.new_model) == ("named", None)
+    assert "what was named is not added: was retrained with effects" in without.all_warnings
+
+
+def _takes_none(*_: Any) -> NoReturn:
+    raise ModelError("was retrained with effects")
 
 
 def test_a_slow_sensor_is_suspected_and_no_model_is_written(

@@ -34,7 +34,7 @@ def made(change: Change, seed: int, noise: float = 0.003) -> Drive:
     path = change(base_path(BASE, signals), signals)
     coloured = lfilter([noise * np.sqrt(1 - 0.8**2)], [1, -0.8], rng.standard_normal(n))
     phi = simulate(path, PERIOD_S) + coloured
-    return make(f"made {seed}", f"{seed:064d}", PERIOD_S, signals, 1.0 / np.maximum(phi, 0.07))
+    return make(f"made {seed}", PERIOD_S, signals, 1.0 / np.maximum(phi, 0.07))
 
 
 def described(change: Change) -> Description:

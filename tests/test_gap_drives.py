@@ -13,7 +13,7 @@ from training.recordings import load, write_table
 
 
 def _make(signals: dict[str, FloatArray], lambda_measured: FloatArray) -> drives.Drive:
-    return drives.make("d", "0", PERIOD_S, signals, lambda_measured)
+    return drives.make("d", PERIOD_S, signals, lambda_measured)
 
 
 def _write(path: Path, columns: dict[str, FloatArray]) -> None:
@@ -92,13 +92,13 @@ def test_a_drive_without_any_engine_speed_is_refused() -> None:
         _make(signals, np.ones(6000))
 
 
-def test_a_recording_becomes_a_drive_with_its_own_sha256(tmp_path: Path) -> None:
+def test_a_recording_becomes_a_drive_of_its_name(tmp_path: Path) -> None:
     columns = plain_signals() | {"lambda_measured": np.full(6000, 1.0)}
     path = tmp_path / "drive.parquet"
     _write(path, columns)
     recording = load(path)
     drive = drives.from_recording(recording)
-    assert drive.sha256 == recording.sha256
+    assert drive.name == "drive.parquet"
     assert drive.period_s == pytest.approx(PERIOD_S)
     np.testing.assert_allclose(drive.signals["air_mass_mg"], columns["air_mass_mg"])
 
@@ -110,3 +110,11 @@ def test_a_recording_without_fuel_is_refused_by_name(tmp_path: Path) -> None:
     _write(path, columns)
     with pytest.raises(RecordingError, match="has no fuel_mass_mg"):
         drives.from_recording(load(path))
+
+
+def test_a_network_of_air_and_fuel_is_looked_at_without_engine_speed() -> None:
+    signals = {k: x for k, x in plain_signals().items() if k in ("air_mass_mg", "fuel_mass_mg")}
+    reading = np.ones(len(signals["fuel_mass_mg"]))
+    with pytest.raises(RecordingError, match="neither engine_speed_rpm nor maf_kg_h"):
+        drives.make("d", PERIOD_S, signals, reading)
+    assert drives.make("d", PERIOD_S, signals, reading, needed=tuple(signals)).scored.any()

@@ -65,7 +65,7 @@ def test_a_constant_that_the_drives_do_not_hold_stays_where_it_is_expected() -> 
     )
     phi = simulate(path, PERIOD_S)
     phi += 0.003 * np.random.default_rng(1).standard_normal(len(phi))
-    warm = make("warm", "", PERIOD_S, signals, 1.0 / np.maximum(phi, 0.07))
+    warm = make("warm", PERIOD_S, signals, 1.0 / np.maximum(phi, 0.07))
     alone = fit(case_of(warm), (), [Constants()])
     # WHEN it is fitted
     found = fit(case_of(warm), (LIBRARY["wall_film"],), [alone])

@@ -19,7 +19,7 @@ from tests.gap_residuals import (
     wall_film,
 )
 from training.gap.compared import Compared
-from training.gap.pages.page import section
+from training.gap.pages.where_section import section
 from training.gap.where.localise import Findings, localise
 
 FLOW = {"maf_kg_h", "inverse_flow_h_kg", "load_times_speed"}

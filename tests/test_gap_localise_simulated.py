@@ -32,7 +32,7 @@ def simulated(cycle: str, seed: int, **severities: float) -> Drive:
     )
     columns = {name: to_grid(values) for name, values in signals.items()}
     measured = columns.pop("lambda_measured")
-    return make(f"{cycle}_s{seed}", "", PERIOD_S, columns, measured)
+    return make(f"{cycle}_s{seed}", PERIOD_S, columns, measured)
 
 
 def predicted(drive: Drive, constants: FloatArray) -> Compared:

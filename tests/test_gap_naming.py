@@ -11,6 +11,8 @@ from training.chain import Constants
 from training.gap import drives
 from training.gap.drives import Drive
 from training.gap.effects import LIBRARY
+from training.gap.mixed import chain_of
+from training.gap.name.decide import Outcome
 from training.gap.name.naming import name
 from training.gap.name.ranking import is_physical
 
@@ -165,19 +167,41 @@ def test_what_gains_where_functions_with_more_freedom_lose_is_no_name(
 
 def test_a_size_at_its_edge_with_a_form_at_its_edge_is_of_something_else() -> None:
     tail, purge = LIBRARY["fuel_cut_tail"], LIBRARY["purge"]
-    low, high = tail.low, tail.high
+    low, high = ([getattr(p, end) for p in tail.parameters] for end in ("low", "high"))
     assert not is_physical(tail, np.array([high[0], 0.3, high[2]]))
     assert is_physical(tail, np.array([high[0], 0.3, 0.5]))
     assert is_physical(tail, np.array([0.5, low[1], high[2]]))
-    assert is_physical(purge, purge.high)  # one constant may be larger than the library thinks
+    largest = np.array([p.high for p in purge.parameters])
+    assert is_physical(purge, largest)  # one constant may be larger than the library thinks
     assert not is_physical(LIBRARY["wall_film"], np.array([-0.05, 0.5, 1.0]))
+
+
+def test_an_effect_that_explains_too_little_is_said_beside_an_ambiguous_second(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # GIVEN a first step that takes a small part of a gap, and a second that cannot decide
+    driven = two_drives(2_200_140, ("wall_film", 4.0))
+    film, *others = name(driven, known()).ranking
+    small = next(c for c in others if c.kind == "effect")
+    steps = iter([
+        Outcome("named", (small,), None, None, (small, film)),
+        Outcome("ambiguous", (film, *others[:1]), None, None, (film, *others)),
+    ])  # fmt: skip
+    monkeypatch.setattr("training.gap.name.naming.step", lambda *_, **__: next(steps))
+    # WHEN two steps are asked for
+    found = name(driven, known(), steps=2)
+    # THEN the second's candidates are the answer, and the first is not lost
+    assert (found.verdict, found.effects) == ("ambiguous", (film, *others[:1]))
+    (text,) = [w for w in found.warnings if "came first" in w]
+    assert text.startswith(f"{small.name} came first and explains too little by itself")
+    # and drives are held against each other beside what explains most
+    assert chain_of(found, Constants()).terms == film.fit.terms
 
 
 def test_a_candidate_without_its_signals_is_skipped_and_said_so() -> None:
     fed = [
         drives.make(
             d.name,
-            d.sha256,
             d.period_s,
             {k: v for k, v in d.signals.items() if k != "rail_pressure_mpa"},
             1.0 / d.phi_measured.clip(0.07),

@@ -76,7 +76,8 @@ def network(drives: list[Path]) -> Path:
     ("options", "words"),
     [
         (["--add", "wall_fim"], "effect 'wall_fim' is unknown; there are wall_film"),
-        (["--steps", "0"], "--steps is at least 1"),
+        (["--steps", "0"], "--steps is 1 to 3"),
+        (["--steps", "4"], "--steps is 1 to 3"),
         (["--retrain", "-1"], "--retrain takes minutes"),
     ],
 )

@@ -374,6 +374,12 @@ def test_worse_regimes_and_lost_faults_are_warned_of() -> None:
     assert ">lost<" in page
 
 
+def test_fewer_false_alarms_are_no_loss() -> None:
+    before, after = Count(4, 4, 4, 0, ("gain_low",)), Count(4, 4, 0, 0, ())
+    quieter = replace(verified(), alarms=Found("", None, before, after))
+    assert ">lost<" not in report.as_page(made("named", verified=quieter))
+
+
 def test_a_bias_that_the_gap_itself_had_helped_to_find_is_told_apart() -> None:
     own = verified()
     whole = replace(own.overall, mean_before=0.0180, mean_after=0.0020)
@@ -413,7 +419,7 @@ def test_candidates_that_were_skipped_stand_with_what_they_lack() -> None:
 
 
 def test_a_constant_at_its_bound_says_so() -> None:
-    at_most = LIBRARY["purge"].high[0]
+    at_most = LIBRARY["purge"].parameters[0].high
     page = report.as_page(made("named", added=(Added.with_values("purge", [at_most]),)))
     assert "-2 to 8, reached" in page
 

@@ -393,7 +393,7 @@ def test_results_depend_on_all_code_that_makes_them_and_on_no_other() -> None:
     used = {p.relative_to(root).as_posix() for p in run_folder.sources(Path(case.__file__), root)}
     assert {"training/gap/name/naming.py", "training/gap/effects/air.py", "training/chain.py",
             "training/dyno/mixture.py", "monitor/faults.py"} <= used  # fmt: skip
-    others = {"training/gap_study/report.py", "training/gap/pages/page.py", "tests/plants.py"}
+    others = {"training/gap_study/report.py", "training/gap/pages/report.py", "tests/plants.py"}
     assert not used & others
 
 

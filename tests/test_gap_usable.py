@@ -32,7 +32,7 @@ def drive(seed: int, constants: Constants = USUAL, **changed: FloatArray) -> Dri
     signals = plain_signals(6000, seed) | changed
     noise = 0.002 * np.random.default_rng([seed, 8]).standard_normal(6000)
     phi = simulate(base_path(constants, signals), PERIOD_S) + noise
-    return make(f"drive_{seed}", str(seed), PERIOD_S, signals, 1.0 / np.maximum(phi, 0.07))
+    return make(f"drive_{seed}", PERIOD_S, signals, 1.0 / np.maximum(phi, 0.07))
 
 
 def recording(seed: int, without: Sequence[str] = (), period_s: float = 0.1) -> Recording:
@@ -95,6 +95,8 @@ def test_an_effect_whose_signal_healthy_recordings_lack_is_warned_of() -> None:
     (text,) = usable.unlearned([recording(1)], [recording(2, without=["rail_pressure_mpa"])])
     assert text.startswith("rail_exponent: healthy recordings lack rail_pressure_mpa")
     assert usable.unlearned([recording(1)], [recording(2)]) == []
+    # and the air meter tells the speed
+    assert usable.unlearned([recording(1)], [recording(2, without=["engine_speed_rpm"])]) == []
 
 
 def test_too_short_drives_are_refused_with_what_came_and_what_was_wanted() -> None:
@@ -155,7 +157,7 @@ def test_what_is_missing_in_all_drives_does_not_part_them() -> None:
         path = effect.apply(base_path(USUAL, signals), size, signals, PERIOD_S)
         noise = 0.002 * np.random.default_rng([seed, 8]).standard_normal(6000)
         phi = np.maximum(simulate(path, PERIOD_S) + noise, 0.07)
-        made.append(make(f"drive_{seed}", str(seed), PERIOD_S, signals, 1.0 / phi))
+        made.append(make(f"drive_{seed}", PERIOD_S, signals, 1.0 / phi))
     # THEN it parts the drives only as long as it is not known
     assert max(p.t for p in parted(made, Chain(USUAL))) > 10.0
     assert warn(made, Chain(USUAL, (effect,), (size,))) == []

@@ -43,12 +43,14 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
                      "reference that fit left in the model serves; if it has none, a weakness of "
                      "the model itself cannot be told from an effect")  # fmt: skip
     gap.add_argument("--verify", nargs="+", type=Path, default=[], metavar="RECORDING",
-                     help="on which the new model is verified and which nothing else sees "
-                     "(default: every third RECORDING)")  # fmt: skip
+                     help="on which the new model is verified and which no fit sees; they also "
+                     "say whether a network trained anew is better (default: every third "
+                     "RECORDING, which the naming sees, too)")  # fmt: skip
     gap.add_argument("--out", type=Path, required=True, metavar="DIR",
                      help="folder of report.html, gap.json and model.onnx")  # fmt: skip
     gap.add_argument("--steps", type=int, default=1, metavar="N",
-                     help="effects to add at most, one after the other (default 1)")  # fmt: skip
+                     help="effects to add at most, one after the other: 1 (default) "
+                     "to 3")  # fmt: skip
     gap.add_argument("--sensor-known-good", action="store_true",
                      help="the sensor was checked: explain nothing by its faults")  # fmt: skip
     gap.add_argument("--add", nargs="+", default=[], metavar="EFFECT",

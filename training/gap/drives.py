@@ -30,7 +30,6 @@ class Drive:
     """One recording, ready for the chain."""
 
     name: str
-    sha256: str  # of the file
     period_s: float
     signals: Mapping[str, FloatArray]  # canonical name → (n,), gaps held
     phi_measured: FloatArray  # (n,) 1 / lambda, held where not measured
@@ -84,39 +83,33 @@ def from_recording(recording: Recording, made: Mapping[str, FloatArray] | None =
         if name != OUTPUT and name not in present:
             raise RecordingError(f"{recording.path}: {name} has no good value")
     lambda_measured = recording.column(OUTPUT)
-    return make(
-        recording.path.name, recording.sha256, recording.period_ns / 1e9, present, lambda_measured
-    )
+    return make(recording.path.name, recording.period_ns / 1e9, present, lambda_measured)
 
 
 def make(
     name: str,
-    sha256: str,
     period_s: float,
     signals: Mapping[str, FloatArray],
     lambda_measured: FloatArray,
-    needed: Sequence[str] = NEEDED,
+    needed: Sequence[str] | None = None,
 ) -> Drive:
     """Return a drive from signals (n,) and measured lambda (n,), NaN where not good.
 
-    needed : signals without which nothing can be predicted, default those of the chain
+    needed : signals without which the model predicts nothing; None of the chain
     Raises RecordingError if less than a minute can be scored.
     """
     good = np.isfinite(lambda_measured) & (lambda_measured > 0.0)
     phi = np.minimum(1.0 / np.where(good, lambda_measured, 1.0), PHI_MAX)
-    is_chain = set(NEEDED) <= set(needed)
-    read = {*needed, *({"engine_speed_rpm"} & signals.keys() if is_chain else ())}
+    read = {*NEEDED, *({"engine_speed_rpm"} & signals.keys())} if needed is None else {*needed}
     inputs_good = np.all([np.isfinite(signals[each]) for each in read], axis=0)
     held = {each: hold(values) for each, values in signals.items()}
-    if is_chain:
+    if needed is None:
         if not {"engine_speed_rpm", "maf_kg_h"} & set(held):
             raise RecordingError(f"{name}: has neither engine_speed_rpm nor maf_kg_h")
         held = with_speed(held)
-    cut = np.zeros(len(phi), dtype=bool)
-    if "fuel_mass_mg" in held:
-        cut = held["fuel_mass_mg"] < CUT_FUEL_MG
-    if "fuel_cut" in held:
-        cut = cut | (held["fuel_cut"] > 0.5)
+    cut = in_fuel_cut(held)
+    if cut is None:
+        cut = np.zeros(len(phi), dtype=bool)
     scored = good & ~_until(cut, AFTER_CUT_S, period_s)
     scored &= ~_until(good & (phi < CUT_PHI), AFTER_CUT_READ_S, period_s)
     scored &= ~_until(~inputs_good, AFTER_GAP_S, period_s)
@@ -133,7 +126,15 @@ def make(
             f"{1.0 - cut.mean():.0%} are outside fuel cut (fuel_mass_mg from {CUT_FUEL_MG:g} mg)"
         )
     phi = np.where(good, phi, hold(np.where(good, phi, np.nan)))
-    return Drive(name, sha256, period_s, MappingProxyType(held), phi, scored)
+    return Drive(name, period_s, MappingProxyType(held), phi, scored)
+
+
+def in_fuel_cut(signals: Mapping[str, FloatArray]) -> BoolArray | None:
+    """Return (n,) whether the flag or the fuel says that it is cut, None without either."""
+    said = [signals["fuel_cut"] > 0.5] if "fuel_cut" in signals else []
+    if "fuel_mass_mg" in signals:
+        said.append(signals["fuel_mass_mg"] < CUT_FUEL_MG)
+    return np.asarray(np.any(said, axis=0)) if said else None
 
 
 def hold(values: FloatArray) -> FloatArray:

@@ -10,6 +10,7 @@ from monitor.faults import Fault
 from training.gap.check.detection import FAULTS
 from training.recordings import Recording
 
+MOST_EFFECTS: Final = 3  # that are added, and of an ambiguous set
 HELD_OUT_EVERY: Final = 3  # recordings, of which the last is held out
 
 
@@ -32,7 +33,7 @@ class Given:
     model: Path
     recordings: Sequence[Recording]
     healthy: Sequence[Recording] = ()
-    verify: Sequence[Recording] = ()  # seen by nothing but the verification
+    verify: Sequence[Recording] = ()  # seen by no fit; may choose the form, too
 
     @property
     def roles(self) -> dict[str, Sequence[Recording]]:
@@ -54,8 +55,8 @@ def options_of(
     steps: int, sensor_known_good: bool, add: Sequence[str], retrain_minutes: float
 ) -> Options:
     """Return the options; raises UsageError if they make no sense."""
-    if steps < 1:
-        raise UsageError("--steps is at least 1")
+    if not 1 <= steps <= MOST_EFFECTS:
+        raise UsageError(f"--steps is 1 to {MOST_EFFECTS}")
     if not 0.0 <= retrain_minutes < float("inf"):
         raise UsageError("--retrain takes minutes, 0 or more")
     return Options(steps, sensor_known_good, tuple(add), retrain_minutes)

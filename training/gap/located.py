@@ -5,7 +5,7 @@ can still say in which regime, band or at what time a network is wrong.
 """
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from math import nan
 from pathlib import Path
@@ -22,10 +22,10 @@ from training.gap.effects import ALL
 from training.gap.name.verdict import Naming, Verdict
 from training.gap.predicted import predicted_phi
 from training.gap.result import ModelFile, Result, of_recording
+from training.gap.stages import Progress
 from training.gap.where.localise import Findings, localise
 from training.recordings import Recording
 
-Progress = Callable[[str], None]
 SAME: Final = 0.9999  # correlation from which a signal is the reading by another name
 LEAN_PHI: Final = 0.75  # leaner than an engine runs: fuel cut, where no signal says so
 BEFORE_CUT_S: Final = 1.0  # in which the reading falls
@@ -122,7 +122,7 @@ def _drive(recording: Recording, card: ModelCard) -> Drive:
     reading = recording.column(OUTPUT)
     others = {n: x for n, x in present.items() if n in card.input_names or not _same(x, reading)}
     drive = make(
-        recording.path.name, recording.sha256, recording.period_ns / 1e9, others, reading,
+        recording.path.name, recording.period_ns / 1e9, others, reading,
         needed=card.input_names,
     )  # fmt: skip
     if "fuel_cut" in present or "fuel_mass_mg" in present:

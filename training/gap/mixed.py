@@ -57,8 +57,8 @@ def chain_of(naming: Naming, reference: Constants) -> Chain:
     """Return the chain with what explains most of the gap, if there is one."""
     if naming.verdict == "no_gap" or not naming.ranking:
         return Chain(reference)
-    last = naming.effects[-1] if naming.effects else naming.ranking[0]
-    return Chain(last.fit.base, last.fit.terms, last.fit.parameters)
+    most = naming.effects[-1] if naming.verdict == "named" else naming.ranking[0]
+    return Chain(most.fit.base, most.fit.terms, most.fit.parameters)
 
 
 def warn(

@@ -16,13 +16,13 @@ from monitor.model_card import TrainingRecording
 from training.chain import Constants
 from training.gap.add.added import Added
 from training.gap.check.verified import Verified
+from training.gap.given import MOST_EFFECTS
 from training.gap.name.ranking import RIVAL_SCORE, WIN
 from training.gap.name.verdict import Candidate, Naming, Verdict
 from training.gap.where.localise import Findings
 from training.recordings import Recording, sha256
 
 SCHEMA: Final = "o2train.gap/1"
-MOST_EFFECTS: Final = 3
 HELD_OUT_DRIVES: Final = "recordings that no fit saw"
 HELD_OUT_BLOCKS: Final = "blocks held out of the recordings"
 NOTHING_FITTED: Final = "recordings to which nothing was fitted"

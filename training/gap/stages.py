@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 T = TypeVar("T")
+Progress = Callable[[str], None]  # is told what goes on
 
 
 @dataclass(frozen=True, slots=True)

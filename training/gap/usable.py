@@ -178,11 +178,12 @@ def unlearned(recordings: Sequence[Recording], healthy: Sequence[Recording]) -> 
     if not healthy:
         return []
     here, there = (frozenset.intersection(*(r.known for r in g)) for g in (recordings, healthy))
+    there |= {*NEEDED, *SPEED} if there & set(SPEED) else set(NEEDED)  # one gives the other
     return [
         f"{effect.name}: healthy recordings lack {', '.join(sorted(set(effect.needs) - there))}, "
         "so its score is not held against what healthy drives show"
         for effect in ALL
-        if set(effect.needs) <= here and not set(effect.needs) <= there | set(NEEDED)
+        if set(effect.needs) <= here and not set(effect.needs) <= there
     ]
 
 

@@ -5,17 +5,17 @@ not held out, and what is said of the new model from those that are.
 """
 
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
+from monitor.errors import ModelError
 from monitor.model_card import ModelCard
 from training.chain import Constants
 from training.gap import base, located, mixed, usable
 from training.gap.add import adding, constants
 from training.gap.add.added import Added, uncertain
-from training.gap.add.effect_parity import ParityError
 from training.gap.check.verify import verify
 from training.gap.compared import Compared
 from training.gap.drives import Drive
@@ -28,11 +28,10 @@ from training.gap.predicted import predicted_phi
 from training.gap.reference import accepted, learn_reference, reference_card
 from training.gap.reference.healthy import Healthy
 from training.gap.result import ModelFile, Result, Step, of_recording
-from training.gap.stages import Stages
+from training.gap.stages import Progress, Stages
 from training.gap.where.localise import Findings, localise
 from training.greybox_graph import Greybox
 
-Progress = Callable[[str], None]
 NEW_MODEL: Final = "model.onnx"
 NO_USE: Final = (
     "what was named is not added: with it the model predicts the recordings of the fit no better, "
@@ -72,6 +71,8 @@ def investigate(
     on = _yardstick(given, card, known, stages, progress)
     found = stages.done("where", lambda: _localise(given, progress)) if options.localise else None
     naming = stages.done("name", lambda: _name(drives, card, on, options, progress))
+    if on.known is None and naming.base is not None and card.kind != base.GREYBOX:
+        on = replace(on, start=naming.base)  # nothing said what the vehicle's chain is
     mixing = mixed.warn(
         _with_own(drives, on.known),
         mixed.chain_of(naming, on.base),
@@ -184,7 +185,7 @@ def _localise(given: Given, progress: Progress) -> Findings:
         [
             Compared.of(drive, phi, chain.path(drive.signals) if chain else None)
             for drive, phi in zip(
-                base.drives_of(given.model, each), predicted_phi(given.model, each), strict=True
+                base.plain_drives_of(card, each), predicted_phi(given.model, each), strict=True
             )
         ]
         for each in (given.recordings, given.healthy)
@@ -204,8 +205,10 @@ def _add(
     if not choices:
         return None, "", (), [*warnings, VARIES]
     try:
-        new, form, added = adding.add(given, out / NEW_MODEL, choices, on.known, on.start, options)
-    except ParityError as error:
+        new, form, added = adding.add(
+            given, out / NEW_MODEL, choices, on.known, on.start, options, progress
+        )
+    except ModelError as error:  # ParityError is one
         return None, "", (), [*warnings, f"what was named is not added: {error}"]
     if new is None:
         return None, "", (), [*warnings, NO_USE]

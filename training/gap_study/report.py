@@ -132,9 +132,10 @@ def _head(rows: Sequence[Row], study: Study, identity: dict[str, Any]) -> str:
             paragraph(
                 f"Vehicles {study.first_vehicle} to {last}, seeds from {study.seed}. {developed}"
                 f"A case is {study.drives} recordings of {study.duration_s / 60.0:g} minutes each, "
-                "values as decoded from the vehicle's bus at 100 ms, half of them from the start "
-                "of the engine and half from the midst of a drive. What is hidden acts in the "
-                "plant's own form inside the lambda control loop. The base is fitted to "
+                "values as decoded from the vehicle's bus at 100 ms, about half of them from "
+                "the start of the engine, the others from the midst of a drive. What is hidden "
+                "acts in the plant's own form inside the lambda control loop. The base is fitted "
+                "to "
                 + (
                     "the case's own recordings, but those that the workflow holds out"
                     if study.fitted_with_effect

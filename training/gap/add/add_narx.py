@@ -28,10 +28,11 @@ from training.gap.add.add_narx_network import (
     network_of,
 )
 from training.gap.add.add_narx_parity import parity
-from training.gap.add.add_narx_training import Progress, train_again, with_difference
+from training.gap.add.add_narx_training import train_again, with_difference
 from training.gap.add.added import Added
 from training.gap.add.effect_inputs import Ranges, channel_of
 from training.gap.drives import Drive, from_recording, path_of
+from training.gap.stages import Progress
 from training.prepare import Prepared, Role, prepare
 from training.recordings import Recording
 from training.stability import CONTRACTION_SAMPLES, Contraction
@@ -91,18 +92,16 @@ def retrain(
     out: Path | str,
     *,
     ranges: Ranges,
-    validate: Sequence[Recording] = (),
     budget_minutes: float = 5.0,
     seed: int = 0,
-    progress: Progress | None = None,
+    progress: Progress = lambda _: None,
 ) -> ModelCard:
     """Train ``model`` again with what the effects change as an input; return the card of ``out``.
 
     added, chain, ranges : see ``add``
     recordings : to train on; blocks of them are held out to choose and to measure
-    validate : recordings that choose and stop instead of held-out blocks
     budget_minutes : after which the best so far is kept
-    progress : called with start, horizon, epoch and best validation score after every epoch
+    progress : is told after every epoch how far it is
     Decision limits and reference stay those of the old model.
     Raises ModelError as ``add``, RecordingError or UsageError if the recordings cannot be used or
     the budget is too small.
@@ -111,10 +110,9 @@ def retrain(
     network, card = network_of(model), Model.load(model).card
     _check(card, str(model))
     difference = ChainDifference.of(card, [*_older(card), *added], chain, ranges)
-    everything = [with_difference(each, difference) for each in (*recordings, *validate)]
     data = prepare(
-        everything, (*network.inputs, DIFFERENCE), card.output.name, card.transforms,
-        lags=card.lags, seed=seed, validate=range(len(recordings), len(everything)),
+        [with_difference(each, difference) for each in recordings],
+        (*network.inputs, DIFFERENCE), card.output.name, card.transforms, lags=card.lags, seed=seed,
     )  # fmt: skip
     best, gap = train_again(data, card, network, seed, deadline_s, progress)
     trained = Network(
@@ -123,7 +121,7 @@ def retrain(
     inputs = tuple(dict.fromkeys((*network.inputs, *difference.inputs)))
     extended = NetworkWithEffects(AS_INPUT, trained, difference, inputs)
     used = recordings_of(data)
-    entries = _entries(card, difference, used[: len(recordings)])
+    entries = _entries(card, difference, used)
     card = _card(card, extended, entries, ranges, used)
     longest = max(recordings, key=lambda each: len(each.values))
     return save(out, extended, _trained_card(card, data, best, gap), [from_recording(longest)])

@@ -17,6 +17,7 @@ from training.fit import choose, committees
 from training.gap.add.add_narx_chain import ChainDifference
 from training.gap.add.add_narx_network import DIFFERENCE
 from training.gap.drives import hold
+from training.gap.stages import Progress
 from training.narx import Layers, Spec, layers, linear_path
 from training.prepare import Prepared, Scaling
 from training.recordings import Recording
@@ -25,7 +26,6 @@ from training.stages import Trained, train
 from training.structure import FIRST_DECAY
 
 RANDOM_STARTS = 2
-Progress = Callable[[int, int, int, float], None]
 
 
 def with_difference(recording: Recording, difference: ChainDifference) -> Recording:
@@ -50,12 +50,12 @@ def train_again(
     network: Network,
     seed: int,
     deadline_s: float,
-    progress: Progress | None = None,
+    progress: Progress,
 ) -> tuple[Trained, Contraction]:
     """Return the best training of the old network's shape, and how fast it forgets.
 
     card, network : of the old model; the last input of ``data`` is the new one
-    progress : called with start, horizon, epoch and best validation score after every epoch
+    progress : is told after every epoch how far it is
     Raises UsageError if the time ended before the first epoch.
     """
     spec = spec_of(card, network, data)
@@ -67,7 +67,7 @@ def train_again(
         if left_s <= 0.0:
             break
         until_s = time.monotonic() + left_s / (len(begins) - number)
-        told = _told(progress, number)
+        told = _told(progress, f"training anew, start {number + 1} of {len(begins)}")
         trained.append(
             train(data, spec, seed + 1000 * number, until_s, told, decay=decay, weights=weights)
         )
@@ -80,10 +80,8 @@ def train_again(
     return trained[best], gap
 
 
-def _told(progress: Progress | None, number: int) -> Callable[[int, int, float], None] | None:
-    if progress is None:
-        return None
-    return lambda horizon, epoch, score: progress(number, horizon, epoch, score)
+def _told(progress: Progress, what: str) -> Callable[[int, int, float], None]:
+    return lambda horizon, _, score: progress(f"{what}, horizon {horizon}, free run {score:.3f}")
 
 
 def spec_of(card: ModelCard, network: Network, data: Prepared) -> Spec:

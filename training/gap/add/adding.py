@@ -4,12 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Final
 
 import numpy as np
 
 from monitor import config
-from monitor.errors import RecordingError
+from monitor.errors import ModelError, RecordingError, UsageError
 from monitor.limits import Limits
 from monitor.model import Model
 from training.chain import Constants
@@ -26,6 +27,7 @@ from training.gap.given import Given, Options, split
 from training.gap.predicted import predicted_phi
 from training.gap.reference.healthy import Healthy
 from training.gap.result import of_recording
+from training.gap.stages import Progress
 from training.greybox_graph import Greybox
 from training.judge import judge_recordings
 from training.limits import whole, with_limits
@@ -43,14 +45,16 @@ WORSE: Final = 1.02  # of the RMSE, up to which a form counts as no worse
 
 def add(
     given: Given, out: Path, choices: Sequence[Sequence[Added]], known: Healthy | None,
-    start: Constants, options: Options,
+    start: Constants, options: Options, progress: Progress = lambda _: None,
 ) -> tuple[Path | None, str, tuple[Added, ...]]:  # fmt: skip
     """Write the new model that predicts best; return it, its form and its effects.
 
     choices : the effects, each time with other constants, the ones to prefer first
-    There is none if it predicts the recordings of the fit no better than the old one. Its decision
-    limits are set on them: those of the old model go with the old model's errors.
-    Raises ParityError if no form computes the same in ONNX and numpy.
+    There is none if it predicts the recordings of the fit no better than the old one; one that was
+    trained anew, which knows them, is held against it on those held out. Decision limits are set on
+    the recordings of the fit, because those of the old model go with its errors; ``_set_limits``
+    and a network trained anew may keep the old ones.
+    Raises ParityError if no form computes the same in ONNX and numpy, ModelError as ``add_narx``.
     """
     card = base.check(given.model)
     out.parent.mkdir(parents=True, exist_ok=True)
@@ -66,13 +70,20 @@ def add(
         )  # fmt: skip
         return _if_better(given.model, out, recordings, FORMS["greybox"], added)
     chain = known.plain if known else start
-    best, says = _beside_network(given.model, out, choices, chain, ranges, recordings, drives)
-    limits = True
-    if options.retrain_minutes > 0.0:
-        kept, says = _or_trained_anew(given, best, says, chain, ranges, options.retrain_minutes)
+    with TemporaryDirectory(dir=out.parent) as folder:
+        best, says = _beside_network(
+            given.model, Path(folder), choices, chain, ranges, recordings, drives
+        )
+        if options.retrain_minutes > 0.0:
+            best, says = _or_trained_anew(
+                given, best, says, chain, ranges, options.retrain_minutes, progress
+            )
+        best.path.replace(out)
+    if best.form == "input":
         # Trained on the recordings it errs less on them than on others: the old limits stay.
-        limits = kept.form == best.form
-    return _if_better(given.model, out, recordings, says, best.added, limits=limits)
+        judges = split(given)[1] or recordings
+        return _if_better(given.model, out, judges, says, best.added, limits=False)
+    return _if_better(given.model, out, recordings, says, best.added)
 
 
 def _ranges(recordings: Sequence[Recording], drives: Sequence[Drive]) -> Ranges:
@@ -99,16 +110,16 @@ class _Tried:
 
 
 def _beside_network(
-    model: Path, out: Path, choices: Sequence[Sequence[Added]], chain: Constants, ranges: Ranges,
+    model: Path, folder: Path, choices: Sequence[Sequence[Added]], chain: Constants, ranges: Ranges,
     recordings: Sequence[Recording], drives: Sequence[Drive],
 ) -> tuple[_Tried, str]:  # fmt: skip
-    """Write the network with effects before it or at its output to ``out``; return it, in words."""
+    """Write the network with effects before it and at its output; return the best, in words."""
     forms = {"output": TO_OUTPUT}
     if add_narx.can_stand_before(model, choices[0], chain, drives[0]):
         forms = {"before": BEFORE, **forms}
     tried, wrong = list[_Tried](), None
     for (name, form), (i, added) in product(forms.items(), enumerate(choices)):
-        path = out.with_name(f"{name}{i}.onnx")
+        path = folder / f"{name}{i}.onnx"
         try:
             add_narx.add(
                 model, added, chain, path, ranges=ranges,
@@ -120,37 +131,28 @@ def _beside_network(
     if not tried:
         assert wrong is not None
         raise wrong
-    return _kept(tried, out)
+    return _best(tried)
 
 
 def _or_trained_anew(
-    given: Given, other: _Tried, says: str, chain: Constants, ranges: Ranges, budget_minutes: float
-) -> tuple[_Tried, str]:
-    """Leave the better of a file and a network trained anew in its place; return it, in words."""
+    given: Given, other: _Tried, says: str, chain: Constants, ranges: Ranges,
+    budget_minutes: float, progress: Progress,
+) -> tuple[_Tried, str]:  # fmt: skip
+    """Return the better of a file and a network trained anew beside it, in words."""
     fitted_to, held_out = split(given)
     recordings = [given.recordings[i] for i in fitted_to]
     path = other.path.with_name("retrained.onnx")
     try:
         add_narx.retrain(
             given.model, other.added, chain, recordings, path, ranges=ranges,
-            budget_minutes=budget_minutes,
+            budget_minutes=budget_minutes, progress=progress,
         )  # fmt: skip
-    except ParityError:
-        return other, says
+    except (ModelError, RecordingError, UsageError) as error:
+        return other, f"{says}; not trained anew: {error}"
     judges = held_out or recordings
     pair = [replace(other, rmse=_rmse(other.path, judges)),
             _Tried("input", other.added, path, _rmse(path, judges))]  # fmt: skip
-    return _kept(pair, other.path)
-
-
-def _kept(tried: Sequence[_Tried], out: Path) -> tuple[_Tried, str]:
-    """Leave the best file alone, in ``out``; return it, and in words what it is."""
-    best, says = _best(tried)
-    best.path.replace(out)
-    for each in tried:
-        if each.path != out:
-            each.path.unlink(missing_ok=True)
-    return replace(best, path=out), says
+    return _best(pair)
 
 
 def _best(tried: Sequence[_Tried]) -> tuple[_Tried, str]:

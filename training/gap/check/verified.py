@@ -57,8 +57,8 @@ class Found:
 
     @property
     def lost(self) -> bool:
-        """Return whether the new model finds it in fewer drives than the old one."""
-        return self.after is not None and self.after.found < self.before.found
+        """Return whether the new model finds a fault in fewer drives than the old one."""
+        return bool(self.fault) and self.after is not None and self.after.found < self.before.found
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,11 +110,6 @@ class Verified:
     def rate_after(self) -> float | None:
         """Return the share of faulty drives in which the new model finds a fault."""
         return rate([f.after for f in self.faults if f.after is not None])
-
-    @property
-    def rate_alike(self) -> float | None:
-        """Return the same of the old model with limits set as the new one's."""
-        return rate([f.alike for f in self.faults if f.alike is not None])
 
     def as_json(self) -> dict[str, Any]:
         """Return regimes and detection as ``gap.json`` has them."""

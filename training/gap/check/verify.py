@@ -1,6 +1,6 @@
 """Is the gap smaller on drives that no fit saw, is no regime worse, are faults still found?"""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -22,14 +22,15 @@ from training.gap.drives import Drive
 from training.gap.predicted import predicted_phi
 from training.gap.reference import ridge
 from training.gap.reference.healthy import columns
+from training.gap.stages import Progress
 from training.gap.where.operating_map import excerpt
 from training.recordings import Recording
 
-Progress = Callable[[str], None]
 ALIKE: Final = (
-    "The new model's limits are set on the recordings of the fit, by the rule of o2train fit. "
-    "Beside the old model's own limits stands what it finds with limits set alike: with its own it "
-    "may take the gap for a fault, and then finds every fault put on, by the wrong name."
+    "A new model's limits are set on the recordings of the fit, by the rule of o2train fit, unless "
+    "its card says that the old ones stayed. Beside the old model's own limits stands what it "
+    "finds with limits set there: with its own it may take the gap for a fault, and then finds "
+    "every fault put on, by the wrong name."
 )
 AFTERWARDS: Final = (
     "The faults were put on the measured lambda afterwards: the control loop has not seen them and "

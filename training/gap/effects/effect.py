@@ -47,16 +47,6 @@ class Effect:
     gain_class: bool = False  # a constant factor on the mixture, seen against a reference only
     varies: bool = False  # from drive to drive, so that it may begin between two of them
 
-    @property
-    def low(self) -> FloatArray:
-        """Return the lower bounds, (k,)."""
-        return np.array([p.low for p in self.parameters])
-
-    @property
-    def high(self) -> FloatArray:
-        """Return the upper bounds, (k,)."""
-        return np.array([p.high for p in self.parameters])
-
 
 Own = tuple[tuple[Effect, FloatArray], ...]  # effects of a healthy vehicle, with their constants
 

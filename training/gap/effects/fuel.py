@@ -5,14 +5,15 @@ from dataclasses import replace
 import numpy as np
 
 from monitor.types import FloatArray
-from training.chain import Path
+from training.chain import STOICHIOMETRIC, Path
 from training.gap.effects.dynamics import lag
 from training.gap.effects.effect import Effect, Parameter, Signals, ambient_kpa, injecting
 
 REFERENCE_RAIL_MPA = 10.0
 WARM_DEGC = 80.0
 VAPOUR_LAG_S = 1.0  # canister line and intake
-ETHANOL_AIR_FUEL, PETROL_AIR_FUEL = 9.0, 14.7  # stoichiometric, by mass
+ETHANOL_AIR_FUEL = 9.0  # stoichiometric, by mass
+GAIN_OF_ETHANOL = 1.0 - ETHANOL_AIR_FUEL / STOICHIOMETRIC  # of the mixture, per fraction
 
 
 def _wall_film(path: Path, p: FloatArray, signals: Signals, period_s: float) -> Path:
@@ -74,7 +75,7 @@ def _purge_allowed(path: Path, signals: Signals) -> FloatArray:
 
 def _ethanol(path: Path, p: FloatArray, signals: Signals, period_s: float) -> Path:
     """Fuel with a fraction of ethanol needs less air: the stoichiometric ratio falls."""
-    return replace(path, factor=path.factor * (1.0 - p[0] * (1.0 - ETHANOL_AIR_FUEL / 14.7)))
+    return replace(path, factor=path.factor * (1.0 - p[0] * GAIN_OF_ETHANOL))
 
 
 EFFECTS = (

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from monitor.types import FloatArray
-from training.gap.effects.fuel import ETHANOL_AIR_FUEL, PETROL_AIR_FUEL
+from training.gap.effects.fuel import GAIN_OF_ETHANOL
 from training.gap.name import guards, scoring
 from training.gap.name.begin import FREE
 from training.gap.name.describe import Plain, plainest
@@ -18,7 +18,6 @@ from training.gap.name.ranking import (
     RANKED_CLOSELY,
     RIVAL_SCORE,
     WIN,
-    Progress,
     State,
     adequacy_of,
     against,
@@ -26,6 +25,7 @@ from training.gap.name.ranking import (
     rank,
 )
 from training.gap.name.verdict import Candidate, Verdict
+from training.gap.stages import Progress
 
 T_LEAST: Final = 3.0
 T_STRANGE: Final = 2.0  # from which a constant of the wrong sign speaks against the best
@@ -35,7 +35,6 @@ AMBIGUOUS_MOST: Final = 3
 EQUAL: Final = 0.9  # of a score, from which it is as good
 GAIN_WORDS: Final = "the gain"
 OFFSETS: Final = 1.5  # times healthy drives' own, from which an offset of all drives is one
-GAIN_OF_ETHANOL: Final = 1.0 - ETHANOL_AIR_FUEL / PETROL_AIR_FUEL  # of the mixture, per fraction
 GAIN_CLASS: Final = ("ethanol", "biased")  # a factor on the mixture, and what looks like it
 BIAS_NEAR: Final = 0.75  # of the best score: in the loop a bias is close to much that loses to it
 GAIN_SUSPECTED: Final = (

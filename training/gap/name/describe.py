@@ -12,10 +12,10 @@ import numpy as np
 
 from monitor.types import FloatArray, IntArray
 from training.chain import Constants, simulate
+from training.gap.compared import FOLDS
 from training.gap.drives import Drive, path_of
 from training.gap.name import scoring
 from training.gap.name.feature_words import words_of
-from training.gap.name.fitting import FOLDS
 from training.gap.name.ranking import State
 from training.gap.name.signal_functions import columns, functions_of
 from training.gap.reference import ridge

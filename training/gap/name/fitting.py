@@ -10,14 +10,13 @@ from scipy.optimize import least_squares
 
 from monitor.types import BoolArray, FloatArray, IntArray
 from training.chain import RANGES, Constants, Path, simulate
+from training.gap.compared import BLOCK_S, FOLDS
 from training.gap.drives import Drive, path_of
 from training.gap.effects import Effect
 from training.gap.name.sensor_faults import SensorFault
 from training.gap.reference.variation import Shrink
 
 Term = Effect | SensorFault
-BLOCK_S: Final = 30.0
-FOLDS: Final = 5
 LOW: Final = np.array([RANGES[name].low for name in Constants._fields])
 HIGH: Final = np.array([RANGES[name].high for name in Constants._fields])
 SCALE: Final = Constants(0.01, 0.02, 0.2, 0.02, 0.02, 0.02)  # of a typical step of a fit

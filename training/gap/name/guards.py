@@ -1,4 +1,4 @@
-"""What speaks against naming an effect: too little left explained, an onset, a sensor at fault."""
+"""What speaks against naming an effect: an onset, a shifted base, a sensor at fault."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -10,7 +10,8 @@ from training.chain import Constants
 from training.gap.name.fitting import Case, Fit
 from training.gap.name.sensor_faults import SensorFault
 
-# A sensor that shifted by less is no suspect: DESIGN, "what a prototype taught".
+# A sensor that shifted by less is no suspect. DESIGN, "what a prototype taught", has the 20 ms, and
+# 0.004 of the mixture, which is the offset here and ``GAIN_SHIFT`` of the base.
 SMALLEST: Final = {"time": 0.020, "gain": 0.02, "offset": 0.004}
 ONSET_T: Final = 6.0
 ONSET_T_SORTED: Final = 9.0  # if drives were put in the order that suits an onset best

@@ -1,15 +1,15 @@
 """Manoeuvres that one can drive, as signals from plain kinematics, to tell two models apart."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from monitor.types import FloatArray
-from training.chain import MG_RPM_PER_KG_H, STOICHIOMETRIC, Constants
+from training.chain import MG_RPM_PER_KG_H, STOICHIOMETRIC
 from training.gap.drives import Drive, make
-from training.gap.name.fitting import Fit, Term, reading
+from training.gap.name.fitting import Fit, reading
 
 PERIOD_S: Final = 0.1
 MODULATION_S: Final = 1.8  # the lambda controller's forced oscillation
@@ -38,15 +38,9 @@ def separate(one: Fit, other: Fit) -> Experiment:
 
 
 def _rms(drive: Drive, one: Fit, other: Fit) -> float:
-    a = _read(drive, one.base, one.terms, one.parameters)
-    b = _read(drive, other.base, other.terms, other.parameters)
+    a = reading(drive, one.base, one.terms, one.parameters)
+    b = reading(drive, other.base, other.terms, other.parameters)
     return float(np.sqrt(np.mean((a - b)[drive.scored] ** 2)))
-
-
-def _read(
-    drive: Drive, base: Constants, terms: Sequence[Term], parameters: Sequence[FloatArray]
-) -> FloatArray:
-    return reading(drive, base, terms, parameters)
 
 
 def library() -> Mapping[str, Drive]:
@@ -126,4 +120,4 @@ def _drive(rpm: FloatArray, charge_mg: FloatArray, coolant: FloatArray | None = 
         "ambient_pressure_kpa": np.full(len(t), AMBIENT_KPA),
         "purge_duty_percent": np.where(purging, 50.0, 0.0),
     }
-    return make("manoeuvre", "", PERIOD_S, signals, np.ones(len(t)))
+    return make("manoeuvre", PERIOD_S, signals, np.ones(len(t)))

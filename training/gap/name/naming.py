@@ -1,9 +1,10 @@
 """Which effect explains the gap between a base model and a vehicle, and whether one may say so.
 
-Every effect of the library, and every gradual sensor fault as a rival, is fitted together with the
-base's constants and scored on held-out blocks. A name is given only if the score is far above what
-healthy drives show against each other, most of what can be explained at all is explained, no rival
-is about as good, and nothing speaks for the sensor.
+Every effect of the library, and every gradual sensor fault as a rival, is fitted on the base and
+scored on held-out blocks; the base is the healthy vehicle's, or is fitted with each candidate where
+nothing is known of it. A name is given only if the score is far above what healthy drives show
+against each other, most of what can be explained at all is explained, no rival is about as good,
+and nothing speaks for the sensor.
 """
 
 from collections.abc import Sequence
@@ -20,11 +21,12 @@ from training.gap.name import scoring
 from training.gap.name.begin import FREE, begin
 from training.gap.name.decide import Outcome, step
 from training.gap.name.fitting import Case, Prior, Term, fit, held_out_rmse
-from training.gap.name.ranking import ADEQUATE, Progress, State, adequacy_of
+from training.gap.name.ranking import ADEQUATE, State, adequacy_of
 from training.gap.name.sensor_faults import FAULTS
 from training.gap.name.verdict import Candidate, Naming, Round, Verdict
 from training.gap.reference import accepted
 from training.gap.reference.healthy import Healthy
+from training.gap.stages import Progress
 
 ADEQUATE_ALONE: Final = 0.5  # of what can be explained, where no other candidate comes near
 FAR: Final = 1.0 / 3.0  # of the best score, below which another is far from it
@@ -162,6 +164,10 @@ def _answer(
         else None
     )
     shift = Constants(*(np.array(alone.base) - np.array(base)).tolist()) if alone else None
+    if rounds and verdict == "ambiguous":
+        names = " and ".join(r.effect.name for r in rounds)
+        warnings = [*warnings, f"{names} came first and explains too little by itself to be named: "
+                    "the candidates are what may be there beside it"]  # fmt: skip
     explained = scoring.explained(first.current, first.roof, first.case.blocks)
     return Naming(
         verdict,

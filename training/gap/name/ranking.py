@@ -1,6 +1,6 @@
-"""Every candidate fitted together with the base and what was added, scored on held-out blocks."""
+"""Every candidate fitted on the base, with what was added, and scored on held-out blocks."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -10,6 +10,7 @@ from training.gap.name import guards, scoring
 from training.gap.name.fitting import Case, Fit, Term, fit, has_its_signs
 from training.gap.name.sensor_faults import SensorFault
 from training.gap.name.verdict import Candidate
+from training.gap.stages import Progress
 
 WIN: Final = 0.95  # of resampled blocks
 ADEQUATE: Final = 0.85  # of what can be explained at all; DESIGN, "what a prototype taught"
@@ -19,7 +20,6 @@ USUAL_SHARE: Final = 0.09  # of the deviance, left to explain by an effect in an
 RANKED_CLOSELY: Final = 4  # candidates whose adequacy is worked out
 SCORE_LEAST: Final = 160.0
 OVER_HEALTHY: Final = 80.0  # times what healthy drives give; see docs/gap.md
-Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True)

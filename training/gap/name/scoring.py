@@ -8,7 +8,8 @@ import numpy as np
 from scipy.signal import lfilter
 
 from monitor.types import FloatArray, IntArray
-from training.gap.name.fitting import FOLDS, Case, Fit, held_out, plain_errors, predict
+from training.gap.compared import FOLDS
+from training.gap.name.fitting import Case, Fit, held_out, plain_errors, predict
 from training.gap.reference import ridge
 from training.gap.reference.healthy import columns, noise
 
@@ -22,8 +23,7 @@ BLOCKS_LEAST: Final = 6
 class Score:
     """How much better a model explains held-out blocks than another."""
 
-    gains: FloatArray  # (n_blocks,) fall of the deviance
-    gain: float  # their sum
+    gain: float  # fall of the deviance
     t: float  # of the signed square roots of the blocks' gains
 
 
@@ -54,11 +54,11 @@ def score(before: FloatArray, after: FloatArray, moved: FloatArray | None = None
     gains = before - after
     used = gains if moved is None else gains[moved > MOVED_LEAST]
     if len(used) < BLOCKS_LEAST:
-        return Score(gains, float(gains.sum()), 0.0)
+        return Score(float(gains.sum()), 0.0)
     roots = np.sign(used) * np.sqrt(np.abs(used))
     spread = float(roots.std(ddof=1))
     t = float(roots.mean()) / max(spread, 1e-12) * np.sqrt(len(roots))
-    return Score(gains, float(gains.sum()), float(t))
+    return Score(float(gains.sum()), float(t))
 
 
 def win(better: FloatArray, other: FloatArray, seed: int = 5) -> float:

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Final
 
 from training.gap.name.verdict import Candidate
-from training.gap.pages.page import section as where_section
 from training.gap.pages.report_figures import error_figure, ranking_figure, trace_figure
 from training.gap.pages.report_tables import (
     SHOWN,
@@ -21,6 +20,7 @@ from training.gap.pages.report_tables import (
     recordings_table,
 )
 from training.gap.pages.report_words import actions, cautions, verdict_sentence
+from training.gap.pages.where_section import section as where_section
 from training.gap.result import Result
 from training.page import page, paragraph, picture, table
 

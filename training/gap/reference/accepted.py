@@ -19,10 +19,11 @@ from training.chain import Constants, simulate
 from training.gap.drives import Drive, path_of
 from training.gap.name.begin import begin
 from training.gap.name.fitting import Term, fit, held_out_rmse
-from training.gap.name.ranking import Progress, State
+from training.gap.name.ranking import State
 from training.gap.name.sensor_faults import FAULTS
 from training.gap.reference import healthy
 from training.gap.reference.healthy import CONSTANT, Healthy
+from training.gap.stages import Progress
 
 GROUPS_MOST: Final = 6  # of drives that are left out together
 GROUPS_LEAST: Final = 3  # fewer say nothing of how drives differ

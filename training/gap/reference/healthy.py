@@ -9,10 +9,11 @@ from scipy.signal import lfilter
 
 from monitor.types import BoolArray, FloatArray, IntArray
 from training.chain import Constants, Path, simulate
+from training.gap.compared import BLOCK_S, FOLDS
 from training.gap.drives import Drive, path_of
 from training.gap.effects import LIBRARY, Effect, Own
 from training.gap.effects.dynamics import ramp_lag
-from training.gap.name.fitting import BLOCK_S, FOLDS, WHITE, Case, Fit, Term, fit, reading
+from training.gap.name.fitting import WHITE, Case, Fit, Term, fit, reading
 from training.gap.name.sensor_faults import FAULTS
 from training.gap.reference import ridge
 from training.gap.reference.features import features
@@ -83,7 +84,8 @@ class Healthy:
 
     def known_of(self, drive: Drive) -> Drive:
         """Return the drive with those samples scored where healthy drives have been."""
-        return replace(self.with_own(drive), scored=drive.scored & self.visited.on(drive))
+        own = self.with_own(drive)
+        return replace(own, scored=own.scored & self.visited.on(own))
 
     def correction(self, drive: Drive) -> FloatArray:
         """Return what the chain misses on ``drive`` by what was missed when healthy, (n,) in phi.

@@ -18,11 +18,11 @@ from monitor.model_card import ModelCard
 from training.export import update_card
 from training.gap import base
 from training.gap.drives import Drive
-from training.gap.name.ranking import Progress
 from training.gap.reference import accepted
 from training.gap.reference.accepted import GROUPS_LEAST
 from training.gap.reference.healthy import Healthy
 from training.gap.reference.reference_card import KEY, to_card
+from training.gap.stages import Progress
 from training.recordings import Recording
 
 

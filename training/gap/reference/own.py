@@ -28,7 +28,7 @@ def own_of(
 
     signals, phi, scored : see ``greybox.fit_constants``
     """
-    drive = Drive("", "", period_s, signals, phi, scored)
+    drive = Drive("", period_s, signals, phi, scored)
     case = Case((drive,), (np.zeros(len(phi)),), WHITE)
     effects, found = with_more(case, fit(case, (), [Constants()]))
     return tuple(zip(effects, found.parameters, strict=True))

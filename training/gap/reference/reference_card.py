@@ -13,7 +13,7 @@ import numpy as np
 
 from monitor.model_card import ModelCard
 from monitor.types import BoolArray, FloatArray
-from training.chain import Constants
+from training.chain import STOICHIOMETRIC, Constants
 from training.gap.drives import Drive, make
 from training.gap.effects import LIBRARY
 from training.gap.reference.healthy import Healthy, columns
@@ -187,7 +187,7 @@ def _probe() -> Drive:
     phi = 1.0 + 0.05 * np.sin(2.1 * t_s) + 0.03 * np.sin(0.9 * t_s)
     signals = {
         "air_mass_mg": air,
-        "fuel_mass_mg": np.where(np.sin(t_s / 6.0) > 0.95, 0.0, air / 14.7 * phi),
+        "fuel_mass_mg": np.where(np.sin(t_s / 6.0) > 0.95, 0.0, air / STOICHIOMETRIC * phi),
         "engine_speed_rpm": rpm,
         "maf_kg_h": air * rpm * 1.2e-4,
         "rail_pressure_mpa": 6.0 + 8.0 * load,
@@ -198,4 +198,4 @@ def _probe() -> Drive:
         "purge_duty_percent": np.where(np.sin(t_s / 5.0) > 0.0, 50.0, 0.0),
         "lambda_controller": 1.0 + 0.02 * np.sin(1.3 * t_s),
     }
-    return make("probe", "", PROBE_PERIOD_S, signals, 1.0 / phi)
+    return make("probe", PROBE_PERIOD_S, signals, 1.0 / phi)

@@ -8,7 +8,7 @@ import numpy as np
 
 from monitor.types import FloatArray
 from training.gap.compared import Compared
-from training.gap.drives import hold
+from training.gap.drives import hold, in_fuel_cut
 
 STEP_S: Final = 0.3  # over which a rate is taken: above the noise, below a tip-in
 AFTER_CUT_S: Final = 20.0  # later than this, a fuel cut is long ago
@@ -122,12 +122,12 @@ def _load_times_speed(r: Compared) -> FloatArray | None:
 
 
 def _after_fuel_cut(r: Compared) -> FloatArray | None:
-    cut, fuel = _signal(r, "fuel_cut"), _signal(r, "fuel_mass_mg")
-    if cut is None and fuel is None:
+    said = ((name, _signal(r, name)) for name in ("fuel_cut", "fuel_mass_mg"))
+    cut = in_fuel_cut({name: values for name, values in said if values is not None})
+    if cut is None:
         return None
-    off = cut > 0.5 if cut is not None else np.asarray(fuel) <= 0.0
-    n = len(off)
-    last = np.maximum.accumulate(np.where(off, np.arange(n), -(10**9)))
+    n = len(cut)
+    last = np.maximum.accumulate(np.where(cut, np.arange(n), -(10**9)))
     return np.minimum((np.arange(n) - last) * r.period_s, AFTER_CUT_S)
 
 

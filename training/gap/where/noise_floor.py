@@ -42,8 +42,6 @@ class NoiseFloor:
     low: float
     high: float
     white_rms: float  # from third differences, the least
-    repeated_rms: float | None  # from repeated operating points, the most; None if there are few
-    pairs: int
     sentence: str
 
 
@@ -65,7 +63,7 @@ def noise_floor(
             f"Noise floor {white:.4f} ({low:.4f} to {high:.4f}) in phi, from the third differences "
             f"of the residual: the white part of the noise alone; of its smooth part, {why}."
         )
-        return NoiseFloor(white, low, high, white, value, len(squares), text)
+        return NoiseFloor(white, low, high, white, text)
     draws = np.sqrt([rng.choice(squares, len(squares)).mean() for _ in range(200)])
     low, high = (float(v) for v in np.percentile(draws, [5, 95]))
     text = (
@@ -74,7 +72,7 @@ def noise_floor(
         f"because an effect of something that no signal shows does not repeat either. The white "
         f"part of it, from third differences of the residual, is {white:.4f}."
     )
-    return NoiseFloor(value, low, high, white, value, len(squares), text)
+    return NoiseFloor(value, low, high, white, text)
 
 
 def _white(

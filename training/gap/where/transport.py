@@ -8,6 +8,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from monitor.types import FloatArray
+from training.chain import STOICHIOMETRIC
 from training.gap.compared import Compared
 
 DEAD_TIMES_S = np.arange(0.0, 1.01, 0.05)
@@ -81,7 +82,7 @@ def like(transport: Transport | None, recordings: Sequence[Compared]) -> Transpo
 def _misfit(r: Compared, dead_s: float, lag_s: float) -> float:
     """Return the squared error of measured phi that fuel over air leaves, slope and mean fitted."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = 14.7 * r.signals["fuel_mass_mg"] / r.signals["air_mass_mg"]
+        ratio = STOICHIOMETRIC * r.signals["fuel_mass_mg"] / r.signals["air_mass_mg"]
     ratio = np.clip(np.nan_to_num(ratio, nan=1.0, posinf=1.0, neginf=1.0), 0.0, 2.0)
     late = transported(ratio, np.full(len(ratio), dead_s), lag_s, r.period_s)[r.scored]
     phi = r.phi_measured[r.scored]

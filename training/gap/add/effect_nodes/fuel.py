@@ -4,7 +4,7 @@ from training.gap.add.effect_nodes.form import Form, Parameters
 from training.gap.add.effect_nodes.place import Place
 from training.gap.add.effect_nodes.value import Value, maximum, minimum, where
 from training.gap.effects.fuel import (
-    ETHANOL_AIR_FUEL,
+    GAIN_OF_ETHANOL,
     REFERENCE_RAIL_MPA,
     VAPOUR_LAG_S,
     WARM_DEGC,
@@ -59,7 +59,7 @@ def _purge_allowed(at: Place) -> Value:
 
 
 def _ethanol(at: Place, p: Parameters) -> Nodes:
-    return at.changed(factor=at.of("factor") * (1.0 - p[0] * (1.0 - ETHANOL_AIR_FUEL / 14.7)))
+    return at.changed(factor=at.of("factor") * (1.0 - p[0] * GAIN_OF_ETHANOL))
 
 
 FORMS = {

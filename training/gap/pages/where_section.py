@@ -2,7 +2,7 @@
 
 import html
 
-from training.gap.pages.figures import (
+from training.gap.pages.where_figures import (
     band_figure,
     curve_figure,
     excerpt_figure,
