@@ -75,7 +75,8 @@ def test_an_effect_needs_no_more_signals_than_it_says(effect: Effect) -> None:
 def test_an_effect_stays_finite_at_its_bounds(effect: Effect, bound: str) -> None:
     signals = plain_signals()
     path = base_path(BASE, signals)
-    after = effect.apply(path, getattr(effect, bound), signals, PERIOD_S)
+    values = np.array([getattr(p, bound) for p in effect.parameters])
+    after = effect.apply(path, values, signals, PERIOD_S)
     phi = simulate(after, PERIOD_S)
     assert np.isfinite(phi).all()
     assert all(p.low < start < p.high for p in effect.parameters for start in p.start)
