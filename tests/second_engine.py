@@ -101,7 +101,7 @@ def drive(
         for name, step in QUANTISATION.items()
     }
     measured = signals.pop("lambda_measured")
-    return drives.make(f"second engine {vehicle}", str(seed), PERIOD_S, signals, measured)
+    return drives.make(f"second engine {vehicle}", PERIOD_S, signals, measured)
 
 
 def wished_speed(rng: np.random.Generator, n: int) -> FloatArray:
