@@ -208,7 +208,7 @@ def _away(drives: Sequence[Drive], known: Healthy) -> str:
     """Return in which quantity drives are where no healthy recording has been."""
     outside = Counter[str]()
     for drive in drives:
-        for what, within in known.visited.parts(drive).items():
+        for what, within in known.visited.parts(known.with_own(drive)).items():
             outside[what] += int((~within[drive.kept]).sum())
     most = max(outside.values())
     where = " and ".join(what for what, n in outside.items() if n >= MAIN_REASON * most)
