@@ -21,7 +21,7 @@ from tests.gap_networks import (
     rmse,
     small_network,
 )  # fmt: skip
-from training.fit import FitResult
+from training.fit import FitResult, HeldOut
 from training.gap.add import add_narx, adding
 from training.gap.add.add_narx import add, can_stand_before
 from training.gap.add.add_narx_before import CORRECTED, Before
@@ -221,7 +221,7 @@ def test_a_network_trained_anew_is_kept_only_if_it_predicts_better(
         for size in (1.2, 1.5)
     )
 
-    def retrain(*given_as: Any, **__: object) -> None:
+    def retrain(*given_as: Any, **__: object) -> tuple[HeldOut, ...]:
         values = film if trained == "near" else further
         beside, _, _ = adding.add(
             given, tmp_path / "r" / "m.onnx", [[values]], None, chain, Options()
@@ -229,6 +229,7 @@ def test_a_network_trained_anew_is_kept_only_if_it_predicts_better(
         assert beside is not None
         beside.replace(given_as[4])
         beside.parent.rmdir()
+        return ()
 
     monkeypatch.setattr(add_narx, "retrain", retrain)
     # WHEN either may be taken

@@ -34,6 +34,7 @@ SEARCH_SHARE = 0.4  # of the budget goes into the choice of memory and size
 SHORT_SAMPLES, ROTATIONS = 5000, 4  # shorter recordings choose by several sets of held-out blocks
 MOST_MEMBERS = 3  # of a committee
 STARTS, STARTS_SHORT = 3, 8  # trainings from other random weights
+FURTHER_STARTS = 3  # at most, where none of them forgets how it began
 SAMPLES_PER_WEIGHT = 10  # fewer than this and the network overfits, whatever one does
 
 
@@ -88,7 +89,8 @@ def fit(
         inputs of the tick itself enter and a linear path is added; if only one is given the other
         is the paper's (5; 8, 8)
     validate : recordings that choose and stop and are not trained on; without, held-out blocks do
-    starts : trainings from other random weights, default 3, on short recordings 8
+    starts : trainings from other random weights, default 3, on short recordings 8; further ones
+        while none of them forgets how it began and there is time
     transforms : of inputs, see ``training.transforms``
     progress : called with start, horizon, epoch and best validation RMSE after every epoch
     tried : called after every structure that was tried
@@ -115,9 +117,12 @@ def fit(
     if starts is None:
         starts = STARTS_SHORT if len(data.role) < SHORT_SAMPLES else STARTS
     jobs = [(index, *shape) for shape in shapes for index in range(starts)]
-    trained = _train_all(data, jobs, seed, began + 60.0 * budget_minutes, threads, progress)
+    deadline_s = began + 60.0 * budget_minutes
+    trained = _train_all(data, jobs, seed, deadline_s, threads, progress)
     trained = (*trained, *committees(data, trained)) if tries else trained
-    best, gap = choose(data, trained, seed)
+    trained, best, gap = _until_one_forgets(
+        data, trained, shapes[0], starts, seed, deadline_s, progress
+    )
     if not np.isfinite(trained[best].score):
         raise UsageError(f"the budget of {budget_minutes:g} min ended before the first epoch")
     warnings += _training_warnings(trained, gap, data.must_forget)
@@ -148,6 +153,25 @@ def _train_all(
 
     with ThreadPoolExecutor(workers) as pool:
         return tuple(pool.map(one, range(len(jobs))))
+
+
+def _until_one_forgets(
+    data: Prepared, trained: tuple[Trained, ...], shape: tuple[Spec, float], starts: int, seed: int,
+    deadline_s: float, progress: Callable[[int, int, int, float], None] | None,
+) -> tuple[tuple[Trained, ...], int, Contraction]:  # fmt: skip
+    """Return the trainings with what further starts it took, and ``choose`` of them."""
+
+    def told(_: int, *reached: Any) -> None:
+        if progress:
+            progress(len(trained), *reached)
+
+    best, gap = choose(data, trained, seed)
+    for start in range(starts, starts + FURTHER_STARTS):
+        if not data.must_forget or gap.gap <= gap.limit or time.monotonic() > deadline_s:
+            break
+        trained += _train_all(data, [(start, *shape)], seed, deadline_s, 1, told)
+        best, gap = choose(data, trained, seed)
+    return trained, best, gap
 
 
 def write_model(

@@ -18,7 +18,7 @@ from monitor.errors import RecordingError
 from monitor.types import FloatArray, IntArray
 from training.closed_loop import ClosedLoop, Pieces
 from training.lm import Options, Outcome, minimise
-from training.narx import Spec, initial_weights, simulate
+from training.narx import Spec, initial_weights, layers, linear_path, simulate
 from training.prepare import Prepared, Role
 from training.stability import contraction
 
@@ -31,6 +31,7 @@ FORGET = 30  # samples after which a random history must no longer matter
 RANDOM_LENGTH = 80  # samples of a stretch that starts from a random history
 RANDOM_SHARE = 0.15  # of the training samples
 FORGET_SHARE, FORGET_EPOCHS = 1.0, 25  # of the last stage, if there must be one
+LESS_FEEDBACK = 0.8  # of the weights on the model's own output, as often as it takes
 CONTRACTION_SEED = 1  # other histories than those of the final check
 
 
@@ -204,12 +205,13 @@ def _learn_to_forget(
 ) -> None:
     """Tune ``best`` on many random histories, if two of them still matter after a window.
 
-    Weights that forget replace those that do not, weights that do not only if that helped.
+    If they matter after that, too, as they do where the loop is so unstable that no step helps, the
+    tuning begins again with less feedback. Weights that forget replace those that do not, weights
+    that do not only if that helped.
     """
 
     def penalised(weights: FloatArray) -> float:
-        found = contraction(data, spec, weights, CONTRACTION_SEED)
-        return free_run_score(data, spec, weights) * max(1.0, found.gap / found.limit)
+        return free_run_score(data, spec, weights) * max(1.0, _beyond(data, spec, weights))
 
     before = penalised(best.weights)
     if before <= best.score or time.monotonic() > deadline_s:
@@ -217,13 +219,34 @@ def _learn_to_forget(
     count = int(FORGET_SHARE * (data.role == Role.TRAIN).sum() / RANDOM_LENGTH)
     many = random_pieces(data, spec, rng, count, RANDOM_LENGTH, FORGET)
     objective = ClosedLoop(spec, data.samples, pieces(data, spec, 100) + many)
-    began = time.monotonic()
     options = Options(epochs=FORGET_EPOCHS, max_fail=8)
-    outcome = minimise(objective, best.weights, options, penalised, deadline_s)
-    best.stages.append(_stage("forget", outcome, began))
-    if outcome.score < before:
-        best.weights = outcome.weights
-        best.score = free_run_score(data, spec, outcome.weights)
+    for name in ("forget", "less feedback"):
+        began, begin = time.monotonic(), best.weights
+        if name == "less feedback":
+            begin = _with_less_feedback(data, spec, best.weights)
+        outcome = minimise(objective, begin, options, penalised, deadline_s)
+        best.stages.append(_stage(name, outcome, began))
+        if outcome.score < before:
+            best.weights, before = outcome.weights, outcome.score
+            best.score = free_run_score(data, spec, outcome.weights)
+        if before <= best.score or time.monotonic() > deadline_s:
+            return
+
+
+def _with_less_feedback(data: Prepared, spec: Spec, weights: FloatArray) -> FloatArray:
+    """Return weights that read their own output less, as far as two histories are forgotten."""
+    weights = weights.copy()
+    while _beyond(data, spec, weights) > 1.0:
+        layers(spec, weights)[0][0][:, -spec.lags :] *= LESS_FEEDBACK
+        if spec.linear_path:
+            linear_path(spec, weights)[-spec.lags :] *= LESS_FEEDBACK
+    return weights
+
+
+def _beyond(data: Prepared, spec: Spec, weights: FloatArray) -> float:
+    """Return how far predictions from two histories are apart, over the limit."""
+    found = contraction(data, spec, weights, CONTRACTION_SEED)
+    return found.gap / found.limit
 
 
 def _stage(name: str, outcome: Outcome, began_s: float) -> Stage:

@@ -34,8 +34,8 @@ from training.greybox_graph import Greybox
 
 NEW_MODEL: Final = "model.onnx"
 NO_USE: Final = (
-    "what was named is not added: with it the model predicts the recordings of the fit no better, "
-    "it follows the effect already"
+    "what was named is not added: with it the model predicts no better, it follows the effect "
+    "already"
 )
 VARIES: Final = (
     "what was named is not added: fitted to some of the recordings it predicts the others no "

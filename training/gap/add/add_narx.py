@@ -16,7 +16,7 @@ from monitor.model import Model
 from monitor.model_card import Channel, ModelCard, TrainingRecording
 from training.chain import Constants
 from training.export import Network
-from training.fit import measures, recordings_of
+from training.fit import HeldOut, held_out, measures, recordings_of
 from training.gap.add.add_narx_before import CORRECTED, FUEL, acts_before
 from training.gap.add.add_narx_chain import ChainDifference
 from training.gap.add.add_narx_network import (
@@ -64,11 +64,10 @@ def add(
     """
     network, card = network_of(model), Model.load(model).card
     _check(card, str(model))
-    older = _older(card)
-    difference = ChainDifference.of(card, [*older, *added], chain, ranges)
+    difference = ChainDifference.of(card, [*_older(card), *added], chain, ranges)
     inputs = tuple(dict.fromkeys((*card.input_names, *difference.inputs)))
     extended = NetworkWithEffects(form, network, difference, inputs)
-    entries = (*card.effects, *difference.effects_to_card(recordings)[len(older) :])
+    entries = _entries(card, difference, recordings)
     return save(out, extended, _card(card, extended, entries, ranges, recordings), drives)
 
 
@@ -92,16 +91,19 @@ def retrain(
     out: Path | str,
     *,
     ranges: Ranges,
+    healthy: Sequence[Recording] = (),
     budget_minutes: float = 5.0,
     seed: int = 0,
     progress: Progress = lambda _: None,
-) -> ModelCard:
-    """Train ``model`` again with what the effects change as an input; return the card of ``out``.
+) -> tuple[HeldOut, ...]:
+    """Train ``model`` again with what the effects change as an input; write it to ``out``.
 
     added, chain, ranges : see ``add``
-    recordings : to train on; blocks of them are held out to choose and to measure
+    recordings : to train on, with ``healthy``; blocks of both are held out to choose and to measure
+    healthy : without the new effects, so that these change nothing there
     budget_minutes : after which the best so far is kept
     progress : is told after every epoch how far it is
+    Returns the blocks held out of ``recordings`` and ``healthy``, in this order.
     Decision limits and reference stay those of the old model.
     Raises ModelError as ``add``, RecordingError or UsageError if the recordings cannot be used or
     the budget is too small.
@@ -109,9 +111,12 @@ def retrain(
     deadline_s = time.monotonic() + 60.0 * budget_minutes
     network, card = network_of(model), Model.load(model).card
     _check(card, str(model))
-    difference = ChainDifference.of(card, [*_older(card), *added], chain, ranges)
+    older = _older(card)
+    difference = ChainDifference.of(card, [*older, *added], chain, ranges)
+    before = ChainDifference.of(card, older, chain, ranges)
     data = prepare(
-        [with_difference(each, difference) for each in recordings],
+        [with_difference(each, difference) for each in recordings]
+        + [with_difference(each, before) for each in healthy],
         (*network.inputs, DIFFERENCE), card.output.name, card.transforms, lags=card.lags, seed=seed,
     )  # fmt: skip
     best, gap = train_again(data, card, network, seed, deadline_s, progress)
@@ -121,10 +126,11 @@ def retrain(
     inputs = tuple(dict.fromkeys((*network.inputs, *difference.inputs)))
     extended = NetworkWithEffects(AS_INPUT, trained, difference, inputs)
     used = recordings_of(data)
-    entries = _entries(card, difference, used)
+    entries = _entries(card, difference, used[: len(recordings)])
     card = _card(card, extended, entries, ranges, used)
     longest = max(recordings, key=lambda each: len(each.values))
-    return save(out, extended, _trained_card(card, data, best, gap), [from_recording(longest)])
+    save(out, extended, _trained_card(card, data, best, gap), [from_recording(longest)])
+    return held_out(data)
 
 
 def save(

@@ -15,6 +15,7 @@ from monitor.limits import Limits
 from monitor.model import Model
 from training.chain import Constants
 from training.export import update_card
+from training.fit import HeldOut
 from training.gap import base
 from training.gap.add import add_greybox, add_narx
 from training.gap.add.add_narx_network import BEFORE, TO_OUTPUT
@@ -39,6 +40,7 @@ FORMS: Final = {
     "output": "beside the network: its output plus the chain with the effect less that without",
     "input": "as one more input of the network, trained anew",
 }
+TRAINED_ANEW: Final = "input"
 AGAINST: Final = {"before": "before it", "output": "beside its output", "input": "trained anew"}
 WORSE: Final = 1.02  # of the RMSE, up to which a form counts as no worse
 
@@ -50,15 +52,15 @@ def add(
     """Write the new model that predicts best; return it, its form and its effects.
 
     choices : the effects, each time with other constants, the ones to prefer first
-    There is none if it predicts the recordings of the fit no better than the old one; one that was
-    trained anew, which knows them, is held against it on those held out. Decision limits are set on
-    the recordings of the fit, because those of the old model go with its errors; ``_set_limits``
-    and a network trained anew may keep the old ones.
+    There is none if it predicts no better than the old one: the recordings of the fit, or, where
+    either of the two models was trained on some of these, those held out. Decision limits are set
+    anew, because those of the old model go with its errors; ``_set_limits`` may keep them.
     Raises ParityError if no form computes the same in ONNX and numpy, ModelError as ``add_narx``.
     """
     card = base.check(given.model)
     out.parent.mkdir(parents=True, exist_ok=True)
-    recordings = [given.recordings[i] for i in split(given)[0]]
+    fitted_to, held_out = split(given)
+    recordings = [given.recordings[i] for i in fitted_to]
     drives = base.drives_of(given.model, recordings, given.healthy)
     ranges = _ranges(recordings, drives)
     if card.kind == base.GREYBOX:
@@ -68,22 +70,20 @@ def add(
             given.model, added, out, ranges=ranges, recordings=tuple(map(of_recording, recordings)),
             vehicle=vehicle, drives=drives,
         )  # fmt: skip
-        return _if_better(given.model, out, recordings, FORMS["greybox"], added)
-    chain = known.plain if known else start
-    with TemporaryDirectory(dir=out.parent) as folder:
-        best, says = _beside_network(
-            given.model, Path(folder), choices, chain, ranges, recordings, drives
-        )
-        if options.retrain_minutes > 0.0:
-            best, says = _or_trained_anew(
-                given, best, says, chain, ranges, options.retrain_minutes, progress
-            )
-        best.path.replace(out)
-    if best.form == "input":
-        # Trained on the recordings it errs less on them than on others: the old limits stay.
-        judges = split(given)[1] or recordings
-        return _if_better(given.model, out, judges, says, best.added, limits=False)
-    return _if_better(given.model, out, recordings, says, best.added)
+        form, says = base.GREYBOX, FORMS[base.GREYBOX]
+    else:
+        chain = known.plain if known else start
+        best, says = _in_network(given, out, choices, chain, ranges, drives, options, progress)
+        form, added = best.form, best.added
+    trained_on = {each.sha256 for each in card.recordings}
+    own = form == TRAINED_ANEW or any(each.sha256 in trained_on for each in recordings)
+    judges = held_out if own and held_out else recordings
+    if not _rmse(out, judges) < _rmse(given.model, judges):
+        out.unlink()
+        return None, "", ()
+    if form != TRAINED_ANEW:  # it has them already
+        _set_limits(out, recordings, whole(recordings))
+    return out, says, added
 
 
 def _ranges(recordings: Sequence[Recording], drives: Sequence[Drive]) -> Ranges:
@@ -107,6 +107,24 @@ class _Tried:
     added: tuple[Added, ...]
     path: Path
     rmse: float  # phi
+
+
+def _in_network(
+    given: Given, out: Path, choices: Sequence[Sequence[Added]], chain: Constants, ranges: Ranges,
+    drives: Sequence[Drive], options: Options, progress: Progress,
+) -> tuple[_Tried, str]:  # fmt: skip
+    """Write the best of all forms to ``out``; return it, in words."""
+    recordings = [given.recordings[i] for i in split(given)[0]]
+    with TemporaryDirectory(dir=out.parent) as folder:
+        best, says = _beside_network(
+            given.model, Path(folder), choices, chain, ranges, recordings, drives
+        )
+        if options.retrain_minutes > 0.0:
+            best, says = _or_trained_anew(
+                given, best, says, chain, ranges, options.retrain_minutes, progress
+            )
+        best.path.replace(out)
+    return best, says
 
 
 def _beside_network(
@@ -143,15 +161,16 @@ def _or_trained_anew(
     recordings = [given.recordings[i] for i in fitted_to]
     path = other.path.with_name("retrained.onnx")
     try:
-        add_narx.retrain(
+        blocks = add_narx.retrain(
             given.model, other.added, chain, recordings, path, ranges=ranges,
-            budget_minutes=budget_minutes, progress=progress,
+            healthy=given.healthy, budget_minutes=budget_minutes, progress=progress,
         )  # fmt: skip
     except (ModelError, RecordingError, UsageError) as error:
         return other, f"{says}; not trained anew: {error}"
+    _set_limits(path, [*recordings, *given.healthy], blocks)
     judges = held_out or recordings
     pair = [replace(other, rmse=_rmse(other.path, judges)),
-            _Tried("input", other.added, path, _rmse(path, judges))]  # fmt: skip
+            _Tried(TRAINED_ANEW, other.added, path, _rmse(path, judges))]  # fmt: skip
     return _best(pair)
 
 
@@ -167,27 +186,17 @@ def _best(tried: Sequence[_Tried]) -> tuple[_Tried, str]:
     return best, f"{FORMS[best.form]} ({against})"
 
 
-def _if_better(
-    old: Path, new: Path, recordings: Sequence[Recording], form: str, added: tuple[Added, ...],
-    *, limits: bool = True,
-) -> tuple[Path | None, str, tuple[Added, ...]]:  # fmt: skip
-    if not _rmse(new, recordings) < _rmse(old, recordings):
-        new.unlink()
-        return None, "", ()
-    if limits and Model.load(old).card.limits:
-        _set_limits(new, recordings)
-    return new, form, added
+def _set_limits(new: Path, recordings: Sequence[Recording], held_out: Sequence[HeldOut]) -> None:
+    """Set the limits of the new model on what is held out, unless those it has let it see more.
 
-
-def _set_limits(new: Path, recordings: Sequence[Recording]) -> None:
-    """Set the limits of the new model on recordings, unless those that it has let it see more.
-
-    A window may be judged from some movement on; the old limits stay where they want less of it
-    and no code stands on the recordings with them.
+    A model without limits keeps none. A window may be judged from some movement on; the old limits
+    stay where they want less of it and no code stands on the recordings with them.
     """
     settings, model = config.load(), Model.load(new)
+    if not model.card.limits:
+        return
     try:
-        card, _ = with_limits(model, recordings, whole(recordings), settings, ACCEPTED)
+        card, _ = with_limits(model, recordings, held_out, settings, ACCEPTED)
     except RecordingError:  # too few windows
         return
     found, old = (Limits.from_card(each, settings, str(new)) for each in (card, model.card))
