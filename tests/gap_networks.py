@@ -1,5 +1,6 @@
 """A small network of a simulated vehicle, and drives of it with the plant's own effects."""
 
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 
@@ -61,11 +62,21 @@ def drive(
 
 def small_network(folder: Path) -> FitResult:
     """Return a network of the healthy vehicle, with boxes and a linear path."""
-    healthy = [drive(cycle, 2_020_110 + i) for i, cycle in enumerate(CYCLES)]
+    return trained_on(healthy_drives(), folder)
+
+
+def trained_on(recordings: Sequence[Recording], folder: Path) -> FitResult:
+    """Return a network of recordings."""
     return fit(
-        healthy, NARX_INPUTS, OUTPUT, folder / "base.onnx", lags=5, hidden=(5,), starts=1,
+        recordings, NARX_INPUTS, OUTPUT, folder / "base.onnx", lags=5, hidden=(5,), starts=1,
         threads=1, budget_minutes=0.5, seed=2,
     )  # fmt: skip
+
+
+@cache
+def healthy_drives() -> tuple[Recording, ...]:
+    """Return drives with nothing hidden."""
+    return tuple(drive(cycle, 2_020_110 + i) for i, cycle in enumerate(CYCLES))
 
 
 @cache

@@ -13,7 +13,11 @@ from training.cli import main
 from training.evaluate import evaluate, predict
 from training.fit import FitResult, fit
 from training.fit_report import write_report
+from training.narx import Spec, layers
+from training.prepare import Prepared
 from training.recordings import Recording
+from training.stability import Contraction, contraction
+from training.stages import train
 from training.transforms import fuel_air_ratio
 
 NAMES = ("air_mass_mg", "fuel_mass_mg", "lambda_measured", "fuel_cut")
@@ -81,6 +85,40 @@ def test_the_best_stage_is_the_one_with_the_best_free_run(fitted: FitResult) -> 
     best = fitted.starts[fitted.best]
     assert best.score == min(min(stage.scores) for stage in best.stages)
     assert [s.name for s in best.stages] == [f"horizon {h}" for h in (1, 5, 20, 100, 1000)]
+
+
+def test_a_loop_so_unstable_that_no_step_helps_forgets_in_the_end(fitted: FitResult) -> None:
+    # GIVEN weights whose prediction hangs on its own past ten times as much
+    best = fitted.starts[fitted.best]
+    spec, weights = best.spec, best.weights.copy()
+    layers(spec, weights)[0][0][:, -spec.lags :] *= 10.0
+    layers(spec, weights)[1][0][:] *= 3.0
+    assert contraction(fitted.data, spec, weights, 0).gap > 1.0
+    # WHEN they are trained over a horizon at which their errors explode
+    trained = train(fitted.data, spec, 1, weights=weights, horizons=(1000,))
+    # THEN taking the feedback back ends in a model that forgets and predicts nearly as well
+    assert [stage.name for stage in trained.stages][1:] == ["forget", "less feedback"]
+    assert contraction(fitted.data, spec, trained.weights, 0).gap < 0.01
+    assert trained.score < 1.3 * best.score
+
+
+def test_further_starts_are_trained_while_none_forgets(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # GIVEN histories that count as remembered until the third training
+    def remembered(data: Prepared, spec: Spec, weights: FloatArray, seed: int) -> Contraction:
+        asked.append(seed)
+        return Contraction(1.0 if len(asked) < 6 else 0.0, 0.01, 1)
+
+    asked: list[int] = []
+    monkeypatch.setattr("training.fit.contraction", remembered)
+    # WHEN one start is asked for THEN there are three, and the one that forgets is taken
+    found = fit(
+        [plant(1)], NAMES[:2], NAMES[2], tmp_path / "m.onnx", lags=2, hidden=(3,), starts=1,
+        budget_minutes=1.0,
+    )  # fmt: skip
+    assert len(found.starts) == 3
+    assert found.best == 2
 
 
 def test_the_same_seed_gives_the_same_weights(tmp_path: Path) -> None:

@@ -17,9 +17,11 @@ from tests.gap_networks import (
     drive,
     fitted,
     gap_drives,
+    healthy_drives,
     ranges,
     rmse,
     small_network,
+    trained_on,
 )  # fmt: skip
 from training.fit import FitResult, HeldOut
 from training.gap.add import add_narx, adding
@@ -33,6 +35,7 @@ from training.gap.effects import ALL
 from training.gap.given import Given, Options
 from training.gap.predicted import predicted_phi
 from training.parity import Parity
+from training.recordings import Recording
 
 RAIL = ("rail_exponent", 16.0)
 NOTHING = Added.with_values("injector_offset", [0.0])
@@ -244,6 +247,48 @@ def test_a_network_trained_anew_is_kept_only_if_it_predicts_better(
     _, form, _ = adding.add(given, target, [[far]], None, chain, options)
     assert form.startswith("beside the network")
     assert form.endswith("; not trained anew: they differ")
+
+
+def test_a_network_that_follows_the_film_is_trained_anew_with_healthy_drives(
+    tmp_path: Path,
+) -> None:
+    # GIVEN a network trained on drives with the film, to which no film can be added any more
+    chain, film = fitted()
+    follows = trained_on(gap_drives()[:2], tmp_path)
+    given = Given(follows.path, gap_drives()[:2], healthy_drives(), verify=gap_drives()[2:])
+    out = tmp_path / "m.onnx"
+    assert adding.add(given, out, [[film]], None, chain, Options()) == (None, "", ())
+    # WHEN it may be trained anew, on healthy drives too, on which the film changes nothing
+    new, form, _ = adding.add(given, out, [[film]], None, chain, Options(retrain_minutes=1.0))
+    # THEN it predicts far better what no fit saw
+    assert new == out
+    assert form.startswith("as one more input of the network, trained anew")
+    fresh = drive("udds", 2_020_130, FILM)
+    before, after = (
+        rmse(predicted_phi(path, [fresh])[0], from_recording(fresh)) for path in (follows.path, out)
+    )
+    assert after < 0.5 * before
+
+
+@pytest.mark.parametrize("knows", [False, True])
+def test_the_old_model_is_judged_on_recordings_that_it_does_not_know(
+    base: FitResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, knows: bool
+) -> None:
+    # GIVEN constants from recordings on which the old network was trained, or not
+    chain, film = fitted()
+    fitted_to = (healthy_drives() if knows else gap_drives())[:2]
+    given, held_out = Given(base.path, fitted_to, verify=gap_drives()[2:]), gap_drives()[2:]
+    judged = list[tuple[str, tuple[Recording, ...]]]()
+
+    def error(model: Path, recordings: Sequence[Recording]) -> float:
+        judged.append((model.name, tuple(recordings)))
+        return float(len(judged))
+
+    monkeypatch.setattr(adding, "_rmse", error)
+    # WHEN old and new model are held against each other THEN it is on those that it does not know
+    adding.add(given, tmp_path / "m.onnx", [[film]], None, chain, Options())
+    on = held_out if knows else fitted_to
+    assert judged[-2:] == [("m.onnx", tuple(on)), ("base.onnx", tuple(on))]
 
 
 def _differ(*_: object, **__: object) -> Parity:
