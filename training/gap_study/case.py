@@ -41,7 +41,7 @@ from training.recordings import Recording
 
 Row = dict[str, Any]
 # A network that was trained on the effect has to be trained anew; the command takes three minutes.
-RETRAIN_MINUTES: Final = 0.6
+RETRAIN_MINUTES: Final = 0.5
 RANKED: Final = 5  # candidates of the last step that a row keeps
 # The workflow adds what may be a fault only if told to, and is told so in every case.
 ADD: Final = tuple(effect.name for effect in ALL if effect.tag == "fault-like")

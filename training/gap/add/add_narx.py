@@ -103,7 +103,8 @@ def retrain(
     healthy : without the new effects, so that these change nothing there
     budget_minutes : after which the best so far is kept
     progress : is told after every epoch how far it is
-    Returns the blocks held out of ``recordings`` and ``healthy``, in this order.
+    Returns the blocks held out of ``recordings``; on ``healthy`` the new model is wrong, which
+    takes the effects to be there.
     Decision limits and reference stay those of the old model.
     Raises ModelError as ``add``, RecordingError or UsageError if the recordings cannot be used or
     the budget is too small.
@@ -130,7 +131,7 @@ def retrain(
     card = _card(card, extended, entries, ranges, used)
     longest = max(recordings, key=lambda each: len(each.values))
     save(out, extended, _trained_card(card, data, best, gap), [from_recording(longest)])
-    return held_out(data)
+    return tuple(each for each in held_out(data) if each.recording < len(recordings))
 
 
 def save(

@@ -167,7 +167,7 @@ def _or_trained_anew(
         )  # fmt: skip
     except (ModelError, RecordingError, UsageError) as error:
         return other, f"{says}; not trained anew: {error}"
-    _set_limits(path, [*recordings, *given.healthy], blocks)
+    _set_limits(path, recordings, blocks)
     judges = held_out or recordings
     pair = [replace(other, rmse=_rmse(other.path, judges)),
             _Tried(TRAINED_ANEW, other.added, path, _rmse(path, judges))]  # fmt: skip
