@@ -34,7 +34,8 @@ def add_parsers(commands: "argparse._SubParsersAction[Any]") -> None:
     study.add_argument("--drives", type=int, default=6, metavar="N", help="recordings of a case")
     study.add_argument("--minutes", type=float, default=10.0, help="of a recording")
     study.add_argument("--fitted-with-effect", action="store_true",
-                       help="fit the base to the case's own recordings not held out")  # fmt: skip
+                       help="fit the base to the case's own recordings not held out; a "
+                       "network may be trained anew then")  # fmt: skip
     study.add_argument("--sensor-known-good", action="store_true",
                        help="tell the workflow so; leaves onset and fault out")  # fmt: skip
     add_cores_options(study)

@@ -7,10 +7,11 @@ from importlib import metadata
 from typing import Any, Final
 
 import monitor
+from training.gap.base import GREYBOX
 from training.gap_study import tables
 from training.gap_study.answers import CLASSES, done, large
 from training.gap_study.assess import Target, assess
-from training.gap_study.case import ADD, Row
+from training.gap_study.case import ADD, RETRAIN_MINUTES, Row
 from training.gap_study.plan import HEALTHY_DRIVES, Study
 from training.matrix.figures import confusion_figure
 from training.page import page, paragraph, picture, table
@@ -142,7 +143,13 @@ def _head(rows: Sequence[Row], study: Study, identity: dict[str, Any]) -> str:
                     else "the healthy ones"
                 )
                 + f"; {HEALTHY_DRIVES} healthy recordings of the vehicle, with other seeds, are "
-                "given." + (" The sensor is declared good." if study.sensor_known_good else "")
+                "given."
+                + (" The sensor is declared good." if study.sensor_known_good else "")
+                + (
+                    f" The network may be trained anew for {60.0 * RETRAIN_MINUTES:g} s."
+                    if study.fitted_with_effect and study.base != GREYBOX
+                    else ""
+                )
             ),
             paragraph(
                 "The gap of a case is how far what is hidden moves the error of the base that was "
