@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -105,20 +106,26 @@ def test_a_loop_so_unstable_that_no_step_helps_forgets_in_the_end(fitted: FitRes
 def test_further_starts_are_trained_while_none_forgets(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    small: Any = {"lags": 2, "hidden": (3,), "starts": 1, "budget_minutes": 1.0}
+
     # GIVEN histories that count as remembered until the third training
     def remembered(data: Prepared, spec: Spec, weights: FloatArray, seed: int) -> Contraction:
-        asked.append(seed)
-        return Contraction(1.0 if len(asked) < 6 else 0.0, 0.01, 1)
+        number = next((i for i, known in enumerate(seen) if known is weights), len(seen))
+        if number == len(seen):
+            seen.append(weights)
+        return Contraction(1.0 if number < forgets_at else 0.0, 0.01, 1)
 
-    asked: list[int] = []
     monkeypatch.setattr("training.fit.contraction", remembered)
     # WHEN one start is asked for THEN there are three, and the one that forgets is taken
-    found = fit(
-        [plant(1)], NAMES[:2], NAMES[2], tmp_path / "m.onnx", lags=2, hidden=(3,), starts=1,
-        budget_minutes=1.0,
-    )  # fmt: skip
+    forgets_at, seen = 2, list[FloatArray]()
+    found = fit([plant(1)], NAMES[:2], NAMES[2], tmp_path / "m.onnx", **small)
     assert len(found.starts) == 3
     assert found.best == 2
+    # AND if none forgets there are three more, each of which may be the best
+    forgets_at, seen = 99, []
+    found = fit([plant(1)], NAMES[:2], NAMES[2], tmp_path / "m.onnx", **small)
+    assert len(found.starts) == 4
+    assert any("differ by up to 1 after 50 samples" in each for each in found.warnings)
 
 
 def test_the_same_seed_gives_the_same_weights(tmp_path: Path) -> None:

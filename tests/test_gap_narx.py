@@ -1,5 +1,6 @@
 """Added effects in the network's graph, on simulated drives of which one has a hidden effect."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -279,6 +280,34 @@ def test_a_further_effect_is_added_to_a_model_that_has_one(
     (one,), (other,) = predicted_phi(twice, recordings), predicted_phi(at_once, recordings)
     assert np.array_equal(one, other)
     assert not np.array_equal(one, predicted_phi(extended, recordings)[0])
+
+
+def test_new_effects_change_nothing_on_healthy_drives_and_older_ones_what_they_did(
+    base: FitResult, extended: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # GIVEN what a training anew is given, of a model without effects and of one with a film
+    def given(columns: Sequence[Recording], *_: object, **__: object) -> Prepared:
+        taken[:] = [each.column(DIFFERENCE) for each in columns]
+        raise RecordingError("enough")
+
+    taken: list[FloatArray] = []
+    monkeypatch.setattr("training.gap.add.add_narx.prepare", given)
+    chain, film = fitted()
+    healthy, driven = healthy_drives()[0], gap_drives()[0]
+    seen = ranges(healthy, driven)
+    for model in (base.path, extended):
+        with pytest.raises(RecordingError, match="enough"):
+            retrain(model, [film], chain, [driven], tmp_path / "m.onnx", ranges=seen,
+                    healthy=[healthy])  # fmt: skip
+        new, known = taken
+        older = Model.load(model).card.effects
+        difference = ChainDifference.of(
+            base.card, [Added.from_card(each) for each in older], chain, seen
+        )
+        # THEN on the healthy drive it is the older effects alone, or nothing
+        np.testing.assert_array_equal(known, with_difference(healthy, difference).values[:, -1])
+        assert bool(older) == bool(np.nanmax(np.abs(known)) > 0.01)
+        assert np.nanmax(np.abs(new)) > 0.01
 
 
 @pytest.mark.parametrize("members", [1, 2])

@@ -39,9 +39,10 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
                      help="of a healthy vehicle on which the model disagrees")  # fmt: skip
     gap.add_argument("--model", type=Path, required=True, metavar="MODEL.onnx")
     gap.add_argument("--healthy", nargs="+", type=Path, default=[], metavar="RECORDING",
-                     help="of the same vehicle, on which the model was accepted: without them the "
-                     "reference that fit left in the model serves; if it has none, a weakness of "
-                     "the model itself cannot be told from an effect")  # fmt: skip
+                     help="of the same vehicle without the gap, as a rule those on which the "
+                     "model was accepted: without them the reference that fit left in the model "
+                     "serves; if it has none, a weakness of the model itself cannot be told from "
+                     "an effect")  # fmt: skip
     gap.add_argument("--verify", nargs="+", type=Path, default=[], metavar="RECORDING",
                      help="on which the new model is verified and which no fit sees; they also "
                      "say whether a network trained anew is better (default: every third "
@@ -57,8 +58,9 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
                      help="effects that may be faults and are known to be none, such as "
                      "exhaust_leak")  # fmt: skip
     gap.add_argument("--retrain", type=float, default=3.0, metavar="MIN",
-                     help="minutes to train a network anew with the effect as an input, too; the "
-                     "better of both ways is kept (default 3, 0 is none)")  # fmt: skip
+                     help="minutes to train a network anew with the effect as an input, on the "
+                     "healthy recordings, too; the better of both ways is kept (default 3, 0 is "
+                     "none)")  # fmt: skip
     add_period_option(gap)
     add_bus_options(gap)
     gap.set_defaults(func=run)

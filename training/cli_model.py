@@ -77,8 +77,10 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         "--ratio", action="store_true", help="give the network fuel over air, not fuel mass"
     )
     fit.add_argument(
-        "--starts", type=int, metavar="N", help="trainings (default 3, on short recordings 8)"
-    )
+        "--starts", type=int, metavar="N",
+        help="trainings (default 3, on short recordings 8); up to three more while none forgets "
+        "how it began",
+    )  # fmt: skip
     fit.add_argument(
         "--budget", type=float, default=10.0, metavar="MIN",
         help="minutes after which the best so far is kept (default 10)",

@@ -89,8 +89,8 @@ def fit(
         inputs of the tick itself enter and a linear path is added; if only one is given the other
         is the paper's (5; 8, 8)
     validate : recordings that choose and stop and are not trained on; without, held-out blocks do
-    starts : trainings from other random weights, default 3, on short recordings 8; further ones
-        while none of them forgets how it began and there is time
+    starts : trainings from other random weights, default 3, on short recordings 8; up to
+        three more while none of them forgets how it began and there is time
     transforms : of inputs, see ``training.transforms``
     progress : called with start, horizon, epoch and best validation RMSE after every epoch
     tried : called after every structure that was tried
@@ -159,15 +159,19 @@ def _until_one_forgets(
     data: Prepared, trained: tuple[Trained, ...], shape: tuple[Spec, float], starts: int, seed: int,
     deadline_s: float, progress: Callable[[int, int, int, float], None] | None,
 ) -> tuple[tuple[Trained, ...], int, Contraction]:  # fmt: skip
-    """Return the trainings with what further starts it took, and ``choose`` of them."""
+    """Return the trainings with what further starts it took, and ``choose`` of them.
+
+    A start is begun only if there is as much time left as the first one took.
+    """
 
     def told(_: int, *reached: Any) -> None:
         if progress:
             progress(len(trained), *reached)
 
+    latest_s = deadline_s - sum(stage.seconds for stage in trained[0].stages)
     best, gap = choose(data, trained, seed)
     for start in range(starts, starts + FURTHER_STARTS):
-        if not data.must_forget or gap.gap <= gap.limit or time.monotonic() > deadline_s:
+        if not data.must_forget or gap.gap <= gap.limit or time.monotonic() > latest_s:
             break
         trained += _train_all(data, [(start, *shape)], seed, deadline_s, 1, told)
         best, gap = choose(data, trained, seed)

@@ -30,8 +30,9 @@ FORGET_FROM = 20  # horizon from which random histories take part
 FORGET = 30  # samples after which a random history must no longer matter
 RANDOM_LENGTH = 80  # samples of a stretch that starts from a random history
 RANDOM_SHARE = 0.15  # of the training samples
-FORGET_SHARE, FORGET_EPOCHS = 1.0, 25  # of the last stage, if there must be one
+FORGET_SHARE, FORGET_EPOCHS = 1.0, 25  # of the stages after the horizons, if there must be any
 LESS_FEEDBACK = 0.8  # of the weights on the model's own output, as often as it takes
+SAFELY = 0.5  # of the limit: the final check draws other histories
 CONTRACTION_SEED = 1  # other histories than those of the final check
 
 
@@ -39,7 +40,7 @@ CONTRACTION_SEED = 1  # other histories than those of the final check
 class Stage:
     """What one stage of the training did."""
 
-    name: str  # "horizon 1" is series-parallel; "forget" tunes on random histories
+    name: str  # "horizon 1" is series-parallel; "forget", "less feedback": on random histories
     costs: tuple[float, ...]  # training cost after every epoch, scaled units
     scores: tuple[float, ...]  # free-run validation after every epoch, scaled units
     stop: str
@@ -205,13 +206,23 @@ def _learn_to_forget(
 ) -> None:
     """Tune ``best`` on many random histories, if two of them still matter after a window.
 
-    If they matter after that, too, as they do where the loop is so unstable that no step helps, the
-    tuning begins again with less feedback. Weights that forget replace those that do not, weights
-    that do not only if that helped.
+    If they matter after that, too, as they do where the loop is so unstable that no step helps, it
+    begins again with less feedback and takes only steps to weights that forget. Weights that forget
+    replace those that do not, weights that do not only if that helped.
     """
 
     def penalised(weights: FloatArray) -> float:
         return free_run_score(data, spec, weights) * max(1.0, _beyond(data, spec, weights))
+
+    def if_it_forgets(weights: FloatArray) -> float:
+        forgets = _beyond(data, spec, weights) <= SAFELY
+        return free_run_score(data, spec, weights) if forgets else np.inf
+
+    def tune(name: str, weights: FloatArray, score: Callable[[FloatArray], float]) -> Outcome:
+        began = time.monotonic()
+        outcome = minimise(objective, weights, options, score, deadline_s)
+        best.stages.append(_stage(name, outcome, began))
+        return outcome
 
     before = penalised(best.weights)
     if before <= best.score or time.monotonic() > deadline_s:
@@ -220,23 +231,20 @@ def _learn_to_forget(
     many = random_pieces(data, spec, rng, count, RANDOM_LENGTH, FORGET)
     objective = ClosedLoop(spec, data.samples, pieces(data, spec, 100) + many)
     options = Options(epochs=FORGET_EPOCHS, max_fail=8)
-    for name in ("forget", "less feedback"):
-        began, begin = time.monotonic(), best.weights
-        if name == "less feedback":
-            begin = _with_less_feedback(data, spec, best.weights)
-        outcome = minimise(objective, begin, options, penalised, deadline_s)
-        best.stages.append(_stage(name, outcome, began))
-        if outcome.score < before:
-            best.weights, before = outcome.weights, outcome.score
-            best.score = free_run_score(data, spec, outcome.weights)
-        if before <= best.score or time.monotonic() > deadline_s:
-            return
+    outcome = tune("forget", best.weights, penalised)
+    if outcome.score < before:
+        best.weights = outcome.weights
+        best.score = free_run_score(data, spec, outcome.weights)
+    if _beyond(data, spec, best.weights) > 1.0 and time.monotonic() < deadline_s:
+        weaker = _with_less_feedback(data, spec, best.weights)
+        outcome = tune("less feedback", weaker, if_it_forgets)
+        best.weights, best.score = outcome.weights, outcome.score
 
 
 def _with_less_feedback(data: Prepared, spec: Spec, weights: FloatArray) -> FloatArray:
     """Return weights that read their own output less, as far as two histories are forgotten."""
     weights = weights.copy()
-    while _beyond(data, spec, weights) > 1.0:
+    while _beyond(data, spec, weights) > SAFELY:
         layers(spec, weights)[0][0][:, -spec.lags :] *= LESS_FEEDBACK
         if spec.linear_path:
             linear_path(spec, weights)[-spec.lags :] *= LESS_FEEDBACK

@@ -11,9 +11,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from monitor.errors import ModelError
 from monitor.model import Model
 from monitor.model_card import Channel, ModelCard, TrainingRecording
+from monitor.types import BoolArray
 from training.chain import Constants
 from training.export import Network
 from training.fit import HeldOut, held_out, measures, recordings_of
@@ -130,7 +133,11 @@ def retrain(
     entries = _entries(card, difference, used[: len(recordings)])
     card = _card(card, extended, entries, ranges, used)
     longest = max(recordings, key=lambda each: len(each.values))
-    save(out, extended, _trained_card(card, data, best, gap), [from_recording(longest)])
+    own = np.zeros(len(data.role), dtype=bool)
+    for segment in data.segments:
+        own[segment.start : segment.stop] = segment.recording < len(recordings)
+    card = _trained_card(card, data, own, best, gap)
+    save(out, extended, card, [from_recording(longest)])
     return tuple(each for each in held_out(data) if each.recording < len(recordings))
 
 
@@ -210,10 +217,15 @@ def channels(
     )
 
 
-def _trained_card(card: ModelCard, data: Prepared, best: Trained, gap: Contraction) -> ModelCard:
-    """Return the card with shape and measures of the new training."""
+def _trained_card(
+    card: ModelCard, data: Prepared, own: BoolArray, best: Trained, gap: Contraction
+) -> ModelCard:
+    """Return the card with shape and measures of the new training.
+
+    own : (n,) samples of drives with the effects, on which the model is measured
+    """
     predicted = data.scaling.unscale_y(free_run(data, best.spec, best.weights))
-    test = data.role == Role.TEST
+    test = own & (data.role == Role.TEST)
     everything, enabled = (measures(data, predicted, rows) for rows in (test, test & data.enabled))
     contraction = {"gap": gap.gap, "samples": CONTRACTION_SAMPLES, "pairs": gap.pairs,
                    "limit": gap.limit}  # fmt: skip

@@ -31,16 +31,20 @@ RANDOM_STARTS = 2
 def with_difference(recording: Recording, difference: ChainDifference) -> Recording:
     """Return the recording with the difference as its last column, NaN where an input is not good.
 
-    Raises RecordingError if it lacks a signal.
+    Without effects it is zero, whatever the inputs. Raises RecordingError if it lacks a signal.
     """
-    columns = {name: recording.column(name) for name in difference.inputs}
-    good = np.all([np.isfinite(each) for each in columns.values()], axis=0)
-    values = difference.values({name: hold(each) for name, each in columns.items()})
+    n = len(recording.values)
+    values = np.zeros(n)
+    if difference.entries:
+        columns = {name: recording.column(name) for name in difference.inputs}
+        good = np.all([np.isfinite(each) for each in columns.values()], axis=0)
+        values = difference.values({name: hold(each) for name, each in columns.items()})
+        values = np.where(good, values, np.nan)
     return replace(
         recording,
         names=(*recording.names, DIFFERENCE),
-        values=np.column_stack([recording.values, np.where(good, values, np.nan)]),
-        quality=np.column_stack([recording.quality, np.zeros(len(values), np.uint8)]),
+        values=np.column_stack([recording.values, values]),
+        quality=np.column_stack([recording.quality, np.zeros(n, np.uint8)]),
     )
 
 

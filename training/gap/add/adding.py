@@ -13,6 +13,7 @@ from monitor import config
 from monitor.errors import ModelError, RecordingError, UsageError
 from monitor.limits import Limits
 from monitor.model import Model
+from monitor.model_card import ModelCard
 from training.chain import Constants
 from training.export import update_card
 from training.fit import HeldOut
@@ -42,6 +43,7 @@ FORMS: Final = {
 }
 TRAINED_ANEW: Final = "input"
 AGAINST: Final = {"before": "before it", "output": "beside its output", "input": "trained anew"}
+HELD_OUT_BLOCKS: Final = "blocks of the recordings of the fit held out of the training anew"
 WORSE: Final = 1.02  # of the RMSE, up to which a form counts as no worse
 
 
@@ -53,37 +55,63 @@ def add(
 
     choices : the effects, each time with other constants, the ones to prefer first
     There is none if it predicts no better than the old one: the recordings of the fit, or, where
-    either of the two models was trained on some of these, those held out. Decision limits are set
-    anew, because those of the old model go with its errors; ``_set_limits`` may keep them.
+    either of the two was trained on some of these, those held out. Decision limits are set anew,
+    because those of the old model go with its errors; ``_set_limits`` may keep them.
     Raises ParityError if no form computes the same in ONNX and numpy, ModelError as ``add_narx``.
     """
     card = base.check(given.model)
     out.parent.mkdir(parents=True, exist_ok=True)
-    fitted_to, held_out = split(given)
-    recordings = [given.recordings[i] for i in fitted_to]
-    drives = base.drives_of(given.model, recordings, given.healthy)
-    ranges = _ranges(recordings, drives)
+    use = _Use.of(given, card)
+    drives = base.drives_of(given.model, use.fit, given.healthy)
+    ranges = _ranges(use.fit, drives)
     if card.kind == base.GREYBOX:
         (added,) = map(tuple, choices)
         vehicle = add_greybox.Vehicle.of(known, Greybox.of(card), drives) if known else None
         add_greybox.add(
-            given.model, added, out, ranges=ranges, recordings=tuple(map(of_recording, recordings)),
+            given.model, added, out, ranges=ranges, recordings=tuple(map(of_recording, use.fit)),
             vehicle=vehicle, drives=drives,
         )  # fmt: skip
-        form, says = base.GREYBOX, FORMS[base.GREYBOX]
+        best = _Tried(base.GREYBOX, added, out, _rmse(out, use.judges), whole(use.fit))
+        says = FORMS[base.GREYBOX]
     else:
         chain = known.plain if known else start
-        best, says = _in_network(given, out, choices, chain, ranges, drives, options, progress)
-        form, added = best.form, best.added
-    trained_on = {each.sha256 for each in card.recordings}
-    own = form == TRAINED_ANEW or any(each.sha256 in trained_on for each in recordings)
-    judges = held_out if own and held_out else recordings
-    if not _rmse(out, judges) < _rmse(given.model, judges):
+        with TemporaryDirectory(dir=out.parent) as folder:
+            beside = _beside_network(given.model, Path(folder), choices, chain, ranges, use, drives)
+            best, says = _best(beside)
+            if options.retrain_minutes > 0.0:
+                best, says = _or_trained_anew(
+                    given, best, says, chain, ranges, use, options.retrain_minutes, progress
+                )
+            best.path.replace(out)
+    judges = use.unseen if best.form == TRAINED_ANEW else use.judges
+    if not best.rmse < _rmse(given.model, judges):
         out.unlink()
         return None, "", ()
-    if form != TRAINED_ANEW:  # it has them already
-        _set_limits(out, recordings, whole(recordings))
-    return out, says, added
+    origin = HELD_OUT_BLOCKS if best.form == TRAINED_ANEW else ACCEPTED
+    _set_limits(out, use.fit, best.blocks, origin)
+    return out, says, best.added
+
+
+@dataclass(frozen=True, slots=True)
+class _Use:
+    """What recordings serve for."""
+
+    fit: list[Recording]  # constants and networks are fitted to them
+    unseen: list[Recording]  # no fit saw them, if there are such, not even the old model's
+    known: bool  # the old model was trained on some of ``fit``
+
+    @classmethod
+    def of(cls, given: Given, card: ModelCard) -> "_Use":
+        fitted_to, held_out = split(given)
+        trained_on = {each.sha256 for each in card.recordings}
+        fit = [given.recordings[i] for i in fitted_to]
+        unseen = [each for each in held_out if each.sha256 not in trained_on]
+        return cls(fit, unseen or held_out, any(each.sha256 in trained_on for each in fit))
+
+    @property
+    def judges(self) -> list[Recording]:
+        """Return the recordings on which the old model is held against one not trained anew."""
+        return self.unseen if self.known and self.unseen else self.fit
 
 
 def _ranges(recordings: Sequence[Recording], drives: Sequence[Drive]) -> Ranges:
@@ -107,71 +135,54 @@ class _Tried:
     added: tuple[Added, ...]
     path: Path
     rmse: float  # phi
-
-
-def _in_network(
-    given: Given, out: Path, choices: Sequence[Sequence[Added]], chain: Constants, ranges: Ranges,
-    drives: Sequence[Drive], options: Options, progress: Progress,
-) -> tuple[_Tried, str]:  # fmt: skip
-    """Write the best of all forms to ``out``; return it, in words."""
-    recordings = [given.recordings[i] for i in split(given)[0]]
-    with TemporaryDirectory(dir=out.parent) as folder:
-        best, says = _beside_network(
-            given.model, Path(folder), choices, chain, ranges, recordings, drives
-        )
-        if options.retrain_minutes > 0.0:
-            best, says = _or_trained_anew(
-                given, best, says, chain, ranges, options.retrain_minutes, progress
-            )
-        best.path.replace(out)
-    return best, says
+    blocks: Sequence[HeldOut]  # of the recordings of the fit, to set its limits on
 
 
 def _beside_network(
     model: Path, folder: Path, choices: Sequence[Sequence[Added]], chain: Constants, ranges: Ranges,
-    recordings: Sequence[Recording], drives: Sequence[Drive],
-) -> tuple[_Tried, str]:  # fmt: skip
-    """Write the network with effects before it and at its output; return the best, in words."""
+    use: _Use, drives: Sequence[Drive],
+) -> list[_Tried]:  # fmt: skip
+    """Write the network with effects before it and at its output, with each of the constants."""
     forms = {"output": TO_OUTPUT}
     if add_narx.can_stand_before(model, choices[0], chain, drives[0]):
         forms = {"before": BEFORE, **forms}
+    # On drives that it knows a network errs less than on others: the old limits stay.
+    blocks = [] if use.known else whole(use.fit)
     tried, wrong = list[_Tried](), None
     for (name, form), (i, added) in product(forms.items(), enumerate(choices)):
         path = folder / f"{name}{i}.onnx"
         try:
             add_narx.add(
                 model, added, chain, path, ranges=ranges,
-                recordings=tuple(map(of_recording, recordings)), drives=drives, form=form,
+                recordings=tuple(map(of_recording, use.fit)), drives=drives, form=form,
             )  # fmt: skip
-            tried.append(_Tried(name, tuple(added), path, _rmse(path, recordings)))
+            tried.append(_Tried(name, tuple(added), path, _rmse(path, use.judges), blocks))
         except ParityError as error:
             wrong = error
     if not tried:
         assert wrong is not None
         raise wrong
-    return _best(tried)
+    return tried
 
 
 def _or_trained_anew(
-    given: Given, other: _Tried, says: str, chain: Constants, ranges: Ranges,
+    given: Given, other: _Tried, says: str, chain: Constants, ranges: Ranges, use: _Use,
     budget_minutes: float, progress: Progress,
 ) -> tuple[_Tried, str]:  # fmt: skip
     """Return the better of a file and a network trained anew beside it, in words."""
-    fitted_to, held_out = split(given)
-    recordings = [given.recordings[i] for i in fitted_to]
+    if not use.unseen:
+        return other, f"{says}; not trained anew: no recording is held out to judge it on"
     path = other.path.with_name("retrained.onnx")
     try:
         blocks = add_narx.retrain(
-            given.model, other.added, chain, recordings, path, ranges=ranges,
+            given.model, other.added, chain, use.fit, path, ranges=ranges,
             healthy=given.healthy, budget_minutes=budget_minutes, progress=progress,
         )  # fmt: skip
     except (ModelError, RecordingError, UsageError) as error:
         return other, f"{says}; not trained anew: {error}"
-    _set_limits(path, recordings, blocks)
-    judges = held_out or recordings
-    pair = [replace(other, rmse=_rmse(other.path, judges)),
-            _Tried(TRAINED_ANEW, other.added, path, _rmse(path, judges))]  # fmt: skip
-    return _best(pair)
+    anew = _Tried(TRAINED_ANEW, other.added, path, _rmse(path, use.unseen), blocks)
+    best, says = _best([replace(other, rmse=_rmse(other.path, use.unseen)), anew])
+    return (best if best is anew else other), says
 
 
 def _best(tried: Sequence[_Tried]) -> tuple[_Tried, str]:
@@ -186,18 +197,21 @@ def _best(tried: Sequence[_Tried]) -> tuple[_Tried, str]:
     return best, f"{FORMS[best.form]} ({against})"
 
 
-def _set_limits(new: Path, recordings: Sequence[Recording], held_out: Sequence[HeldOut]) -> None:
-    """Set the limits of the new model on what is held out, unless those it has let it see more.
+def _set_limits(
+    new: Path, recordings: Sequence[Recording], blocks: Sequence[HeldOut], origin: str
+) -> None:
+    """Set the limits of the new model on blocks, unless those it has let it see more.
 
-    A model without limits keeps none. A window may be judged from some movement on; the old limits
-    stay where they want less of it and no code stands on the recordings with them.
+    A model without limits keeps none, and too few windows change nothing. A window may be judged
+    from some movement on; the old limits stay where they want less of it and no code stands on the
+    recordings with them.
     """
     settings, model = config.load(), Model.load(new)
     if not model.card.limits:
         return
     try:
-        card, _ = with_limits(model, recordings, held_out, settings, ACCEPTED)
-    except RecordingError:  # too few windows
+        card, _ = with_limits(model, recordings, blocks, settings, origin)
+    except RecordingError:
         return
     found, old = (Limits.from_card(each, settings, str(new)) for each in (card, model.card))
     if old.excitation < found.excitation:

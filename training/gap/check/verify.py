@@ -27,10 +27,11 @@ from training.gap.where.operating_map import excerpt
 from training.recordings import Recording
 
 ALIKE: Final = (
-    "A new model's limits are set on the recordings of the fit, by the rule of o2train fit, unless "
-    "its card says that the old ones stayed. Beside the old model's own limits stands what it "
-    "finds with limits set there: with its own it may take the gap for a fault, and then finds "
-    "every fault put on, by the wrong name."
+    "A new model's limits are set on the recordings of the fit (of a network trained anew on the "
+    "blocks held out of its training), by the rule of o2train fit, unless its card says that the "
+    "old ones stayed. Beside the old model's own limits stands what it finds with limits set on "
+    "the recordings of the fit: with its own it may take the gap for a fault, and then finds every "
+    "fault put on, by the wrong name."
 )
 AFTERWARDS: Final = (
     "The faults were put on the measured lambda afterwards: the control loop has not seen them and "
@@ -54,8 +55,8 @@ def verify(
     recordings : of the vehicle with the gap, not used by any fit of either model
     healthy : on which the old model was accepted
     chain : base constants of the vehicle, for the functions of the floor
-    accepted : on which the new model's limits were set; the old model's are set there too, beside
-        its own: only where both are as quiet does what they find compare
+    accepted : to which the new model was fitted; the old model's limits are set there, beside its
+        own: only where both are as quiet does what they find compare
     faults : put on the measured lambda of the recordings; none leaves the monitor out
     Raises RecordingError if a recording cannot be scored.
     """
