@@ -188,7 +188,7 @@ def test_an_old_model_is_also_asked_with_limits_set_as_the_new_one_s(
     assert found.alarms.alike.found == 0
     (weak,) = found.faults
     assert weak.alike is not None
-    assert any("limits set there" in note for note in found.notes)
+    assert any("limits set on the recordings of the fit" in note for note in found.notes)
 
 
 def test_drives_too_short_for_a_decision_are_told(models: tuple[Path, Path]) -> None:
