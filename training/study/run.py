@@ -28,7 +28,7 @@ from training.study.steady import steady_against_mixed
 from training.study.task import Task, source
 
 SCHEMA = "o2train.study/1"
-VERSION = 2  # of what the parts hold; stored parts of another version are not reused
+VERSION = 3  # of what the parts hold; stored parts of another version are not reused
 PRIVATE = ("weights", "one_step_weights")  # stay in the part's file
 FALSE_ALARMS = 2.0  # percent of healthy windows; the limits are quantiles of 1 % each
 SELECTION_SHARE = 0.4  # of the budget
