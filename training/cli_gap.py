@@ -46,7 +46,8 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
     gap.add_argument("--verify", nargs="+", type=Path, default=[], metavar="RECORDING",
                      help="on which the new model is verified and which no fit sees; they also "
                      "say what is better where a network is trained anew or the model knows the "
-                     "others (default: every third RECORDING, which the naming sees, too)")  # fmt: skip
+                     "others (default: every third RECORDING, which the naming sees, "
+                     "too)")  # fmt: skip
     gap.add_argument("--out", type=Path, required=True, metavar="DIR",
                      help="folder of report.html, gap.json and model.onnx")  # fmt: skip
     gap.add_argument("--steps", type=int, default=1, metavar="N",
