@@ -46,14 +46,14 @@ TRAINING := wltc_3b:1001 wltc_3b:1013 udds:1002 us06:1003 hwfet:1007 steady:1004
             micro_trips:1006 micro_trips:1014 micro_trips:1020 micro_trips:1036 micro_trips:1152 micro_trips:1198
 
 matrix: venv ## drive the whole detection matrix, build/matrix/report.html (15 minutes)
-	$(VENV)/bin/o2train evaluate --matrix --model monitor/models/shipped.onnx --out build/matrix
+	$(VENV)/bin/o2train evaluate --matrix --model monitor/model/shipped.onnx --out build/matrix
 
 model: venv ## train the shipped model anew (ten minutes)
 	rm -rf build/training
 	@for drive in $(TRAINING); do \
 	  $(VENV)/bin/o2train simulate --out build/training --format parquet \
 	    --cycle $${drive%%:*} --seed $${drive##*:} || exit 1; done
-	$(VENV)/bin/o2train fit build/training/*.parquet --out monitor/models/shipped.onnx \
+	$(VENV)/bin/o2train fit build/training/*.parquet --out monitor/model/shipped.onnx \
 	  --lags 5 --hidden 8 8 --budget 10 --report build/fit.html
 	$(MAKE) calibration
 
@@ -69,7 +69,7 @@ calibration: venv ## set the limits of the shipped model anew (two minutes)
 	  $(VENV)/bin/o2train simulate --out build/calibration/$$folder --format parquet $$own \
 	    --vehicle $$((3000 + n % 20)) --seed $$((3000000 + n)) --effect ethanol=$$((n * 3 % 11)); \
 	  n=$$((n + 1)); done
-	$(VENV)/bin/o2train calibrate --model monitor/models/shipped.onnx \
+	$(VENV)/bin/o2train calibrate --model monitor/model/shipped.onnx \
 	  --healthy build/calibration/healthy/*.parquet --faulty build/calibration/faulty/*.parquet \
 	  --report build/calibration.html --json build/calibration.json
 
@@ -119,4 +119,4 @@ python:
 # without it if O2_REQUIRE_BROWSER=1.
 system:
 	@sh tests/vcan/install.sh
-	@sh tests/install_browser.sh
+	@sh tests/helpers/install_browser.sh

@@ -19,21 +19,21 @@ from unittest.mock import patch
 
 import numpy as np
 
-from monitor import config
-from monitor.batch.bank import BankBlock
-from monitor.batch.judge import Judged, judge_all
-from monitor.config import Config
-from monitor.decide import Decisions
-from monitor.dtc import DtcStore
-from monitor.enable import Enable
-from monitor.limits import Limits
-from monitor.model import Model
-from monitor.pipeline import DtcChanged, Event, Monitor, WindowJudged
-from monitor.plausibility import ActivityTest, Plausibility
-from monitor.replay import shipped_model
-from monitor.types import Sample, SampleBlock
+from monitor.base import config
+from monitor.base.config import Config
+from monitor.base.types import Sample, SampleBlock
+from monitor.judge.block_bank import BankBlock
+from monitor.judge.decisions import Decisions
+from monitor.judge.enable import Enable
+from monitor.judge.limits import Limits
+from monitor.judge.plausibility import ActivityTest, Plausibility
+from monitor.memory.dtc import DtcStore
+from monitor.model.step import Model
+from monitor.pipeline.block_judge import Judged, judge_all
+from monitor.pipeline.stream import DtcChanged, Event, Monitor, WindowJudged
+from monitor.report.replay import shipped_model
 from training.dyno import ecu
-from training.dyno.simulate import Experiment, simulate
+from training.dyno.simulation import Experiment, simulate
 
 US = 1e6
 PERIOD_NS = 100_000_000

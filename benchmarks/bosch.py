@@ -24,14 +24,15 @@ from pathlib import Path
 
 import numpy as np
 
-from monitor import config, faults
-from monitor.faults import Fault, lag_step, one_sided
-from monitor.limits import Limits
-from monitor.model import Model
-from monitor.types import FloatArray
-from training import cli, metrics
-from training.judge import Judged, judge_recordings
-from training.recordings import Recording, load
+from monitor.base import config, faults
+from monitor.base.faults import Fault, lag_step, one_sided
+from monitor.base.types import FloatArray
+from monitor.judge.limits import Limits
+from monitor.model.step import Model
+from training import cli
+from training.limits.judging import Judged, judge_recordings
+from training.recordings import metrics
+from training.recordings.recording import Recording, load
 
 INPUTS = ("speed_z", "load_z", "ignition_angle_z", "fuel_cutoff_z")
 OUTPUT = "lambda_z"

@@ -31,19 +31,19 @@ import numpy as np
 from batch import FIRST_SEED, FIRST_VEHICLE, PERIOD_NS, clocked
 from replay_vs_plain_loop import Bench, replay_plain
 
-from monitor import config
-from monitor.batch import logs
-from monitor.batch.assemble import BlockAssembler
-from monitor.batch.candump import Parser
-from monitor.batch.decode import BlockDecoder
-from monitor.batch.judge import BlockJudge
-from monitor.bus_map import load_database
-from monitor.replay import Setup, replay, set_up
-from monitor.types import SampleBlock
-from training.canlog import FrameBlock, merge, write_log
+from monitor.base import config
+from monitor.base.types import SampleBlock
+from monitor.decode.block_decoder import BlockDecoder
+from monitor.decode.bus_map import load_database
+from monitor.frames.candump_blocks import Parser
+from monitor.grid.block_assembler import BlockAssembler
+from monitor.pipeline import logs
+from monitor.pipeline.block_judge import BlockJudge
+from monitor.report.replay import Setup, replay, set_up
 from training.dyno import ecu
-from training.dyno.simulate import Experiment, simulate
-from training.fleet.parse import parse_lines
+from training.dyno.simulation import Experiment, simulate
+from training.fleet.candump_parser import parse_lines
+from training.recordings.can_log import FrameBlock, merge, write_log
 
 FRAMES_PER_S, FOREIGN_IDS = 4_000, 60
 TARGETS = {

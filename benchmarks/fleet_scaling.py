@@ -21,10 +21,10 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import psutil
 
-from monitor.bus_map import load_pairs
-from monitor.replay import shipped_model
-from training.canlog import broadcast, write_log
-from training.recordings import default_pairs, load, write_table
+from monitor.decode.bus_map import load_pairs
+from monitor.report.replay import shipped_model
+from training.recordings.can_log import broadcast, write_log
+from training.recordings.recording import default_pairs, load, write_table
 
 LOGS = Path(__file__).parent.parent / "replay_logs"
 SOURCES = ("healthy_micro_trips_v102_s102.blf", "healthy_wltc_3b_v101_s101.blf")

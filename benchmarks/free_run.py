@@ -12,16 +12,16 @@ from pathlib import Path
 
 import numpy as np
 
-from monitor import config
-from monitor.limits import Limits
-from monitor.model import Model
-from monitor.replay import shipped_model
-from training import metrics
-from training.baseline import Baseline, fit_baseline
-from training.dyno.simulate import Experiment
-from training.dyno.write import write
-from training.judge import judge
-from training.recordings import Recording, load
+from monitor.base import config
+from monitor.judge.limits import Limits
+from monitor.model.step import Model
+from monitor.report.replay import shipped_model
+from training.dyno.recording_files import write
+from training.dyno.simulation import Experiment
+from training.limits.judging import judge
+from training.narx.baseline import Baseline, fit_baseline
+from training.recordings import metrics
+from training.recordings.recording import Recording, load
 
 TRAINING = (("wltc_3b", 1001), ("udds", 1002), ("us06", 1003))  # the baseline is fitted on these
 TEST_SEED = 2001

@@ -19,12 +19,12 @@ from typing import Final
 
 import isotp.tools
 
-from monitor.diagnostics.answer import answer
-from monitor.diagnostics.server import Address, Diagnostics
-from monitor.types import Frame
+from monitor.base.types import Frame
+from monitor.bus.diagnostics.answer import answer
+from monitor.bus.diagnostics.server import Address, Diagnostics
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
-from tests.diagnostics_state import Vehicle, tick
+from tests.helpers.diagnostics_state import Vehicle, tick
 
 _VALID: Final = (
     "0100 0101 010120404100 011C41 020200 020C000D00 03 04 0600 0601 07 0900 0902 0904 0906 "

@@ -17,13 +17,14 @@ from pathlib import Path
 import can
 from played import Played, rss_mb
 
-from monitor import config, replay
-from monitor.bus.recorder import message_of
-from monitor.checksum import payload_checksum
-from monitor.run import Loop
-from monitor.sources import read_frames
-from monitor.transmit import Transmitter
-from monitor.types import Frame
+from monitor.base import config
+from monitor.base.types import Frame
+from monitor.bus.link.recorder import message_of
+from monitor.bus.loop import Loop
+from monitor.bus.transmit import Transmitter
+from monitor.decode.checksum import payload_checksum
+from monitor.frames.logs import read_frames
+from monitor.report import replay
 
 ROOT = Path(__file__).resolve().parent.parent
 LOG = ROOT / "replay_logs" / "healthy_wltc_3b_v101_s101.blf"

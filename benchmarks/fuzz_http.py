@@ -17,8 +17,8 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from tests.http_fuzz import ask, request
-from tests.live_player import Player, frames_of
+from tests.helpers.http_fuzz import ask, request
+from tests.helpers.live_player import Player, frames_of
 
 WARM_UP = 2000  # requests until everything is loaded and cached
 GROWTH_MB = 5.0

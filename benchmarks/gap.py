@@ -18,21 +18,21 @@ from typing import Any, Final
 
 from threadpoolctl import threadpool_limits
 
-from monitor import config
-from training.chain import Constants
+from monitor.base import config
 from training.dyno.effects import from_severities
-from training.dyno.simulate import Experiment
-from training.dyno.write import write
-from training.gap.drives import from_recording
+from training.dyno.recording_files import write
+from training.dyno.simulation import Experiment
+from training.gap.name import yardstick
 from training.gap.name.naming import name
 from training.gap.pages import report
-from training.gap.reference import accepted
 from training.gap.result import save
-from training.gap.stages import Stages
 from training.gap.workflow import Given, Options, investigate
-from training.greybox_model import fit_greybox
-from training.limits import set_limits
-from training.recordings import Recording, load
+from training.greybox.chain import Constants
+from training.greybox.fit.drive import from_recording
+from training.greybox.model import fit_greybox
+from training.jobs.stages import Stages
+from training.limits.decision_limits import set_limits
+from training.recordings.recording import Recording, load
 
 CYCLES: Final = ("wltc_3b", "micro_trips", "udds", "us06", "hwfet")
 DRIVES, STUDY_DRIVES, DURATION_S = 10, 6, 600.0
@@ -107,7 +107,7 @@ def whole(model: Path, new: list[Path], healthy: list[Path], folder: Path) -> Cl
 def study(new: list[Path], healthy: list[Path]) -> tuple[float, float]:
     """Return the wall and processor seconds of naming alone."""
     drives, known = ([from_recording(load(p)) for p in each] for each in (new, healthy))
-    taught = accepted.learn(known, Constants())
+    taught = yardstick.learn(known, Constants())
     clock = Clock()
     found = clock.done("name", lambda: name(drives[:STUDY_DRIVES], taught))
     print(f"verdict of the study's case: {found.verdict}")

@@ -15,11 +15,11 @@ from joblib import Parallel, delayed
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from tests.second_engine import SOUND, Sensor, drive
-from training.chain import Constants
+from tests.helpers.second_engine import SOUND, Sensor, drive
+from training.gap.healthy.behaviour import Healthy
+from training.gap.name import yardstick
 from training.gap.name.naming import name
-from training.gap.reference import accepted
-from training.gap.reference.healthy import Healthy
+from training.greybox.chain import Constants
 
 HEALTHY_DRIVES, DRIVES, NULLS = 8, 6, 5
 SIZES = {
@@ -86,7 +86,7 @@ def main() -> None:
     args = parser.parse_args()
     for vehicle in args.vehicles:
         healthy = [drive(vehicle, 1000 * vehicle + i) for i in range(HEALTHY_DRIVES)]
-        known = accepted.learn(healthy, Constants())
+        known = yardstick.learn(healthy, Constants())
         each = list(cases())
         said = Parallel(args.jobs)(
             delayed(answer)(vehicle, number, case, known) for number, case in enumerate(each)

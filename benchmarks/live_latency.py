@@ -24,15 +24,16 @@ from typing import Any
 import numpy as np
 from udp_can import Address, UdpCan
 
-from monitor import config, replay
-from monitor.bus_map import load_database
-from monitor.dtc import DtcStore
-from monitor.model import open_session
-from monitor.pipeline import Event, FramePipeline, Tick
-from monitor.realtime import settle, use_cpu, use_priority
-from monitor.run import Loop
-from monitor.sources import read_frames
-from monitor.types import Frame
+from monitor.base import config
+from monitor.base.types import Frame
+from monitor.bus.loop import Loop
+from monitor.bus.realtime import settle, use_cpu, use_priority
+from monitor.decode.bus_map import load_database
+from monitor.frames.logs import read_frames
+from monitor.memory.dtc import DtcStore
+from monitor.model.step import open_session
+from monitor.pipeline.stream import Event, FramePipeline, Tick
+from monitor.report import replay
 
 ROOT = Path(__file__).resolve().parent.parent
 LOG = ROOT / "replay_logs" / "healthy_wltc_3b_v101_s101.blf"

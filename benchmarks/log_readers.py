@@ -22,11 +22,11 @@ from typing import Any
 import can
 from fleet_log import loaded
 
-from monitor import blf, mdf
-from monitor.batch.read import read_blocks
-from monitor.sources import open_binary, read_frames
-from training.canlog import write_log
-from training.fleet.parse import parse_lines
+from monitor.frames import blf, mdf
+from monitor.frames.log_blocks import read_blocks
+from monitor.frames.logs import open_binary, read_frames
+from training.fleet.candump_parser import parse_lines
+from training.recordings.can_log import write_log
 
 FORMATS = (".log", ".log.gz", ".blf", ".mf4")
 AT_ONCE = "at once"

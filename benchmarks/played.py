@@ -5,7 +5,7 @@ from pathlib import Path
 
 import can
 
-from monitor.run import Loop
+from monitor.bus.loop import Loop
 
 SILENCE_S = 0.1
 

@@ -25,19 +25,20 @@ import can
 import numpy as np
 from cantools.database.can import Database
 
-from monitor import checksum, config
-from monitor import replay as o2mon_replay
-from monitor.bus_map import BusMap, load_database
-from monitor.decode import Decoder
-from monitor.dtc import DtcStore
-from monitor.model import open_session
-from monitor.pipeline import FramePipeline, WindowJudged
-from monitor.samples import FrameSamples
-from monitor.signal_map import Integrity
-from monitor.sources import read_frames
-from monitor.types import FloatArray, Frame, Sample
-from training.dyno.simulate import Experiment, simulate
-from training.dyno.write import write
+from monitor.base import config
+from monitor.base.types import FloatArray, Frame, Sample
+from monitor.decode import checksum
+from monitor.decode.bus_map import BusMap, load_database
+from monitor.decode.decoder import Decoder
+from monitor.decode.signal_map import Integrity
+from monitor.frames.logs import read_frames
+from monitor.grid.samples import FrameSamples
+from monitor.memory.dtc import DtcStore
+from monitor.model.step import open_session
+from monitor.pipeline.stream import FramePipeline, WindowJudged
+from monitor.report import replay
+from training.dyno.recording_files import write
+from training.dyno.simulation import Experiment, simulate
 
 SCHEMA = "o2bench.replay_vs_plain_loop/1"
 N_FRAMES = 40_000  # 200 s of the log, for what is timed per frame
@@ -67,34 +68,34 @@ class Bench:
     """What all timings work on."""
 
     path: Path
-    setup: o2mon_replay.Setup
+    setup: replay.Setup
     database: Database
     frames: list[Frame]  # of the first N_FRAMES, those the monitor needs
     samples: list[Sample]
 
     @classmethod
     def of(cls, path: Path, model: Path) -> "Bench":
-        setup = o2mon_replay.set_up(model, (), config.load())
+        setup = replay.set_up(model, (), config.load())
         pipeline = _pipeline(setup)
         needed = {identifier for identifier, _ in pipeline.decoder.identifiers}
         frames = [f for f in islice(read_frames(path), N_FRAMES) if f.can_id in needed]
         database = load_database(setup.bus_map.pairs[0][0])
-        recording, _ = o2mon_replay.replay(path, setup)
+        recording, _ = replay.replay(path, setup)
         if not recording["windows"]:
             raise SystemExit(f"{model}: judges no window of {path.name}")
         return cls(path, setup, database, frames, list(_samples(path, setup)))
 
 
-def _pipeline(setup: o2mon_replay.Setup) -> FramePipeline:
+def _pipeline(setup: replay.Setup) -> FramePipeline:
     return FramePipeline(setup.bus_map, setup.model, setup.limits, setup.config, DtcStore())
 
 
-def _stream(setup: o2mon_replay.Setup) -> FrameSamples:
+def _stream(setup: replay.Setup) -> FrameSamples:
     names = _pipeline(setup).decoder.names
     return FrameSamples(setup.bus_map, names, setup.model.card.period_ns)
 
 
-def _samples(path: Path, setup: o2mon_replay.Setup) -> Iterator[Sample]:
+def _samples(path: Path, setup: replay.Setup) -> Iterator[Sample]:
     stream = _stream(setup)
     for frame in read_frames(path):
         yield from stream.push(frame)
@@ -193,7 +194,7 @@ def sample_project(bench: Bench) -> tuple[float, ...]:
 
 def replay_project(bench: Bench) -> tuple[float, ...]:
     start = process_time()
-    o2mon_replay.replay(bench.path, bench.setup)
+    replay.replay(bench.path, bench.setup)
     return (process_time() - start,)
 
 
@@ -309,7 +310,7 @@ def table(rows: Sequence[Row]) -> Iterator[str]:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--model", type=Path, default=o2mon_replay.shipped_model())
+    parser.add_argument("--model", type=Path, default=replay.shipped_model())
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--json", type=Path, metavar="OUT")
     args = parser.parse_args()

@@ -23,14 +23,15 @@ from pathlib import Path
 import can
 from played import SILENCE_S, Played, rss_mb
 
-from monitor import config, replay
-from monitor.bus.recorder import message_of
-from monitor.memory import Memory
-from monitor.run import Loop
-from monitor.sources import read_frames
-from monitor.terminal import JsonLines, Out, Screen
-from monitor.transmit import Transmitter
-from monitor.types import Frame
+from monitor.base import config
+from monitor.base.types import Frame
+from monitor.bus.link.recorder import message_of
+from monitor.bus.loop import Loop
+from monitor.bus.terminal import JsonLines, Out, Screen
+from monitor.bus.transmit import Transmitter
+from monitor.frames.logs import read_frames
+from monitor.memory.store import Memory
+from monitor.report import replay
 
 ROOT = Path(__file__).resolve().parent.parent
 LOG = ROOT / "replay_logs" / "healthy_wltc_3b_v101_s101.blf"

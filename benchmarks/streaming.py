@@ -16,18 +16,19 @@ from time import perf_counter, process_time
 
 import numpy as np
 
-from monitor import config, enable, hypotheses
-from monitor import replay as o2mon_replay
-from monitor.dtc import DtcStore
-from monitor.hypotheses import SensorBank
-from monitor.pipeline import FramePipeline, Tick, WindowJudged
-from monitor.plausibility import Plausibility
-from monitor.residual import oriented
-from monitor.response import Noise, ResponseRule
-from monitor.samples import FrameSamples
-from monitor.sources import read_frames
-from monitor.types import FloatArray, Frame, Sample
-from monitor.window import Window
+from monitor.base import config
+from monitor.base.types import FloatArray, Frame, Sample
+from monitor.frames.logs import read_frames
+from monitor.grid.samples import FrameSamples
+from monitor.judge import enable, hypotheses
+from monitor.judge.hypotheses import SensorBank
+from monitor.judge.plausibility import Plausibility
+from monitor.judge.residual import oriented
+from monitor.judge.response import Noise, ResponseRule
+from monitor.judge.window import Window
+from monitor.memory.dtc import DtcStore
+from monitor.pipeline.stream import FramePipeline, Tick, WindowJudged
+from monitor.report import replay
 
 ROOT = Path(__file__).resolve().parent.parent
 LOG = ROOT / "replay_logs" / "healthy_wltc_3b_v101_s101.blf"
@@ -41,7 +42,7 @@ Stage = Callable[[], float]  # one run: seconds per unit
 class Bench:
     """One drive, cut into what each stage takes."""
 
-    setup: o2mon_replay.Setup
+    setup: replay.Setup
     frames: list[Frame]  # those that carry a needed signal
     samples: list[Sample]
     inputs: list[FloatArray]  # of the model, where all are valid
@@ -50,7 +51,7 @@ class Bench:
 
     @classmethod
     def of(cls, path: Path) -> "Bench":
-        setup = o2mon_replay.set_up(None, (), config.load())
+        setup = replay.set_up(None, (), config.load())
         pipeline = FramePipeline(setup.bus_map, setup.model, setup.limits, setup.config, DtcStore())
         needed = set(pipeline.decoder.identifiers)
         frames = [f for f in read_frames(path) if (f.can_id, f.is_extended) in needed]

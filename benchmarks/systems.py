@@ -17,12 +17,12 @@ import numpy as np
 from numba import njit
 from scipy import signal
 
-from training import metrics
-from training.evaluate import evaluate
-from training.fit import fit
-from training.narx import describe
-from training.recordings import Recording
-from training.study.linear.arx import choose_arx
+from training.narx.fit import fit
+from training.narx.network import describe
+from training.recordings import metrics
+from training.recordings.recording import Recording
+from training.studies.evaluation import evaluate
+from training.studies.paper.linear.arx import choose_arx
 
 WASHOUT = 50
 Records = list[tuple[np.ndarray, np.ndarray]]  # input (n,), output (n,)

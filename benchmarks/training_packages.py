@@ -1,7 +1,7 @@
 """One-step and free-run training of the same network by this project and by other packages.
 
-Every function takes the same data and the same initial weights, in the layout of ``training.narx``,
-and returns weights in that layout.
+Every function takes the same data and the same initial weights, as
+``training.narx.network`` lays them out, and returns weights in that layout.
 """
 
 import contextlib
@@ -16,9 +16,9 @@ from types import ModuleType
 import numpy as np
 from scipy.optimize import least_squares
 
-from training.closed_loop import ClosedLoop, Pieces, Samples
-from training.lm import Objective, OneStep, Options, minimise
-from training.narx import Spec, forward, jacobian, layers, regressors
+from training.narx.algorithms.closed_loop import ClosedLoop, Pieces, Samples
+from training.narx.algorithms.lm import Objective, OneStep, Options, minimise
+from training.narx.network import Spec, forward, jacobian, layers, regressors
 
 
 @dataclass(frozen=True)

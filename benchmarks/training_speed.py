@@ -25,14 +25,14 @@ import training_packages as packages
 from scipy.linalg import blas, cho_factor, cho_solve
 from training_packages import Case, MissingError, Run
 
-from training.closed_loop import ClosedLoop, Pieces, Samples
-from training.dyno.simulate import Experiment
-from training.dyno.write import write
-from training.lm import CHUNK, OneStep, Options, minimise
-from training.metrics import rmse
-from training.narx import Spec, forward, initial_weights, regressors, simulate
-from training.prepare import runs
-from training.recordings import Recording, load
+from training.dyno.recording_files import write
+from training.dyno.simulation import Experiment
+from training.narx.algorithms.closed_loop import ClosedLoop, Pieces, Samples
+from training.narx.algorithms.lm import CHUNK, OneStep, Options, minimise
+from training.narx.network import Spec, forward, initial_weights, regressors, simulate
+from training.recordings.metrics import rmse
+from training.recordings.preparation import runs
+from training.recordings.recording import Recording, load
 
 SIMULATED_INPUTS = (
     "air_mass_mg", "fuel_mass_mg", "maf_kg_h", "rail_pressure_mpa", "manifold_pressure_kpa",

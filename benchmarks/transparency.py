@@ -33,17 +33,18 @@ from pathlib import Path
 
 import numpy as np
 
-from monitor import config, faults
-from monitor.batch.judge import Judged, judge_all
-from monitor.limits import Limits
-from monitor.model import Model, to_model_units
-from monitor.replay import shipped_model
-from monitor.signals import NARX_INPUTS
-from monitor.types import BoolArray, FloatArray, SampleBlock
-from training import cli, prepare
+from monitor.base import config, faults
+from monitor.base.signals import NARX_INPUTS
+from monitor.base.types import BoolArray, FloatArray, SampleBlock
+from monitor.judge.limits import Limits
+from monitor.model.step import Model, to_model_units
+from monitor.pipeline.block_judge import Judged, judge_all
+from monitor.report.replay import shipped_model
+from training import cli
 from training.dyno import ecu
-from training.dyno.simulate import Experiment, simulate
-from training.metrics import rmse
+from training.dyno.simulation import Experiment, simulate
+from training.recordings import preparation
+from training.recordings.metrics import rmse
 
 FAULTS = (
     ("slow_symmetric", 0.6),
@@ -52,10 +53,10 @@ FAULTS = (
     ("gain_low", 0.5),
     ("biased_lean", 0.1),
 )
-CONTROLLER = prepare.CONTROLLER
+CONTROLLER = preparation.CONTROLLER
 SIX = tuple(name for name in NARX_INPUTS if name != CONTROLLER)
 TRAINED = {
-    "seven, blurred": (NARX_INPUTS, prepare.CONTROLLER_NOISE),
+    "seven, blurred": (NARX_INPUTS, preparation.CONTROLLER_NOISE),
     "seven, exact": (NARX_INPUTS, 0.0),
     "six": (SIX, 0.0),
 }
@@ -156,7 +157,7 @@ def models(folder: Path, training: Path, calibration: Path | None, budget: str) 
         path = found[name] = folder / f"{name.replace(', ', '_')}.onnx"
         if path.exists():
             continue
-        prepare.CONTROLLER_NOISE = noise
+        preparation.CONTROLLER_NOISE = noise
         drives = [str(p) for p in sorted(training.glob("*.parquet"))]
         shape = ["--lags", "5", "--hidden", "8", "8", "--budget", budget]
         if cli.main(["fit", *drives, "--inputs", *inputs, "--out", str(path), *shape]):

@@ -12,10 +12,11 @@ import os
 import sys
 from pathlib import Path
 
-from monitor import cli, faults, manifest
+from monitor import cli
+from monitor.base import faults, manifest
 from training.dyno import vehicle
-from training.dyno.simulate import Experiment
-from training.dyno.write import describe, write
+from training.dyno.recording_files import describe, write
+from training.dyno.simulation import Experiment
 
 HERE = Path(__file__).parent
 FIRST_VEHICLE, FIRST_SEED = 101, 101

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[1]
 SOURCES = ("pyproject.toml", "README.md", "LICENSE", "NOTICE", "monitor", "training", "dbc")
 ABSENT = (
     *("training", "torch", "scipy", "numba", "polars", "pandas", "matplotlib", "onnx", "joblib"),

@@ -5,7 +5,7 @@ import os
 import sys
 from collections.abc import Sequence
 
-from monitor.errors import O2Error
+from monitor.base.errors import O2Error
 
 USAGE_ERROR, INTERNAL_ERROR = 2, 4
 

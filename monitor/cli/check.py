@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from monitor.base.errors import UsageError
 from monitor.cli.options import (
     NOT_JUDGED,
     add_bus,
@@ -19,12 +20,11 @@ from monitor.cli.options import (
     say,
     set_up,
 )
-from monitor.errors import UsageError
 
 if TYPE_CHECKING:
-    from monitor.bus.port import BusHealth, Port
-    from monitor.polling.poller import ObdPoller
-    from monitor.types import Frame
+    from monitor.base.types import Frame
+    from monitor.bus.link.port import BusHealth, Port
+    from monitor.bus.polling.poller import ObdPoller
 
 _CHECK = """examples:
   o2mon check drive.log
@@ -45,9 +45,9 @@ def add(commands: Any) -> None:
 
 
 def _check(args: argparse.Namespace) -> int:
-    from monitor.bus.port import BusHealth, Port
-    from monitor.check import check
-    from monitor.sources import read_frames
+    from monitor.bus.link.port import BusHealth, Port
+    from monitor.frames.logs import read_frames
+    from monitor.report.check import check
 
     if args.log and bus_name(args):
         raise UsageError("give either a LOG or a bus (-i, -c), not both")

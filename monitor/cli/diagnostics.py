@@ -5,13 +5,13 @@ from collections.abc import Callable
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
+from monitor.base.errors import UsageError
 from monitor.cli.options import say
-from monitor.errors import UsageError
 
 if TYPE_CHECKING:
-    from monitor.attachment import Attachment
-    from monitor.replay import Setup
-    from monitor.run import Loop
+    from monitor.bus.attachment import Attachment
+    from monitor.bus.loop import Loop
+    from monitor.report.replay import Setup
 
 _NONE = "none"
 _MISSING = "can-isotp is not installed; pip install 'o2-monitor[diagnostics]'"
@@ -53,8 +53,8 @@ def diagnostics(
         tell(f"no diagnostics: {_MISSING}")
         return []
     from monitor import __version__
-    from monitor.diagnostics.server import DEFAULT_RESPONSE_ID, Address, Diagnostics
-    from monitor.diagnostics.state import Identity, State
+    from monitor.bus.diagnostics.server import DEFAULT_RESPONSE_ID, Address, Diagnostics
+    from monitor.bus.diagnostics.state import Identity, State
 
     monitor, config = loop.pipeline.monitor, setup.config
     state = State(

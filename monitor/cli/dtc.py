@@ -9,11 +9,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from monitor.base.errors import UsageError
 from monitor.cli.options import add_command, say
-from monitor.errors import UsageError
 
 if TYPE_CHECKING:
-    from monitor.dtc import Dtc, DtcStore
+    from monitor.memory.dtc import Dtc, DtcStore
 
 _DTC = """examples:
   o2mon dtc list --memory o2.db
@@ -53,8 +53,8 @@ def _check(path: Path) -> None:
 
 def _load(path: Path) -> "DtcStore":
     """Return what a fault memory holds."""
-    from monitor.dtc import DtcStore
-    from monitor.memory import Memory
+    from monitor.memory.dtc import DtcStore
+    from monitor.memory.store import Memory
 
     _check(path)
     with closing(Memory(path)) as memory:
@@ -93,7 +93,7 @@ def _dtc_fields(dtc: "Dtc") -> dict[str, Any]:
 
 
 def _list_lines(store: "DtcStore") -> Iterator[str]:
-    from monitor.dtc import Status
+    from monitor.memory.dtc import Status
 
     yield f"lamp {'ON' if store.mil else 'off'}, {_counted(len(store.active), 'code')}"
     for dtc in store.active:
@@ -156,7 +156,7 @@ def _when(t_ns: int) -> str:
 
 
 def _unit(name: str) -> str:
-    from monitor.signals import BY_NAME
+    from monitor.base.signals import BY_NAME
 
     known = BY_NAME.get(name)
     return known.unit if known else ""
@@ -197,8 +197,8 @@ def _readiness(args: argparse.Namespace) -> int:
 
 
 def _clear(args: argparse.Namespace) -> int:
-    from monitor.dtc import DtcStore
-    from monitor.memory import Memory
+    from monitor.memory.dtc import DtcStore
+    from monitor.memory.store import Memory
 
     _check(args.memory)
     with closing(Memory(args.memory, hold=True)) as memory:

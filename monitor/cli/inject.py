@@ -6,6 +6,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from monitor.base.errors import UsageError
 from monitor.cli.options import (
     add_bus,
     add_command,
@@ -16,17 +17,16 @@ from monitor.cli.options import (
     say,
     set_up,
 )
-from monitor.errors import UsageError
 
 if TYPE_CHECKING:
     import can
 
-    from monitor.bus_map import BusMap
+    from monitor.base.types import Frame
+    from monitor.decode.bus_map import BusMap
     from monitor.inject.expected import Recording
     from monitor.inject.scenario import Scenario
     from monitor.inject.side import Side
-    from monitor.replay import Setup
-    from monitor.types import Frame
+    from monitor.report.replay import Setup
 
 _INJECT = """examples:
   o2mon inject drive.log --out late.log --fault delay_rich_to_lean=0.8@60
@@ -111,7 +111,7 @@ def _scenario(args: argparse.Namespace) -> "Scenario":
 
 def _bus_map(args: argparse.Namespace) -> "BusMap":
     import dbc
-    from monitor.bus_map import load_pairs
+    from monitor.decode.bus_map import load_pairs
 
     if len(args.dbc) != len(args.map):
         raise UsageError(
@@ -124,11 +124,11 @@ def _bus_map(args: argparse.Namespace) -> "BusMap":
 def _logs(
     args: argparse.Namespace, scenario: "Scenario", bus_map: "BusMap", setup: "Setup | None"
 ) -> "list[Recording]":
+    from monitor.base.outputs import check, numbered
+    from monitor.frames.logs import read_frames
     from monitor.inject.expected import Judge, fresh_memory
     from monitor.inject.gateway import write_log
     from monitor.inject.injector import Injector
-    from monitor.outputs import check, numbered
-    from monitor.sources import read_frames
 
     if not (args.out or args.check):
         raise UsageError("nothing to do with LOG: give --out, or --scenario and --assert")
@@ -205,7 +205,7 @@ def _buses(
 
 
 def _side(bus: "can.BusABC", options: argparse.Namespace) -> "Side":
-    from monitor.bus.connection import Connection
+    from monitor.bus.link.connection import Connection
     from monitor.inject.side import Side
 
     return Side(Connection(bus, lambda: open_bus(options), say, name=bus_name(options)))

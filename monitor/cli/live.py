@@ -5,13 +5,13 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from monitor.live.address import parse
+from monitor.bus.live.address import parse
 
 if TYPE_CHECKING:
-    from monitor.live.feed import LiveFeed
-    from monitor.live.process import Server
-    from monitor.replay import Setup
-    from monitor.run import Loop
+    from monitor.bus.live.feed import LiveFeed
+    from monitor.bus.live.process import Server
+    from monitor.bus.loop import Loop
+    from monitor.report.replay import Setup
 
 
 def add_live(parser: argparse.ArgumentParser) -> None:
@@ -33,7 +33,7 @@ def live_server(args: argparse.Namespace) -> "Iterator[Server | None]":
     if args.live is None:
         yield None
         return
-    from monitor.live.process import Server
+    from monitor.bus.live.process import Server
 
     server = Server(args.live)
     try:
@@ -48,8 +48,8 @@ def live_feed(
     """Yield what feeds the page, if there is a server, and say where the page is."""
     if server is None:
         return
-    from monitor.live.feed import LiveFeed
-    from monitor.replay import frame_counters
+    from monitor.bus.live.feed import LiveFeed
+    from monitor.report.replay import frame_counters
 
     say(f"live page: {server.address.url}")
     if not server.is_loopback:

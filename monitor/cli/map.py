@@ -30,10 +30,10 @@ def add(commands: Any) -> None:
 
 
 def _map(args: argparse.Namespace) -> int:
-    from monitor.bus_map import load_database
-    from monitor.errors import UsageError
+    from monitor.base.errors import UsageError
+    from monitor.base.signals import NARX_INPUTS, OUTPUT
+    from monitor.decode.bus_map import load_database
     from monitor.mapping.make import make_map
-    from monitor.signals import NARX_INPUTS, OUTPUT
 
     if args.cylinders < 1:
         raise UsageError("--cylinders is at least 1")

@@ -7,15 +7,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from monitor import outputs
-from monitor.errors import BusError, UsageError
+from monitor.base import outputs
+from monitor.base.errors import BusError, UsageError
 
 if TYPE_CHECKING:
     import can
 
-    from monitor.bus_map import BusMap
-    from monitor.polling.poller import ObdPoller
-    from monitor.replay import Setup
+    from monitor.bus.polling.poller import ObdPoller
+    from monitor.decode.bus_map import BusMap
+    from monitor.report.replay import Setup
 
 NOT_JUDGED = 3
 
@@ -117,9 +117,9 @@ def obd_poller(
 
     tell : takes the line about what is supported
     """
-    from monitor.polling.answer import Address
-    from monitor.polling.pids import lengths, wanted
-    from monitor.polling.poller import ADDRESSES, ObdPoller
+    from monitor.bus.polling.answer import Address
+    from monitor.bus.polling.pids import lengths, wanted
+    from monitor.bus.polling.poller import ADDRESSES, ObdPoller
 
     parameters = wanted(bus_map, bus_map.names)
     only = args.obd_request
@@ -134,7 +134,7 @@ def obd_poller(
 
 def tell_if_too_slow(args: argparse.Namespace, setup: "Setup", tell: Callable[[str], None]) -> None:
     """Say so if polling cannot bring the signals as often as the model samples them."""
-    from monitor.polling.pids import interval_s, wanted
+    from monitor.bus.polling.pids import interval_s, wanted
 
     served_s = interval_s(wanted(setup.bus_map, setup.bus_map.names), args.obd_rate)
     period_s = setup.model.card.period_ns / 1e9
@@ -149,7 +149,8 @@ def tell_if_too_slow(args: argparse.Namespace, setup: "Setup", tell: Callable[[s
 def set_up(args: argparse.Namespace) -> "Setup":
     """Load what the options name; raises O2Error for what cannot be used."""
     import dbc
-    from monitor import config, replay
+    from monitor.base import config
+    from monitor.report import replay
 
     if len(args.dbc) != len(args.map):
         raise UsageError(
@@ -166,8 +167,8 @@ def write_outputs(
     args: argparse.Namespace, setup: "Setup", recordings: list[dict[str, Any]], traces: list[Any]
 ) -> None:
     """Write JSON and report as asked for; raises UsageError if a file cannot be written."""
-    from monitor import replay, sinks
-    from monitor.report import write_report
+    from monitor.report import replay, sinks
+    from monitor.report.text import write_report
 
     result = replay.result_of(recordings, setup)
     try:

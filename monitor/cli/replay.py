@@ -37,9 +37,9 @@ def add(commands: Any) -> None:
 
 
 def _replay(args: argparse.Namespace) -> int:
-    from monitor import replay
-    from monitor.memory import Memory
-    from monitor.sinks import print_recording
+    from monitor.memory.store import Memory
+    from monitor.report import replay
+    from monitor.report.sinks import print_recording
 
     check_outputs(args)
     setup = set_up(args)

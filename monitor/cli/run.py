@@ -8,6 +8,7 @@ from contextlib import closing, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from monitor.base.outputs import unused
 from monitor.cli.diagnostics import add_diagnostics, diagnostics
 from monitor.cli.live import add_live, live_feed, live_server
 from monitor.cli.options import (
@@ -27,13 +28,12 @@ from monitor.cli.options import (
     tell_if_too_slow,
     write_outputs,
 )
-from monitor.outputs import unused
 
 if TYPE_CHECKING:
-    from monitor.attachment import Attachment
-    from monitor.live.process import Server
-    from monitor.run import Loop
-    from monitor.terminal import Out
+    from monitor.bus.attachment import Attachment
+    from monitor.bus.live.process import Server
+    from monitor.bus.loop import Loop
+    from monitor.bus.terminal import Out
 
 _RUN = """examples:
   o2mon run -i socketcan -c can0                         listen only
@@ -78,11 +78,11 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _judge(args: argparse.Namespace, server: "Server | None") -> int:
-    from monitor.memory import Memory
-    from monitor.realtime import settle
-    from monitor.run import Loop, run
-    from monitor.terminal import Out
-    from monitor.transmit import Transmitter
+    from monitor.bus.loop import Loop, run
+    from monitor.bus.realtime import settle
+    from monitor.bus.terminal import Out
+    from monitor.bus.transmit import Transmitter
+    from monitor.memory.store import Memory
 
     _take_place(args)
     setup = set_up(args)
@@ -121,7 +121,7 @@ def _judge(args: argparse.Namespace, server: "Server | None") -> int:
 
 
 def _take_place(args: argparse.Namespace) -> None:
-    from monitor.realtime import use_cpu, use_priority
+    from monitor.bus.realtime import use_cpu, use_priority
 
     if args.cpu is not None:
         use_cpu(args.cpu)
@@ -131,7 +131,7 @@ def _take_place(args: argparse.Namespace) -> None:
 
 def _speaker(args: argparse.Namespace, out: "Out") -> Callable[[str], None]:
     """Return what takes the loop's lines about itself."""
-    from monitor.terminal import json_line
+    from monitor.bus.terminal import json_line
 
     if args.json_lines:
         return lambda text: out.say(json_line("note", time.time(), {"text": text}))
@@ -140,8 +140,8 @@ def _speaker(args: argparse.Namespace, out: "Out") -> Callable[[str], None]:
 
 def _views(args: argparse.Namespace, loop: "Loop", out: "Out") -> "Iterator[Attachment]":
     """Yield what shows the loop's state: to a person, a program, a journal, a service manager."""
-    from monitor.terminal import JsonLines, Lines, Screen, Status
-    from monitor.watchdog import Watchdog
+    from monitor.bus.terminal import JsonLines, Lines, Screen, Status
+    from monitor.bus.watchdog import Watchdog
 
     monitor, health = loop.pipeline.monitor, loop.health
     view = Status(monitor, health)
@@ -158,8 +158,8 @@ def _views(args: argparse.Namespace, loop: "Loop", out: "Out") -> "Iterator[Atta
 
 def _ending(args: argparse.Namespace, recording: dict[str, Any]) -> Iterable[str]:
     """Return the lines about the whole run."""
-    from monitor.sinks import print_recording, verdict_text
-    from monitor.terminal import json_line
+    from monitor.bus.terminal import json_line
+    from monitor.report.sinks import print_recording, verdict_text
 
     if not args.json_lines:
         return print_recording(recording)

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from monitor.dtc import DtcStore
+from monitor.base.types import Frame
 from monitor.inject.scenario import NO_CODE, Expectation, Scenario
-from monitor.memory import Memory
-from monitor.pipeline import FramePipeline
-from monitor.replay import Setup, frame_counters
-from monitor.sinks import Collector
-from monitor.types import Frame
+from monitor.memory.dtc import DtcStore
+from monitor.memory.store import Memory
+from monitor.pipeline.stream import FramePipeline
+from monitor.report.replay import Setup, frame_counters
+from monitor.report.sinks import Collector
 
 Recording = Mapping[str, Any]  # an entry of o2mon.replay/1
 

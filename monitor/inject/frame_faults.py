@@ -8,10 +8,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from monitor.errors import UsageError
+from monitor.base.errors import UsageError
+from monitor.base.types import Frame
 from monitor.inject.injection import ALL, FRAME_FAULTS, Injection
 from monitor.inject.rewrite import Key, MessageWriter
-from monitor.types import Frame
 
 FLOOD: Final = "frame_flood"
 

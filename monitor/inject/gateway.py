@@ -11,13 +11,13 @@ from typing import Final
 
 import can
 
-from monitor.bus.clock import BEHIND_S, SILENCE_S
-from monitor.bus.recorder import Recorder, message_of
+from monitor.base.types import Frame
+from monitor.bus.link.clock import BEHIND_S, SILENCE_S
+from monitor.bus.link.recorder import Recorder, message_of
+from monitor.frames.logs import frame_of, log_kind
+from monitor.frames.loop_frames import bus_state, is_own, time_mark
 from monitor.inject.injector import Injector
 from monitor.inject.side import Side
-from monitor.own_frames import bus_state, is_own, time_mark
-from monitor.sources import frame_of, log_kind
-from monitor.types import Frame
 
 POLL_S: Final = 0.001  # between two looks at buses that cannot be waited for together
 IDLE_S: Final = 0.1  # the longest wait, so that a signal is heard

@@ -4,8 +4,8 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-from monitor.errors import UsageError
-from monitor.faults import DEFAULT_DISTURBANCE, DEFAULT_SEVERITY, resolve
+from monitor.base.errors import UsageError
+from monitor.base.faults import DEFAULT_DISTURBANCE, DEFAULT_SEVERITY, resolve
 
 INVALID: Final = "signal_invalid"  # the ECU says not available although the sensor is ready
 FRAME_FAULTS: Final = {

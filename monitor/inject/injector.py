@@ -10,14 +10,14 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
-from monitor.bus_map import BusMap
-from monitor.errors import SignalMapError
-from monitor.faults import DEFAULT_SEVERITY, DropOuts, Fault, Noise, TimedSensorFault, resolve
+from monitor.base.errors import SignalMapError
+from monitor.base.faults import DEFAULT_SEVERITY, DropOuts, Fault, Noise, TimedSensorFault, resolve
+from monitor.base.signals import OUTPUT
+from monitor.base.types import Frame
+from monitor.decode.bus_map import BusMap
 from monitor.inject.frame_faults import FrameFaults
 from monitor.inject.injection import FRAME_FAULTS, INVALID, Injection
 from monitor.inject.rewrite import MessageWriter, writers
-from monitor.signals import OUTPUT
-from monitor.types import Frame
 
 READY: Final = "sensor_ready"
 

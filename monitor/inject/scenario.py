@@ -31,9 +31,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from monitor.dtc import CODES
-from monitor.errors import ConfigError, UsageError
+from monitor.base.errors import ConfigError, UsageError
 from monitor.inject.injection import Injection
+from monitor.memory.dtc import CODES
 
 NO_CODE: Final = "none"
 MOST_DRIVES: Final = 100

@@ -6,8 +6,8 @@ from typing import Final
 
 import can
 
-from monitor.bus.connection import Connection
-from monitor.bus.socketcan import RECEIVE_BUFFER_BYTES
+from monitor.bus.link.connection import Connection
+from monitor.bus.link.socketcan import RECEIVE_BUFFER_BYTES
 
 SEND_TIMEOUT_S: Final = 0.05
 

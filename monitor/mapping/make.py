@@ -4,11 +4,11 @@ from pathlib import Path
 
 from cantools.database.can import Database
 
+from monitor.frames.logs import read_frames
 from monitor.mapping.observe import observe, reranked
 from monitor.mapping.propose import Proposals, propose, ranked
 from monitor.mapping.protection import borne_out, protection
 from monitor.mapping.text import map_text
-from monitor.sources import read_frames
 
 
 def make_map(

@@ -7,14 +7,14 @@ from typing import Final
 
 import numpy as np
 
-from monitor.bus_map import BusMap, Channel
-from monitor.decode import Decoder
-from monitor.errors import SignalMapError
+from monitor.base.errors import SignalMapError
+from monitor.base.signals import plausible_range
+from monitor.base.types import FloatArray, Frame
+from monitor.decode.bus_map import BusMap, Channel
+from monitor.decode.decoder import Decoder
+from monitor.decode.signal_map import Integrity, MappedSignal
 from monitor.mapping.candidate import Candidate
 from monitor.mapping.meanings import MEANINGS, TOGETHER, VARYING
-from monitor.signal_map import Integrity, MappedSignal
-from monitor.signals import plausible_range
-from monitor.types import FloatArray, Frame
 
 CONSIDERED: Final = 8  # candidates of each signal that are looked at
 GRID_S: Final = 0.5  # on which signals are compared

@@ -6,10 +6,10 @@ from typing import Final
 
 from cantools.database.can import Database
 
+from monitor.base.signals import SIGNALS
 from monitor.mapping.candidate import Candidate
 from monitor.mapping.candidates import candidates
 from monitor.mapping.meanings import FUEL_FLOW, MEANINGS, OF_ONE_SENSOR
-from monitor.signals import SIGNALS
 
 SURE: Final = 0.6  # from here on a candidate is proposed
 RIVAL: Final = 0.4  # from here on another sensor's signal is a choice for a person

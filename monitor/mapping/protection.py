@@ -8,10 +8,10 @@ from typing import Final
 
 from cantools.database.can import Message, Signal
 
-from monitor.checksum import ALGORITHMS, payload_checksum
+from monitor.decode.checksum import ALGORITHMS, payload_checksum
+from monitor.decode.raw_values import bit_position
 from monitor.mapping.toml_text import quoted
 from monitor.mapping.words import words_of
-from monitor.raw_values import bit_position
 
 _COUNTER: Final = re.compile(
     r"alive|rolling|counter|cntr?|botschaft|\bbz\b|\brc\b|zaehler|sequence"

@@ -23,7 +23,7 @@ _HEAD: Final = """\
 def map_text(
     proposals: Proposals, dbc: Path, log: Path | None = None, protection: Protection | None = None
 ) -> str:
-    """Return the file's text; ``monitor.signal_map`` loads it if anything is proposed."""
+    """Return the file's text; ``monitor.decode.signal_map`` loads it if anything is proposed."""
     checked = f" and checked with {plain(log.name)}" if log else ""
     lines = [_HEAD.format(dbc=plain(dbc.name), log=checked)]
     lines += protection.lines() if protection else []

@@ -8,11 +8,11 @@ from pathlib import Path
 from obd import decoders
 
 import dbc
-from monitor.bus_map import load_pairs
+from monitor.base.types import Frame
+from monitor.decode.bus_map import load_pairs
+from monitor.frames.logs import read_frames
 from monitor.inject.gateway import write_log
 from monitor.inject.rewrite import writers
-from monitor.sources import read_frames
-from monitor.types import Frame
 from tests.vcan.guest import Finished
 from tests.vcan.test_socketcan import codes, only_recording
 

@@ -11,7 +11,7 @@ from typing import Any
 import can
 import pytest
 
-from monitor.own_frames import TIME_MARK_ID
+from monitor.frames.loop_frames import TIME_MARK_ID
 from tests.vcan.guest import Finished
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from monitor.errors import UsageError
-from monitor.types import FloatArray
+from monitor.base.errors import UsageError
+from monitor.base.types import FloatArray
 
 STEP_S = 0.01
 LEGISLATED = ("wltc_3b", "udds", "us06", "hwfet")

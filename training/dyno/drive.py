@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from monitor.types import FloatArray
+from monitor.base.types import FloatArray
 from training.dyno.cycles import STEP_S, TOTAL_RATIO, WHEEL_RADIUS_M, Trace
 from training.dyno.effects import Effects
 from training.dyno.vehicle import VE_LOADS_KPA, VE_SPEEDS_RPM, Conditions, Piece

@@ -11,13 +11,13 @@ from typing import Final
 import numpy as np
 
 import dbc
-from monitor.batch.assemble import assemble_arrays
-from monitor.bus_map import BusMap, Channel, load_pairs
-from monitor.faults import Fault
-from monitor.signals import plausible_range
-from monitor.types import FloatArray, IntArray, SampleBlock
-from training.canlog import FrameBlock, Outgoing, block_of, merge, outgoing
+from monitor.base.faults import Fault
+from monitor.base.signals import plausible_range
+from monitor.base.types import FloatArray, IntArray, SampleBlock
+from monitor.decode.bus_map import BusMap, Channel, load_pairs
+from monitor.grid.block_assembler import assemble_arrays
 from training.dyno.cycles import STEP_S
+from training.recordings.can_log import FrameBlock, Outgoing, block_of, merge, outgoing
 
 STEP_NS: Final = round(STEP_S * 1e9)
 JITTER_NS: Final = 400_000  # standard deviation of a frame's time on the bus

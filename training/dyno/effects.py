@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from monitor.errors import UsageError
+from monitor.base.errors import UsageError
 
 
 class Effects(NamedTuple):

@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from monitor import faults
-from monitor.faults import Fault
-from monitor.types import FloatArray
+from monitor.base import faults
+from monitor.base.faults import Fault
+from monitor.base.types import FloatArray
 from training.dyno.cycles import STEP_S
 from training.dyno.drive import Drive
 from training.dyno.effects import Effects

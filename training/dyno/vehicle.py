@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from monitor.types import FloatArray
+from monitor.base.types import FloatArray
 
 STOICHIOMETRIC_AIR_FUEL = 14.7  # by mass, the fuel the ECU was calibrated for
 VE_SPEEDS_RPM = np.array([700.0, 1500.0, 2500.0, 3500.0, 5000.0])

@@ -12,20 +12,20 @@ from weakref import finalize
 
 import monitor
 import training
-from monitor.batch.candump import Lines
-from monitor.batch.judge import BlockJudge
-from monitor.batch.lines import Bytes
-from monitor.batch.logs import RecordingReader
-from monitor.bus_map import load_pairs
-from monitor.config import Config
-from monitor.limits import Limits
-from monitor.model import Model
-from monitor.tables import load_columns
-from training import run_folder
+from monitor.base.config import Config
+from monitor.decode.bus_map import load_pairs
+from monitor.frames.candump_blocks import Lines
+from monitor.frames.lines import Bytes
+from monitor.grid.tables import load_columns
+from monitor.judge.limits import Limits
+from monitor.model.step import Model
+from monitor.pipeline.block_judge import BlockJudge
+from monitor.pipeline.logs import RecordingReader
 from training.fleet import places
-from training.fleet.read import FleetReader
-from training.model_bytes import model_of
-from training.recordings import default_pairs
+from training.fleet.reading import FleetReader
+from training.jobs import run_folder
+from training.jobs.model_bytes import model_of
+from training.recordings.recording import default_pairs
 
 File = tuple[str, bytes]  # name and content
 ROWS: Final = 64  # recordings, and segments of theirs, that run side by side
@@ -153,7 +153,7 @@ def _lay(folder: Path, file: File) -> Path:
 
 def _parse(text: Bytes) -> Lines:
     """Parse candump text by numba, which is loaded with the first log."""
-    from training.fleet.parse import parse_lines  # noqa: PLC0415
+    from training.fleet.candump_parser import parse_lines  # noqa: PLC0415
 
     return parse_lines(text)
 
@@ -167,5 +167,5 @@ def _code_sha256() -> str:
     root = Path(str(training.__file__)).parent.parent
     paths = {*Path(str(monitor.__file__)).parent.rglob("*.toml")}
     return run_folder.code_sha256(
-        paths | run_folder.sources(root / "training" / "fleet" / "judge.py", root), root
+        paths | run_folder.sources(root / "training" / "fleet" / "judging.py", root), root
     )

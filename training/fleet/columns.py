@@ -4,7 +4,7 @@ from typing import Final
 
 import polars as pl
 
-from monitor.enable import CONDITIONS
+from monitor.judge.enable import CONDITIONS
 
 Columns = dict[str, tuple[pl.DataType, str]]
 _TEXTS: Final = pl.List(pl.String())

@@ -10,8 +10,8 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, Final
 
-from monitor import manifest as sources
-from monitor.errors import RecordingError, UsageError
+from monitor.base import manifest
+from monitor.base.errors import RecordingError, UsageError
 from training.fleet import places
 
 SIDE_BY_SIDE: Final = 32  # vehicles of a chunk
@@ -175,7 +175,7 @@ class _Declared:
 
 def _entries(folder: str) -> dict[str, dict[str, Any]]:
     try:
-        with places.fetched(f"{folder}/{sources.NAME}") as path:
-            return sources.load(path.parent)
+        with places.fetched(f"{folder}/{manifest.NAME}") as path:
+            return manifest.load(path.parent)
     except RecordingError:  # elsewhere: there is none
         return {}

@@ -9,8 +9,8 @@ import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from training.fleet.standing_out import Standing
-from training.matrix.rates import Figures
+from training.fleet.outliers import Standing
+from training.limits.rates import Figures
 
 BINS: Final = 80
 NAMED: Final = 12  # vehicles that stand out whose names are written

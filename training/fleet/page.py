@@ -5,11 +5,11 @@ from pathlib import Path
 
 import polars as pl
 
-from training.fleet import figures, standing_out
-from training.fleet.standing_out import Standing
-from training.matrix.rates import Figures
-from training.matrix.report import NBSP, TO, percent
-from training.page import page, paragraph, picture, table
+from training.fleet import figures, outliers
+from training.fleet.outliers import Standing
+from training.limits.rates import Figures
+from training.pages.page import page, paragraph, picture, table
+from training.studies.matrix.report import NBSP, TO, percent
 
 ROWS = 40  # of a table, at most
 
@@ -87,14 +87,14 @@ def _standing(found: Figures, standing: Sequence[Standing]) -> str:
     title = "<h2>Vehicles that stand out</h2>"
     if not standing:
         return title + paragraph(
-            f"Too few vehicles to compare: {standing_out.LEAST_VEHICLES} are wanted with a drive "
-            f"of {standing_out.LEAST_WINDOWS} windows."
+            f"Too few vehicles to compare: {outliers.LEAST_VEHICLES} are wanted with a drive "
+            f"of {outliers.LEAST_WINDOWS} windows."
         )
-    named = standing_out.named(standing)
+    named = outliers.named(standing)
     chance = 100.0 * found["standing_out"]["chance"]
     method = (
         f"A vehicle's value is the median over its drives with at least "
-        f"{standing_out.LEAST_WINDOWS} windows; its distance from the fleet's median is counted in "
+        f"{outliers.LEAST_WINDOWS} windows; its distance from the fleet's median is counted in "
         "robust standard deviations (1.4826 times the median absolute deviation). The limits "
         f"({', '.join(f'{s.statistic.title} {s.limit:.2f}' for s in standing)}) are those beyond "
         "which, in a fleet of so many sound vehicles with normally distributed values, any "

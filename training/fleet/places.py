@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import fsspec
 
-from monitor.errors import RecordingError, UsageError
+from monitor.base.errors import RecordingError, UsageError
 
 SUFFIXES: Final = (".log", ".asc", ".blf", ".csv", ".trc", ".mf4", ".mdf", ".dat", ".parquet")
 _MAGIC: Final = "*?["

@@ -6,10 +6,10 @@ from typing import Any
 
 import polars as pl
 
-from training import run_folder
-from training.fleet import page, standing_out, summary
+from training.fleet import outliers, page, summary
 from training.fleet.bench import Bench, tools_of
 from training.fleet.run import windows_path
+from training.jobs import run_folder
 
 
 def write(out: Path, bench: Bench, run: Mapping[str, Any], wished: float) -> tuple[Path, Path]:
@@ -21,7 +21,7 @@ def write(out: Path, bench: Bench, run: Mapping[str, Any], wished: float) -> tup
     recordings, windows = pl.read_parquet(out), windows_path(out)
     limits = tools_of(bench).limits
     now = {"j_mu": limits.j_mu, "j_sigma": limits.j_sigma, "offset": limits.offset_high}
-    standing = standing_out.standings(recordings)
+    standing = outliers.standings(recordings)
     found = summary.summary(recordings, windows, run, now, wished, standing)
     html, tree = out.with_suffix(".html"), out.with_suffix(".json")
     run_folder.write_json(tree, found, indent=1)

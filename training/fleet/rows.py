@@ -6,15 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from monitor.batch.judge import Judged
-from monitor.decide import WindowJudged
-from monitor.enable import CONDITIONS
-from monitor.model_card import ModelCard
-from monitor.types import Quality, SampleBlock
+from monitor.base.types import Quality, SampleBlock
+from monitor.judge.decisions import WindowJudged
+from monitor.judge.enable import CONDITIONS
+from monitor.model.card import ModelCard
+from monitor.pipeline.block_judge import Judged
 from training.fleet.columns import COUNTERS, ESTIMATES
 from training.fleet.drives import Drive
-from training.fleet.read import Read
-from training.matrix.rules import own_scores
+from training.fleet.reading import Read
+from training.limits.alarm_rules import own_scores
 
 Row = dict[str, Any]
 

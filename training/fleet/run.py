@@ -13,13 +13,13 @@ from typing import Any, Final
 
 import polars as pl
 
-from monitor.errors import UsageError
-from training import parallel, run_folder
+from monitor.base.errors import UsageError
 from training.fleet import drives as fleet_drives
 from training.fleet.bench import Bench
-from training.fleet.done import Done, failed, joined
+from training.fleet.chunk_rows import Done, failed, joined
 from training.fleet.drives import Chunk, Drive
-from training.fleet.judge import judge_chunk
+from training.fleet.judging import judge_chunk
+from training.jobs import parallel, run_folder
 
 Progress = Callable[[dict[str, Any]], None]  # takes what a chunk cost and found
 TABLES: Final = ("recordings", "windows")

@@ -8,10 +8,10 @@ from typing import Any, Final
 import polars as pl
 
 import monitor
-from monitor.enable import CONDITIONS
-from training.fleet import proposed, standing_out
-from training.fleet.standing_out import Standing
-from training.matrix.rates import Figures, per_1000_h, rate
+from monitor.judge.enable import CONDITIONS
+from training.fleet import outliers, proposal
+from training.fleet.outliers import Standing
+from training.limits.rates import Figures, per_1000_h, rate
 
 SCHEMA: Final = "o2train.fleet/1"
 EXAMPLES: Final = 3  # files named for each reason, vehicles for each code
@@ -47,10 +47,10 @@ def summary(
         "with_code": rate(int(judged["fault_flag"].sum()), len(judged)),
         "codes": codes(judged),
         "standing_out": {
-            "chance": standing_out.RATE,
+            "chance": outliers.RATE,
             "statistics": [_standing(each) for each in found],
         },
-        "limits": proposed.proposals(recordings, windows, wished, limits),
+        "limits": proposal.proposals(recordings, windows, wished, limits),
         "not_judged": reasons(recordings),
         "not_completed": not_completed(judged),
         "per_1000_h": cost(run),

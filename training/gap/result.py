@@ -10,17 +10,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from monitor.manifest import source_of
-from monitor.model import Model
-from monitor.model_card import TrainingRecording
-from training.chain import Constants
-from training.gap.add.added import Added
-from training.gap.check.verified import Verified
-from training.gap.given import MOST_EFFECTS
+from monitor.base.manifest import source_of
+from monitor.model.card import TrainingRecording
+from monitor.model.step import Model
+from training.gap.inputs.roles import MOST_EFFECTS
 from training.gap.name.ranking import RIVAL_SCORE, WIN
 from training.gap.name.verdict import Candidate, Naming, Verdict
+from training.gap.verify.findings import Verified
 from training.gap.where.localise import Findings
-from training.recordings import Recording, sha256
+from training.greybox.chain import Constants
+from training.greybox.effects.model_effect import Added
+from training.recordings.recording import Recording, sha256
 
 SCHEMA: Final = "o2train.gap/1"
 HELD_OUT_DRIVES: Final = "recordings that no fit saw"

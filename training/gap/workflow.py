@@ -10,27 +10,29 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
-from monitor.errors import ModelError
-from monitor.model_card import ModelCard
-from training.chain import Constants
-from training.gap import base, located, mixed, usable
-from training.gap.add import adding, constants
-from training.gap.add.added import Added, uncertain
-from training.gap.check.verify import verify
-from training.gap.compared import Compared
-from training.gap.drives import Drive
-from training.gap.given import Given, Options, split
-from training.gap.name.begin import begin
-from training.gap.name.describe import describe
+from monitor.base.errors import ModelError
+from monitor.model.card import ModelCard
+from training.gap import localisation, reference
+from training.gap.add import choice, constants
+from training.gap.healthy import card as reference_card
+from training.gap.healthy.behaviour import Healthy
+from training.gap.inputs import base, suitability
+from training.gap.inputs.prediction import predicted_phi
+from training.gap.inputs.roles import Given, Options, split
+from training.gap.name import vehicle_mix, yardstick
+from training.gap.name.description import describe
 from training.gap.name.naming import name
+from training.gap.name.start import begin
 from training.gap.name.verdict import Naming
-from training.gap.predicted import predicted_phi
-from training.gap.reference import accepted, learn_reference, reference_card
-from training.gap.reference.healthy import Healthy
 from training.gap.result import ModelFile, Result, Step, of_recording
-from training.gap.stages import Progress, Stages
+from training.gap.verify.verification import verify
 from training.gap.where.localise import Findings, localise
-from training.greybox_graph import Greybox
+from training.greybox.chain import Constants
+from training.greybox.effects.model_effect import Added, uncertain
+from training.greybox.fit.comparison import Compared
+from training.greybox.fit.drive import Drive
+from training.greybox.graph.chain_graph import Greybox
+from training.jobs.stages import Progress, Stages
 
 NEW_MODEL: Final = "model.onnx"
 NO_USE: Final = (
@@ -54,16 +56,16 @@ def investigate(
 ) -> Result:
     """Return what was found; a new model, if there is one, is ``out``/model.onnx.
 
-    known : what ``accepted.learn`` made of the healthy recordings, if it is there already; without
+    known : what ``yardstick.learn`` made of the healthy recordings, if it is there already; without
         healthy recordings it is what the model's card says
     stages : where results of a run that was stopped are kept
     Raises RecordingError or ModelError if recordings or model cannot be used.
     """
     began_s, stages = time.monotonic(), stages or Stages()
     card = base.check(given.model)
-    missing = usable.check_files(given.roles, card, given.model.name)
+    missing = suitability.check_files(given.roles, card, given.model.name)
     if missing:
-        return located.investigate(
+        return localisation.investigate(
             given.model, card, (*given.recordings, *given.verify), given.healthy, missing,
             sensor_known_good=options.sensor_known_good, progress=progress,
         )  # fmt: skip
@@ -73,9 +75,9 @@ def investigate(
     naming = stages.done("name", lambda: _name(drives, card, on, options, progress))
     if on.known is None and naming.base is not None and card.kind != base.GREYBOX:
         on = replace(on, start=naming.base)  # nothing said what the vehicle's chain is
-    mixing = mixed.warn(
+    mixing = vehicle_mix.warn(
         _with_own(drives, on.known),
-        mixed.chain_of(naming, on.base),
+        vehicle_mix.chain_of(naming, on.base),
         _with_own(base.plain_drives_of(card, given.healthy, given.healthy), on.known),
     )
     new, form, added, warnings = _add(given, out, options, naming, on, progress)
@@ -91,10 +93,10 @@ def investigate(
             ),
         )  # fmt: skip
     doubts = [
-        *usable.unlearned(given.recordings, given.healthy),
-        *usable.unvisited(drives, on.known),
+        *suitability.unlearned(given.recordings, given.healthy),
+        *suitability.unvisited(drives, on.known),
         *on.doubts,
-        *usable.poor(card),
+        *suitability.poor(card),
     ]
     return Result(
         ModelFile.of(given.model),
@@ -109,7 +111,7 @@ def investigate(
         new,
         _steps(naming),
         _unknown(naming, drives, on),
-        (*doubts, *mixing, *warnings, *uncertain(added), *usable.held_out(card, held_out)),
+        (*doubts, *mixing, *warnings, *uncertain(added), *suitability.held_out(card, held_out)),
         options.sensor_known_good,
         time.monotonic() - began_s,
     )
@@ -136,8 +138,8 @@ class Yardstick:
 
 def _drives(given: Given) -> list[Drive]:
     drives = base.drives_of(given.model, given.recordings, given.healthy)
-    usable.check_long(drives, "new")
-    usable.check_moving(drives)
+    suitability.check_long(drives, "new")
+    suitability.check_moving(drives)
     return drives
 
 
@@ -151,7 +153,7 @@ def _yardstick(
     if given.healthy:
         return Yardstick(start, stages.done("healthy", lambda: _learn(given, start, progress)))
     known, doubts = reference_card.known_of(card)
-    return Yardstick(start, known, [*doubts, *usable.fitted_to(card, given.recordings)])
+    return Yardstick(start, known, [*doubts, *suitability.fitted_to(card, given.recordings)])
 
 
 def _name(
@@ -169,8 +171,8 @@ def _name(
 
 def _learn(given: Given, start: Constants, progress: Progress) -> Healthy:
     drives = base.drives_of(given.model, given.healthy, given.healthy)
-    usable.check_long(drives, "healthy")
-    return accepted.learn(drives, start, progress)
+    suitability.check_long(drives, "healthy")
+    return yardstick.learn(drives, start, progress)
 
 
 def _with_own(drives: Sequence[Drive], known: Healthy | None) -> list[Drive]:
@@ -205,7 +207,7 @@ def _add(
     if not choices:
         return None, "", (), [*warnings, VARIES]
     try:
-        new, form, added = adding.add(
+        new, form, added = choice.add(
             given, out / NEW_MODEL, choices, on.known, on.start, options, progress
         )
     except ModelError as error:  # ParityError is one
@@ -213,7 +215,7 @@ def _add(
     if new is None:
         return None, "", (), [*warnings, NO_USE]
     if on.known is not None and given.healthy and base.check(given.model).kind == base.GREYBOX:
-        learn_reference.store(new, on.known, given.healthy)  # with which its constants go
+        reference.store(new, on.known, given.healthy)  # with which its constants go
     return new, form, added, warnings
 
 

@@ -11,18 +11,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from training.chain import Constants
-from training.gap import base
-from training.gap.add.across_drives import fit_alike, on_others
-from training.gap.add.added import Added
-from training.gap.given import Given, split
+from training.gap.add.typical_drive import fit_alike, on_others
+from training.gap.healthy import behaviour
+from training.gap.healthy.behaviour import Healthy
+from training.gap.inputs import base
+from training.gap.inputs.roles import Given, split
 from training.gap.name import scoring
-from training.gap.name.begin import begin
-from training.gap.name.fitting import Case, Fit, fit
 from training.gap.name.ranking import State
+from training.gap.name.start import begin
 from training.gap.name.verdict import Naming
-from training.gap.reference import healthy
-from training.gap.reference.healthy import Healthy
+from training.greybox.chain import Constants
+from training.greybox.effects.model_effect import Added
+from training.greybox.fit.joint import Case, Fit, fit
 
 
 def refitted(
@@ -46,7 +46,7 @@ def refitted(
     found = [_alike(state, state.case, state.case, last)]
     if known and given.healthy:
         plain = replace(known, base=known.plain, own=(), charge=None)
-        other = healthy.learn(base.read_by(given.model, given.healthy), known.plain, plain)
+        other = behaviour.learn(base.read_by(given.model, given.healthy), known.plain, plain)
         own = begin(base.read_by(given.model, recordings), other, other.base)
         found.append(_alike(own, own.case, own.case, last))
     found += [_alike(state, case, case, last) for case in also]

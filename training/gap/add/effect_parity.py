@@ -8,17 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from monitor.errors import ModelError
-from monitor.model import Inputs, Model
-from monitor.types import FloatArray
-from training.chain import STOICHIOMETRIC, charge_mg, simulate
-from training.chain import Path as ChainPath
-from training.gap.add.added import Added
-from training.gap.add.effect_nodes import FUEL
-from training.gap.drives import Drive
-from training.gap.predicted import stacked
-from training.greybox_checks import TOLERANCE
-from training.greybox_graph import Greybox
+from monitor.base.errors import ModelError
+from monitor.base.types import FloatArray
+from monitor.model.step import Inputs, Model
+from training.gap.inputs.prediction import stacked
+from training.greybox.chain import STOICHIOMETRIC, charge_mg, simulate
+from training.greybox.chain import Path as ChainPath
+from training.greybox.effects.model_effect import Added
+from training.greybox.effects.nodes import FUEL
+from training.greybox.fit.drive import Drive
+from training.greybox.graph.chain_graph import Greybox
+from training.greybox.graph.checks import TOLERANCE
 
 __all__ = ["TOLERANCE", "Entry", "Parity", "ParityError", "made_inputs", "parity", "reading"]
 

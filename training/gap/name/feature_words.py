@@ -2,7 +2,7 @@
 
 from typing import Final, NamedTuple
 
-from training.gap.reference.features import COOLANT_KNOTS_DEGC, LOAD_KNOTS_MG, SPEED_KNOTS_RPM
+from training.gap.healthy.features import COOLANT_KNOTS_DEGC, LOAD_KNOTS_MG, SPEED_KNOTS_RPM
 
 
 class Words(NamedTuple):

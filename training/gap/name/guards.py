@@ -5,10 +5,10 @@ from typing import Final
 
 import numpy as np
 
-from monitor.types import FloatArray, IntArray
-from training.chain import Constants
-from training.gap.name.fitting import Case, Fit
-from training.gap.name.sensor_faults import SensorFault
+from monitor.base.types import FloatArray, IntArray
+from training.greybox.chain import Constants
+from training.greybox.fit.joint import Case, Fit
+from training.greybox.fit.sensor_faults import SensorFault
 
 # A sensor that shifted by less is no suspect. DESIGN, "what a prototype taught", has the 20 ms, and
 # 0.004 of the mixture, which is the offset here and ``GAIN_SHIFT`` of the base.

@@ -6,10 +6,10 @@ from typing import Final
 
 import numpy as np
 
-from monitor.types import FloatArray
-from training.chain import MG_RPM_PER_KG_H, STOICHIOMETRIC
-from training.gap.drives import Drive, make
-from training.gap.name.fitting import Fit, reading
+from monitor.base.types import FloatArray
+from training.greybox.chain import MG_RPM_PER_KG_H, STOICHIOMETRIC
+from training.greybox.fit.drive import Drive, make
+from training.greybox.fit.joint import Fit, reading
 
 PERIOD_S: Final = 0.1
 MODULATION_S: Final = 1.8  # the lambda controller's forced oscillation

@@ -13,20 +13,19 @@ from typing import Final
 
 import numpy as np
 
-from monitor.errors import RecordingError
-from training.chain import Constants
-from training.gap.drives import Drive
-from training.gap.effects import ALL
-from training.gap.name import scoring
-from training.gap.name.begin import FREE, begin
-from training.gap.name.decide import Outcome, step
-from training.gap.name.fitting import Case, Prior, Term, fit, held_out_rmse
+from monitor.base.errors import RecordingError
+from training.gap.healthy.behaviour import Healthy
+from training.gap.name import scoring, yardstick
+from training.gap.name.decision import Outcome, step
 from training.gap.name.ranking import ADEQUATE, State, adequacy_of
-from training.gap.name.sensor_faults import FAULTS
+from training.gap.name.start import FREE, begin
 from training.gap.name.verdict import Candidate, Naming, Round, Verdict
-from training.gap.reference import accepted
-from training.gap.reference.healthy import Healthy
-from training.gap.stages import Progress
+from training.greybox.chain import Constants
+from training.greybox.effects import ALL
+from training.greybox.fit.drive import Drive
+from training.greybox.fit.joint import Case, Prior, Term, fit, held_out_rmse
+from training.greybox.fit.sensor_faults import FAULTS
+from training.jobs.stages import Progress
 
 ADEQUATE_ALONE: Final = 0.5  # of what can be explained, where no other candidate comes near
 FAR: Final = 1.0 / 3.0  # of the best score, below which another is far from it
@@ -46,7 +45,7 @@ def name(
 
     drives : recordings of one vehicle with the gap
     healthy : recordings of the same vehicle on which the base was accepted; without them every
-        weakness of the base itself is part of the gap; or what ``accepted.learn`` made of them
+        weakness of the base itself is part of the gap; or what ``yardstick.learn`` made of them
     reference : base constants of the healthy vehicle, if ``healthy`` is not given
     steps : effects to add at most, one after the other
     sensor_known_good : leave the sensor's faults out
@@ -96,7 +95,7 @@ def _known(
 ) -> Healthy | None:
     if isinstance(healthy, Healthy):
         return healthy
-    return accepted.learn(healthy, reference or Constants(), progress) if healthy else None
+    return yardstick.learn(healthy, reference or Constants(), progress) if healthy else None
 
 
 def _doubts(case: Case, known: Healthy | None) -> list[str]:

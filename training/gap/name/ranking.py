@@ -4,13 +4,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
-from monitor.types import FloatArray
-from training.gap.effects import Effect
+from monitor.base.types import FloatArray
 from training.gap.name import guards, scoring
-from training.gap.name.fitting import Case, Fit, Term, fit, has_its_signs
-from training.gap.name.sensor_faults import SensorFault
 from training.gap.name.verdict import Candidate
-from training.gap.stages import Progress
+from training.greybox.effects import Effect
+from training.greybox.fit.joint import Case, Fit, Term, fit, has_its_signs
+from training.greybox.fit.sensor_faults import SensorFault
+from training.jobs.stages import Progress
 
 WIN: Final = 0.95  # of resampled blocks
 ADEQUATE: Final = 0.85  # of what can be explained at all; DESIGN, "what a prototype taught"

@@ -7,11 +7,11 @@ from typing import Final
 import numpy as np
 from scipy.signal import lfilter
 
-from monitor.types import FloatArray, IntArray
-from training.gap.compared import FOLDS
-from training.gap.name.fitting import Case, Fit, held_out, plain_errors, predict
-from training.gap.reference import ridge
-from training.gap.reference.healthy import columns, noise
+from monitor.base.types import FloatArray, IntArray
+from training.gap.healthy.behaviour import columns, noise
+from training.greybox.fit import ridge
+from training.greybox.fit.comparison import FOLDS
+from training.greybox.fit.joint import Case, Fit, held_out, plain_errors, predict
 
 LARGEST: Final = 5.0  # of a whitened error in sigma, beyond which it counts no more
 BOOTSTRAPS: Final = 2000

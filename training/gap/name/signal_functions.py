@@ -11,11 +11,11 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from monitor.signals import BY_NAME, OUTPUT
-from monitor.types import FloatArray
-from training.chain import Constants, simulate
-from training.gap.drives import Drive, path_of
-from training.gap.effects.effect import injecting
+from monitor.base.signals import BY_NAME, OUTPUT
+from monitor.base.types import FloatArray
+from training.greybox.chain import Constants, simulate
+from training.greybox.effects.effect import injecting
+from training.greybox.fit.drive import Drive, path_of
 
 # The controller's answer to the mixture and the flags explain nothing.
 LEFT_OUT: Final = (OUTPUT, "lambda_controller", "lambda_target", "fuel_mass_mg")

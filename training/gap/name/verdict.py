@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from training.chain import Constants
-from training.gap.name.fitting import Fit
 from training.gap.name.manoeuvres import Experiment
+from training.greybox.chain import Constants
+from training.greybox.fit.joint import Fit
 
 Verdict = Literal["named", "no_gap", "ambiguous", "unknown_effect", "sensor_fault_suspected"]
 

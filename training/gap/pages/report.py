@@ -22,7 +22,7 @@ from training.gap.pages.report_tables import (
 from training.gap.pages.report_words import actions, cautions, verdict_sentence
 from training.gap.pages.where_section import section as where_section
 from training.gap.result import Result
-from training.page import page, paragraph, picture, table
+from training.pages.page import page, paragraph, picture, table
 
 SECTIONS: Final = (
     ("now", "What now"),

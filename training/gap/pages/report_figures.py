@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from training.gap.check.verified import Error, Trace
 from training.gap.name.verdict import Candidate
+from training.gap.verify.findings import Error, Trace
 
 BEFORE, AFTER, FLOOR, WORSE = "0.55", "C0", "0.15", "C3"
 

@@ -3,15 +3,15 @@
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
-from monitor.model_card import TrainingRecording
-from training.chain import RANGES, Constants
-from training.gap.check.verified import Count, Error, Found, Verified, rate
-from training.gap.effects import LIBRARY
-from training.gap.effects.effect import Parameter
-from training.gap.name.sensor_faults import FAULTS
+from monitor.model.card import TrainingRecording
 from training.gap.name.verdict import Candidate
 from training.gap.result import Result
-from training.page import table
+from training.gap.verify.findings import Count, Error, Found, Verified, rate
+from training.greybox.chain import RANGES, Constants
+from training.greybox.effects import LIBRARY
+from training.greybox.effects.effect import Parameter
+from training.greybox.fit.sensor_faults import FAULTS
+from training.pages.page import table
 
 NONE: Final = "–"
 AT_BOUND: Final = 0.01  # of the range

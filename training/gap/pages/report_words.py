@@ -1,11 +1,11 @@
 """Sentences of the gap report: the verdict with its figures, what to do, what to beware of."""
 
-from training.gap.check.verified import Count, Error, Found
-from training.gap.name.decide import T_LEAST
+from training.gap.name.decision import T_LEAST
 from training.gap.name.naming import ADEQUATE_ALONE
 from training.gap.name.ranking import ADEQUATE
 from training.gap.pages.report_tables import percent, phi
 from training.gap.result import Result
+from training.gap.verify.findings import Count, Error, Found
 
 
 def verdict_sentence(result: Result) -> str:

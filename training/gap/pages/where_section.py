@@ -18,7 +18,7 @@ from training.gap.where.localise import Findings
 from training.gap.where.over_time import Change
 from training.gap.where.regime_tree import Box
 from training.gap.where.regimes import Regime
-from training.page import paragraph, picture, table
+from training.pages.page import paragraph, picture, table
 
 SHOWN = 8  # regimes in the picture and table
 SHOWN_LAGS = 4

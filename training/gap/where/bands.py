@@ -7,12 +7,12 @@ from typing import Final
 import numpy as np
 from scipy import stats
 
-from monitor.types import FloatArray, IntArray
-from training.gap.compared import Compared
+from monitor.base.types import FloatArray, IntArray
 from training.gap.where.bootstrap import Share, draw_counts, share_of
 from training.gap.where.drivers import WORDS
 from training.gap.where.segments import Segments, input_names, transform
 from training.gap.where.surrogates import Sums, p_of_largest, slope
+from training.greybox.fit.comparison import Compared
 
 ALPHA: Final = 0.01  # false bands per localisation, all bands and inputs together
 LEAST_COHERENCE: Final = 0.05  # less explains nothing worth a sentence

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from monitor.types import FloatArray, IntArray
+from monitor.base.types import FloatArray, IntArray
 
 DRAWS = 500
 SIGNS = 1999

@@ -14,9 +14,7 @@ from typing import Final, Literal, get_args
 
 import numpy as np
 
-from monitor.types import FloatArray
-from training.gap.compared import Compared, Stack, gather
-from training.gap.drives import hold
+from monitor.base.types import FloatArray
 from training.gap.where.bootstrap import Excess
 from training.gap.where.drivers import AT_SENSOR, Driver, find_drivers, rate
 from training.gap.where.splines import (
@@ -30,6 +28,8 @@ from training.gap.where.splines import (
     solve,
 )
 from training.gap.where.transport import Transport
+from training.greybox.fit.comparison import Compared, Stack, gather
+from training.greybox.fit.drive import hold
 
 Point = Literal["before the transport", "at the sensor", "timing", "sensitivity"]
 POINTS: Final[tuple[Point, ...]] = get_args(Point)

@@ -6,9 +6,9 @@ from typing import Final
 
 import numpy as np
 
-from monitor.types import FloatArray
-from training.gap.compared import Compared
-from training.gap.drives import hold, in_fuel_cut
+from monitor.base.types import FloatArray
+from training.greybox.fit.comparison import Compared
+from training.greybox.fit.drive import hold, in_fuel_cut
 
 STEP_S: Final = 0.3  # over which a rate is taken: above the noise, below a tip-in
 AFTER_CUT_S: Final = 20.0  # later than this, a fuel cut is long ago

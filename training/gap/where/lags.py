@@ -13,12 +13,12 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
 
-from monitor.types import FloatArray, IntArray
-from training.gap.compared import BLOCK_S, Compared
-from training.gap.drives import hold
+from monitor.base.types import FloatArray, IntArray
 from training.gap.where.drivers import WORDS
 from training.gap.where.segments import input_names
 from training.gap.where.surrogates import Sums, p_of_largest, slope
+from training.greybox.fit.comparison import BLOCK_S, Compared
+from training.greybox.fit.drive import hold
 
 ALPHA: Final = 0.01  # false lags per localisation, all lags and inputs together
 LEAST_CORRELATION: Final = 0.1  # 1 % of the whitened squares; less is nobody's gap

@@ -10,9 +10,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from monitor.errors import RecordingError
-from monitor.types import FloatArray
-from training.gap.compared import FOLDS, Compared, Stack, stack
+from monitor.base.errors import RecordingError
+from monitor.base.types import FloatArray
 from training.gap.where.bands import Bands, find_bands
 from training.gap.where.bootstrap import Excess, excess
 from training.gap.where.candidates import Side
@@ -30,6 +29,7 @@ from training.gap.where.regimes import (
     rivals,
 )
 from training.gap.where.transport import find_transport, like
+from training.greybox.fit.comparison import FOLDS, Compared, Stack, stack
 
 MOST_NAMED: Final = 4  # rivals in a sentence; the page shows them all
 

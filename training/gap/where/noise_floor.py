@@ -15,11 +15,11 @@ from typing import Final
 import numpy as np
 from scipy.spatial import cKDTree
 
-from monitor.types import FloatArray
-from training.gap.compared import Compared, Stack, gather
-from training.gap.drives import hold
+from monitor.base.types import FloatArray
 from training.gap.where.bootstrap import draw_counts
 from training.gap.where.drivers import find_drivers
+from training.greybox.fit.comparison import Compared, Stack, gather
+from training.greybox.fit.drive import hold
 
 WEIGHTS: Final = (1.0, -3.0, 3.0, -1.0)  # third difference
 APART_S: Final = 10.0  # pairs closer than this share slow noise

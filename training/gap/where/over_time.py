@@ -12,8 +12,8 @@ from typing import Final, Literal, get_args
 
 import numpy as np
 
-from monitor.types import BoolArray, FloatArray
-from training.gap.compared import Compared
+from monitor.base.types import BoolArray, FloatArray
+from training.greybox.fit.comparison import Compared
 
 ALPHA: Final = 0.01  # false onsets per localisation, all recordings together
 ORDERS: Final = 9999  # random orders of the blocks

@@ -12,10 +12,10 @@ from typing import Final
 
 import numpy as np
 
-from monitor.types import BoolArray, FloatArray
-from training.gap.compared import Compared, Stack, gather
+from monitor.base.types import BoolArray, FloatArray
 from training.gap.where.bootstrap import Excess, Share
 from training.gap.where.drivers import Driver, find_drivers
+from training.greybox.fit.comparison import Compared, Stack, gather
 
 DEPTH: Final = 3
 LEAST_SHARE: Final = 0.03  # of the samples in a box

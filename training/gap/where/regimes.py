@@ -10,8 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from monitor.types import FloatArray
-from training.gap.compared import FOLDS, gather
+from monitor.base.types import FloatArray
 from training.gap.where.bootstrap import Excess, Share, p_of_gains
 from training.gap.where.candidates import (
     EVERYWHERE,
@@ -24,6 +23,7 @@ from training.gap.where.candidates import (
     points,
 )
 from training.gap.where.splines import Basis, held_out, normal
+from training.greybox.fit.comparison import FOLDS, gather
 
 ALPHA: Final = 0.02  # false regimes per localisation, all candidates together
 LEAST_SHARE: Final = 0.03  # of the excess; a driver of less is not where the gap is

@@ -11,10 +11,10 @@ import numpy as np
 from scipy.signal import detrend
 from scipy.signal.windows import hann
 
-from monitor.types import FloatArray, IntArray
-from training.gap.compared import Compared
-from training.gap.drives import hold
+from monitor.base.types import FloatArray, IntArray
 from training.gap.where.drivers import NO_DRIVERS
+from training.greybox.fit.comparison import Compared
+from training.greybox.fit.drive import hold
 
 SEGMENT_S: Final = 25.6  # 0.04 Hz resolution: a tip-in and its echo fit in
 LEAST_SCORED: Final = 0.7  # of a segment

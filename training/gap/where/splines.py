@@ -6,8 +6,8 @@ from typing import Final
 import numpy as np
 from scipy.interpolate import BSpline
 
-from monitor.types import FloatArray, IntArray
-from training.gap.compared import Stack
+from monitor.base.types import FloatArray, IntArray
+from training.greybox.fit.comparison import Stack
 
 KNOTS: Final = 5  # inner intervals of a cubic spline, at equal shares of the samples
 SMOOTHING: Final = 1e-3  # weight of the second differences beside the mean diagonal

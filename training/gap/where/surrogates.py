@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.types import FloatArray, IntArray
+from monitor.base.types import FloatArray, IntArray
 
 SURROGATES: Final = 999
 

@@ -7,9 +7,9 @@ from itertools import product
 import numpy as np
 from scipy.signal import lfilter
 
-from monitor.types import FloatArray
-from training.chain import STOICHIOMETRIC
-from training.gap.compared import Compared
+from monitor.base.types import FloatArray
+from training.greybox.chain import STOICHIOMETRIC
+from training.greybox.fit.comparison import Compared
 
 DEAD_TIMES_S = np.arange(0.0, 1.01, 0.05)
 LAGS_S = (0.0, 0.05, 0.1, 0.2, 0.3, 0.5)

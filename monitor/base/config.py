@@ -1,0 +1,330 @@
+"""Configuration: a TOML file becomes frozen objects; an unknown key is an error."""
+
+import math
+import sys
+import tomllib
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+from monitor.base.errors import ConfigError
+
+
+@dataclass(frozen=True, slots=True)
+class WindowConfig:
+    """Length of the residual window."""
+
+    n_samples: int
+
+
+@dataclass(frozen=True, slots=True)
+class EnableConfig:
+    """When a sample may be judged."""
+
+    coolant_min_degc: float
+    engine_speed_min_rpm: float
+    engine_speed_max_rpm: float
+    manifold_pressure_min_kpa: float
+    manifold_pressure_max_kpa: float
+    vehicle_speed_min_km_h: float
+    fuel_cut_recovery_s: float
+    purge_open_percent: float
+    purge_step_percent: float
+    purge_recovery_s: float
+    model_settle_samples: int
+    range_margin: float
+    range_recovery_s: float
+    range_ignored: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ResponseConfig:
+    """The bank of sensor hypotheses and the limits of the response rule."""
+
+    lags_s: tuple[float, ...]
+    delays_s: tuple[float, ...]
+    lead_s: float
+    lag_limit_s: float
+    lag_limit_symmetric_s: float
+    delay_limit_s: float
+    gain_sound_min: float
+    gain_weak_max: float
+    gain_slow_min: float
+    gain_transient_max: float
+    gain_late_min: float
+    gain_max: float
+    excitation_noise: float
+    evidence_weight: float
+    false_alarm_probability: float
+    miss_probability: float
+    evidence_alike: float
+    evidence_most: float
+    evidence_memory: float
+
+
+@dataclass(frozen=True, slots=True)
+class BiasConfig:
+    """The offset test and the vehicle's reference."""
+
+    offset_limit_lambda: float
+    window_std_lambda: float
+    variance_shared: float
+    certainty: float
+    memory: float
+    n_windows: int
+    fuel_span_lambda: float
+    gain_spread: float
+    gain_drives: int
+    reference_windows: int
+
+
+@dataclass(frozen=True, slots=True)
+class PlausibilityConfig:
+    """Stuck, not ready, out of range, missing."""
+
+    stuck_range: float
+    stuck_s: float
+    stuck_band_at_one: float
+    start_patience_s: float
+    not_ready_s: float
+    engine_running_rpm: float
+
+
+@dataclass(frozen=True, slots=True)
+class DebounceConfig:
+    """Steps of the fault detection counter."""
+
+    response_fail: int
+    response_pass: int
+    tick_fail_s: float
+    tick_pass_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class CyclesConfig:
+    """When a driving cycle begins, and what counts in it."""
+
+    engine_off_s: float
+    silent_s: float
+    start_s: float
+    denominator_run_s: float
+    denominator_moving_s: float
+    denominator_moving_km_h: float
+    denominator_idle_s: float
+    denominator_idle_km_h: float
+    denominator_ambient_min_degc: float
+    denominator_pressure_min_kpa: float
+
+
+@dataclass(frozen=True, slots=True)
+class ProfileConfig:
+    """Counts of a regulation until codes and lamp change."""
+
+    confirm_cycles: int
+    lamp_off_cycles: int
+    erase_warm_ups: int
+    permanent_most: int
+    warm_up_degc: float
+    warm_up_rise_degc: float
+
+
+@dataclass(frozen=True, slots=True)
+class ObdConfig:
+    """Which regulation's counts hold."""
+
+    profile: str
+
+
+@dataclass(frozen=True, slots=True)
+class Config:
+    """Everything that is set and not learned."""
+
+    window: WindowConfig
+    enable: EnableConfig
+    response: ResponseConfig
+    bias: BiasConfig
+    plausibility: PlausibilityConfig
+    debounce: DebounceConfig
+    cycles: CyclesConfig
+    obd: ObdConfig
+    carb: ProfileConfig
+    eobd: ProfileConfig
+
+    @property
+    def profile(self) -> ProfileConfig:
+        """Return the counts of the regulation that is chosen."""
+        return self.carb if self.obd.profile == "carb" else self.eobd
+
+
+PROFILES: Final = ("carb", "eobd")
+_Section = TypeVar("_Section")
+
+# Numbers are above 0 unless a lowest value stands here.
+_LOWEST: Final = {
+    "window.n_samples": 10.0,
+    "enable.coolant_min_degc": -273.15,
+    "enable.engine_speed_min_rpm": 0.0,
+    "enable.manifold_pressure_min_kpa": 0.0,
+    "enable.vehicle_speed_min_km_h": 0.0,
+    "enable.fuel_cut_recovery_s": 0.0,
+    "enable.purge_recovery_s": 0.0,
+    "enable.model_settle_samples": 0.0,
+    "enable.range_margin": 0.0,
+    "enable.range_recovery_s": 0.0,
+    "response.lag_limit_s": 0.0,
+    "response.lag_limit_symmetric_s": 0.0,
+    "response.delay_limit_s": 0.0,
+    "response.lead_s": 0.0,
+    "response.gain_late_min": 0.0,
+    "response.excitation_noise": 0.0,
+    "response.evidence_alike": 0.0,
+    "response.evidence_memory": 0.0,
+    "bias.variance_shared": 0.0,
+    "bias.memory": 0.0,
+    "bias.gain_drives": 0.0,
+    "plausibility.stuck_range": 0.0,
+    "plausibility.start_patience_s": 0.0,
+    "plausibility.stuck_band_at_one": 0.0,
+    "plausibility.not_ready_s": 0.0,
+    "plausibility.engine_running_rpm": 0.0,
+    "cycles.denominator_idle_km_h": 0.0,
+    "cycles.denominator_ambient_min_degc": -273.15,
+    "cycles.denominator_pressure_min_kpa": 0.0,
+    "carb.permanent_most": 0.0,
+    "eobd.permanent_most": 0.0,
+}
+_HIGHEST: Final = {
+    "enable.purge_open_percent": 100.0,
+    "enable.purge_step_percent": 100.0,
+    "response.evidence_memory": 1.0,
+    "response.evidence_weight": 1.0,
+    "response.false_alarm_probability": 0.5,
+    "response.miss_probability": 0.5,
+    "bias.variance_shared": 1.0,
+    "bias.memory": 1.0,
+    "bias.gain_spread": 0.5,
+    "debounce.response_fail": 127.0,
+    "debounce.response_pass": 127.0,
+}
+
+
+def load(path: Path | None = None) -> Config:
+    """Return the configuration of a TOML file; without one, as shipped.
+
+    A file may leave out sections and keys: these keep the shipped value.
+    Raises ConfigError naming file and key for what is unknown, of the wrong type or impossible.
+    """
+    shipped = tomllib.loads(files("monitor.base").joinpath("default.toml").read_text())
+    if path is None:
+        return _build(shipped, "default.toml")
+    try:
+        own = tomllib.loads(path.read_text())
+    except OSError as error:
+        raise ConfigError(f"{path}: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: not TOML: {error}") from None
+    for section, values in own.items():
+        if section not in shipped:
+            raise ConfigError(f"{path}: section [{section}] is unknown; there are {list(shipped)}")
+        if not isinstance(values, dict):
+            raise ConfigError(f"{path}: {section} is a section, {values!r} came")
+        for key, value in values.items():
+            _check(path, section, key, value, shipped[section])
+        shipped[section] |= values
+    return _build(shipped, str(path))
+
+
+@cache
+def shipped() -> Config:
+    """Return the configuration as shipped, read once."""
+    return load()
+
+
+def _check(path: Path, section: str, key: str, value: Any, known: dict[str, Any]) -> None:
+    if key not in known:
+        raise ConfigError(f"{path}: [{section}] {key} is unknown; there are {list(known)}")
+    wanted = type(known[key])
+    texts = wanted is list and isinstance(known[key][0], str)
+    if wanted is list:
+        element = str if texts else float
+        fits = isinstance(value, list) and all(_is(element, v) for v in value)
+        fits = fits and (texts or bool(value))
+    else:
+        fits = _is(wanted, value)
+    if not fits:
+        name = f"list of {'names' if texts else 'numbers'}" if wanted is list else wanted.__name__
+        raise ConfigError(f"{path}: [{section}] {key} = {value!r}, wanted {name}")
+    for number in value if wanted is list else [value]:
+        if not texts and wanted is not str:
+            _check_size(path, section, key, number)
+
+
+def _is(wanted: type, value: Any) -> bool:
+    """Whole numbers are floats, too; truth values are no numbers."""
+    kinds = int | float if wanted is float else wanted
+    return isinstance(value, kinds) and not isinstance(value, bool)
+
+
+def _check_size(path: Path, section: str, key: str, number: float) -> None:
+    name = f"{section}.{key}"
+    lowest, highest = _LOWEST.get(name), _HIGHEST.get(name, math.inf)
+    above = number >= lowest if lowest is not None else number > 0.0
+    if not (above and number <= min(highest, sys.float_info.max)):
+        wanted = f"at least {lowest:g}" if lowest is not None else "above 0"
+        wanted += f" and at most {highest:g}" if highest < math.inf else ""
+        raise ConfigError(f"{path}: [{section}] {key} = {number}, wanted {wanted}")
+
+
+def _build(tree: dict[str, Any], where: str) -> Config:
+    def section(kind: type[_Section], name: str) -> _Section:
+        values = {k: tuple(v) if isinstance(v, list) else v for k, v in tree[name].items()}
+        return kind(**values)
+
+    config = Config(
+        window=section(WindowConfig, "window"),
+        enable=section(EnableConfig, "enable"),
+        response=section(ResponseConfig, "response"),
+        bias=section(BiasConfig, "bias"),
+        plausibility=section(PlausibilityConfig, "plausibility"),
+        debounce=section(DebounceConfig, "debounce"),
+        cycles=section(CyclesConfig, "cycles"),
+        obd=section(ObdConfig, "obd"),
+        carb=section(ProfileConfig, "carb"),
+        eobd=section(ProfileConfig, "eobd"),
+    )
+    if config.obd.profile not in PROFILES:
+        raise ConfigError(
+            f"{where}: [obd] profile = {config.obd.profile!r}, wanted one of {list(PROFILES)}"
+        )
+    on = config.enable
+    for key, low, high in (
+        ("engine_speed_{}_rpm", on.engine_speed_min_rpm, on.engine_speed_max_rpm),
+        ("manifold_pressure_{}_kpa", on.manifold_pressure_min_kpa, on.manifold_pressure_max_kpa),
+    ):
+        if high <= low:
+            raise ConfigError(
+                f"{where}: [enable] {key.format('max')} = {high}, wanted above "
+                f"{key.format('min')} = {low}"
+            )
+    bank = config.response
+    for lower, higher in (
+        ("gain_weak_max", "gain_sound_min"),
+        ("gain_transient_max", "gain_slow_min"),
+        ("gain_sound_min", "gain_max"),
+    ):
+        if getattr(bank, lower) >= getattr(bank, higher):
+            raise ConfigError(
+                f"{where}: [response] {lower} = {getattr(bank, lower)}, wanted below "
+                f"{higher} = {getattr(bank, higher)}"
+            )
+    for key, grid, limit_s in (
+        ("lags_s", bank.lags_s, max(bank.lag_limit_s, bank.lag_limit_symmetric_s)),
+        ("delays_s", bank.delays_s, bank.delay_limit_s),
+    ):
+        if max(grid) <= limit_s:
+            raise ConfigError(
+                f"{where}: [response] {key} = {list(grid)}, wanted one above the limit {limit_s} s"
+            )
+    return config

@@ -1,0 +1,55 @@
+"""Manifests: a ``manifest.json`` beside recordings says where they come from.
+
+A result about simulated recordings must say that they are simulated; the manifest is how a replay
+knows.
+"""
+
+import json
+from pathlib import Path
+from typing import Any, Final
+
+from monitor.base.errors import RecordingError
+
+NAME: Final = "manifest.json"
+SCHEMA: Final = "o2mon.manifest/1"
+
+
+def load(folder: Path) -> dict[str, dict[str, Any]]:
+    """Return the entries of a folder's manifest by file name; {} where there is none of ours.
+
+    A ``manifest.json`` of something else says nothing about recordings.
+    """
+    try:
+        tree = json.loads((folder / NAME).read_text())
+    except (OSError, ValueError):
+        return {}
+    if not isinstance(tree, dict) or tree.get("schema") != SCHEMA:
+        return {}
+    entries = tree.get("recordings")
+    known = [e for e in entries if isinstance(e, dict)] if isinstance(entries, list) else []
+    return {str(entry.get("file")): entry for entry in known}
+
+
+def save(folder: Path, entries: dict[str, dict[str, Any]]) -> None:
+    """Write a folder's manifest, sorted by file name.
+
+    Raises RecordingError if a ``manifest.json`` of something else is in the way.
+    """
+    if (folder / NAME).exists() and not _is_ours(folder / NAME):
+        raise RecordingError(f"{folder / NAME}: is not a manifest of recordings, and in the way")
+    ordered = [entries[name] for name in sorted(entries)]
+    text = json.dumps({"schema": SCHEMA, "recordings": ordered}, indent=1)
+    (folder / NAME).write_text(text + "\n")
+
+
+def source_of(path: Path, sha256: str) -> str | None:
+    """Return where a recording comes from, None if no manifest speaks of this very file."""
+    entry = load(path.parent).get(path.name)
+    if entry is None or entry.get("sha256") != sha256:
+        return None
+    source = entry.get("source")
+    return str(source) if source else None
+
+
+def _is_ours(path: Path) -> bool:
+    return f'"{SCHEMA}"' in path.read_text(errors="replace")

@@ -1,1 +1,0 @@
-"""Whole recordings at once, with the same results as the streaming pipeline."""

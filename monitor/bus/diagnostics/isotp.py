@@ -1,0 +1,127 @@
+"""ISO 15765-2 for one address: can-isotp's state machines, driven without threads.
+
+can-isotp keeps the standard's timeouts on its own clock, the monotonic one.
+"""
+
+import logging
+import math
+from collections import deque
+from typing import Final
+
+import isotp
+
+LONGEST_REQUEST: Final = 64  # bytes; longer ones are refused at their first frame, as overflow
+LEAST_SEPARATION_MS: Final = 2  # of our consecutive frames, whatever the tester allows
+PADDING: Final = 0xCC  # ISO 15765-4 wants eight bytes in every frame
+SINGLE, FLOW_CONTROL = 0x0, 0x3  # first four bits of a frame
+LONGEST_SEPARATION: Final = 0x7F  # 127 ms, also what reserved values mean
+
+_LOG: Final = "monitor.bus.diagnostics.isotp"
+logging.getLogger(_LOG).setLevel(logging.CRITICAL + 1)  # failed transfers are counted instead
+
+
+def single_frame(data: bytes) -> bytes | None:
+    """Return what a single frame carries, None if it is none.
+
+    >>> single_frame(bytes.fromhex("020100cc")), single_frame(bytes.fromhex("0301"))
+    (b'\\x01\\x00', None)
+    """
+    if not data or data[0] >> 4 != SINGLE or not 0 < data[0] < len(data):
+        return None
+    return data[1 : 1 + data[0]]
+
+
+class Transport:
+    """Requests out of frames and answers into frames, one at a time."""
+
+    def __init__(self, request_id: int, response_id: int, *, is_extended: bool) -> None:
+        mode = isotp.AddressingMode.Normal_29bits if is_extended else None
+        self._request_id, self._is_extended = request_id, is_extended
+        self._received: deque[isotp.CanMessage] = deque()
+        self._sent: list[bytes] = []
+        self.failed = 0
+        self._layer = isotp.TransportLayerLogic(
+            rxfn=self._next,
+            txfn=lambda message: self._sent.append(bytes(message.data)),
+            address=isotp.Address(
+                mode or isotp.AddressingMode.Normal_11bits, rxid=request_id, txid=response_id
+            ),
+            error_handler=self._fail,
+            params={
+                "max_frame_size": LONGEST_REQUEST,
+                "blocksize": 0,
+                "stmin": 0,
+                "tx_padding": PADDING,
+                "logger_name": _LOG,
+                "wait_func": lambda _: None,
+            },
+        )
+
+    def _next(self, timeout_s: float) -> isotp.CanMessage | None:
+        del timeout_s
+        return self._received.popleft() if self._received else None
+
+    def _fail(self, error: Exception) -> None:
+        del error
+        self.failed += 1
+
+    @property
+    def is_sending(self) -> bool:
+        """Return whether an answer is under way."""
+        return self._layer.transmitting()
+
+    @property
+    def is_waiting(self) -> bool:
+        """Return whether a flow control frame must come before the answer goes on."""
+        return self._layer.tx_state is self._layer.TxState.WAIT_FC
+
+    @property
+    def wait_s(self) -> float:
+        """Return after how long ``frames`` wants to be called, inf for never."""
+        layer = self._layer
+        waits = [
+            t.remaining() for t in (layer.timer_rx_fc, layer.timer_rx_cf) if not t.is_stopped()
+        ]
+        delay_s = layer.next_cf_delay()
+        return min((*waits, math.inf if delay_s is None else delay_s)) + 1e-4
+
+    def receive(self, data: bytes) -> bytes | None:
+        """Take one frame of the tester and return the request that it completes."""
+        self._received.append(
+            isotp.CanMessage(
+                arbitration_id=self._request_id,
+                dlc=len(data),
+                data=_paced(data),
+                extended_id=self._is_extended,
+            )
+        )
+        self._layer.process()
+        request = None
+        while self._layer.available():
+            request = self._layer.recv()
+        return None if request is None else bytes(request)
+
+    def send(self, answer: bytes) -> None:
+        """Begin to send an answer."""
+        self._layer.send(answer)
+
+    def frames(self) -> list[bytes]:
+        """Return the frames that are due."""
+        self._layer.process()
+        sent = self._sent[:]
+        self._sent.clear()
+        return sent
+
+
+def _paced(data: bytes) -> bytes:
+    """Return a flow control frame that allows no less than our own separation.
+
+    Microseconds count as less, and reserved values as the longest, as the standard wants it.
+    """
+    if len(data) < 3 or data[0] >> 4 != FLOW_CONTROL:
+        return data
+    wanted = data[2]
+    if 0xF1 <= wanted <= 0xF9:
+        wanted = 0
+    separation = min(max(wanted, LEAST_SEPARATION_MS), LONGEST_SEPARATION)
+    return data[:2] + bytes((separation,)) + data[3:]

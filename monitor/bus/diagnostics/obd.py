@@ -1,0 +1,205 @@
+"""On-board diagnostics: services $01 to $0A of SAE J1979 (ISO 15031-5) on CAN."""
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import Final
+
+from monitor.base.errors import O2Error
+from monitor.bus.diagnostics.parameters import bitmap, encoded, unsigned
+from monitor.bus.diagnostics.results import test_results
+from monitor.bus.diagnostics.state import RefusedError, State
+from monitor.bus.transmit import dtc_number
+from monitor.memory.dtc import CODES, TESTS, Dtc, Status
+from monitor.memory.obd_records import Ratio
+
+POSITIVE: Final = 0x40  # added to the service's number
+NOT_SUPPORTED: Final = 0x12  # subfunction not supported, or invalid format
+CONDITIONS_NOT_CORRECT: Final = 0x22
+STANDARDS: Final = {"carb": 0x01, "eobd": 0x06}  # PID 1C: OBD II (CARB), EOBD
+MOST_NUMBERS: Final = 6  # parameters, monitors or kinds of information in one request
+SENSOR_TESTS: Final = ("response", "bias", "activity")  # make up the oxygen sensor monitor
+SENSOR_CODES: Final = {c for test in SENSOR_TESTS for fault in TESTS[test] for c in CODES[fault]}
+COMPONENTS: Final = 0x04  # byte B of PIDs 01 and 41: comprehensive components, judged all the time
+OXYGEN_SENSOR: Final = 0x20  # bytes C and D
+MONITOR_ID: Final = 0x01  # service $06: exhaust gas sensor, bank 1, sensor 1
+ECU_NAME: Final = b"O2M\0-OxygenMonitor\0\0"  # acronym, delimiter, name: 20 bytes
+
+
+def _current(request: bytes, state: State) -> bytes:
+    """Answer service $01: up to six parameters."""
+    return _listed(request, current_parameters(state))
+
+
+def current_parameters(state: State) -> dict[int, bytes]:
+    """Return the parameters of service $01, by number."""
+    counts = state.store.counts
+    data = {
+        0x01: readiness(state),
+        0x1C: bytes((STANDARDS[state.identity.profile],)),
+        0x21: unsigned(counts.distance_with_mil_km, 2),
+        0x30: unsigned(counts.warm_ups_since_clear, 1),
+        0x31: unsigned(counts.distance_since_clear_km, 2),
+        0x41: readiness_of_cycle(state),
+        0x4D: unsigned(counts.engine_run_with_mil_s / 60.0, 2),
+        0x4E: unsigned(counts.engine_run_since_clear_s / 60.0, 2),
+    }
+    return _with_bitmaps(data)
+
+
+def readiness(state: State) -> bytes:
+    """Return PID 01: lamp, number of codes, and which monitors have completed."""
+    n_codes = sum(bool(d.status & Status.CONFIRMED) for d in state.store.all)
+    done = all(map(state.store.completed_since_clear, SENSOR_TESTS))
+    return bytes(
+        (state.store.mil << 7 | n_codes, COMPONENTS, OXYGEN_SENSOR, 0 if done else OXYGEN_SENSOR)
+    )
+
+
+def readiness_of_cycle(state: State) -> bytes:
+    """Return PID 41: which monitors have completed in this driving cycle."""
+    missing = any(
+        d.status & Status.NOT_COMPLETED_THIS_CYCLE
+        for d in state.store.all
+        if d.code in SENSOR_CODES
+    )
+    return bytes((0, COMPONENTS, OXYGEN_SENSOR, OXYGEN_SENSOR if missing else 0))
+
+
+def _freeze_frame(request: bytes, state: State) -> bytes:
+    """Answer service $02: up to three pairs of parameter and frame number; there is frame 0."""
+    pairs = request[1:]
+    if len(pairs) % 2 or not 0 < len(pairs) <= MOST_NUMBERS:
+        raise RefusedError(NOT_SUPPORTED)
+    frame = next(iter(state.store.freeze_frames.values()), None)
+    code = dtc_number(frame.code) if frame else 0
+    data = _with_bitmaps({0x02: unsigned(code, 2)} | encoded(frame.values if frame else {}))
+    found = [
+        bytes((pid, number)) + data[pid]
+        for pid, number in zip(pairs[::2], pairs[1::2], strict=True)
+        if pid in data and number == 0
+    ]
+    return _positive(request, found)
+
+
+def _codes(request: bytes, state: State, wanted: Callable[[Dtc], bool]) -> bytes:
+    _check_alone(request)
+    return _code_list(request, (d.code for d in state.store.all if wanted(d)))
+
+
+def _confirmed(request: bytes, state: State) -> bytes:
+    """Answer service $03."""
+    return _codes(request, state, lambda d: bool(d.status & Status.CONFIRMED))
+
+
+def _pending(request: bytes, state: State) -> bytes:
+    """Answer service $07."""
+    return _codes(request, state, lambda d: bool(d.status & Status.PENDING))
+
+
+def _permanent(request: bytes, state: State) -> bytes:
+    """Answer service $0A."""
+    _check_alone(request)
+    return _code_list(request, state.store.permanent)
+
+
+def _clear(request: bytes, state: State) -> bytes:
+    """Answer service $04."""
+    _check_alone(request)
+    state.check_may_clear()
+    try:
+        state.clear()
+    except O2Error:
+        raise RefusedError(CONDITIONS_NOT_CORRECT) from None
+    return bytes((request[0] + POSITIVE,))
+
+
+def _test_results(request: bytes, state: State) -> bytes:
+    """Answer service $06: up to six support requests, or the results of one monitor."""
+    numbers = request[1:]
+    if numbers == bytes((MONITOR_ID,)):
+        return _positive(request, test_results(MONITOR_ID, state.store.results))
+    return _listed(request, {0x00: bitmap({MONITOR_ID}, 0x00) or b""})
+
+
+def _vehicle_information(request: bytes, state: State) -> bytes:
+    """Answer service $09: up to six support requests, or one kind of information."""
+    information = _information(state)
+    data = {number: b"\x01" + item for number, item in information.items()}
+    data[0x08] = bytes((len(information[0x08]) // 2,)) + information[0x08]
+    if len(request) == 2 and request[1] in data:
+        return _positive(request, [request[1:] + data[request[1]]])
+    return _listed(request, {0x00: bitmap(data, 0x00) or b""})
+
+
+def _information(state: State) -> dict[int, bytes]:
+    identity = state.identity
+    information = {
+        0x04: identity.calibration_id.encode().ljust(16, b"\0"),
+        0x06: bytes.fromhex(identity.model_sha256[:8]),
+        0x08: in_use_performance(state),
+        0x0A: ECU_NAME,
+    }
+    return information | ({0x02: identity.vin.encode()} if identity.vin else {})
+
+
+def in_use_performance(state: State) -> bytes:
+    """Return 20 counters for spark ignition; only those of the oxygen sensor of bank 1 are used."""
+    counts = state.store.counts
+    ratio = lowest_ratio(r for r in state.store.ratios if r.test in SENSOR_TESTS)
+    counters = [counts.general_denominator, counts.ignition_cycles] + [0] * 18
+    counters[6:8] = ratio.numerator, ratio.denominator
+    return b"".join(unsigned(counter, 2) for counter in counters)
+
+
+def lowest_ratio(ratios: Iterable[Ratio]) -> Ratio:
+    """Return the lowest ratio, of equal ones that with the highest denominator.
+
+    >>> lowest_ratio([Ratio("response", 1, 2), Ratio("bias", 2, 4), Ratio("activity", 3, 4)]).test
+    'bias'
+    """
+    return min(
+        ratios,
+        key=lambda r: (r.numerator / r.denominator if r.denominator else 1.0, -r.denominator),
+        default=Ratio("", 0, 0),
+    )
+
+
+def _with_bitmaps(data: Mapping[int, bytes]) -> dict[int, bytes]:
+    maps = {base: bitmap(data, base) for base in range(0x00, 0x100, 0x20)}
+    return {base: bits for base, bits in maps.items() if bits is not None} | dict(data)
+
+
+def _listed(request: bytes, data: Mapping[int, bytes]) -> bytes:
+    """Return the answer with those of the numbers asked for that there are."""
+    numbers = request[1:]
+    if not 0 < len(numbers) <= MOST_NUMBERS:
+        raise RefusedError(NOT_SUPPORTED)
+    return _positive(request, [bytes((n,)) + data[n] for n in numbers if n in data])
+
+
+def _positive(request: bytes, parts: list[bytes]) -> bytes:
+    if not parts:
+        raise RefusedError(NOT_SUPPORTED)
+    return bytes((request[0] + POSITIVE,)) + b"".join(parts)
+
+
+def _code_list(request: bytes, codes: Iterable[str]) -> bytes:
+    numbers = [unsigned(dtc_number(code), 2) for code in codes]
+    return bytes((request[0] + POSITIVE, len(numbers))) + b"".join(numbers)
+
+
+def _check_alone(request: bytes) -> None:
+    """Raise RefusedError if anything follows the service's number."""
+    if len(request) != 1:
+        raise RefusedError(NOT_SUPPORTED)
+
+
+SERVICES: Final[Mapping[int, Callable[[bytes, State], bytes]]] = {
+    0x01: _current,
+    0x02: _freeze_frame,
+    0x03: _confirmed,
+    0x04: _clear,
+    0x06: _test_results,
+    0x07: _pending,
+    0x09: _vehicle_information,
+    0x0A: _permanent,
+}

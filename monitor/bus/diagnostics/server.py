@@ -1,0 +1,146 @@
+"""Diagnostics on the live loop: frames of a tester in, frames of answers out."""
+
+import math
+import re
+from collections import deque
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass
+from typing import Final
+
+from monitor.base.errors import UsageError
+from monitor.base.types import Frame
+from monitor.bus.diagnostics.answer import answer, pending, takes_long
+from monitor.bus.diagnostics.isotp import Transport, single_frame
+from monitor.bus.diagnostics.state import DEFAULT_SESSION, State
+from monitor.pipeline.stream import Event
+
+DEFAULT_RESPONSE_ID: Final = "7E9"
+SESSION_TIMEOUT_S: Final = 5.0  # S3 of ISO 14229-2
+FRAMES_PER_S: Final = 100.0  # of testers, in the long run; what comes faster is ignored
+BURST_FRAMES: Final = 50
+CONTINUE: Final = b"\x30"  # a flow control frame that lets the answer go on; it counts as ours
+LONGEST_FRAME: Final = 8  # bytes; diagnostics of ISO 15765-4 is on classical CAN
+
+
+@dataclass(frozen=True, slots=True)
+class Address:
+    """Identifiers of ISO 15765-4, with 11 or 29 bits."""
+
+    request_id: int
+    response_id: int
+    functional_id: int
+    is_extended: bool
+
+    @classmethod
+    def parse(cls, text: str) -> "Address":
+        """Return the address whose response identifier is given in hexadecimal.
+
+        Raises UsageError for anything but 7E9 to 7EF and 18DAF1xx, and for the engine's own.
+
+        >>> hex(Address.parse("7E9").request_id), hex(Address.parse("18DAF1A5").request_id)
+        ('0x7e1', '0x18daa5f1')
+        """
+        if re.fullmatch(r"(?i)(0x)?7E[9A-F]", text):
+            response_id = int(text, 16)
+            return cls(response_id - 8, response_id, 0x7DF, is_extended=False)
+        if re.fullmatch(r"(?i)(0x)?18DAF1[0-9A-F]{2}", text):
+            response_id = int(text, 16)
+            own = response_id & 0xFF
+            if own not in (0x10, 0x11, 0x33, 0xF1):  # engines, everybody, the tester
+                return cls(0x18DA00F1 | own << 8, response_id, 0x18DB33F1, is_extended=True)
+        raise UsageError(
+            f"diagnostics identifier {text!r}: wanted 7E9 to 7EF (7E8 is the engine's), or "
+            "18DAF1xx with xx none of 10, 11, 33 and F1"
+        )
+
+
+class Allowance:
+    """So many frames at once, then so many a second."""
+
+    def __init__(self, per_s: float, burst: float) -> None:
+        self._per_s, self._burst, self._left = per_s, burst, burst
+        self._since_s = -math.inf
+
+    def take(self, now_s: float) -> bool:
+        """Take one; return whether there was one."""
+        passed_s = max(now_s - self._since_s, 0.0)
+        self._left = min(self._left + passed_s * self._per_s, self._burst)
+        self._since_s = now_s
+        if self._left < 1.0:
+            return False
+        self._left -= 1.0
+        return True
+
+
+class Diagnostics:
+    """The Attachment that answers testers."""
+
+    def __init__(self, state: State, address: Address) -> None:
+        self.state, self._address = state, address
+        self._transport = Transport(
+            address.request_id, address.response_id, is_extended=address.is_extended
+        )
+        self._allowance = Allowance(FRAMES_PER_S, BURST_FRAMES)
+        self._received: deque[Frame] = deque(maxlen=BURST_FRAMES)
+        self._pending: tuple[bytes, bool] | None = None  # request, functional; announced as pending
+        self._session_ends_s = math.inf
+        self.due_s = math.inf
+
+    @property
+    def identifiers(self) -> Collection[tuple[int, bool]]:
+        """Return the identifiers of requests to all and to this monitor alone."""
+        address = self._address
+        return [(i, address.is_extended) for i in (address.functional_id, address.request_id)]
+
+    def receive(self, frame: Frame) -> Iterable[Frame]:
+        """Keep a frame of a tester for ``work``."""
+        self._received.append(frame)
+        return ()
+
+    def push(self, event: Event) -> None:
+        """Take an event of the pipeline."""
+        self.state.push(event)
+
+    def work(self, now_s: float) -> Iterable[Frame]:
+        """Return the frames that are due, among them answers to what came."""
+        if self._pending:
+            (request, is_functional), self._pending = self._pending, None
+            self._answer(request, is_functional, now_s)
+        while self._received:
+            self._take(self._received.popleft(), now_s)
+        sent = self._transport.frames()
+        self.state.failed_transfers = self._transport.failed
+        self.due_s = now_s + (0.0 if self._pending else self._transport.wait_s)
+        address = self._address
+        return [Frame(0, address.response_id, address.is_extended, data) for data in sent]
+
+    def close(self) -> None:
+        """Hold nothing."""
+
+    def _take(self, frame: Frame, now_s: float) -> None:
+        is_awaited = self._transport.is_waiting and frame.data[:1] == CONTINUE
+        if len(frame.data) > LONGEST_FRAME or not (is_awaited or self._allowance.take(now_s)):
+            self.state.ignored_frames += 1
+            return
+        is_functional = frame.can_id == self._address.functional_id
+        receive = single_frame if is_functional else self._transport.receive
+        request = receive(frame.data)
+        if request is None:
+            return
+        if self._pending or self._transport.is_sending:  # one answer at a time
+            self.state.ignored_frames += 1
+            return
+        if now_s >= self._session_ends_s:
+            self.state.session = DEFAULT_SESSION
+        if takes_long(request, self.state):
+            self._pending = request, is_functional
+            self._transport.send(pending(request))
+        else:
+            self._answer(request, is_functional, now_s)
+
+    def _answer(self, request: bytes, is_functional: bool, now_s: float) -> None:
+        response = answer(request, is_functional, self.state)
+        is_default = self.state.session == DEFAULT_SESSION
+        self._session_ends_s = math.inf if is_default else now_s + SESSION_TIMEOUT_S
+        if response is not None:
+            self._transport.send(response)

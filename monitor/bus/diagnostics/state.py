@@ -1,0 +1,107 @@
+"""What diagnostics answers from: fault memory, identity and the latest of the pipeline."""
+
+import math
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from monitor.base.errors import UsageError
+from monitor.memory.dtc import DtcStore
+from monitor.pipeline.stream import Event, Tick, WindowJudged
+
+DEFAULT_SESSION: Final = 0x01
+EXTENDED_SESSION: Final = 0x03
+
+
+class RefusedError(Exception):
+    """A request is answered in the negative; ``code`` says why (ISO 14229-1, annex A)."""
+
+    def __init__(self, code: int) -> None:
+        super().__init__(f"negative response 0x{code:02X}")
+        self.code = code
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """Who answers."""
+
+    model_name: str  # file name
+    model_sha256: str
+    version: str  # of this package
+    profile: str  # "carb" or "eobd"
+    vin: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.vin is not None and not re.fullmatch(r"[A-HJ-NPR-Z0-9]{17}", self.vin):
+            raise UsageError(
+                f"vehicle identification number {self.vin!r}: wanted 17 capitals and digits "
+                "without I, O and Q"
+            )
+
+    @property
+    def calibration_id(self) -> str:
+        """Return at most 16 characters that change with the model."""
+        stem = self.model_name.rpartition(".")[0] or self.model_name
+        ascii_stem = stem.encode("ascii", "replace").decode()
+        return f"{ascii_stem[:7]}-{self.model_sha256[:8]}"
+
+
+@dataclass(slots=True)
+class State:
+    """Everything an answer may depend on.
+
+    clear : clears the codes and stores that
+    names : of the signals in a sample
+    running_rpm : from this engine speed on the engine runs
+    """
+
+    store: DtcStore
+    identity: Identity
+    clear: Callable[[], None]
+    names: Sequence[str]
+    output: str
+    running_rpm: float
+    clear_while_running: bool = False
+    session: int = DEFAULT_SESSION
+    tick: Tick | None = None
+    window: WindowJudged | None = None
+    samples: int = 0
+    enabled_samples: int = 0
+    windows: int = 0
+    ignored_frames: int = 0  # too many at once, or no request
+    failed_transfers: int = 0  # of several frames
+
+    def push(self, event: Event) -> None:
+        """Note what the pipeline says."""
+        if isinstance(event, Tick):
+            self.tick = event
+            self.samples += 1
+            self.enabled_samples += event.enabled
+        elif isinstance(event, WindowJudged):
+            self.window = event
+            self.windows += 1
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Return the latest good value of each signal, in its unit."""
+        if self.tick is None:
+            return {}
+        pairs = zip(self.names, self.tick.sample.values.tolist(), strict=True)
+        return {name: value for name, value in pairs if math.isfinite(value)}
+
+    @property
+    def measured(self) -> float:
+        """Return the measured output, NaN if it is not good."""
+        return self.values.get(self.output, math.nan)
+
+    @property
+    def predicted(self) -> float:
+        """Return the predicted output, NaN while there is none."""
+        return self.tick.predicted if self.tick else math.nan
+
+    def check_may_clear(self) -> None:
+        """Raise RefusedError unless the engine is known to stand."""
+        speed_rpm = self.values.get("engine_speed_rpm", math.inf)
+        if speed_rpm >= self.running_rpm and not self.clear_while_running:
+            raise RefusedError(0x22)

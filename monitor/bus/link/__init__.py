@@ -1,0 +1,1 @@
+"""The connection to a CAN bus: opening, receiving, reconnecting, recording."""

@@ -1,0 +1,94 @@
+"""A bus that is opened again, with longer and longer waits in between, after it was lost."""
+
+import math
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Final
+
+import can
+
+from monitor.base.errors import BusError
+
+FIRST_TRY_S: Final = 0.1  # after a loss; every further try waits twice as long
+LAST_TRY_S: Final = 5.0
+STEADY_S: Final = 10.0  # after which a bus that came back is sound: the waits begin anew
+
+
+class Connection:
+    """Keeps a bus and opens it again; whoever receives from it says when it has failed.
+
+    bus : None while it is lost
+    is_lost : from a loss until the bus has been read from again without an error
+    reopen : opens the bus again; without it a loss is an error
+    say : takes a line when the bus is lost and one when it is back
+    name : what these lines begin with
+    """
+
+    def __init__(
+        self,
+        bus: can.BusABC,
+        reopen: Callable[[], can.BusABC] | None = None,
+        say: Callable[[str], None] = print,
+        monotonic_s: Callable[[], float] = time.monotonic,
+        name: str = "bus",
+    ) -> None:
+        self.bus: can.BusABC | None = bus
+        self.is_lost = False
+        self.losses = self.reconnects = 0
+        self.name = name
+        self._reopen, self._say, self._now_s = reopen, say, monotonic_s
+        self._next_try_s = self._lost_s = 0.0
+        self._back_s = -math.inf
+        self._back_off_s = FIRST_TRY_S
+
+    def lose(self, error: Exception) -> None:
+        """Let go of a bus that has failed; raises BusError if it cannot be opened again."""
+        bus, self.bus = self.bus, None
+        if self._reopen is None:
+            raise BusError(f"{bus and bus.channel_info}: {error}") from None
+        if not self.is_lost:
+            self.is_lost = True
+            self.losses += 1
+            self._lost_s = self._now_s()
+            if self._lost_s - self._back_s >= STEADY_S:
+                self._back_off_s = FIRST_TRY_S
+            self._say(f"{self.name}: lost: {error}; it is tried again and again")
+        self._next_try_s = self._now_s() + self._back_off_s
+        self._back_off_s = min(2.0 * self._back_off_s, LAST_TRY_S)
+        if bus:
+            _shut_down(bus)
+
+    @property
+    def wait_s(self) -> float:
+        """Return how long it is until a lost bus is tried again."""
+        return max(self._next_try_s - self._now_s(), 0.0) if self.bus is None else 0.0
+
+    def try_again(self) -> can.BusABC | None:
+        """Open a lost bus if its time has come; return it, None if it is not open now."""
+        if self.wait_s > 0.0:
+            return None
+        try:
+            assert self._reopen is not None
+            self.bus = self._reopen()
+        except (BusError, can.CanError, OSError) as error:
+            self.lose(error)
+        return self.bus
+
+    def received(self) -> None:
+        """Note that the bus was read from without an error."""
+        if self.is_lost:
+            self.is_lost = False
+            self.reconnects += 1
+            self._back_s = self._now_s()
+            self._say(f"{self.name}: back after {self._back_s - self._lost_s:.1f} s")
+
+    def close(self) -> None:
+        """Let go of a bus that was opened again; the first is its opener's."""
+        if self.bus is not None and self.losses:
+            _shut_down(self.bus)
+
+
+def _shut_down(bus: can.BusABC) -> None:
+    with suppress(can.CanError, OSError):  # it is broken already
+        bus.shutdown()

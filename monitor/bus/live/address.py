@@ -1,0 +1,99 @@
+"""Where the live page is served, and by which names it may be asked for."""
+
+import argparse
+import ipaddress
+import os
+import re
+import socket
+from dataclasses import dataclass
+from typing import Final
+
+from monitor.base.errors import UsageError
+
+LOOPBACK: Final = "127.0.0.1"
+BACKLOG: Final = 64
+SEND_BUFFER_BYTES: Final = (
+    128 << 10
+)  # in the kernel, for each browser; its default may grow to 4 MB
+_PLACE = re.compile(r"(?:(?:\[([0-9A-Fa-f:.]+)\]|([^\[\]:\s]+)):)?(\d{1,5})")
+
+
+@dataclass(frozen=True, slots=True)
+class Address:
+    """A host and a port to listen on; port 0 takes any that is free."""
+
+    host: str
+    port: int
+
+    @property
+    def url(self) -> str:
+        """Return the page's address for a browser on this machine."""
+        wild = {"0.0.0.0": LOOPBACK, "::": "::1"}
+        host = wild.get(self.host, self.host)
+        return f"http://{f'[{host}]' if ':' in host else host}:{self.port}/"
+
+
+def parse(text: str) -> Address:
+    """Return the address given as HOST:PORT, [IPV6]:PORT, or PORT for the loopback.
+
+    Raises argparse.ArgumentTypeError.
+
+    >>> parse("8765")
+    Address(host='127.0.0.1', port=8765)
+    """
+    match = _PLACE.fullmatch(text)
+    if not match or int(match[3]) > 65535:
+        raise argparse.ArgumentTypeError(f"{text}: HOST:PORT is wanted, as in {LOOPBACK}:8765")
+    return Address(match[1] or match[2] or LOOPBACK, int(match[3]))
+
+
+def listen(address: Address) -> socket.socket:
+    """Return a socket that listens there.
+
+    Raises UsageError saying why it cannot be.
+    """
+    where = f"--live {address.host}:{address.port}"
+    try:
+        family, *_, place = socket.getaddrinfo(
+            address.host, address.port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+        )[0]
+        server = socket.create_server(place[:2], family=family, backlog=BACKLOG)
+    except OSError as error:
+        number = error.errno or 0  # below 0 when the name is unknown
+        reason = os.strerror(number) if number > 0 else error.strerror
+        raise UsageError(f"{where}: {reason}") from None
+    server.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
+    return server
+
+
+def is_loopback(server: socket.socket) -> bool:
+    """Return whether only this machine can reach a listening socket."""
+    return ipaddress.ip_address(server.getsockname()[0]).is_loopback
+
+
+def may_ask(header: str, host: str, *, loopback: bool) -> bool:
+    """Return whether a Host header names this page, and not a name that was bent to lead here.
+
+    A name of somebody else's may resolve to this machine (DNS rebinding), an address cannot.
+
+    header : as received
+    host : what the page was asked to listen on
+    loopback : only this machine can reach it, so only its own names count
+    """
+    name = _name(header)
+    if name is None:
+        return False
+    if name in {"localhost", host.lower()}:
+        return True
+    try:
+        ip = ipaddress.ip_address(name)
+    except ValueError:
+        own = socket.gethostname().lower()
+        return not loopback and name in {own, own.partition(".")[0], f"{own}.local"}
+    return ip.is_loopback or not loopback
+
+
+def _name(header: str) -> str | None:
+    """Return the host of a Host header in lower case, None if it is none."""
+    match = re.fullmatch(r"(?:\[([0-9a-f:.]+)\]|([0-9a-z._-]+))(?::\d{1,5})?", header.lower())
+    return (match[1] or match[2]) if match else None

@@ -1,0 +1,71 @@
+"""The fault memory as the page shows it."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from monitor.bus.live.describe import value_text, words
+from monitor.memory.dtc import TESTS, Dtc, DtcStore, Status
+from monitor.memory.obd_records import FreezeFrame
+from monitor.report.html import MEANINGS
+
+
+def fault_memory(store: DtcStore) -> dict[str, Any]:
+    """Return codes, permanent codes, tests and counts; times are those of the frames."""
+    shown = [dtc for dtc in store.all if dtc.state or dtc.status & Status.FAILED_SINCE_CLEAR]
+    frames = store.freeze_frames
+    counts = store.counts
+    return {
+        "mil": store.mil,
+        "fault_flag": store.fault_flag,
+        "codes": [
+            _code(dtc, frames) for dtc in sorted(shown, key=lambda d: (d.state is None, d.code))
+        ],
+        "permanent": list(store.permanent),
+        "tests": [
+            {
+                "test": ratio.test,
+                "complete": store.completed_since_clear(ratio.test),
+                "numerator": ratio.numerator,
+                "denominator": ratio.denominator,
+            }
+            for ratio in sorted(store.ratios, key=lambda r: list(TESTS).index(r.test))
+        ],
+        "results": [
+            [r.test, r.quantity, _rounded(r.value), _rounded(r.low), _rounded(r.high)]
+            for r in store.results
+        ],
+        "counts": {
+            "ignition cycles": counts.ignition_cycles,
+            "general denominator": counts.general_denominator,
+            "warm-ups since clearing": counts.warm_ups_since_clear,
+            "distance since clearing": f"{counts.distance_since_clear_km:.1f} km",
+            "distance with MIL on": f"{counts.distance_with_mil_km:.1f} km",
+            "engine run since clearing": f"{counts.engine_run_since_clear_s / 60.0:.0f} min",
+            "engine run with MIL on": f"{counts.engine_run_with_mil_s / 60.0:.0f} min",
+        },
+    }
+
+
+def _code(dtc: Dtc, frames: Mapping[str, FreezeFrame]) -> dict[str, Any]:
+    frame = frames.get(dtc.code)
+    meaning = ", or ".join(MEANINGS.get(f, f) for f in (dtc.fault, *dtc.also) if f)
+    return {
+        "code": dtc.code,
+        "fault": dtc.fault,
+        "also": list(dtc.also),
+        "meaning": meaning,
+        "state": dtc.state,
+        "status": int(dtc.status),
+        "bits": [str(bit.name).lower().replace("_", " ") for bit in dtc.status],
+        "t_ns": str(dtc.t_ns) if dtc.t_ns else None,
+        "frame": frame
+        and {
+            "t_ns": str(frame.t_ns),
+            "values": [[words(n), value_text(n, v)] for n, v in frame.values.items()],
+        },
+    }
+
+
+def _rounded(value: float) -> float | None:
+    """Return a value for JSON: an open limit has none."""
+    return round(value, 4) if abs(value) < float("inf") else None

@@ -1,0 +1,209 @@
+"""What the page is told of the conditions, in words and with the values of the moment."""
+
+import math
+from collections.abc import Sequence
+from functools import cache
+from typing import Any, Final
+
+from monitor.base import signals
+from monitor.base.config import Config, EnableConfig
+from monitor.base.types import Quality, Sample
+from monitor.judge.enable import CONDITIONS
+from monitor.judge.limits import Limits
+from monitor.model.card import ModelCard
+from monitor.pipeline.stream import Monitor, Tick
+
+_UNITS: Final = {"degC": "°C", "1/min": "rpm", "-": "", "mg/stroke": "mg"}
+_ENDINGS: Final = (
+    "_mg",
+    "_kg_h",
+    "_mpa",
+    "_kpa",
+    "_degc",
+    "_km_h",
+    "_rpm",
+    "_nm",
+    "_percent",
+    "_v",
+)
+_QUALITY: Final = {
+    Quality.STALE: "not received",
+    Quality.INVALID: "sent as invalid",
+    Quality.OUT_OF_RANGE: "out of range",
+    Quality.OFF_BUS: "monitor is off the bus",
+}
+_SIGNAL_OF: Final = {
+    "coolant_warm": "coolant_temperature_degc",
+    "engine_speed": "engine_speed_rpm",
+    "engine_load": "manifold_pressure_kpa",
+    "vehicle_speed": "vehicle_speed_km_h",
+}
+_STATES: Final = {  # condition: its word while it holds, and while not
+    "model_settled": ("settled", "not settled yet"),
+    "purge_steady": ("steady", "moving"),
+}
+_FLAGS: Final = {  # condition: signal, its word while 1, and below
+    "closed_loop": ("closed_loop", "closed", "open loop"),
+    "fuel_cut_recovered": ("fuel_cut", "fuel is cut", "fuel flows"),
+    "sensor_ready": ("sensor_ready", "ready", "not ready"),
+}
+
+
+@cache
+def words(name: str) -> str:
+    """Return a canonical name in words.
+
+    >>> words("rail_pressure_mpa")
+    'rail pressure'
+    """
+    ending = next((e for e in _ENDINGS if name.endswith(e)), "")
+    return name.removesuffix(ending).replace("_", " ")
+
+
+def value_text(name: str, value: float) -> str:
+    """Return a value with its unit."""
+    known = signals.BY_NAME.get(name)
+    if known and known.role == "enable":
+        return f"{value:.3g}"
+    unit = _UNITS.get(known.unit, known.unit) if known else ""
+    digits = 3 if "lambda" in name else 0 if abs(value) >= 100.0 else 1 if abs(value) >= 10.0 else 2
+    return f"{value:.{digits}f} {unit}".strip().replace("-", "−")
+
+
+class Conditions:
+    """The enable conditions of one monitor: what each asks for, and what it sees."""
+
+    def __init__(self, monitor: Monitor, config: EnableConfig, card: ModelCard) -> None:
+        self._signals = _SIGNAL_OF | {"measured_valid": monitor.output}
+        self._at = {name: i for i, name in enumerate(monitor.names)}
+        self._unavailable = monitor.unavailable
+        self._config = config
+        margins = [config.range_margin * (c.maximum - c.minimum) for c in card.inputs]
+        self._trained = {
+            c.name: (c.minimum - margin, c.maximum + margin)
+            for c, margin in zip(card.inputs, margins, strict=True)
+            if c.name not in config.range_ignored
+        }
+        self._inputs = card.input_names
+
+    def wanted(self) -> list[dict[str, Any]]:
+        """Return name, subject and need of each condition, in the order of CONDITIONS."""
+        needs = _needs(self._config)
+        return [
+            {
+                "name": name,
+                "what": needs[name][0],
+                "need": needs[name][1],
+                "available": name not in self._unavailable,
+            }
+            for name in CONDITIONS
+        ]
+
+    def seen(self, tick: Tick) -> list[str]:
+        """Return what each condition sees in a sample, in the order of CONDITIONS."""
+        return [
+            "no such signal" if name in self._unavailable else self._seen(name, tick, held=held)
+            for name, held in zip(CONDITIONS, tick.conditions, strict=True)
+        ]
+
+    def _seen(self, name: str, tick: Tick, *, held: bool) -> str:
+        sample = tick.sample
+        if name in _STATES:
+            return _STATES[name][not held]
+        if name in _FLAGS:
+            signal, on, off = _FLAGS[name]
+            return self._flag(signal, on, off, sample, held=held)
+        if name in self._signals:
+            return self._reading(self._signals[name], sample, bare=True)
+        if name == "inputs_valid":
+            bad = [self._reading(n, sample) for n in self._inputs if self._is_bad(n, sample)]
+            return ", ".join(bad) or "all valid"
+        missing = any(self._is_bad(n, sample) for n in self._inputs)
+        word = "within" if held else "inputs missing" if missing else "just came back"
+        return ", ".join(self._outside(sample)) or word
+
+    def _outside(self, sample: Sample) -> list[str]:
+        found = []
+        for name, (low, high) in self._trained.items():
+            value = sample.values.item(self._at[name])
+            if value > high or value < low:
+                side = f"above {_number(high)}" if value > high else f"below {_number(low)}"
+                found.append(f"{self._reading(name, sample)}, {side}")
+        return found
+
+    def _flag(self, signal: str, on: str, off: str, sample: Sample, *, held: bool) -> str:
+        value = sample.values.item(self._at[signal])
+        if math.isnan(value):
+            return self._reading(signal, sample, bare=True)
+        if signal == "fuel_cut" and value <= 0.0 and not held:
+            return "just ended"
+        return on if value >= 1.0 else off if value <= 0.0 else "changing"
+
+    def _is_bad(self, name: str, sample: Sample) -> bool:
+        return sample.quality.item(self._at[name]) != Quality.GOOD
+
+    def _reading(self, name: str, sample: Sample, *, bare: bool = False) -> str:
+        """Return a signal's value, or why there is none."""
+        i = self._at[name]
+        value, quality = sample.values.item(i), sample.quality.item(i)
+        what = value_text(name, value) if quality == Quality.GOOD else _QUALITY[Quality(quality)]
+        return what if bare else f"{words(name)} {what}"
+
+
+def signal_rows(names: Sequence[str], sample: Sample) -> list[list[str]]:
+    """Return name, value and quality word of each signal of a sample."""
+    rows = []
+    for name, value, quality in zip(names, sample.values, sample.quality.tolist(), strict=True):
+        good = quality == Quality.GOOD
+        rows.append(
+            [
+                words(name),
+                value_text(name, float(value)) if good else "–",
+                "" if good else _QUALITY[Quality(quality)],
+            ]
+        )
+    return rows
+
+
+def response_limits(config: Config, limits: Limits) -> dict[str, float]:
+    """Return what the estimates of the response rule are held against."""
+    response = config.response
+    return {
+        "lag_s": response.lag_limit_s,
+        "lag_symmetric_s": response.lag_limit_symmetric_s,
+        "dead_time_s": response.delay_limit_s,
+        "gain_weak": response.gain_weak_max * limits.gain,
+        "gain_sound": response.gain_sound_min * limits.gain,
+        "offset_low": limits.offset_low,
+        "offset_high": limits.offset_high,
+        "j_mu": limits.j_mu,
+        "j_sigma": limits.j_sigma,
+    }
+
+
+def _number(value: float) -> str:
+    return f"{value:.4g}".replace("-", "−")
+
+
+def _needs(config: EnableConfig) -> dict[str, tuple[str, str]]:
+    """Return subject and need of each condition."""
+    return {
+        "inputs_valid": ("Model inputs", "received and plausible"),
+        "measured_valid": ("Measured value", "received and plausible"),
+        "model_settled": ("Model", f"inputs valid for {config.model_settle_samples} samples"),
+        "trained_range": ("Trained range", f"inputs inside for {config.range_recovery_s:g} s"),
+        "closed_loop": ("Lambda control", "closed"),
+        "fuel_cut_recovered": ("Fuel cut", f"none for {config.fuel_cut_recovery_s:g} s"),
+        "sensor_ready": ("Sensor", "ready"),
+        "coolant_warm": ("Coolant", f"at least {config.coolant_min_degc:g} °C"),
+        "engine_speed": (
+            "Engine speed",
+            f"{config.engine_speed_min_rpm:g} to {config.engine_speed_max_rpm:g} rpm",
+        ),
+        "engine_load": (
+            "Manifold pressure",
+            f"{config.manifold_pressure_min_kpa:g} to {config.manifold_pressure_max_kpa:g} kPa",
+        ),
+        "vehicle_speed": ("Vehicle speed", f"at least {config.vehicle_speed_min_km_h:g} km/h"),
+        "purge_steady": ("Purge valve", f"steady for {config.purge_recovery_s:g} s"),
+    }

@@ -1,0 +1,190 @@
+"""The live page's end in the loop: gathers events and writes them to the server, never waiting.
+
+Four messages a second, each one line of JSON. What the pipe has no room for stays for the next
+message, up to a minute of samples; older ones are dropped and counted. A server that was started
+again is greeted anew; that one has died is said once and then only counted.
+"""
+
+import json
+import math
+from collections import deque
+from collections.abc import Callable, Collection, Iterable, Mapping
+from typing import Any, Final
+
+from monitor import __version__
+from monitor.base.types import Frame
+from monitor.bus.live.codes import fault_memory
+from monitor.bus.live.describe import Conditions, response_limits, signal_rows
+from monitor.bus.live.process import Server
+from monitor.judge.decisions import WindowJudged
+from monitor.pipeline.stream import Event, Monitor, Tick
+from monitor.report.replay import Setup
+
+MESSAGE_S: Final = 0.25
+SLOW_S: Final = 1.0  # for what changes slowly: health, fault memory
+SAMPLE_NS: Final = 100_000_000  # no more than ten samples a second are shown
+SAMPLES: Final = 600  # kept for the next messages
+WINDOWS: Final = 100
+
+
+class LiveFeed:
+    """An attachment of the loop that feeds the live page.
+
+    health : returns the loop's counters
+    channel : what the page calls the bus
+    say : takes the line to print when a server has died
+    """
+
+    identifiers: Collection[tuple[int, bool]] = ()
+
+    def __init__(
+        self,
+        server: Server,
+        monitor: Monitor,
+        setup: Setup,
+        *,
+        health: Callable[[], Mapping[str, Any]],
+        channel: str,
+        say: Callable[[str], None],
+    ) -> None:
+        self._server, self._monitor, self._health, self._say = server, monitor, health, say
+        card = setup.model.card
+        self._conditions = Conditions(monitor, setup.config.enable, card)
+        self._step = max(1, math.ceil(SAMPLE_NS / card.period_ns))
+        self._output = monitor.names.index(monitor.output)
+        self._samples: deque[list[Any]] = deque(maxlen=SAMPLES)
+        self._windows: deque[dict[str, Any]] = deque(maxlen=WINDOWS)
+        self._latest: Tick | None = None
+        self._t0_ns: int | None = None
+        self._slow_s = -math.inf
+        self._is_alive, self._restarts = True, 0
+        self.dropped = 0
+        self.due_s = -math.inf
+        self._greeting: dict[str, Any] = {  # begins as process.GREETING has it
+            "version": __version__,
+            "channel": channel,
+            "model": setup.model_path.name,
+            "output": card.output.name,
+            "period_s": card.period_ns * 1e-9,
+            "window_samples": setup.config.window.n_samples,
+            "conditions": self._conditions.wanted(),
+            "limits": response_limits(setup.config, monitor.limits),
+        }
+        self._is_greeted = False
+
+    def receive(self, frame: Frame) -> Iterable[Frame]:
+        """Take nothing from the bus."""
+        return ()
+
+    def push(self, event: Event) -> None:
+        """Note an event for the next message."""
+        if isinstance(event, Tick):
+            self._tick(event)
+        elif isinstance(event, WindowJudged):
+            self._keep(self._windows, self._window(event))
+        else:
+            self._slow_s = -math.inf
+
+    def work(self, now_s: float) -> Iterable[Frame]:
+        """Write what has come together, four times a second."""
+        if now_s >= self.due_s and self._is_alive:
+            self.due_s = now_s + MESSAGE_S
+            try:
+                self._note_restarts()
+                if self._server.is_free:
+                    self._server.send(self._message(now_s))
+            except BrokenPipeError:
+                self._is_alive = False
+                self.due_s = math.inf
+                self._say("the live page's server has died; judging goes on without the page")
+        return ()
+
+    def _note_restarts(self) -> None:
+        restarts = self._server.restarts
+        if restarts == self._restarts:
+            return
+        if not self._restarts:
+            self._say("the live page's server has died and is started again; judging goes on")
+        self._restarts, self._is_greeted, self._slow_s = restarts, False, -math.inf
+
+    def close(self) -> None:
+        """Bring away the last events and end the server."""
+        self._slow_s = self.due_s = -math.inf
+        self._say = lambda _: None  # a service manager may have ended the server already
+        self.work(0.0)
+        self._server.close()
+
+    def _tick(self, tick: Tick) -> None:
+        self._latest = tick
+        sample = tick.sample
+        if self._t0_ns is None:
+            self._t0_ns = sample.t_ns
+        if sample.index % self._step:
+            return
+        held = sum(1 << i for i, condition in enumerate(tick.conditions) if condition)
+        values = _number(sample.values.item(self._output)), _number(tick.predicted)
+        self._keep(self._samples, [self._ms(sample.t_ns), *values, held])
+
+    def _keep(self, kept: deque[Any], item: Any) -> None:
+        self.dropped += len(kept) == kept.maxlen
+        kept.append(item)
+
+    def _ms(self, t_ns: int) -> float:
+        return (t_ns - (self._t0_ns or 0)) // 10_000 / 100
+
+    def _window(self, event: WindowJudged) -> dict[str, Any]:
+        window = event.window
+        return {
+            "index": window.index,
+            "start_ms": self._ms(window.t_start_ns),
+            "end_ms": self._ms(window.t_end_ns),
+            "mean": _number(event.mean),
+            "std": _number(event.std),
+            "paper_failed": event.paper_failed,
+            "verdict": event.outcome,
+            "fault": event.fault,
+            "also": list(event.also),
+            "excited": event.excited,
+            "statistics": {
+                k: _number(v) if isinstance(v, float) else v for k, v in event.statistics.items()
+            },
+        }
+
+    def _message(self, now_s: float) -> bytes:
+        message = {} if self._is_greeted else dict(self._greeting)
+        self._is_greeted = True
+        message |= {"samples": list(self._samples), "windows": list(self._windows)}
+        self._samples.clear()
+        self._windows.clear()
+        if self._latest:
+            message["now"] = self._now(self._latest)
+        if now_s >= self._slow_s:
+            self._slow_s = now_s + SLOW_S
+            message["health"] = dict(self._health()) | {
+                "page_dropped": self.dropped,
+                "page_restarts": self._restarts,
+            }
+            message["memory"] = fault_memory(self._monitor.store)
+        return json.dumps(message, separators=(",", ":"), allow_nan=False).encode() + b"\n"
+
+    def _now(self, tick: Tick) -> dict[str, Any]:
+        monitor, sample = self._monitor, tick.sample
+        return {
+            "t0_ns": str(self._t0_ns or sample.t_ns),
+            "ms": self._ms(sample.t_ns),
+            "measured": _number(sample.values.item(self._output)),
+            "predicted": _number(tick.predicted),
+            "enabled": tick.enabled,
+            "held": list(tick.conditions),
+            "seen": self._conditions.seen(tick),
+            "signals": signal_rows(monitor.names, sample),
+            "samples": monitor.samples,
+            "enabled_samples": monitor.enabled_samples,
+            "windows_interrupted": monitor.interrupted_windows,
+            "completed": monitor.completed,
+        }
+
+
+def _number(value: float) -> float | None:
+    """Return a value as JSON can carry it."""
+    return round(value, 5) if math.isfinite(value) else None

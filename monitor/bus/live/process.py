@@ -1,0 +1,99 @@
+"""The server as a process of its own, and the pipe to it that is never waited for."""
+
+import contextlib
+import importlib.util
+import os
+import signal
+import subprocess
+import sys
+from typing import Final
+
+from monitor.base.errors import UsageError
+from monitor.bus.live.address import Address, is_loopback, listen
+
+NEEDED: Final = ("starlette", "uvicorn")
+END_S: Final = 2.0  # for the server to end after its pipe is closed
+TOLD_BYTES: Final = 4096  # of the keeper, a line for each server that it has started
+GREETING: Final = b'{"version":'  # how the first message to a server begins
+
+
+class Server:
+    """A running server, which a keeper starts again when it dies.
+
+    Raises UsageError if its libraries are missing, or if it cannot listen at the address.
+    """
+
+    def __init__(self, address: Address) -> None:
+        missing = [name for name in NEEDED if importlib.util.find_spec(name) is None]
+        if missing:
+            raise UsageError(
+                f"--live needs {' and '.join(missing)}: pip install 'o2-monitor[live]'"
+            )
+        with listen(address) as listening:
+            self.address = Address(address.host, listening.getsockname()[1])
+            self.is_loopback = is_loopback(listening)
+            number = listening.fileno()
+            self._keeper = subprocess.Popen(
+                # -P: no module of the folder it is started in
+                [sys.executable, "-P", "-m", "monitor.bus.live.keeper", str(number), address.host],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                pass_fds=[number],
+                start_new_session=True,  # the terminal's Ctrl-C is for the loop
+            )
+        assert self._keeper.stdin is not None
+        assert self._keeper.stdout is not None
+        self._writer, self._reader = self._keeper.stdin, self._keeper.stdout
+        self._pipe = self._writer.fileno()
+        self._unsent = b""
+        self._n_started = 0
+        self._listen()
+        for pipe in (self._writer, self._reader):
+            os.set_blocking(pipe.fileno(), False)
+        if not self._n_started:
+            self.close()
+            raise UsageError("--live: the page's server could not be started")
+
+    def _listen(self) -> None:
+        """Hear from the keeper what it has started."""
+        with contextlib.suppress(BlockingIOError):
+            told = os.read(self._reader.fileno(), TOLD_BYTES).split()
+            self._n_started += len(told)
+            if told:
+                self.pid = int(told[-1])  # process number of the server started last
+
+    @property
+    def restarts(self) -> int:
+        """Return how often a server that had died was started again."""
+        self._listen()
+        return self._n_started - 1
+
+    @property
+    def is_free(self) -> bool:
+        """Return whether nothing waits to be taken; tries to bring it away first.
+
+        Raises BrokenPipeError when the server and its keeper have died.
+        """
+        if self._unsent:
+            self.send(b"")
+        return not self._unsent
+
+    def send(self, line: bytes) -> None:
+        """Send a line without waiting; what the pipe has no room for is kept.
+
+        Raises BrokenPipeError when the server and its keeper have died.
+        """
+        self._unsent += line
+        with contextlib.suppress(BlockingIOError):
+            self._unsent = self._unsent[os.write(self._pipe, self._unsent) :]
+
+    def close(self) -> None:
+        """End the server and its keeper."""
+        with contextlib.suppress(BrokenPipeError):
+            self._writer.close()
+        try:
+            self._keeper.wait(END_S)
+        except subprocess.TimeoutExpired:
+            os.killpg(self._keeper.pid, signal.SIGKILL)
+            self._keeper.wait()
+        self._reader.close()

@@ -1,0 +1,94 @@
+"""Which OBD-II parameters (PIDs) carry what a signal map wants.
+
+The CAN database says it: signals multiplexed by ``Pid`` in the message with the engine's answers,
+0x7E8. Its every byte of a PID belongs to a signal, so the lengths of PIDs follow from it, too.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from cantools.database.can import Message, Signal
+
+from monitor.base.errors import SignalMapError
+from monitor.decode.bus_map import BusMap, Channel
+from monitor.decode.raw_values import bit_position
+
+ANSWER_ID: Final = 0x7E8  # the engine's answers, ISO 15765-4
+HEADER_BYTES: Final = 3  # of an answer in one frame: length, service, PID
+MULTIPLEXER: Final = "Pid"
+BITMAPS: Final = (0x00, 0x20, 0x40, 0x60, 0x80, 0xA0, 0xC0)  # PIDs that say which of the
+BITMAP_BYTES: Final = 4  # next 32 are supported, SAE J1979
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """What one or several mapped signals are asked with."""
+
+    pids: tuple[int, ...]  # alternatives: the first that is supported serves
+    names: tuple[str, ...]  # of the map
+    timeout_s: float  # shortest of its signals: after this the value is stale
+
+
+def wanted(bus_map: BusMap, names: Sequence[str]) -> tuple[Parameter, ...]:
+    """Return the parameters that carry ``names``, in the map's order.
+
+    names : canonical names of the map; those from other messages are left out
+    Raises SignalMapError if none can be asked for.
+    """
+    channels = {name: bus_map.channels[name] for name in bus_map.sources(names)}
+    groups: dict[tuple[int, ...], list[Channel]] = {}
+    for channel in channels.values():
+        pids = _pids(channel.message, channel.signal)
+        if pids:
+            groups.setdefault(pids, []).append(channel)
+    if not groups:
+        maps = ", ".join(str(map_path) for _, map_path in bus_map.pairs)
+        raise SignalMapError(
+            f"{maps}: nothing to ask for by OBD-II; signals multiplexed by {MULTIPLEXER} in the "
+            f"message 0x{ANSWER_ID:X} are wanted, as in obd2.dbc and obd2.toml"
+        )
+    return tuple(
+        Parameter(
+            pids,
+            tuple(c.mapped.name for c in group),
+            min(c.mapped.timeout_s for c in group),
+        )
+        for pids, group in groups.items()
+    )
+
+
+def lengths(bus_map: BusMap, parameters: Iterable[Parameter]) -> Mapping[int, int]:
+    """Return how many data bytes each PID has, bitmaps included."""
+    found = dict.fromkeys(BITMAPS, BITMAP_BYTES)
+    asked = {pid for each in parameters for pid in each.pids}
+    for message in {id(c.message): c.message for c in bus_map.channels.values()}.values():
+        for signal in message.signals:
+            for pid in asked.intersection(_pids(message, signal)):
+                found[pid] = max(found.get(pid, 0), _last_byte(message, signal) + 1 - HEADER_BYTES)
+    return found
+
+
+def interval_s(parameters: Sequence[Parameter], rate_hz: float, at_once: int = 6) -> float:
+    """Return about how often polling can bring the fastest signals, in seconds.
+
+    rate_hz : requests a second, each with ``at_once`` PIDs; a PID's share goes with its timeout
+    """
+    fastest_s = min(each.timeout_s for each in parameters)
+    shares = sum(fastest_s / each.timeout_s for each in parameters)
+    return shares / (at_once * rate_hz)
+
+
+def _pids(message: Message, signal: Signal) -> tuple[int, ...]:
+    if (message.frame_id, message.is_extended_frame) != (ANSWER_ID, False):
+        return ()
+    if signal.multiplexer_signal != MULTIPLEXER:
+        return ()
+    return tuple(sorted(signal.multiplexer_ids or ()))
+
+
+def _last_byte(message: Message, signal: Signal) -> int:
+    position = bit_position(message, signal)
+    if signal.byte_order == "little_endian":
+        return (position + signal.length - 1) // 8
+    return int(message.length - 1 - position // 8)

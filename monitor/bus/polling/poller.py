@@ -1,0 +1,224 @@
+"""Asks the engine for OBD-II parameters, where nothing useful is broadcast.
+
+One request at a time, with up to six PIDs; the next one goes out after the answer or a timeout,
+and never sooner than the rate allows. What a longer answer says comes back as frames with one PID
+each, as an engine that is asked for one sends them, so that live run, recording and replay decode
+the same.
+"""
+
+import math
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from monitor.base.types import Frame
+from monitor.bus.polling.answer import (
+    BUSY,
+    FLOW_CONTROL,
+    FUNCTIONAL,
+    FUNCTIONAL_29,
+    NEGATIVE,
+    PENDING,
+    POSITIVE,
+    SERVICE,
+    Address,
+    Reassembly,
+    request_of,
+    values_of,
+)
+from monitor.bus.polling.pids import ANSWER_ID, Parameter
+from monitor.bus.polling.schedule import Schedule
+from monitor.pipeline.stream import Event
+
+# tried in this order until one is answered, as ISO 15765-4 has it: 11 bits before 29
+ADDRESSES: Final = tuple(map(Address.of, (0x7E0, FUNCTIONAL, 0x18DA10F1, FUNCTIONAL_29)))
+DEFAULT_RATE_HZ: Final = 12.0  # requests; ECUs answer about 10 to 20 a second
+TIMEOUT_S: Final = 0.25  # the standard gives an ECU 0.05 s; gateways and adapters add theirs
+PENDING_S: Final = 5.0  # after "response pending", P2* of ISO 15765-4
+BACK_OFF_S: Final = 0.25  # first pause; doubles
+MOST_BACK_OFF_S: Final = 5.0
+SILENT_MOST: Final = 4  # so many requests in a row without an answer: begin anew
+NOTHING_S: Final = 30.0  # with nothing to ask for, the bitmaps are read again after this
+
+
+@dataclass(slots=True)
+class PollCounters:
+    """What became of the requests."""
+
+    requests: int = 0
+    answers: int = 0
+    silent: int = 0
+    busy: int = 0
+    refused: int = 0  # other negative answers
+    malformed: int = 0  # answers that break off or do not fit
+
+
+class ObdPoller:
+    """The attachment that polls.
+
+    parameters, lengths : as from ``pids``
+    addresses : tried in turn until one is answered
+    rate_hz : most requests a second
+    say : takes a line about what is supported, once it is known, and one at the end
+    """
+
+    def __init__(
+        self,
+        parameters: Sequence[Parameter],
+        lengths: Mapping[int, int],
+        *,
+        addresses: Sequence[Address] = ADDRESSES,
+        rate_hz: float = DEFAULT_RATE_HZ,
+        say: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        self.counters = PollCounters()
+        self.schedule = Schedule(parameters, say)
+        self._lengths, self._say = lengths, say
+        self._addresses, self._at = tuple(addresses), 0
+        self._pause_s = 1.0 / rate_hz
+        self._reassembly = Reassembly()
+        self._asked: tuple[int, ...] = ()  # empty while no answer is due
+        self._sent_s = self._deadline_s = self._next_s = -math.inf
+        self._then: Callable[[float], None] | None = None  # what receive leaves to work
+        self._flow_control = False
+        self._silent = self._busy = 0  # in a row
+
+    @property
+    def identifiers(self) -> Collection[tuple[int, bool]]:
+        """Return the identifiers under which answers may come."""
+        return {(each.response, each.is_extended) for each in self._addresses}
+
+    @property
+    def due_s(self) -> float:
+        """Return the time of the next request or of the end of waiting."""
+        return self._deadline_s if self._asked else self._next_s
+
+    def push(self, event: Event) -> None:
+        """Events are of no concern."""
+
+    def close(self) -> None:
+        """Say how it went; nothing is held."""
+        counters = self.counters
+        line = f"OBD-II: {counters.requests} requests, {counters.answers} answered"
+        told = {"silent": counters.silent, "busy": counters.busy, "refused": counters.refused,
+                "malformed": counters.malformed}  # fmt: skip
+        parts = [f"{name} {n}" for name, n in told.items() if n]
+        self._say(", ".join([line, *parts]))
+
+    def receive(self, frame: Frame) -> Iterable[Frame]:
+        """Take a frame; return what its answer says beyond what it shows by itself."""
+        address = self._addresses[self._at]
+        if not self._asked or frame[1:3] != (address.response, address.is_extended):
+            return ()
+        data = frame.data
+        kind = data[0] >> 4 if data else -1
+        if kind in (0, 1):
+            service, about = (data[1 + kind :] + b"\0\0")[:2]
+            if kind == 0 and (service, about) == (NEGATIVE, SERVICE):
+                self._negative(data[3] if len(data) > 3 else 0)
+                return ()
+            if service != POSITIVE or about not in self._asked:
+                return ()  # the answer to somebody else
+        was_running = self._reassembly.is_running
+        answer = self._reassembly.push(data)
+        if answer is not None:
+            return self._answered(frame, answer, is_shown=kind == 0)
+        if self._reassembly.is_running:
+            self._flow_control = self._flow_control or kind == 1
+            self._then = self._wait(TIMEOUT_S)
+        elif was_running:
+            self.counters.malformed += 1
+        return ()
+
+    def work(self, now_s: float) -> list[Frame]:
+        """Return the frames to be sent now: flow control or the next request."""
+        frames = []
+        if self._flow_control:
+            self._flow_control = False
+            frames.append(self._frame(self._addresses[self._at].physical, FLOW_CONTROL))
+        if self._then is not None:
+            self._then(now_s)
+            self._then = None
+        if self._asked and now_s >= self._deadline_s:
+            self._nothing_came(now_s)
+        if not self._asked and now_s >= self._next_s:
+            self._asked = self.schedule.choose(now_s)
+            if self._asked:
+                self._sent_s, self._deadline_s = now_s, now_s + TIMEOUT_S
+                self.counters.requests += 1
+                request = request_of(self._asked)
+                frames.append(self._frame(self._addresses[self._at].request, request))
+            else:
+                self.schedule.begin()
+                self._next_s = now_s + NOTHING_S
+        return frames
+
+    def _frame(self, can_id: int, data: bytes) -> Frame:
+        return Frame(0, can_id, self._addresses[self._at].is_extended, data)
+
+    def _wait(self, wait_s: float) -> Callable[[float], None]:
+        def then(now_s: float) -> None:
+            self._deadline_s = now_s + wait_s
+
+        return then
+
+    def _done(self, pause_s: float) -> Callable[[float], None]:
+        """Return what ends a request: the next one goes out after a pause."""
+        self._asked = ()
+        self._reassembly.is_running = self._flow_control = False
+
+        def then(now_s: float) -> None:
+            self._next_s = max(now_s + pause_s, self._sent_s + self._pause_s)
+
+        return then
+
+    def _answered(self, frame: Frame, answer: bytes, *, is_shown: bool) -> list[Frame]:
+        """Take a whole answer; return a frame for each PID that no frame of its own shows."""
+        asked = self._asked
+        values = values_of(answer, asked, self._lengths)
+        if not values:
+            self.counters.malformed += 1
+            return []
+        self.counters.answers += 1
+        self._silent = self._busy = 0
+        is_bitmap = self.schedule.bitmap is not None
+        self.schedule.answered(asked, dict(values))
+        self._then = self._done(0.0)
+        if is_bitmap:
+            return []
+        first = 1 if is_shown and frame[1:3] == (ANSWER_ID, False) else 0
+        return [
+            Frame(frame.t_ns, ANSWER_ID, False, bytes([len(data) + 2, POSITIVE, pid, *data]))
+            for pid, data in values[first:]
+        ]
+
+    def _negative(self, code: int) -> None:
+        if code == PENDING:
+            self._then = self._wait(PENDING_S)
+        elif code == BUSY:
+            self.counters.busy += 1
+            self._then = self._done(_back_off_s(self._busy))
+            self._busy += 1
+        else:
+            self.counters.refused += 1
+            self._silent = 0
+            self.schedule.refused(self._asked)
+            self._then = self._done(_back_off_s(self._busy))
+            self._busy += 1
+
+    def _nothing_came(self, now_s: float) -> None:
+        self.counters.silent += 1
+        self._silent += 1
+        if self.schedule.is_first:
+            if not self.counters.answers:  # nobody there, or not so
+                self._at = (self._at + 1) % len(self._addresses)
+        elif self._silent >= SILENT_MOST:
+            self.schedule.begin()
+        else:
+            self.schedule.silent(self._asked, self._silent)
+        self._done(_back_off_s(self._silent - 2) if self._silent > 1 else 0.0)(now_s)
+
+
+def _back_off_s(n: int) -> float:
+    """Return the n-th pause in a row."""
+    return float(min(BACK_OFF_S * 2.0 ** min(n, 10), MOST_BACK_OFF_S))

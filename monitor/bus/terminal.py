@@ -1,0 +1,287 @@
+"""What ``o2mon run`` prints while it runs: a status line, plain lines, or lines of JSON."""
+
+import json
+import math
+import os
+import shutil
+import stat
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from typing import Any, Final, TextIO
+
+from monitor.base.types import Frame
+from monitor.bus.link.port import BusHealth
+from monitor.judge.enable import CONDITIONS
+from monitor.pipeline.stream import (
+    Counted,
+    CycleStarted,
+    DtcChanged,
+    Event,
+    Monitor,
+    Tick,
+    WindowJudged,
+)
+from monitor.report.sinks import Collector, event_line, rounded
+
+SCHEMA: Final = "o2mon.run/1"
+REDRAW_S: Final = 0.25
+HEALTH_S: Final = 10.0  # between two lines of JSON about the bus
+WAITING_LINES: Final = 1000  # kept for a reader that hangs
+_ERASE: Final = "\r\x1b[K"
+_STATE_WIDTH: Final = len("waits: ") + max(map(len, CONDITIONS))
+
+
+class Out:
+    """Prints lines, and never waits for a reader that hangs: what it does not take is dropped.
+
+    A terminal or pipe is written through a file of its own that does not block; the stream's own
+    is shared with the shell.
+    """
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+        self._number = _not_blocking(stream)
+        self._waiting: deque[str] = deque(maxlen=WAITING_LINES)
+        self._rest = b""  # of what was begun
+        self._drawn = ""
+        self.dropped = 0
+
+    def say(self, line: str) -> None:
+        """Print a line, above the one that is drawn."""
+        self.dropped += len(self._waiting) == WAITING_LINES
+        self._waiting.append(line)
+        self.flush()
+
+    def draw(self, line: str) -> None:
+        """Put a line in the place of the one drawn before."""
+        if line != self._drawn and self._is_free():
+            self._write(_ERASE + line)
+            self._drawn = line
+
+    def flush(self) -> None:
+        """Print what waits, as far as the reader takes it."""
+        while self._waiting and self._is_free():
+            line = self._waiting.popleft()
+            self._write(f"{_ERASE}{line}\n{self._drawn}" if self._drawn else f"{line}\n")
+
+    def close(self) -> None:
+        """Leave a clean line behind; what the reader does not take now is lost."""
+        if self._drawn and self._is_free():
+            self._write(_ERASE)
+        self._drawn = ""
+        self.flush()
+        if self._number is not None:
+            os.close(self._number)
+            self._number = None
+
+    def _is_free(self) -> bool:
+        """Return whether all that was written was taken."""
+        if self._rest:
+            self._write("")
+        return not self._rest
+
+    def _write(self, text: str) -> None:
+        try:
+            if self._number is None:
+                self._stream.write(text)
+                self._stream.flush()
+                return
+            self._rest += text.encode()
+            self._rest = self._rest[os.write(self._number, self._rest) :]
+        except BlockingIOError:
+            pass
+        except OSError:  # nobody reads any more; the verdict still counts
+            self._rest = b""
+
+
+def _not_blocking(stream: TextIO) -> int | None:
+    """Return a file of its own onto a terminal or pipe, None where there is no need or way."""
+    try:
+        mode = os.fstat(stream.fileno()).st_mode
+        if not (stat.S_ISFIFO(mode) or stream.isatty()):
+            return None
+        path = f"/proc/self/fd/{stream.fileno()}"
+        return os.open(path, os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
+    except (OSError, ValueError):
+        return None
+
+
+class Status:
+    """The loop's state in one line: an attachment that only listens."""
+
+    identifiers: tuple[tuple[int, bool], ...] = ()
+    due_s = math.inf
+
+    def __init__(self, monitor: Monitor, health: BusHealth) -> None:
+        self._monitor, self._health = monitor, health
+        self._output = monitor.names.index(monitor.output)
+        self._tick: Tick | None = None
+        self._windows = self._failed = 0
+
+    def receive(self, frame: Frame) -> tuple[Frame, ...]:
+        """Return nothing: no frame is wanted."""
+        return ()
+
+    def push(self, event: Event) -> None:
+        """Note the latest sample and count the windows."""
+        if isinstance(event, Tick):
+            self._tick = event
+        elif isinstance(event, WindowJudged):
+            self._windows += 1
+            self._failed += event.outcome == "failed"
+
+    def work(self, now_s: float) -> tuple[Frame, ...]:
+        """Return nothing: no frame is sent."""
+        return ()
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+    def line(self) -> str:
+        """Return what the monitor does now; the parts keep their places."""
+        windows = f"windows {self._windows}" + (f", {self._failed} failed" * (self._failed > 0))
+        return "  ".join((self._signals(), windows, self._codes(), self._bus()))
+
+    def _signals(self) -> str:
+        tick = self._tick
+        if tick is None:
+            return "nothing received yet"
+        measured = float(tick.sample.values[self._output])
+        state = "enabled" if tick.enabled else f"waits: {CONDITIONS[tick.conditions.index(False)]}"
+        name = self._monitor.output.removesuffix("_measured")
+        return f"{name} {measured:6.3f} model {tick.predicted:6.3f}  {state:<{_STATE_WIDTH}}"
+
+    def _codes(self) -> str:
+        active = self._monitor.store.active
+        return ", ".join(f"{d.code} {d.state}" for d in active) or "no code"
+
+    def _bus(self) -> str:
+        health = self._health
+        bad = {
+            "errors": health.error_frames,
+            "lost": health.drops + health.overruns,
+            "stale": len(health.stale),
+            "reconnects": health.reconnects,
+            "not stored": health.memory_errors,
+            "off": health.detached,
+        }
+        counted = "".join(f" {name} {n}" for name, n in bad.items() if n)
+        return f"bus {health.state}{counted}  {health.frames} frames"
+
+
+class Lines(Status):
+    """One line for every window and every changed code: what a service's journal wants."""
+
+    def __init__(self, monitor: Monitor, health: BusHealth, collector: Collector, out: Out) -> None:
+        super().__init__(monitor, health)
+        self._collector, self._out = collector, out
+
+    def push(self, event: Event) -> None:
+        """Print an event that is no tick."""
+        super().push(event)
+        if not isinstance(event, Tick):
+            self._out.say(event_line(event, self._collector))
+
+    def work(self, now_s: float) -> tuple[Frame, ...]:
+        """Print what a slow reader did not take before."""
+        self._out.flush()
+        return ()
+
+    def close(self) -> None:
+        """Print what is left."""
+        self._out.close()
+
+
+class Screen(Lines):
+    """The lines, and under them the state, drawn anew four times a second at most."""
+
+    due_s = -math.inf
+
+    def work(self, now_s: float) -> tuple[Frame, ...]:
+        """Draw the state if it is time."""
+        if now_s >= self.due_s:
+            self.due_s = now_s + REDRAW_S
+            self._out.flush()
+            columns = shutil.get_terminal_size().columns
+            self._out.draw(self.line()[: max(columns - 1, 20)])
+        return ()
+
+
+class JsonLines(Status):
+    """Every event but ticks, and the bus health from time to time, as one line of JSON each."""
+
+    due_s = -math.inf
+
+    def __init__(
+        self, monitor: Monitor, health: BusHealth, out: Out, wall_s: Callable[[], float] = time.time
+    ) -> None:
+        super().__init__(monitor, health)
+        self._out, self._wall_s = out, wall_s
+
+    def push(self, event: Event) -> None:
+        """Print an event that is no tick."""
+        super().push(event)
+        if isinstance(event, WindowJudged):
+            window = event.window
+            self._print(
+                "window",
+                t_start_ns=window.t_start_ns,
+                t_end_ns=window.t_end_ns,
+                index=window.index,
+                mean=event.mean,
+                std=event.std,
+                paper_failed=event.paper_failed,
+                verdict=event.outcome,
+                fault=event.fault,
+                also=list(event.also),
+                excited=event.excited,
+                statistics=event.statistics,
+            )
+        elif isinstance(event, DtcChanged):
+            dtc = event.dtc
+            self._print(
+                "dtc",
+                t_ns=event.t_ns,
+                code=dtc.code,
+                fault=dtc.fault or None,
+                also=list(dtc.also),
+                status=int(dtc.status),
+                state=dtc.state,
+            )
+        elif isinstance(event, CycleStarted):
+            self._print("cycle", t_ns=event.t_ns)
+        elif isinstance(event, Counted):
+            self._print("counted", t_ns=event.t_ns, what=event.what)
+
+    def work(self, now_s: float) -> tuple[Frame, ...]:
+        """Print the bus health if it is time."""
+        if now_s >= self.due_s:
+            self.due_s = now_s + HEALTH_S
+            self._health_line()
+        self._out.flush()
+        return ()
+
+    def close(self) -> None:
+        """Print the health once more and what is left."""
+        self._health_line()
+        self._out.close()
+
+    def _health_line(self) -> None:
+        monitor = self._monitor
+        self._print(
+            "health",
+            samples=monitor.samples,
+            enabled_samples=monitor.enabled_samples,
+            windows=self._windows,
+            **self._health.as_dict(),
+        )
+
+    def _print(self, kind: str, **fields: Any) -> None:
+        self._out.say(json_line(kind, self._wall_s(), fields))
+
+
+def json_line(kind: str, wall_s: float, fields: Mapping[str, Any]) -> str:
+    """Return one line of ``o2mon.run/1``; docs/service.md has the fields of each kind."""
+    line = {"schema": SCHEMA, "type": kind, "wall_s": round(wall_s, 3), **fields}
+    return json.dumps(rounded(line), allow_nan=False)

@@ -1,0 +1,120 @@
+"""The monitor's own CAN messages: fault flag, codes and the last window."""
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+from cantools.database.can import Message
+
+import dbc
+from monitor.base.types import Frame
+from monitor.decode.bus_map import load_database
+from monitor.decode.checksum import payload_checksum
+from monitor.memory.dtc import Status
+from monitor.pipeline.stream import Event, Monitor, Tick, WindowJudged
+
+STATUS_PERIOD_NS: Final = 100_000_000
+CHECKSUM_BYTE: Final = 7
+_LETTERS: Final = "PCBU"
+MONITOR_STATES: Final = {
+    "no signals": 0,
+    "not enabled": 1,
+    "monitoring": 2,
+    "passed": 3,
+    "failed": 4,
+}
+VERDICTS: Final = {"passed": 0, "failed": 1, "inconclusive": 2}
+
+
+def dtc_number(code: str) -> int:
+    """Return a trouble code as its two bytes (SAE J2012).
+
+    >>> hex(dtc_number("P0133")), hex(dtc_number("U0100"))
+    ('0x133', '0xc100')
+    """
+    return _LETTERS.index(code[0]) << 14 | int(code[1], 16) << 12 | int(code[2:], 16)
+
+
+class Transmitter:
+    """Turns events into the frames of ``o2_monitor.dbc``; time comes with the samples."""
+
+    identifiers: tuple[tuple[int, bool], ...] = ()
+    due_s = math.inf  # the events alone say when something is to be sent
+
+    def __init__(self, monitor: Monitor) -> None:
+        database = load_database(dbc.path("o2_monitor.dbc"))
+        self._monitor = monitor
+        self._status = database.get_message_by_name("O2MON_Status")
+        self._window = database.get_message_by_name("O2MON_Window")
+        self._counters = {self._status.name: 0, self._window.name: 0}
+        self._next_ns = 0
+        self._ready: list[Frame] = []
+
+    def receive(self, frame: Frame) -> tuple[Frame, ...]:
+        """Return nothing: no frame is wanted."""
+        return ()
+
+    def push(self, event: Event) -> None:
+        """Make the frames that this event makes due."""
+        if isinstance(event, WindowJudged):
+            self._ready.append(self._frame(self._window, event.window.t_end_ns, _fields(event)))
+        elif isinstance(event, Tick) and self._is_due(event.sample.t_ns):
+            self._next_ns = event.sample.t_ns + STATUS_PERIOD_NS
+            self._ready.append(self._frame(self._status, event.sample.t_ns, self._state(event)))
+
+    def work(self, now_s: float) -> Sequence[Frame]:
+        """Return the frames made since the last call."""
+        ready, self._ready = self._ready, []
+        return ready
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+    def _is_due(self, t_ns: int) -> bool:
+        """The next time has come, or the clock has stepped back."""
+        return not self._next_ns - STATUS_PERIOD_NS <= t_ns < self._next_ns
+
+    def _state(self, tick: Tick) -> dict[str, float]:
+        active = self._monitor.store.active
+        first = active[0] if active else None
+        return {
+            "FaultFlag": int(first is not None),
+            "WarningLamp": int(any(d.status & Status.WARNING_INDICATOR for d in active)),
+            "MonitorState": self._monitor_state(tick),
+            "DtcCount": len(active),
+            "EnabledPercent": 100 * self._monitor.enabled_samples // self._monitor.samples,
+            "Dtc": dtc_number(first.code) if first else 0,
+            "DtcStatus": int(first.status) if first else 0,
+        }
+
+    def _monitor_state(self, tick: Tick) -> int:
+        if self._monitor.store.fault_flag:
+            return MONITOR_STATES["failed"]
+        if self._monitor.completed:
+            return MONITOR_STATES["passed"]
+        if math.isnan(tick.predicted):
+            return MONITOR_STATES["no signals"]
+        return MONITOR_STATES["monitoring" if tick.enabled else "not enabled"]
+
+    def _frame(self, message: Message, t_ns: int, values: dict[str, float]) -> Frame:
+        counter = self._counters[message.name]
+        self._counters[message.name] = (counter + 1) % 16
+        fields = {s.name: 0.0 for s in message.signals} | values
+        for signal in message.signals:  # a value beyond the signal's range is sent as its limit
+            low = signal.minimum if signal.minimum is not None else -1e9
+            high = signal.maximum if signal.maximum is not None else 1e9
+            fields[signal.name] = min(max(fields[signal.name], low), high)
+        payload = bytearray(message.encode(fields | {"AliveCounter": counter}, strict=False))
+        payload[CHECKSUM_BYTE] = payload_checksum(
+            "crc8_sae_j1850_id", message.frame_id, bytes(payload), CHECKSUM_BYTE
+        )
+        return Frame(t_ns, message.frame_id, message.is_extended_frame, bytes(payload))
+
+
+def _fields(event: WindowJudged) -> dict[str, float]:
+    return {
+        "WindowIndex": event.window.index % 65536,
+        "ResidualMean": event.mean,
+        "ResidualStd": event.std,
+        "Verdict": VERDICTS[event.outcome],
+    }

@@ -1,0 +1,167 @@
+"""Signal maps tied to their CAN databases and merged: what the bus provides.
+
+Several pairs of DBC and map may be merged, an engine and a wideband controller for instance;
+where two provide the same canonical signal, the later pair wins.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+from cantools.database import load_file
+from cantools.database.can import Database, Message, Signal
+
+from monitor.base.errors import SignalMapError
+from monitor.decode.signal_map import Derived, Integrity, MappedSignal, SignalMap, load_signal_map
+
+Pair = tuple[Path, Path]  # DBC, signal map
+
+
+class Wanted(NamedTuple):
+    """What some names need of a bus."""
+
+    names: tuple[str, ...]
+    channels: tuple[str, ...]  # those asked for, then what the derived ones are made of
+    derived: tuple[Derived, ...]
+    timeouts_ns: tuple[int, ...]  # how long each channel's value may be held
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """One signal on the bus: its place in the DBC and what the map makes of it."""
+
+    mapped: MappedSignal
+    message: Message
+    signal: Signal
+    integrity: Integrity
+    dbc: Path
+    map_path: Path
+
+
+@dataclass(frozen=True, slots=True)
+class BusMap:
+    """Everything that one or several pairs provide."""
+
+    pairs: tuple[Pair, ...]
+    channels: dict[str, Channel]  # by canonical or auxiliary name
+    derived: dict[str, Derived]
+    names: tuple[str, ...]  # what can be asked for, in the order of the maps
+
+    def sources(self, names: Sequence[str]) -> tuple[str, ...]:
+        """Return the channels needed for ``names``: those asked for, then what they derive from.
+
+        Raises SignalMapError naming what no map provides.
+        """
+        missing = [name for name in names if name not in self.names]
+        if missing:
+            files = ", ".join(str(map_path) for _, map_path in self.pairs)
+            raise SignalMapError(f"{files}: does not provide {', '.join(missing)}")
+        needed = [name for name in names if name not in self.derived]
+        for name in names:
+            if name in self.derived:
+                needed.extend(self.derived[name].sources)
+        return tuple(dict.fromkeys(needed))
+
+    def wanted(self, names: Sequence[str]) -> Wanted:
+        """Return what is needed for ``names``; raises what ``sources`` raises."""
+        channels = self.sources(names)
+        derived = tuple(self.derived[name] for name in names if name in self.derived)
+        timeouts_s = (self.channels[name].mapped.timeout_s for name in channels)
+        return Wanted(tuple(names), channels, derived, tuple(round(s * 1e9) for s in timeouts_s))
+
+
+def load_database(path: Path) -> Database:
+    """Return the CAN database in ``path`` (.dbc, .arxml, .kcd, .sym).
+
+    Raises SignalMapError if it cannot be read.
+    """
+    try:
+        database = load_file(path, strict=False)
+    except OSError as error:
+        raise SignalMapError(f"{path}: cannot read the CAN database: {error.strerror}") from error
+    except Exception as error:  # cantools raises its parsers' own errors
+        reason = " ".join(str(error).split())
+        raise SignalMapError(f"{path}: not a CAN database: {reason}") from error
+    if not isinstance(database, Database):
+        raise SignalMapError(f"{path}: a diagnostics database, a CAN database is wanted")
+    return database
+
+
+def load_pairs(pairs: Iterable[tuple[str | Path, str | Path]]) -> BusMap:
+    """Return what the pairs of DBC and signal map provide together.
+
+    Raises SignalMapError naming map, DBC and signal where they do not fit each other.
+    """
+    paths: tuple[Pair, ...] = tuple((Path(dbc), Path(map_path)) for dbc, map_path in pairs)
+    if not paths:
+        raise SignalMapError("no pair of DBC and signal map is given")
+    channels: dict[str, Channel] = {}
+    derived: dict[str, Derived] = {}
+    names: dict[str, None] = {}
+    auxiliary: dict[str, Path] = {}
+    for dbc, map_path in paths:
+        signal_map = load_signal_map(map_path)
+        database = load_database(dbc)
+        for name in signal_map.auxiliary:
+            if name in auxiliary or name in names:
+                raise SignalMapError(f"{map_path}: {name} is also defined by {auxiliary.get(name)}")
+            auxiliary[name] = map_path
+        for mapped in [*signal_map.signals.values(), *signal_map.auxiliary.values()]:
+            derived.pop(mapped.name, None)
+            channels[mapped.name] = _channel(mapped, signal_map, database, dbc)
+        for name, each in signal_map.derived.items():
+            channels.pop(name, None)
+            derived[name] = each
+        names.update(dict.fromkeys([*signal_map.signals, *signal_map.derived]))
+    _check_overlap(channels)
+    _check_derived(channels, derived, paths)
+    return BusMap(paths, channels, derived, tuple(names))
+
+
+def _channel(mapped: MappedSignal, signal_map: SignalMap, database: Database, dbc: Path) -> Channel:
+    """Return ``mapped`` tied to the database, or raise SignalMapError."""
+    where = f"{signal_map.path}: {mapped.name} wants"
+    try:
+        message = database.get_message_by_name(mapped.message)
+    except KeyError:
+        raise SignalMapError(f"{where} message {mapped.message}, which {dbc} lacks") from None
+    integrity = signal_map.integrity_of(mapped.message)
+    present = {signal.name for signal in message.signals}
+    for wanted in (mapped.signal, integrity.counter, integrity.checksum):
+        if wanted and wanted not in present:
+            raise SignalMapError(f"{where} signal {mapped.message}.{wanted}, which {dbc} lacks")
+    return Channel(
+        mapped=mapped,
+        message=message,
+        signal=message.get_signal_by_name(mapped.signal),
+        integrity=integrity,
+        dbc=dbc,
+        map_path=signal_map.path,
+    )
+
+
+def _check_overlap(channels: dict[str, Channel]) -> None:
+    """Raise SignalMapError if two databases use one identifier for different messages."""
+    owners: dict[tuple[int, bool], Channel] = {}
+    for channel in channels.values():
+        message = channel.message
+        owner = owners.setdefault((message.frame_id, message.is_extended_frame), channel)
+        same = owner.dbc == channel.dbc and owner.integrity == channel.integrity
+        if not same:
+            raise SignalMapError(
+                f"{channel.map_path}: message {message.name} has identifier "
+                f"0x{message.frame_id:X}, as {owner.message.name} of {owner.dbc} has"
+            )
+
+
+def _check_derived(
+    channels: dict[str, Channel], derived: dict[str, Derived], pairs: tuple[Pair, ...]
+) -> None:
+    """Raise SignalMapError if a merged map took away what a derived signal is made from."""
+    for each in derived.values():
+        for source in each.sources:
+            if source not in channels:
+                raise SignalMapError(
+                    f"{pairs[-1][1]}: {each.name} is derived from {source}, which is itself derived"
+                )

@@ -1,0 +1,86 @@
+"""Raw values of a DBC signal: where they lie, what they stand for, which are plausible."""
+
+import math
+from collections.abc import Callable
+
+from cantools.database.can import Message, Signal
+
+from monitor.base import signals
+from monitor.decode.bus_map import Channel
+
+
+def not_available_raw(channel: Channel) -> int | None:
+    """Return the raw value that says not available, None if the signal has none."""
+    signal = channel.signal
+    if not channel.integrity.not_available or signal.length < 2 or signal.is_float:
+        return None
+    if signal.is_signed:
+        return int(-(1 << (signal.length - 1)))
+    return int((1 << signal.length) - 1)
+
+
+def plausible_range(channel: Channel) -> tuple[float, float]:
+    """Return the range of plausible values in the map's unit, widened by rounding errors.
+
+    A canonical signal has the range of ``signals``, any other that of the DBC, if it has one.
+    """
+    signal, mapped = channel.signal, channel.mapped
+    if mapped.name in signals.BY_NAME or signal.minimum is None or signal.maximum is None:
+        return signals.plausible_range(mapped.name)
+    low, high = sorted(
+        limit * mapped.factor + mapped.offset for limit in (signal.minimum, signal.maximum)
+    )
+    margin = 1e-9 * (high - low)
+    return (low - margin, high + margin) if low < high else (-math.inf, math.inf)
+
+
+def scaling(channel: Channel) -> str:
+    """Return the expression of the value in the map's unit, made from ``raw``."""
+    signal, mapped = channel.signal, channel.mapped
+    expression = "raw"
+    for factor, offset in ((signal.scale, signal.offset), (mapped.factor, mapped.offset)):
+        expression = f"{expression} * {float(factor)!r}" if factor != 1 else expression
+        expression = f"({expression} + {float(offset)!r})" if offset != 0 else expression
+    return expression if expression != "raw" else "raw * 1.0"
+
+
+def plausible_raw(channel: Channel, expression: str) -> tuple[int, int]:
+    """Return the lowest and highest raw value that is plausible; empty if none is.
+
+    The range is checked on integers, because that is faster, with the decoder's own arithmetic.
+    """
+    bits = channel.signal.length
+    bottom, top = (0, (1 << bits) - 1)
+    if channel.signal.is_signed:
+        bottom, top = -(1 << (bits - 1)), (1 << (bits - 1)) - 1
+    missing = not_available_raw(channel)
+    bottom, top = bottom + (bottom == missing), top - (top == missing)
+    low, high = plausible_range(channel)
+    scaled = eval(f"lambda raw: {expression}")
+    if scaled(bottom) > scaled(top):  # a negative factor
+        first = _bisect(lambda raw: scaled(raw) <= high, bottom, top)
+        last = _bisect(lambda raw: scaled(raw) < low, bottom, top) - 1
+    else:
+        first = _bisect(lambda raw: scaled(raw) >= low, bottom, top)
+        last = _bisect(lambda raw: scaled(raw) > high, bottom, top) - 1
+    return first, last
+
+
+def _bisect(holds: Callable[[int], bool], bottom: int, top: int) -> int:
+    """Return the first integer from ``bottom`` for which ``holds``, ``top + 1`` if none."""
+    top += 1
+    while bottom < top:
+        middle = (bottom + top) // 2
+        if holds(middle):
+            top = middle
+        else:
+            bottom = middle + 1
+    return bottom
+
+
+def bit_position(message: Message, signal: Signal) -> int:
+    """Return how far the signal's lowest bit lies above that of the payload's integer."""
+    if signal.byte_order == "little_endian":
+        return int(signal.start)
+    first = 8 * (signal.start // 8) + 7 - signal.start % 8
+    return int(8 * message.length - first - signal.length)

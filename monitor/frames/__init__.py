@@ -1,0 +1,1 @@
+"""Step 1: logs and measurement files become CAN frames, one file per format."""

@@ -1,0 +1,58 @@
+"""Logs as blocks of frames: the frames, counters and errors of ``sources.read_frames``."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from monitor.base.types import FrameBlock
+from monitor.frames import blf_blocks, candump_blocks, mdf
+from monitor.frames.blocks import blocks_of
+from monitor.frames.candump import LogCounters
+from monitor.frames.logs import checked_kind, guarded, open_binary, read_frames
+
+_LARGEST_BLOCK: Final = 31 << 20  # bytes; glibc learns from less than 32 MB
+_KINDS: Final = (".log", ".blf", ".mf4")  # the others come frame by frame
+
+
+def read_blocks(
+    path: str | Path,
+    counters: LogCounters | None = None,
+    parse: candump_blocks.Parser | None = None,
+) -> Iterator[FrameBlock]:
+    """Return the frames of the log ``path`` in the order of the file, many at a time.
+
+    counters : is kept up to date, block by block
+    parse : of lines of candump text, instead of numpy's
+    Raises RecordingError as ``sources.read_frames`` does, after the frames before the damage.
+    """
+    path = Path(path)
+    counters = LogCounters() if counters is None else counters
+    kind = checked_kind(path)
+    if kind in _KINDS:
+        _keep_freed_memory()
+        return guarded(path, counters, _blocks(path, kind, counters, parse))
+    return blocks_of(read_frames(path, counters))
+
+
+def _blocks(
+    path: Path, kind: str, counters: LogCounters, parse: candump_blocks.Parser | None
+) -> Iterator[FrameBlock]:
+    with open_binary(path) as file:
+        if kind == ".log":
+            yield from candump_blocks.read_blocks(file, counters, parse)
+        elif kind == ".blf":
+            yield from blf_blocks.read_blocks(file, counters)
+        else:
+            with mdf.quiet():
+                yield from mdf.read_blocks(file, counters)
+
+
+def _keep_freed_memory() -> None:
+    """Let glibc keep freed memory for the next chunk, instead of fetching it anew page by page.
+
+    The largest block that was mapped and freed sets how much it keeps: mallopt(3),
+    M_MMAP_THRESHOLD. The block is never touched. A tenth of the time of candump and BLF.
+    """
+    np.empty(_LARGEST_BLOCK, dtype=np.uint8)

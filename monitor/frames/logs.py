@@ -1,0 +1,203 @@
+"""Frames from a log.
+
+Formats: candump ``.log``, Vector ``.asc`` and ``.blf``, PEAK ``.trc``, python-can's ``.csv`` and,
+with the extra [mdf], ``.mf4``; each may be gzipped (``.log.gz``). Time is rounded to microseconds,
+the resolution of every format, so that a log recorded from a bus replays to the same bytes.
+"""
+
+import gzip
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import IO, BinaryIO, Final, TypeVar, cast
+
+import can
+
+from monitor.base.errors import RecordingError
+from monitor.base.types import Frame, FrameBlock
+from monitor.frames import blf_blocks, mdf
+from monitor.frames.blocks import frames_of
+from monitor.frames.candump import CUT_SHORT, LATEST_S, MAX_BYTES, LogCounters, read_candump
+from monitor.grid.tables import Table, is_table, read_table, table_samples
+
+LOG_SUFFIXES: Final = (".log", ".asc", ".blf", ".csv", ".trc", ".mf4")
+_TEXT: Final = (".log", ".asc", ".csv", ".trc")
+_CSV_HEADER: Final = "timestamp,arbitration_id,"
+
+T = TypeVar("T")
+
+__all__ = [
+    "LogCounters",
+    "Table",
+    "frame_of",
+    "is_table",
+    "log_kind",
+    "read_frames",
+    "read_table",
+    "table_samples",
+]
+
+
+def read_frames(path: str | Path, counters: LogCounters | None = None) -> Iterator[Frame]:
+    """Return the frames of the log ``path`` in the order of the file.
+
+    counters : is kept up to date while the frames are read
+    Raises RecordingError naming the file, how many frames came before and the reason, if the log
+    is missing, empty, unknown, damaged or cut short; what is known at once is raised at once.
+    """
+    path = Path(path)
+    counters = LogCounters() if counters is None else counters
+    return guarded(path, counters, _frames(path, checked_kind(path), counters))
+
+
+def checked_kind(path: Path) -> str:
+    """Return the log's format as ``log_kind`` does.
+
+    Raises RecordingError if it is unknown, or the log cannot be opened or is empty.
+    """
+    kind = log_kind(path)
+    try:
+        size = path.stat().st_size
+        with path.open("rb"):
+            pass
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot read it: {error.strerror}") from error
+    if size == 0:
+        raise RecordingError(f"{path}: the log is empty")
+    if kind == ".mf4":
+        _require_mdf(path)
+    return kind
+
+
+def frame_of(message: can.Message) -> Frame:
+    """Return a python-can message as a frame, its time rounded to microseconds."""
+    return Frame(
+        round(message.timestamp * 1e6) * 1000,
+        message.arbitration_id,
+        message.is_extended_id,
+        bytes(message.data),
+    )
+
+
+def log_kind(path: Path) -> str:
+    """Return the format's suffix, without .gz; raises RecordingError if it is unknown."""
+    suffixes = [suffix.lower() for suffix in path.suffixes]
+    is_gzip = bool(suffixes) and suffixes[-1] == ".gz"
+    kind = suffixes[-2] if is_gzip and len(suffixes) > 1 else suffixes[-1] if suffixes else ""
+    if kind not in LOG_SUFFIXES:
+        known = " ".join(LOG_SUFFIXES)
+        raise RecordingError(f"{path}: unknown log format {kind!r}, known are {known} and .gz")
+    return kind
+
+
+def _require_mdf(path: Path) -> None:
+    try:
+        import asammdf  # noqa: F401, PLC0415
+    except ImportError as error:
+        raise RecordingError(
+            f"{path}: reading .mf4 needs asammdf: pip install 'o2-monitor[mdf]'"
+        ) from error
+
+
+def guarded(path: Path, counters: LogCounters, found: Iterator[T]) -> Iterator[T]:
+    """Yield what a reader finds and turn everything that it raises into RecordingError."""
+    try:
+        yield from found
+    except Exception as error:  # the readers raise whatever their parsers raise
+        reason = " ".join(str(error).split()) or type(error).__name__
+        after = f" after {counters.frames} frames" if counters.frames else ""
+        raise RecordingError(f"{path}: damaged or cut short{after}: {reason}") from error
+    if counters.frames == 0:
+        raise RecordingError(f"{path}: no CAN frames in the log")
+
+
+def _frames(path: Path, kind: str, counters: LogCounters) -> Iterator[Frame]:
+    if kind == ".log":
+        with open_text(path) as file:
+            yield from read_candump(enumerate(file, 1), counters)
+    elif kind == ".mf4":
+        with open_binary(path) as binary, mdf.quiet():
+            yield from _one_by_one(mdf.read_blocks, binary, counters)
+    elif kind == ".blf":
+        with open_binary(path) as binary:
+            yield from _one_by_one(blf_blocks.read_blocks, binary, counters)
+    else:
+        if kind == ".csv":
+            _check_csv_header(path)
+        yield from through_python_can(path, counters)
+    if kind in _TEXT and not _ends_with_newline(path):
+        raise ValueError(CUT_SHORT)
+
+
+def _one_by_one(
+    read: Callable[[BinaryIO, LogCounters], Iterator[FrameBlock]],
+    file: BinaryIO,
+    counters: LogCounters,
+) -> Iterator[Frame]:
+    """Yield the frames that ``read`` finds; each is counted when it is handed on."""
+    ahead, skipped = LogCounters(), counters.skipped
+    try:
+        for block in read(file, ahead):
+            counters.skipped = skipped + ahead.skipped
+            for frame in frames_of(block):
+                counters.frames += 1
+                yield frame
+    finally:
+        counters.skipped = skipped + ahead.skipped
+
+
+def through_python_can(path: Path, counters: LogCounters) -> Iterator[Frame]:
+    """Yield the frames that python-can's reader of the format finds.
+
+    Raises ValueError for one that cannot be, and what the reader raises.
+    """
+    with can.LogReader(path) as reader:
+        for message in reader:
+            if message.is_error_frame or message.is_remote_frame:
+                counters.skipped += 1
+                continue
+            if len(message.data) != message.dlc:
+                raise ValueError(f"a frame of {message.dlc} bytes holds only {len(message.data)}")
+            if message.dlc > MAX_BYTES:
+                raise ValueError(f"a frame of {message.dlc} bytes, CAN FD has {MAX_BYTES} at most")
+            if not -LATEST_S < message.timestamp < LATEST_S:
+                raise ValueError(f"a frame at {message.timestamp:g} s")
+            frame = frame_of(message)
+            counters.frames += 1
+            yield frame
+
+
+def open_binary(path: Path) -> BinaryIO:
+    """Return the file for reading, decompressed if its name ends in .gz."""
+    if path.suffix.lower() == ".gz":
+        return cast(BinaryIO, gzip.open(path, "rb"))
+    return path.open("rb")
+
+
+def open_text(path: Path) -> IO[str]:
+    """Return the text file for reading, decompressed if its name ends in .gz.
+
+    Bytes that are no UTF-8 are kept as lone surrogates: whether they matter is for the line that
+    holds them to say.
+    """
+    if path.suffix.lower() == ".gz":
+        return gzip.open(path, "rt", encoding="utf-8", errors="surrogateescape")
+    return path.open(encoding="utf-8", errors="surrogateescape")
+
+
+def _check_csv_header(path: Path) -> None:
+    with open_text(path) as file:
+        header = file.readline().strip()
+    if not header.startswith(_CSV_HEADER):
+        raise ValueError(f"its first line is {header[:40]!r}, python-can's log header is wanted")
+
+
+def _ends_with_newline(path: Path) -> bool:
+    with open_binary(path) as file:
+        last = b""
+        if path.suffix.lower() != ".gz":
+            file.seek(-1, 2)
+            return file.read(1) == b"\n"
+        read: Callable[[], bytes] = lambda: file.read(1 << 20)  # noqa: E731
+        for chunk in iter(read, b""):
+            last = chunk[-1:]
+        return last in (b"", b"\n")

@@ -1,0 +1,1 @@
+"""Step 3: values become samples on a fixed grid of time."""

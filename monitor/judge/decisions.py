@@ -1,0 +1,276 @@
+"""Steps 8 and 9: windows and single results become verdicts, debounce counters and codes.
+
+What is decided here comes in the order of time, one result after the other, whether samples
+stream or a recording is judged as a whole.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Final, Literal, NamedTuple
+
+import numpy as np
+
+from monitor.base.config import Config
+from monitor.base.types import FloatArray
+from monitor.judge.bias import Bias, BiasRule, paper_failed
+from monitor.judge.hypotheses import Hypothesis
+from monitor.judge.limits import Limits
+from monitor.judge.plausibility import TickResult
+from monitor.judge.residual import lambda_of, means_and_stds
+from monitor.judge.response import EDGES, Noise, Outcome, Response, ResponseRule
+from monitor.judge.window import Window
+from monitor.memory.debounce import FAILED, PASSED, Debounce
+from monitor.memory.dtc import CODES, TESTS, Dtc, DtcStore
+from monitor.memory.obd_records import TestResult
+from monitor.memory.reference import Seen
+
+LAMBDA_LEAST: Final = 0.1  # what stays of a measurement whose offset is taken off
+
+
+@dataclass(frozen=True, slots=True)
+class WindowJudged:
+    """A window of residuals is full and judged."""
+
+    window: Window
+    mean: float  # of the residual, output's unit
+    std: float
+    paper_failed: bool
+    outcome: Outcome
+    fault: str | None
+    also: tuple[str, ...]
+    excited: bool  # the prediction moves enough for the response rule
+    statistics: dict[str, float | str | None]
+
+
+@dataclass(frozen=True, slots=True)
+class DtcChanged:
+    """A trouble code has a new status."""
+
+    t_ns: int
+    dtc: Dtc
+
+
+@dataclass(frozen=True, slots=True)
+class Counted:
+    """The fault memory has counted something that is to be stored."""
+
+    t_ns: int
+    what: Literal["ignition_cycle", "warm_up", "general_denominator", "numerator"]
+
+
+Change = DtcChanged | Counted
+
+
+class Facts(NamedTuple):
+    """What a window says, before anything is decided."""
+
+    mean: float  # of the residual, output's unit
+    std: float
+    frozen: bool  # the measurement does not move
+    offset: float  # mean of the measurement against the likeliest sensor, output's unit
+    response: Response
+
+
+class Decisions:
+    """Everything that is decided about one sensor in one driving cycle.
+
+    transform : of the model, "phi" or "none"
+    store : fault memory; a new driving cycle begins in the caller's hands
+    """
+
+    def __init__(
+        self,
+        limits: Limits,
+        config: Config,
+        hypotheses: tuple[Hypothesis, ...],
+        transform: str,
+        period_s: float,
+        store: DtcStore,
+    ) -> None:
+        self.store, self._limits, self._config = store, limits, config
+        self._transform = transform
+        self._response = ResponseRule(
+            config.response,
+            hypotheses,
+            Noise(limits.noise, limits.noise_memory),
+            limits.excitation,
+            period_s,
+            limits.gain,
+        )
+        self._bias = BiasRule(config.bias, limits.offset_low, limits.offset_high, limits.offset_std)
+        self._fail_by, self._pass_by = (
+            max(1, math.ceil(-PASSED * period_s / seconds))
+            for seconds in (config.debounce.tick_fail_s, config.debounce.tick_pass_s)
+        )
+        self._debounce = dict.fromkeys(TESTS, Debounce())
+        self._named: dict[str, str] = {}  # the fault that each matured test has set
+        self.completed = False  # the response test reached a decision
+        self._suspicious = False  # a window failed
+        self._windows, self._offset_sum = 0, 0.0
+
+    @property
+    def ticks_to_mature(self) -> tuple[int, int]:
+        """Return how many failed, and how many passed, results in a row mature.
+
+        A counter begins a row from zero, so nothing before it counts.
+        """
+        return math.ceil(FAILED / self._fail_by), math.ceil(-PASSED / self._pass_by)
+
+    def ticks(self, results: Sequence[TickResult], t_ns: int) -> list[Change]:
+        """Take what one sample says about the signal."""
+        changed: list[Change] = []
+        debounce = self._debounce
+        for result in results:
+            if debounce[result.test].count != (FAILED if result.failed else PASSED):
+                by = self._fail_by if result.failed else self._pass_by
+                changed += self._step(result.test, result.failed, by, result.fault, (), t_ns)
+        return changed
+
+    def matured(self, result: TickResult, t_ns: int) -> list[Change]:
+        """Take the last of so many alike results in a row; those before it are not needed."""
+        self._debounce[result.test] = Debounce(FAILED if result.failed else PASSED)
+        return self._mature(result.test, result.failed, result.fault, (), t_ns)
+
+    def activity(self, failed: bool, fault: str, t_ns: int) -> Sequence[Change]:
+        """Take a judged stretch of the activity test."""
+        return self._step("activity", failed, self._by(failed), fault, (), t_ns)
+
+    def facts(self, windows: Sequence[Window]) -> list[Facts]:
+        """Return what windows that follow each other say, bit for bit as one after the other.
+
+        Every window goes through here once, before ``window`` decides.
+        """
+        measured = np.array([window.measured for window in windows])
+        mean, std = means_and_stds(np.array([window.residual for window in windows]))
+        span = np.maximum.reduce(measured, axis=1) - np.minimum.reduce(measured, axis=1)
+        frozen = span <= self._config.plausibility.stuck_range
+        # an offset in lambda would change the gain in phi
+        phi = self._orient(measured - mean[:, np.newaxis])
+        banks = [window.bank for window in windows]
+        responses = self._response.judge_all(phi, banks, frozen)
+        # a sensor slow or late on one edge rectifies the modulation, which shifts its mean
+        likeliest = [bank[:, each.column] for bank, each in zip(banks, responses, strict=True)]
+        beside = measured - lambda_of(np.array(likeliest), self._transform)
+        offset = np.add.reduce(beside, axis=1) / beside.shape[1]
+        columns = mean.tolist(), std.tolist(), frozen.tolist(), offset.tolist(), responses
+        return list(map(Facts, *columns))
+
+    def window(self, window: Window, facts: Facts | None = None) -> Iterator[WindowJudged | Change]:
+        """Take a full window; yield its verdict, then the codes that it changes."""
+        mean, std, frozen, offset, response = facts or self.facts([window])[0]
+        bias = self._bias.judge(offset, ignore=frozen)
+        if response.outcome == "inconclusive" and bias.outcome == "failed":
+            bias = replace(bias, outcome="inconclusive", fault=None)
+        outcome, fault, also = response.outcome, response.fault, response.also
+        if bias.outcome == "failed" and outcome != "failed":
+            outcome, fault, also = "failed", bias.fault, ()
+        limits = self._limits
+        yield WindowJudged(
+            window,
+            mean,
+            std,
+            paper_failed(mean, std, limits.j_mu, limits.j_sigma),
+            outcome,
+            fault,
+            also,
+            self._is_excited(response),
+            {
+                **response.statistics,
+                "offset": bias.offset,
+                "offset_std": bias.offset_std,
+                "offset_beyond": bias.beyond,
+            },
+        )
+        self.store.report(self._results(response, bias))
+        self._suspicious |= outcome == "failed"
+        self._windows += 1
+        self._offset_sum += offset
+        for test, result in (("response", response), ("bias", bias)):
+            if result.outcome != "inconclusive":
+                failed, name = result.outcome == "failed", result.fault or ""
+                yield from self._step(
+                    test, failed, self._by(failed), name, result.also, window.t_end_ns
+                )
+        self.completed |= self._debounce["response"].failed or self._debounce["response"].passed
+
+    def _results(self, response: Response, bias: Bias) -> list[TestResult]:
+        """Return what service $06 says: the estimates so far against their limits."""
+        config, limits, found = self._config.response, self._limits, response.statistics
+        high = {"lag": config.lag_limit_s, "dead_time": config.delay_limit_s}
+        results = [
+            TestResult("response", f"{what}_{edge}_s", value, 0.0, high[what])
+            for what in high
+            for edge in EDGES
+            if isinstance(value := found[f"{what}_{edge}_s"], float)
+        ]
+        gain, unit = found["gain"], limits.gain
+        if not isinstance(gain, float):
+            results = []  # no window was judged yet
+        else:
+            low = unit * config.gain_sound_min
+            results.append(TestResult("response", "gain", gain, low, unit * config.gain_max))
+        if bias.beyond is not None:
+            results.append(
+                TestResult("bias", "offset", bias.offset, limits.offset_low, limits.offset_high)
+            )
+        return results
+
+    def _is_excited(self, response: Response) -> bool:
+        excitation = response.statistics["excitation"]
+        return isinstance(excitation, float) and excitation >= self._limits.excitation
+
+    @property
+    def seen(self) -> Seen | None:
+        """Return what the vehicle's reference may learn, None if anything was suspicious."""
+        enough = self._windows >= self._config.bias.reference_windows
+        sound = self._debounce["response"].passed and not self._suspicious
+        if self._transform != "phi" or not (enough and sound) or self.store.fault_flag:
+            return None
+        return Seen(self._offset_sum / self._windows, self._response.drive_gain)
+
+    def _orient(self, measured: FloatArray) -> FloatArray:
+        if self._transform == "phi":
+            return np.asarray(1.0 / np.maximum(measured, LAMBDA_LEAST))
+        return -measured
+
+    def _by(self, failed: bool) -> int:
+        debounce = self._config.debounce
+        return debounce.response_fail if failed else debounce.response_pass
+
+    def _is_new(self, test: str, failed: bool) -> bool:
+        """Return whether a result can still change a test's debounce counter."""
+        return self._debounce[test].count != (FAILED if failed else PASSED)
+
+    def _step(
+        self, test: str, failed: bool, by: int, fault: str, also: tuple[str, ...], t_ns: int
+    ) -> Sequence[Change]:
+        """Advance one test's debounce counter; a counter that matures sets or completes codes."""
+        if not self._is_new(test, failed):
+            return self._renamed(test, fault, also, t_ns) if failed else ()
+        before = self._debounce[test]
+        after = before.step(failed=failed, by=by)
+        self._debounce[test] = after
+        if not after.failed and not after.passed:
+            return ()
+        return self._mature(test, after.failed, fault, also, t_ns)
+
+    def _mature(
+        self, test: str, failed: bool, fault: str, also: tuple[str, ...], t_ns: int
+    ) -> list[Change]:
+        """Set the codes of a fault, or complete those of a test."""
+        counted = [Counted(t_ns, "numerator")] if self.store.count_judged(test) else []
+        if failed:
+            self._named[test] = fault
+            changed = self.store.fail(fault, t_ns, also)
+        else:
+            changed = self.store.complete(test)
+        return [*(DtcChanged(t_ns, dtc) for dtc in changed), *counted]
+
+    def _renamed(self, test: str, fault: str, also: tuple[str, ...], t_ns: int) -> Sequence[Change]:
+        """Give a code the name that more evidence speaks for, if both names have the same code."""
+        before = self._named.get(test, fault)
+        if fault == before or CODES[fault] != CODES[before]:
+            return ()
+        self._named[test] = fault
+        return [DtcChanged(t_ns, dtc) for dtc in self.store.fail(fault, t_ns, also)]

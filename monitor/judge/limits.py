@@ -1,0 +1,69 @@
+"""Decision limits: of one model, as they stand in its card, and of one vehicle with a reference."""
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+from monitor.base.config import BiasConfig, Config
+from monitor.base.errors import ConfigError, ModelError
+from monitor.memory.reference import Reference
+from monitor.model.card import ModelCard
+
+NAMES: Final = (
+    "j_mu",
+    "j_sigma",
+    "noise",
+    "noise_memory",
+    "excitation",
+    "offset",
+    "offset_std",
+)  # in the card
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Limits of one model on one vehicle; ``noise`` and ``excitation`` are oriented like phi."""
+
+    j_mu: float  # paper's rule, mean of the residual, output's unit
+    j_sigma: float  # paper's rule, standard deviation of the residual, output's unit
+    noise: float  # healthy residual in enabled windows, standard deviation
+    noise_memory: float  # its correlation from one sample to the next
+    excitation: float  # least standard deviation of the prediction that makes a window judgeable
+    offset_low: float  # bias, output's unit
+    offset_high: float
+    offset_std: float  # of healthy windows' means, output's unit
+    gain: float = 1.0  # of this vehicle's healthy sensor
+
+    @classmethod
+    def from_card(cls, card: ModelCard, config: Config, where: str) -> "Limits":
+        """Return the limits of a card, for a vehicle without a reference.
+
+        Settings may raise offset, its spread and excitation, never lower them. Raises ModelError
+        naming the file if a limit is missing, ConfigError if the limits were set for windows of
+        another length.
+        """
+        missing = [name for name in NAMES if name not in card.limits]
+        if missing:
+            raise ModelError(
+                f"{where}: the model card has no limit {', '.join(missing)}; "
+                "o2train calibrate sets them"
+            )
+        if card.window_samples != config.window.n_samples:
+            raise ConfigError(
+                f"{where}: its limits are for windows of {card.window_samples} samples, "
+                f"[window] n_samples is {config.window.n_samples}"
+            )
+        values = {name: card.limits[name].value for name in NAMES}
+        excitation = config.response.excitation_noise * values["noise"]
+        values["excitation"] = max(values["excitation"], excitation)
+        offset = values.pop("offset")
+        if card.transform == "phi":
+            offset = max(offset, config.bias.offset_limit_lambda)
+            values["offset_std"] = max(values["offset_std"], config.bias.window_std_lambda)
+        return cls(**values, offset_low=-offset, offset_high=offset)
+
+    def of_vehicle(self, reference: Reference, config: BiasConfig) -> "Limits":
+        """Return the limits of the vehicle that the reference was learned on."""
+        if reference.drives == 0:
+            return self
+        low, high = reference.offset_range(config)
+        return replace(self, offset_low=low, offset_high=high, gain=reference.gain)

@@ -1,0 +1,33 @@
+"""Step 6: measured against predicted.
+
+The residual is measured minus predicted in the output's unit. The response rule works on signals
+oriented like phi = 1/lambda, for which rising is lean to rich.
+"""
+
+import numpy as np
+
+from monitor.base.types import FloatArray
+
+
+def means_and_stds(residual: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return mean and standard deviation of windows, (w, n), bit for bit as numpy's own."""
+    n = residual.shape[1]
+    mean = np.add.reduce(residual, axis=1) / n
+    centred = residual - mean[:, np.newaxis]
+    return mean, np.sqrt(np.add.reduce(centred * centred, axis=1) / n)
+
+
+def oriented(value: float, transform: str) -> float:
+    """Return a value oriented like phi.
+
+    transform : "phi" for lambda, which becomes 1/lambda; "none" for an output that rises towards
+        lean as lambda does, which is negated
+    """
+    if transform == "phi":
+        return 1.0 / value if value > 0.0 else float("nan")
+    return -value
+
+
+def lambda_of(oriented_values: FloatArray, transform: str) -> FloatArray:
+    """Return values oriented like phi, none of them 0, in the output's unit again."""
+    return 1.0 / oriented_values if transform == "phi" else -oriented_values

@@ -1,0 +1,312 @@
+"""The response rule: which sensor, run on the prediction, reads what the real one reads?
+
+Every claim says how a sensor follows the mixture: one column of the bank of ``hypotheses`` (a lag
+or a dead time on one edge direction or both) and a range for its gain. Evidence for each claim is
+summed over windows until one fault, or the sound sensor, leads by enough.
+
+Sources: Basseville and Nikiforov, Detection of Abrupt Changes, chapter 4 (log likelihood ratios
+summed until a threshold); Wald, Sequential Analysis, section 3.2 (the thresholds for stated
+probabilities of a false alarm and of a miss); Kay, Fundamentals of Statistical Signal Processing
+II, section 9.3 (linear model in coloured noise: whiten both sides).
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Literal
+
+import numpy as np
+
+from monitor.base.config import ResponseConfig
+from monitor.base.types import BoolArray, FloatArray
+from monitor.judge.hypotheses import Hypothesis
+from monitor.judge.residual import means_and_stds
+
+Outcome = Literal["passed", "failed", "inconclusive"]
+EDGES = ("rich_to_lean", "lean_to_rich")
+_WINDOWS = 8  # regressed at once: what fits into the processor's cache
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """The healthy residual within windows, oriented like phi, as a first-order process."""
+
+    std: float
+    memory: float  # correlation of neighbouring samples, 0 to below 1
+
+    @property
+    def innovation_var(self) -> float:
+        """Return the variance of what is new in each sample."""
+        return self.std**2 * (1.0 - self.memory**2)
+
+
+@dataclass(frozen=True, slots=True)
+class Response:
+    """What the response rule says after a window."""
+
+    outcome: Outcome
+    fault: str | None
+    also: tuple[str, ...]
+    column: int  # of the bank: what the likeliest sensor reads
+    statistics: dict[str, float | str | None]
+
+
+@dataclass(frozen=True, slots=True)
+class Claim:
+    """A sensor with this lag or dead time and a gain in this range."""
+
+    column: int  # of the bank; behind its last one stands the sensor quicker than the model's
+    hypothesis: Hypothesis
+    gain_low: float
+    gain_high: float
+    fault: str  # "" is a sound sensor
+
+
+@cache
+def claims(config: ResponseConfig, bank: tuple[Hypothesis, ...]) -> tuple[Claim, ...]:
+    """Return every claim about the sensor, the healthy one first."""
+    top = config.gain_max
+    found = []
+    # a sensor quicker than the training vehicle's; without it a dead time of one period of a
+    # steady modulation explains such a sensor better than none
+    quick = Hypothesis("", "healthy", "symmetric", 0.0, False)
+    for column, each in enumerate((*bank, quick)):
+        if not each.beyond_limit:
+            found.append(Claim(column, each, config.gain_sound_min, top, ""))
+            found.append(Claim(column, each, 0.0, config.gain_weak_max, "gain_low"))
+        elif each.kind == "delay":
+            found.append(Claim(column, each, config.gain_late_min, top, each.fault))
+        else:
+            found.append(Claim(column, each, config.gain_slow_min, top, each.fault))
+            if each.direction == "symmetric":
+                found.append(Claim(column, each, 0.0, config.gain_transient_max, "transient"))
+    return tuple(found)
+
+
+class ResponseRule:
+    """Sequential comparison of claims, constant memory.
+
+    In each window measurement and bank are whitened by the healthy residual's memory; for each
+    claim gain (within its range) and offset come from least squares, and the concentrated Gaussian
+    log likelihood, with ``evidence_weight`` of the samples counted as independent, is added to the
+    claim's evidence, which fades by ``evidence_memory`` per window.
+
+    noise : of the healthy residual
+    excitation_min : least standard deviation of the prediction that makes a window judgeable
+    gain_reference : this vehicle's healthy gain, which the gains of the claims are relative to
+    """
+
+    def __init__(
+        self,
+        config: ResponseConfig,
+        bank: tuple[Hypothesis, ...],
+        noise: Noise,
+        excitation_min: float,
+        period_s: float,
+        gain_reference: float = 1.0,
+    ) -> None:
+        self._config, self._noise = config, noise
+        self._excitation_min = excitation_min
+        alpha, beta = config.false_alarm_probability, config.miss_probability
+        self.evidence_fail = math.log((1.0 - beta) / alpha)
+        self.evidence_pass = math.log((1.0 - alpha) / beta)
+        self._claims, self._n_columns = claims(config, bank), len(bank)
+        self._columns = np.array([c.column for c in self._claims])
+        self._gain_low = gain_reference * np.array([c.gain_low for c in self._claims])
+        self._gain_high = gain_reference * np.array([c.gain_high for c in self._claims])
+        faulty = np.array([bool(c.fault) for c in self._claims])
+        self._faults, self._sound = np.flatnonzero(faulty), np.flatnonzero(~faulty)
+        times = np.array([_times(c.hypothesis) for c in self._claims]).T
+        self._moments = np.vstack((times, times**2))
+        self._lead = config.lead_s / period_s
+        self._ahead = math.ceil(self._lead)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all evidence."""
+        n = len(self._claims)
+        self._evidence = np.zeros(n)
+        self._gain_sums = np.zeros((2, n))
+        self._drive_sums = np.zeros((3, n))  # like gain sums and evidence, but nothing fades
+        self._windows = 0
+
+    @property
+    def drive_gain(self) -> float:
+        """Return the gain of the likeliest sound sensor over all judged windows; 1 without one."""
+        sound = self._sound[self._drive_sums[2, self._sound].argmax()]
+        sxx, sxy, _ = self._drive_sums[:, sound].tolist()
+        return sxy / sxx if sxx > 0.0 else 1.0
+
+    def judge(self, measured: FloatArray, bank: FloatArray, *, ignore: bool = False) -> Response:
+        """Return the verdict after one more window; an ignored one is inconclusive.
+
+        measured : (n,) phi, or the output oriented like it
+        bank : (n, n_hypotheses) what each hypothesis reads, column 0 the prediction itself
+        """
+        return self.judge_all(measured[np.newaxis], [bank], np.array([ignore]))[0]
+
+    def judge_all(
+        self, measured: FloatArray, banks: Sequence[FloatArray], ignore: BoolArray
+    ) -> list[Response]:
+        """Return the verdicts after windows that follow each other, bit for bit as one by one.
+
+        measured : (w, n); banks : w of (n, n_hypotheses); ignore : (w,)
+        """
+        _, excitation = means_and_stds(np.array([bank[:, 0] for bank in banks]))
+        usable = ~ignore & (excitation >= self._excitation_min)
+        if len(banks) == 1:  # a bus in real time: no need to pick
+            moments = self._regressed(measured, banks) if usable[0] else np.empty((0,))
+        else:
+            moments = self._all_regressed(measured, banks, usable)
+        evidence, gain_sums = self._summed(usable, moments)
+        return self._reports(usable, excitation, evidence, gain_sums)
+
+    def _all_regressed(
+        self, measured: FloatArray, banks: Sequence[FloatArray], usable: BoolArray
+    ) -> FloatArray:
+        """Return ``_regressed`` of the usable windows."""
+        places = np.flatnonzero(usable)
+        moments = np.empty((len(places), 3, len(self._claims)))
+        for first in range(0, len(places), _WINDOWS):
+            chosen = places[first : first + _WINDOWS]
+            part = [banks[i] for i in chosen.tolist()]
+            moments[first : first + _WINDOWS] = self._regressed(measured[chosen], part)
+        return moments
+
+    def _regressed(self, measured: FloatArray, banks: Sequence[FloatArray]) -> FloatArray:
+        """Return sxx, sxy and log likelihood of each claim in some windows, (w, 3, n_claims)."""
+        n = measured.shape[1]
+        m = n - self._ahead
+        x = np.empty((len(banks), m, self._n_columns + 1))
+        for each, bank in zip(x, banks, strict=True):
+            each[:, :-1] = bank[:m]
+            each[:, -1] = self._quicker(bank[:, 0], m)
+        y = self._whitened(measured[:, :m])
+        x = self._whitened(x)
+        moments = np.empty((len(banks), 3, len(self._claims)))
+        sxx, sxy, log_likelihood = moments[:, 0], moments[:, 1], moments[:, 2]
+        np.einsum("wij,wij->wj", x, x).take(self._columns, 1, sxx, "clip")
+        (y[:, np.newaxis] @ x)[:, 0].take(self._columns, 1, sxy, "clip")
+        syy = (y[:, np.newaxis] @ y[:, :, np.newaxis])[:, 0]
+        gain = sxy / np.maximum(sxx, 1e-12)
+        np.minimum(np.maximum(gain, self._gain_low, out=gain), self._gain_high, out=gain)
+        error_var = np.maximum(syy - gain * (2.0 * sxy - gain * sxx), 0.0) / y.shape[1]
+        independent = self._config.evidence_weight * y.shape[1]
+        found = -0.5 * independent * np.log(error_var + self._noise.innovation_var)
+        np.subtract(found, found[:, :1], out=log_likelihood)
+        return moments
+
+    def _summed(self, usable: BoolArray, moments: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return evidence, (w, n_claims), and gain sums, (w, 2, n_claims), after each window."""
+        memory, most = self._config.evidence_memory, self._config.evidence_most
+        evidence = np.empty((len(usable), len(self._claims)))
+        gain_sums = np.empty((len(usable), 2, len(self._claims)))
+        rest = iter(moments)
+        for now, sums, is_usable in zip(evidence, gain_sums, usable.tolist(), strict=True):
+            if not is_usable:
+                now[:], sums[:] = self._evidence, self._gain_sums
+                continue
+            each = next(rest)
+            np.multiply(self._evidence, memory, out=now)
+            np.add(now, each[2], out=now)
+            # a long healthy time must not outweigh the fault that follows it (Page's test)
+            np.maximum(now, now.max() - most, out=now)
+            np.multiply(self._gain_sums, memory, out=sums)
+            np.add(sums, each[:2], out=sums)
+            self._drive_sums += each
+            self._evidence, self._gain_sums = now, sums
+        self._evidence, self._gain_sums = self._evidence.copy(), self._gain_sums.copy()
+        return evidence, gain_sums
+
+    def _quicker(self, now: FloatArray, m: int) -> FloatArray:
+        """Return the prediction ``lead_s`` ahead of its time, (m,)."""
+        part = self._ahead - self._lead
+        if self._ahead == 0:
+            return now
+        return (1.0 - part) * now[self._ahead :] + part * now[self._ahead - 1 : -1]
+
+    def _whitened(self, x: FloatArray) -> FloatArray:
+        """Return what is new in each sample of windows, (w, n, ...), its mean taken off."""
+        new = x[:, 1:] - self._noise.memory * x[:, :-1]
+        new -= (np.add.reduce(new, axis=1) / new.shape[1])[:, np.newaxis]
+        return new
+
+    def _reports(
+        self,
+        usable: BoolArray,
+        excitation: FloatArray,
+        evidence: FloatArray,
+        gain_sums: FloatArray,
+    ) -> list[Response]:
+        faulty = evidence.take(self._faults, 1)
+        fault = faulty.argmax(axis=1)
+        margin = faulty.max(axis=1) - evidence.take(self._sound, 1).max(axis=1)
+        best = evidence.argmax(axis=1)
+        times = self._estimated_times(evidence)
+        found = []
+        for i, is_usable, gap, own in zip(
+            range(len(evidence)), usable.tolist(), margin.tolist(), best.tolist(), strict=True
+        ):
+            self._windows += is_usable
+            outcome: Outcome = "inconclusive"
+            name: str | None = None
+            also: tuple[str, ...] = ()
+            if is_usable and gap >= self.evidence_fail:
+                likeliest = int(self._faults[fault[i]])
+                outcome, name = "failed", self._claims[likeliest].fault
+                also = self._alike(evidence[i], likeliest)
+            elif is_usable and gap <= -self.evidence_pass:
+                outcome = "passed"
+            claim = self._claims[own]
+            statistics: dict[str, float | str | None] = {
+                "excitation": float(excitation[i]),
+                "evidence": gap,
+                "hypothesis": claim.fault or "healthy",
+                **dict(zip(_ESTIMATES, times[i], strict=True)),
+                **self._estimated_gain(gain_sums[i, :, own].tolist()),
+            }
+            column = claim.column if claim.column < self._n_columns else 0
+            found.append(Response(outcome, name, also, column, statistics))
+        return found
+
+    def _alike(self, evidence: FloatArray, best: int) -> tuple[str, ...]:
+        behind = evidence[best] - evidence[self._faults]
+        close = self._faults[behind < self._config.evidence_alike].tolist()
+        return tuple(sorted({self._claims[i].fault for i in close} - {self._claims[best].fault}))
+
+    def _estimated_times(self, evidence: FloatArray) -> list[list[float]]:
+        """Return lags and dead times, each with its standard deviation, after each window.
+
+        They are means over the claims, weighted by their likelihood (all alike beforehand).
+        """
+        weight = np.exp(evidence - evidence.max(axis=1)[:, np.newaxis])
+        weight /= np.add.reduce(weight, axis=1)[:, np.newaxis]
+        found = (self._moments @ weight[:, :, np.newaxis]).reshape(len(evidence), 2, len(_TIMES))
+        mean, square = found[:, 0], found[:, 1]
+        np.sqrt(np.maximum(square - mean**2, 0.0), out=square)
+        rows: list[list[float]] = found.swapaxes(1, 2).reshape(len(evidence), -1).tolist()
+        return rows
+
+    def _estimated_gain(self, sums: Sequence[float]) -> dict[str, float | None]:
+        """Return the gain with its standard deviation; None before any window."""
+        if not self._windows:
+            return {"gain": None, "gain_std": None}
+        sxx, sxy = sums[0], sums[1]
+        spread = self._noise.innovation_var / self._config.evidence_weight / max(sxx, 1e-12)
+        return {"gain": sxy / max(sxx, 1e-12), "gain_std": math.sqrt(spread)}
+
+
+_TIMES = tuple(f"{what}_{edge}" for what in ("lag", "dead_time") for edge in EDGES)
+_ESTIMATES = tuple(f"{name}{kind}_s" for name in _TIMES for kind in ("", "_std"))
+
+
+def _times(hypothesis: Hypothesis) -> list[float]:
+    """Return lags and dead times of both edge directions, s, in the order of ``_TIMES``."""
+    return [
+        hypothesis.seconds
+        if hypothesis.kind == kind and hypothesis.direction in (edge, "symmetric")
+        else 0.0
+        for kind in ("slow", "delay")
+        for edge in EDGES
+    ]

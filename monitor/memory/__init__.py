@@ -1,0 +1,1 @@
+"""Step 9: trouble codes, driving cycles, the reference of the vehicle, and their store."""

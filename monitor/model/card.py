@@ -1,0 +1,214 @@
+"""The model card: what a model is, what it was trained on and what its limits are.
+
+It travels as JSON in the ONNX file's metadata under ``o2_monitor_card``. A key that is missing,
+unknown or of the wrong type is a ModelError that names the file.
+"""
+
+import dataclasses
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
+
+from monitor.base.errors import ModelError
+
+T = TypeVar("T")
+
+METADATA_KEY = "o2_monitor_card"
+SCHEMA = "o2_monitor.card/1"
+WINDOW_SAMPLES = 50  # Model Based Diagnosis of Oxygen Sensors, section 2
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """One input or the output: its unit and what the training saw of it, in that unit."""
+
+    name: str
+    unit: str
+    minimum: float
+    maximum: float
+    percentile_0_1: float
+    percentile_99_9: float
+
+
+@dataclass(frozen=True, slots=True)
+class StateLayout:
+    """Where the outputs lie in ``state``, newest first, in model units (phi or output).
+
+    A NARX holds as many as its lags, a greybox the newest alone, beside what else it remembers.
+    """
+
+    size: int
+    output_start: int
+    output_step: int
+    output_count: int
+
+    @property
+    def output_slice(self) -> slice:
+        """The output history as a slice of the last axis of ``state``.
+
+        >>> StateLayout(size=6, output_start=1, output_step=2, output_count=3).output_slice
+        slice(1, 6, 2)
+        """
+        stop = self.output_start + self.output_step * (self.output_count - 1) + 1
+        return slice(self.output_start, stop, self.output_step)
+
+
+@dataclass(frozen=True, slots=True)
+class TrainingRecording:
+    """A recording that the training used."""
+
+    path: str  # file name without folders: models travel
+    sha256: str
+    samples: int
+    source: str = ""  # "simulated", or "" where no manifest says what it is
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """One decision limit and how it was obtained."""
+
+    value: float
+    unit: str
+    origin: str
+
+
+@dataclass(frozen=True, slots=True)
+class ModelCard:
+    """Everything about a model that is not its graph."""
+
+    kind: str  # "narx", "greybox"
+    inputs: tuple[Channel, ...]
+    output: Channel
+    transform: str  # "phi": the model works on 1/output; "none"
+    output_limits: tuple[float, float]  # predictions are clipped to this, in model units
+    period_ns: int
+    lags: int  # longest lag of inputs and output; greybox: samples that a steady input fills it in
+    input_lag_start: int
+    layers: tuple[int, ...]  # hidden layers, none in a greybox
+    state: StateLayout
+    recordings: tuple[TrainingRecording, ...]
+    residual_mean: float  # of the healthy vehicle, enabled samples, in the output's unit
+    residual_std: float
+    window_samples: int = WINDOW_SAMPLES
+    transforms: tuple[Mapping[str, Any], ...] = ()  # of inputs, inside the graph
+    effects: tuple[Mapping[str, Any], ...] = ()  # added by the gap workflow
+    structure: Mapping[str, Any] = field(default_factory=dict)  # how lags enter, kind's own words
+    fit: Mapping[str, Any] = field(default_factory=dict)  # measures on held-out samples
+    checks: Mapping[str, Any] = field(default_factory=dict)  # parity, stability
+    limits: Mapping[str, Limit] = field(default_factory=dict)
+    reference: Mapping[str, Any] = field(default_factory=dict)  # healthy reference of this vehicle
+    packages: Mapping[str, str] = field(default_factory=dict)
+    schema: str = SCHEMA
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """Names of the inputs in the order of ``u``."""
+        return tuple(channel.name for channel in self.inputs)
+
+    def to_json(self) -> str:
+        """Return the card as JSON, keys in the order of the fields.
+
+        Raises ValueError if a number is not finite.
+        """
+        return json.dumps(dataclasses.asdict(self), indent=1, allow_nan=False)
+
+    @classmethod
+    def from_json(cls, text: str, path: str = "model card") -> "ModelCard":
+        """Return the card in ``text``; ``path`` names the file in errors.
+
+        Raises ModelError for anything that is not a card of this schema.
+        """
+        try:
+            data = json.loads(text)
+        except json.JSONDecodeError as error:
+            raise ModelError(f"{path}: the model card is not JSON: {error}") from None
+        if not isinstance(data, dict):
+            raise ModelError(f"{path}: the model card is a {type(data).__name__}, not an object")
+        if data.get("schema") != SCHEMA:
+            raise ModelError(
+                f"{path}: the model card has schema {data.get('schema')!r}, wanted {SCHEMA!r}"
+            )
+        return _card(data, path)
+
+
+def _card(data: dict[str, Any], path: str) -> ModelCard:
+    data = {"structure": {}} | data  # cards written before it was stored
+    _keys(data, ModelCard, path, "model card")
+    try:
+        data["inputs"] = tuple(_part(Channel, c, path, "inputs") for c in data["inputs"])
+        data["output"] = _part(Channel, data["output"], path, "output")
+        data["state"] = _part(StateLayout, data["state"], path, "state")
+        data["recordings"] = tuple(
+            _part(TrainingRecording, r, path, "recordings") for r in data["recordings"]
+        )
+        data["limits"] = {
+            name: _part(Limit, limit, path, f"limits.{name}")
+            for name, limit in data["limits"].items()
+        }
+        low, high = data["output_limits"]
+        data["output_limits"] = (float(low), float(high))
+        data["layers"] = tuple(int(n) for n in data["layers"])
+        for name in ("transforms", "effects"):
+            data[name] = tuple(dict(item) for item in data[name])
+        for name in ("structure", "fit", "checks", "reference", "packages"):
+            data[name] = dict(data[name])
+        for name in ("residual_mean", "residual_std"):
+            data[name] = float(data[name])
+    except (TypeError, ValueError, AttributeError) as error:
+        raise ModelError(f"{path}: the model card has a value of the wrong type: {error}") from None
+    _check(data, path)
+    return ModelCard(**data)
+
+
+def _keys(data: Mapping[str, Any], kind: type, path: str, where: str) -> None:
+    names = {f.name for f in dataclasses.fields(kind)}
+    for word, keys in (("lacks", names - data.keys()), ("has unknown", data.keys() - names)):
+        if keys:
+            raise ModelError(f"{path}: {where} {word} {', '.join(sorted(keys))}")
+
+
+def _part(kind: type[T], data: Any, path: str, where: str) -> T:
+    """Return a dataclass of strings, ints and floats; nothing else may stand in the JSON."""
+    if not isinstance(data, dict):
+        raise ModelError(f"{path}: {where} holds {data!r}, wanted an object")
+    _keys(data, kind, path, where)
+    values = {}
+    for f in dataclasses.fields(kind):  # type: ignore[arg-type]
+        value = data[f.name]
+        if f.type is float and isinstance(value, int) and not isinstance(value, bool):
+            value = float(value)
+        if type(value) is not f.type or (isinstance(value, float) and not math.isfinite(value)):
+            wanted = getattr(f.type, "__name__", f.type)
+            raise ModelError(f"{path}: {where}.{f.name} is {value!r}, wanted {wanted}")
+        values[f.name] = value
+    return kind(**values)
+
+
+def _check(data: Mapping[str, Any], path: str) -> None:
+    for name in ("period_ns", "lags", "input_lag_start", "window_samples"):
+        if type(data[name]) is not int or data[name] < (name != "input_lag_start"):
+            raise ModelError(f"{path}: {name} is {data[name]!r}, wanted a positive whole number")
+    if data["transform"] not in ("phi", "none"):
+        raise ModelError(f"{path}: transform is {data['transform']!r}, wanted 'phi' or 'none'")
+    if not data["inputs"]:
+        raise ModelError(f"{path}: the model card has no inputs")
+    low, high = data["output_limits"]
+    if not low < high:
+        raise ModelError(f"{path}: output_limits are {low} and {high}, wanted low < high")
+    names = [channel.name for channel in data["inputs"]]
+    if len(set(names)) < len(names) or data["output"].name in names:
+        raise ModelError(f"{path}: inputs {names} and output must differ")
+    if data["transform"] == "phi" and not data["output"].name.startswith("lambda"):
+        raise ModelError(f"{path}: transform 'phi' is for lambda, not {data['output'].name}")
+    for name, limit in data["limits"].items():
+        if limit.value < 0.0 or (name == "noise" and limit.value == 0.0):
+            raise ModelError(f"{path}: limit {name} is {limit.value}, wanted a positive number")
+    layout: StateLayout = data["state"]
+    if data["kind"] == "narx" and layout.output_count != data["lags"]:
+        raise ModelError(
+            f"{path}: the state holds {layout.output_count} outputs, the lags are {data['lags']}"
+        )
+    if not 0 <= layout.output_start < layout.output_slice.stop <= layout.size:
+        raise ModelError(f"{path}: the output history {layout} lies outside the state")

@@ -1,0 +1,221 @@
+"""Step 5: one closed-loop step of the model, state inside.
+
+The ONNX graph ``step`` maps inputs in physical units and a state to the prediction and the next
+state; scaling, clipping and added effects are inside it. Input and output memory is bound once
+and the state alternates between two buffers, so that a step allocates nothing.
+"""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnxruntime as ort
+from numpy.typing import NDArray
+
+from monitor.base.errors import ModelError
+from monitor.base.types import BoolArray, FloatArray
+from monitor.model.card import METADATA_KEY, ModelCard
+
+Float32Array = NDArray[np.float32]
+Inputs = NDArray[np.float32] | NDArray[np.float64]
+LAMBDA_MAX = 16.0  # what a UEGO reads in air; phi below 1/16 is this
+PHI_MAX = 1.7
+
+
+def to_model_units(transform: str, output: FloatArray | float) -> FloatArray:
+    """Return phi = 1/lambda in 0 .. 1.7 for "phi", else ``output`` itself; NaN stays NaN.
+
+    >>> to_model_units("phi", np.array([0.8, 2.0, np.inf])).tolist()
+    [1.25, 0.5, 0.0]
+    """
+    value = np.asarray(output, dtype=np.float64)
+    if transform == "none":
+        return value
+    return np.asarray(np.clip(1.0 / np.maximum(value, 1e-3), 0.0, PHI_MAX))
+
+
+def from_model_units(transform: str, value: FloatArray | float) -> FloatArray:
+    """Return lambda = 1/phi, at most 16, for "phi", else ``value`` itself.
+
+    >>> from_model_units("phi", np.array([1.25, 0.0])).tolist()
+    [0.8, 16.0]
+    """
+    value = np.asarray(value, dtype=np.float64)
+    if transform == "none":
+        return value
+    return np.asarray(1.0 / np.maximum(value, 1.0 / LAMBDA_MAX))
+
+
+class _Binding:
+    """One wiring of the session: state from one buffer, next state to the other."""
+
+    def __init__(
+        self, session: ort.InferenceSession, u: Float32Array, state: Float32Array,
+        lambda_hat: Float32Array, next_state: Float32Array,
+    ) -> None:  # fmt: skip
+        self.binding = session.io_binding()
+        for name, array in (("u", u), ("state", state)):
+            self.binding.bind_input(name, "cpu", 0, np.float32, array.shape, array.ctypes.data)
+        for name, array in (("lambda_hat", lambda_hat), ("next_state", next_state)):
+            self.binding.bind_output(name, "cpu", 0, np.float32, array.shape, array.ctypes.data)
+        self.next_state = next_state
+
+
+class Model:
+    """The model on ``batch`` vehicles side by side; by default one.
+
+    Inputs must be finite: what a stale or invalid signal means is decided before the model.
+    """
+
+    def __init__(self, session: ort.InferenceSession, card: ModelCard, batch: int = 1) -> None:
+        self.card, self._session, self.batch = card, session, batch
+        self.n_inputs = len(card.inputs)
+        self._u = np.zeros((batch, self.n_inputs), np.float32)
+        self._row, self._ones = self._u[0], np.ones(self.n_inputs, np.float32)
+        self._lambda_hat = np.zeros((batch, 1), np.float32)
+        even, odd = (np.zeros((batch, card.state.size), np.float32) for _ in range(2))
+        self._bindings = tuple(
+            _Binding(session, self._u, a, self._lambda_hat, b)
+            for a, b in ((even, odd), (odd, even))
+        )
+        self._state, self._turn = even, 0
+        self._run: Any = session.run_with_iobinding
+
+    @classmethod
+    def load(cls, path: Path | str, batch: int = 1) -> "Model":
+        """Return the model in an ONNX file.
+
+        Raises ModelError if the file is not ONNX, has no card, or the two disagree.
+        """
+        session = open_session(path)
+        text = session.get_modelmeta().custom_metadata_map.get(METADATA_KEY)
+        if text is None:
+            raise ModelError(f"{path}: no model card (metadata {METADATA_KEY!r}) in this ONNX file")
+        card = ModelCard.from_json(text, str(path))
+        check_graph(session, card, str(path))
+        return cls(session, card, batch)
+
+    def with_batch(self, batch: int) -> "Model":
+        """Return a model of the same file with its own state for ``batch`` vehicles."""
+        return Model(self._session, self.card, batch)
+
+    @property
+    def state(self) -> Float32Array:
+        """The current state (batch, n_state), the live buffer."""
+        return self._state
+
+    def step(self, u: FloatArray) -> float:
+        """Return the prediction for the tick of ``u`` (n_inputs,), in the output's unit.
+
+        Raises ValueError if an input is not finite.
+        """
+        self._row[:] = u
+        if not math.isfinite(self._row.dot(self._ones)):
+            raise ValueError(f"inputs of the model must be finite: {self._bad_inputs()}")
+        self._advance()
+        return self._lambda_hat.item()
+
+    def step_batch(self, u: Inputs) -> Float32Array:
+        """Return the predictions (batch,) for ``u`` (batch, n_inputs).
+
+        Raises ValueError if an input is not finite.
+        """
+        self._u[:] = u
+        if not np.isfinite(self._u).all():
+            raise ValueError(f"inputs of the model must be finite: {self._bad_inputs()}")
+        self._advance()
+        return self._lambda_hat[:, 0].copy()
+
+    def _bad_inputs(self) -> str:
+        return self._names(np.asarray(~np.isfinite(self._u).all(axis=0)))
+
+    def _names(self, bad: BoolArray) -> str:
+        return ", ".join(n for n, b in zip(self.card.input_names, bad, strict=True) if b)
+
+    def _advance(self) -> None:
+        current = self._bindings[self._turn]
+        self._run(current.binding)
+        self._turn = 1 - self._turn
+        self._state = current.next_state
+
+    def force_output(self, y: FloatArray | float) -> None:
+        """Overwrite the newest output in the history with the measured one (washout).
+
+        y : scalar or (batch,), in the output's unit; where it is NaN the prediction stays
+        """
+        value = to_model_units(self.card.transform, y)
+        newest = self._state[:, self.card.state.output_start]
+        limited = np.clip(value, *self.card.output_limits)
+        newest[:] = np.where(np.isnan(value), newest, limited)
+
+    def reset(self, u: Inputs, y: FloatArray | float | None = None) -> None:
+        """Fill the state as if ``u`` and ``y`` had been there for all lags.
+
+        u : (n_inputs,) or (batch, n_inputs); y : scalar or (batch,), default the model's own
+        prediction from zero on
+        """
+        self._state[:] = 0.0
+        for _ in range(self.card.lags):
+            self.step_batch(u)
+            if y is not None:
+                self.force_output(y)
+
+    def run_batch(self, u: Inputs) -> FloatArray:
+        """Return the predictions (batch, n) of ``u`` (batch, n, n_inputs), step by step.
+
+        Every row is bit for bit what ``step`` would return for it alone.
+        Raises ValueError if an input is not finite.
+        """
+        batch, n, _ = u.shape
+        if batch != self.batch:
+            raise ValueError(f"u has {batch} rows, the model was made for {self.batch}")
+        u = np.asarray(u, dtype=np.float32)
+        if not np.isfinite(u).all():
+            bad = np.asarray(~np.isfinite(u).all(axis=(0, 1)))
+            raise ValueError(f"inputs of the model must be finite: {self._names(bad)}")
+        result = np.empty((n, batch))
+        for k in range(n):
+            self._u[:] = u[:, k]
+            self._advance()
+            result[k] = self._lambda_hat[:, 0]
+        return result.T
+
+    def keep(self, rows: int) -> "Model":
+        """Return a model that goes on with the first ``rows`` vehicles."""
+        rest = self.with_batch(rows)
+        rest.state[:] = self._state[:rows]
+        return rest
+
+
+def open_session(path: Path | str) -> ort.InferenceSession:
+    """Return a single-threaded session; raises ModelError if the file is not a usable ONNX."""
+    if not Path(path).is_file():
+        raise ModelError(f"{path}: no such model file")
+    options = ort.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.log_severity_level = 4  # errors are raised, not printed
+    try:
+        return ort.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+    except Exception as error:  # onnxruntime's errors have no common base but Exception
+        reason = str(error).splitlines()[0]
+        raise ModelError(f"{path}: not a usable ONNX file: {reason}") from None
+
+
+def check_graph(session: ort.InferenceSession, card: ModelCard, path: str) -> None:
+    """Raise ModelError if the graph's inputs and outputs are not those that the card implies."""
+    n_state = card.state.size
+    wanted = {"u": len(card.inputs), "state": n_state, "lambda_hat": 1, "next_state": n_state}
+    graph = {a.name: a for a in (*session.get_inputs(), *session.get_outputs())}
+    if graph.keys() != wanted.keys():
+        raise ModelError(f"{path}: graph has {sorted(graph)}, wanted {sorted(wanted)}")
+    for name, width in wanted.items():
+        array = graph[name]
+        if array.type != "tensor(float)":
+            raise ModelError(f"{path}: {name} is {array.type}, wanted tensor(float)")
+        if len(array.shape) != 2 or array.shape[1] != width:
+            raise ModelError(
+                f"{path}: {name} has shape {array.shape}, its card says (batch, {width})"
+            )
+        if isinstance(array.shape[0], int):
+            raise ModelError(f"{path}: {name} has a fixed batch of {array.shape[0]}, wanted any")

@@ -1,0 +1,123 @@
+"""What ``o2mon.replay/1`` says of one recording, whether it was streamed or judged as a whole."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from monitor.base.errors import RecordingError
+from monitor.base.types import Quality, SampleBlock
+from monitor.decode.decoder import MessageCounters
+from monitor.grid.assembler import AssemblerCounters
+from monitor.grid.tables import Table
+from monitor.judge.decisions import WindowJudged
+from monitor.judge.enable import CONDITIONS
+from monitor.judge.limits import Limits
+from monitor.memory.dtc import Dtc
+from monitor.model.card import ModelCard
+
+
+def seconds(t_ns: int, t0_ns: int) -> float:
+    """Return a time in seconds since the recording's first sample at ``t0_ns``."""
+    return (t_ns - t0_ns) / 1e9
+
+
+def window_entry(event: WindowJudged, t0_ns: int) -> dict[str, Any]:
+    """Return a judged window."""
+    return {
+        "index": event.window.index,
+        "t_start_s": seconds(event.window.t_start_ns, t0_ns),
+        "t_end_s": seconds(event.window.t_end_ns, t0_ns),
+        "mean": event.mean,
+        "std": event.std,
+        "paper_failed": event.paper_failed,
+        "verdict": event.outcome,
+        "fault": event.fault,
+        "also": list(event.also),
+        "excited": event.excited,
+        "statistics": event.statistics,
+    }
+
+
+def dtc_entry(dtc: Dtc, t0_ns: int) -> dict[str, Any]:
+    """Return a code."""
+    entry: dict[str, Any] = {
+        "code": dtc.code,
+        "fault": dtc.fault,
+        "status": int(dtc.status),
+        "state": dtc.state,
+        "t_s": seconds(dtc.t_ns, t0_ns) if dtc.t_ns else None,
+    }
+    if dtc.also:
+        entry["also"] = list(dtc.also)
+    return entry
+
+
+def enable_shares(
+    held: Sequence[int], n_samples: int, unavailable: Sequence[str]
+) -> dict[str, float | str]:
+    """Return for each condition in how much of the time it held.
+
+    held : in how many of the samples, in the order of ``enable.CONDITIONS``
+    """
+    return {
+        name: "unavailable" if name in unavailable else round(n / max(n_samples, 1), 6)
+        for name, n in zip(CONDITIONS, held, strict=True)
+    }
+
+
+def limits_entry(limits: Limits) -> dict[str, float]:
+    """Return the limits that a recording was judged with."""
+    return {
+        "j_mu": limits.j_mu,
+        "j_sigma": limits.j_sigma,
+        "offset_low": limits.offset_low,
+        "offset_high": limits.offset_high,
+        "gain": limits.gain,
+    }
+
+
+def frame_counts(
+    messages: Mapping[str, MessageCounters], assembler: AssemblerCounters, unmapped: int
+) -> dict[str, int]:
+    """Return what became of frames that could not be used, by reason."""
+    total: dict[str, int] = {}
+    for counters in messages.values():
+        for name, count in asdict(counters).items():
+            if name not in ("received", "other"):
+                total[name] = total.get(name, 0) + count
+    total |= asdict(assembler)
+    total["unmapped"] = unmapped
+    never = [message for message, counters in messages.items() if counters.received == 0]
+    return total | {f"never_received_{message}": 1 for message in never}
+
+
+def check_received(path: Path, messages: Mapping[str, MessageCounters], n_frames: int) -> None:
+    """Raise RecordingError if a log holds none of the messages that are needed."""
+    if not any(counters.received for counters in messages.values()):
+        raise RecordingError(
+            f"{path}: none of its {n_frames} frames is one of {', '.join(messages)}; "
+            "wrong --dbc or --map?"
+        )
+
+
+def check_long_enough(path: Path, n_samples: int) -> None:
+    """Raise RecordingError if a recording has no sample."""
+    if n_samples == 0:
+        raise RecordingError(f"{path}: shorter than one sample of the model's grid")
+
+
+def table_counts(table: Table, block: SampleBlock, card: ModelCard) -> dict[str, int]:
+    """Return how many values of each needed column are implausible.
+
+    block : samples of all the table's columns, in their order
+    Raises RecordingError if a column that the model needs holds no number.
+    """
+    needed = [table.names.index(name) for name in (*card.input_names, card.output.name)]
+    empty = [table.names[i] for i in needed if not np.isfinite(table.values[:, i]).any()]
+    if empty:
+        raise RecordingError(f"{table.path}: no number in column {', '.join(empty)}")
+    implausible = (block.quality == Quality.OUT_OF_RANGE).sum(axis=0).tolist()
+    return {f"out_of_range_{table.names[i]}": implausible[i] for i in needed}

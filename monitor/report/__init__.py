@@ -1,0 +1,1 @@
+"""Replay and check of logs; text, JSON and HTML."""

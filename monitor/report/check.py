@@ -1,0 +1,120 @@
+"""Listens to a log or a bus and says of every mapped signal whether it is there and plausible."""
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+from monitor.base.signals import BY_NAME
+from monitor.base.types import Frame
+from monitor.decode.bus_map import BusMap
+from monitor.decode.decoder import Decoder
+
+
+@dataclass(slots=True)
+class SignalSeen:
+    """What was seen of one signal."""
+
+    name: str
+    unit: str
+    timeout_ns: int
+    count: int = 0  # good values
+    invalid: int = 0
+    out_of_range: int = 0
+    minimum: float = math.inf
+    maximum: float = -math.inf
+    first_ns: int = 0
+    last_ns: int = 0
+
+    def take(self, t_ns: int, value: float) -> None:
+        """Note one value; NaN is not available, infinity out of range."""
+        if math.isnan(value):
+            self.invalid += 1
+        elif math.isinf(value):
+            self.out_of_range += 1
+        else:
+            if not self.count:
+                self.first_ns = t_ns
+            self.count += 1
+            self.minimum, self.maximum = min(self.minimum, value), max(self.maximum, value)
+            self.last_ns = t_ns
+
+    @property
+    def rate_hz(self) -> float:
+        """Return how often good values came."""
+        span_s = (self.last_ns - self.first_ns) / 1e9
+        return (self.count - 1) / span_s if span_s > 0 else 0.0
+
+    def is_present(self, end_ns: int) -> bool:
+        """Return whether good values came, to the end."""
+        return self.count > 0 and end_ns - self.last_ns <= self.timeout_ns
+
+    def verdict(self, end_ns: int) -> str:
+        """Return present, missing or what is wrong with it when listening ends at ``end_ns``."""
+        if self.count and not self.is_present(end_ns):
+            return f"STOPPED {(end_ns - self.last_ns) / 1e9:.1f} s before the end"
+        if not self.count:
+            return (
+                "not available"
+                if self.invalid
+                else ("out of range" if self.out_of_range else "MISSING")
+            )
+        bad = self.invalid + self.out_of_range
+        return "plausible" if bad <= 0.01 * self.count else f"{bad} bad values"
+
+
+@dataclass(frozen=True, slots=True)
+class CheckResult:
+    """All signals of the map, with the time the listening ended."""
+
+    signals: tuple[SignalSeen, ...]
+    frames: int
+    end_ns: int
+    rejected: dict[str, int]  # frames by reason
+    derived: dict[str, tuple[str, ...]]  # name → what it is made of
+
+    def missing(self, needed: Iterable[str]) -> list[str]:
+        """Return which of the needed signals never came with a good value, or stopped."""
+        seen = {s.name for s in self.signals if s.is_present(self.end_ns)}
+        seen |= {name for name, sources in self.derived.items() if seen.issuperset(sources)}
+        return [name for name in needed if name not in seen]
+
+    def lines(self) -> Iterator[str]:
+        """Yield the table to print."""
+        yield (
+            f"{'signal':<28}{'unit':<11}{'rate':>8}{'age':>8}"
+            f"{'minimum':>12}{'maximum':>12}  verdict"
+        )
+        for s in self.signals:
+            if s.count:
+                age_s = (self.end_ns - s.last_ns) / 1e9
+                numbers = f"{s.rate_hz:6.1f}/s{age_s:6.2f} s{s.minimum:12.4g}{s.maximum:12.4g}"
+            else:
+                numbers = " " * 40
+            yield f"{s.name:<28}{s.unit:<11}{numbers}  {s.verdict(self.end_ns)}"
+        for name, sources in self.derived.items():
+            yield f"{name:<28}made of {', '.join(sources)}"
+        bad = ", ".join(f"{reason} {n}" for reason, n in self.rejected.items() if n)
+        yield f"{self.frames} frames" + (f"; rejected: {bad}" if bad else "")
+
+
+def check(frames: Iterable[Frame], bus_map: BusMap) -> CheckResult:
+    """Return what the frames say of every signal the map provides."""
+    decoder = Decoder(bus_map, bus_map.names)
+    seen = [
+        SignalSeen(name, BY_NAME[name].unit if name in BY_NAME else "", timeout_ns)
+        for name, timeout_ns in zip(decoder.channels, decoder.timeouts_ns, strict=True)
+    ]
+    n = end_ns = 0
+    for frame in frames:
+        n += 1
+        end_ns = max(end_ns, frame.t_ns)
+        update = decoder.push(frame)
+        if update is not None:
+            for index, value in zip(*update, strict=True):
+                seen[index].take(frame.t_ns, value)
+    rejected: dict[str, int] = {}
+    for counters in decoder.counters.values():
+        for reason in ("length", "checksum", "stuck", "lost"):
+            rejected[reason] = rejected.get(reason, 0) + getattr(counters, reason)
+    derived = {d.name: d.sources for d in decoder.derived}
+    return CheckResult(tuple(seen), n, end_ns, rejected, derived)

@@ -1,0 +1,205 @@
+"""Where events go: collected into the result of a recording, printed, written as JSON."""
+
+import json
+import math
+from collections import Counter, deque
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from monitor.judge.enable import CONDITIONS
+from monitor.pipeline.entry import dtc_entry, enable_shares, limits_entry, seconds, window_entry
+from monitor.pipeline.stream import (
+    Counted,
+    CycleStarted,
+    DtcChanged,
+    Event,
+    Monitor,
+    Tick,
+    WindowJudged,
+)
+from monitor.report.text import Trace
+
+SCHEMA = "o2mon.replay/1"
+Happening = CycleStarted | WindowJudged | DtcChanged | Counted
+
+
+class Collector:
+    """Gathers the events of one recording into the fields of ``o2mon.replay/1``."""
+
+    def __init__(
+        self,
+        monitor: Monitor,
+        *,
+        trace: bool = False,
+        keep: int | None = None,
+        keep_samples: int | None = None,
+    ) -> None:
+        """Begin a recording.
+
+        trace : keep the series for a report
+        keep, keep_samples : how many windows and samples to keep, the latest; None keeps all
+        """
+        self._monitor = monitor
+        self._t0_ns: int | None = None
+        self._conditions: Counter[tuple[bool, ...]] = Counter()  # samples by what held
+        self._windows: deque[dict[str, Any]] = deque(maxlen=keep)
+        self._n_windows = 0
+        self._series: deque[tuple[float, float, float, bool, bool]] | None = (
+            deque(maxlen=keep_samples) if trace else None
+        )
+        self._output = monitor.names.index(monitor.output)
+        self._flag = monitor.store.fault_flag
+
+    def push(self, event: Event) -> None:
+        """Take one event."""
+        if isinstance(event, Tick):
+            self._tick(event)
+        elif isinstance(event, WindowJudged):
+            self._windows.append(window_entry(event, self._t0_ns or 0))
+            self._n_windows += 1
+        else:
+            self._flag = self._monitor.store.fault_flag
+
+    def seconds(self, t_ns: int) -> float:
+        """Return a time in seconds since the recording's first sample."""
+        return seconds(t_ns, self._t0_ns or 0)
+
+    def _tick(self, tick: Tick) -> None:
+        if self._t0_ns is None:
+            self._t0_ns = tick.sample.t_ns
+        self._conditions[tick.conditions] += 1
+        if self._series is not None:
+            t_s = self.seconds(tick.sample.t_ns)
+            measured = float(tick.sample.values[self._output])
+            self._series.append((t_s, measured, tick.predicted, tick.enabled, self._flag))
+
+    def result(self, path: str, sha256: str | None, counters: Mapping[str, int]) -> dict[str, Any]:
+        """Return the recording's entry of the JSON."""
+        monitor = self._monitor
+        held = [self._held(i) for i in range(len(CONDITIONS))]
+        return {
+            "path": path,
+            "sha256": sha256,
+            "samples": monitor.samples,
+            "enabled_samples": monitor.enabled_samples,
+            "windows": list(self._windows),
+            "windows_interrupted": monitor.interrupted_windows,
+            "windows_dropped": self._n_windows - len(self._windows),
+            "dtcs": [dtc_entry(dtc, self._t0_ns or 0) for dtc in monitor.store.active],
+            "fault_flag": monitor.store.fault_flag,
+            "completed": monitor.completed,
+            "enable": enable_shares(held, monitor.samples, monitor.unavailable),
+            "limits": limits_entry(monitor.limits),
+            "counters": dict(counters),
+        }
+
+    def _held(self, condition: int) -> int:
+        """Return in how many samples a condition held."""
+        return sum(n for held, n in self._conditions.items() if held[condition])
+
+    def trace(self) -> Trace:
+        """Return the series on the sample grid, for the report."""
+        series = self._series or ()
+        columns = np.array([row[:3] for row in series]).reshape(-1, 3)
+        return Trace(
+            columns[:, 0],
+            columns[:, 1],
+            columns[:, 2],
+            np.array([enabled for *_, enabled, _ in series], dtype=np.bool_),
+            np.array([flag for *_, flag in series], dtype=np.bool_),
+        )
+
+
+def verdict_text(recording: Mapping[str, Any]) -> str:
+    """Return the verdict on one recording in words."""
+    if recording["fault_flag"]:
+        codes = ", ".join(
+            f"{d['code']} {d['fault']}{' or ' + ' or '.join(d['also']) if 'also' in d else ''}"
+            f" ({d['state']}{_when(d)})"
+            for d in recording["dtcs"]
+        )
+        return f"FAULT: {codes}"
+    if recording["completed"]:
+        return "no fault"
+    return f"not judged: {reason(recording)}"
+
+
+def _when(dtc: Mapping[str, Any]) -> str:
+    return "" if dtc["t_s"] is None else f", {dtc['t_s']:.0f} s"
+
+
+def reason(recording: Mapping[str, Any]) -> str:
+    """Return in words why a recording was not judged."""
+    if not recording["samples"]:
+        return "nothing was received"
+    windows = len(recording["windows"])
+    shares = {k: v for k, v in recording["enable"].items() if v != "unavailable"}
+    worst = sorted(shares, key=lambda name: float(shares[name]))[:2]
+    held = ", ".join(f"{name} held {100 * float(shares[name]):.0f} % of the time" for name in worst)
+    if windows:
+        excited = sum(window["excited"] for window in recording["windows"])
+        moved = f"in {excited} the prediction moves enough"
+        return f"not enough evidence in {windows} windows: {moved} ({held})"
+    return f"no window of enabled samples was filled ({held})"
+
+
+def event_line(event: Happening, collector: Collector) -> str:
+    """Return one line about what is no tick."""
+    if isinstance(event, CycleStarted):
+        return f"{collector.seconds(event.t_ns):8.1f} s  a driving cycle begins"
+    if isinstance(event, Counted):
+        return f"{collector.seconds(event.t_ns):8.1f} s  counted: {event.what.replace('_', ' ')}"
+    if isinstance(event, DtcChanged):
+        dtc = event.dtc
+        state = dtc.state or "not set"
+        return f"{collector.seconds(event.t_ns):8.1f} s  {dtc.code} {dtc.fault} {state}"
+    paper = "  paper: failed" if event.paper_failed else ""
+    return (
+        f"{collector.seconds(event.window.t_end_ns):8.1f} s  window {event.window.index}  "
+        f"mean {event.mean:+.4f}  std {event.std:.4f}  {event.outcome} {event.fault or ''}{paper}"
+    )
+
+
+def print_recording(recording: Mapping[str, Any], *, windows: bool = False) -> Iterable[str]:
+    """Yield the lines that a command prints about one recording."""
+    counts = {"passed": 0, "failed": 0, "inconclusive": 0}
+    for window in recording["windows"]:
+        counts[window["verdict"]] += 1
+    if windows:
+        for w in recording["windows"]:
+            yield (
+                f"  {w['t_start_s']:8.1f} s  mean {w['mean']:+.4f}  std {w['std']:.4f}  "
+                f"{w['verdict']:<12} {w['fault'] or ''}{'  paper: failed' * w['paper_failed']}"
+            )
+    judged = ", ".join(f"{n} {name}" for name, n in counts.items())
+    paper = sum(w["paper_failed"] for w in recording["windows"])
+    simulated = " (simulated)" if recording.get("source") == "simulated" else ""
+    yield f"{recording['path']}{simulated}: {verdict_text(recording)}"
+    yield (
+        f"  {recording['enabled_samples']} of {recording['samples']} samples enabled; windows: "
+        f"{judged}; paper's rule failed {paper}"
+    )
+    bad = {name: n for name, n in recording["counters"].items() if n and name != "unmapped"}
+    if bad:
+        yield "  counted: " + ", ".join(f"{name} {n}" for name, n in bad.items())
+
+
+def write_json(path: Path, result: Mapping[str, Any]) -> None:
+    """Write a result as JSON; the same result gives the same bytes."""
+    path.write_text(json.dumps(rounded(result), indent=1, allow_nan=False) + "\n")
+
+
+def rounded(value: Any) -> Any:
+    """Round floats to nine decimals; what is not finite becomes null."""
+    if isinstance(value, bool | np.bool_):
+        return bool(value)
+    if isinstance(value, float):
+        return round(value, 9) if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {k: rounded(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [rounded(v) for v in value]
+    return value

@@ -1,0 +1,184 @@
+"""One self-contained HTML page for the recordings that ``o2mon replay`` judged.
+
+Template, style and script lie in ``static/``; everything is put into the page, which loads
+nothing. The same input gives the same bytes.
+"""
+
+import base64
+import hashlib
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from string import Template
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from monitor.base.types import FloatArray
+from monitor.report import html
+
+MAX_SAMPLES = 50_000  # more are thinned out, keeping the extremes
+_BUCKETS = 10_000  # at most five samples are kept of each
+_DIGITS = 5  # significant, of every value embedded
+
+
+@dataclass(frozen=True, slots=True)
+class Trace:
+    """One recording's series on the sample grid."""
+
+    t_s: FloatArray  # (n,) since the recording's first sample
+    measured: FloatArray  # (n,) output's unit, NaN where not valid
+    predicted: FloatArray  # (n,) output's unit, NaN while an input is not valid
+    enabled: NDArray[np.bool_]  # (n,)
+    fault_flag: NDArray[np.bool_]  # (n,)
+
+
+def write_report(
+    path: str | Path,
+    result: Mapping[str, Any],
+    traces: Sequence[Trace],
+    *,
+    title: str,
+    model_info: Mapping[str, str],
+    output: str = "lambda",
+) -> None:
+    """Write the page for a result of ``o2mon.replay/1``.
+
+    traces : one for each recording of the result; an empty one gives no plots
+    model_info : what the page shows of the model card, in this order
+    output : what the model predicts; lambda is shown from 0.7 to 1.3 at most
+    Raises ValueError if there are more or fewer traces than recordings, OSError as ``open``.
+    """
+    recordings = [
+        {"period_s": _period_s(trace.t_s)} | recording
+        for recording, trace in zip(result["recordings"], traces, strict=True)
+    ]
+    embedded = [
+        {"output": output, **series(recording, trace)}
+        for recording, trace in zip(recordings, traces, strict=True)
+    ]
+    style = "\n".join(_static(name) for name in ("uplot/uPlot.min.css", "report.css"))
+    script = "\n".join(
+        (
+            f"/*\n{_static('uplot/LICENSE')}*/",
+            _static("uplot/uPlot.iife.min.js"),
+            _static("report.js"),
+        )
+    )
+    page = Template(_static("report.html")).substitute(
+        title=html.text(title),
+        script_hash=_hash(script),
+        style_hash=_hash(style),
+        style=style,
+        script=script,
+        body=html.body(title, recordings, model_info, output),
+        data="\n".join(
+            f'<script type="application/json" id="series-{i}">{_json(item)}</script>'
+            for i, item in enumerate(embedded)
+        ),
+    )
+    Path(path).write_text(page, encoding="utf-8", newline="\n")
+
+
+def series(recording: Mapping[str, Any], trace: Trace) -> dict[str, Any]:
+    """Return what the page's script draws of one recording, ready for JSON.
+
+    Spans are [begin, end) in seconds; ``t_s`` is an object with start, period and count where the
+    samples stand on a grid.
+    """
+    keep = thinned(trace)
+    t_s = trace.t_s[keep]
+    return {
+        "t_s": _grid(t_s),
+        "measured": _values(trace.measured[keep]),
+        "predicted": _values(trace.predicted[keep]),
+        "enabled": _spans(trace.t_s, trace.enabled),
+        "fault_flag": _spans(trace.t_s, trace.fault_flag),
+        "samples": len(trace.t_s),
+        "shown": len(t_s),
+        "windows": recording["windows"],
+        "limits": recording.get("limits", {}),
+        "dtcs": recording["dtcs"],
+    }
+
+
+def thinned(trace: Trace) -> NDArray[np.intp]:
+    """Return which samples to show: all, or the extremes and gaps of each of many buckets."""
+    n = len(trace.t_s)
+    if n <= MAX_SAMPLES:
+        return np.arange(n)
+    edges = np.linspace(0, n, _BUCKETS + 1).astype(np.intp)
+    size = int(np.diff(edges).max())
+    rows = np.minimum(edges[:-1, None] + np.arange(size), edges[1:, None] - 1)
+    kept = []
+    for values in (trace.measured, trace.predicted):
+        bucket = values[rows]
+        for fill, extreme in ((np.inf, np.argmin), (-np.inf, np.argmax)):
+            kept.append(extreme(np.where(np.isnan(bucket), fill, bucket), axis=1))
+    gap = np.isnan(trace.measured[rows])
+    kept.append(np.where(gap.any(axis=1), np.argmax(gap, axis=1), kept[0]))
+    return np.unique(edges[:-1] + np.stack(kept))
+
+
+def _period_s(t_s: FloatArray) -> float | None:
+    return float(np.median(np.diff(t_s))) if len(t_s) > 1 else None
+
+
+def _grid(t_s: FloatArray) -> dict[str, float | int] | list[float]:
+    n = len(t_s)
+    if n > 2:
+        period_s = float(t_s[-1] - t_s[0]) / (n - 1)
+        if np.abs(t_s - (t_s[0] + period_s * np.arange(n))).max() < 1e-4:
+            return {"start": round(float(t_s[0]), 6), "period": round(period_s, 9), "count": n}
+    return [round(value, 4) for value in t_s.tolist()]
+
+
+def _values(values: FloatArray) -> list[float | None]:
+    return [_rounded(value) for value in values.tolist()]
+
+
+def _spans(t_s: FloatArray, on: NDArray[np.bool_]) -> list[list[float]]:
+    """Return where ``on`` holds as [begin, end) in seconds."""
+    if not len(on):
+        return []
+    step = np.diff(np.concatenate(([False], on, [False])).astype(np.int8))
+    ends_s = np.append(t_s, t_s[-1] + (_period_s(t_s) or 0.0))
+    pairs = zip(np.flatnonzero(step == 1), np.flatnonzero(step == -1), strict=True)
+    return [[round(float(t_s[a]), 4), round(float(ends_s[b]), 4)] for a, b in pairs]
+
+
+def _rounded(value: float) -> float | None:
+    return float(f"{value:.{_DIGITS}g}") if math.isfinite(value) else None
+
+
+def _json(value: Any) -> str:
+    """Return JSON that may stand inside a script element."""
+    text = json.dumps(_finite(value), allow_nan=False, separators=(",", ":"))
+    return text.replace("<", "\\u003c")
+
+
+def _finite(value: Any) -> Any:
+    """Make plain Python of numpy's scalars; what is not finite becomes null."""
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {str(key): _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    return value
+
+
+def _static(name: str) -> str:
+    text = files("monitor.report").joinpath("static").joinpath(*name.split("/")).read_text("utf-8")
+    return text.replace("\r\n", "\n")
+
+
+def _hash(text: str) -> str:
+    """Return a source hash for the Content Security Policy, of an element's whole text."""
+    return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()

@@ -1,0 +1,133 @@
+"""A small network of a simulated vehicle, and drives of it with the plant's own effects."""
+
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from monitor.base import config
+from monitor.base.signals import NARX_INPUTS, OUTPUT
+from monitor.base.types import FloatArray
+from monitor.model.card import TrainingRecording
+from monitor.model.step import Model
+from training.dyno import vehicle
+from training.dyno.ecu import broadcast, own_bus, samples
+from training.dyno.effects import from_severities
+from training.dyno.simulation import Experiment, simulate
+from training.greybox.chain import Constants
+from training.greybox.effects import LIBRARY
+from training.greybox.effects.model_effect import Added
+from training.greybox.fit import joint
+from training.greybox.fit.drive import Drive, from_recording
+from training.limits.decision_limits import NO_LIMITS
+from training.limits.judging import judge
+from training.narx.fit import FitResult, fit
+from training.recordings.recording import Recording
+
+VEHICLE = 2011
+FILM = ("wall_film", 4.0)
+CYCLES = ("wltc_3b", "micro_trips", "us06")
+FIT = (TrainingRecording("gap.log", "ab" * 32, 4000, "simulated"),)
+CHAIN = Constants(1.0, 0.1, 1.3, 0.08, 0.09, 0.98)
+
+
+@cache
+def drive(
+    cycle: str,
+    seed: int,
+    effect: tuple[str, float] | None = None,
+    duration_s: float = 400.0,
+    coolant_degc: float | None = None,
+) -> Recording:
+    """Return a recording as the monitor's grid sees it, the plant's own effect inside the loop."""
+    weather = vehicle.conditions(seed)
+    start_degc = weather.coolant_start_degc if coolant_degc is None else coolant_degc
+    experiment = Experiment(
+        cycle=cycle,
+        vehicle=VEHICLE,
+        seed=seed,
+        effects=from_severities(dict([effect] if effect else [])),
+        duration_s=duration_s,
+        conditions=weather._replace(coolant_start_degc=start_degc),
+    )
+    bus, rng = own_bus(), np.random.default_rng([5, seed])
+    block = samples(broadcast(simulate(experiment), bus, rng), bus, 100_000_000)
+    t_s = (block.t_ns - block.t_ns[0]) / 1e9
+    return Recording(
+        Path(f"{experiment.name}.log"), f"{seed:064x}", 100_000_000, t_s, tuple(bus.names),
+        block.values, block.quality,
+    )  # fmt: skip
+
+
+def small_network(folder: Path) -> FitResult:
+    """Return a network of the healthy vehicle, with boxes and a linear path."""
+    return trained_on(healthy_drives(), folder)
+
+
+def trained_on(recordings: Sequence[Recording], folder: Path) -> FitResult:
+    """Return a network of recordings."""
+    return fit(
+        recordings, NARX_INPUTS, OUTPUT, folder / "base.onnx", lags=5, hidden=(5,), starts=1,
+        threads=1, budget_minutes=0.5, seed=2,
+    )  # fmt: skip
+
+
+@cache
+def healthy_drives() -> tuple[Recording, ...]:
+    """Return drives with nothing hidden."""
+    return tuple(drive(cycle, 2_020_110 + i) for i, cycle in enumerate(CYCLES))
+
+
+@cache
+def gap_drives(hidden: tuple[str, float] = FILM) -> tuple[Recording, ...]:
+    """Return drives with a hidden effect of a severity."""
+    return tuple(drive(cycle, 2_020_120 + i, hidden) for i, cycle in enumerate(CYCLES))
+
+
+@cache
+def fitted(hidden: tuple[str, float] = FILM) -> tuple[Constants, Added]:
+    """Return the library's form of an effect in the chain, fitted to drives with the plant's."""
+    name, drives = hidden[0], tuple(map(from_recording, gap_drives(hidden)))
+    nothing = tuple(np.zeros(len(each)) for each in drives)
+    case = joint.Case(drives, nothing, ar=(0.9, 0.0), sigma=0.005)
+    alone = joint.fit(case, (), [CHAIN])
+    found = joint.fit(case, (LIBRARY[name],), [alone])
+    return found.base, Added.with_values(name, found.parameters[0].tolist())
+
+
+def ranges(*recordings: Recording) -> dict[str, tuple[float, float]]:
+    """Return low and high of every signal."""
+    drives = [from_recording(each) for each in recordings]
+    return {
+        name: (
+            min(float(each.signals[name].min()) for each in drives),
+            max(float(each.signals[name].max()) for each in drives),
+        )
+        for name in drives[0].signals
+    }
+
+
+def inputs_of(model: Model, driven: Drive) -> FloatArray:
+    """Return the model's inputs (n, n_inputs)."""
+    return np.column_stack([driven.signals[name] for name in model.card.input_names])
+
+
+def rmse(phi: FloatArray, driven: Drive) -> float:
+    """Return the RMSE in phi on the scored samples."""
+    return float(np.sqrt(np.mean((phi - driven.phi_measured)[driven.scored] ** 2)))
+
+
+def assert_judged_alike(path: Path) -> None:
+    """Hold streaming and batched runs of a model to the same bits, and let the monitor judge."""
+    model, recording = Model.load(path), drive("micro_trips", 2_020_131, FILM, coolant_degc=85.0)
+    u = inputs_of(model, from_recording(recording))
+    both = np.stack([u[1000:1400], u[2000:2400]])
+    together = model.with_batch(2)
+    together.reset(both[:, 0])
+    batch = together.run_batch(both)
+    for i, rows in enumerate(both):
+        model.reset(rows[0])
+        assert np.array_equal([model.step(each) for each in rows], batch[i])
+    judged = judge(recording, model, NO_LIMITS, config.load())
+    assert len(judged.windows) > 5

@@ -1,0 +1,72 @@
+"""Simulated drives for tests of the gap workflow: the plant's own effects, as sent on its bus."""
+
+from functools import cache
+
+import numpy as np
+
+from monitor.base.faults import resolve
+from training.dyno.ecu import broadcast, own_bus, samples
+from training.dyno.effects import from_severities
+from training.dyno.simulation import Experiment, simulate
+from training.gap.healthy.behaviour import Healthy
+from training.gap.name import yardstick
+from training.greybox.chain import Constants
+from training.greybox.fit import drive
+from training.greybox.fit.drive import Drive
+
+VEHICLE = 2001
+
+
+def simulated(
+    cycle: str,
+    seed: int,
+    effect: tuple[str, float] | None = None,
+    fault: tuple[str, float] | None = None,
+    fault_start_s: float = 0.0,
+    also: tuple[str, float] | None = None,
+) -> Drive:
+    """Return ten minutes of a drive as the monitor's grid sees them."""
+    fails = resolve(*fault) if fault else None
+    experiment = Experiment(
+        cycle=cycle,
+        vehicle=VEHICLE,
+        seed=seed,
+        effects=from_severities(dict(each for each in (effect, also) if each)),
+        fault=fails,
+        fault_start_s=fault_start_s,
+        duration_s=600.0,
+    )
+    bus = own_bus()
+    rng = np.random.default_rng([5, seed])
+    sent = broadcast(simulate(experiment), bus, rng, fails, fault_start_s)
+    values = samples(sent, bus, 100_000_000).values
+    columns = {name: values[:, i] for i, name in enumerate(bus.names)}
+    measured = columns.pop("lambda_measured")
+    return drive.make(experiment.name, 0.1, columns, measured)
+
+
+@cache
+def known() -> Healthy:
+    """Return what these drives say, and how far they contradict each other."""
+    return yardstick.learn(healthy(), Constants())
+
+
+@cache
+def healthy() -> tuple[Drive, ...]:
+    """Return the vehicle's drives without effect and fault."""
+    cycles = ("wltc_3b", "micro_trips", "udds", "us06")
+    return tuple(simulated(cycle, 2_020_011 + i) for i, cycle in enumerate(cycles))
+
+
+def two_drives(
+    seed: int,
+    effect: tuple[str, float] | None = None,
+    fault: tuple[str, float] | None = None,
+    fault_start_s: float = 0.0,
+    also: tuple[str, float] | None = None,
+) -> list[Drive]:
+    """Return two drives with the same effect or fault in each."""
+    return [
+        simulated(cycle, seed + i, effect, fault, fault_start_s, also)
+        for i, cycle in enumerate(("micro_trips", "wltc_3b"))
+    ]

@@ -1,0 +1,65 @@
+"""Frames of the project's ECU with faults put in, and what is read from them."""
+
+from pathlib import Path
+
+import dbc
+from monitor.base.types import Frame
+from monitor.decode.bus_map import load_pairs
+from monitor.decode.checksum import payload_checksum
+from monitor.decode.decoder import Decoder
+from monitor.frames.logs import read_frames
+from monitor.inject.gateway import write_log
+from monitor.inject.injection import Injection
+from monitor.inject.injector import Injector
+from monitor.inject.rewrite import writers
+
+ROOT = Path(__file__).resolve().parents[1]
+HEALTHY = ROOT / "replay_logs" / "healthy_micro_trips_v102_s102.blf"
+OWN = load_pairs([(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))])
+RUSEFI = load_pairs([(dbc.path("rusefi.dbc"), dbc.path("rusefi.toml"))])
+LAMBDA_ID, AIR_ID, MS = 0xC2, 0xC0, 1_000_000
+WRITER = writers(OWN.channels)[LAMBDA_ID, False]
+
+
+def lambda_frames(readings: list[float], period_ms: int = 20) -> list[Frame]:
+    """Sound frames of ECU_Lambda with these readings, its counter counting."""
+    frames = []
+    for n, reading in enumerate(readings):
+        empty = bytes([0, 0, 0, 0x10, 0b010101, 0, (n % 16) << 4, 0])
+        values = {"lambda_measured": reading, "sensor_ready": 1.0}
+        data = WRITER.write(empty, values)
+        sound = payload_checksum("crc8_sae_j1850_id", LAMBDA_ID, data, 7)
+        frames.append(Frame(n * period_ms * MS, LAMBDA_ID, False, data[:7] + bytes([sound])))
+    return frames
+
+
+def decoded(frames: list[Frame], name: str = "lambda_measured") -> list[float]:
+    """The values that the project's decoder takes from the frames."""
+    decoder = Decoder(OWN, [name])
+    updates = [decoder.push(frame) for frame in frames]
+    return [update[1][0] for update in updates if update is not None]
+
+
+def injected(
+    frames: list[Frame], *faults: Injection, seed: int = 0, keep: bool = False
+) -> list[Frame]:
+    return list(Injector(OWN, faults, seed=seed, keep_counters=keep).stream(frames))
+
+
+def counted(frames: list[Frame]) -> list[int]:
+    return [frame.data[6] >> 4 for frame in frames]
+
+
+HALF_STEP = WRITER.signals["lambda_measured"].step / 2 + 1e-9
+
+
+def write(path: Path, frames: list[Frame]) -> None:
+    assert write_log(path, frames) == len(frames)
+
+
+def first_minutes(folder: Path) -> Path:
+    """Write the first 210 s of a healthy drive to a log."""
+    path = folder / "healthy.log"
+    frames = list(read_frames(HEALTHY))
+    write(path, [frame for frame in frames if frame.t_ns - frames[0].t_ns < 210e9])
+    return path

@@ -1,0 +1,68 @@
+"""A poller and an ECU in conversation."""
+
+from typing import Any
+
+import dbc
+from monitor.base.types import Frame
+from monitor.bus.link.recorder import message_of
+from monitor.bus.polling.pids import lengths, wanted
+from monitor.bus.polling.poller import ObdPoller
+from monitor.decode.bus_map import BusMap, load_pairs
+from monitor.decode.decoder import Decoder
+from monitor.frames.logs import frame_of
+from tests.helpers.obd_ecu import ObdEcu, SimulatedBus
+
+OBD = load_pairs([(dbc.path("obd2.dbc"), dbc.path("obd2.toml"))])
+PARAMETERS = wanted(OBD, OBD.names)
+LENGTHS = lengths(OBD, PARAMETERS)
+
+
+class Conversation:
+    """A poller and an ECU on a simulated bus, with what the decoder makes of it."""
+
+    def __init__(self, ecu: ObdEcu, *, bus_map: BusMap = OBD, **options: Any) -> None:
+        parameters = wanted(bus_map, bus_map.names)
+        self.said: list[str] = []
+        self.poller = ObdPoller(
+            parameters, lengths(bus_map, parameters), say=self.said.append, **options
+        )
+        self.ecu = ecu
+        self.bus = SimulatedBus(ecu)
+        self.decoder = Decoder(bus_map, bus_map.names)
+        self.values: dict[str, list[float]] = {name: [] for name in self.decoder.channels}
+        self.frames: list[Frame] = []
+
+    def run(self, seconds: float) -> "Conversation":
+        until_s = self.bus.now_s + seconds
+        while self.bus.now_s < until_s:
+            self._send()
+            left_s = min(self.poller.due_s, until_s) - self.bus.now_s
+            message = self.bus.recv(min(max(left_s, 0.0), 0.1))
+            if message is not None:
+                frame = frame_of(message)
+                made = [
+                    *([frame] if (frame.can_id, frame.is_extended) == (0x7E8, False) else []),
+                    *self.poller.receive(frame),
+                ]
+                for each in made:
+                    self._take(each)
+                self._send()
+        return self
+
+    def _send(self) -> None:
+        for frame in self.poller.work(self.bus.now_s):
+            self.bus.send(message_of(frame))
+
+    def _take(self, frame: Frame) -> None:
+        self.frames.append(frame)
+        update = self.decoder.push(frame)
+        for index, value in zip(*(update or ((), ())), strict=True):
+            self.values[self.decoder.channels[index]].append(value)
+
+    @property
+    def asked(self) -> list[tuple[int, ...]]:
+        return [tuple(request[1:]) for _, request in self.ecu.asked]
+
+    @property
+    def polled(self) -> set[int]:
+        return set(self.poller.schedule.timeouts_s)

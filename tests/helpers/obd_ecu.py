@@ -1,0 +1,264 @@
+"""An engine ECU that answers OBD-II service 01, on can-isotp; and a bus where time is simulated.
+
+The bytes of each PID follow SAE J1979, written down apart from obd2.dbc.
+"""
+
+import heapq
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import can
+import isotp
+import numpy as np
+
+from monitor.base.types import FloatArray
+
+Row = Mapping[str, float]
+Bytes = Callable[[Row], float | int]
+
+
+def _fuel_l_h(row: Row) -> float:
+    """Fuel per stroke of four cylinders, gasoline of 745 g/l."""
+    return row["fuel_mass_mg"] * row["engine_speed_rpm"] * 2 * 60 / 745e3
+
+
+# PID → bytes, value in steps
+J1979: dict[int, tuple[int, Bytes]] = {
+    0x03: (2, lambda r: (2 if r["closed_loop"] > 0.5 else 4 if r["fuel_cut"] > 0.5 else 1) << 8),
+    0x05: (1, lambda r: r["coolant_temperature_degc"] + 40),
+    0x06: (1, lambda r: r["lambda_controller"] * 128),
+    0x0B: (1, lambda r: r["manifold_pressure_kpa"]),
+    0x0C: (2, lambda r: r["engine_speed_rpm"] * 4),
+    0x0D: (1, lambda r: r["vehicle_speed_km_h"]),
+    0x0F: (1, lambda r: r["manifold_temperature_degc"] + 40),
+    0x10: (2, lambda r: r["maf_kg_h"] / 3.6 * 100),
+    0x11: (1, lambda r: r["throttle_percent"] * 2.55),
+    0x23: (2, lambda r: r["rail_pressure_mpa"] * 100),
+    0x24: (4, lambda r: min(round(r["lambda_measured"] * 32768), 65535) << 16),
+    0x2E: (1, lambda r: r["purge_duty_percent"] * 2.55),
+    0x33: (1, lambda r: r["ambient_pressure_kpa"]),
+    0x34: (4, lambda r: min(round(r["lambda_measured"] * 32768), 65535) << 16 | 0x8000),
+    0x42: (2, lambda r: r["battery_voltage_v"] * 1000),
+    0x44: (2, lambda r: r["lambda_target"] * 32768),
+    0x46: (1, lambda r: r["ambient_temperature_degc"] + 40),
+    0x5E: (2, lambda r: _fuel_l_h(r) * 20),
+}
+SUPPORTED = tuple(pid for pid in J1979 if pid != 0x24)
+STEADY = {
+    "closed_loop": 1.0,
+    "fuel_cut": 0.0,
+    "coolant_temperature_degc": 88.0,
+    "lambda_controller": 1.03125,
+    "manifold_pressure_kpa": 47.0,
+    "engine_speed_rpm": 2100.25,
+    "vehicle_speed_km_h": 83.0,
+    "manifold_temperature_degc": 31.0,
+    "maf_kg_h": 36.0 * 1.1,
+    "throttle_percent": 20.0,
+    "rail_pressure_mpa": 8.15,
+    "lambda_measured": 1.0125732421875,
+    "purge_duty_percent": 40.0,
+    "ambient_pressure_kpa": 98.0,
+    "battery_voltage_v": 13.8,
+    "lambda_target": 1.0,
+    "ambient_temperature_degc": 18.0,
+    "fuel_mass_mg": 22.0,
+}
+
+
+class _At(Mapping[str, float]):
+    """One row of a drive."""
+
+    def __init__(self, drive: Mapping[str, FloatArray], at: int) -> None:
+        self._drive, self._at = drive, at
+
+    def __getitem__(self, name: str) -> float:
+        return float(self._drive[name][self._at])
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._drive)
+
+    def __len__(self) -> int:
+        return len(self._drive)
+
+
+class ObdEcu:
+    """Answers service 01 with the row of a drive that holds at the time.
+
+    t_s, drive : (n,) times and canonical signals; NaN is sent as the highest value
+    supported : PIDs it has
+    at_once : most PIDs it answers in one request; more are refused
+    """
+
+    def __init__(
+        self,
+        t_s: FloatArray,
+        drive: Mapping[str, FloatArray],
+        *,
+        supported: Sequence[int] = SUPPORTED,
+        at_once: int = 6,
+        requests: Sequence[int] = (0x7DF, 0x7E0),
+        response: int = 0x7E8,
+    ) -> None:
+        self._t_s = t_s
+        self._drive = {name: np.nan_to_num(x, nan=1e6) for name, x in drive.items()}
+        self.supported, self.at_once = tuple(supported), at_once
+        self.requests = list(requests)
+        self.response = response
+        self.is_extended = response > 0x7FF
+        self.asked: list[tuple[float, bytes]] = []  # time and request
+        self.override: Callable[[bytes], list[bytes | None] | None] = lambda _: None
+        self._rx: deque[isotp.CanMessage] = deque()
+        self._tx: list[bytes] = []
+        mode = isotp.AddressingMode.Normal_29bits if self.is_extended else None
+        address = isotp.Address(
+            mode or isotp.AddressingMode.Normal_11bits, rxid=self.requests[-1], txid=response
+        )
+        self._layer = isotp.TransportLayerLogic(
+            rxfn=lambda timeout: self._rx.popleft() if self._rx else None,
+            txfn=lambda message: self._tx.append(bytes(message.data)),
+            address=address,
+            params={"tx_padding": 0xAA},
+        )
+
+    def push(self, message: can.Message, now_s: float) -> list[bytes]:
+        """Take a frame from the bus; return the payloads it answers with."""
+        if message.arbitration_id not in self.requests:
+            return []
+        self._rx.append(
+            isotp.CanMessage(
+                arbitration_id=self.requests[-1],
+                data=bytes(message.data),
+                extended_id=self.is_extended,
+            )
+        )
+        if message.data[0] >> 4 == 0:  # a new request ends an answer whose flow control is lost
+            self._layer.stop_sending()
+        self._layer.process()
+        request = self._layer.recv()
+        if request is not None:
+            self.asked.append((now_s, bytes(request)))
+            for answer in self.answers(bytes(request), now_s):
+                self._layer.send(answer)
+        self._layer.process()
+        sent, self._tx = self._tx, []
+        return sent
+
+    def answers(self, request: bytes, now_s: float) -> list[bytes]:
+        own = self.override(request)
+        if own is not None:
+            return [each for each in own if each is not None]
+        pids = request[1:]
+        if request[0] != 1 or not pids:
+            return []
+        if len(pids) > self.at_once:
+            return [bytes([0x7F, 0x01, 0x12])]
+        known = b"".join(self._data(pid, now_s) for pid in pids)
+        return [b"\x41" + known] if known else []
+
+    def _data(self, pid: int, now_s: float) -> bytes:
+        if pid % 0x20 == 0:
+            bits = sum(1 << (32 - (p - pid)) for p in self.supported if 0 < p - pid <= 32)
+            more = any(p - pid > 32 for p in self.supported)
+            return bytes([pid]) + (bits | more).to_bytes(4, "big")
+        if pid not in self.supported:
+            return b""
+        n, value_of = J1979[pid]
+        at = max(int(np.searchsorted(self._t_s, now_s, side="right")) - 1, 0)
+        value = min(max(round(value_of(_At(self._drive, at))), 0), (1 << 8 * n) - 1)
+        return bytes([pid]) + value.to_bytes(n, "big")
+
+
+def steady_ecu(**options: Any) -> ObdEcu:
+    """Return an ECU whose engine does not change."""
+    return ObdEcu(np.zeros(1), {name: np.array([x]) for name, x in STEADY.items()}, **options)
+
+
+@contextmanager
+def answering(ecu: ObdEcu, channel: str, interface: str = "virtual") -> Iterator[None]:
+    """Let the ECU answer on a bus in real time."""
+    done = threading.Event()
+
+    def answer() -> None:
+        with can.Bus(interface=interface, channel=channel) as bus:
+            while not done.is_set():
+                message = bus.recv(0.02)
+                for data in ecu.push(message, time.monotonic()) if message else ():
+                    bus.send(can.Message(arbitration_id=0x7E8, is_extended_id=False, data=data))
+
+    thread = threading.Thread(target=answer)
+    thread.start()
+    try:
+        yield
+    finally:
+        done.set()
+        thread.join()
+
+
+class SimulatedBus(can.BusABC):
+    """A bus with the ECU on it; time passes only while somebody waits.
+
+    latency_s : from a request to the first frame of its answer; mean and spread, drawn anew
+    until_s : then ``stop`` is called
+    """
+
+    def __init__(
+        self,
+        ecu: ObdEcu,
+        *,
+        latency_s: tuple[float, float] = (0.03, 0.01),
+        until_s: float = float("inf"),
+        loss: float = 0.0,
+        seed: int = 1,
+    ) -> None:
+        super().__init__(channel="simulated")
+        self.channel_info = "simulated"
+        self.ecu, self._latency_s, self._until_s, self.loss = ecu, latency_s, until_s, loss
+        self.now_s = 0.0
+        self.stop: Callable[[], None] = lambda: None
+        self.sent: list[tuple[float, can.Message]] = []
+        self._coming: list[tuple[float, int, int, bytes, bool]] = []
+        self._n = 0
+        self._rng = np.random.default_rng(seed)
+
+    def put(self, at_s: float, can_id: int, data: bytes, *, extended: bool = False) -> None:
+        """Let a frame of somebody else come."""
+        self._n += 1
+        heapq.heappush(self._coming, (at_s, self._n, can_id, data, extended))
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        self.sent.append((self.now_s, msg))
+        mean_s, spread_s = self._latency_s
+        is_request = msg.data[0] >> 4 == 0
+        at_s = self.now_s + (mean_s + self._rng.uniform(-1, 1) * spread_s if is_request else 1e-3)
+        if self.loss and self._rng.random() < self.loss:
+            return
+        for data in self.ecu.push(msg, self.now_s):
+            if not self.loss or self._rng.random() >= self.loss:
+                self.put(at_s, self.ecu.response, data, extended=self.ecu.is_extended)
+            at_s += 5e-4
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        message, _ = self._recv_internal(timeout)
+        return message
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        end_s = self.now_s + (timeout or 0.0)
+        if self.now_s >= self._until_s:
+            self.stop()
+        if not self._coming or self._coming[0][0] > end_s:
+            self.now_s = max(end_s, self.now_s + 1e-6)
+            return None, False
+        at_s, _, can_id, data, extended = heapq.heappop(self._coming)
+        self.now_s = max(self.now_s, at_s)
+        message = can.Message(
+            timestamp=1_700_000_000 + self.now_s,
+            arbitration_id=can_id,
+            is_extended_id=extended,
+            data=data,
+        )
+        return message, False

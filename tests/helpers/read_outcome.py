@@ -1,0 +1,79 @@
+"""What comes of reading a log: its frames, what was counted, its error."""
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from monitor.base.errors import RecordingError
+from monitor.base.types import Frame, FrameBlock
+from monitor.frames.blf import check as check_blf
+from monitor.frames.blocks import EXTENDED
+from monitor.frames.candump import LogCounters
+from monitor.frames.log_blocks import read_blocks
+from monitor.frames.logs import guarded, read_frames, through_python_can
+from training.recordings.can_log import FrameBlock as SentFrames
+
+Outcome = tuple[list[Frame], LogCounters, str | None]
+
+
+def frames_of(block: FrameBlock) -> list[Frame]:
+    assert (block.t_ns.dtype, block.key.dtype) == (np.int64, np.uint32)
+    assert (block.length.dtype, block.data.dtype) == (np.uint8, np.uint8)
+    assert block.data.shape in {(len(block.t_ns), 8), (len(block.t_ns), 64)}
+    assert block.data.flags.c_contiguous
+    behind = np.arange(block.data.shape[1]) >= block.length[:, np.newaxis]
+    assert not block.data[behind].any()
+    return [
+        Frame(t_ns, key & (EXTENDED - 1), bool(key & EXTENDED), data[:length])
+        for t_ns, key, length, data in zip(
+            block.t_ns.tolist(), block.key.tolist(), block.length.tolist(),
+            map(bytes, block.data), strict=True,
+        )
+    ]  # fmt: skip
+
+
+def outcome(frames: Iterable[Frame], counters: LogCounters) -> Outcome:
+    found: list[Frame] = []
+    try:
+        found.extend(frames)
+    except RecordingError as error:
+        return found, counters, str(error)
+    return found, counters, None
+
+
+def streamed(path: Path) -> Outcome:
+    counters = LogCounters()
+    return outcome(read_frames(path, counters), counters)
+
+
+def python_can_reads(path: Path) -> Outcome:
+    """Read a BLF with python-can's reader, behind the check that it is whole."""
+    counters = LogCounters()
+
+    def frames() -> Iterator[Frame]:
+        with path.open("rb") as file:
+            check_blf(file)
+        yield from through_python_can(path, counters)
+
+    return outcome(guarded(path, counters, frames()), counters)
+
+
+def read_at_once(path: Path) -> Outcome:
+    counters = LogCounters()
+    blocks = read_blocks(path, counters)
+    return outcome((frame for block in blocks for frame in frames_of(block)), counters)
+
+
+START_NS = 1_700_000_000_123_456_000
+
+
+def synthetic(n: int) -> SentFrames:
+    rng = np.random.default_rng(n)
+    return SentFrames(
+        START_NS + np.arange(n) * 250_000,
+        rng.integers(0, 0x7FF, n),
+        np.zeros(n, dtype=np.bool_),
+        np.full(n, 8),
+        rng.integers(0, 256, (n, 8)).astype(np.uint8),
+    )

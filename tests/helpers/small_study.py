@@ -1,0 +1,44 @@
+"""A NARX study that is done in a second: two recordings, five small models."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tests.helpers.tanks import TANK_PERIOD_S, leaking_tank
+from training.recordings.preparation import Prepared, prepare
+from training.recordings.recording import Recording
+from training.studies.paper.narx.candidates import BAYES, CONJUGATE, DESCENT, LM, PAPER, Candidate
+
+FEW = (
+    Candidate(1, LM, 3, (4,), 0.2, PAPER),
+    Candidate(2, LM, 3, (4,), 0.01),
+    Candidate(3, BAYES, 2, (3,)),
+    Candidate(4, CONJUGATE, 3, (3, 3)),
+    Candidate(5, DESCENT, 3, (4,), 0.05),
+)
+SETTINGS: dict[str, Any] = {
+    "starts": 2, "iterations": 25, "n_samples": 900, "tune_best": 1, "candidates": FEW,
+}  # fmt: skip
+
+
+def drive(n: int, seed: int, name: str) -> Recording:
+    """A recording of a tank with a valve and a leak."""
+    values = np.column_stack(leaking_tank(n, seed, 0.5))
+    quality = np.zeros(values.shape, np.uint8)
+    period_ns = round(TANK_PERIOD_S * 1e9)
+    return Recording(Path(name), name * 8, period_ns, np.arange(n) * TANK_PERIOD_S,
+                     ("valve", "leak", "level_m"), values, quality)  # fmt: skip
+
+
+def two_drives() -> Prepared:
+    """Return a longer and a shorter recording, prepared."""
+    recordings = [drive(1500, 1, "morning"), drive(900, 2, "evening")]
+    return prepare(recordings, ["valve", "leak"], "level_m", block_s=25.0)
+
+
+def timeless(tree: Any) -> Any:
+    """Return a result without its times."""
+    if isinstance(tree, dict):
+        return {k: timeless(v) for k, v in tree.items() if k not in ("seconds", "cpu_s")}
+    return [timeless(v) for v in tree] if isinstance(tree, list) else tree

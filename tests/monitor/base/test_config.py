@@ -1,0 +1,190 @@
+"""The configuration: a file changes what it names, and a mistake is an error that says where."""
+
+import re
+import tomllib
+from dataclasses import fields, is_dataclass
+from importlib.resources import files
+from pathlib import Path
+
+import pytest
+
+from monitor.base import config
+from monitor.base.errors import ConfigError
+
+SHIPPED = tomllib.loads(files("monitor.base").joinpath("default.toml").read_text())
+KEYS = [(section, key) for section, values in SHIPPED.items() for key in values]
+
+
+def file_of(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "own.toml"
+    path.write_text(text)
+    return path
+
+
+def refusal(tmp_path: Path, text: str) -> str:
+    """Return the one line that refuses the file, after its path."""
+    path = file_of(tmp_path, text)
+    with pytest.raises(ConfigError) as caught:
+        config.load(path)
+    before, found, message = str(caught.value).partition(str(path))
+    assert found, before
+    assert "\n" not in message
+    return message
+
+
+def test_the_shipped_file_sets_every_key_and_nothing_else() -> None:
+    shipped = config.load()
+    for section in fields(config.Config):
+        held = getattr(shipped, section.name)
+        assert is_dataclass(held)
+        assert [f.name for f in fields(held)] == list(SHIPPED[section.name])
+    assert shipped.window.n_samples == 50
+    assert shipped.response.lags_s == tuple(SHIPPED["response"]["lags_s"])
+
+
+def test_an_empty_file_is_the_shipped_configuration(tmp_path: Path) -> None:
+    assert config.load(file_of(tmp_path, "")) == config.load()
+
+
+def test_a_partial_file_keeps_the_shipped_value_of_what_it_leaves_out(tmp_path: Path) -> None:
+    own = config.load(file_of(tmp_path, "[enable]\ncoolant_min_degc = 40\n[bias]\nn_windows = 5\n"))
+    shipped = config.load()
+    assert own.enable.coolant_min_degc == 40.0
+    assert own.bias.n_windows == 5
+    assert own.bias.offset_limit_lambda == shipped.bias.offset_limit_lambda
+    assert own.enable.engine_speed_min_rpm == shipped.enable.engine_speed_min_rpm
+    assert (own.window, own.response, own.plausibility, own.debounce) == (
+        shipped.window, shipped.response, shipped.plausibility, shipped.debounce
+    )  # fmt: skip
+
+
+def test_an_own_file_does_not_change_what_is_loaded_next(tmp_path: Path) -> None:
+    before = config.load()
+    config.load(file_of(tmp_path, "[window]\nn_samples = 20\n"))
+    assert config.load() == before
+
+
+def test_an_unknown_key_is_named_with_its_section(tmp_path: Path) -> None:
+    message = refusal(tmp_path, "[window]\nn_sample = 50\n")
+    assert "[window]" in message
+    assert "n_sample " in message
+    assert "n_samples" in message
+
+
+def test_an_unknown_section_is_named(tmp_path: Path) -> None:
+    message = refusal(tmp_path, "[windows]\nn_samples = 50\n")
+    assert "[windows]" in message
+    assert re.search(r"\bwindow\b", message)
+
+
+def test_a_section_that_is_a_value_is_refused(tmp_path: Path) -> None:
+    assert "window" in refusal(tmp_path, "window = 50\n")
+
+
+@pytest.mark.parametrize("value", ['"50"', "true", "{ a = 1 }", "1979-05-27"])
+def test_a_value_of_the_wrong_type_is_refused(tmp_path: Path, value: str) -> None:
+    for section, key in KEYS:
+        assert f"[{section}] {key}" in refusal(tmp_path, f"[{section}]\n{key} = {value}\n")
+
+
+def test_a_count_is_a_whole_number(tmp_path: Path) -> None:
+    counts = [(s, k) for s, k in KEYS if type(SHIPPED[s][k]) is int]
+    assert ("window", "n_samples") in counts
+    for section, key in counts:
+        assert f"[{section}] {key}" in refusal(tmp_path, f"[{section}]\n{key} = 50.5\n")
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "-inf", f"1{'0' * 400}"])
+def test_a_value_that_is_no_finite_number_is_refused(tmp_path: Path, value: str) -> None:
+    for section, key in KEYS:
+        listed = f"[{value}]" if isinstance(SHIPPED[section][key], list) else value
+        assert f"[{section}] {key}" in refusal(tmp_path, f"[{section}]\n{key} = {listed}\n")
+
+
+@pytest.mark.parametrize(
+    ("section", "key", "value"),
+    [
+        ("window", "n_samples", "9"),
+        ("window", "n_samples", "-50"),
+        ("enable", "fuel_cut_recovery_s", "-0.1"),
+        ("enable", "model_settle_samples", "-1"),
+        ("enable", "range_margin", "-0.2"),
+        ("enable", "engine_speed_max_rpm", "900.0"),
+        ("enable", "manifold_pressure_max_kpa", "18.0"),
+        ("enable", "vehicle_speed_min_km_h", "-1.0"),
+        ("enable", "purge_open_percent", "0.0"),
+        ("enable", "purge_open_percent", "101.0"),
+        ("enable", "purge_step_percent", "0.0"),
+        ("enable", "purge_recovery_s", "-0.1"),
+        ("response", "lags_s", "[]"),
+        ("response", "lags_s", "[0.2, 0.0]"),
+        ("response", "lags_s", "[0.2, -0.3]"),
+        ("response", "lags_s", '[0.2, "0.3"]'),
+        ("response", "lags_s", "[0.2, true]"),
+        ("response", "lags_s", "[0.1, 0.2]"),
+        ("response", "delays_s", "[]"),
+        ("response", "delays_s", "[0.0]"),
+        ("response", "delays_s", "[0.1, 0.25]"),
+        ("response", "evidence_memory", "1.1"),
+        ("response", "evidence_memory", "-0.1"),
+        ("response", "evidence_weight", "1.1"),
+        ("response", "false_alarm_probability", "0.0"),
+        ("response", "false_alarm_probability", "0.6"),
+        ("response", "miss_probability", "1.0"),
+        ("response", "lead_s", "-0.05"),
+        ("response", "gain_weak_max", "0.8"),
+        ("response", "gain_sound_min", "0.0"),
+        ("bias", "memory", "1.1"),
+        ("bias", "variance_shared", "1.5"),
+        ("bias", "n_windows", "0"),
+        ("bias", "offset_limit_lambda", "0.0"),
+        ("plausibility", "stuck_s", "0.0"),
+        ("plausibility", "stuck_range", "-0.001"),
+        ("plausibility", "not_ready_s", "-60"),
+        ("debounce", "response_fail", "0"),
+        ("debounce", "tick_pass_s", "0.0"),
+        ("debounce", "response_fail", "128"),
+        ("debounce", "response_pass", "-64"),
+    ],
+)
+def test_an_impossible_value_is_refused(tmp_path: Path, section: str, key: str, value: str) -> None:
+    message = refusal(tmp_path, f"[{section}]\n{key} = {value}\n")
+    assert f"[{section}]" in message
+    assert key in message
+
+
+@pytest.mark.parametrize(
+    ("section", "key", "value"),
+    [
+        ("window", "n_samples", "10"),
+        ("enable", "fuel_cut_recovery_s", "0.0"),
+        ("enable", "coolant_min_degc", "-40.0"),
+        ("response", "evidence_memory", "1.0"),
+        ("response", "lags_s", "[0.5]"),
+        ("debounce", "response_fail", "127"),
+        ("debounce", "response_fail", "1"),
+        ("bias", "n_windows", "1"),
+    ],
+)
+def test_a_value_on_the_boundary_is_taken(
+    tmp_path: Path, section: str, key: str, value: str
+) -> None:
+    own = config.load(file_of(tmp_path, f"[{section}]\n{key} = {value}\n"))
+    held = getattr(getattr(own, section), key)
+    assert held == (tuple(tomllib.loads(f"x={value}")["x"]) if "[" in value else float(value))
+
+
+def test_what_is_not_toml_is_refused(tmp_path: Path) -> None:
+    assert "TOML" in refusal(tmp_path, "[window\nn_samples = 50\n")
+
+
+def test_what_is_not_text_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "own.toml"
+    path.write_bytes(b"\xff\xfe\x00binary")
+    with pytest.raises(ConfigError, match=r"own\.toml"):
+        config.load(path)
+
+
+def test_a_missing_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"nowhere\.toml: No such file"):
+        config.load(tmp_path / "nowhere.toml")

@@ -1,0 +1,293 @@
+"""Faults as defined: in phi = 1/lambda, rising phi is lean to rich; and the bank that agrees."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from monitor.base import config
+from monitor.base.errors import UsageError
+from monitor.base.faults import (
+    NAMES,
+    TRANSIENT_GAIN,
+    Fault,
+    SensorFault,
+    combine,
+    lag_step,
+    resolve,
+)
+from monitor.judge import hypotheses
+from monitor.judge.hypotheses import SensorBank
+from monitor.memory.dtc import CODES
+
+PERIOD_S = 0.1
+CLOSE = 1e-12
+
+phis = st.lists(st.floats(0.1, 1.9), min_size=2, max_size=80)
+lags_s = st.floats(0.05, 3.0)
+delays = st.integers(1, 25)  # samples
+
+
+def read(fault: Fault, phi: list[float], period_s: float = PERIOD_S) -> np.ndarray:
+    """What the faulty sensor reads of a healthy phi, as phi."""
+    sensor = SensorFault(fault, period_s)
+    return 1.0 / np.array(sensor.apply(1.0 / value for value in phi))
+
+
+# Definitions
+
+
+@given(phis, lags_s)
+def test_a_symmetric_lag_is_the_first_order_step_response(phi: list[float], tau_s: float) -> None:
+    share = 1.0 - math.exp(-PERIOD_S / tau_s)
+    expected, x = [], phi[0]
+    for u in phi:
+        x += (u - x) * share
+        expected.append(x)
+    np.testing.assert_allclose(read(resolve("slow_symmetric", tau_s), phi), expected, rtol=CLOSE)
+
+
+@pytest.mark.parametrize("tau_s", [0.2, 0.6, 2.0])
+def test_a_lag_has_done_63_percent_of_a_step_after_its_time_constant(tau_s: float) -> None:
+    n = round(tau_s / 0.01)
+    got = read(resolve("slow_symmetric", tau_s), [0.9] + [1.1] * n, 0.01)
+    assert (got[-1] - 0.9) / 0.2 == pytest.approx(1.0 - math.exp(-1.0), abs=1e-9)
+
+
+@given(phis, lags_s, st.sampled_from(["rich_to_lean", "lean_to_rich"]))
+def test_a_one_sided_lag_acts_on_its_edge_direction_only(
+    phi: list[float], tau_s: float, direction: str
+) -> None:
+    slowed = np.array(phi)
+    got = read(resolve(f"slow_{direction}", tau_s), phi)
+    share = 1.0 - math.exp(-PERIOD_S / tau_s)
+    x = phi[0]
+    for u, s in zip(slowed, got, strict=True):
+        acts = u > x if direction == "lean_to_rich" else u < x
+        x = x + (u - x) * share if acts else u
+        assert s == pytest.approx(x, rel=CLOSE)
+
+
+@given(phis, delays)
+def test_a_symmetric_dead_time_is_exactly_the_shifted_signal(phi: list[float], late: int) -> None:
+    got = read(resolve("delay_symmetric", late * PERIOD_S), phi)
+    shifted = ([phi[0]] * late + phi)[: len(phi)]
+    np.testing.assert_allclose(got, shifted, rtol=CLOSE)
+
+
+@given(phis, delays)
+def test_a_one_sided_dead_time_holds_the_old_value_against_its_edge_only(
+    phi: list[float], late: int
+) -> None:
+    then = np.array(([phi[0]] * late + phi)[: len(phi)])
+    rising = read(resolve("delay_lean_to_rich", late * PERIOD_S), phi)
+    falling = read(resolve("delay_rich_to_lean", late * PERIOD_S), phi)
+    np.testing.assert_allclose(rising, np.minimum(phi, then), rtol=CLOSE)
+    np.testing.assert_allclose(falling, np.maximum(phi, then), rtol=CLOSE)
+
+
+@given(st.lists(st.floats(0.0, 0.1), min_size=2, max_size=60), delays, lags_s, st.booleans())
+def test_on_a_signal_that_only_rises_the_falling_edge_faults_do_nothing(
+    increments: list[float], late: int, tau_s: float, turned: bool
+) -> None:
+    # GIVEN phi that only rises (lean to rich), or, turned, only falls
+    phi = list(0.2 + np.cumsum(increments))
+    acts, rests = "lean_to_rich", "rich_to_lean"
+    if turned:
+        phi, acts, rests = phi[::-1], rests, acts
+    for kind, severity in (("slow", tau_s), ("delay", late * PERIOD_S)):
+        # THEN the other edge's fault leaves it alone, and this edge's is the symmetric one
+        np.testing.assert_allclose(read(resolve(f"{kind}_{rests}", severity), phi), phi, rtol=CLOSE)
+        np.testing.assert_allclose(
+            read(resolve(f"{kind}_{acts}", severity), phi),
+            read(resolve(f"{kind}_symmetric", severity), phi),
+            rtol=CLOSE,
+        )
+
+
+@given(phis, st.floats(0.05, 0.95))
+def test_a_weak_sensor_shrinks_phi_around_one(phi: list[float], gain: float) -> None:
+    got = read(resolve("gain_low", gain), phi)
+    np.testing.assert_allclose(got - 1.0, gain * (np.array(phi) - 1.0), atol=1e-12)
+
+
+@given(phis, st.floats(0.001, 0.3))
+def test_a_biased_sensor_is_off_in_lambda(phi: list[float], offset: float) -> None:
+    healthy = 1.0 / np.array(phi)
+    lean = np.array(SensorFault(resolve("biased_lean", offset), PERIOD_S).apply(healthy))
+    rich = np.array(SensorFault(resolve("biased_rich", offset), PERIOD_S).apply(healthy))
+    np.testing.assert_allclose(lean, healthy + offset, rtol=CLOSE)
+    np.testing.assert_allclose(rich, healthy - offset, rtol=CLOSE, atol=CLOSE)
+
+
+@given(phis, lags_s)
+def test_the_transient_fault_is_slow_and_weak_together(phi: list[float], tau_s: float) -> None:
+    slow = read(resolve("slow_symmetric", tau_s), phi)
+    got = read(resolve("transient", tau_s), phi)
+    np.testing.assert_allclose(got - 1.0, TRANSIENT_GAIN * (slow - 1.0), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "severity", "reads"),
+    [("stuck_lean", 0.2, 1.2), ("stuck_rich", 0.2, 0.8), ("stuck_rich", 0.9, 0.5),
+     ("stuck_at_one", None, 1.0), ("out_of_range", None, 0.31), ("out_of_range", 17.0, 17.0)],
+)  # fmt: skip
+def test_a_stuck_sensor_reads_one_value(name: str, severity: float | None, reads: float) -> None:
+    assert SensorFault(resolve(name, severity), PERIOD_S).apply([0.8, 1.0, 1.3]) == [reads] * 3
+
+
+@pytest.mark.parametrize("name", ["not_ready", "signal_missing"])
+def test_a_sensor_that_says_nothing_reads_nan(name: str) -> None:
+    got = SensorFault(resolve(name), PERIOD_S).apply([0.8, 1.0, 1.3])
+    assert all(math.isnan(value) for value in got)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@settings(max_examples=15)
+@given(st.lists(st.one_of(st.floats(0.6, 2.0), st.just(math.nan)), max_size=40))
+def test_nan_stays_nan(name: str, healthy: list[float]) -> None:
+    got = SensorFault(resolve(name), PERIOD_S).apply(healthy)
+    silent = name in ("not_ready", "signal_missing")
+    assert [math.isnan(value) for value in got] == [silent or math.isnan(v) for v in healthy]
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("reading", [0.0, -1.0, math.inf])
+def test_a_reading_no_sensor_can_give_leaves_no_trace(name: str, reading: float) -> None:
+    drive = [0.9, 1.1, 1.0, 0.95]
+    sensor = SensorFault(resolve(name), PERIOD_S)
+    disturbed = sensor.apply([*drive[:2], reading, *drive[2:]])
+    del disturbed[2]
+    np.testing.assert_array_equal(disturbed, SensorFault(resolve(name), PERIOD_S).apply(drive))
+
+
+@pytest.mark.parametrize("name", [n for n in NAMES if n.startswith(("slow", "delay", "transient"))])
+def test_in_fuel_cut_the_sensor_reads_air_at_last(name: str) -> None:
+    got = SensorFault(resolve(name), PERIOD_S).apply([1.0] + [16.0] * 400)
+    weak = TRANSIENT_GAIN if name == "transient" else 1.0
+    assert got[-1] == pytest.approx(1.0 / (1.0 + weak * (1.0 / 16.0 - 1.0)), rel=1e-9)
+
+
+@given(st.floats(0.1, 1.9), st.floats(0.1, 1.9), lags_s, st.integers(1, 20))
+def test_many_small_steps_of_the_lag_are_one_large_one(
+    x: float, u: float, tau_s: float, n: int
+) -> None:
+    small = x
+    for _ in range(n):
+        small = lag_step(small, u, tau_s, tau_s, 0.3 / n)
+    assert small == pytest.approx(lag_step(x, u, tau_s, tau_s, 0.3), rel=1e-9)
+
+
+# Names and severities
+
+
+def test_every_fault_has_a_code() -> None:
+    assert set(NAMES) <= set(CODES)
+    assert set(CODES) - set(NAMES) == {"signal_invalid", "bus_off"}  # never put onto a sensor
+
+
+@pytest.mark.parametrize("name", ["", "slow", "slow_", "healthy", "gain_high", "Slow_symmetric"])
+def test_an_unknown_fault_is_named_with_those_there_are(name: str) -> None:
+    with pytest.raises(UsageError) as caught:
+        resolve(name)
+    assert repr(name) in str(caught.value)
+    assert "slow_symmetric" in str(caught.value)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("severity", [0.0, -0.5, math.nan, math.inf])
+def test_an_impossible_severity_is_refused(name: str, severity: float) -> None:
+    with pytest.raises(UsageError, match=name):
+        resolve(name, severity)
+
+
+@given(phis)
+def test_combined_faults_do_what_all_parts_do(phi: list[float]) -> None:
+    parts = [resolve("slow_rich_to_lean", 0.5), resolve("delay_lean_to_rich", 0.4),
+             resolve("biased_lean", 0.05)]  # fmt: skip
+    both = combine(parts)
+    assert both is not None
+    assert both.name == "slow_rich_to_lean+delay_lean_to_rich+biased_lean"
+    # dead time, then lag, then offset, as the signal runs through the sensor
+    late = SensorFault(parts[1], PERIOD_S).apply([1.0 / value for value in phi])
+    slow = SensorFault(parts[0], PERIOD_S).apply(late)
+    expected = SensorFault(parts[2], PERIOD_S).apply(slow)
+    got = SensorFault(both, PERIOD_S).apply([1.0 / value for value in phi])
+    np.testing.assert_allclose(got, expected, rtol=1e-9)
+
+
+def test_one_or_no_part_needs_no_combining() -> None:
+    part = resolve("gain_low", 0.5)
+    assert combine([]) is None
+    assert combine([part]) is part
+
+
+@pytest.mark.parametrize(
+    "names",
+    [("biased_lean", "biased_rich"), ("slow_symmetric", "transient"),
+     ("delay_lean_to_rich", "delay_rich_to_lean"), ("stuck_lean", "stuck_rich")],
+)  # fmt: skip
+def test_faults_that_contradict_each_other_are_refused(names: tuple[str, str]) -> None:
+    severities = (0.3, 0.7)
+    with pytest.raises(UsageError, match=names[0]):
+        combine([resolve(name, s) for name, s in zip(names, severities, strict=True)])
+
+
+# The bank of hypotheses
+
+BANK = hypotheses.build(config.load().response)
+
+
+def bank_of(phi: list[float], period_s: float = PERIOD_S) -> np.ndarray:
+    bank = SensorBank(BANK, period_s)
+    return np.array([bank.push(value).copy() for value in phi])
+
+
+def test_the_bank_holds_every_lag_and_dead_time_on_each_edge() -> None:
+    response = config.load().response
+    assert BANK[0].kind == "healthy"
+    assert not BANK[0].beyond_limit
+    for kind, grid, limit_s, symmetric_s in (
+        ("slow", response.lags_s, response.lag_limit_s, response.lag_limit_symmetric_s),
+        ("delay", response.delays_s, response.delay_limit_s, response.delay_limit_s),
+    ):
+        held = {(h.fault, h.seconds): h.beyond_limit for h in BANK if h.kind == kind}
+        assert held == {
+            (f"{kind}_{side}", s): s > (symmetric_s if side == "symmetric" else limit_s)
+            for side in hypotheses.DIRECTIONS
+            for s in grid
+        }
+    assert len(BANK) == 1 + 3 * (len(response.lags_s) + len(response.delays_s))
+
+
+@given(phis)
+def test_each_hypothesis_reads_what_the_fault_of_its_name_is_defined_to_read(
+    phi: list[float],
+) -> None:
+    rows = bank_of(phi)
+    np.testing.assert_array_equal(rows[:, 0], phi)
+    for i, h in enumerate(BANK[1:], start=1):
+        expected = read(resolve(h.fault, h.seconds), phi)
+        np.testing.assert_allclose(rows[:, i], expected, rtol=1e-9, err_msg=str(h))
+
+
+def test_after_a_reset_the_bank_knows_nothing_of_the_past() -> None:
+    bank = SensorBank(BANK, PERIOD_S)
+    for value in (0.8, 1.2, 0.7):
+        bank.push(value)
+    bank.reset()
+    np.testing.assert_allclose(bank.push(1.1), 1.1, rtol=CLOSE)
+
+
+@pytest.mark.parametrize("period_s", [0.01, 0.03, 0.25])
+def test_on_other_grids_a_ramp_is_late_by_the_dead_time(period_s: float) -> None:
+    # GIVEN a ramp, on which a dead time between two samples is exact
+    slope = 0.05
+    rows = bank_of(list(1.0 + slope * period_s * np.arange(round(6.0 / period_s))), period_s)
+    for i, h in enumerate(BANK):
+        if h.kind == "delay":
+            acts = h.direction != "rich_to_lean"
+            late = (rows[-1, 0] - rows[-1, i]) / slope
+            assert late == pytest.approx(h.seconds if acts else 0.0, abs=1e-9), h

@@ -1,0 +1,184 @@
+"""Answers of the OBD services, without a bus."""
+
+import math
+import struct
+from collections import deque
+
+import pytest
+
+from monitor.base import config
+from monitor.base.errors import UsageError
+from monitor.bus.diagnostics import results
+from monitor.bus.diagnostics.state import Identity
+from monitor.frames.logs import read_frames
+from monitor.memory.dtc import DtcStore
+from monitor.pipeline.stream import FramePipeline
+from monitor.report import replay
+from tests.conftest import ROOT
+from tests.helpers.diagnostics_state import SHA256, VIN, Vehicle, ask
+
+
+@pytest.fixture(scope="module")
+def late_sensor() -> DtcStore:
+    """Return the fault memory after a drive with a late sensor."""
+    (log,) = ROOT.glob("replay_logs/delay_rich_to_lean_*.blf")
+    setup, store = replay.set_up(None, [], config.load()), DtcStore()
+    pipeline = FramePipeline(setup.bus_map, setup.model, setup.limits, setup.config, store)
+    for frame in list(read_frames(log))[: 200 * 150]:
+        deque(pipeline.push(frame), maxlen=0)
+    return store
+
+
+def test_parameter_01_tells_lamp_codes_and_that_the_sensor_monitor_has_completed() -> None:
+    assert ask("01 01") == "41 01 81 04 20 00"
+
+
+def test_after_clearing_the_sensor_monitor_is_not_ready() -> None:
+    vehicle = Vehicle()
+    assert ask("04", vehicle) == "44"
+    assert ask("01 01", vehicle) == "41 01 00 04 20 20"
+    assert ask("03", vehicle) == "43 00"
+    assert ask("07", vehicle) == "47 00"
+    assert ask("02 02 00", vehicle) == "42 02 00 00 00"
+    assert ask("0A", vehicle) == "4a 01 01 33"  # only driving takes a permanent code away
+
+
+def test_parameter_41_follows_this_driving_cycle() -> None:
+    vehicle = Vehicle()
+    vehicle.store.start_driving_cycle()
+    assert ask("01 41", vehicle) == "41 41 00 04 20 20"
+    for test in ("response", "bias", "activity", "ready", "range"):
+        vehicle.store.complete(test)
+    assert ask("01 41", vehicle) == "41 41 00 04 20 00"
+
+
+def test_the_bitmaps_list_exactly_what_is_answered() -> None:
+    # GIVEN a tester that follows the bitmaps from 00 on
+    listed, base = set(), 0x00
+    while True:
+        bits = int.from_bytes(bytes.fromhex(ask(f"01 {base:02X}") or "")[2:], "big")
+        listed |= {base + 32 - i for i in range(32) if bits >> i & 1}
+        if not bits & 1:
+            break
+        base += 0x20
+    # THEN what it finds is what there is, and nothing else is answered
+    answered = {n for n in range(1, 0x100) if ask(f"01 {n:02X}", functional=True)}
+    assert listed == answered
+    assert {0x01, 0x1C, 0x20, 0x40, 0x41} <= listed
+
+
+def test_up_to_six_parameters_are_answered_at_once_and_unknown_ones_left_out() -> None:
+    assert ask("01 1C 0C 30 21 31 4E") == "41 1c 01 30 07 21 00 33 31 00 7b 4e 00 78"
+    assert ask("01 1C 1C 1C 1C 1C 1C 1C") == "7f 01 12"
+
+
+def test_the_standard_is_that_of_the_profile() -> None:
+    vehicle = Vehicle()
+    vehicle.state.identity = Identity("m.onnx", SHA256, "0.1.0", "eobd")
+    assert ask("01 1C", vehicle) == "41 1c 06"
+
+
+@pytest.mark.parametrize(
+    ("parameter", "data"),
+    [
+        ("02", "01 33"),
+        ("05", "82"),  # 90 degC
+        ("0B", "2d"),  # 45 kPa
+        ("0C", "1f 40"),  # 2000 1/min
+        ("0D", "50"),
+        ("0F", "46"),
+        ("10", "03 e8"),  # 36 kg/h = 10 g/s
+        ("11", "33"),
+        ("23", "03 e8"),  # 10 MPa = 1000 x 10 kPa
+        ("24", "80 00 00 00"),
+        ("44", "73 33"),
+        ("03", "02 00"),
+        ("06", "86"),  # +5 %
+        ("2E", "66"),
+        ("33", "64"),
+        ("42", "30 d4"),
+        ("46", "3c"),
+    ],
+)
+def test_the_freeze_frame_is_told_in_the_units_of_the_standard(parameter: str, data: str) -> None:
+    assert ask(f"02 {parameter} 00") == f"42 {parameter.lower()} 00 {data}"
+
+
+def test_there_is_one_freeze_frame_and_only_what_it_holds() -> None:
+    assert ask("02 02 01") == "7f 02 12"
+    assert ask("02 04 00") == "7f 02 12"  # calculated load is no signal of ours
+    assert ask("02 0C") == "7f 02 12"  # frame number missing
+    assert ask("02 0C 00 0D 00 02 00") == "42 0c 00 1f 40 0d 00 50 02 00 01 33"
+
+
+def test_codes_stand_under_confirmed_pending_and_permanent() -> None:
+    assert ask("03") == "43 01 01 33"
+    assert ask("07") == "47 02 01 33 21 95"
+    assert ask("0A") == "4a 01 01 33"
+
+
+def test_test_results_carry_value_and_limits_in_their_scaling() -> None:
+    answered = bytes.fromhex(ask("06 01") or "")
+    rows = {answered[i + 1]: answered[i : i + 9] for i in range(1, len(answered), 9)}
+    assert rows[0x80].hex(" ") == "01 80 10 01 36 00 00 00 fa"  # 310 ms of at most 250 ms
+    assert struct.unpack(">3h", rows[0x85][3:]) == (-655, -1638, 1638)  # of 1/32768
+    assert rows[0x84][3:] == bytes(6)  # never run
+    assert ask("06 00") == "46 00 80 00 00 00"
+    assert ask("06 02") == "7f 06 12"
+    assert ask("06 01 00") == "46 00 80 00 00 00"  # results come alone
+
+
+@pytest.mark.parametrize(
+    ("scaling", "value", "data"),
+    [
+        (results.MILLISECONDS, 65.5, "ffdc"),
+        (results.MILLISECONDS, math.inf, "ffff"),
+        (results.MILLISECONDS, -0.1, "0000"),
+        (results.RATIO, 0.75, "00c0"),
+        (results.FINE_SIGNED, 5.0, "7fff"),
+        (results.FINE_SIGNED, -math.inf, "8000"),
+    ],
+)
+def test_a_result_beyond_its_scaling_is_held_at_its_end(
+    scaling: results.Scaling, value: float, data: str
+) -> None:
+    assert scaling.encode(value).hex() == data
+
+
+def test_every_result_of_the_monitor_is_told(late_sensor: DtcStore) -> None:
+    # GIVEN what a drive with a late sensor leaves
+    told = [row[1] for row in results.test_results(0x01, late_sensor.results) if any(row[3:])]
+    # THEN each of its results has an identifier
+    assert len(told) == len(late_sensor.results) > 3
+
+
+def test_vehicle_information_names_vin_calibration_and_its_check() -> None:
+    assert ask("09 02") == "49 02 01 " + VIN.encode().hex(" ")
+    assert ask("09 04") == "49 04 01 " + b"shipped-01234567".hex(" ")
+    assert ask("09 06") == "49 06 01 01 23 45 67"
+    assert ask("09 0A") == "49 0a 01 " + b"O2M\0-OxygenMonitor\0\0".hex(" ")
+    assert ask("09 00") == "49 00 55 40 00 00"
+
+
+@pytest.mark.parametrize(
+    ("model", "calibration"),
+    [("m.onnx", "m-01234567"), ("own", "own-01234567"), ("größer als.onnx", "gr??er -01234567")],
+)
+def test_the_calibration_is_ascii_of_at_most_16_characters(model: str, calibration: str) -> None:
+    assert Identity(model, SHA256, "0.1.0", "carb").calibration_id == calibration
+
+
+def test_without_a_vin_there_is_none() -> None:
+    assert ask("09 00", Vehicle(vin=None)) == "49 00 15 40 00 00"
+    assert ask("09 02", Vehicle(vin=None)) == "7f 09 12"
+
+
+def test_in_use_performance_reports_the_lowest_ratio_of_the_sensor_monitor() -> None:
+    answered = bytes.fromhex(ask("09 08") or "")
+    assert answered[:3] == b"\x49\x08\x14"
+    assert struct.unpack(">20H", answered[3:]) == (9, 11, 0, 0, 0, 0, 3, 5, *([0] * 12))
+
+
+def test_a_vin_with_a_letter_that_no_vin_has_is_refused() -> None:
+    with pytest.raises(UsageError, match="without I, O and Q"):
+        Identity("m.onnx", SHA256, "0.1.0", "carb", "WVWZZZ1JZXW38675O")

@@ -1,0 +1,32 @@
+"""Short runs of what ``benchmarks/soak.py`` and ``benchmarks/fuzz_frames.py`` do at length."""
+
+from pathlib import Path
+
+import pytest
+from fuzz_frames import fuzz
+from soak import LOG, soak
+
+
+def test_memory_is_flat_while_the_loop_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("monitor.bus.loop.KEEP", 3)  # windows, soon reached
+    points = soak(LOG, hours=0.14, every_h=0.02, folder=tmp_path, trace=True)
+    assert points[-1].windows > 10
+    assert not any(point.codes for point in points)
+    # the first stretch fills what is kept; after it not 100 bytes a second may stay
+    stretch_s = 3600 * (points[-1].bus_h - points[2].bus_h)
+    assert points[-1].traced_kb - points[2].traced_kb < 0.1 * stretch_s
+
+
+def test_random_and_mutated_frames_make_no_code_and_end_nothing() -> None:
+    found = fuzz(6_000, seed=7)
+    assert found.frames == 6_000
+    assert found.samples > 100
+    assert (found.codes, found.detached) == ((), 0)
+
+
+def test_a_mad_clock_ends_nothing() -> None:
+    found = fuzz(500, seed=3, mad_clock=True)
+    assert found.samples > 0
+    assert found.detached == 0

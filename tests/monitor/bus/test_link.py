@@ -1,0 +1,355 @@
+"""The bus of the live loop: receiving, error frames, losses; on a played bus and on a socket."""
+
+import socket
+import struct
+import time
+from collections.abc import Iterable
+from typing import Any
+
+import can
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from benchmarks.udp_can import UdpCan
+from monitor.base.errors import BusError
+from monitor.base.types import Frame
+from monitor.bus.link.connection import FIRST_TRY_S, LAST_TRY_S
+from monitor.bus.link.error_frames import error_frame
+from monitor.bus.link.port import BusHealth, Port
+from monitor.bus.link.recorder import message_of
+from monitor.bus.link.socketcan import RECEIVE_BUFFER_BYTES, SocketReader
+
+US = 1000
+
+
+class FailingBus(can.BusABC):
+    """Gives messages, and errors where its script says so."""
+
+    def __init__(self, script: Iterable[can.Message | Exception | None]) -> None:
+        super().__init__(channel="failing")
+        self._script = iter(script)
+        self.channel_info = "socketcan channel 'failing'"
+        self.is_shut = False
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        item = next(self._script, None)
+        if isinstance(item, Exception):
+            raise item
+        return item
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        raise can.CanOperationError("nobody acknowledges")
+
+    def shutdown(self) -> None:
+        super().shutdown()
+        self.is_shut = True
+
+
+class Bench:
+    """A port whose clock moves only while it waits."""
+
+    def __init__(
+        self,
+        bus: can.BusABC,
+        reopened: Iterable[can.BusABC | Exception] = (),
+        final: bool = False,
+    ) -> None:
+        self.now_s = 0.0
+        self.said: list[str] = []
+        self.health = BusHealth()
+        self.tries_s: list[float] = []
+        self._reopened = iter(reopened)
+        reopen = None if final else self._open
+        self.port = Port(bus, self.health, reopen, self.said.append, lambda: self.now_s, self._wait)
+
+    def _wait(self, seconds: float) -> None:
+        self.now_s += seconds
+
+    def _open(self) -> can.BusABC:
+        self.tries_s.append(self.now_s)
+        found = next(self._reopened)
+        if isinstance(found, Exception):
+            raise found
+        return found
+
+
+def message(t_s: float = 1.0) -> can.Message:
+    return can.Message(timestamp=t_s, arbitration_id=0x123, is_extended_id=False, data=b"\1\2")
+
+
+def error(can_id: int, *data: int) -> can.Message:
+    return can.Message(arbitration_id=can_id, is_error_frame=True, data=bytes(data).ljust(8, b"\0"))
+
+
+def down() -> can.CanOperationError:
+    return can.CanOperationError("Error receiving: Network is down", 100)
+
+
+def test_a_lost_interface_is_opened_again_and_what_it_then_brings_is_received() -> None:
+    # GIVEN an interface that goes away after one frame and is there again at the third try
+    first = FailingBus([message(1.0), down()])
+    second = FailingBus([message(2.0)])
+    bench = Bench(first, [BusError("no such device"), OSError(19, "No such device"), second])
+    port = bench.port
+    assert port.receive(0.1) == Frame(1_000_000_000, 0x123, False, b"\1\2")
+    # WHEN it is received from
+    frames = [frame for _ in range(40) if (frame := port.receive(0.1))]
+    # THEN the frame after the loss comes, the waits double, and the loss was counted once
+    assert [frame.t_ns for frame in frames] == [2_000_000_000]
+    assert bench.tries_s == pytest.approx([0.1, 0.3, 0.7])
+    assert (bench.health.losses, bench.health.reconnects) == (1, 1)
+    assert (bench.health.state, port.is_off) == ("active", False)
+    assert first.is_shut
+    assert len(bench.said) == 2
+    assert "Network is down" in bench.said[0]
+    assert "back after 0.7 s" in bench.said[1]
+
+
+def test_the_wait_between_two_tries_stops_growing() -> None:
+    bench = Bench(FailingBus([down()]), [BusError("gone")] * 1000)
+    while bench.now_s < 60.0:
+        bench.port.receive(0.1)
+        assert bench.port.is_off
+    waits = [b - a for a, b in zip(bench.tries_s, bench.tries_s[1:], strict=False)]
+    assert max(waits) == pytest.approx(LAST_TRY_S)
+    assert waits == pytest.approx(sorted(waits))
+    assert len(bench.said) == 1
+
+
+def test_an_interface_that_is_up_and_down_again_is_not_tried_more_and_more_often() -> None:
+    flapping = [FailingBus([down()]) for _ in range(1000)]
+    bench = Bench(FailingBus([down()]), flapping)
+    while bench.now_s < 60.0:
+        bench.port.receive(0.1)
+    assert len(bench.tries_s) < 20
+
+
+def test_after_an_interface_was_sound_again_its_next_loss_is_tried_at_once() -> None:
+    # GIVEN an interface that is lost, back for a minute without a frame at first, and lost again
+    lost_for_long = [BusError("gone")] * 6
+    steady = FailingBus([*[None] * 10, message(), *[None] * 10, down()])
+    bench = Bench(FailingBus([down()]), [*lost_for_long, steady, FailingBus([message()])])
+    while bench.health.reconnects < 1:
+        bench.port.receive(0.1)
+    back_s = bench.now_s
+    bench.now_s += 60.0
+    while bench.health.reconnects < 2:
+        bench.port.receive(0.1)
+    # THEN the first try is as soon as at the first loss
+    assert bench.tries_s[-1] == pytest.approx(back_s + 60.0 + FIRST_TRY_S)
+    assert bench.health.losses == 2
+
+
+def test_filters_hold_after_the_interface_came_back() -> None:
+    second = FailingBus([])
+    bench = Bench(FailingBus([down()]), [second])
+    bench.port.set_filters({(0x123, False), (0x18DB33F1, True)})
+    for _ in range(5):
+        bench.port.receive(0.1)
+    assert second.filters == [
+        {"can_id": 0x123, "can_mask": 0x7FF, "extended": False},
+        {"can_id": 0x18DB33F1, "can_mask": 0x1FFFFFFF, "extended": True},
+    ]
+
+
+def test_without_a_way_to_open_it_again_a_loss_is_an_error() -> None:
+    bench = Bench(FailingBus([down()]), final=True)
+    with pytest.raises(BusError, match=r"failing'?: .*Network is down"):
+        bench.port.receive(0.1)
+
+
+def test_what_cannot_be_sent_is_counted() -> None:
+    bench = Bench(FailingBus([down()]))
+    bench.port.send(Frame(0, 0x5C0, False, bytes(8)))
+    bench.port.receive(0.1)  # lost now
+    bench.port.send(Frame(0, 0x5C0, False, bytes(8)))
+    assert bench.health.transmit_errors == 2
+
+
+@pytest.mark.parametrize(
+    ("said", "state", "counter"),
+    [(error(0x40), "bus off", "bus_off"), (error(0x04, 0, 0x10), "passive", "passive"),
+     (error(0x04, 0, 0x20), "passive", "passive"), (error(0x04, 0, 0x04), "warning", "warning"),
+     (error(0x04, 0, 0x08), "warning", "warning"), (error(0x44, 0, 0x10), "bus off", "bus_off")],
+)  # fmt: skip
+def test_an_error_frame_tells_the_controllers_state(
+    said: can.Message, state: str, counter: str
+) -> None:
+    bench = Bench(FailingBus([said, said]))
+    bench.port.receive(0.1)
+    bench.port.receive(0.1)  # the same state again is not counted again
+    health = bench.health
+    assert (health.state, health.error_frames, getattr(health, counter)) == (state, 2, 1)
+    assert health.bus_off + health.passive + health.warning == 1
+    assert bench.port.is_off == (state == "bus off")
+
+
+def test_an_error_frame_of_another_interface_is_only_counted() -> None:
+    bus = FailingBus([error(0x40)])
+    bus.channel_info = "adapter with error frames of its own"
+    bench = Bench(bus)
+    bench.port.receive(0.1)
+    assert (bench.health.state, bench.health.error_frames) == ("active", 1)
+
+
+def test_overflow_and_missing_acknowledge_are_counted_and_change_no_state() -> None:
+    bench = Bench(FailingBus([error(0x04, 0, 0x01), error(0x20), error(0x08, 0, 0x01)]))
+    for _ in range(3):
+        bench.port.receive(0.1)
+    health = bench.health
+    assert (health.overruns, health.unacknowledged, health.error_frames) == (1, 1, 3)
+    assert health.state == "active"
+
+
+@pytest.mark.parametrize("back", [error(0x100), error(0x04, 0, 0x40), message()])
+def test_a_controller_comes_back_by_its_word_or_by_a_frame(back: can.Message) -> None:
+    bench = Bench(FailingBus([error(0x40), None, back]))
+    bench.port.receive(0.1)
+    bench.port.receive(0.1)
+    assert bench.port.is_off  # silence proves nothing
+    bench.port.receive(0.1)
+    assert (bench.health.state, bench.port.is_off) == ("active", False)
+
+
+@given(st.integers(0, 0x1FFFFFFF), st.binary(max_size=8))
+def test_any_error_frame_is_survived(can_id: int, data: bytes) -> None:
+    said = error_frame(can_id, data)
+    assert (said.state == "bus off") == bool(can_id & 0x40)
+
+
+# The socket of SocketCAN, played by a UDP socket that carries the same struct can_frame.
+
+
+@pytest.fixture
+def wire() -> Iterable[tuple[UdpCan, UdpCan]]:
+    there = UdpCan()
+    here = UdpCan(peer=there.address)
+    with there, here:
+        yield here, there
+
+
+def received(port: Port, n: int) -> list[Frame]:
+    frames = []
+    until_s = time.monotonic() + 5.0
+    while len(frames) < n and time.monotonic() < until_s:
+        frame = port.receive(0.1)
+        if frame:
+            frames.append(frame)
+    return frames
+
+
+def emptied(port: Port) -> int:
+    """Receive all that is there; return how many frames it was."""
+    n = 0
+    while port.receive(0.0):
+        n += 1
+    return n
+
+
+def test_a_frame_off_the_socket_is_what_python_can_makes_of_it(wire: Any) -> None:
+    here, there = wire
+    sent = [
+        can.Message(arbitration_id=0x7FF, is_extended_id=False, data=b""),
+        can.Message(arbitration_id=0x123, is_extended_id=True, data=b"12345678"),
+        can.Message(arbitration_id=0x1FFFFFF0, is_extended_id=True, data=b"1"),
+        can.Message(arbitration_id=0x10, is_extended_id=False, is_fd=True, data=bytes(range(64))),
+    ]
+    for one in sent:
+        here.send(one)
+    health = BusHealth()
+    frames = received(Port(there, health), len(sent))
+    assert [f[1:] for f in frames] == [
+        (m.arbitration_id, m.is_extended_id, bytes(m.data)) for m in sent
+    ]
+    # AND its time is the kernel's, in whole microseconds
+    assert all(f.t_ns % US == 0 for f in frames)
+    assert abs(frames[-1].t_ns - time.time_ns()) < 5e9
+    assert (health.frames, health.timestamps) == (4, "kernel")
+    assert message_of(frames[1]).timestamp == pytest.approx(frames[1].t_ns / 1e9, abs=1e-7)
+
+
+def test_remote_and_error_frames_off_the_socket_are_told_apart(wire: Any) -> None:
+    here, there = wire
+    here.send_raw(struct.pack("=IB3x8x", 0x40000123, 8))
+    here.send_raw(struct.pack("=IB3x8x", 0xC0000123, 8))
+    here.send_raw(struct.pack("=IB3x8s", 0x20000004, 8, bytes([0, 0x20])))
+    here.send_raw(struct.pack("=IB3x8x", 0x123, 8))
+    bench = Bench(there)
+    (frame,) = received(bench.port, 1)
+    assert frame.can_id == 0x123
+    health = bench.health
+    assert (health.remote_frames, health.error_frames, health.state) == (2, 1, "passive")
+
+
+def test_frames_the_buffer_had_no_room_for_are_counted(wire: Any) -> None:
+    here, there = wire
+    health = BusHealth()
+    port = Port(there, health)
+    there.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    for number in range(300):
+        here.send_raw(struct.pack("=IB3x8x", number, 8))
+    n = emptied(port)
+    here.send_raw(struct.pack("=IB3x8x", 1, 8))  # tells what was dropped before it
+    n += emptied(port)
+    assert 0 < n < 301
+    assert health.drops == 301 - n
+
+
+def test_dropped_frames_are_counted_once_however_often_a_lost_bus_is_tried(wire: Any) -> None:
+    # GIVEN a socket that has dropped frames, and then fails
+    here, there = wire
+    with UdpCan() as second:
+        bench = Bench(there, [BusError("gone"), BusError("gone"), second])
+        there.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        for number in range(300):
+            here.send_raw(struct.pack("=IB3x8x", number, 8))
+        n = emptied(bench.port)
+        here.send_raw(struct.pack("=IB3x8x", 1, 8))  # tells what was dropped before it
+        n += emptied(bench.port)
+        there.socket.close()
+        # WHEN it is there again at the third try
+        while bench.health.reconnects < 1:
+            bench.port.receive(0.1)
+        bench.port.receive(0.0)
+    assert (bench.health.losses, bench.health.drops) == (1, 301 - n)
+    assert n < 301
+
+
+def test_the_buffer_is_enlarged_and_what_was_got_is_known(wire: Any) -> None:
+    _, there = wire
+    health = BusHealth()
+    Port(there, health)
+    got = there.socket.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) // 2
+    assert health.receive_buffer_bytes == got > 200_000
+    assert got <= RECEIVE_BUFFER_BYTES
+
+
+def test_frames_gather_while_no_tick_ends_and_none_is_lost(wire: Any) -> None:
+    # GIVEN a tick that ends in 50 ms and frames that come meanwhile
+    here, there = wire
+    reader = SocketReader.of(there)
+    assert reader is not None
+    for number in range(50):
+        here.send_raw(struct.pack("=IB3x8x", number, 8))
+    end_ns = time.time_ns() + 50_000_000
+    # WHEN they are received
+    found, calls, start_s = [], 0, time.monotonic()
+    while len(found) < 51 and time.monotonic() < start_s + 5.0:
+        calls += 1
+        frame = reader.receive(0.1, end_ns)
+        if isinstance(frame, Frame):
+            found.append(frame.can_id)
+        elif len(found) == 50:
+            here.send_raw(struct.pack("=IB3x8x", 50, 8))
+    # THEN all come, in order, and waiting for the last took few calls
+    assert found == list(range(51))
+    assert calls < 60
+
+
+def test_a_silent_socket_gives_back_the_thread_in_time(wire: Any) -> None:
+    port = Port(wire[1], BusHealth())
+    for timeout_s in (0.0, 0.01, 0.1):
+        start_s = time.monotonic()
+        assert port.receive(timeout_s) is None
+        assert time.monotonic() - start_s < timeout_s + 0.15

@@ -1,0 +1,395 @@
+"""The live page's feed and its server's process: what they show, bear and survive."""
+
+import json
+import math
+import os
+import random
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+
+from monitor.base.types import Frame, Quality, Sample
+from monitor.bus.live import feed as feeds
+from monitor.bus.live.codes import fault_memory
+from monitor.bus.live.describe import Conditions, signal_rows
+from monitor.bus.live.process import Server
+from monitor.judge.decisions import DtcChanged
+from monitor.judge.enable import CONDITIONS
+from monitor.memory.dtc import DtcStore
+from monitor.pipeline.stream import Tick
+from tests.helpers.http_fuzz import ask, request
+from tests.helpers.live_player import Player, Sink, frames_of
+
+ROOT = Path(__file__).resolve().parents[3]
+STATUS = {200, 400, 403, 404, 405, 421, 431, 503}
+
+
+@pytest.fixture(scope="module")
+def late_sensor() -> list[Frame]:
+    return frames_of("delay_rich_to_lean", 150)
+
+
+@pytest.fixture
+def player() -> Iterator[Player]:
+    with Player() as playing:
+        yield playing
+
+
+def rss_kb(pid: int) -> int:
+    pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") // 1024
+
+
+def until(condition: object, seconds: float = 5.0) -> bool:
+    assert callable(condition)
+    end_s = time.monotonic() + seconds
+    while not condition() and time.monotonic() < end_s:
+        time.sleep(0.02)
+    return bool(condition())
+
+
+def is_running(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().split(") ")[1][0] != "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
+def first_state(url: str) -> dict[str, Any]:
+    """Return what a browser that comes now is sent first."""
+    with httpx.stream("GET", url + "events", timeout=5.0) as answer:
+        for line in answer.iter_lines():
+            if line.startswith("data: "):
+                state: dict[str, Any] = json.loads(line.removeprefix("data: "))
+                return state
+    raise AssertionError("the stream has ended without data")
+
+
+def test_a_drive_is_told_in_four_messages_a_second_with_all_it_needs(
+    late_sensor: list[Frame],
+) -> None:
+    sink = Sink()
+    player = Player(server=sink)
+    player.push(late_sensor)
+    player.feed.close()
+    first, *rest = sink.messages
+    assert sink.is_closed
+    assert [c["name"] for c in first["conditions"]] == list(CONDITIONS)
+    assert first["channel"] == "vcan0"
+    assert 150 * 4 * 0.9 < len(sink.lines) < 150 * 4 * 1.1
+    samples = [s for m in sink.messages for s in m["samples"]]
+    assert abs(len(samples) - player.pipeline.monitor.samples) <= 1
+    times = [t for t, *_ in samples]
+    assert times == sorted(times)
+    assert times[1] - times[0] == pytest.approx(100.0)
+    windows = [w for m in sink.messages for w in m["windows"]]
+    assert [w["index"] for w in windows] == list(range(len(windows)))
+    assert len(windows) >= 5
+    assert {"lag_rich_to_lean_s", "dead_time_rich_to_lean_s", "gain", "offset"} <= set(
+        windows[-1]["statistics"]
+    )
+    (code,) = rest[-1]["memory"]["codes"]
+    assert code["code"] == "P015A"
+    assert code["meaning"] == "late on rich-to-lean edges"
+    assert "test failed" in code["bits"]
+    assert ["vehicle speed", "km/h"] in [[n, v.split()[-1]] for n, v in code["frame"]["values"]]
+    assert rest[-1]["health"] == {**player.health, "page_dropped": 0, "page_restarts": 0}
+
+
+def test_clearing_is_shown_at_once(late_sensor: list[Frame]) -> None:
+    sink = Sink()
+    player = Player(server=sink)
+    player.push(late_sensor)
+    t_ns = late_sensor[-1].t_ns
+    for dtc in player.store.clear():
+        player.feed.push(DtcChanged(t_ns, dtc))
+    player.feed.work(t_ns / 1e9 + feeds.MESSAGE_S)
+    memory = sink.messages[-1]["memory"]
+    assert memory["codes"] == []
+    assert not memory["fault_flag"]
+
+
+def test_a_confirmed_code_its_lamp_and_its_healing_are_shown() -> None:
+    store, seen = DtcStore(), []
+    # GIVEN a fault in two driving cycles, then four in which the test passes
+    for failed in (True, True, False, False, False, False):
+        store.start_driving_cycle()
+        if failed:
+            store.fail("delay_symmetric", 5, ("slow_symmetric",))
+        else:
+            store.complete("response")
+        seen.append(fault_memory(store))
+    pending, confirmed, *_, healed = seen
+    assert [code["state"] for code in pending["codes"]] == ["pending", "pending"]
+    assert pending["permanent"] == []
+    assert not pending["mil"]
+    first = confirmed["codes"][0]
+    assert (first["code"], first["state"], first["t_ns"]) == ("P015A", "confirmed", "5")
+    assert first["meaning"] == "late on both edges, or slow on both edges"
+    assert "warning indicator" in first["bits"]
+    assert confirmed["permanent"] == ["P015A", "P015B"]
+    assert confirmed["mil"]
+    assert not healed["mil"]
+    assert "warning indicator" not in healed["codes"][0]["bits"]
+    tests = {test["test"]: test["complete"] for test in healed["tests"]}
+    assert tests["response"]
+    assert not tests["range"]
+
+
+def test_a_condition_says_what_it_sees(late_sensor: list[Frame]) -> None:
+    sink = Sink()
+    player = Player(server=sink)
+    # GIVEN an engine whose air mass message falls silent
+    silent = {f.can_id for f in late_sensor[:1]}
+    begin_ns = late_sensor[0].t_ns
+    player.push(f for f in late_sensor if f.can_id not in silent or f.t_ns < begin_ns + 30e9)
+    now = sink.messages[-1]["now"]
+    held, seen = (dict(zip(CONDITIONS, now[key], strict=True)) for key in ("held", "seen"))
+    # THEN the conditions name what is missing, and the others what they see
+    assert not held["inputs_valid"]
+    assert "not received" in seen["inputs_valid"]
+    assert seen["engine_speed"].endswith(" rpm")
+    assert seen["coolant_warm"].endswith(" °C")
+    assert seen["closed_loop"] in ("closed", "open loop", "changing")
+    assert now["predicted"] is None
+    assert [row[2] for row in now["signals"] if row[2]]
+
+
+@pytest.mark.parametrize("quality", set(Quality) - {Quality.GOOD})
+def test_a_value_that_is_missing_says_why(quality: Quality) -> None:
+    sample = Sample(0, 0, np.array([math.nan]), np.array([quality], dtype=np.uint8))
+    ((_, value, why),) = signal_rows(["maf_kg_h"], sample)
+    assert value == "–"
+    assert why
+
+
+def test_an_input_outside_the_training_is_named_with_its_bound(late_sensor: list[Frame]) -> None:
+    player = Player(server=Sink())
+    monitor, setup = player.pipeline.monitor, player.setup
+    ticks = [e for f in late_sensor[:2000] for e in player.pipeline.push(f) if isinstance(e, Tick)]
+    conditions = Conditions(monitor, setup.config.enable, setup.model.card)
+    place, rail = CONDITIONS.index("trained_range"), monitor.names.index("rail_pressure_mpa")
+    tick = ticks[-1]
+    assert conditions.seen(tick)[place] == "within"
+    values = tick.sample.values.copy()
+    values[rail] = 39.0
+    outside = tick._replace(sample=tick.sample._replace(values=values))
+    assert re.fullmatch(r"rail pressure 39\.0 MPa, above \d+\.\d+", conditions.seen(outside)[place])
+
+
+def test_fast_samples_are_thinned_out_to_ten_a_second(late_sensor: list[Frame]) -> None:
+    sink = Sink()
+    player = Player(server=sink)
+    ticks = [e for f in late_sensor[:4000] for e in player.pipeline.push(f) if isinstance(e, Tick)]
+    # GIVEN a model with samples every 30 ms
+    card = replace(player.setup.model.card, period_ns=30_000_000)
+    player.setup.model.card = card
+    feed = feeds.LiveFeed(
+        sink, player.pipeline.monitor, player.setup, health=dict, channel="", say=print
+    )
+    for tick in ticks:
+        feed.push(tick)
+    feed.work(0.0)
+    # THEN every fourth is shown
+    times = [ms for ms, *_ in sink.messages[-1]["samples"]]
+    assert len(times) > 40
+    assert {round(b - a) for a, b in pairwise(times)} == {4 * 100}
+
+
+def test_a_server_that_takes_nothing_costs_samples_not_memory(
+    late_sensor: list[Frame], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(feeds, "SAMPLES", 100)
+    sink = Sink()
+    player = Player(server=sink)
+    sink.is_free = False
+    player.push(late_sensor)
+    assert not sink.lines
+    sink.is_free = True
+    player.feed.work(1e12)
+    (message,) = sink.messages
+    samples = player.pipeline.monitor.samples
+    assert len(message["samples"]) == 100
+    assert message["health"]["page_dropped"] == samples - 100
+    assert message["samples"][-1][0] == pytest.approx((samples - 1) * 100.0)
+
+
+def test_a_server_that_hangs_never_delays_the_loop(
+    player: Player, late_sensor: list[Frame]
+) -> None:
+    assert until(lambda: httpx.get(player.url).status_code == 200)
+    os.kill(player.server.pid, signal.SIGSTOP)
+    try:
+        slowest_s, t_s = 0.0, 0.0
+        player.push(late_sensor)
+        # WHEN far more than a pipe holds is due
+        for _ in range(2000):
+            t_s += 1e6
+            begin_s = time.perf_counter()
+            player.feed.work(t_s)
+            slowest_s = max(slowest_s, time.perf_counter() - begin_s)
+    finally:
+        os.kill(player.server.pid, signal.SIGCONT)
+    # THEN no call has waited, and the page goes on when the server does
+    assert slowest_s < 0.1  # the machine may be busy; a wait would be for ever
+    player.feed.due_s = -1e9
+    player.work(1.0)
+    assert first_state(player.url)["channel"] == "vcan0"
+    assert not player.lines
+
+
+def test_a_server_that_was_killed_is_started_again_and_its_page_shows_the_drive(
+    player: Player, late_sensor: list[Frame]
+) -> None:
+    assert until(lambda: httpx.get(player.url).status_code == 200)
+    player.push(late_sensor[:2000])
+    for n in (1, 2):
+        # GIVEN a server that dies, within a message if need be
+        killed = player.server.pid
+        os.kill(killed, signal.SIGKILL)
+        before = player.pipeline.monitor.samples
+        player.push(late_sensor[2000 * n : 2000 * (n + 1)])
+        # THEN judging goes on, and another server is there soon
+        assert player.pipeline.monitor.samples > before + 90
+        assert until(lambda n=n: player.server.restarts == n, 30.0)
+        assert player.server.pid != killed
+        assert until(lambda: httpx.get(player.url, timeout=30.0).status_code == 200)
+        # and is told all that a page needs, and what is judged from now on
+        player.push(late_sensor[6000 * n : 6000 * n + 2000])
+        player.feed.due_s = -math.inf
+        state: dict[str, Any] = {}
+        end_s = time.monotonic() + 30.0
+        while not state.get("samples") and time.monotonic() < end_s:
+            player.work(0.3)
+            state = first_state(player.url)
+        assert state["channel"] == "vcan0"
+        assert state["health"]["page_restarts"] == n
+        assert state["samples"]
+        assert state["now"]["samples"] == player.pipeline.monitor.samples
+    # it was said once
+    (line,) = player.lines
+    assert "has died and is started again" in line
+
+
+def test_the_loop_never_waits_while_a_server_dies_and_is_started_again(
+    player: Player, late_sensor: list[Frame]
+) -> None:
+    player.push(late_sensor[:2000])
+    player.feed.due_s = -math.inf
+    slowest_s, end_s = 0.0, time.monotonic() + 60.0
+    os.kill(player.server.pid, signal.SIGKILL)
+    while player.server.restarts < 1 and time.monotonic() < end_s:
+        begin_s = time.perf_counter()
+        player.feed.work(time.monotonic())
+        slowest_s = max(slowest_s, time.perf_counter() - begin_s)
+        time.sleep(0.01)
+    assert player.server.restarts == 1
+    assert slowest_s < 0.1  # the machine may be busy; starting a process takes longer
+
+
+def test_a_server_that_dies_at_once_is_started_with_growing_waits_until_the_loop_ends() -> None:
+    script = "from monitor.bus.live.keeper import keep; keep(['true'], 0)"
+    with subprocess.Popen(
+        [sys.executable, "-c", script], cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as keeper:
+        assert keeper.stdin is not None
+        assert keeper.stdout is not None
+        started_s = [time.monotonic() for _ in range(3) if keeper.stdout.readline()]
+        assert [b - a > least_s for (a, b), least_s in
+                zip(pairwise(started_s), (0.4, 0.9), strict=True)] == [True, True]  # fmt: skip
+        keeper.stdin.close()
+        assert keeper.wait(5.0) == 0
+
+
+def test_the_loop_outlives_the_server_and_its_keeper_and_says_so_once(
+    player: Player, late_sensor: list[Frame]
+) -> None:
+    player.push(late_sensor[:2000])
+    keeper = os.getpgid(player.server.pid)
+    os.killpg(keeper, signal.SIGKILL)
+    assert until(lambda: not is_running(player.server.pid) and not is_running(keeper))
+    before = player.pipeline.monitor.samples
+    player.push(late_sensor[2000:])
+    assert player.pipeline.monitor.samples > before + 1000
+    assert len(player.lines) == 1
+    assert "judging goes on without the page" in player.lines[0]
+    assert player.feed.due_s == float("inf")
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
+def test_the_server_ends_with_the_loop(how: signal.Signals) -> None:
+    script = (
+        "import time; from tests.live_player import Player; p = Player();"
+        "print(p.server.pid, flush=True); p.work(60)"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-W", "ignore", "-c", script], cwd=ROOT, stdout=subprocess.PIPE, text=True
+    ) as loop:
+        assert loop.stdout is not None
+        pid = int(loop.stdout.readline())
+        keeper = os.getpgid(pid)
+        assert is_running(pid)
+        loop.send_signal(how)
+    assert until(lambda: not is_running(pid) and not is_running(keeper))
+
+
+def test_closing_ends_the_server_though_browsers_watch(late_sensor: list[Frame]) -> None:
+    ended = []
+
+    def watch(url: str) -> None:
+        with httpx.stream("GET", url + "events", timeout=10.0) as answer:
+            ended.extend(line for line in answer.iter_lines() if line == "event: ended")
+
+    with Player() as player:
+        player.push(late_sensor[:2000])
+        watcher = threading.Thread(target=watch, args=[player.url])
+        watcher.start()
+        player.work(1.0)
+        begin_s = time.monotonic()
+    assert time.monotonic() - begin_s < 2.0
+    watcher.join(5.0)
+    assert ended == ["event: ended"]
+    assert not is_running(player.server.pid)
+
+
+def test_odd_requests_bring_neither_errors_nor_growth(
+    player: Player, late_sensor: list[Frame], capfd: pytest.CaptureFixture[str]
+) -> None:
+    rng = random.Random(7)
+    player.push(late_sensor[:2000])
+    assert until(lambda: httpx.get(player.url).status_code == 200)
+    port, seen = player.server.address.port, set()
+    for _ in range(300):  # what is loaded and cached once
+        ask(port, request(rng))
+    before_kb = rss_kb(player.server.pid)
+    for _ in range(1200):
+        seen.update(ask(port, request(rng)))
+    assert seen >= {200, 400, 404, 405, 421}
+    assert seen <= STATUS
+    assert rss_kb(player.server.pid) - before_kb < 4000
+    assert httpx.get(player.url).status_code == 200
+    assert capfd.readouterr().err == ""
+
+
+def test_the_servers_libraries_missing_is_said_before_the_loop(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from monitor.base.errors import UsageError
+    from monitor.bus.live import process
+    from monitor.bus.live.address import Address
+
+    monkeypatch.setattr(process, "NEEDED", ("starlette", "no_such_library"))
+    with pytest.raises(UsageError, match=r"--live needs no_such_library: pip install"):
+        Server(Address("127.0.0.1", 0))

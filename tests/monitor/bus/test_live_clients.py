@@ -1,0 +1,185 @@
+"""Clients that are slow, silent or too many, against the server with short patience."""
+
+import asyncio
+import json
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from concurrent.futures import Future
+from typing import Any
+
+import httpx
+import pytest
+
+from monitor.bus.live import protocol
+from monitor.bus.live.__main__ import server_of
+from monitor.bus.live.address import Address, listen
+from monitor.bus.live.hub import STREAMS, Hub
+
+LARGE = json.dumps({"samples": [[0, 1.0, 1.0, 1]] * 3000, "windows": []}).encode() + b"\n"
+
+
+class Running:
+    """The server in a thread of the test."""
+
+    def __init__(self) -> None:
+        self.hub = Hub()
+        self._server = server_of(self.hub, "127.0.0.1", loopback=True)
+        self._loop = asyncio.new_event_loop()
+        listening = listen(Address("127.0.0.1", 0))
+        self.port = listening.getsockname()[1]
+        self.url = f"http://127.0.0.1:{self.port}/"
+
+        def serve() -> None:
+            with listening:
+                self._loop.run_until_complete(self._server.serve([listening]))
+                self._loop.close()
+
+        self._thread = threading.Thread(target=serve)
+        self._thread.start()
+        httpx.get(self.url)
+
+    def take(self, *lines: bytes) -> None:
+        self.call(lambda: [self.hub.take(line) for line in lines])
+
+    def call(self, function: Any) -> Any:
+        done: Future[Any] = Future()
+        self._loop.call_soon_threadsafe(lambda: done.set_result(function()))
+        return done.result(5.0)
+
+    @property
+    def connections(self) -> int:
+        return len(self._server.server_state.connections)
+
+    def stop(self) -> None:
+        self.call(lambda: self.hub.ended or self.hub.end())
+        self._server.should_exit = True
+        self._thread.join(10.0)
+        assert not self._thread.is_alive()
+
+
+@pytest.fixture
+def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[Running]:
+    monkeypatch.setattr(protocol, "REQUEST_S", 0.5)
+    monkeypatch.setattr(protocol, "STALLED_S", 0.5)
+    running = Running()
+    yield running
+    running.stop()
+
+
+def connect(port: int, text: bytes = b"") -> socket.socket:
+    client = socket.socket()
+    client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    client.settimeout(5.0)
+    client.connect(("127.0.0.1", port))
+    client.sendall(text)
+    return client
+
+
+def until(condition: Any, seconds: float = 5.0) -> bool:
+    end_s = time.monotonic() + seconds
+    while not condition() and time.monotonic() < end_s:
+        time.sleep(0.02)
+    return bool(condition())
+
+
+EVENTS = b"GET /events HTTP/1.1\r\nHost: localhost\r\n\r\n"
+
+
+def test_a_browser_that_never_reads_is_cut_off_and_others_are_served(server: Running) -> None:
+    seen: list[str] = []
+
+    def read() -> None:
+        with httpx.stream("GET", server.url + "events", timeout=5.0) as answer:
+            seen.extend(line[:30] for line in answer.iter_lines())
+
+    reader = threading.Thread(target=read)
+    with connect(server.port, EVENTS):
+        reader.start()
+        assert until(lambda: server.hub.streams == 2)
+        # WHEN more is told than the kernel's buffers and the server's hold
+        end_s = time.monotonic() + 10.0
+        while server.hub.streams == 2 and time.monotonic() < end_s:
+            server.take(LARGE)
+            time.sleep(0.02)
+        # THEN the one that reads is the one that is left
+        assert server.hub.streams == 1
+        server.take(b'{"samples":[],"windows":[],"channel":"last"}\n')
+        server.call(server.hub.end)
+        reader.join(5.0)
+    assert 'data: {"samples":[],"windows":' in seen
+    assert "event: ended" in seen
+
+
+def test_what_a_browser_that_never_reads_can_hold_is_bounded(server: Running) -> None:
+    with connect(server.port, EVENTS):
+        assert until(lambda: server.hub.streams == 1)
+        flow = server.call(lambda: next(iter(server._server.server_state.connections)).transport)
+        most = 0
+        for _ in range(200):  # 12 MB
+            server.take(LARGE)
+            most = max(most, server.call(flow.get_write_buffer_size))
+        assert 0 < most < 64 * len(LARGE) + 200_000
+        assert until(lambda: server.hub.streams == 0)
+
+
+def test_a_client_that_asks_nothing_is_cut_off(server: Running) -> None:
+    with connect(server.port) as silent, connect(server.port, b"GET / HTTP/1.1\r\nHo") as slow:
+        assert silent.recv(100) == b""
+        assert slow.recv(100) == b""
+
+
+def test_a_further_request_that_does_not_end_is_cut_off(server: Running) -> None:
+    with connect(server.port, b"HEAD / HTTP/1.1\r\nHost: localhost\r\n\r\n") as client:
+        assert client.recv(4096).startswith(b"HTTP/1.1 200")
+        client.sendall(b"GET / HTT")
+        begin_s = time.monotonic()
+        assert client.recv(4096) == b""
+        assert time.monotonic() - begin_s < 3.0  # uvicorn's own patience ends after five
+
+
+def test_a_stream_is_not_cut_off_while_nothing_happens(server: Running) -> None:
+    with connect(server.port, EVENTS) as client:
+        assert until(lambda: server.hub.streams == 1)
+        time.sleep(1.0)
+        server.take(b'{"samples":[],"windows":[],"channel":"late"}\n')
+        seen = b""
+        while b'"channel":"late"' not in seen:
+            seen += client.recv(65536)
+
+
+def test_connections_beyond_the_most_are_refused(server: Running) -> None:
+    clients = [connect(server.port) for _ in range(protocol.CONNECTIONS + 20)]
+    try:
+        assert until(lambda: server.connections <= protocol.CONNECTIONS)
+        refused = 0
+        for client in clients[protocol.CONNECTIONS :]:
+            try:
+                refused += client.recv(1) == b""
+            except ConnectionResetError:
+                refused += 1
+        assert refused == 20
+    finally:
+        for client in clients:
+            client.close()
+    assert until(lambda: server.connections == 0)
+    assert httpx.get(server.url).status_code == 200
+
+
+def test_streams_beyond_the_most_are_told_to_come_later(server: Running) -> None:
+    clients = [connect(server.port, EVENTS) for _ in range(STREAMS)]
+    try:
+        assert until(lambda: server.hub.streams == STREAMS)
+        assert httpx.get(server.url + "events").status_code == 503
+        assert httpx.get(server.url).status_code == 200
+    finally:
+        for client in clients:
+            client.close()
+    assert until(lambda: server.hub.streams == 0)
+
+
+def test_a_request_that_does_not_end_is_refused(server: Running) -> None:
+    line = b"GET / HTTP/1.1\r\nHost: localhost\r\nCookie: " + b"x" * 40_000
+    with connect(server.port, line) as client:
+        assert client.recv(100).startswith((b"HTTP/1.1 400", b"HTTP/1.1 431"))

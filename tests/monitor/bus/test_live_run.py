@@ -1,0 +1,118 @@
+"""``o2mon run --live``: the loop, the page and the command line together."""
+
+import json
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import can
+import httpx
+import pytest
+
+from monitor import cli
+from monitor.bus.link.recorder import message_of
+from tests.helpers.live_player import frames_of
+
+CHANNEL = "live-page"
+
+
+@pytest.fixture
+def port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        return int(free.getsockname()[1])
+
+
+@contextmanager
+def ecu_sending(seconds: float) -> Iterator[None]:
+    """Let an ECU send what it sent in a recorded drive, at its pace."""
+    frames = frames_of("healthy_micro_trips", seconds)
+
+    def send() -> None:
+        begin_s = time.monotonic()
+        with can.Bus(interface="virtual", channel=CHANNEL) as bus:
+            for frame in frames:
+                time.sleep(max(0.0, begin_s + frame.t_ns / 1e9 - time.monotonic()))
+                bus.send(message_of(frame._replace(t_ns=time.time_ns())))
+
+    thread = threading.Thread(target=send)
+    thread.start()
+    yield
+    thread.join()
+
+
+def watch(url: str, seconds: float, into: list[dict[str, Any]]) -> None:
+    """Collect what a browser is sent from when the page can be had."""
+    end_s = time.monotonic() + seconds
+    while time.monotonic() < end_s:
+        try:
+            with httpx.stream("GET", url + "events", timeout=5.0) as answer:
+                lines = (line for line in answer.iter_lines() if line.startswith("data: {"))
+                into.extend(json.loads(line.removeprefix("data: ")) for line in lines)
+                return
+        except httpx.ConnectError:
+            time.sleep(0.05)
+
+
+def test_a_run_shows_its_page_while_it_judges(
+    port: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    seen: list[dict[str, Any]] = []
+    url = f"http://127.0.0.1:{port}/"
+    watcher = threading.Thread(target=watch, args=[url, 10.0, seen])
+    watcher.start()
+    run = ["run", "-i", "virtual", "-c", CHANNEL, "--live", str(port), "--duration", "4"]
+    with ecu_sending(4.0):
+        assert cli.main(run) == 3
+    watcher.join()
+    assert f"live page: {url}" in capsys.readouterr().out
+    last = [message for message in seen if message][-1]
+    greeting = next(message for message in seen if "channel" in message)  # a browser may be earlier
+    assert greeting["channel"] == f"virtual {CHANNEL}"
+    assert greeting["limits"]["j_mu"] > 0.0
+    samples = [s for message in seen for s in message.get("samples", ())]
+    assert 20 <= len(samples) <= 45
+    assert last["now"]["samples"] >= len(samples)
+    health = [message["health"] for message in seen if "health" in message]
+    assert health[-1]["frames"] > 400
+    assert health[-1]["state"] == "active"
+    assert health[-1]["page_dropped"] == 0
+    with pytest.raises(httpx.ConnectError):
+        httpx.get(url)
+
+
+def test_a_port_that_is_taken_ends_the_command_before_the_loop(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        assert cli.main(["run", "-i", "virtual", "-c", CHANNEL, "--live", str(port)]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err == f"o2mon: --live 127.0.0.1:{port}: Address already in use\n"
+
+
+def test_a_page_that_others_can_reach_is_warned_of(
+    port: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = ["run", "-i", "virtual", "-c", CHANNEL, "--duration", "0.3", "--live", f"0.0.0.0:{port}"]
+    assert cli.main(run) == 3
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == f"live page: http://127.0.0.1:{port}/"
+    assert lines[1] == "warning: everyone who reaches 0.0.0.0 can read the live page"
+
+
+def test_an_address_that_is_none_is_a_usage_error(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["run", "-i", "virtual", "-c", CHANNEL, "--live", "here:there"])
+    assert ended.value.code == 2
+    assert "here:there: HOST:PORT is wanted" in capsys.readouterr().err
+
+
+def test_a_bus_that_cannot_be_opened_leaves_no_server_behind(port: int) -> None:
+    run = ["run", "-i", "socketcan", "-c", "no_such_bus", "--live", str(port)]
+    assert cli.main(run) == 2
+    with pytest.raises(httpx.ConnectError):
+        httpx.get(f"http://127.0.0.1:{port}/")

@@ -1,0 +1,121 @@
+"""A polled drive: recorded and replayed, checked, run; what ``--obd`` refuses."""
+
+import re
+from pathlib import Path
+
+import can
+import numpy as np
+import pytest
+
+import dbc
+from monitor.base import config
+from monitor.bus.loop import Loop
+from monitor.bus.polling.pids import interval_s
+from monitor.bus.polling.poller import ObdPoller
+from monitor.cli import main
+from monitor.report import replay
+from tests.helpers.obd_conversation import LENGTHS, PARAMETERS, Conversation
+from tests.helpers.obd_ecu import ObdEcu, SimulatedBus, answering, steady_ecu
+from tests.helpers.simulated_drives import WARM, driven
+from training.dyno.simulation import Experiment
+
+
+def a_drive(duration_s: float = 240.0) -> ObdEcu:
+    drive = driven(Experiment(duration_s=duration_s, conditions=WARM))
+    n = len(drive["engine_speed_rpm"])
+    return ObdEcu(np.arange(n) * 0.01, drive)
+
+
+def obd_setup() -> replay.Setup:
+    pair = (dbc.path("obd2.dbc"), dbc.path("obd2.toml"))
+    return replay.set_up(None, [pair], config.load())
+
+
+def test_replaying_the_recording_of_a_polled_drive_gives_the_same_events(tmp_path: Path) -> None:
+    # GIVEN a drive that the loop has polled, recorded and sampled
+    setup, log = obd_setup(), tmp_path / "polled.log"
+    with SimulatedBus(a_drive(), until_s=240.0) as bus:
+        loop = Loop(
+            bus, setup, record=log, trace=True, say=lambda _: None, monotonic_s=lambda: bus.now_s
+        )
+        loop.attachments.append(ObdPoller(PARAMETERS, LENGTHS))
+        bus.stop = loop.stop
+        loop.run()
+    live, seen = loop.result("polled"), loop.collector.trace()
+    # WHEN the recording is replayed
+    again, trace = replay.replay(log, setup, trace=True)
+    # THEN every sample and every event is the same
+    assert live["samples"] == again["samples"] > 2300
+    assert live["counters"]["unmapped"] == again["counters"]["unmapped"]
+    for key in ("windows", "dtcs", "enabled_samples", "enable"):
+        assert live[key] == again[key], key
+    for name in ("measured", "predicted"):
+        assert np.array_equal(getattr(seen, name), getattr(trace, name), equal_nan=True)
+        assert np.isfinite(getattr(trace, name)).sum() > 2000
+
+
+def test_without_being_asked_to_the_loop_sends_nothing() -> None:
+    with SimulatedBus(a_drive(60.0), until_s=10.0) as bus:
+        loop = Loop(bus, obd_setup(), say=lambda _: None, monotonic_s=lambda: bus.now_s)
+        bus.stop = loop.stop
+        loop.run()
+        assert bus.sent == []
+
+
+def test_it_polls_on_a_bus_in_real_time() -> None:
+    channel = "obd in real time"
+    with answering(steady_ecu(), channel), can.Bus(interface="virtual", channel=channel) as bus:
+        loop = Loop(bus, obd_setup(), say=lambda _: None)
+        poller = ObdPoller(PARAMETERS, LENGTHS)
+        loop.attachments.append(poller)
+        loop.run(3.0)
+    assert poller.counters.answers > 15
+    assert loop.pipeline.decoder.counters["OBD_Response"].used > 60
+
+
+def test_checking_asks_and_says_what_is_missing(capsys: pytest.CaptureFixture[str]) -> None:
+    channel = "obd check"
+    bus = ["-i", "virtual", "-c", channel, "--obd"]
+    with answering(steady_ecu(supported=(0x05, 0x0C, 0x0D, 0x34)), channel):
+        assert main(["check", *bus, "--seconds", "2"]) == 3
+    said = capsys.readouterr().out
+    assert "polled are the PIDs 05 34 0C 0D; not supported: " in said
+    assert re.search(r"engine_speed_rpm .* 2100 .* plausible", said)
+    assert re.search(r"the model lacks: .*fuel_mass_mg", said)
+    assert "lambda_measured" not in said.splitlines()[-1]
+
+
+def test_checking_where_nobody_answers_says_what_that_may_be(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    bus = ["-i", "virtual", "-c", "obd nobody", "--obd"]
+    assert main(["check", *bus, "--seconds", "1"]) == 3
+    said = capsys.readouterr().out
+    assert "nobody answers" in said
+    assert re.search(r"OBD-II: \d requests, 0 answered, silent \d", said)
+
+
+@pytest.mark.parametrize("command", ["run", "check"])
+def test_what_cannot_be_asked_for_is_refused(
+    command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bus = [command, "-i", "virtual", "-c", "obd refused", "--obd"]
+    own = ["--dbc", str(dbc.path("o2_ecu.dbc")), "--map", str(dbc.path("o2_ecu.toml"))]
+    assert main([*bus, *own]) == 2
+    assert "nothing to ask for by OBD-II" in capsys.readouterr().err
+    assert main([*bus, "--obd-request", "7E8"]) == 2
+    assert "0x7E8 is no identifier" in capsys.readouterr().err
+
+
+def test_running_with_a_model_of_a_fast_grid_says_so(capsys: pytest.CaptureFixture[str]) -> None:
+    bus = ["-i", "virtual", "-c", "obd fast", "--obd"]
+    assert main(["run", *bus, "--duration", "0.3", "--quiet"]) == 3
+    said = capsys.readouterr().out
+    assert "samples every 0.1 s, polling brings a signal about every 0.17 s" in said
+
+
+def test_polling_at_a_models_own_pace_is_told_from_polling_too_slowly() -> None:
+    assert interval_s(PARAMETERS, 12.0) == pytest.approx(0.18, abs=0.03)
+    talk = Conversation(steady_ecu()).run(60.0)
+    measured_s = 60 / len(talk.values["lambda_measured"])
+    assert interval_s(PARAMETERS, 12.0) == pytest.approx(measured_s, rel=0.3)

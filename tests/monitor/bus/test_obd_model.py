@@ -1,0 +1,81 @@
+"""From polled drives to a verdict: a model on a grid that polling can serve."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dbc
+from monitor.base import config
+from monitor.bus.loop import Loop
+from monitor.bus.polling.pids import lengths, wanted
+from monitor.bus.polling.poller import ObdPoller
+from monitor.model.step import Model
+from monitor.report import replay
+from tests.helpers.obd_ecu import ObdEcu, SimulatedBus
+from tests.helpers.simulated_drives import WARM
+from training.cli import main
+from training.dyno.simulation import Experiment, simulate
+
+PAIR = (dbc.path("obd2.dbc"), dbc.path("obd2.toml"))
+BUS = ["--dbc", str(PAIR[0]), "--map", str(PAIR[1])]
+DURATION_S = 600.0
+
+
+def polled(setup: replay.Setup, seed: int, log: Path) -> dict[str, object]:
+    """Poll a drive on the highway, record it and return what the loop says."""
+    experiment = Experiment(cycle="hwfet", vehicle=2051, seed=seed, duration_s=DURATION_S,
+                            conditions=WARM)  # fmt: skip
+    drive = simulate(experiment)
+    ecu = ObdEcu(np.arange(len(drive["engine_speed_rpm"])) * 0.01, drive)
+    parameters = wanted(setup.bus_map, setup.bus_map.names)
+    with SimulatedBus(ecu, until_s=DURATION_S, seed=seed) as bus:
+        loop = Loop(bus, setup, record=log, say=lambda _: None, monotonic_s=lambda: bus.now_s)
+        loop.attachments.append(ObdPoller(parameters, lengths(setup.bus_map, parameters)))
+        bus.stop = loop.stop
+        loop.run()
+    return loop.result("polled")
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    folder = tmp_path_factory.mktemp("polled")
+    setup = replay.set_up(None, [PAIR], config.load())
+    found = [folder / f"drive{n}.log" for n in range(3)]
+    for n, log in enumerate(found):
+        polled(setup, 2_051_000 + n, log)
+    return found
+
+
+def test_a_model_with_samples_half_a_second_apart_judges_polled_drives(
+    logs: list[Path], tmp_path: Path
+) -> None:
+    # GIVEN a model fitted to polled drives on a grid of 0.5 s, its limits set by them
+    model = tmp_path / "slow.onnx"
+    options = [
+        "--period",
+        "0.5",
+        "--lags",
+        "4",
+        "--hidden",
+        "6",
+        "--starts",
+        "1",
+        "--budget",
+        "0.5",
+    ]
+    assert main(["fit", *map(str, logs), *BUS, *options, "--out", str(model)]) == 0
+    rate = ["--false-alarms", "0.3"]
+    assert (
+        main(["calibrate", "--model", str(model), "--healthy", *map(str, logs), *BUS, *rate]) == 0
+    )
+    assert Model.load(model).card.period_ns == 500_000_000
+    # WHEN a further drive is polled and judged on the way
+    setup = replay.set_up(model, [PAIR], config.load())
+    live = polled(setup, 2_051_009, tmp_path / "further.log")
+    # THEN windows of 25 s are judged, none has a code, and the recording replays to the same
+    again, _ = replay.replay(tmp_path / "further.log", setup)
+    assert len(again["windows"]) >= 3
+    assert live["windows"] == again["windows"]
+    assert live["dtcs"] == again["dtcs"] == []
+    assert all(w["t_end_s"] - w["t_start_s"] == pytest.approx(24.5) for w in again["windows"])

@@ -1,0 +1,331 @@
+"""Polling by OBD-II, against an ECU on can-isotp."""
+
+import doctest
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import dbc
+from monitor.base.errors import SignalMapError, UsageError
+from monitor.base.types import Frame
+from monitor.bus.polling import answer
+from monitor.bus.polling.answer import Address, Reassembly, values_of
+from monitor.bus.polling.pids import wanted
+from monitor.bus.polling.poller import ObdPoller
+from monitor.decode.bus_map import load_pairs
+from tests.helpers.obd_conversation import LENGTHS, OBD, PARAMETERS, Conversation
+from tests.helpers.obd_ecu import J1979, STEADY, SUPPORTED, steady_ecu
+
+
+def expected() -> dict[str, float]:
+    """Return the steady values through J1979's quantisation, in the map's units."""
+    rate_l_h = round(STEADY["fuel_mass_mg"] * STEADY["engine_speed_rpm"] * 120 / 745e3 * 20) / 20
+    steps = {
+        "throttle_percent": round(STEADY["throttle_percent"] * 2.55) / 2.55,
+        "purge_duty_percent": round(STEADY["purge_duty_percent"] * 2.55) / 2.55,
+    }
+    return {**STEADY, **steps, "fuel_rate_l_h": rate_l_h}
+
+
+def test_the_lengths_of_all_parameters_follow_from_the_database() -> None:
+    asked = {pid for each in PARAMETERS for pid in each.pids}
+    assert len(asked) > 16
+    for pid in asked & J1979.keys():
+        assert LENGTHS[pid] == J1979[pid][0], f"{pid:02X}"
+    assert asked - J1979.keys() == {0x59}
+    assert LENGTHS[0x59] == 2
+
+
+def test_every_mapped_value_arrives_as_the_ecu_has_it() -> None:
+    talk = Conversation(steady_ecu()).run(5.0)
+    known = expected()
+    for name, values in talk.values.items():
+        assert values, name
+        assert values == pytest.approx([known[name]] * len(values), rel=1e-9), name
+
+
+def test_bitmaps_come_first_and_only_what_is_supported_and_mapped_is_asked_for() -> None:
+    talk = Conversation(steady_ecu(supported=(0x05, 0x0C, 0x0D, 0x1C, 0x34, 0x44))).run(5.0)
+    assert talk.asked[:3] == [(0x00,), (0x20,), (0x40,)]
+    assert {pid for request in talk.asked[3:] for pid in request} == {0x05, 0x0C, 0x0D, 0x34, 0x44}
+    (line,) = talk.said
+    assert "05 34 44 0C 0D" in line
+    assert "fuel_rate_l_h (5E)" in line
+
+
+def test_bitmaps_that_the_ecu_does_not_announce_are_not_asked_for() -> None:
+    talk = Conversation(steady_ecu(supported=(0x05, 0x0C, 0x0D))).run(2.0)
+    assert talk.asked[0] == (0x00,)
+    assert all(pid in (0x05, 0x0C, 0x0D) for request in talk.asked[1:] for pid in request)
+
+
+def test_several_parameters_go_into_one_request_at_most_six() -> None:
+    talk = Conversation(steady_ecu()).run(5.0)
+    assert {len(request) for request in talk.asked[3:]} == {6}
+
+
+def test_no_more_requests_go_out_than_the_rate_allows_and_one_at_a_time() -> None:
+    talk = Conversation(steady_ecu(), rate_hz=10.0).run(10.0)
+    times_s = np.array([t for t, _ in talk.ecu.asked])
+    assert np.diff(times_s).min() >= 0.1 - 1e-9
+    assert len(times_s) == pytest.approx(100, abs=3)
+    answered = talk.poller.counters
+    assert answered.requests - answered.answers <= 1
+    assert answered.silent == answered.malformed == 0
+
+
+def test_fast_signals_are_polled_more_often_than_slow_ones() -> None:
+    values = Conversation(steady_ecu()).run(60.0).values
+    assert len(values["lambda_measured"]) / 60 > 4
+    assert len(values["engine_speed_rpm"]) / 60 > 4
+    assert 0.2 < len(values["ambient_pressure_kpa"]) / 60 < 1
+    for name, seen in values.items():
+        assert len(seen) >= 3 * 60 / OBD.channels[name].mapped.timeout_s, name
+
+
+def test_an_ecu_that_answers_one_parameter_at_a_time_is_polled_so() -> None:
+    talk = Conversation(steady_ecu(at_once=1)).run(20.0)
+    assert {len(request) for request in talk.asked[4:]} == {1}
+    known = expected()
+    for name, values in talk.values.items():
+        assert values == pytest.approx([known[name]] * len(values), rel=1e-9), name
+        assert values
+
+
+def test_an_ecu_that_answers_only_the_first_of_several_is_polled_one_by_one() -> None:
+    ecu = steady_ecu()
+    ecu.override = lambda r: None if len(r) == 2 else [b"\x41" + ecu._data(r[1], 0.0)]
+    talk = Conversation(ecu).run(20.0)
+    assert {len(request) for request in talk.asked[5:]} == {1}
+    assert all(talk.values.values())
+
+
+def test_a_parameter_that_is_announced_but_never_answered_does_not_hold_up_the_others() -> None:
+    ecu = steady_ecu()
+    own = ecu._data
+    ecu._data = lambda pid, now_s: b"" if pid == 0x23 else own(pid, now_s)  # type: ignore[method-assign]
+    talk = Conversation(ecu).run(60.0)
+    assert 0x23 not in talk.polled
+    assert len(talk.polled) == len(PARAMETERS) - 1
+    assert [len(request) for request in talk.asked[-20:]] == [6] * 20
+
+
+def test_nothing_is_asked_beside_a_pending_answer() -> None:
+    ecu = steady_ecu()
+    talk = Conversation(ecu).run(1.0)
+    ecu.override = lambda _: [b"\x7f\x01\x78"]
+    talk.run(0.2)
+    before = len(ecu.asked)
+    talk.run(3.0)
+    assert len(ecu.asked) == before  # waits for the answer to come
+    talk.run(3.0)
+    assert len(ecu.asked) > before  # but not for ever
+
+
+def test_a_busy_ecu_is_asked_ever_less_often_and_normally_again_later() -> None:
+    ecu = steady_ecu()
+    talk = Conversation(ecu).run(1.0)
+    ecu.override = lambda _: [b"\x7f\x01\x21"]
+    talk.run(30.0)
+    times_s = np.array([t for t, _ in ecu.asked if t > 1.2])
+    pauses_s = np.diff(times_s)
+    assert np.all(np.diff(pauses_s) > -0.05)
+    assert 4.9 < pauses_s[-1] < 5.2
+    ecu.override = lambda _: None
+    talk.run(6.0)
+    before = len(ecu.asked)
+    talk.run(5.0)
+    assert len(ecu.asked) - before > 50
+
+
+def test_a_silent_bus_is_asked_seldom_and_a_returning_ecu_is_found() -> None:
+    ecu = steady_ecu()
+    talk = Conversation(ecu).run(2.0)
+    ecu.override = lambda _: []
+    talk.run(60.0)
+    late = [t for t, _ in ecu.asked if t > 40.0]
+    assert len(late) <= 5
+    ecu.override = lambda _: None
+    talk.run(7.0)
+    assert talk.polled
+    assert len([t for t, _ in ecu.asked if t > 69.0 - 1.0]) > 8
+
+
+@pytest.mark.parametrize(
+    ("requests", "response"),
+    [((0x7DF,), 0x7E8), ((0x7DF, 0x7E0), 0x7E8), ((0x18DB33F1, 0x18DA10F1), 0x18DAF110)],
+)
+def test_the_ecu_is_found_whichever_way_it_is_addressed(
+    requests: tuple[int, ...], response: int
+) -> None:
+    ecu = steady_ecu(
+        requests=(*requests, 0x7E0) if response == 0x7E8 else requests, response=response
+    )
+    if requests == (0x7DF,):  # a gateway that lets only flow control through
+        ecu.override = lambda r: [] if talk.bus.sent[-1][1].arbitration_id == 0x7E0 else None
+    talk = Conversation(ecu)
+    talk.run(12.0)
+    known = expected()
+    for name, values in talk.values.items():
+        assert values == pytest.approx([known[name]] * len(values), rel=1e-9), name
+        assert values, name
+    extended = {m.is_extended_id for _, m in talk.bus.sent if m.arbitration_id in requests}
+    assert extended == {response > 0x7FF}
+
+
+def test_a_lost_frame_costs_one_answer_and_brings_no_wrong_value() -> None:
+    talk = Conversation(steady_ecu())
+    talk.bus.loss = 0.03
+    talk.run(120.0)
+    known = expected()
+    for name, values in talk.values.items():
+        assert values == pytest.approx([known[name]] * len(values), rel=1e-9), name
+    assert len(talk.values["lambda_measured"]) > 240
+    assert talk.poller.counters.silent > 10
+
+
+def test_another_testers_conversation_is_left_alone() -> None:
+    talk = Conversation(steady_ecu()).run(1.0)
+    sent = len(talk.bus.sent)
+    for k in range(40):  # first and consecutive frames of somebody else's answer
+        at_s = talk.bus.now_s + 0.025 * k
+        talk.bus.put(at_s, 0x7E8, bytes.fromhex("100A490401 313233".replace(" ", "")))
+        talk.bus.put(at_s + 0.001, 0x7E8, bytes.fromhex("21410C00FF000000"))
+    talk.run(2.0)
+    flow = [m for _, m in talk.bus.sent[sent:] if m.data[0] == 0x30]
+    requests = [m for _, m in talk.bus.sent[sent:] if m.data[0] != 0x30]
+    assert len(flow) <= len(requests)
+    assert set(talk.values["engine_speed_rpm"]) == {STEADY["engine_speed_rpm"]}
+
+
+def test_answers_to_other_testers_are_neither_acknowledged_nor_counted() -> None:
+    poller = ObdPoller(PARAMETERS, LENGTHS)
+    poller.work(0.0)  # asks for the bitmap 00
+    for data in ("100E410C1AF80D2A", "0441 0C1AF8", "037F0222", "0749020131"):
+        assert not list(poller.receive(Frame(0, 0x7E8, False, bytes.fromhex(data))))
+        assert poller.work(0.01) == []
+    assert poller.counters.malformed == poller.counters.refused == poller.counters.answers == 0
+
+
+def test_flow_control_goes_to_the_engine_alone_when_all_were_asked() -> None:
+    ecu = steady_ecu(requests=(0x7DF, 0x7E0))
+    talk = Conversation(ecu, addresses=[Address.of(0x7DF)]).run(3.0)
+    assert {m.arbitration_id for _, m in talk.bus.sent if m.data[0] == 0x30} == {0x7E0}
+    assert {m.arbitration_id for _, m in talk.bus.sent if m.data[0] != 0x30} == {0x7DF}
+
+
+def test_after_silence_the_bitmaps_are_read_again() -> None:
+    ecu = steady_ecu()
+    talk = Conversation(ecu).run(2.0)
+    ecu.override = lambda _: []
+    talk.run(10.0)
+    ecu.override, ecu.supported = lambda _: None, (0x0C, 0x0D)
+    talk.run(8.0)
+    assert talk.polled == {0x0C, 0x0D}
+
+
+def test_bitmaps_beyond_what_is_mapped_are_not_read() -> None:
+    talk = Conversation(steady_ecu(supported=(*SUPPORTED, 0x7F, 0xA6))).run(3.0)
+    assert talk.asked[:3] == [(0x00,), (0x20,), (0x40,)]
+    assert all(pid % 0x20 for request in talk.asked[3:] for pid in request)
+
+
+def test_of_two_parameters_for_one_signal_only_the_first_is_asked_for() -> None:
+    talk = Conversation(steady_ecu(supported=(*SUPPORTED, 0x24))).run(3.0)
+    assert talk.polled & {0x24, 0x34} == {0x24}
+    assert set(talk.values["lambda_measured"]) == {STEADY["lambda_measured"]}
+
+
+def test_an_answer_with_a_frame_missing_is_thrown_away() -> None:
+    subject = Reassembly()
+    frames = [
+        bytes.fromhex(x) for x in ("1014410B2F0C20CD", "210D530547342AAA", "225555AAAAAAAAAA")
+    ]
+    assert [subject.push(data) for data in frames[:2]] == [None, None]
+    whole = subject.push(frames[2])
+    assert whole is not None
+    assert len(whole) == 0x14
+    subject.push(frames[0])
+    assert subject.push(frames[2]) is None
+    assert not subject.is_running
+    assert subject.push(frames[1]) is None
+
+
+def test_a_parameter_that_is_cut_short_says_nothing() -> None:
+    assert values_of(bytes.fromhex("410D530C1A"), (0x0C, 0x0D), LENGTHS) == [(0x0D, b"\x53")]
+    assert values_of(b"\x41", (0x0C,), LENGTHS) == []
+
+
+def test_what_a_longer_answer_says_comes_at_the_time_of_its_last_frame() -> None:
+    talk = Conversation(steady_ecu()).run(1.0)
+    made = [f for f in talk.frames if len(f.data) < 8]
+    raw = [f for f in talk.frames if len(f.data) == 8]
+    assert made
+    last = {f.t_ns for f in raw if f.data[0] >> 4 == 2}
+    assert {f.t_ns for f in made} <= last
+    assert all(f.can_id == 0x7E8 and f.data[1] == 0x41 for f in made)
+
+
+def test_no_value_counts_twice() -> None:
+    # GIVEN three PIDs of a byte each, whose answer fits one frame that shows the first by itself
+    talk = Conversation(steady_ecu(supported=(0x05, 0x0B, 0x0D))).run(5.0)
+    n = len(talk.asked) - 1
+    for name in ("coolant_temperature_degc", "manifold_pressure_kpa", "vehicle_speed_km_h"):
+        assert len(talk.values[name]) in (n, n - 1), name
+
+
+def test_a_map_without_obd_signals_is_refused() -> None:
+    ecu = load_pairs([(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))])
+    with pytest.raises(SignalMapError, match=r"o2_ecu\.toml: nothing to ask for by OBD-II"):
+        wanted(ecu, ecu.names)
+
+
+@pytest.mark.parametrize("request_id", [0x123, 0x7E8, 0x18DAF1F1, 0x18DA10F2, -1])
+def test_an_identifier_that_is_no_request_is_refused(request_id: int) -> None:
+    with pytest.raises(UsageError, match="no identifier of an OBD-II request"):
+        Address.of(request_id)
+
+
+def test_its_examples_run() -> None:
+    ran = doctest.testmod(answer)
+    assert ran.attempted > 1
+    assert not ran.failed
+
+
+def test_the_gear_box_can_be_asked_too() -> None:
+    assert Address.of(0x7E1) == Address(0x7E1, 0x7E1, 0x7E9)
+    assert Address.of(0x18DA18F1) == Address(0x18DA18F1, 0x18DA18F1, 0x18DAF118, True)
+
+
+@settings(max_examples=300, deadline=None)
+@given(frames=st.lists(st.binary(max_size=8), max_size=30))
+def test_no_sequence_of_frames_upsets_the_reassembly(frames: list[bytes]) -> None:
+    subject = Reassembly()
+    for data in frames:
+        answer = subject.push(data)
+        if answer is not None:
+            assert 1 <= len(answer) <= 4095
+            values_of(answer, tuple(J1979), LENGTHS)
+
+
+@settings(max_examples=200, deadline=None)
+@given(data=st.data())
+def test_no_frames_upset_the_poller_and_the_requests_stay_polite(data: st.DataObject) -> None:
+    poller = ObdPoller(PARAMETERS, LENGTHS)
+    now_s, requests = 0.0, []
+    start = st.sampled_from([b"\x41", b"\x7f\x01", b"\x06\x41\x00", b"\x10\x20\x41\x0c", b"\x21"])
+    payloads = st.one_of(
+        st.binary(max_size=8), st.tuples(start, st.binary(max_size=8)).map(b"".join)
+    )
+    for _ in range(40):
+        now_s += data.draw(st.floats(0, 0.6))
+        made = list(poller.receive(Frame(0, 0x7E8, False, data.draw(payloads)[:8])))
+        assert all(len(f.data) <= 8 for f in made)
+        for frame in poller.work(now_s):
+            if frame.data[0] != 0x30:
+                requests.append(now_s)
+                assert frame.data[0] <= 7
+    assert all(b - a >= 1 / 12 - 1e-9 for a, b in itertools.pairwise(requests))

@@ -1,0 +1,265 @@
+"""The live loop, on a bus that is played from memory; the real bus is in tests/vcan."""
+
+from pathlib import Path
+from typing import Any
+
+import can
+import pytest
+from cantools.database import load_file
+
+import dbc
+from monitor.base import config
+from monitor.base.errors import RecordingError
+from monitor.base.types import Frame
+from monitor.bus.loop import Loop
+from monitor.frames.logs import read_frames
+from monitor.frames.loop_frames import TIME_MARK_ID
+from monitor.memory.store import Memory
+from monitor.report import replay
+from tests.conftest import ROOT
+from tests.helpers.played_bus import Pause, PlayedBus, judged, run_on
+
+
+@pytest.fixture(scope="module")
+def setup() -> replay.Setup:
+    return replay.set_up(None, [], config.load())
+
+
+@pytest.fixture(scope="module")
+def late_sensor() -> list[Frame]:
+    (log,) = ROOT.glob("replay_logs/delay_rich_to_lean_*.blf")
+    return list(read_frames(log))[: 200 * 150]
+
+
+@pytest.mark.parametrize("suffix", ["log", "blf"])
+def test_a_replay_of_what_was_recorded_gives_the_same_events(
+    setup: replay.Setup, late_sensor: list[Frame], tmp_path: Path, suffix: str
+) -> None:
+    record = tmp_path / f"drive.{suffix}"
+    live, _ = run_on(late_sensor, setup, record=record)
+    again, _ = replay.replay(record, setup)
+    assert live["windows"]
+    assert live["fault_flag"]
+    assert judged(live) == judged(again)
+
+
+def test_a_bus_that_falls_silent_is_missed_and_the_recording_says_so(
+    setup: replay.Setup, late_sensor: list[Frame], tmp_path: Path
+) -> None:
+    # GIVEN a bus that falls silent for ten seconds and never comes back
+    record = tmp_path / "silent.log"
+    live, _ = run_on([*late_sensor[:4000], Pause(10.0)], setup, record=record)
+    # THEN the lost communication is a code, while the bus is still silent
+    assert [d["code"] for d in live["dtcs"]] == ["U0100"]
+    # AND the recording holds the time marks that a replay needs to see it, too
+    assert any(frame.can_id == TIME_MARK_ID for frame in read_frames(record))
+    again, _ = replay.replay(record, setup)
+    assert judged(live) == judged(again)
+
+
+def test_error_frames_and_remote_frames_are_counted_and_survived(
+    setup: replay.Setup, late_sensor: list[Frame], tmp_path: Path
+) -> None:
+    noise = [
+        can.Message(timestamp=0.0, is_error_frame=True),
+        can.Message(timestamp=0.0, is_remote_frame=True, arbitration_id=0xC2),
+    ]
+    script = [*late_sensor[:3000], *noise, *late_sensor[3000:6000]]
+    live, _ = run_on(script, setup, record=tmp_path / "all.log")
+    assert live["counters"]["skipped"] == 2
+    assert live["samples"] > 250
+
+
+def test_without_leave_nothing_is_sent_and_with_it_the_fault_flag_goes_out(
+    setup: replay.Setup, late_sensor: list[Frame]
+) -> None:
+    _, silent = run_on(late_sensor[:2000], setup)
+    assert silent.sent == []
+    live, bus = run_on(late_sensor, setup, transmit=True)
+    assert live["fault_flag"]
+    database = load_file(dbc.path("o2_monitor.dbc"))
+    status = [m for m in bus.sent if m.arbitration_id == 0x5C0]
+    flags = [
+        database.decode_message(m.arbitration_id, m.data, decode_choices=False)["FaultFlag"]
+        for m in status
+    ]
+    assert flags[0] == 0
+    assert flags[-1] == 1
+    last = database.decode_message(0x5C0, status[-1].data, decode_choices=False)
+    assert last["Dtc"] == 0x015A
+
+
+def test_a_code_that_fails_again_in_the_next_driving_cycle_is_confirmed(
+    setup: replay.Setup, late_sensor: list[Frame], tmp_path: Path
+) -> None:
+    states = []
+    for _ in range(2):
+        memory = Memory(tmp_path / "memory.db")
+        live, _ = run_on(late_sensor, setup, memory=memory)
+        memory.close()
+        states.append({d["code"]: d["state"] for d in live["dtcs"]})
+    assert states == [{"P015A": "pending"}, {"P015A": "confirmed"}]
+
+
+def test_a_bus_on_which_nothing_was_ever_heard_is_missed_too(setup: replay.Setup) -> None:
+    live, _ = run_on([Pause(60.0)], setup)
+    assert [d["code"] for d in live["dtcs"]] == ["U0100"]
+
+
+def test_frames_of_can_fd_are_recorded_as_they_came(
+    setup: replay.Setup, late_sensor: list[Frame], tmp_path: Path
+) -> None:
+    long = [Frame(f.t_ns, 0x300, False, bytes(12)) for f in late_sensor[:5]]
+    for suffix in ("log", "blf", "asc"):
+        record = tmp_path / f"fd.{suffix}"
+        run_on([*long, *late_sensor[5:50]], setup, record=record)
+        frames = list(read_frames(record))
+        assert len(frames) == 50
+        assert frames[0].data == bytes(12)
+
+
+def test_what_could_not_be_replayed_is_not_recorded(
+    setup: replay.Setup, late_sensor: list[Frame], tmp_path: Path
+) -> None:
+    with pytest.raises(RecordingError, match=r"drive\.txt"):
+        run_on(late_sensor[:10], setup, record=tmp_path / "drive.txt")
+
+
+def test_a_run_of_days_keeps_the_latest_windows_and_says_how_many_it_dropped(
+    setup: replay.Setup, late_sensor: list[Frame], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("monitor.bus.loop.KEEP", 3)
+    live, _ = run_on(late_sensor, setup)
+    assert len(live["windows"]) == 3
+    assert live["windows_dropped"] == live["windows"][-1]["index"] + 1 - 3 > 0
+
+
+def bus_off(t_ns: int) -> can.Message:
+    return can.Message(
+        timestamp=t_ns / 1e9, arbitration_id=0x40, is_error_frame=True, data=bytes(8)
+    )
+
+
+def test_while_the_monitor_itself_is_off_the_bus_no_sender_is_blamed(
+    setup: replay.Setup, late_sensor: list[Frame], tmp_path: Path
+) -> None:
+    # GIVEN a bus on which the monitor's own controller goes off and stays off
+    record = tmp_path / "off.log"
+    script = [*late_sensor[:4000], bus_off(late_sensor[4000].t_ns), Pause(10.0)]
+    live, _ = run_on(script, setup, record=record)
+    # THEN the code is that of its own communication
+    assert [d["code"] for d in live["dtcs"]] == ["U0001"]
+    # AND the recording says so, too
+    again, _ = replay.replay(record, setup)
+    assert judged(live) == judged(again)
+
+
+def test_after_the_bus_came_back_a_sender_that_stays_away_is_not_excused(
+    setup: replay.Setup, late_sensor: list[Frame], tmp_path: Path
+) -> None:
+    record = tmp_path / "back.log"
+    stranger = Frame(late_sensor[3999].t_ns + 1_000_000_000, 0x7A0, False, b"")
+    script = [*late_sensor[:4000], bus_off(0), Pause(1.0), stranger, Pause(10.0)]
+    live, _ = run_on(script, setup, record=record)
+    assert [d["code"] for d in live["dtcs"]] == ["U0100"]
+    again, _ = replay.replay(record, setup)
+    assert judged(live) == judged(again)
+
+
+class FullDisk(Memory):
+    """A fault memory that cannot be written for its first so many tries."""
+
+    def __init__(self, path: Path, tries: int) -> None:
+        super().__init__(path)
+        self.tries_left = tries
+
+    def save(self, saved: Any) -> None:
+        self.tries_left -= 1
+        if self.tries_left >= 0:
+            raise RecordingError("o2.db: cannot store the fault memory: disk is full")
+        super().save(saved)
+
+
+@pytest.mark.parametrize("tries", [2, 1_000_000])
+def test_a_memory_that_cannot_be_written_is_told_once_and_the_judging_goes_on(
+    tries: int, setup: replay.Setup, late_sensor: list[Frame], tmp_path: Path
+) -> None:
+    said: list[str] = []
+    memory = FullDisk(tmp_path / "o2.db", tries)
+    bus = PlayedBus([*late_sensor, Pause(30.0)])
+    with bus:
+        loop = Loop(bus, setup, memory=memory, say=said.append, monotonic_s=lambda: bus.now_s)
+        bus.stop = loop.stop
+        loop.run()
+    assert "P015A" in [d["code"] for d in loop.result("played")["dtcs"]]
+    assert loop.health.memory_errors >= 2
+    assert len([line for line in said if "disk is full" in line]) == 1
+    # AND once there is room again, what was not stored is
+    stored = {d.code for d in memory.load().dtcs if d.state}
+    assert ("P015A" in stored) == (tries == 2)
+    memory.close()
+
+
+def test_a_log_that_cannot_be_written_any_more_ends_and_the_judging_goes_on(
+    setup: replay.Setup, late_sensor: list[Frame]
+) -> None:
+    said: list[str] = []
+    if not Path("/dev/full").exists():
+        pytest.skip("no /dev/full")
+    record = Path("/dev/full")
+    bus = PlayedBus(late_sensor)
+    with bus, pytest.MonkeyPatch.context() as patch:
+        patch.setattr("monitor.bus.link.recorder.log_kind", lambda path: ".log")
+        patch.setattr("monitor.bus.link.recorder.can.Logger", can.CanutilsLogWriter)
+        loop = Loop(bus, setup, record=record, say=said.append, monotonic_s=lambda: bus.now_s)
+        bus.stop = loop.stop
+        loop.run()
+    assert loop.result("played")["fault_flag"]
+    assert len([line for line in said if "No space left" in line]) == 1
+
+
+class GoneBus(PlayedBus):
+    """A played bus that fails where its script ends."""
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        message = super().recv(timeout)
+        if message is None and self._pending is None:
+            raise can.CanOperationError("Network is down", 100)
+        return message
+
+
+def test_a_drive_goes_on_after_the_interface_was_away(
+    setup: replay.Setup, late_sensor: list[Frame], tmp_path: Path
+) -> None:
+    # GIVEN an interface that goes away for twenty seconds in the middle of a drive
+    gap_s, n = 20.0, 15_000
+    later = [f._replace(t_ns=f.t_ns + round(gap_s * 1e9)) for f in late_sensor[n:]]
+    first, second = GoneBus(late_sensor[:n]), PlayedBus(later)
+    said: list[str] = []
+    now = [0.0]
+
+    def reopen() -> can.BusABC:
+        if now[0] < gap_s:
+            raise OSError(19, "No such device")
+        return second
+
+    def sleep(seconds: float) -> None:
+        now[0] += seconds
+
+    record = tmp_path / "gap.log"
+    loop = Loop(
+        first, setup, reopen=reopen, record=record, say=said.append,
+        monotonic_s=lambda: now[0], sleep=sleep,
+    )  # fmt: skip
+    second.stop = loop.stop
+    loop.run()
+    live = loop.result("played")
+    # THEN it is the monitor's own communication that failed, and the sensor is judged before and
+    # after; the recording replays to the same
+    codes = {d["code"] for d in live["dtcs"]}
+    assert "U0001" in codes
+    assert "U0100" not in codes
+    assert live["windows"][-1]["t_start_s"] > n / 200 + gap_s
+    assert (loop.health.losses, loop.health.reconnects) == (1, 1)
+    again, _ = replay.replay(record, setup)
+    assert judged(live) == judged(again)

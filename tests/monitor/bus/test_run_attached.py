@@ -1,0 +1,138 @@
+"""What is attached to the live loop, and what it keeps to itself."""
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from monitor.base import config
+from monitor.base.types import Frame
+from monitor.bus.loop import Loop
+from monitor.frames.logs import read_frames
+from monitor.frames.loop_frames import FIRST_ID, is_own
+from monitor.pipeline.stream import DtcChanged, Event
+from monitor.report import replay
+from tests.conftest import ROOT
+from tests.helpers.played_bus import Ear, PlayedBus, judged, run_on
+
+
+@pytest.fixture(scope="module")
+def setup() -> replay.Setup:
+    return replay.set_up(None, [], config.load())
+
+
+@pytest.fixture(scope="module")
+def late_sensor() -> list[Frame]:
+    (log,) = ROOT.glob("replay_logs/delay_rich_to_lean_*.blf")
+    return list(read_frames(log))[: 200 * 150]
+
+
+@pytest.mark.parametrize("number", range(FIRST_ID, FIRST_ID + 3))
+def test_what_comes_from_the_bus_under_an_identifier_of_the_loop_is_refused(
+    number: int, setup: replay.Setup, late_sensor: list[Frame], tmp_path: Path
+) -> None:
+    # GIVEN a node that says on the bus what only the loop may say
+    foreign = Frame(late_sensor[4000].t_ns, number, True, b"\x01")
+    record = tmp_path / "foreign.log"
+    live, _ = run_on([*late_sensor[:4000], foreign, *late_sensor[4000:8000]], setup, record=record)
+    # THEN nothing changes by it
+    alone, _ = run_on(late_sensor[:8000], setup)
+    assert judged(live) == judged(alone)
+    assert not any(is_own(frame) for frame in read_frames(record))
+
+
+class Clearing:
+    """An attachment that clears the codes when a certain frame comes."""
+
+    identifiers = ((0x6F0, False),)
+    due_s = math.inf
+
+    def __init__(self) -> None:
+        self.clear: Callable[[], None] = lambda: None
+        self.events: list[Event] = []
+
+    def receive(self, frame: Frame) -> list[Frame]:
+        self.clear()
+        return []
+
+    def push(self, event: Event) -> None:
+        self.events.append(event)
+
+    def work(self, now_s: float) -> list[Frame]:
+        return []
+
+    def close(self) -> None:
+        pass
+
+
+def test_codes_that_a_tester_clears_are_cleared_in_a_replay_of_the_recording(
+    setup: replay.Setup, late_sensor: list[Frame], tmp_path: Path
+) -> None:
+    # GIVEN a drive with a code, which is then cleared
+    record = tmp_path / "cleared.log"
+    asked = Frame(late_sensor[-1].t_ns, 0x6F0, False, b"")
+    tester = Clearing()
+    bus = PlayedBus([*late_sensor, asked])
+    with bus:
+        loop = Loop(bus, setup, record=record, attachments=[tester], say=lambda _: None,
+                    monotonic_s=lambda: bus.now_s)  # fmt: skip
+        tester.clear, bus.stop = loop.clear_codes, loop.stop
+        loop.run()
+    live = loop.result("played")
+    # THEN it was set and is gone
+    states = [e.dtc.state for e in tester.events if isinstance(e, DtcChanged)]
+    assert "pending" in states
+    assert live["dtcs"] == []
+    # AND so it is in a replay
+    again, _ = replay.replay(record, setup)
+    assert judged(live) == judged(again)
+
+
+def test_what_an_attachment_makes_of_a_frame_is_recorded_and_judged(
+    setup: replay.Setup, late_sensor: list[Frame], tmp_path: Path
+) -> None:
+    # GIVEN an attachment that, asked, knows what the next thousand frames were
+    record = tmp_path / "made.log"
+    begin, rest = late_sensor[:1000], late_sensor[1000:2000]
+    ear = Ear(answer=rest)
+    asked = Frame(rest[0].t_ns, 0x6F0, False, b"")
+    live, bus = run_on([*begin, asked], setup, record=record, attachments=[ear])
+    # THEN these are judged like received ones, and stand in the log
+    assert ear.heard == [asked]
+    assert live["samples"] > 90
+    again, _ = replay.replay(record, setup)
+    assert judged(live) == judged(again)
+    assert (ear.closed, bus.sent) == (1, [])
+
+
+def test_the_filters_are_what_is_judged_and_what_is_attached(
+    setup: replay.Setup, late_sensor: list[Frame]
+) -> None:
+    _, bus = run_on(late_sensor[:10], setup, attachments=[Ear()])
+    assert bus.filters is not None
+    wanted = {(f["can_id"], f["extended"]) for f in bus.filters}
+    assert (0x6F0, False) in wanted
+    assert len(wanted) > 5
+
+
+@pytest.mark.parametrize("where", ["receive", "push", "work", "due", "close"])
+def test_an_attachment_that_raises_is_let_go_and_the_judging_goes_on(
+    where: str, setup: replay.Setup, late_sensor: list[Frame]
+) -> None:
+    bad, good, said = Ear(fails_at=where), Ear(), []
+    asked = Frame(late_sensor[100].t_ns, 0x6F0, False, b"")
+    bus = PlayedBus([*late_sensor[:100], asked, *late_sensor[100:2000]])
+    with bus:
+        loop = Loop(
+            bus, setup, attachments=[bad, good], say=said.append, monotonic_s=lambda: bus.now_s
+        )
+        bus.stop = loop.stop
+        loop.run()
+    assert loop.result("played")["samples"] > 90
+    assert len(good.events) > 90
+    assert good.heard == [asked]
+    assert (bad.closed, good.closed) == (1, 1)
+    assert loop.health.detached == (where != "close")
+    assert [line for line in said if f"no more {where}" in line] == said
+    assert len(said) == 1

@@ -1,0 +1,291 @@
+"""What a run prints: to a person, a program, a journal; and what it tells the service manager."""
+
+import io
+import json
+import os
+import pty
+import select
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from monitor.base import config
+from monitor.base.errors import UsageError
+from monitor.base.types import Frame
+from monitor.bus.loop import Loop
+from monitor.bus.realtime import use_cpu, use_priority
+from monitor.bus.terminal import REDRAW_S, WAITING_LINES, JsonLines, Lines, Out, Screen, Status
+from monitor.bus.watchdog import Watchdog
+from monitor.frames.logs import read_frames
+from monitor.judge.enable import CONDITIONS
+from monitor.memory.store import Memory
+from monitor.pipeline.stream import Event, Tick
+from monitor.report import replay
+from tests.helpers.played_bus import PlayedBus
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+@pytest.fixture(scope="module")
+def late_sensor() -> list[Frame]:
+    (log,) = ROOT.glob("replay_logs/delay_rich_to_lean_*.blf")
+    return list(read_frames(log))[: 200 * 120]
+
+
+@pytest.fixture(scope="module")
+def loop(late_sensor: list[Frame]) -> Loop:
+    """A loop at the end of a faulty drive, with what it said in its Recollection."""
+    bus = PlayedBus(late_sensor)
+    with bus:
+        loop = Loop(
+            bus,
+            replay.set_up(None, [], config.load()),
+            say=lambda _: None,
+            monotonic_s=lambda: bus.now_s,
+        )
+        loop.attachments.append(Recollection())
+        bus.stop = loop.stop
+        loop.run()
+    return loop
+
+
+class Recollection(Status):
+    """Keeps every event."""
+
+    def __init__(self) -> None:
+        self.events: list[Event] = []
+
+    def push(self, event: Event) -> None:
+        self.events.append(event)
+
+
+def events(loop: Loop) -> list[Event]:
+    (kept,) = [a for a in loop.attachments if isinstance(a, Recollection)]
+    return kept.events
+
+
+def told(view: Status, loop: Loop) -> None:
+    for event in events(loop):
+        view.push(event)
+        view.work(0.0)
+    view.close()
+
+
+def test_a_journal_gets_a_line_for_every_event_but_ticks(loop: Loop) -> None:
+    stream = io.StringIO()
+    told(Lines(loop.pipeline.monitor, loop.health, loop.collector, Out(stream)), loop)
+    lines = stream.getvalue().splitlines()
+    assert len(lines) == sum(not isinstance(e, Tick) for e in events(loop))
+    assert any("window 0" in line for line in lines)
+    assert any("P015A delay_rich_to_lean pending" in line for line in lines)
+    assert "\x1b" not in stream.getvalue()
+
+
+def test_the_status_says_what_is_measured_what_blocks_and_how_the_bus_is(loop: Loop) -> None:
+    status = Status(loop.pipeline.monitor, loop.health)
+    assert "nothing received yet" in status.line()
+    for event in events(loop):
+        status.push(event)
+        if isinstance(event, Tick) and event.enabled:
+            assert "enabled" in status.line()
+        elif isinstance(event, Tick):
+            blocking = CONDITIONS[event.conditions.index(False)]
+            assert f"waits: {blocking}" in status.line()
+    line = status.line()
+    assert "P015A pending" in line
+    assert "bus active" in line
+    assert f"{loop.health.frames} frames" in line
+
+
+def test_bad_news_of_the_bus_stands_in_the_status(loop: Loop) -> None:
+    status = Status(loop.pipeline.monitor, loop.health)
+    before = status.line()
+    loop.health.drops, loop.health.overruns, loop.health.reconnects = 3, 4, 5
+    try:
+        line = status.line()
+    finally:
+        loop.health.drops = loop.health.overruns = loop.health.reconnects = 0
+    assert "lost 7" in line
+    assert "reconnects 5" in line
+    assert "lost" not in before
+
+
+def test_the_screen_is_drawn_four_times_a_second_at_most(loop: Loop) -> None:
+    stream = io.StringIO()
+    screen = Screen(loop.pipeline.monitor, loop.health, loop.collector, Out(stream))
+    ticks = [e for e in events(loop) if isinstance(e, Tick)][:1000]
+    for number, tick in enumerate(ticks):
+        screen.push(tick)
+        screen.work(number * 0.01)  # ten seconds
+        assert screen.due_s <= number * 0.01 + REDRAW_S
+    drawn = stream.getvalue().count("\r\x1b[K")
+    assert 20 <= drawn <= 41
+    assert "\n" not in stream.getvalue()
+    # AND what is left is a clean line
+    screen.close()
+    assert stream.getvalue().endswith("\r\x1b[K")
+
+
+def test_lines_stand_above_the_screen(loop: Loop) -> None:
+    stream = io.StringIO()
+    out = Out(stream)
+    out.draw("state")
+    out.say("line")
+    assert stream.getvalue() == "\r\x1b[Kstate\r\x1b[Kline\nstate"
+
+
+def test_every_line_of_json_has_its_schema_and_is_finite(loop: Loop) -> None:
+    stream = io.StringIO()
+    told(JsonLines(loop.pipeline.monitor, loop.health, Out(stream), lambda: 5.0), loop)
+    lines = [
+        json.loads(line, parse_constant=pytest.fail) for line in stream.getvalue().splitlines()
+    ]
+    assert {(line["schema"], line["wall_s"]) for line in lines} == {("o2mon.run/1", 5.0)}
+    kinds = {line["type"] for line in lines}
+    assert kinds >= {"window", "dtc", "health"}
+    windows = [line for line in lines if line["type"] == "window"]
+    recorded = loop.result("played")["windows"]
+    assert [w["mean"] for w in windows] == pytest.approx([w["mean"] for w in recorded], abs=1e-8)
+    assert [w["verdict"] for w in windows] == [w["verdict"] for w in recorded]
+    codes = {line["code"]: line["state"] for line in lines if line["type"] == "dtc"}
+    assert codes["P015A"] == "pending"
+    last = lines[-1]
+    assert last["type"] == "health"
+    assert (last["frames"], last["state"]) == (loop.health.frames, "active")
+
+
+def test_a_terminal_that_hangs_holds_up_nothing_and_gets_the_latest_when_it_goes_on() -> None:
+    # GIVEN a terminal whose other side reads nothing
+    master, slave = pty.openpty()
+    with os.fdopen(slave, "w") as stream:
+        out = Out(stream)
+        # WHEN far more is said than it can hold
+        for number in range(5 * WAITING_LINES):
+            out.say(f"line {number}")
+        assert out.dropped > 0
+        # THEN the latest lines come once it reads again
+        text = b""
+        for _ in range(100_000):
+            if not select.select([master], [], [], 0.0)[0]:
+                out.flush()
+                if not select.select([master], [], [], 0.1)[0]:
+                    break
+            text += os.read(master, 65536)
+    os.close(master)
+    assert text.split()[-1] == str(5 * WAITING_LINES - 1).encode()
+
+
+def test_a_pipe_whose_reader_has_gone_ends_nothing() -> None:
+    there, here = os.pipe()
+    os.close(there)
+    with os.fdopen(here, "w") as stream:
+        out = Out(stream)
+        for _ in range(100):
+            out.say("x" * 1000)
+        assert out.dropped == 0  # nothing waits for a reader that will not come
+
+
+@pytest.fixture
+def manager(tmp_path: Path) -> Iterator[socket.socket]:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as own:
+        own.bind(str(tmp_path / "notify"))
+        own.settimeout(1.0)
+        yield own
+
+
+def watchdog(manager: socket.socket, **environment: str) -> Watchdog:
+    found = Watchdog.of(lambda: "well", {"NOTIFY_SOCKET": manager.getsockname(), **environment})
+    assert found is not None
+    return found
+
+
+def heard(manager: socket.socket) -> list[str]:
+    return manager.recv(4096).decode().splitlines()
+
+
+def test_the_service_manager_hears_ready_alive_and_stopping(manager: socket.socket) -> None:
+    own = watchdog(manager, WATCHDOG_USEC="2000000", WATCHDOG_PID=str(os.getpid()))
+    assert own.due_s == -float("inf")
+    own.work(10.0)
+    assert heard(manager) == ["READY=1", "WATCHDOG=1", "STATUS=well"]
+    assert own.due_s == 11.0  # twice as often as the manager asks
+    own.work(11.0)
+    assert heard(manager) == ["WATCHDOG=1"]
+    own.close()
+    assert heard(manager) == ["STOPPING=1"]
+
+
+@pytest.mark.parametrize(
+    "environment", [{}, {"WATCHDOG_USEC": "2000000", "WATCHDOG_PID": "1"}, {"WATCHDOG_USEC": "0"}]
+)
+def test_a_manager_that_does_not_watch_hears_no_watchdog(
+    manager: socket.socket, environment: dict[str, str]
+) -> None:
+    own = watchdog(manager, **environment)
+    own.work(0.0)
+    assert heard(manager) == ["READY=1", "STATUS=well"]
+    assert own.due_s == 10.0
+    own.close()
+
+
+@pytest.mark.parametrize("environment", [{}, {"NOTIFY_SOCKET": ""}, {"NOTIFY_SOCKET": "vsock:2:1"}])
+def test_outside_a_service_nobody_is_notified(environment: dict[str, str]) -> None:
+    assert Watchdog.of(lambda: "well", environment) is None
+
+
+def test_a_manager_that_is_gone_ends_nothing(manager: socket.socket, tmp_path: Path) -> None:
+    own = watchdog(manager, WATCHDOG_USEC="1000000")
+    (tmp_path / "notify").unlink()
+    assert own.work(0.0) == ()
+    assert own.due_s == 0.5  # it may come back
+    own.close()
+
+
+def test_a_place_that_is_not_permitted_or_not_there_is_said_clearly(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def refuse(*_: Any) -> None:
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(os, "sched_setscheduler", refuse)
+    with pytest.raises(UsageError, match="LimitRTPRIO=50"):
+        use_priority(50)
+    with pytest.raises(UsageError, match="from 1 to 99"):
+        use_priority(100)
+    with pytest.raises(UsageError, match="--cpu 100000"):
+        use_cpu(100_000)
+
+
+def test_a_service_is_ready_and_ends_by_sigterm_with_its_memory_stored(
+    manager: socket.socket, tmp_path: Path
+) -> None:
+    # GIVEN the monitor as a service manager starts it, on a bus nobody sends to
+    memory = tmp_path / "o2.db"
+    command = ["run", "-i", "virtual", "-c", "silent", "--json-lines", "--memory", str(memory)]
+    environment = os.environ | {"NOTIFY_SOCKET": manager.getsockname(), "WATCHDOG_USEC": "200000"}
+    with subprocess.Popen(
+        [sys.executable, "-m", "monitor.cli", *command],
+        env=environment, stdout=subprocess.PIPE, text=True,
+    ) as process:  # fmt: skip
+        manager.settimeout(120.0)
+        assert "READY=1" in heard(manager)
+        assert "WATCHDOG=1" in heard(manager)
+        # WHEN it is to end
+        process.send_signal(signal.SIGTERM)
+        output, _ = process.communicate(timeout=60.0)
+    # THEN it ends by itself, says so, and has stored its memory
+    assert process.returncode == 3  # nothing was judged
+    told = []
+    while not told or told[-1] != "STOPPING=1":
+        told += heard(manager)
+    lines = [json.loads(line) for line in output.splitlines()]
+    assert [line["type"] for line in lines] == ["health", "health", "end"]
+    with closing(Memory(memory)) as stored:
+        assert stored.load().counts is not None

@@ -1,0 +1,186 @@
+"""``o2mon dtc``: what the fault memory holds, for a person and as JSON."""
+
+import json
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from monitor import cli
+from monitor.memory import obd_records
+from monitor.memory.dtc import Dtc, DtcStore, Saved
+from monitor.memory.obd_records import FreezeFrame
+from monitor.memory.store import Memory
+from tests.helpers.injected_frames import HEALTHY
+
+
+@pytest.fixture
+def memory(tmp_path: Path) -> Path:
+    """Give a fault memory with a confirmed and a pending code."""
+    path = tmp_path / "o2.db"
+    store = DtcStore()
+    for t_ns in (1_000_000_000, 1_780_000_000_000_000_000):
+        store.start_driving_cycle()
+        for dtc in store.fail("delay_rich_to_lean", t_ns, also=("slow_rich_to_lean",)):
+            store.freeze(FreezeFrame(dtc.code, t_ns, {"engine_speed_rpm": 2100.0, "own": 3.5}))
+    store.fail("biased_lean", 7)
+    store.freeze(FreezeFrame("P2195", 2_500_000_000, {"lambda_measured": 1.125}))
+    store.complete("range")
+    store.report([obd_records.TestResult("response", "gain", 0.5, 0.76, 1.3)])
+    store.report([obd_records.TestResult("bias", "offset", 0.0, -0.065, 0.065)])
+    store.count_ignition_cycle()
+    store.count_judged("response")
+    store.count_general_denominator()
+    store.drive(7200.0, 120.0)
+    with closing(Memory(path)) as memory:
+        memory.save(store.saved)
+    return path
+
+
+def output(capsys: pytest.CaptureFixture[str], *words: object) -> str:
+    assert cli.main(["dtc", *map(str, words)]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    return out
+
+
+def test_the_codes_are_listed_with_their_state_and_what_is_counted(
+    memory: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = output(capsys, "list", "--memory", memory)
+    assert out.splitlines() == [
+        "lamp ON, 2 codes",
+        "  P2195  pending          0x27  biased_lean",
+        "  P015A  confirmed  lamp  0xAF  delay_rich_to_lean or slow_rich_to_lean",
+        "permanent: P015A",
+        "since clearing: 0 warm-ups, 120.0 km, 2.0 h of engine running",
+        "with the lamp on: 120.0 km, 2.0 h of engine running",
+        "in all: 1 ignition cycle",
+    ]
+    result = json.loads(output(capsys, "list", "--memory", memory, "--json"))
+    assert result["schema"] == "o2mon.dtc/1"
+    assert result["mil"] is True
+    assert result["permanent"] == ["P015A"]
+    assert [d["code"] for d in result["dtcs"]] == ["P2195", "P015A"]
+    assert result["dtcs"][1]["status"] == 0xAF
+    assert "warning_indicator" in result["dtcs"][1]["status_bits"]
+    assert result["counts"]["distance_since_clear_km"] == 120.0
+
+
+def test_an_empty_memory_has_no_codes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    Memory(tmp_path / "o2.db").close()
+    out = output(capsys, "list", "--memory", tmp_path / "o2.db")
+    assert out.startswith("lamp off, 0 codes\n")
+    assert "permanent" not in out
+    assert output(capsys, "freeze-frame", "--memory", tmp_path / "o2.db") == "no freeze frames\n"
+
+
+def test_freeze_frames_are_shown_with_units_the_confirmed_code_first(
+    memory: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = output(capsys, "freeze-frame", "--memory", memory).splitlines()
+    assert [line.split() for line in lines] == [
+        ["P015A", "2026-05-28", "20:26:40", "UTC"],
+        ["engine_speed_rpm", "2100", "1/min"],
+        ["own", "3.5"],
+        ["P2195", "2.5", "s"],
+        ["lambda_measured", "1.125", "-"],
+    ]
+    chosen = output(capsys, "freeze-frame", "P2195", "--memory", memory, "--json")
+    (frame,) = json.loads(chosen)["freeze_frames"]
+    assert frame == {"code": "P2195", "t_ns": 2_500_000_000, "values": {"lambda_measured": 1.125}}
+
+
+def test_a_freeze_frame_that_is_not_there_is_an_error_that_names_those_there_are(
+    memory: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["dtc", "freeze-frame", "P0133", "--memory", str(memory)]) == 2
+    assert "no freeze frame of P0133; there are: P015A, P2195" in capsys.readouterr().err
+
+
+def test_readiness_shows_each_test_with_its_results_and_performance(
+    memory: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = output(capsys, "readiness", "--memory", memory).splitlines()
+    by_test = {line.split()[0]: line for line in lines[:6]}
+    assert " complete " in by_test["response"]
+    assert "judged in 1 driving cycle, 1 count as driven" in by_test["response"]
+    assert " complete " in by_test["range"]
+    assert " not complete " in by_test["activity"]
+    (gain,) = [line for line in lines if "gain" in line]
+    assert gain.endswith("outside")
+    (offset,) = [line for line in lines if "offset" in line]
+    assert not offset.endswith("outside")
+    result = json.loads(output(capsys, "readiness", "--memory", memory, "--json"))
+    assert result["general_denominator"] == result["ignition_cycles"] == 1
+    ready = {t["test"]: t["completed_since_clear"] for t in result["tests"]}
+    assert ready == {
+        "response": True, "bias": True, "activity": False, "communication": False, "range": True,
+        "ready": False,
+    }  # fmt: skip
+
+
+def test_clearing_says_that_permanent_codes_stay(
+    memory: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = output(capsys, "clear", "--memory", memory).splitlines()
+    assert lines[0] == "cleared: P2195, P015A"
+    assert lines[1].startswith("permanent codes stay: P015A;")
+    with closing(Memory(memory)) as opened:
+        saved = opened.load()
+    assert all(dtc == Dtc(dtc.code) for dtc in saved.dtcs)
+    assert dict(saved.permanent) == {"P015A": "delay_rich_to_lean"}
+    assert saved.freeze_frames == ()
+    again = json.loads(output(capsys, "clear", "--memory", memory, "--json"))
+    assert again["cleared"] == []
+
+
+def test_clearing_is_refused_while_a_monitor_runs_on_the_memory(
+    memory: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with closing(Memory(memory, hold=True)):
+        assert cli.main(["dtc", "clear", "--memory", str(memory)]) == 2
+        assert "o2.db: the fault memory is in use by a running monitor" in capsys.readouterr().err
+        assert "P015A" in output(capsys, "list", "--memory", memory)  # reading is allowed
+    output(capsys, "clear", "--memory", memory)
+
+
+def test_a_replay_is_refused_while_another_process_works_on_the_memory(
+    memory: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # GIVEN a memory that somebody else reads at the beginning and writes at the end
+    with closing(Memory(memory, hold=True)):
+        # WHEN a replay would do the same
+        code = cli.main(["replay", str(HEALTHY), "--memory", str(memory), "--quiet"])
+    # THEN it says so, and no code of either is written over
+    assert code == 2
+    assert "o2.db: the fault memory is in use by a running monitor" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("action", ["list", "freeze-frame", "readiness", "clear"])
+def test_a_memory_that_cannot_be_used_is_one_line_and_exit_code_2(
+    action: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    missing = tmp_path / "nowhere.db"
+    assert cli.main(["dtc", action, "--memory", str(missing)]) == 2
+    assert f"{missing}: no such fault memory" in capsys.readouterr().err
+    empty = tmp_path / "empty.db"
+    empty.touch()
+    assert cli.main(["dtc", action, "--memory", str(empty)]) == 2
+    assert f"{empty}: is empty, a fault memory is wanted" in capsys.readouterr().err
+    assert empty.stat().st_size == 0
+    assert not missing.exists()
+    other = tmp_path / "drive.log"
+    other.write_text("(1.0) can0 123#00\n" * 100)
+    assert cli.main(["dtc", action, "--memory", str(other)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "drive.log: not a fault memory" in line
+
+
+def test_replay_goes_on_from_a_memory_that_was_cleared(tmp_path: Path) -> None:
+    path = tmp_path / "o2.db"
+    with closing(Memory(path)) as memory:
+        memory.save(Saved(permanent={"P0133": "transient"}))
+    assert cli.main(["dtc", "clear", "--memory", str(path)]) == 0
+    with closing(Memory(path)) as memory:
+        assert DtcStore(memory.load()).permanent == ("P0133",)

@@ -1,0 +1,176 @@
+"""Bad frames and gaps in a log are counted and survived."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from monitor import cli
+from monitor.base import faults
+from monitor.base.types import Frame
+from monitor.decode.checksum import payload_checksum
+from monitor.frames.logs import read_frames
+from tests.helpers.bad_logs import FUEL_ID, LAMBDA_ID, block, write_minute
+from training.dyno.recording_files import write
+from training.dyno.simulation import Experiment
+from training.recordings.can_log import write_log
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Give one minute of a simulated drive as a log."""
+    return write_minute(tmp_path_factory.mktemp("drive"))
+
+
+Change = Callable[[list[Frame]], list[Frame]]
+
+
+def replayed(drive: Path, tmp_path: Path, change: Change) -> dict[str, Any]:
+    """Return the result on a log whose frames were changed; the replay must survive it."""
+    log, out = tmp_path / "changed.log", tmp_path / "out.json"
+    write_log(log, block(change(list(read_frames(drive)))))
+    assert cli.main(["replay", str(log), "--json", str(out)]) in (0, 1, 3)
+    recording: dict[str, Any] = json.loads(out.read_text())["recordings"][0]
+    return recording
+
+
+def every(n: int, can_id: int, change: Callable[[Frame], Frame]) -> Change:
+    """Change every n-th frame under an identifier."""
+
+    def apply(frames: list[Frame]) -> list[Frame]:
+        seen = 0
+        out = []
+        for frame in frames:
+            seen += frame.can_id == can_id
+            hit = frame.can_id == can_id and seen % n == 0
+            out.append(change(frame) if hit else frame)
+        return out
+
+    return apply
+
+
+def flip(frame: Frame) -> Frame:
+    return frame._replace(data=bytes([frame.data[0] ^ 0x40]) + frame.data[1:])
+
+
+@pytest.mark.parametrize(
+    ("reason", "change"),
+    [
+        ("length", every(10, LAMBDA_ID, lambda f: f._replace(data=f.data[:5]))),
+        ("checksum", every(10, LAMBDA_ID, flip)),
+    ],
+)
+def test_a_bad_frame_is_counted_and_survived(
+    drive: Path, tmp_path: Path, reason: str, change: Change
+) -> None:
+    recording = replayed(drive, tmp_path, change)
+    assert recording["counters"][reason] == pytest.approx(60 * 50 / 10, abs=1)
+    assert recording["samples"] == 599
+    assert recording["dtcs"] == []
+
+
+def test_a_stuck_counter_is_counted_and_the_message_counts_as_missing(
+    drive: Path, tmp_path: Path
+) -> None:
+    # GIVEN an ECU that repeats one lambda frame for ever, its checksum still right
+    def freeze(frames: list[Frame]) -> list[Frame]:
+        first = next(f for f in frames if f.can_id == LAMBDA_ID)
+        return [f._replace(data=first.data) if f.can_id == LAMBDA_ID else f for f in frames]
+
+    recording = replayed(drive, tmp_path, freeze)
+    assert recording["counters"]["stuck"] > 2900
+    assert [d["code"] for d in recording["dtcs"]] == ["U0100"]
+
+
+def test_values_that_are_not_available_are_counted(drive: Path, tmp_path: Path) -> None:
+    # the sensor is not ready for its first 15 s, its lambda is not available
+    recording = replayed(drive, tmp_path, lambda frames: frames)
+    assert recording["counters"]["not_available"] == pytest.approx(15 * 50, abs=2)
+
+
+def test_time_that_runs_backwards_is_counted_and_survived(drive: Path, tmp_path: Path) -> None:
+    def swap(frames: list[Frame]) -> list[Frame]:
+        early = [f._replace(t_ns=f.t_ns - 2_000_000_000) for f in frames[6000:6010]]
+        return [*frames[:6000], *early, *frames[6010:]]
+
+    # candump logs keep the order of their lines
+    recording = replayed(drive, tmp_path, swap)
+    assert recording["counters"]["late"] == 10
+    assert recording["samples"] == 599
+
+
+def test_a_gap_of_seconds_gives_stale_samples_and_the_grid_goes_on(
+    drive: Path, tmp_path: Path
+) -> None:
+    def gap(frames: list[Frame]) -> list[Frame]:
+        start = frames[0].t_ns + 30_000_000_000
+        return [f for f in frames if not start <= f.t_ns < start + 5_000_000_000]
+
+    recording = replayed(drive, tmp_path, gap)
+    assert recording["samples"] == 599
+    assert recording["enable"]["inputs_valid"] == pytest.approx(1 - 4.7 / 60, abs=0.01)
+
+
+def test_a_message_that_stops_blocks_the_judgement_and_is_counted(
+    drive: Path, tmp_path: Path
+) -> None:
+    def stop(frames: list[Frame]) -> list[Frame]:
+        end = frames[0].t_ns + 40_000_000_000
+        return [f for f in frames if f.can_id != FUEL_ID or f.t_ns < end]
+
+    recording = replayed(drive, tmp_path, stop)
+    assert recording["enable"]["inputs_valid"] == pytest.approx(40.3 / 60, abs=0.01)
+    assert recording["dtcs"] == []  # the fuel message is not the sensor's fault
+
+
+def test_a_value_out_of_range_is_counted_and_gives_its_code(drive: Path, tmp_path: Path) -> None:
+    def implausible(frame: Frame) -> Frame:
+        data = bytearray(frame.data)
+        data[0:2] = (1000).to_bytes(2, "little")  # lambda 0.24
+        data[7] = payload_checksum("crc8_sae_j1850_id", LAMBDA_ID, bytes(data), 7)
+        return frame._replace(data=bytes(data))
+
+    recording = replayed(drive, tmp_path, every(1, LAMBDA_ID, implausible))
+    assert recording["counters"]["out_of_range"] > 2900
+    assert [(d["code"], d["fault"]) for d in recording["dtcs"]] == [("P2A00", "out_of_range")]
+
+
+def test_a_drive_too_short_to_be_judged_exits_with_3_and_says_why(
+    drive: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = tmp_path / "short.log"
+    write_log(log, block(list(read_frames(drive))[:2000]))
+    assert cli.main(["replay", str(log)]) == 3
+    assert "not judged: no window of enabled samples was filled" in capsys.readouterr().out
+
+
+def test_a_short_drive_does_not_heal_a_sensor_that_never_gets_ready(tmp_path: Path) -> None:
+    # GIVEN a sensor that never gets ready and drives that are shorter than the patience
+    fault = faults.resolve("not_ready")
+    short = Experiment(cycle="micro_trips", vehicle=51, seed=51, duration_s=40.0, fault=fault)
+    long = Experiment(cycle="micro_trips", vehicle=51, seed=52, duration_s=90.0, fault=fault)
+    logs = [str(write(e, tmp_path, "log")) for e in (long, short, short, short, short)]
+    out = tmp_path / "out.json"
+    # WHEN they follow the drive in which it was found
+    cli.main(["replay", *logs, "--memory", str(tmp_path / "m.db"), "--json", str(out)])
+    # THEN the code stays
+    recordings = json.loads(out.read_text())["recordings"]
+    assert [[d["code"] for d in r["dtcs"]] for r in recordings] == [["P0134"]] * 5
+
+
+def test_check_says_of_a_log_that_all_is_there(
+    capsys: pytest.CaptureFixture[str], drive: Path, tmp_path: Path
+) -> None:
+    assert cli.main(["check", str(drive)]) == 0
+    out = capsys.readouterr().out
+    assert "the model has all it needs" in out
+    assert "lambda_measured" in out
+    # and of one from which the fuel has gone that it has stopped
+    log = tmp_path / "stopped.log"
+    frames = list(read_frames(drive))
+    end = frames[0].t_ns + 30_000_000_000
+    write_log(log, block([f for f in frames if f.can_id != FUEL_ID or f.t_ns < end]))
+    assert cli.main(["check", str(log)]) == 3
+    assert "the model lacks: fuel_mass_mg" in capsys.readouterr().out

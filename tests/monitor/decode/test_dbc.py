@@ -1,0 +1,173 @@
+import math
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import dbc
+from monitor.base.errors import SignalMapError
+from monitor.base.signals import BY_NAME, SIGNALS
+from monitor.decode.bus_map import load_database, load_pairs
+from monitor.decode.checksum import crc8_sae_j1850, payload_checksum
+
+DATABASES = [name for name in dbc.names() if name.endswith(".dbc")]
+PAIRS = [
+    ("o2_ecu.dbc", "o2_ecu.toml"),
+    ("rusefi.dbc", "rusefi.toml"),
+    ("wideband.dbc", "wideband.toml"),
+    ("wideband.dbc", "aem_x.toml"),
+    ("obd2.dbc", "obd2.toml"),
+]
+
+
+def pair(database: str, signal_map: str) -> tuple[Path, Path]:
+    return dbc.path(database), dbc.path(signal_map)
+
+
+@pytest.mark.parametrize("name", DATABASES)
+@settings(max_examples=20, deadline=None)
+@given(data=st.data())
+def test_every_signal_of_every_database_survives_encoding(name: str, data: st.DataObject) -> None:
+    for message in load_database(dbc.path(name)).messages:
+        if message.is_multiplexed():
+            continue
+        raw = {
+            signal.name: data.draw(
+                st.integers(-(1 << signal.length - 1), (1 << signal.length - 1) - 1)
+                if signal.is_signed
+                else st.integers(0, (1 << signal.length) - 1)
+            )
+            for signal in message.signals
+        }
+        payload = message.encode(raw, scaling=False, strict=False)
+        assert message.decode(payload, scaling=False, decode_choices=False) == raw
+
+
+def test_every_obd_parameter_survives_encoding() -> None:
+    message = load_database(dbc.path("obd2.dbc")).get_message_by_name("OBD_Response")
+    parameters = [signal for signal in message.signals if signal.multiplexer_signal == "Pid"]
+    assert len(parameters) > 20
+    for signal in parameters:
+        assert signal.multiplexer_ids is not None
+        raw = (1 << signal.length) - 1
+        pid = signal.multiplexer_ids[0]
+        header = {"FrameType": 0, "Length": 4, "Service": 0x41, "Pid": pid}
+        beside = [s for s in parameters if pid in (s.multiplexer_ids or ())]
+        sent = header | {s.name: raw if s is signal else 0 for s in beside}
+        payload = message.encode(sent, scaling=False)
+        assert message.decode(payload, scaling=False, decode_choices=False) == sent
+
+
+@pytest.mark.parametrize(("database", "signal_map"), PAIRS)
+def test_every_map_fits_its_database_and_names_canonical_signals(
+    database: str, signal_map: str
+) -> None:
+    names = load_pairs([pair(database, signal_map)]).names
+    assert set(names) <= BY_NAME.keys()
+    assert "lambda_measured" in names
+
+
+def test_the_own_ecu_gives_all_canonical_signals_fine_and_wide_enough() -> None:
+    bus_map = load_pairs([pair("o2_ecu.dbc", "o2_ecu.toml")])
+    assert set(bus_map.names) == BY_NAME.keys()
+    for known in SIGNALS:
+        signal = bus_map.channels[known.name].signal
+        top = (2**signal.length - 2) * float(signal.scale) + float(signal.offset)
+        assert float(signal.offset) <= known.minimum, known.name
+        assert top >= known.maximum - 2 * float(signal.scale), known.name
+        if known.role != "enable":
+            assert float(signal.scale) <= (known.maximum - known.minimum) / 4000, known.name
+
+
+def test_the_own_ecu_stays_below_300_frames_a_second() -> None:
+    messages = load_database(dbc.path("o2_ecu.dbc")).messages
+    rate = sum(1000 / message.cycle_time for message in messages if message.cycle_time)
+    assert 150 < rate < 300
+
+
+def test_a_later_pair_provides_lambda_instead_of_the_engine() -> None:
+    merged = load_pairs([pair("rusefi.dbc", "rusefi.toml"), pair("wideband.dbc", "wideband.toml")])
+    assert merged.channels["lambda_measured"].message.name == "WidebandData"
+    assert merged.names.count("lambda_measured") == 1
+    assert "sensor_ready" in merged.names
+
+
+def test_the_checksum_is_the_published_one() -> None:
+    assert crc8_sae_j1850(b"123456789") == 0x4B
+    assert crc8_sae_j1850(bytes(4)) == 0x59
+    payload = bytes(range(8))
+    assert payload_checksum("crc8_sae_j1850", 0x123, payload, 7) == crc8_sae_j1850(payload[:7])
+    assert payload_checksum("crc8_sae_j1850_id", 0x123, payload, 0) == crc8_sae_j1850(
+        b"\x23" + payload[1:]
+    )
+
+
+def test_an_unknown_file_of_the_package_is_named() -> None:
+    with pytest.raises(FileNotFoundError, match=r"no other\.dbc among aem_x\.toml"):
+        dbc.path("other.dbc")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[signals]\nx = 3\n", "a table is wanted"),
+        ("[signal]\n", "unknown key 'signal'"),
+        ("[signals]\n", "is empty"),
+        ("[signals\n", "not a TOML file"),
+        ('[signals.x]\nmessage = "ECU_Air"\n', "signal is missing"),
+        ('[signals.x]\nmessage = "ECU_Air"\nsignal = "AirMass"\ngain = 2\n', "unknown key 'gain'"),
+        ('[signals.x]\nmessage = "M"\nsignal = "AirMass"\n', r"x wants message M, which .*o2_ecu"),
+        ('[signals.x]\nmessage = "ECU_Air"\nsignal = "S"\n', r"ECU_Air\.S, which .*o2_ecu\.dbc"),
+        ('[signals.x]\nmessage = "ECU_Air"\nsignal = "AirMass"\ntimeout_s = 0\n', "above 0"),
+        ('[signals.x]\nmessage = "ECU_Air"\nsignal = "AirMass"\nfactor = "a"\n', "a number"),
+        ('[signals."x y"]\nmessage = "ECU_Air"\nsignal = "AirMass"\n', "is no name"),
+        ('[integrity]\nalgorithm = "crc9"\n', "known are"),
+        ('[integrity]\nnot_available = "never"\n', "it may be"),
+        ("[integrity]\ncounter = 4\n", "a text is wanted"),
+        ('[messages.M]\nchecksums = ""\n', "unknown key 'checksums'"),
+        ('[derived.y]\nnumerator = ["z"]\n', "neither"),
+        ('[derived.y]\nnumerator = "z"\n', "names are wanted"),
+        ("[derived.y]\n", "names no signal"),
+        (
+            '[integrity]\ncounter = "C"\n[signals.x]\nmessage = "ECU_Air"\nsignal = "AirMass"\n',
+            r"ECU_Air\.C, which",
+        ),
+    ],
+)
+def test_a_map_that_cannot_be_is_refused_by_name(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "own.toml"
+    path.write_text(text)
+    with pytest.raises(SignalMapError, match=message) as caught:
+        load_pairs([(dbc.path("o2_ecu.dbc"), path)])
+    assert str(path) in str(caught.value)
+
+
+def test_two_databases_with_one_identifier_are_refused(tmp_path: Path) -> None:
+    other = tmp_path / "other.dbc"
+    other.write_text(dbc.path("rusefi.dbc").read_text())
+    own = tmp_path / "own.toml"
+    own.write_text('[signals.speed]\nmessage = "BASE1"\nsignal = "RPM"\n')
+    with pytest.raises(SignalMapError, match="has identifier 0x201, as BASE1"):
+        load_pairs([pair("rusefi.dbc", "rusefi.toml"), (other, own)])
+
+
+@pytest.mark.parametrize("content", [None, "", "BO_ nonsense"])
+def test_a_database_that_is_none_is_refused(tmp_path: Path, content: str | None) -> None:
+    path = tmp_path / "broken.dbc"
+    if content is not None:
+        path.write_text(content)
+    with pytest.raises(SignalMapError, match=r"broken\.dbc|lacks"):
+        load_pairs([(path, dbc.path("o2_ecu.toml"))])
+
+
+def test_a_signal_no_map_provides_is_named() -> None:
+    bus_map = load_pairs([pair("wideband.dbc", "wideband.toml")])
+    with pytest.raises(SignalMapError, match=r"wideband\.toml: does not provide maf_kg_h"):
+        bus_map.sources(["maf_kg_h"])
+
+
+def test_derived_signals_bring_what_they_are_made_of() -> None:
+    bus_map = load_pairs([pair("rusefi.dbc", "rusefi.toml")])
+    assert bus_map.sources(["fuel_mass_mg"]) == ("fuel_flow_g_s", "engine_speed_rpm")
+    assert math.isclose(bus_map.derived["fuel_mass_mg"].factor, 120000 / 4)

@@ -1,0 +1,156 @@
+"""Logs of every format at once: the frames, counters and errors of the streaming reader."""
+
+import gzip
+import tracemalloc
+from pathlib import Path
+
+import can
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import dbc
+from monitor.base.types import Frame
+from monitor.decode.bus_map import load_pairs
+from monitor.frames.log_blocks import read_blocks
+from monitor.frames.logs import frame_of
+from tests.conftest import ROOT
+from tests.helpers.read_outcome import START_NS, python_can_reads, read_at_once, streamed, synthetic
+from training.recordings.can_log import broadcast, write_log
+
+
+def by_python_can(path: Path) -> list[Frame]:
+    """Return the data frames that python-can's reader of the format finds."""
+    with can.LogReader(path) as reader:
+        return [frame_of(m) for m in reader if not (m.is_error_frame or m.is_remote_frame)]
+
+
+SUFFIXES = [".log", ".log.gz", ".asc", ".asc.gz", ".blf", ".csv", ".csv.gz", ".trc", ".mf4"]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    ecu = load_pairs([(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))])
+    t_ns = START_NS + np.arange(50) * 100_000_000
+    drive = broadcast(ecu, t_ns, {"lambda_measured": np.linspace(0.8, 1.2, 50)})
+    folder = tmp_path_factory.mktemp("logs")
+    for suffix in SUFFIXES:
+        write_log(folder / f"drive{suffix}", drive)
+    return folder
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_every_format_gives_the_same_frames_at_once_and_one_by_one(
+    folder: Path, suffix: str
+) -> None:
+    found = read_at_once(folder / f"drive{suffix}")
+    assert found == streamed(folder / f"drive{suffix}")
+    assert found[0] == by_python_can(folder / f"drive{suffix}")
+    assert found[2] is None
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_every_format_cut_short_gives_the_same_frames_and_error(
+    folder: Path, tmp_path: Path, suffix: str
+) -> None:
+    whole = (folder / f"drive{suffix}").read_bytes()
+    path = tmp_path / f"cut{suffix}"
+    for cut in np.random.default_rng(3).integers(1, len(whole), 12).tolist():
+        path.write_bytes(whole[:cut])
+        found = read_at_once(path)
+        assert found == streamed(path)
+        if suffix == ".blf":
+            assert found == python_can_reads(path)
+
+
+MESSAGE = st.builds(
+    can.Message,
+    timestamp=st.integers(0, 10**9).map(lambda us: 1.7e9 + us / 1e6),
+    arbitration_id=st.integers(0, 0x7FF),
+    is_extended_id=st.just(False),
+    data=st.binary(max_size=8),
+    channel=st.integers(0, 1),
+    is_rx=st.booleans(),
+)
+EXTENDED_ID = st.builds(
+    can.Message,
+    timestamp=st.just(1.7e9 + 5),
+    arbitration_id=st.integers(0, 2**29 - 1),
+    data=st.binary(max_size=8),
+    channel=st.just(0),
+)
+NO_DATA = st.builds(
+    can.Message,
+    timestamp=st.just(1.7e9 + 6),
+    arbitration_id=st.integers(0, 0x7FF),
+    is_extended_id=st.just(False),
+    is_error_frame=st.booleans(),
+    is_remote_frame=st.booleans(),
+    channel=st.just(0),
+).filter(lambda m: m.is_error_frame != m.is_remote_frame)
+FD = st.builds(
+    lambda data, can_id: can.Message(
+        timestamp=1.7e9 + 7, arbitration_id=can_id, data=data, is_fd=True, channel=0
+    ),
+    st.sampled_from([*range(9), 12, 16, 20, 24, 32, 48, 64]).flatmap(
+        lambda n: st.binary(min_size=n, max_size=n)
+    ),
+    st.integers(0, 2**29 - 1),
+)
+
+
+@pytest.mark.parametrize("suffix", [".log", ".asc", ".blf", ".csv", ".trc", ".mf4"])
+@settings(max_examples=15)
+@given(data=st.data())
+def test_logs_written_by_python_can_are_read_as_python_can_reads_them(
+    tmp_path_factory: pytest.TempPathFactory, suffix: str, data: st.DataObject
+) -> None:
+    kinds = [MESSAGE, EXTENDED_ID]
+    kinds += [NO_DATA] if suffix != ".trc" else []
+    kinds += [FD] if suffix in {".log", ".blf"} else []
+    messages = data.draw(st.lists(st.one_of(*kinds), min_size=1, max_size=12))
+    path = tmp_path_factory.getbasetemp() / f"written{suffix}"
+    with can.Logger(path) as logger:
+        for message in messages:
+            logger.on_message_received(message)
+    found = read_at_once(path)
+    assert found == streamed(path)
+    assert sorted(found[0]) == sorted(by_python_can(path))  # MF4: in the order of time
+    assert len(found[0]) == sum(not (m.is_error_frame or m.is_remote_frame) for m in messages)
+    assert found[1].skipped == len(messages) - len(found[0])
+
+
+@pytest.mark.parametrize(
+    "name", ["healthy_micro_trips_v102_s102.blf", "signal_missing_micro_trips_v118_s129.blf"]
+)
+def test_the_replay_logs_are_read_as_python_can_reads_them(name: str) -> None:
+    path = ROOT / "replay_logs" / name
+    found, _, error = read_at_once(path)
+    assert error is None
+    assert found == by_python_can(path)
+
+
+def test_a_gzipped_blf_is_read_as_the_plain_one(folder: Path, tmp_path: Path) -> None:
+    path = tmp_path / "drive.blf.gz"
+    path.write_bytes(gzip.compress((folder / "drive.blf").read_bytes()))
+    assert read_at_once(path)[:2] == read_at_once(folder / "drive.blf")[:2]
+    assert read_at_once(path) == streamed(path)
+    path.write_bytes(path.read_bytes()[:-9])
+    found = read_at_once(path)
+    assert found == streamed(path)
+    assert found[0] == []  # a whole structure is wanted first
+    assert "end-of-stream" in str(found[2])
+
+
+@pytest.mark.parametrize("suffix", [".log", ".log.gz", ".blf"])
+def test_memory_stays_flat_with_the_length_of_a_log(tmp_path: Path, suffix: str) -> None:
+    peaks = []
+    for n in (60_000, 240_000):
+        path = tmp_path / f"long{n}{suffix}"
+        write_log(path, synthetic(n))
+        tracemalloc.start()
+        assert sum(len(block.t_ns) for block in read_blocks(path)) == n
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 1.2 * peaks[0]

@@ -1,0 +1,293 @@
+import gzip
+import math
+import sys
+from pathlib import Path
+
+import can
+import numpy as np
+import pytest
+
+import dbc
+from monitor.base.errors import ConfigError, RecordingError
+from monitor.base.signals import SIGNALS
+from monitor.base.types import Frame, Quality
+from monitor.decode.bus_map import load_pairs
+from monitor.frames.logs import LogCounters, is_table, read_frames, read_table, table_samples
+from training.recordings.can_log import FrameBlock, broadcast, write_log
+
+SUFFIXES = [".log", ".log.gz", ".asc", ".asc.gz", ".blf", ".csv", ".csv.gz", ".trc", ".mf4"]
+START_NS = 1_700_000_000_123_456_000
+ECU = load_pairs([(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))])
+
+
+@pytest.fixture(scope="module")
+def drive() -> FrameBlock:
+    t_ns = START_NS + np.arange(20) * 100_000_000
+    return broadcast(ECU, t_ns, {"lambda_measured": np.linspace(0.8, 1.2, 20)})
+
+
+@pytest.fixture(scope="module")
+def folder(drive: FrameBlock, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("logs")
+    for suffix in SUFFIXES:
+        write_log(folder / f"drive{suffix}", drive)
+    return folder
+
+
+def zeroed(frames: list[Frame]) -> list[Frame]:
+    return [frame._replace(t_ns=frame.t_ns - frames[0].t_ns) for frame in frames]
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_every_log_format_gives_the_frames_it_was_given(
+    folder: Path, drive: FrameBlock, suffix: str
+) -> None:
+    counters = LogCounters()
+    frames = list(read_frames(folder / f"drive{suffix}", counters))
+    assert zeroed(frames) == zeroed(list(drive.frames()))
+    assert (counters.frames, counters.skipped) == (len(drive.t_ns), 0)
+
+
+@pytest.mark.parametrize("suffix", [".log", ".blf", ".csv", ".mf4"])
+def test_formats_with_absolute_time_keep_it(folder: Path, drive: FrameBlock, suffix: str) -> None:
+    assert next(read_frames(folder / f"drive{suffix}")).t_ns == START_NS
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_log_that_was_cut_short_never_passes(folder: Path, tmp_path: Path, suffix: str) -> None:
+    whole = (folder / f"drive{suffix}").read_bytes()
+    path = tmp_path / f"cut{suffix}"
+    rng = np.random.default_rng(1)
+    for cut in [len(whole) - 2, *rng.integers(1, len(whole), 20).tolist()]:
+        kept = whole[:cut]
+        path.write_bytes(kept[:-1] if kept.endswith(b"\n") else kept)
+        counters = LogCounters()
+        with pytest.raises(RecordingError) as caught:
+            list(read_frames(path, counters))
+        assert str(path) in str(caught.value)
+        if counters.frames:
+            assert f"after {counters.frames} frames" in str(caught.value)
+
+
+@pytest.mark.parametrize("suffix", [".blf", ".log.gz"])
+def test_a_damaged_compressed_log_never_passes(folder: Path, tmp_path: Path, suffix: str) -> None:
+    whole = bytearray((folder / f"drive{suffix}").read_bytes())
+    whole[len(whole) // 2] ^= 0x10
+    path = tmp_path / f"damaged{suffix}"
+    path.write_bytes(whole)
+    with pytest.raises(RecordingError, match="damaged or cut short"):
+        list(read_frames(path))
+
+
+def test_a_blf_whose_logger_was_killed_is_refused(folder: Path, tmp_path: Path) -> None:
+    whole = bytearray((folder / "drive.blf").read_bytes())
+    whole[16:24] = (144).to_bytes(8, "little")  # the size in the header is written at the end
+    path = tmp_path / "killed.blf"
+    path.write_bytes(whole)
+    with pytest.raises(RecordingError, match="never finished"):
+        list(read_frames(path))
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("missing.log", None, "No such file"),
+        ("empty.log", b"", "the log is empty"),
+        ("drive.txt", b"x", r"unknown log format '.txt', known are .log"),
+        ("drive", b"x", "unknown log format ''"),
+        ("drive.gz", b"x", "unknown log format '.gz'"),
+        ("blank.log", b"\n\n", "no CAN frames"),
+        ("words.log", b"hello world again\n", "line 1 is 'hello world again'"),
+        ("late.log", b"(1.0) can0 1#00\n(1.1) can0 1#0G\n", "after 1 frames: line 2"),
+        ("odd.log", b"(1.0) can0 1#000\n", "damaged or cut short: line 1"),
+        ("short.log", b"(1.0) can0\n", "line 1"),
+        ("binary.log", b"\xff\xfe\x00\x01\n", "damaged"),
+        ("noise.blf", b"x" * 500, "not a BLF file"),
+        ("noise.mf4", b"x" * 500, "not an MDF file"),
+        ("noise.log.gz", b"x" * 500, "Not a gzipped file"),
+        ("other.csv", b"a,b\n1,2\n", "python-can's log header is wanted"),
+        ("noise.asc", b"date nonsense\n", "damaged|no CAN frames"),
+        ("noise.trc", b"nonsense\n", "damaged|no CAN frames"),
+    ],
+)
+def test_what_is_no_log_is_refused_by_name(
+    tmp_path: Path, name: str, content: bytes | None, message: str
+) -> None:
+    path = tmp_path / name
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(RecordingError, match=message) as caught:
+        list(read_frames(path))
+    assert str(path) in str(caught.value)
+
+
+def test_an_mf4_log_without_asammdf_names_the_extra(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "asammdf", None)
+    with pytest.raises(RecordingError, match=r"o2-monitor\[mdf\]"):
+        read_frames(folder / "drive.mf4")
+
+
+@pytest.mark.parametrize("suffix", [".log", ".asc", ".blf", ".csv"])
+def test_error_and_remote_frames_are_skipped_and_counted(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"bus{suffix}"
+    with can.Logger(path) as logger:
+        for t_s, kind in enumerate(["data", "error", "remote", "data"], 1):
+            logger.on_message_received(
+                can.Message(
+                    timestamp=t_s,
+                    arbitration_id=0x10,
+                    data=b"\1" if kind == "data" else b"",
+                    is_error_frame=kind == "error",
+                    is_remote_frame=kind == "remote",
+                    channel=0,
+                )
+            )
+    counters = LogCounters()
+    assert len(list(read_frames(path, counters))) == 2
+    assert (counters.frames, counters.skipped) == (2, 2)
+
+
+def test_candump_lines_of_every_kind_are_understood(tmp_path: Path) -> None:
+    path = tmp_path / "kinds.log"
+    path.write_text(
+        "(1.000001) can0 123#0102 R\n(1.1) can0 00000123#\n(2) vcan0 7FF##1AABB\n"
+        "(3.0) can0 123#R4\n(4.0) can0 20000080#0000000000000000\n"
+    )
+    counters = LogCounters()
+    assert list(read_frames(path, counters)) == [
+        Frame(1_000_001_000, 0x123, False, b"\1\2"),
+        Frame(1_100_000_000, 0x123, True, b""),
+        Frame(2_000_000_000, 0x7FF, False, b"\xaa\xbb"),
+    ]
+    assert counters.skipped == 2
+
+
+def table(tmp_path: Path, text: str, name: str = "t.csv") -> Path:
+    path = tmp_path / name
+    if name.endswith(".gz"):
+        path.write_bytes(gzip.compress(text.encode()))
+    else:
+        path.write_text(text)
+    return path
+
+
+def test_tables_and_logs_are_told_apart(folder: Path, tmp_path: Path) -> None:
+    assert not any(is_table(folder / f"drive{suffix}") for suffix in SUFFIXES)
+    assert is_table(table(tmp_path, "time_s,x\n0,1\n"))
+    assert is_table(table(tmp_path, "time_s,x\n0,1\n", "t.csv.gz"))
+    assert is_table(tmp_path / "t.parquet")
+    assert not is_table(tmp_path / "missing.csv")
+
+
+@pytest.mark.parametrize("name", ["t.csv", "t.csv.gz"])
+def test_blank_cells_are_not_valid(tmp_path: Path, name: str) -> None:
+    got = read_table(table(tmp_path, "time_s,x,y\n0,1,\n0.1,nan,4\n\n", name))
+    assert got.names == ("x", "y")
+    assert got.t_ns.tolist() == [0, 100_000_000]
+    np.testing.assert_array_equal(got.values, [[1, math.nan], [math.nan, 4]])
+
+
+def test_a_uniform_table_is_used_sample_for_sample_at_its_own_period(tmp_path: Path) -> None:
+    path = table(tmp_path, "time_s,lambda_measured\n5,1\n5.05,0.2\n5.1,\n5.15,1.5\n")
+    samples = list(table_samples(read_table(path), ["lambda_measured"]))
+    assert [s.index for s in samples] == [0, 1, 2, 3]
+    assert [s.t_ns for s in samples] == [5_000_000_000 + k * 50_000_000 for k in range(4)]
+    assert [s.quality[0] for s in samples] == [
+        Quality.GOOD, Quality.OUT_OF_RANGE, Quality.INVALID, Quality.GOOD,
+    ]  # fmt: skip
+    np.testing.assert_array_equal([s.values[0] for s in samples], [1, math.nan, math.nan, 1.5])
+
+
+def test_a_table_with_gaps_is_brought_onto_the_grid(tmp_path: Path) -> None:
+    path = table(tmp_path, "time_s,x\n0,1\n0.05,3\n0.3,5\n2,7\n2.01,0\n")
+    samples = list(table_samples(read_table(path), ["x"]))
+    assert samples[0].values[0] == 2.0
+    assert samples[2].values[0] == 5.0
+    assert samples[15].quality[0] == Quality.STALE
+
+
+def test_a_table_follows_the_period_asked_for(tmp_path: Path) -> None:
+    rows = "".join(f"{k * 0.05:.2f},{k}\n" for k in range(9))
+    got = read_table(table(tmp_path, f"time_s,x\n{rows}"))
+    samples = list(table_samples(got, ["x"], 100_000_000))
+    assert [s.values[0] for s in samples] == [1.0, 3.5, 5.5]
+    assert len(list(table_samples(got, ["x"], 50_000_000))) == 9
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "first column is ''"),
+        ("time_s,x\n", "has no rows"),
+        ("x,time_s\n1,0\n", "first column is 'x', time_s is wanted"),
+        ("time_s,x\n0,1\n1\n", "line 3: 1 cells, the header has 2"),
+        ("time_s,x\n0,1\n1,abc\n", "line 3: column x is 'abc'"),
+        ("time_s,x\n0,1\n,2\n", "line 3: time_s is not a number"),
+        ("time_s,x\n0,1\n1,2\n0.5,3\n", "line 4: time_s is 0.5 after 1"),
+        ("time_s,x\n0,1\n0,2\n", "line 3: time_s is 0 after 0"),
+        ("time_s,x,x\n0,1,2\n", "'x' is there twice"),
+    ],
+)
+def test_a_table_that_cannot_be_is_refused_by_line(tmp_path: Path, text: str, message: str) -> None:
+    path = table(tmp_path, text)
+    with pytest.raises(RecordingError, match=message) as caught:
+        read_table(path)
+    assert str(path) in str(caught.value)
+
+
+def test_missing_tables_and_columns_are_named(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match="No such file"):
+        read_table(tmp_path / "missing.csv")
+    with pytest.raises(RecordingError, match="o2train table"):
+        read_table(tmp_path / "drive.parquet")
+    got = read_table(table(tmp_path, "time_s,x\n0,1\n"))
+    with pytest.raises(RecordingError, match="has no column y, z"):
+        list(table_samples(got, ["x", "y", "z"]))
+
+
+def test_a_truncated_gzipped_table_is_refused(tmp_path: Path) -> None:
+    path = table(tmp_path, "time_s,x\n" + "".join(f"{k},{k * 7}\n" for k in range(500)), "t.csv.gz")
+    path.write_bytes(path.read_bytes()[:-40])
+    with pytest.raises(RecordingError, match="cannot read the table"):
+        read_table(path)
+
+
+def test_a_columns_map_renames_and_scales(tmp_path: Path) -> None:
+    path = table(tmp_path, "t_ms,AFR,other\n0,14.7,1\n100,29.4,2\n")
+    columns = tmp_path / "columns.toml"
+    columns.write_text(
+        'time_s = { column = "t_ms", factor = 0.001 }\n'
+        'lambda_measured = { column = "AFR", factor = 0.068027210884, offset = 0.0 }\n'
+    )
+    got = read_table(path, columns)
+    assert got.names == ("t_ms", "AFR", "other", "lambda_measured")  # the others keep their names
+    assert got.t_ns.tolist() == [0, 100_000_000]
+    np.testing.assert_allclose(got.values[:, 3], [1, 2])
+
+
+@pytest.mark.parametrize(
+    ("text", "error", "message"),
+    [
+        ("x = 3\n", ConfigError, "a column's name is wanted"),
+        ('x = { column = "a", gain = 2 }\n', ConfigError, "unknown key 'gain'"),
+        ('x = { column = "a", factor = "2" }\n', ConfigError, "a number is wanted"),
+        ("x = \n", ConfigError, "not a TOML file"),
+        ('x = "b"\n', RecordingError, "no column 'b' for x, there are time_s, a"),
+    ],
+)
+def test_a_columns_map_that_cannot_be_is_refused(
+    tmp_path: Path, text: str, error: type[Exception], message: str
+) -> None:
+    columns = tmp_path / "columns.toml"
+    columns.write_text(text)
+    with pytest.raises(error, match=message):
+        read_table(table(tmp_path, "time_s,a\n0,1\n"), columns)
+
+
+def test_the_page_of_signals_has_every_name_with_its_unit_and_range() -> None:
+    page = (Path(__file__).parents[1] / "docs" / "signals.md").read_text(encoding="utf-8")
+    rows = [row.strip("| ").split(" | ") for row in page.splitlines() if row.startswith("| `")]
+    told = {name.strip("`"): (unit, plausible) for name, unit, _, plausible in rows}
+    assert told == {s.name: (s.unit, f"{s.minimum:g} to {s.maximum:g}") for s in SIGNALS}

@@ -1,0 +1,372 @@
+"""o2mon inject as a gateway between two buses."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+import can
+import pytest
+from can.interfaces.virtual import VirtualBus
+
+from monitor import cli
+from monitor.base.errors import BusError
+from monitor.base.types import Frame
+from monitor.bus.link.connection import LAST_TRY_S, Connection
+from monitor.bus.link.recorder import message_of
+from monitor.frames.logs import read_frames
+from monitor.frames.loop_frames import BUS_STATE_ID, codes_cleared, is_own, says_off
+from monitor.inject.gateway import Gateway
+from monitor.inject.injection import Injection
+from monitor.inject.injector import Injector
+from monitor.inject.side import Side
+from tests.helpers.injected_frames import (
+    HALF_STEP,
+    LAMBDA_ID,
+    OWN,
+    decoded,
+    first_minutes,
+    lambda_frames,
+)
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The first minutes of a healthy drive."""
+    return first_minutes(tmp_path_factory.mktemp("drive"))
+
+
+class Bench:
+    """An ECU's bus and another with a gateway between them, in this process."""
+
+    def __init__(self, *faults: Injection) -> None:
+        channels = [f"{name}-{time.monotonic_ns()}" for name in ("ecu", "other")]
+        self._buses = [
+            can.Bus(interface="virtual", channel=channel) for channel in channels for _ in range(2)
+        ]
+        self.ecu, ecu_side, self.other, other_side = self._buses
+        self.gave: list[Frame] = []
+        self.gateway = Gateway(
+            Side(Connection(ecu_side)),
+            Side(Connection(other_side)),
+            Injector(OWN, faults),
+            self.gave.append,
+        )
+        self._thread = threading.Thread(target=self.gateway.run)
+
+    def __enter__(self) -> "Bench":
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.gateway.stop()
+        self._thread.join(5.0)
+        for bus in self._buses:
+            bus.shutdown()
+        assert not self._thread.is_alive()
+
+
+def drained(bus: can.BusABC, n: int) -> Iterator[can.Message]:
+    """Give ``n`` messages, fewer if they do not come in 5 s."""
+    for _ in range(n):
+        message = bus.recv(5.0)
+        if message is None:
+            return
+        yield message
+
+
+def message(can_id: int, data: bytes, **others: object) -> can.Message:
+    return can.Message(arbitration_id=can_id, is_extended_id=False, data=data, **others)  # type: ignore[arg-type]
+
+
+def test_a_gateway_rewrites_the_ecus_frames_and_passes_the_others_untouched() -> None:
+    frames = lambda_frames([1.25] * 5)
+    with Bench(Injection("gain_low", 0.5)) as bench:
+        for frame in frames:
+            bench.ecu.send(message(LAMBDA_ID, frame.data))
+        bench.ecu.send(message(0x123, b"", is_remote_frame=True, dlc=8))
+        bench.ecu.send(message(0x124, bytes(range(20)), is_fd=True, bitrate_switch=True))
+        got = list(drained(bench.other, 7))
+        bench.other.send(message(0x7DF, b"\x02\x01\x0c"))
+        bench.other.send(message(LAMBDA_ID, frames[0].data))
+        back = list(drained(bench.ecu, 2))
+    read = decoded([Frame(0, m.arbitration_id, False, bytes(m.data)) for m in got[:5]])
+    assert read == pytest.approx([1.0 / 0.9] * 5, abs=HALF_STEP)
+    kinds = {(m.arbitration_id, m.is_remote_frame, m.is_fd, m.bitrate_switch) for m in got[5:]}
+    assert kinds == {(0x123, True, False, False), (0x124, False, True, True)}
+    assert [(m.arbitration_id, bytes(m.data)) for m in back] == [
+        (0x7DF, b"\x02\x01\x0c"), (LAMBDA_ID, frames[0].data)]  # fmt: skip
+    lines = list(bench.gateway.lines())
+    assert lines == [
+        "6 frames from the ECU, 6 passed on; rewritten 5",
+        "2 frames to the ECU; 0 not sent, 0 error frames",
+    ]
+
+
+def test_a_delayed_frame_and_a_flood_go_out_although_the_ecu_is_silent() -> None:
+    flood = Injection("frame_flood", 100.0, end_s=0.5, can_id=0x700)
+    with Bench(Injection("frame_delay", 0.2), flood) as bench:
+        sent_s = time.monotonic()
+        bench.ecu.send(message(LAMBDA_ID, lambda_frames([1.0])[0].data))
+        came = [(m.arbitration_id, time.monotonic() - sent_s) for m in drained(bench.other, 51)]
+    assert Counter(can_id for can_id, _ in came) == {LAMBDA_ID: 1, 0x700: 50}
+    assert next(late_s for can_id, late_s in came if can_id == LAMBDA_ID) >= 0.19
+    assert came[-1][1] >= 0.4
+
+
+def test_time_passes_for_the_judge_when_the_ecu_falls_silent() -> None:
+    with Bench() as bench:
+        bench.ecu.send(message(LAMBDA_ID, lambda_frames([1.0])[0].data))
+        deadline_s = time.monotonic() + 5.0
+        while len(bench.gave) < 3 and time.monotonic() < deadline_s:
+            time.sleep(0.05)
+    assert [len(frame.data) for frame in bench.gave[:3]] == [8, 0, 0]  # time marks
+    assert bench.gave[2].t_ns - bench.gave[0].t_ns > 0.8e9
+
+
+def test_a_frame_under_a_monitors_own_identifier_passes_and_the_judge_does_not_heed_it() -> None:
+    with LooseBench() as bench:
+        bench.send(bench.ecu)
+        bench.ecu.send(message_of(codes_cleared(0)))
+        bench.run(0.1)
+        assert n_received(bench.other) == 2
+    assert [frame.can_id for frame in bench.gave] == [LAMBDA_ID]
+
+
+def test_frames_that_the_interface_does_not_take_are_counted() -> None:
+    class Full(VirtualBus):
+        def send(self, msg: can.Message, timeout: float | None = None) -> None:
+            raise can.CanOperationError("no buffer space")
+
+    with (
+        can.Bus(interface="virtual", channel="f-ecu") as ecu,
+        can.Bus(interface="virtual", channel="f-ecu") as side,
+        Full(channel="f-other") as other,
+    ):
+        gateway = Gateway(Side(Connection(side)), Side(Connection(other)), Injector(OWN, []))
+        ecu.send(message(LAMBDA_ID, bytes(8)))
+        gateway.run(duration_s=0.05)
+    assert list(gateway.lines())[1] == "0 frames to the ECU; 1 not sent, 0 error frames"
+
+
+def test_a_gateway_does_not_pass_on_its_own_frames_where_it_hears_them() -> None:
+    # GIVEN both buses opened so that a sender hears itself
+    own = {"interface": "virtual", "receive_own_messages": True}
+    with (
+        can.Bus(interface="virtual", channel="l-ecu") as player,
+        can.Bus(channel="l-ecu", **own) as ecu,
+        can.Bus(channel="l-other", **own) as other,
+    ):
+        gateway = Gateway(Side(Connection(ecu)), Side(Connection(other)), Injector(OWN, []))
+        player.send(message(0x123, b"1"))
+        gateway.run(duration_s=0.2)
+        assert player.recv(0.0) is None
+    assert next(gateway.lines()) == "1 frames from the ECU, 1 passed on"
+
+
+def test_a_gateway_that_cannot_open_an_interface_again_says_so() -> None:
+    class Broken(VirtualBus):
+        def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+            raise can.CanOperationError("network is down")
+
+    with (
+        Broken(channel="b-ecu") as ecu,
+        can.Bus(interface="virtual", channel="b-other") as other,
+        pytest.raises(BusError, match="network is down"),
+    ):
+        Gateway(Side(Connection(ecu)), Side(Connection(other)), Injector(OWN, [])).run(
+            duration_s=1.0
+        )
+
+
+class Loose(VirtualBus):
+    """An interface that can be pulled out."""
+
+    def __init__(self, channel: str) -> None:
+        super().__init__(channel=channel)
+        self.is_out = False
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        if self.is_out:
+            raise can.CanOperationError("network is down")
+        return super()._recv_internal(timeout)
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        if self.is_out:
+            raise can.CanOperationError("network is down")
+        super().send(msg, timeout)
+
+
+class LooseBench:
+    """A gateway whose interfaces go away and come back, on a clock of its own."""
+
+    def __init__(self) -> None:
+        self.now_s = 0.0
+        self.said: list[str] = []
+        self.gave: list[Frame] = []
+        self.is_there = True
+        self.channels = {name: f"{name}-{time.monotonic_ns()}" for name in ("ecu", "other")}
+        self.opened = {name: [Loose(channel)] for name, channel in self.channels.items()}
+        self.ecu, self.other = (
+            can.Bus(interface="virtual", channel=channel) for channel in self.channels.values()
+        )
+        self.gateway = Gateway(
+            self.side("ecu"), self.side("other"), Injector(OWN, [Injection("gain_low", 0.5)]),
+            self.gave.append, lambda: self.now_s,
+        )  # fmt: skip
+
+    def side(self, name: str) -> Side:
+        def reopen() -> can.BusABC:
+            if not self.is_there:
+                raise BusError("no such device")
+            self.opened[name].append(Loose(self.channels[name]))
+            return self.opened[name][-1]
+
+        first = self.opened[name][0]
+        return Side(Connection(first, reopen, self.said.append, lambda: self.now_s, name))
+
+    def pull_out(self, name: str) -> None:
+        self.opened[name][-1].is_out, self.is_there = True, False
+
+    def run(self, seconds: float) -> None:
+        """Let the gateway work for so long of its own time, in steps that are none to wait for."""
+        end_s = self.now_s + seconds
+        while self.now_s < end_s:
+            self.gateway.step()
+            self.now_s += 0.05
+
+    def send(self, bus: can.BusABC) -> None:
+        bus.send(message(LAMBDA_ID, lambda_frames([1.25])[0].data))
+        self.run(0.1)
+
+    def __enter__(self) -> "LooseBench":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.gateway.close()
+        for bus in (self.ecu, self.other, *(buses[0] for buses in self.opened.values())):
+            bus.shutdown()
+
+
+def n_received(bus: can.BusABC) -> int:
+    n = 0
+    while bus.recv(0.0):
+        n += 1
+    return n
+
+
+@pytest.mark.parametrize("which", ["ecu", "other"])
+def test_a_gateway_passes_frames_again_after_an_interface_was_gone(which: str) -> None:
+    with LooseBench() as bench:
+        # GIVEN a gateway that passes frames both ways
+        bench.send(bench.ecu)
+        bench.send(bench.other)
+        assert (n_received(bench.other), n_received(bench.ecu)) == (1, 1)
+        # WHEN one of its interfaces is gone for a while, in which both sides go on sending
+        bench.pull_out(which)
+        bench.run(20.0)
+        bench.send(bench.ecu)
+        bench.send(bench.other)
+        assert (n_received(bench.other), n_received(bench.ecu)) == (0, 0)
+        bench.is_there = True
+        bench.run(6.0)
+        # THEN frames pass again, with the fault in them, and what was lost meanwhile is counted
+        bench.send(bench.ecu)
+        bench.send(bench.other)
+        passed = bench.other.recv(0.0)
+        assert passed is not None
+        (read,) = decoded([Frame(0, LAMBDA_ID, False, bytes(passed.data))])
+        assert read == pytest.approx(1.0 / 0.9, abs=HALF_STEP)
+        assert n_received(bench.ecu) == 1
+        assert bench.gateway.passed.failed == 1
+        # and it said so once, and at the end
+        assert [line.split(";")[0] for line in bench.said] == [
+            f"{which}: lost: network is down",
+            bench.said[1],
+        ]
+        assert bench.said[1].startswith(f"{which}: back after 2")
+        assert list(bench.gateway.lines())[2:] == [f"{which}: lost 1 time, back 1 time"]
+
+
+def test_a_lost_interface_is_tried_with_growing_waits() -> None:
+    with LooseBench() as bench:
+        bench.pull_out("other")
+        bench.run(60.0)
+        assert len(bench.said) == 1
+        bench.is_there = True
+        bench.run(LAST_TRY_S + 0.1)
+        assert len(bench.opened["other"]) == 2
+        assert len(bench.said) == 2
+
+
+def test_the_judge_is_told_that_the_gateway_itself_is_off_a_bus() -> None:
+    # GIVEN an ECU that has been heard
+    with LooseBench() as bench:
+        bench.send(bench.ecu)
+        # WHEN the interface to it is gone and comes back
+        bench.pull_out("ecu")
+        bench.run(3.0)
+        bench.is_there = True
+        bench.run(6.0)
+        bench.send(bench.ecu)
+    # THEN the judge hears of it, as a monitor on the bus would know of its own interface
+    states = [(frame, says_off(frame)) for frame in bench.gave if frame.can_id == BUS_STATE_ID]
+    assert [off for _, off in states] == [True, False]
+    # in the order of time, which goes on meanwhile
+    own = [frame for frame in bench.gave if is_own(frame)]
+    assert len(own) > 10
+    assert [frame.t_ns for frame in own] == sorted(frame.t_ns for frame in own)
+
+
+@pytest.mark.parametrize(("code", "exit_code"), [("P2A00", 0), ("P0133", 1)])
+def test_between_two_buses_what_goes_out_is_judged_when_a_signal_ends_it(
+    code: str, exit_code: int, drive: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # GIVEN a drive on a bus that keeps its time, so that it need not last as long
+    scenario = tmp_path / "s.toml"
+    fault = '[[fault]]\nname = "gain_low"\nstart_s = 20.0\n'
+    scenario.write_text(f'{fault}[[expect]]\ncode = "{code}"\nwithin_s = 120.0\n')
+    frames = list(read_frames(drive))
+    ecu, other = f"e-{code}", f"o-{code}"
+    heard = []
+
+    def play() -> None:
+        with (
+            can.Bus(interface="virtual", channel=ecu, preserve_timestamps=True) as player,
+            can.Bus(interface="virtual", channel=other) as listener,
+        ):
+            while len(can.interfaces.virtual.channels[ecu]) < 2:
+                time.sleep(0.01)
+            for frame in frames:
+                player.send(message_of(frame))
+            while len(heard) < len(frames) and (got := listener.recv(10.0)):
+                heard.append(got)
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    thread = threading.Thread(target=play, daemon=True)
+    thread.start()
+    argv = ["-i", "virtual", "-c", ecu, "--to-channel", other, "--scenario", str(scenario)]
+    assert cli.main(["inject", *argv, "--assert", "--duration", "60"]) == exit_code
+    thread.join(5.0)
+    assert len(heard) == len(frames)
+    assert ("NOT MET" in capsys.readouterr().out) is bool(exit_code)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_gateway_ends_cleanly_on_a_signal(number: signal.Signals) -> None:
+    argv = [sys.executable, "-m", "monitor.cli", "inject", "-i", "virtual", "-c", "a",
+            "--to-channel", "b", "--fault", "gain_low"]  # fmt: skip
+    with subprocess.Popen(
+        argv, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=dict(os.environ)
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "virtual a to virtual b: gain_low=0.5\n"
+        process.send_signal(number)
+        out, err = process.communicate(timeout=10)
+    assert (process.returncode, err) == (0, "")
+    assert out.splitlines()[0] == "0 frames from the ECU, 0 passed on"

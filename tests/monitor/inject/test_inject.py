@@ -1,0 +1,310 @@
+"""Faults put into an ECU's frames: of the sensor in frame time, and of the frames."""
+
+import random
+from collections import Counter
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from monitor.base.errors import SignalMapError, UsageError
+from monitor.base.faults import DropOuts, Noise, SensorFault, TimedSensorFault, resolve
+from monitor.base.types import Frame
+from monitor.decode.decoder import Decoder
+from monitor.inject.injection import FRAME_FAULTS, NAMES, Injection
+from monitor.inject.injector import Injector
+from tests.helpers.injected_frames import (
+    AIR_ID,
+    HALF_STEP,
+    LAMBDA_ID,
+    MS,
+    OWN,
+    RUSEFI,
+    WRITER,
+    counted,
+    decoded,
+    injected,
+    lambda_frames,
+)
+
+readings = st.lists(st.floats(0.7, 1.4), min_size=2, max_size=60)
+
+
+# The sensor's faults in frame time
+
+
+IN_PHI = ("slow_rich_to_lean", "slow_symmetric", "delay_lean_to_rich", "delay_symmetric",
+          "transient", "gain_low", "biased_lean", "stuck_rich", "out_of_range")  # fmt: skip
+
+
+@pytest.mark.parametrize("name", IN_PHI)
+@settings(max_examples=20)
+@given(values=readings)
+def test_at_even_times_a_fault_reads_as_defined(name: str, values: list[float]) -> None:
+    fault = resolve(name)
+    timed = TimedSensorFault(fault)
+    got = [timed.push(n * 20 * MS, value) for n, value in enumerate(values)]
+    np.testing.assert_allclose(got, SensorFault(fault, 0.02).apply(values), rtol=1e-12)
+
+
+@given(st.lists(st.integers(1, 80), min_size=30, max_size=60), st.floats(0.1, 0.5))
+def test_at_uneven_times_a_ramp_of_phi_is_late_by_the_dead_time(
+    steps_ms: list[int], delay_s: float
+) -> None:
+    # GIVEN frames at uneven times of a phi that rises evenly
+    times_ns = np.cumsum(steps_ms) * MS
+    slope = 0.05
+    timed = TimedSensorFault(resolve("delay_symmetric", delay_s))
+    for t_ns in times_ns.tolist():
+        phi = 1.0 / timed.push(t_ns, 1.0 / (0.8 + slope * t_ns / 1e9))
+        then_s = max(t_ns / 1e9 - round(delay_s * 1e9) / 1e9, times_ns[0] / 1e9)
+        assert phi == pytest.approx(0.8 + slope * then_s, abs=1e-9)
+
+
+@given(st.lists(st.integers(1, 200), min_size=1, max_size=40), st.floats(0.1, 2.0))
+def test_at_uneven_times_a_lag_has_its_time_constant(steps_ms: list[int], tau_s: float) -> None:
+    timed = TimedSensorFault(resolve("slow_symmetric", tau_s))
+    timed.push(0, 1.0 / 0.9)
+    for t_ns in (np.cumsum(steps_ms) * MS).tolist():
+        phi = 1.0 / timed.push(t_ns, 1.0 / 1.1)
+        assert phi == pytest.approx(1.1 - 0.2 * np.exp(-t_ns / 1e9 / tau_s), abs=1e-9)
+
+
+def test_noise_has_its_standard_deviation_and_drop_outs_their_share() -> None:
+    noise, loose = Noise(0.02, "1"), DropOuts(0.2, "1")
+    noisy = np.array([noise.push(n * 20 * MS, 1.0) for n in range(20_000)])
+    assert noisy.std() == pytest.approx(0.02, rel=0.03)
+    assert abs(noisy.mean() - 1.0) < 0.001
+    lost = np.isnan([loose.push(n * 20 * MS, 1.0) for n in range(100_000)])
+    assert lost.mean() == pytest.approx(0.2, abs=0.03)
+
+
+# In the frames
+
+
+@given(readings)
+def test_a_gain_is_read_from_the_frames_within_half_a_step(values: list[float]) -> None:
+    frames = lambda_frames(values)
+    out = injected(frames, Injection("gain_low", 0.5))
+    healthy = decoded(frames)
+    wanted = SensorFault(resolve("gain_low", 0.5), 0.02).apply(healthy)
+    np.testing.assert_allclose(decoded(out), wanted, atol=HALF_STEP)
+    assert [frame.t_ns for frame in out] == [frame.t_ns for frame in frames]
+
+
+@given(
+    readings, st.sampled_from([n for n in NAMES if n not in FRAME_FAULTS and n != "signal_missing"])
+)
+def test_a_sensor_fault_changes_its_signals_and_the_checksum_only(
+    values: list[float], name: str
+) -> None:
+    frames = lambda_frames(values)
+    out = injected(frames, Injection.of(name))
+    assert len(out) == len(frames)
+    for before, after in zip(frames, out, strict=True):
+        assert after._replace(data=b"") == before._replace(data=b"")
+        assert after.data[2:4] == before.data[2:4]
+        assert after.data[4] & ~0x30 == before.data[4] & ~0x30
+        assert (after.data[4] & 0x30 == before.data[4] & 0x30) is (name != "not_ready")
+        assert after.data[5:7] == before.data[5:7]
+        assert WRITER.is_sound(after.data)
+
+
+@given(readings)
+def test_a_fault_that_does_nothing_leaves_every_bit(values: list[float]) -> None:
+    # GIVEN a lag much faster than the frames, noise below half a step, one that has not begun
+    frames = lambda_frames(values)
+    for nothing in (
+        Injection("slow_symmetric", 1e-9),
+        Injection("noise", 1e-9),
+        Injection("gain_low", 0.5, start_s=1e6),
+    ):
+        assert injected(frames, nothing) == frames
+
+
+def test_a_fault_acts_from_its_start_to_before_its_end() -> None:
+    frames = lambda_frames([1.0] * 10)
+    read = decoded(injected(frames, Injection("stuck_lean", 0.25, start_s=0.04, end_s=0.12)))
+    assert [value > 1.2 for value in read] == [False] * 2 + [True] * 4 + [False] * 4
+
+
+def test_faults_act_in_their_order() -> None:
+    out = injected(
+        lambda_frames([1.25] * 3), Injection("gain_low", 0.5), Injection("biased_lean", 0.1)
+    )
+    assert decoded(out) == pytest.approx([1.0 / 0.9 + 0.1] * 3, abs=HALF_STEP)
+
+
+def test_not_ready_tells_so_and_gives_no_reading_and_invalid_gives_none_though_ready() -> None:
+    frames = lambda_frames([1.0] * 3)
+    for name, ready in (("not_ready", 0.0), ("signal_invalid", 1.0)):
+        out = injected(frames, Injection.of(name))
+        assert np.isnan(decoded(out)).all()
+        assert decoded(out, "sensor_ready") == [ready] * 3
+
+
+def test_a_map_that_cannot_say_not_available_refuses_such_faults_and_holds_through_drop_outs() -> (
+    None
+):
+    for name in ("not_ready", "signal_invalid"):
+        with pytest.raises(SignalMapError, match="rusefi"):
+            Injector(RUSEFI, [Injection.of(name)])
+    message = RUSEFI.channels["lambda_measured"].message
+    ramp = [
+        Frame(
+            n * 20 * MS, message.frame_id, False, int(10_000 + n).to_bytes(2, "little") + bytes(6)
+        )
+        for n in range(2000)
+    ]
+    injector = Injector(RUSEFI, [Injection("drop_outs", 0.3)])
+    read = [int.from_bytes(frame.data[:2], "little") for frame in injector.stream(ramp)]
+    held = sum(here == before for before, here in pairwise(read))
+    assert 0.15 < held / len(read) < 0.45
+    assert all(value in range(9_999, 12_000) for value in read)
+
+
+def test_frames_that_are_not_sound_are_passed_as_they_are() -> None:
+    frames = lambda_frames([1.0] * 4)
+    frames[1] = frames[1]._replace(data=frames[1].data[:5])
+    frames[2] = frames[2]._replace(data=frames[2].data[:7] + bytes([frames[2].data[7] ^ 1]))
+    injector = Injector(OWN, [Injection("gain_low", 0.5), Injection("biased_lean", 0.1)])
+    out = list(injector.stream(frames))
+    assert out[1:3] == frames[1:3]
+    assert out[0] != frames[0]
+    assert injector.counts.changed["unsound, left as it is"] == 2
+
+
+def test_only_the_message_that_carries_lambda_is_touched() -> None:
+    other = [Frame(n * 10 * MS, 0x100 + n, bool(n % 2), bytes([n] * (n % 9))) for n in range(50)]
+    for name in NAMES:
+        if name != "frame_flood":
+            assert injected(other, Injection.of(name)) == other
+
+
+# The frames' own faults
+
+
+def test_lost_frames_leave_gaps_in_the_counter_or_none_if_it_is_kept() -> None:
+    frames = lambda_frames([1.0] * 2000)
+    gaps = injected(frames, Injection("frame_loss", 0.3))
+    kept = injected(frames, Injection("frame_loss", 0.3), keep=True)
+    assert len(gaps) == len(kept) == pytest.approx(1400, abs=80)
+    assert set(gaps) < set(frames)
+    assert counted(kept) == [n % 16 for n in range(len(kept))]
+    assert all(WRITER.is_sound(frame.data) for frame in kept)
+    decoder = Decoder(OWN, ["lambda_measured"])
+    for frame in gaps:
+        decoder.push(frame)
+    assert decoder.counters["ECU_Lambda"].lost > 300
+
+
+def test_a_counter_that_is_kept_still_shows_what_was_lost_before() -> None:
+    frames = lambda_frames([1.0] * 2000)
+    del frames[1000]
+    kept = counted(injected(frames, Injection("frame_loss", 0.3), keep=True))
+    jumps = Counter((b - a) % 16 for a, b in pairwise(kept))
+    assert jumps == {1: len(kept) - 2, 2: 1}
+
+
+def test_doubled_frames_repeat_the_counter_or_count_on_if_it_is_kept() -> None:
+    frames = lambda_frames([1.0] * 2000)
+    twice = injected(frames, Injection("frame_duplication", 0.25))
+    kept = injected(frames, Injection("frame_duplication", 0.25), keep=True)
+    assert len(twice) == len(kept) == pytest.approx(2500, abs=80)
+    assert all(n <= 2 for n in Counter(twice).values())
+    assert len(decoded(twice)) == 2000  # a repeated counter is not used
+    assert counted(kept) == [n % 16 for n in range(len(kept))]
+    assert len(decoded(kept)) == len(kept)
+
+
+def test_a_corrupted_frame_has_one_bit_flipped_and_is_dropped_by_the_decoder() -> None:
+    frames = lambda_frames([1.0] * 1000)
+    out = injected(frames, Injection("frame_corruption", 0.2))
+    flipped = [
+        (int.from_bytes(a.data, "little") ^ int.from_bytes(b.data, "little")).bit_count()
+        for a, b in zip(frames, out, strict=True)
+    ]
+    assert set(flipped) == {0, 1}
+    assert sum(flipped) == pytest.approx(200, abs=50)
+    assert len(decoded(out)) == 1000 - sum(flipped)
+
+
+def test_delayed_frames_come_later_and_all_in_the_order_of_time() -> None:
+    other = [Frame(n * 7 * MS, AIR_ID, False, bytes(8)) for n in range(60)]
+    frames = sorted(lambda_frames([1.0] * 20) + other)
+    out = injected(frames, Injection("frame_delay", 0.05))
+    assert [f.t_ns for f in out] == sorted(f.t_ns for f in out)
+    moved = [f._replace(t_ns=f.t_ns + 50 * MS) if f.can_id == LAMBDA_ID else f for f in frames]
+    assert sorted(out) == sorted(moved)
+
+
+def test_a_flood_has_its_rate_and_identifier_in_its_time() -> None:
+    other = [Frame(n * 10 * MS, AIR_ID, False, bytes(8)) for n in range(300)]
+    out = injected(
+        other, Injection("frame_flood", 500.0, start_s=0.5, end_s=1.5, can_id=0x18FF0001)
+    )
+    flood = [frame for frame in out if frame.can_id != AIR_ID]
+    assert len(flood) == 500
+    assert {(frame.can_id, frame.is_extended, len(frame.data)) for frame in flood} == {
+        (0x18FF0001, True, 8)
+    }
+    assert min(f.t_ns for f in flood) == 500 * MS
+    assert max(f.t_ns for f in flood) == 1498 * MS
+    assert [f for f in out if f.can_id == AIR_ID] == other
+    assert [f.t_ns for f in out] == sorted(f.t_ns for f in out)
+
+
+def test_messages_say_which_frames_a_frame_fault_is_for() -> None:
+    rng = random.Random(1)
+    frames = [
+        Frame(n * MS, rng.choice([AIR_ID, LAMBDA_ID, 0x555]), False, bytes(8)) for n in range(900)
+    ]
+    lost = {
+        of: set(frames) - set(injected(frames, Injection("frame_loss", 0.5, messages=of)))
+        for of in ((), ("ECU_Air",), ("all",))
+    }
+    assert {f.can_id for f in lost[()]} == {LAMBDA_ID}
+    assert {f.can_id for f in lost[("ECU_Air",)]} == {AIR_ID}
+    assert {f.can_id for f in lost[("all",)]} == {AIR_ID, LAMBDA_ID, 0x555}
+    with pytest.raises(UsageError, match="'ECU_Brake' is not in the signal map; there are ECU_Air"):
+        Injector(OWN, [Injection("frame_loss", 0.5, messages=("ECU_Brake",))])
+
+
+@pytest.mark.parametrize("name", ["noise", "drop_outs", *FRAME_FAULTS])
+def test_the_same_seed_gives_the_same_frames_and_another_seed_others(name: str) -> None:
+    frames = lambda_frames([1.0] * 400)
+    fault = Injection.of(name)
+    assert injected(frames, fault, seed=3) == injected(frames, fault, seed=3)
+    if name != "frame_delay":  # nothing random in it
+        assert injected(frames, fault, seed=3) != injected(frames, fault, seed=4)
+
+
+frame_lists = st.lists(
+    st.builds(
+        Frame,
+        st.integers(0, 10**10),
+        st.sampled_from([LAMBDA_ID, AIR_ID, 0x2A0, 0x7FF]),
+        st.booleans(),
+        st.binary(max_size=8),
+    ),
+    max_size=30,
+)
+
+
+@given(
+    frame_lists,
+    st.lists(st.sampled_from([n for n in NAMES if n != "frame_flood"]), max_size=4),
+    st.booleans(),
+)
+def test_any_frames_with_any_faults_are_survived(
+    frames: list[Frame], names: list[str], keep: bool
+) -> None:
+    injector = Injector(OWN, [Injection.of(name) for name in names], keep_counters=keep)
+    out = list(injector.stream(frames))
+    counts = injector.counts
+    assert counts.taken == len(frames)
+    assert counts.given == len(out)
+    done = counts.changed
+    assert len(out) == len(frames) - done["lost"] - done["left out"] + done["duplicated"]

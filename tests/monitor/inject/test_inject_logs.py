@@ -1,0 +1,132 @@
+"""o2mon inject from log to log, with what its scenarios expect."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from monitor import cli
+from monitor.frames.logs import read_frames
+from monitor.inject.injection import FRAME_FAULTS, NAMES, Injection
+from monitor.memory.dtc import CODES
+from tests.helpers.injected_frames import (
+    HEALTHY,
+    ROOT,
+    decoded,
+    first_minutes,
+    injected,
+    lambda_frames,
+    write,
+)
+
+
+def stem(path: Path) -> str:
+    return path.stem
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The first minutes of a healthy drive."""
+    return first_minutes(tmp_path_factory.mktemp("drive"))
+
+
+SEVERITY = {"biased_lean": 0.2}  # this vehicle's own offset is -0.03
+FOUND = [name for name in CODES if name in NAMES]
+
+
+@pytest.mark.parametrize("name", FOUND)
+def test_a_healthy_drive_with_a_fault_put_on_has_the_code_of_the_fault(
+    name: str, drive: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # GIVEN a scenario that expects every code of the fault, pending in the first drive
+    scenario = tmp_path / "s.toml"
+    severity = f"severity = {SEVERITY[name]}\n" if name in SEVERITY else ""
+    expected = "".join(
+        f'[[expect]]\ncode = "{code}"\nstate = "pending"\nwithin_s = 120.0\n'
+        for code in CODES[name]
+    )
+    scenario.write_text(f'[[fault]]\nname = "{name}"\n{severity}start_s = 20.0\n{expected}')
+    # THEN it is met, and no other code came
+    assert cli.main(["inject", str(drive), "--scenario", str(scenario), "--assert"]) == 0
+    assert "NOT MET" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", ["noise", "drop_outs", *FRAME_FAULTS])
+def test_disturbances_that_are_no_fault_of_the_sensor_raise_no_code(
+    name: str, drive: Path, tmp_path: Path
+) -> None:
+    scenario = tmp_path / "s.toml"
+    scenario.write_text(f'[[fault]]\nname = "{name}"\n[[expect]]\ncode = "none"\n')
+    assert cli.main(["inject", str(drive), "--scenario", str(scenario), "--assert"]) == 0
+
+
+def test_an_expectation_that_is_not_met_ends_with_1_and_a_table(
+    drive: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scenario = tmp_path / "s.toml"
+    scenario.write_text('[[fault]]\nname = "gain_low"\n[[expect]]\ncode = "P0133"\n')
+    assert cli.main(["inject", str(drive), "--scenario", str(scenario), "--assert"]) == 1
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[-3].split() == ["drive", "expected", "seen"]
+    assert lines[-2].startswith("1      P0133          P2A00 pending (gain_low) after ")
+    assert lines[-2].endswith("NOT MET")
+    assert lines[-1].startswith("1      no other code  P2A00 pending")
+
+
+@pytest.mark.parametrize("scenario", sorted((ROOT / "docs" / "scenarios").glob("*.toml")), ids=stem)
+def test_the_shipped_scenarios_are_met(
+    scenario: Path, drive: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = HEALTHY if scenario.stem.startswith("offset") else drive  # what is healthy takes longer
+    assert cli.main(["inject", str(log), "--scenario", str(scenario), "--assert"]) == 0
+    assert "  met" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("suffix", [".log", ".log.gz", ".asc", ".blf", ".csv.gz", ".trc", ".mf4"])
+def test_every_log_format_is_written_and_judged_alike(suffix: str, tmp_path: Path) -> None:
+    frames = lambda_frames([1.0 + 0.2 * np.sin(n / 9) for n in range(500)])
+    source, out = tmp_path / "in.log", tmp_path / f"out{suffix}"
+    write(source, frames)
+    assert cli.main(["inject", str(source), "--out", str(out), "--fault", "gain_low=0.5@2-8"]) == 0
+    wanted = injected(frames, Injection("gain_low", 0.5, 2.0, 8.0))
+    got = list(read_frames(out))
+    assert [f.data for f in got] == [f.data for f in wanted]
+    shifts = {(a.t_ns - b.t_ns) // 1000 for a, b in zip(got, wanted, strict=True)}
+    assert max(shifts) - min(shifts) <= 1  # some formats keep no absolute time
+
+
+def test_the_frames_of_several_drives_go_to_numbered_logs(tmp_path: Path) -> None:
+    source, scenario = tmp_path / "in.log", tmp_path / "s.toml"
+    write(source, lambda_frames([1.1] * 100))
+    scenario.write_text('drives = 2\n[[fault]]\nname = "stuck_at_one"\ndrives = [2]\n')
+    out = tmp_path / "out.log.gz"
+    assert cli.main(["inject", str(source), "--scenario", str(scenario), "--out", str(out)]) == 0
+    means = [np.mean(decoded(list(read_frames(tmp_path / f"out_{n}.log.gz")))) for n in (1, 2)]
+    assert means == pytest.approx([1.1, 1.0], abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("argv", "says"),
+    [
+        (["IN"], "nothing to do with LOG"),
+        (["IN", "--out", "OUT", "--fault", "slow"], "fault 'slow' is unknown"),
+        (["IN", "--out", "OUT", "--assert"], "--assert needs a --scenario"),
+        (["IN", "--out", "out.txt"], "unknown log format '.txt'"),
+        (["IN", "--out", "no/such/out.log"], "no/such/out.log: the folder does not exist"),
+        (["IN", "--out", "OUT", "-i", "virtual", "-c", "a"], "either a LOG or two buses"),
+        (["IN", "--out", "OUT", "--fault", "signal_missing"], "no frame is left"),
+        (["none.log", "--out", "OUT"], "none.log: cannot read it"),
+        (["-i", "virtual", "-c", "a"], "give the other side"),
+        (["-i", "virtual", "-c", "a", "--to-channel", "a"], "both sides are virtual a"),
+        (["-i", "virtual", "-c", "a", "--to-channel", "b", "--out", "OUT"], "--out is for a LOG"),
+        (["-i", "udp_multicast", "-c", "239.1.1.1", "--to-channel", "239.1.1.2"], "hears what it"),
+        (["IN", "--out", "OUT", "--dbc", "x.dbc"], "--dbc and --map come in pairs"),
+    ],
+)
+def test_what_cannot_be_is_refused_with_exit_code_2(
+    argv: list[str], says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write(tmp_path / "in.log", lambda_frames([1.0] * 3))
+    paths = {"IN": str(tmp_path / "in.log"), "OUT": str(tmp_path / "out.log")}
+    assert cli.main(["inject", *(paths.get(arg, arg) for arg in argv)]) == 2
+    assert says in capsys.readouterr().err

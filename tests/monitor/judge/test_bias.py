@@ -1,0 +1,115 @@
+"""The paper's rule and the bias rule."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from monitor.base import config
+from monitor.judge.bias import BiasRule, paper_failed
+
+# The paper's rule
+
+
+@given(st.floats(-2.0, 2.0), st.floats(0.0, 2.0), st.floats(1e-3, 1.0), st.floats(1e-3, 1.0))
+def test_the_papers_rule_needs_mean_and_spread(
+    mean: float, std: float, j_mu: float, j_sigma: float
+) -> None:
+    assert paper_failed(mean, std, j_mu, j_sigma) == (
+        (mean >= j_mu or -mean >= j_mu) and std >= j_sigma
+    )
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_papers_rule_is_exact_at_its_limits(sign: float) -> None:
+    j_mu, j_sigma = 0.05, 0.25
+    assert paper_failed(sign * j_mu, j_sigma, j_mu, j_sigma)
+    assert not paper_failed(sign * math.nextafter(j_mu, 0.0), j_sigma, j_mu, j_sigma)
+    assert not paper_failed(sign * j_mu, math.nextafter(j_sigma, 0.0), j_mu, j_sigma)
+    assert not paper_failed(sign * 100.0, 0.0, j_mu, j_sigma)
+    assert not paper_failed(0.0, 100.0, j_mu, j_sigma)
+
+
+# The bias rule
+
+LIMIT = 0.065
+BIAS = config.load().bias
+STD = BIAS.window_std_lambda
+
+
+def new_rule(low: float = -LIMIT, high: float = LIMIT) -> BiasRule:
+    return BiasRule(BIAS, low, high, STD)
+
+
+@given(st.lists(st.floats(-0.2, 0.2), min_size=1, max_size=40))
+def test_the_bias_rule_judges_the_fading_mean(means: list[float]) -> None:
+    rule = new_rule()
+    for i, mean in enumerate(means, start=1):
+        got = rule.judge(mean)
+        weights = BIAS.memory ** np.arange(i)[::-1]
+        offset = float(np.average(means[:i], weights=weights))
+        effective = weights.sum() ** 2 / (weights**2).sum()
+        shared = BIAS.variance_shared
+        std = STD * math.sqrt(shared + (1.0 - shared) / effective)
+        assert got.offset == pytest.approx(offset, abs=1e-12)
+        assert got.offset_std == pytest.approx(std, rel=1e-9)
+        if i < BIAS.n_windows:
+            assert (got.outcome, got.fault) == ("inconclusive", None)
+        elif got.outcome == "failed":
+            assert abs(offset) >= LIMIT + 0.999 * BIAS.certainty * std
+            assert got.fault == ("biased_lean" if offset > 0.0 else "biased_rich")
+        elif got.outcome == "passed":
+            assert abs(offset) < LIMIT
+        else:
+            assert LIMIT <= abs(offset) <= LIMIT + 1.001 * BIAS.certainty * std
+
+
+def test_a_small_offset_needs_more_windows_than_a_large_one() -> None:
+    needed = []
+    for beyond in (0.05, 0.013, 0.01):
+        rule = new_rule()
+        outcomes = [rule.judge(LIMIT + beyond).outcome for _ in range(40)]
+        needed.append(outcomes.index("failed") + 1)
+    assert needed == sorted(needed)
+    assert needed[0] == BIAS.n_windows
+    assert needed[-1] > 5
+
+
+def test_the_limits_of_a_vehicle_need_not_be_alike() -> None:
+    assert [new_rule(-0.01, 0.07).judge(x).outcome for x in (0.06,)] == ["inconclusive"]
+    for offset, fault in ((0.06, None), (-0.04, "biased_rich"), (0.1, "biased_lean")):
+        rule = new_rule(-0.01, 0.07)
+        assert [rule.judge(offset) for _ in range(10)][-1].fault == fault
+
+
+def test_without_averaging_the_bias_limit_is_exact() -> None:
+    one_window = replace(BIAS, n_windows=1)
+    least = LIMIT + BIAS.certainty * STD
+    assert BiasRule(one_window, -LIMIT, LIMIT, STD).judge(least + 1e-9).fault == "biased_lean"
+    assert BiasRule(one_window, -LIMIT, LIMIT, STD).judge(least - 1e-9).fault is None
+    assert BiasRule(one_window, -LIMIT, LIMIT, STD).judge(-least - 1e-9).fault == "biased_rich"
+
+
+def test_a_single_far_window_is_no_bias() -> None:
+    rule = new_rule()
+    outcomes = [rule.judge(mean).outcome for mean in (0.0, 0.0, 0.0, 0.15, 0.0, 0.0)]
+    assert outcomes == ["inconclusive", "inconclusive", "passed", "passed", "passed", "passed"]
+
+
+def test_an_ignored_window_is_no_bias() -> None:
+    rule = new_rule()
+    for _ in range(5):
+        assert rule.judge(1.0, ignore=True).outcome == "inconclusive"
+    assert [rule.judge(0.0).outcome for _ in range(3)] == ["inconclusive"] * 2 + ["passed"]
+
+
+def test_after_a_reset_the_bias_rule_waits_again() -> None:
+    rule = new_rule()
+    for _ in range(4):
+        last = rule.judge(0.1)
+    assert last.fault == "biased_lean"
+    rule.reset()
+    assert rule.judge(0.1).outcome == "inconclusive"

@@ -1,0 +1,375 @@
+"""Enable conditions, and the windows that enabled samples fill."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from monitor.base import config
+from monitor.base.runs import stretches
+from monitor.base.types import Quality, Sample
+from monitor.judge import enable
+from monitor.judge.enable import CONDITIONS, Enable
+from monitor.judge.window import Window, WindowCollector
+
+CONFIG = config.load().enable
+PERIOD_S = 0.1
+NAMES = ("air_mass_mg", "lambda_controller", "lambda_measured", *enable.SIGNALS)
+INPUTS = ("air_mass_mg", "lambda_controller")
+LOW, HIGH = np.array([100.0, 0.8]), np.array([600.0, 1.2])
+GOOD = {
+    "air_mass_mg": 300.0,
+    "lambda_controller": 1.0,
+    "lambda_measured": 1.0,
+    "closed_loop": 1.0,
+    "fuel_cut": 0.0,
+    "sensor_ready": 1.0,
+    "coolant_temperature_degc": 85.0,
+    "engine_speed_rpm": 2000.0,
+    "manifold_pressure_kpa": 50.0,
+    "vehicle_speed_km_h": 60.0,
+    "purge_duty_percent": 20.0,
+}
+# condition → a sample's value that breaks it and nothing else
+BREAKS = {
+    "measured_valid": ("lambda_measured", math.nan),
+    "trained_range": ("air_mass_mg", 651.0),
+    "closed_loop": ("closed_loop", 0.0),
+    "fuel_cut_recovered": ("fuel_cut", 1.0),
+    "sensor_ready": ("sensor_ready", 0.0),
+    "coolant_warm": ("coolant_temperature_degc", math.nextafter(CONFIG.coolant_min_degc, 0.0)),
+    "engine_speed": ("engine_speed_rpm", math.nextafter(CONFIG.engine_speed_min_rpm, 0.0)),
+    "engine_load": ("manifold_pressure_kpa", math.nextafter(CONFIG.manifold_pressure_min_kpa, 0.0)),
+    "vehicle_speed": ("vehicle_speed_km_h", math.nextafter(CONFIG.vehicle_speed_min_km_h, 0.0)),
+    "purge_steady": ("purge_duty_percent", 0.0),
+}
+SIGNAL_OF = {condition: signal for condition, (signal, _) in BREAKS.items()}
+SETTLE = 50  # samples, 5 s
+
+
+class Bench:
+    """Steps an Enable through samples of given values."""
+
+    def __init__(self, names: tuple[str, ...] = NAMES, period_s: float = PERIOD_S) -> None:
+        self.names = names
+        self.subject = Enable(CONFIG, names, INPUTS, "lambda_measured", LOW, HIGH, period_s)
+
+    def step(self, **values: float) -> dict[str, bool]:
+        held = GOOD | values
+        row = np.array([held[name] for name in self.names])
+        quality = np.where(np.isnan(row), Quality.STALE, Quality.GOOD).astype(np.uint8)
+        conditions = self.subject.step(Sample(0, 0, row, quality))
+        return dict(zip(CONDITIONS, conditions, strict=True))
+
+    def settle(self, n: int = SETTLE + 1) -> dict[str, bool]:
+        for _ in range(n):
+            last = self.step()
+        return last
+
+
+def blocking(conditions: dict[str, bool]) -> set[str]:
+    return {name for name, holds in conditions.items() if not holds}
+
+
+def test_all_conditions_hold_on_a_warm_settled_drive() -> None:
+    assert blocking(Bench().settle()) == set()
+
+
+def test_the_model_settles_for_exactly_its_time() -> None:
+    bench = Bench()
+    for _ in range(SETTLE):
+        assert blocking(bench.step()) == {"model_settled"}
+    assert blocking(bench.step()) == set()
+
+
+@pytest.mark.parametrize("condition", BREAKS)
+def test_each_condition_blocks_on_its_own_and_is_listed(condition: str) -> None:
+    bench = Bench()
+    bench.settle()
+    name, value = BREAKS[condition]
+    assert blocking(bench.step(**{name: value})) == {condition}
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("coolant_temperature_degc", CONFIG.coolant_min_degc),
+        ("engine_speed_rpm", CONFIG.engine_speed_min_rpm),
+        ("engine_speed_rpm", CONFIG.engine_speed_max_rpm),
+        ("manifold_pressure_kpa", CONFIG.manifold_pressure_min_kpa),
+        ("manifold_pressure_kpa", CONFIG.manifold_pressure_max_kpa),
+        ("vehicle_speed_km_h", CONFIG.vehicle_speed_min_km_h),
+        ("purge_duty_percent", CONFIG.purge_open_percent),
+        ("purge_duty_percent", GOOD["purge_duty_percent"] + CONFIG.purge_step_percent),
+        ("air_mass_mg", 50.0),  # 10 % of the trained range below its lowest value
+        ("air_mass_mg", 650.0),
+        ("lambda_controller", 0.5),  # far out, where a biased sensor may have driven it
+    ],
+)
+def test_a_value_on_its_limit_does_not_block(name: str, value: float) -> None:
+    bench = Bench()
+    bench.settle()
+    assert blocking(bench.step(**{name: value})) == set()
+
+
+@pytest.mark.parametrize(
+    ("name", "limit", "condition"),
+    [
+        ("engine_speed_rpm", CONFIG.engine_speed_max_rpm, "engine_speed"),
+        ("manifold_pressure_kpa", CONFIG.manifold_pressure_max_kpa, "engine_load"),
+    ],
+)
+def test_an_engine_that_turns_too_fast_or_is_enriched_under_load_blocks(
+    name: str, limit: float, condition: str
+) -> None:
+    bench = Bench()
+    bench.settle()
+    assert blocking(bench.step(**{name: math.nextafter(limit, math.inf)})) == {condition}
+
+
+@pytest.mark.parametrize("name", INPUTS)
+def test_an_input_that_is_not_valid_blocks_until_the_model_has_settled_again(name: str) -> None:
+    bench = Bench()
+    bench.settle()
+    assert {"inputs_valid", "model_settled"} <= blocking(bench.step(**{name: math.nan}))
+    for _ in range(SETTLE):
+        conditions = bench.step()
+        assert conditions["inputs_valid"]
+        assert not conditions["model_settled"]
+    assert blocking(bench.step()) == set()
+
+
+def test_a_missing_measurement_does_not_unsettle_the_model() -> None:
+    bench = Bench()
+    bench.settle()
+    bench.step(lambda_measured=math.nan)
+    assert blocking(bench.step()) == set()
+
+
+@pytest.mark.parametrize("signal", enable.SIGNALS)
+def test_a_condition_whose_signal_is_not_provided_is_listed_and_never_blocks(signal: str) -> None:
+    bench = Bench(tuple(name for name in NAMES if name != signal))
+    expected = {c for c, s in SIGNAL_OF.items() if s == signal} - {"measured_valid"}
+    assert set(bench.subject.unavailable) == expected
+    assert len(expected) == 1
+    assert blocking(bench.settle()) == set()
+
+
+def test_without_any_context_only_the_models_own_conditions_block() -> None:
+    bench = Bench(("air_mass_mg", "lambda_controller", "lambda_measured"))
+    assert set(CONDITIONS) - set(bench.subject.unavailable) == {
+        "inputs_valid", "measured_valid", "model_settled", "trained_range",
+    }  # fmt: skip
+    assert blocking(bench.settle()) == set()
+
+
+def test_with_every_signal_nothing_is_unavailable() -> None:
+    assert Bench().subject.unavailable == ()
+
+
+@pytest.mark.parametrize("condition", [c for c in BREAKS if c not in ("trained_range",)])
+def test_a_provided_signal_that_is_not_valid_blocks(condition: str) -> None:
+    bench = Bench()
+    bench.settle()
+    assert blocking(bench.step(**{SIGNAL_OF[condition]: math.nan})) == {condition}
+
+
+@pytest.mark.parametrize("period_s", [0.01, 0.1, 0.25])
+@pytest.mark.parametrize(
+    ("condition", "seconds", "broken"),
+    [
+        ("fuel_cut_recovered", CONFIG.fuel_cut_recovery_s, {"fuel_cut": 1.0}),
+        ("fuel_cut_recovered", CONFIG.fuel_cut_recovery_s, {"fuel_cut": math.nan}),
+        ("trained_range", CONFIG.range_recovery_s, {"air_mass_mg": 700.0}),
+        ("trained_range", CONFIG.range_recovery_s, {"air_mass_mg": 40.0}),
+    ],
+)
+def test_a_recovery_time_is_exact_in_samples(
+    condition: str, seconds: float, broken: dict[str, float], period_s: float
+) -> None:
+    bench = Bench(period_s=period_s)
+    bench.settle(CONFIG.model_settle_samples + 1)
+    bench.step(**broken)
+    # the sample that ends the recovery time is the first that may be judged again
+    for _ in range(round(seconds / period_s) - 1):
+        assert blocking(bench.step()) == {condition}
+    assert blocking(bench.step()) == set()
+
+
+@pytest.mark.parametrize(
+    ("name", "part", "condition"),
+    [
+        ("fuel_cut", 0.01, "fuel_cut_recovered"),  # one of a hundred frames in the tick
+        ("closed_loop", 0.99, "closed_loop"),
+        ("sensor_ready", 0.99, "sensor_ready"),
+    ],
+)
+def test_a_flag_that_did_not_hold_over_the_whole_tick_blocks(
+    name: str, part: float, condition: str
+) -> None:
+    bench = Bench()
+    bench.settle()
+    assert blocking(bench.step(**{name: part})) == {condition}
+
+
+def test_a_second_fuel_cut_starts_the_recovery_anew() -> None:
+    bench = Bench()
+    bench.settle()
+    bench.step(fuel_cut=1.0)
+    for _ in range(20):
+        bench.step()
+    bench.step(fuel_cut=1.0)
+    for _ in range(29):
+        assert blocking(bench.step()) == {"fuel_cut_recovered"}
+    assert blocking(bench.step()) == set()
+
+
+def test_a_reset_is_like_switching_on() -> None:
+    bench = Bench()
+    bench.settle()
+    bench.step(fuel_cut=1.0)
+    bench.subject.reset()
+    assert blocking(bench.step()) == {"model_settled"}
+    assert blocking(bench.settle()) == set()
+
+
+# The purge valve
+
+
+@pytest.mark.parametrize("period_s", [0.01, 0.1, 0.25])
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        (0.0, CONFIG.purge_open_percent),  # opens
+        (CONFIG.purge_open_percent, 0.0),  # closes
+    ],
+)
+def test_the_recovery_time_after_the_purge_valve_opens_or_closes_is_exact(
+    before: float, after: float, period_s: float
+) -> None:
+    bench = Bench(period_s=period_s)
+    for _ in range(CONFIG.model_settle_samples + 1):
+        last = bench.step(purge_duty_percent=before)
+    assert blocking(last) == set()
+    for _ in range(round(CONFIG.purge_recovery_s / period_s)):
+        assert blocking(bench.step(purge_duty_percent=after)) == {"purge_steady"}
+    assert blocking(bench.step(purge_duty_percent=after)) == set()
+
+
+def test_a_fast_change_of_purge_blocks_while_it_lasts_and_until_it_is_taken_up() -> None:
+    # GIVEN a valve that is open and goes far further open in one sample
+    bench = Bench()
+    bench.settle()
+    after = GOOD["purge_duty_percent"] + CONFIG.purge_step_percent + 1.0
+    # WHEN it stays there
+    blocked = [blocking(bench.step(purge_duty_percent=after)) for _ in range(60)]
+    # THEN the samples within a second of the change block, and the recovery time after the last
+    last = round(1.0 / PERIOD_S) - 1 + round(CONFIG.purge_recovery_s / PERIOD_S)
+    assert blocked == [{"purge_steady"}] * (last) + [set()] * (60 - last)
+
+
+def test_a_slow_change_of_purge_that_follows_the_load_does_not_block() -> None:
+    bench = Bench()
+    bench.settle()
+    per_sample = 0.9 * CONFIG.purge_step_percent * PERIOD_S
+    for k in range(20):
+        assert blocking(bench.step(purge_duty_percent=20.0 + k * per_sample)) == set()
+
+
+def test_purge_that_is_open_from_the_first_sample_is_no_step() -> None:
+    bench = Bench()
+    for _ in range(SETTLE):
+        assert blocking(bench.step()) == {"model_settled"}
+
+
+# Whole recordings
+
+NUMBER = st.sampled_from([math.nan, 0.0, 1e-4, 0.5, 1.0, 1.1, 5.0, 20.0, 55.0, 90.0, 130.0, 1000.0])
+
+
+@st.composite
+def held_values(draw: st.DrawFn) -> np.ndarray:
+    """Signals that hold a value for a while, most of them good."""
+    n = draw(st.integers(0, 120))
+    values = np.array([[GOOD[name] for name in NAMES]] * n).reshape(n, len(NAMES))
+    for _ in range(draw(st.integers(0, 12))):
+        first, length = draw(st.integers(0, 119)), draw(st.integers(1, 40))
+        column = draw(st.integers(0, len(NAMES) - 1))
+        values[first : first + length, column] = draw(NUMBER)
+    return values
+
+
+@given(held_values(), st.sets(st.sampled_from(enable.SIGNALS)), st.sampled_from([0.05, 0.1, 2.0]))
+def test_the_conditions_of_a_recording_are_those_of_its_samples(
+    values: np.ndarray, unavailable: set[str], period_s: float
+) -> None:
+    kept = [i for i, name in enumerate(NAMES) if name not in unavailable]
+    names, values = tuple(NAMES[i] for i in kept), values[:, kept]
+    streamed, whole = (
+        Enable(CONFIG, names, INPUTS, "lambda_measured", LOW, HIGH, period_s) for _ in range(2)
+    )
+    good = np.zeros(len(names), dtype=np.uint8)
+    expected = [streamed.step(Sample(0, 0, row, good)) for row in values]
+    got = whole.block(values)
+    assert got.shape == (len(values), len(CONDITIONS))
+    assert list(map(tuple, got.tolist())) == expected
+
+
+# Windows
+
+
+def fill(enabled: list[bool], n_samples: int) -> tuple[list[Window], WindowCollector]:
+    collector = WindowCollector(n_samples, 2)
+    windows = []
+    for k, on in enumerate(enabled):
+        if on:
+            row = np.array([k, -k], dtype=float)
+            window = collector.push(k * 100, float(k), k + 0.5, row)
+            windows += [] if window is None else [window]
+        else:
+            collector.interrupt()
+    return windows, collector
+
+
+@given(st.lists(st.booleans(), max_size=120), st.integers(1, 12))
+def test_windows_are_runs_of_consecutive_enabled_samples_and_do_not_overlap(
+    enabled: list[bool], n: int
+) -> None:
+    windows, collector = fill(enabled, n)
+    # the samples of each unbroken stretch, cut into whole windows from its start
+    expected, run, discarded = [], list[int](), 0
+    for k, on in enumerate([*enabled, False]):
+        if on:
+            run.append(k)
+            if len(run) == n:
+                expected.append(run)
+                run = []
+        else:
+            discarded += bool(run) and k < len(enabled)
+            run = []
+    assert [w.measured.tolist() for w in windows] == expected
+    assert stretches(np.array(enabled, dtype=np.bool_), n).tolist() == [w[0] for w in expected]
+    assert [w.index for w in windows] == list(range(len(expected)))
+    assert [(w.t_start_ns, w.t_end_ns) for w in windows] == [
+        (run[0] * 100, run[-1] * 100) for run in expected
+    ]
+    for window in windows:
+        np.testing.assert_array_equal(window.predicted, window.measured + 0.5)
+        np.testing.assert_array_equal(window.residual, -0.5)
+        np.testing.assert_array_equal(window.bank[:, 0], window.measured)
+        np.testing.assert_array_equal(window.bank[:, 1], -window.measured)
+    assert (collector.completed, collector.discarded) == (len(expected), discarded)
+
+
+def test_one_disabled_sample_costs_the_window_begun() -> None:
+    windows, collector = fill([True] * 49 + [False] + [True] * 50, 50)
+    assert [w.measured[0] for w in windows] == [50.0]
+    assert collector.discarded == 1
+
+
+def test_a_window_keeps_its_values_when_the_next_is_filled() -> None:
+    windows, _ = fill([True] * 20, 10)
+    assert windows[0].measured.tolist() == list(range(10))
+    assert windows[1].measured.tolist() == list(range(10, 20))

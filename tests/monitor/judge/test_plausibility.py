@@ -1,0 +1,283 @@
+"""Tests that need no model: missing, invalid, not ready, out of range, frozen."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from monitor.base import config
+from monitor.base.types import Quality, Sample
+from monitor.judge.plausibility import ActivityTest, Plausibility, TickResult
+from monitor.memory.debounce import Debounce
+from monitor.memory.dtc import CODES
+from monitor.model.card import Channel
+
+CONFIG = config.load()
+PERIOD_S = 0.1
+NAMES = ("lambda_measured", "sensor_ready", "engine_speed_rpm")
+SATURATED = 15.9  # highest lambda that training saw
+
+
+def sample(
+    quality: Quality, ready: float = 1.0, rpm: float = 2000.0, names: tuple[str, ...] = NAMES
+) -> Sample:
+    measured = 1.0 if quality == Quality.GOOD else math.nan
+    held = {"lambda_measured": measured, "sensor_ready": ready, "engine_speed_rpm": rpm}
+    row = np.array([held[name] for name in names])
+    qualities = np.zeros(len(names), dtype=np.uint8)
+    qualities[names.index("lambda_measured")] = quality
+    return Sample(0, 0, row, qualities)
+
+
+def subject(names: tuple[str, ...] = NAMES, period_s: float = PERIOD_S) -> Plausibility:
+    return Plausibility(CONFIG.plausibility, names, "lambda_measured", period_s)
+
+
+def by_test(results: list[TickResult]) -> dict[str, TickResult]:
+    found = {result.test: result for result in results}
+    assert len(found) == len(results)
+    return found
+
+
+def fails(results: list[TickResult], test: str) -> bool:
+    """Return whether a test failed; one that says nothing has not."""
+    found = by_test(results)
+    return test in found and found[test].failed
+
+
+def heard(names: tuple[str, ...] = NAMES) -> Plausibility:
+    """Return the tests after the sensor has been heard once."""
+    plausibility = subject(names)
+    plausibility.step(sample(Quality.GOOD, names=names))
+    return plausibility
+
+
+def test_a_good_reading_passes_every_test() -> None:
+    results = by_test(subject().step(sample(Quality.GOOD)))
+    assert {name: r.failed for name, r in results.items()} == {
+        "communication": False, "ready": False, "range": False,
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("ready", [1.0, 0.0, math.nan])
+def test_a_missing_signal_is_lost_communication_whether_ready_or_not(ready: float) -> None:
+    results = by_test(heard().step(sample(Quality.STALE, ready)))
+    assert results["communication"] == TickResult("communication", True, "signal_missing")
+    assert CODES["signal_missing"] == ("U0100",)
+    assert "range" not in results  # what is not there cannot be in range
+
+
+def test_an_invalid_signal_of_a_ready_sensor_is_invalid_data() -> None:
+    results = by_test(subject().step(sample(Quality.INVALID)))
+    assert results["communication"] == TickResult("communication", True, "signal_invalid")
+    assert CODES["signal_invalid"] == ("U0401",)
+    assert "range" not in results
+
+
+def test_an_invalid_signal_of_a_sensor_that_is_not_ready_is_no_fault() -> None:
+    for _ in range(5):
+        results = by_test(subject().step(sample(Quality.INVALID, ready=0.0)))
+        assert not results["communication"].failed
+        assert not any(r.failed for r in results.values() if r.test == "ready")
+
+
+def test_an_implausible_value_is_out_of_range() -> None:
+    results = by_test(subject().step(sample(Quality.OUT_OF_RANGE)))
+    assert results["range"] == TickResult("range", True, "out_of_range")
+    assert not results["communication"].failed
+
+
+@pytest.mark.parametrize("period_s", [0.01, 0.1, 1.0])
+def test_a_sensor_that_is_not_ready_fails_only_after_its_patience(period_s: float) -> None:
+    plausibility = subject(period_s=period_s)
+    waiting = sample(Quality.INVALID, ready=0.0)
+    for _ in range(round(CONFIG.plausibility.not_ready_s / period_s)):
+        assert not fails(plausibility.step(waiting), "ready")
+    assert by_test(plausibility.step(waiting))["ready"] == TickResult("ready", True, "not_ready")
+
+
+@pytest.mark.parametrize("rpm", [0.0, CONFIG.plausibility.engine_running_rpm - 1.0, math.nan])
+def test_no_patience_is_lost_while_the_engine_stands(rpm: float) -> None:
+    plausibility = subject()
+    for _ in range(2000):
+        assert not fails(plausibility.step(sample(Quality.INVALID, 0.0, rpm)), "ready")
+
+
+@pytest.mark.parametrize("pause", [sample(Quality.GOOD), sample(Quality.INVALID, 0.0, 0.0)])
+def test_readiness_or_a_stop_starts_the_patience_anew(pause: Sample) -> None:
+    plausibility = subject()
+    waiting = sample(Quality.INVALID, ready=0.0)
+    for _ in range(600):
+        plausibility.step(waiting)
+    plausibility.step(pause)
+    for _ in range(600):
+        assert not fails(plausibility.step(waiting), "ready")
+    assert fails(plausibility.step(waiting), "ready")
+
+
+def test_a_reset_starts_the_patience_anew() -> None:
+    plausibility = subject()
+    waiting = sample(Quality.INVALID, ready=0.0)
+    for _ in range(601):
+        last = by_test(plausibility.step(waiting))
+    assert last["ready"].failed
+    plausibility.reset()
+    assert not fails(plausibility.step(waiting), "ready")
+
+
+def test_without_a_ready_signal_a_sensor_that_says_invalid_is_not_ready() -> None:
+    names = ("lambda_measured", "engine_speed_rpm")
+    plausibility = subject(names)
+    assert not fails(plausibility.step(sample(Quality.GOOD, names=names)), "ready")
+    for _ in range(600):
+        results = by_test(plausibility.step(sample(Quality.INVALID, names=names)))
+        assert not any(result.failed for result in results.values())
+    assert fails(plausibility.step(sample(Quality.INVALID, names=names)), "ready")
+
+
+def test_without_an_engine_speed_the_engine_counts_as_running() -> None:
+    names = ("lambda_measured", "sensor_ready")
+    plausibility = subject(names)
+    for _ in range(601):
+        last = by_test(plausibility.step(sample(Quality.INVALID, ready=0.0, names=names)))
+    assert last["ready"].failed
+
+
+def test_an_electrical_fault_matures_within_three_seconds() -> None:
+    plausibility, counter, n = heard(), Debounce(), 0
+    by = math.ceil(128 * PERIOD_S / CONFIG.debounce.tick_fail_s)
+    while not counter.failed:
+        failed = by_test(plausibility.step(sample(Quality.STALE)))["communication"].failed
+        counter = counter.step(failed=failed, by=by)
+        n += 1
+    assert 1.0 <= n * PERIOD_S <= 3.0
+
+
+# A frozen signal
+
+STUCK = round(CONFIG.plausibility.stuck_s / PERIOD_S)
+RANGE = CONFIG.plausibility.stuck_range
+
+
+def activity() -> ActivityTest:
+    return ActivityTest(CONFIG.plausibility, SATURATED, PERIOD_S)
+
+
+def live(n: int, seed: int = 0) -> list[float]:
+    return list(1.0 + 0.004 * np.random.default_rng(seed).standard_normal(n))
+
+
+@pytest.mark.parametrize(
+    ("reads", "fault"),
+    [(1.15, "stuck_lean"), (0.85, "stuck_rich"), (1.0, "stuck_at_one"),
+     (1.029, "stuck_at_one"), (1.031, "stuck_lean"), (0.971, "stuck_at_one"),
+     (0.969, "stuck_rich")],
+)  # fmt: skip
+def test_a_frozen_signal_is_found_within_its_samples_and_named_by_its_value(
+    reads: float, fault: str
+) -> None:
+    test = activity()
+    results = [test.push(reads) for _ in range(STUCK)]
+    assert results[:-1] == [None] * (STUCK - 1)
+    assert results[-1] == (True, fault)
+
+
+@given(st.integers(0, 3 * STUCK), st.sampled_from([0.8, 1.0, 1.3]))
+def test_a_signal_that_freezes_at_any_time_is_found_before_two_stretches_are_over(
+    moves: int, reads: float
+) -> None:
+    test = activity()
+    for value in live(moves):
+        result = test.push(value)
+        assert result is None or not result[0]
+    failed_after = next(
+        i for i in range(1, 2 * STUCK) if (result := test.push(reads)) is not None and result[0]
+    )
+    assert failed_after < 2 * STUCK
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_a_live_signal_passes_every_stretch(seed: int) -> None:
+    test = activity()
+    results = [test.push(value) for value in live(3 * STUCK, seed)]
+    judged = [result for result in results if result is not None]
+    assert [failed for failed, _ in judged] == [False] * 3
+
+
+def test_two_quantisation_steps_are_no_life_and_three_are() -> None:
+    step = RANGE / 2.0
+    for steps, frozen in ((2, True), (3, False)):
+        test = activity()
+        values = [1.0 if i % 2 else 1.0 + steps * step * 0.9999 for i in range(STUCK)]
+        assert [test.push(value) for value in values][-1] == (frozen, "stuck_at_one")
+
+
+@pytest.mark.parametrize("reads", [SATURATED, 16.0])
+def test_a_signal_at_the_trained_lean_end_is_saturated_and_not_judged(reads: float) -> None:
+    test = activity()
+    assert [test.push(reads) for _ in range(5 * STUCK)] == [None] * (5 * STUCK)
+    # and just inside it is frozen
+    inside = math.nextafter(SATURATED, 1.0)
+    assert [test.push(inside) for _ in range(STUCK)][-1] == (True, "stuck_lean")
+
+
+@pytest.mark.parametrize("reads", [0.83, 0.7, 0.51])
+def test_a_sensor_frozen_richer_than_training_ever_was_is_found(reads: float) -> None:
+    test = activity()
+    assert [test.push(reads) for _ in range(STUCK)][-1] == (True, "stuck_rich")
+
+
+def rests(names: tuple[str, ...], reads: float, percentile_0_1: float = 0.5) -> bool:
+    """Return whether a frozen reading is rest; the lowest that training saw is 0.5."""
+    output = Channel("lambda_measured", "-", 0.5, SATURATED, percentile_0_1, SATURATED)
+    test = ActivityTest.of(CONFIG.plausibility, output, names, PERIOD_S)
+    return [test.push(reads) for _ in range(STUCK)][-1] is None
+
+
+def test_a_cold_sensor_may_rest_where_training_saw_it_rest_if_nothing_tells_that_it_is_cold() -> (
+    None
+):
+    assert rests(("lambda_measured",), 0.5)
+    assert not rests(("lambda_measured",), 0.51)
+    assert not rests(("lambda_measured",), 0.5, percentile_0_1=0.6)  # training only passed there
+    assert not rests(("lambda_measured", "engine_speed_rpm"), 0.5)
+    assert not rests(("lambda_measured", "sensor_ready"), 0.5)
+
+
+@pytest.mark.parametrize(
+    ("names", "rpm", "runs"),
+    [(NAMES, 0.0, False), (NAMES, 800.0, True), (NAMES, math.nan, False), (NAMES[:2], 0.0, True)],
+)
+def test_the_engine_runs_if_its_speed_says_so_or_nothing_does(
+    names: tuple[str, ...], rpm: float, runs: bool
+) -> None:
+    one = sample(Quality.GOOD, rpm=rpm, names=names)
+    assert subject(names).is_running(one) is runs
+    assert subject(names).running(one.values[np.newaxis]).tolist() == [runs]
+
+
+def test_an_ecu_that_was_never_heard_may_start_late_but_not_for_ever() -> None:
+    plausibility = subject()
+    absent = sample(Quality.STALE, math.nan, math.nan)
+    patience = round(CONFIG.plausibility.start_patience_s / PERIOD_S)
+    for _ in range(patience):
+        assert plausibility.step(absent) == []
+    assert fails(plausibility.step(absent), "communication")
+
+
+def test_while_a_sensor_warms_up_its_readiness_is_not_known() -> None:
+    # so that short drives cannot heal a sensor that never gets ready
+    plausibility = subject()
+    for _ in range(500):
+        assert "ready" not in by_test(plausibility.step(sample(Quality.INVALID, ready=0.0)))
+
+
+def test_an_interruption_begins_the_stretch_anew() -> None:
+    test = activity()
+    for _ in range(STUCK - 1):
+        test.push(1.2)
+    test.reset()
+    assert [test.push(1.2) for _ in range(STUCK - 1)] == [None] * (STUCK - 1)
+    assert test.push(1.2) == (True, "stuck_lean")

@@ -1,0 +1,246 @@
+"""``o2mon map``: signal maps proposed from databases."""
+
+import doctest
+import re
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+from cantools.database.can import Database, Message, Signal
+from cantools.database.conversion import BaseConversion
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import dbc
+from monitor.base.errors import SignalMapError
+from monitor.base.signals import BY_NAME
+from monitor.base.types import Frame
+from monitor.cli import main
+from monitor.decode.bus_map import load_database, load_pairs
+from monitor.decode.signal_map import load_signal_map
+from monitor.mapping import toml_text, units, words
+from monitor.mapping.observe import observe, reranked
+from monitor.mapping.propose import FUEL_FLOW_NAME, propose, ranked
+from monitor.mapping.protection import borne_out, protection
+from monitor.mapping.text import map_text
+from tests.conftest import ROOT
+from tests.helpers.databases import database_of, proposed
+
+OWN = ["o2_ecu", "rusefi", "obd2"]
+
+
+@pytest.mark.parametrize("name", OWN)
+def test_the_shipped_maps_are_found_again(name: str, tmp_path: Path) -> None:
+    path = dbc.path(f"{name}.dbc")
+    text, proposals = proposed(load_database(path))
+    (tmp_path / "m.toml").write_text(text, encoding="utf-8")
+    mine, shipped = (
+        load_pairs([(path, tmp_path / "m.toml")]),
+        load_signal_map(dbc.path(f"{name}.toml")),
+    )
+    assert set(mine.names) == shipped.signals.keys() | shipped.derived.keys()
+    for canonical, wanted in shipped.signals.items():
+        got = mine.channels[canonical].mapped
+        assert (got.message, got.signal) == (wanted.message, wanted.signal)
+        assert got.factor == pytest.approx(wanted.factor, rel=1e-9)
+        assert got.offset == pytest.approx(wanted.offset, rel=1e-9)
+    for canonical, recipe in shipped.derived.items():
+        own = mine.derived[canonical]
+        sources = (own.numerator, own.denominator), (recipe.numerator, recipe.denominator)
+        assert [len(x) for x in sources[0]] == [len(x) for x in sources[1]]
+    assert len(proposals.names) == len(mine.names)
+
+
+def test_fuel_from_a_flow_is_worth_the_same_as_in_the_shipped_map(tmp_path: Path) -> None:
+    for name in ("rusefi", "obd2"):
+        path = dbc.path(f"{name}.dbc")
+        text, _ = proposed(load_database(path))
+        (tmp_path / "m.toml").write_text(text, encoding="utf-8")
+        mine = load_pairs([(path, tmp_path / "m.toml")])
+        shipped = load_pairs([(path, dbc.path(f"{name}.toml"))])
+        (source,) = (s for s in shipped.derived["fuel_mass_mg"].numerator)
+        a = mine.channels[FUEL_FLOW_NAME].mapped.factor * mine.derived["fuel_mass_mg"].factor
+        b = shipped.channels[source].mapped.factor * shipped.derived["fuel_mass_mg"].factor
+        assert a == pytest.approx(b, rel=1e-9)
+
+
+def test_every_proposal_says_why_and_what_else_it_could_be() -> None:
+    text, proposals = proposed(
+        database_of('EngineSpeed (0.25,0) [0|8000] "rpm"', 'CrankSpeed (1,0) [0|8000] ""')
+    )
+    lines = text.splitlines()
+    at = lines.index(next(line for line in lines if line.startswith("engine_speed_rpm")))
+    assert re.match(r"# 1\.00: Engine_1\.EngineSpeed; its name says EngineSpeed; its unit is rpm",
+                    lines[at - 1])  # fmt: skip
+    assert lines[at + 1].startswith("#   or ")
+    assert "CrankSpeed" in lines[at + 1]
+    assert proposals.names == ("engine_speed_rpm",)
+
+
+@pytest.mark.parametrize("module", [words, units, toml_text])
+def test_its_examples_run(module: ModuleType) -> None:
+    ran = doctest.testmod(module)
+    assert ran.attempted
+    assert not ran.failed
+
+
+# a recording
+
+
+def test_a_recording_bears_out_counters_checksums_and_signals() -> None:
+    (log,) = ROOT.glob("replay_logs/healthy_micro*.blf")
+    text, proposals = proposed(load_database(dbc.path("o2_ecu.dbc")), log=log)
+    assert set(proposals.names) == BY_NAME.keys()
+    assert text.count('algorithm = "crc8_sae_j1850_id"') == 7
+    assert "\ncounter" in text
+    assert "moves with manifold_pressure_kpa" in text
+
+
+def test_a_recording_decides_between_two_controllers(tmp_path: Path) -> None:
+    log = tmp_path / "wideband.log"
+    lam = [round(1e4 * (1.0 + 0.02 * ((k % 20) - 10) / 10)) for k in range(400)]
+    log.write_text(
+        "".join(
+            f"({k / 100:.6f}) can0 190#A001{x.to_bytes(2, 'little').hex().upper()}0C030000\n"
+            for k, x in enumerate(lam)
+        )
+    )
+    text, proposals = proposed(load_database(dbc.path("wideband.dbc")), log=log)
+    assert proposals.names == ("lambda_measured", "sensor_ready")
+    assert {c.message.name for c in proposals.found} == {"WidebandData"}
+    assert "lacks its message" in text
+
+
+def test_a_recording_finds_out_a_unit_that_is_wrong(tmp_path: Path) -> None:
+    # GIVEN a pressure that the database gives in kPa, but that is sent in hPa
+    database = database_of('MAP (1,0) [0|2500] "kPa"', length=8)
+    log = tmp_path / "d.log"
+    payloads = [(900 + k).to_bytes(8, "little").hex().upper() for k in range(60)]
+    log.write_text("".join(f"({k / 10:.6f}) can0 100#{x}\n" for k, x in enumerate(payloads)))
+    text, proposals = proposed(database, log=log)
+    assert proposals.names == ()
+    assert "implausible in the recording" in text
+
+
+# the command
+
+
+def test_the_command_writes_a_map_and_says_what_is_missing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "rusefi.toml"
+    assert main(["map", str(dbc.path("rusefi.dbc")), "--out", str(out)]) == 0
+    assert load_signal_map(out).signals["engine_speed_rpm"].signal == "RPM"
+    assert "o2mon check LOG" in capsys.readouterr().out
+    assert main(["map", str(dbc.path("rusefi.dbc")), "--out", str(out)]) == 2
+    assert "--force" in capsys.readouterr().err
+    assert main(["map", str(dbc.path("wideband.dbc"))]) == 3
+    printed = capsys.readouterr()
+    assert printed.out.startswith("# Signal map for wideband.dbc")
+    assert "a model needs it" in printed.err
+
+
+@pytest.mark.parametrize("name", ["missing.dbc", "bad.dbc"])
+def test_a_database_that_cannot_be_read_is_refused(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "bad.dbc").write_text("BO_ nonsense")
+    assert main(["map", str(tmp_path / name)]) == 2
+    assert name in capsys.readouterr().err
+
+
+VOCABULARY = (
+    "Lambda O2 AFR B1S2 Bank2 Engine Motor Speed Drehzahl Temp Coolant Air Luft Mass Flow Fuel "
+    "Rail Pressure Druck MAP TPS Trim Target Soll Valid _ 2 1 x w λ Ö Purge Closed Loop Cut CRC"
+)
+WORDS = st.sampled_from(VOCABULARY.split())
+NAMES = st.one_of(
+    st.lists(WORDS, min_size=1, max_size=5).map("".join),
+    st.text(min_size=1, max_size=12),
+)
+UNITS = st.one_of(
+    st.none(),
+    st.sampled_from(["", "rpm", "°C", "%", "bar", "kg/h", "mg", "AFR", "lambda", "V", "???"]),
+    st.text(max_size=6),
+)
+NUMBERS = st.floats(-1e6, 1e6, allow_nan=False).filter(lambda x: abs(x) > 1e-6)
+
+
+@st.composite
+def signals(draw: st.DrawFn, index: int) -> Signal:
+    low, high = draw(st.one_of(st.none(), NUMBERS)), draw(st.one_of(st.none(), NUMBERS))
+    is_float = draw(st.booleans()) and draw(st.booleans())
+    return Signal(
+        name=draw(NAMES),
+        start=(draw(st.integers(0, 3)) * 16),
+        length=16 if is_float else draw(st.integers(1, 16)),
+        byte_order="little_endian",
+        is_signed=draw(st.booleans()),
+        conversion=BaseConversion.factory(
+            scale=draw(NUMBERS), offset=draw(st.floats(-1e3, 1e3)), is_float=is_float
+        ),
+        minimum=low,
+        maximum=high,
+        unit=draw(UNITS),
+        comment=draw(st.one_of(st.none(), st.text(max_size=20))),
+    )
+
+
+@st.composite
+def databases(draw: st.DrawFn) -> Database:
+    messages = [
+        Message(
+            frame_id=draw(st.integers(0, 0x7FF)),
+            name=draw(NAMES),
+            length=8,
+            signals=[draw(signals(k)) for k in range(draw(st.integers(0, 6)))],
+            cycle_time=draw(st.one_of(st.none(), st.integers(0, 5000))),
+            strict=False,
+        )
+        for _ in range(draw(st.integers(0, 4)))
+    ]
+    return Database(messages=messages, strict=False)
+
+
+@settings(max_examples=100, deadline=None, suppress_health_check=list(HealthCheck))
+@given(database=databases())
+def test_no_database_upsets_it_and_what_it_writes_is_a_map(
+    database: Database, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    text, proposals = proposed(database)
+    path = tmp_path_factory.mktemp("map") / "m.toml"
+    path.write_text(text, encoding="utf-8", errors="surrogatepass")
+    if proposals.names:
+        loaded = load_signal_map(path)
+        assert set(loaded.signals) | set(loaded.derived) == set(proposals.names)
+        places = {(m.message, m.signal) for m in loaded.signals.values()}
+        assert len(places) == len(loaded.signals)
+        for mapped in loaded.signals.values():
+            message = database.get_message_by_name(mapped.message)
+            assert message.get_signal_by_name(mapped.signal)
+    else:
+        with pytest.raises(SignalMapError, match="is empty"):
+            load_signal_map(path)
+    assert map_text(proposals, Path("x.dbc"))
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+@given(database=databases(), data=st.data())
+def test_no_recording_upsets_it(
+    database: Database, data: st.DataObject, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    ids = sorted({message.frame_id for message in database.messages}) or [1]
+    payloads = data.draw(st.lists(st.binary(min_size=0, max_size=8), min_size=1, max_size=30))
+    frames = [
+        Frame(k * 100_000_000, ids[k % len(ids)], False, payload)
+        for k, payload in enumerate(payloads * 5)
+    ]
+    found = ranked(database)
+    observed = observe(frames, found, Path("x.dbc"))
+    proposals = propose(database, 4, reranked(found, observed))
+    guarded = borne_out(protection(database.messages), observed.payloads)
+    text = map_text(proposals, Path("x.dbc"), Path("x.log"), guarded)
+    if proposals.names:
+        path = tmp_path_factory.mktemp("map") / "m.toml"
+        path.write_text(text, encoding="utf-8", errors="surrogatepass")
+        assert set(load_signal_map(path).signals) <= set(proposals.names)

@@ -1,0 +1,284 @@
+"""What ``o2mon map`` understands: languages, abbreviations, units, and which sensor is meant."""
+
+import re
+from pathlib import Path
+
+import pytest
+from cantools.database.can import Database
+
+import dbc
+from monitor.decode.bus_map import load_database
+from monitor.decode.signal_map import load_signal_map
+from tests.helpers.databases import database_of, proposed
+
+
+def found(database: Database) -> dict[str, tuple[str, float, float]]:
+    """Return signal, factor and offset by canonical name."""
+    _, proposals = proposed(database)
+    return {c.name: (c.signal.name, c.factor, c.offset) for c in proposals.found}
+
+
+def test_two_wideband_controllers_are_a_choice_for_a_person() -> None:
+    text, proposals = proposed(load_database(dbc.path("wideband.dbc")))
+    assert proposals.names == ()
+    for name in ("wideband", "aem_x"):
+        for canonical, wanted in load_signal_map(dbc.path(f"{name}.toml")).signals.items():
+            line = f'#   {canonical} = {{ message = "{wanted.message}", signal = "{wanted.signal}"'
+            assert line in text
+    assert "AMBIGUOUS" in text
+
+
+GERMAN = (
+    'MO_Motordrehzahl (0.25,0) [0|16383] "U/min"',
+    'MO_Kuehlmitteltemperatur (0.75,-48) [-48|143] "Unit_Foo"',
+    'MO_Saugrohrdruck (0.5,0) [0|3500] "hPa"',
+    'MO_Ansauglufttemperatur (0.75,-48) [-48|143] "°C"',
+    'MO_Luftmassenstrom (0.1,0) [0|1000] "kg/h"',
+    'MO_Raildruck (0.1,0) [0|300] "bar"',
+    'MO_Lambda_Istwert (0.0005,0) [0|16] "-"',
+    'MO_Lambda_Sollwert (0.0005,0) [0|16] "-"',
+    'MO_Lambdaregler (0.001,0) [0|2] "-"',
+    'MO_Einspritzmenge (0.01,0) [0|200] "mg/Hub"',
+    'ESP_Fahrgeschwindigkeit (0.01,0) [0|300] "km/h"',
+    'MO_Drosselklappe (0.01,0) [0|100] "%"',
+    'MO_Aussentemperatur (0.5,-50) [-50|77] "°C"',
+    'MO_Umgebungsdruck (1,0) [500|1200] "mbar"',
+    'MO_Batteriespannung (0.01,0) [0|20] "V"',
+    'MO_Motormoment (0.1,-500) [-500|1000] "Nm"',
+)
+ABBREVIATED = (
+    'EngSpd (0.25,0) [0|8000] "rpm"',
+    'ECT (1,-40) [-40|300] "degF"',
+    'MAP_abs (0.01,0) [0|300] "kPa"',
+    'IAT (1,-40) [-40|300] "°F"',
+    'MAF (0.01,0) [0|655] "g/s"',
+    'FRP (0.1,0) [0|3000] "psi"',
+    'AFR (0.001,0) [7|25] ""',
+    'STFT_B1 (0.1,-100) [-100|100] "%"',
+    'VehSpd (0.1,0) [0|200] "mph"',
+    'TPS (0.1,0) [0|100] "%"',
+    'BaroPress (0.01,0) [0|2] "bar"',
+    'VBatt (1,0) [0|20000] "mV"',
+    'FuelInjMass (0.01,0) [0|200] "mg"',
+)
+
+
+def test_a_database_in_german_is_understood() -> None:
+    # GIVEN names as German carmakers write them
+    # WHEN a map is proposed
+    got = found(database_of(*GERMAN))
+    # THEN every signal is found and brought to its unit; the unit nobody knows stays in doubt
+    assert got.pop("coolant_temperature_degc", None) is None
+    assert got == {
+        "engine_speed_rpm": ("MO_Motordrehzahl", 1.0, 0.0),
+        "manifold_pressure_kpa": ("MO_Saugrohrdruck", pytest.approx(0.1), 0.0),
+        "manifold_temperature_degc": ("MO_Ansauglufttemperatur", 1.0, 0.0),
+        "maf_kg_h": ("MO_Luftmassenstrom", 1.0, 0.0),
+        "rail_pressure_mpa": ("MO_Raildruck", pytest.approx(0.1), 0.0),
+        "lambda_measured": ("MO_Lambda_Istwert", 1.0, 0.0),
+        "lambda_target": ("MO_Lambda_Sollwert", 1.0, 0.0),
+        "lambda_controller": ("MO_Lambdaregler", 1.0, 0.0),
+        "fuel_mass_mg": ("MO_Einspritzmenge", 1.0, 0.0),
+        "vehicle_speed_km_h": ("ESP_Fahrgeschwindigkeit", 1.0, 0.0),
+        "throttle_percent": ("MO_Drosselklappe", 1.0, 0.0),
+        "ambient_temperature_degc": ("MO_Aussentemperatur", 1.0, 0.0),
+        "ambient_pressure_kpa": ("MO_Umgebungsdruck", pytest.approx(0.1), 0.0),
+        "battery_voltage_v": ("MO_Batteriespannung", 1.0, 0.0),
+        "engine_torque_nm": ("MO_Motormoment", 1.0, 0.0),
+    }
+
+
+def test_abbreviations_and_imperial_units_are_understood() -> None:
+    got = found(database_of(*ABBREVIATED))
+    assert got == {
+        "engine_speed_rpm": ("EngSpd", 1.0, 0.0),
+        "coolant_temperature_degc": ("ECT", pytest.approx(5 / 9), pytest.approx(-160 / 9)),
+        "manifold_pressure_kpa": ("MAP_abs", 1.0, 0.0),
+        "manifold_temperature_degc": ("IAT", pytest.approx(5 / 9), pytest.approx(-160 / 9)),
+        "maf_kg_h": ("MAF", pytest.approx(3.6), 0.0),
+        "rail_pressure_mpa": ("FRP", pytest.approx(0.006894757), 0.0),
+        "lambda_measured": ("AFR", pytest.approx(1 / 14.7), 0.0),
+        "lambda_controller": ("STFT_B1", pytest.approx(0.01), 1.0),
+        "vehicle_speed_km_h": ("VehSpd", pytest.approx(1.609344), 0.0),
+        "throttle_percent": ("TPS", 1.0, 0.0),
+        "ambient_pressure_kpa": ("BaroPress", pytest.approx(100.0), 0.0),
+        "battery_voltage_v": ("VBatt", pytest.approx(0.001), 0.0),
+        "fuel_mass_mg": ("FuelInjMass", 1.0, 0.0),
+    }
+
+
+def test_bosch_labels_are_understood() -> None:
+    got = found(
+        database_of(
+            'nmot_w (0.25,0) [0|16000] "1/min"',
+            'lamsoni_w (0.000244,0) [0|16] "-"',
+            'lamsons_w (0.000244,0) [0|16] "-"',
+            'fr_w (0.00003,0) [0|2] "-"',
+            'tmot (0.75,-48) [-48|143] "Grad C"',
+            'tans (0.75,-48) [-48|143] "Grad C"',
+            'ps_w (0.04,0) [0|2500] "hPa"',
+            'ml_w (0.1,0) [0|6500] "kg/h"',
+            'prist_w (0.005,0) [0|300] "bar"',
+            'vfzg_w (0.008,0) [0|500] "km/h"',
+            'ub (0.1,0) [0|25] "V"',
+            'wdkba (0.4,0) [0|100] "%"',
+        )
+    )
+    assert {name: place for name, (place, _, _) in got.items()} == {
+        "engine_speed_rpm": "nmot_w",
+        "lambda_measured": "lamsoni_w",
+        "lambda_target": "lamsons_w",
+        "lambda_controller": "fr_w",
+        "coolant_temperature_degc": "tmot",
+        "manifold_temperature_degc": "tans",
+        "manifold_pressure_kpa": "ps_w",
+        "maf_kg_h": "ml_w",
+        "rail_pressure_mpa": "prist_w",
+        "vehicle_speed_km_h": "vfzg_w",
+        "battery_voltage_v": "ub",
+        "throttle_percent": "wdkba",
+    }
+
+
+def test_names_as_in_j1939_are_understood() -> None:
+    got = found(
+        database_of(
+            'EngSpeed (0.125,0) [0|8031] "rpm"',
+            'EngCoolantTemp (1,-40) [-40|210] "°C"',
+            'EngIntakeManifold1Press (2,0) [0|500] "kPa"',
+            'EngIntakeManifold1Temp (1,-40) [-40|210] "°C"',
+            'AmbientAirTemp (0.03125,-273) [-273|1735] "°C"',
+            'BarometricPress (0.5,0) [0|125] "kPa"',
+            'WheelBasedVehicleSpeed (0.00390625,0) [0|250] "km/h"',
+            'EngInletAirMassFlowRate (0.05,0) [0|3212] "kg/h"',
+            'EngOilTemp1 (1,-40) [-40|210] "°C"',
+            'EngInjectorMeteringRail1Press (0.00390625,0) [0|250] "MPa"',
+        )
+    )
+    assert {name: place for name, (place, _, _) in got.items()} == {
+        "engine_speed_rpm": "EngSpeed",
+        "coolant_temperature_degc": "EngCoolantTemp",
+        "manifold_pressure_kpa": "EngIntakeManifold1Press",
+        "manifold_temperature_degc": "EngIntakeManifold1Temp",
+        "ambient_temperature_degc": "AmbientAirTemp",
+        "ambient_pressure_kpa": "BarometricPress",
+        "vehicle_speed_km_h": "WheelBasedVehicleSpeed",
+        "maf_kg_h": "EngInletAirMassFlowRate",
+        "rail_pressure_mpa": "EngInjectorMeteringRail1Press",
+    }
+
+
+def test_an_equivalence_ratio_becomes_lambda_by_derivation(tmp_path: Path) -> None:
+    database = database_of('EquivalenceRatio (0.0001,0) [0|2] "phi"')
+    text, proposals = proposed(database)
+    assert proposals.names == ("lambda_measured",)
+    (tmp_path / "m.toml").write_text(text)
+    recipe = load_signal_map(tmp_path / "m.toml").derived["lambda_measured"]
+    assert (recipe.numerator, recipe.denominator) == ((), ("phi_measured",))
+
+
+def test_air_per_stroke_follows_from_flow_and_speed_with_the_cylinders(tmp_path: Path) -> None:
+    database = database_of('MAF (0.01,0) [0|655] "kg/h"', 'RPM (1,0) [0|8000] "rpm"')
+    text, _ = proposed(database, cylinders=6)
+    (tmp_path / "m.toml").write_text(text)
+    # 60 kg/h at 2000 1/min: 1 kg/min over 2000 * 6 / 2 strokes a minute
+    recipe = load_signal_map(tmp_path / "m.toml").derived["air_mass_mg"]
+    assert recipe.factor * 60.0 / 2000.0 == pytest.approx(1e6 / 6000)
+
+
+def lambda_signal(name: str) -> str:
+    return f'{name} (0.0005,0) [0|16] ""'
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["Lambda_B1S2", "Lambda_B2S1", "Lambda2", "Lam2", "O2S12_Lambda", "HO2S21_Lambda",
+     "O2_S2_Lambda", "LambdaBank2", "LambdaSensor2",
+     "LambdaDownstream", "Lambda_post_cat", "LambdaPostCat",
+     "LambdaNachKat", "LambdaHinterKat", "lamhk", "Lambda_hk", "Lambda_nk", "RearLambda",
+     "LambdaRear", "LambdaBinary", "LambdaRight", "Lambda_links", "LambdaKat", "Lambda_sec",
+     "LSF_Lambda",
+     "Wideband2", "AFR_2", "lamsoni2_w", "LambdaSonde2"],
+)  # fmt: skip
+def test_another_sensor_is_never_taken_for_the_upstream_one(name: str) -> None:
+    text, proposals = proposed(database_of(lambda_signal(name)))
+    assert "lambda_measured" not in proposals.names
+    assert not re.search(r"^lambda_measured", text, re.MULTILINE)
+    with_first = found(database_of(lambda_signal(name), lambda_signal("LambdaB1S1")))
+    assert with_first["lambda_measured"][0] == "LambdaB1S1"
+
+
+@pytest.mark.parametrize("second", [
+    "Bank2", "B2", "Sensor2", "S2", "2", "02", "B1S2", "B2S1", "Downstream", "PostCat", "Post",
+    "Rear", "NachKat", "HinterKat", "Nk", "Hk", "Behind", "After", "Right", "Links", "Secondary",
+    "Cat", "Kat", "Nernst", "Narrowband", "Ds",
+])  # fmt: skip
+@pytest.mark.parametrize(
+    "sensor", ["Lambda", "Lam", "AFR", "Wideband", "Uego", "O2_Lambda", "Sonde_Lambda"]
+)
+def test_however_it_is_spelled(sensor: str, second: str) -> None:
+    for parts in (
+        (sensor, second),
+        (second, sensor),
+        (sensor, second, "Value"),
+        ("EMS", sensor, second),
+    ):
+        for joint in ("_", ""):
+            styles = (str, str.lower, str.upper) if joint else (str,)
+            for style in styles:
+                name = joint.join(style(part) for part in parts)
+                if name[0].isdigit():
+                    continue
+                _, proposals = proposed(database_of(lambda_signal(name)))
+                assert "lambda_measured" not in proposals.names, name
+
+
+@pytest.mark.parametrize(
+    "message", ["O2_Bank2", "PostCat_O2", "Lambda_Sensor_2", "Lambda_hinterKat"]
+)
+def test_nor_is_one_whose_message_says_so(message: str) -> None:
+    _, proposals = proposed(database_of(lambda_signal("Lambda"), message=message))
+    assert "lambda_measured" not in proposals.names
+
+
+def test_nor_is_one_whose_comment_says_so() -> None:
+    more = 'CM_ SG_ 256 Lambda "Wideband behind the catalyst";'
+    _, proposals = proposed(database_of(lambda_signal("Lambda"), more=more))
+    assert "lambda_measured" not in proposals.names
+
+
+@pytest.mark.parametrize("other", ["LambdaAct", "LambdaMeas", "AFR_Lambda", "UegoLambda"])
+def test_two_sensors_that_nothing_tells_apart_are_a_choice(other: str) -> None:
+    text, proposals = proposed(database_of(lambda_signal("LambdaValue"), lambda_signal(other)))
+    assert "lambda_measured" not in proposals.names
+    assert "AMBIGUOUS" in text
+
+
+def test_the_one_that_is_said_to_be_upstream_is_taken() -> None:
+    got = found(database_of(lambda_signal("LambdaMeas"), lambda_signal("LambdaUpstream")))
+    assert got["lambda_measured"][0] == "LambdaUpstream"
+
+
+@pytest.mark.parametrize(
+    ("signal", "canonical"),
+    [
+        ('EngineSpeedTarget (0.25,0) [0|8000] "rpm"', "engine_speed_rpm"),
+        ('TurbineSpeed (0.25,0) [0|8000] "rpm"', "engine_speed_rpm"),
+        ('OilTemp (1,-40) [-40|200] "degC"', "coolant_temperature_degc"),
+        ('ExhaustManifoldPressure (1,0) [0|500] "kPa"', "manifold_pressure_kpa"),
+        ('WheelSpeedFL (0.1,0) [0|300] "km/h"', "vehicle_speed_km_h"),
+        ('LambdaHeaterDuty (0.1,0) [0|100] "%"', "lambda_controller"),
+        ('LambdaVoltage (0.001,0) [0|5] "V"', "lambda_measured"),
+        ('LambdaTarget (0.0005,0) [0|16] ""', "lambda_measured"),
+        ('LongFuelTrim (0.1,-100) [-100|100] "%"', "lambda_controller"),
+        ('FuelTrim2 (0.1,-100) [-100|100] "%"', "lambda_controller"),
+        ('AcceleratorPedal (0.1,0) [0|100] "%"', "throttle_percent"),
+        ('LowFuelPressure (0.1,0) [0|10] "bar"', "rail_pressure_mpa"),
+        ('HybridBatteryVoltage (0.1,0) [0|500] "V"', "battery_voltage_v"),
+        ('Lambda (1,0) [0|1] ""', "lambda_measured"),
+        ('MAP (1,0) [0|100] "%"', "manifold_pressure_kpa"),
+        ('MAP (0.1,-101.3) [0|0] "kPa"', "manifold_pressure_kpa"),
+    ],
+)
+def test_what_only_resembles_is_not_proposed(signal: str, canonical: str) -> None:
+    assert canonical not in found(database_of(signal))

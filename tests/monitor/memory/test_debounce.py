@@ -1,0 +1,70 @@
+"""The fault detection counter of ISO 14229-1."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from monitor.memory.debounce import FAILED, PASSED, Debounce
+
+steps = st.lists(st.tuples(st.booleans(), st.integers(1, 127)), max_size=60)
+
+
+@given(steps)
+def test_the_counter_stays_within_iso_14229(results: list[tuple[bool, int]]) -> None:
+    counter = Debounce()
+    for failed, by in results:
+        counter = counter.step(failed=failed, by=by)
+        assert PASSED <= counter.count <= FAILED
+        assert not (counter.failed and counter.passed)
+
+
+@given(steps, st.booleans(), st.integers(1, 127))
+def test_a_failed_result_never_lowers_the_counter_and_a_passed_one_never_raises_it(
+    results: list[tuple[bool, int]], failed: bool, by: int
+) -> None:
+    before = Debounce()
+    for f, b in results:
+        before = before.step(failed=f, by=b)
+    after = before.step(failed=failed, by=by)
+    end = FAILED if failed else PASSED
+    assert after.count == end or (after.count > before.count) == failed
+    assert after.count != before.count or before.count == end
+
+
+@given(st.booleans(), st.integers(1, 127))
+def test_a_test_matures_after_exactly_the_configured_steps(failed: bool, by: int) -> None:
+    needed = -(-(FAILED if failed else -PASSED) // by)
+    counter = Debounce()
+    for i in range(1, needed + 3):
+        counter = counter.step(failed=failed, by=by)
+        assert (counter.failed if failed else counter.passed) == (i >= needed)
+        assert not (counter.passed if failed else counter.failed)
+
+
+@given(steps, st.booleans(), st.integers(1, 127))
+def test_the_opposite_result_restarts_from_zero(
+    results: list[tuple[bool, int]], failed: bool, by: int
+) -> None:
+    counter = Debounce()
+    for f, b in results:
+        counter = counter.step(failed=f, by=b)
+    if (counter.count > 0) != failed:
+        assert counter.step(failed=failed, by=by) == Debounce().step(failed=failed, by=by)
+
+
+def test_the_counter_ends_where_iso_14229_says() -> None:
+    assert (FAILED, PASSED) == (127, -128)
+
+
+def test_a_long_healthy_time_does_not_slow_detection_down() -> None:
+    counter = Debounce()
+    for _ in range(1000):
+        counter = counter.step(failed=False, by=64)
+    assert counter.step(failed=True, by=64).step(failed=True, by=64).failed
+
+
+def test_alternating_results_never_mature() -> None:
+    counter = Debounce()
+    for i in range(100):
+        counter = counter.step(failed=i % 2 == 0, by=64)
+        assert not counter.failed
+        assert not counter.passed

@@ -1,0 +1,233 @@
+"""Several driving cycles in one stream, as at a bench that is never switched off."""
+
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from monitor.base.types import Frame
+from monitor.frames.logs import read_frames
+from monitor.judge.decisions import Counted
+from monitor.judge.plausibility import Plausibility
+from monitor.memory.dtc import DtcStore, Status
+from monitor.memory.store import Memory
+from monitor.pipeline.stream import CycleStarted, DtcChanged, Event, FramePipeline
+from monitor.report import replay
+from tests.conftest import ROOT
+from tests.helpers.played_bus import Pause, run_on
+from tests.helpers.stretches import (
+    CONFIG,
+    DRIVE,
+    HOUR,
+    MINUTE,
+    OFF_BUS,
+    SILENCE,
+    STAND,
+    START,
+    Stretch,
+    lasting,
+    samples,
+)
+
+
+@pytest.fixture(scope="module")
+def setup() -> replay.Setup:
+    return replay.set_up(None, [], CONFIG)
+
+
+@pytest.fixture(scope="module")
+def late_sensor() -> list[Frame]:
+    (log,) = ROOT.glob("replay_logs/delay_rich_to_lean_*.blf")
+    return list(read_frames(log))[: 200 * 200]
+
+
+def later(frames: list[Frame], by_s: float) -> list[Frame]:
+    return [frame._replace(t_ns=frame.t_ns + round(by_s * 1e9)) for frame in frames]
+
+
+def judge(frames: list[Frame], setup: replay.Setup, store: DtcStore) -> list[Event]:
+    store.start_driving_cycle()
+    pipeline = FramePipeline(setup.bus_map, setup.model, setup.limits, setup.config, store)
+    return [event for frame in frames for event in pipeline.push(frame)]
+
+
+def codes(events: list[Event]) -> list[tuple[str, str | None]]:
+    return [(e.dtc.code, e.dtc.state) for e in events if isinstance(e, DtcChanged) if e.dtc.fault]
+
+
+def test_two_drives_in_one_stream_are_judged_as_in_two_recordings(
+    setup: replay.Setup, late_sensor: list[Frame]
+) -> None:
+    # GIVEN the same drive twice, ten minutes of silence in between
+    length_s = (late_sensor[-1].t_ns - late_sensor[0].t_ns) / 1e9
+    both = late_sensor + later(late_sensor, length_s + 10 * MINUTE)
+    # WHEN it is judged as one stream, and as two recordings one after the other
+    one, two = DtcStore(), DtcStore()
+    stream = judge(both, setup, one)
+    apart = [judge(late_sensor, setup, two) for _ in range(2)]
+    # THEN the same codes become pending and confirmed
+    assert codes(apart[0]) == [("P015A", "pending")]
+    assert codes(apart[1])[-1] == ("P015A", "confirmed")
+    in_stream = [event for event in codes(stream) if event[0] == "P015A"]
+    assert in_stream[0] == ("P015A", "pending")
+    assert in_stream[-1] == ("P015A", "confirmed")
+    assert sum(isinstance(event, CycleStarted) for event in stream) == 1
+    assert [d.status for d in one.all if d.code == "P015A"] == [0xAF]
+    assert [d.status for d in two.all if d.code == "P015A"] == [0xAF]
+    assert one.permanent == two.permanent == ("P015A",)
+    assert one.counts.ignition_cycles == two.counts.ignition_cycles == 2
+    ratios = {r.test: r.numerator for r in one.ratios}
+    assert ratios["response"] == 2
+
+
+def test_a_code_keeps_the_signals_of_its_setting(
+    setup: replay.Setup, late_sensor: list[Frame]
+) -> None:
+    store = DtcStore()
+    events = judge(late_sensor, setup, store)
+    (failed,) = [e for e in events if isinstance(e, DtcChanged) and e.dtc.state]
+    frame = store.freeze_frames["P015A"]
+    assert frame.t_ns == failed.t_ns
+    assert frame.values["engine_speed_rpm"] > 500.0
+    assert frame.values["coolant_temperature_degc"] > CONFIG.enable.coolant_min_degc
+    assert {"lambda_measured", "fuel_mass_mg", "ambient_pressure_kpa"} <= frame.values.keys()
+    # confirmed in the next driving cycle they are those of that moment, and stay
+    judge(later(late_sensor, HOUR), setup, store)
+    assert store.freeze_frames["P015A"].t_ns == frame.t_ns + round(HOUR * 1e9)
+    judge(later(late_sensor, 2 * HOUR), setup, store)
+    assert store.freeze_frames["P015A"].t_ns == frame.t_ns + round(HOUR * 1e9)
+
+
+def test_the_results_of_service_06_are_those_of_the_latest_window(
+    setup: replay.Setup, late_sensor: list[Frame]
+) -> None:
+    store = DtcStore()
+    judge(late_sensor, setup, store)
+    results = {r.quantity: r for r in store.results}
+    late = results["dead_time_rich_to_lean_s"]
+    assert late.test == "response"
+    assert late.value > late.high == CONFIG.response.delay_limit_s
+    for quantity in ("dead_time_lean_to_rich_s", "lag_rich_to_lean_s", "gain", "offset"):
+        assert results[quantity].low <= results[quantity].value <= results[quantity].high
+    assert results["offset"].test == "bias"
+
+
+def test_what_was_found_before_clearing_is_forgotten_and_found_again(
+    setup: replay.Setup, late_sensor: list[Frame]
+) -> None:
+    # GIVEN a code that is pending
+    store = DtcStore()
+    store.start_driving_cycle()
+    pipeline = FramePipeline(setup.bus_map, setup.model, setup.limits, setup.config, store)
+    half = len(late_sensor) // 2
+    first = [event for frame in late_sensor[:half] for event in pipeline.push(frame)]
+    assert ("P015A", "pending") in codes(first)
+    # WHEN it is cleared while the drive goes on
+    changed = store.clear()
+    assert "P015A" in {dtc.code for dtc in changed}
+    assert not store.fault_flag
+    # THEN it is pending again, after as many windows
+    again = [event for frame in late_sensor[half:] for event in pipeline.push(frame)]
+    assert ("P015A", "pending") in codes(again)
+    assert store.counts.ignition_cycles == 1
+    assert {r.test: r.numerator for r in store.ratios}["response"] == 1  # one driving cycle
+
+
+def test_a_healed_code_is_announced_where_the_next_driving_cycle_begins(
+    setup: replay.Setup, late_sensor: list[Frame]
+) -> None:
+    # GIVEN a code pending from an earlier drive, and a stream of drives in which the test passes
+    (log,) = ROOT.glob("replay_logs/healthy_micro_trips_*.blf")
+    healthy = list(read_frames(log))
+    store = DtcStore()
+    store.start_driving_cycle()
+    store.fail("delay_rich_to_lean", 1)
+    stream = judge([*healthy, *later(healthy[:2000], HOUR)], setup, store)
+    # THEN it goes with the end of the driving cycle, and says so
+    at = next(i for i, event in enumerate(stream) if isinstance(event, CycleStarted))
+    gone = stream[at + 1]
+    assert isinstance(gone, DtcChanged)
+    assert (gone.dtc.code, gone.dtc.state) == ("P015A", None)
+    assert not gone.dtc.status & Status.PENDING
+    assert not store.fault_flag
+    started = stream[at]
+    assert isinstance(started, CycleStarted)
+    counted = [event.what for event in stream if isinstance(event, Counted)]
+    assert counted.count("ignition_cycle") == 2
+
+
+# The ECU falls silent
+
+
+def communication(*stretches: Stretch) -> set[str]:
+    """Return what the communication test says of the last stretch."""
+    names = ("lambda_measured", "engine_speed_rpm")
+    tests = Plausibility(CONFIG.plausibility, names, "lambda_measured", 1.0)
+    results = [tests.step(sample) for sample in samples(list(stretches), names=names)]
+    last = results[-round(stretches[-1].seconds) :]
+    return {r.fault if r.failed else "passed" for of in last for r in of
+            if r.test == "communication"}  # fmt: skip
+
+
+def test_an_ecu_that_falls_silent_with_the_engine_standing_is_not_missed() -> None:
+    asleep = lasting(SILENCE, 600)
+    assert communication(DRIVE, lasting(STAND, 2), asleep) == set()
+    assert communication(DRIVE, lasting(STAND, 2), asleep, START) == {"passed"}
+    # and one that does so while the engine runs is, also after it has slept
+    assert communication(DRIVE, asleep) == {"signal_missing"}
+    assert communication(STAND, asleep, STAND, START, asleep) == {"signal_missing"}
+    # one that was never heard may be missing or asleep: it is missed
+    assert communication(asleep) == {"signal_missing"}
+    # the monitor's own bus off says nothing of the ECU
+    assert communication(DRIVE, lasting(STAND, 2), OFF_BUS) == {"bus_off"}
+
+
+def test_a_replay_of_what_was_recorded_finds_the_same_driving_cycles(
+    setup: replay.Setup, late_sensor: list[Frame], tmp_path: Path
+) -> None:
+    # GIVEN a bench: a drive, ten minutes of a silent bus, the same drive again
+    minute = late_sensor[: 200 * 60]
+    length_s = (minute[-1].t_ns - minute[0].t_ns) / 1e9
+    script = [*minute, Pause(10 * MINUTE), *later(minute, length_s + 10 * MINUTE)]
+    record, kept = tmp_path / "bench.log", []
+    for run in ("live", "replay"):
+        with closing(Memory(tmp_path / f"{run}.db")) as memory:
+            if run == "live":
+                run_on(script, setup, memory=memory, record=record)
+            else:
+                replay.replay(record, setup, memory)
+            kept.append(memory.load())
+    live, again = kept
+    # THEN the fault memory of the replay is that of the run, to the last bit
+    assert live == again
+    assert live.counts.ignition_cycles == 2
+    states = {d.code: d.state for d in live.dtcs if d.state}
+    # a bus that dies while the engine runs is missed, which pauses the numerators
+    assert states == {"P015A": "confirmed", "U0100": "pending"}
+    assert {r.test: r.numerator for r in live.ratios}["response"] == 1
+
+
+def test_the_vehicles_reference_learns_from_each_driving_cycle_of_a_stream(
+    setup: replay.Setup, tmp_path: Path
+) -> None:
+    (log,) = ROOT.glob("replay_logs/healthy_micro_trips_*.blf")
+    healthy = list(read_frames(log))
+    length_s = (healthy[-1].t_ns - healthy[0].t_ns) / 1e9
+    # GIVEN two healthy drives as two recordings, and as one
+    with closing(Memory(tmp_path / "apart.db")) as apart:
+        for _ in range(2):
+            last, _ = replay.replay(log, setup, apart)
+        known = apart.reference(setup.model_sha256)
+    stream = [*healthy, *later(healthy, length_s + 10 * MINUTE)]
+    record = tmp_path / "bench.log"
+    with closing(Memory(tmp_path / "live.db")) as memory:
+        live, _ = run_on(stream, setup, memory=memory, record=record)
+        assert memory.reference(setup.model_sha256).drives == known.drives == 2
+    with closing(Memory(tmp_path / "replay.db")) as memory:
+        again, _ = replay.replay(record, setup, memory)
+        # THEN the second one is judged with what the first one taught
+        assert memory.reference(setup.model_sha256).drives == 2
+    assert live["limits"] == again["limits"]
+    assert live["limits"]["gain"] == pytest.approx(last["limits"]["gain"], abs=1e-3)
+    assert live["limits"]["gain"] != setup.limits.gain
+    assert live["windows"] == again["windows"]

@@ -1,0 +1,396 @@
+"""Trouble codes over driving cycles: status byte, confirming, healing, erasing."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
+
+from monitor.base.config import load, shipped
+from monitor.base.errors import ConfigError
+from monitor.memory.dtc import CODES, FRESH, TESTS, Dtc, DtcStore, Status
+from tests.helpers.fault_store import CARB, code_of, confirmed, frame_of, heal, states
+
+
+def test_every_test_of_the_monitor_sets_faults_that_have_codes() -> None:
+    tested = [fault for faults in TESTS.values() for fault in faults]
+    assert sorted(tested) == sorted(CODES)
+
+
+@pytest.mark.parametrize("fault", CODES)
+def test_a_code_is_pending_in_the_first_failing_driving_cycle_and_confirmed_in_the_next(
+    fault: str,
+) -> None:
+    store = DtcStore()
+    # GIVEN a new store
+    assert states(store) == {}
+    assert not store.fault_flag
+    # WHEN the fault's test fails
+    changed = store.fail(fault, t_ns=7)
+    # THEN its codes, and no others, are pending
+    assert sorted(dtc.code for dtc in changed) == sorted(CODES[fault])
+    assert states(store) == dict.fromkeys(CODES[fault], "pending")
+    assert store.fault_flag
+    # and it stays so when the test fails again in the same driving cycle
+    store.fail(fault, t_ns=9)
+    assert states(store) == dict.fromkeys(CODES[fault], "pending")
+    assert {dtc.t_ns for dtc in store.active} == {7}
+    # WHEN it fails in the next driving cycle, too
+    store.start_driving_cycle()
+    assert states(store) == dict.fromkeys(CODES[fault], "pending")
+    store.fail(fault, t_ns=3)
+    # THEN the codes are confirmed
+    assert states(store) == dict.fromkeys(CODES[fault], "confirmed")
+    assert {dtc.t_ns for dtc in store.active} == {3}
+
+
+def test_the_status_byte_through_two_failing_driving_cycles() -> None:
+    store = DtcStore()
+
+    def status() -> Status:
+        return code_of(store, "P0133").status
+
+    assert status() == FRESH == 0x50
+    assert code_of(store, "P0133").t_ns == 0
+    store.fail("slow_symmetric", 1)
+    assert status() == 0x27  # failed now, this cycle, since clear; pending
+    store.start_driving_cycle()
+    assert status() == 0x64  # pending, not completed this cycle, failed since clear
+    store.fail("slow_symmetric", 1)
+    assert status() == 0xAF  # confirmed, lamp requested
+    store.complete("response")
+    assert status() == 0xAE  # the test passes now, but it has failed this cycle
+    store.start_driving_cycle()
+    assert status() == 0xEC
+
+
+def test_a_completed_test_without_a_fault_clears_only_the_completion_bits() -> None:
+    store = DtcStore()
+    # P2195 and P2196 can be set by the test for an offset and by the one for a frozen signal
+    assert store.complete("bias") == []
+    changed = store.complete("activity")
+    assert {dtc.code for dtc in changed} == {"P2195", "P2196"}
+    assert {int(dtc.status) for dtc in changed} == {0x00}
+    assert store.complete("activity") == []  # nothing changes twice
+    # in the next driving cycle both must pass again
+    store.start_driving_cycle()
+    assert store.complete("activity") == []
+
+
+def test_a_cycle_in_which_the_test_does_not_complete_neither_confirms_nor_heals() -> None:
+    store = DtcStore()
+    store.fail("gain_low", 1)
+    for _ in range(5):
+        store.start_driving_cycle()
+    assert states(store) == {"P2A00": "pending"}
+    store.start_driving_cycle()
+    store.fail("gain_low", 1)
+    assert states(store) == {"P2A00": "confirmed"}
+
+
+def test_a_pending_code_goes_after_a_driving_cycle_that_passes() -> None:
+    store = DtcStore()
+    store.fail("delay_rich_to_lean", 1)
+    store.start_driving_cycle()
+    store.complete("response")
+    assert states(store) == {"P015A": "pending"}  # until the cycle is over
+    store.start_driving_cycle()
+    assert states(store) == {}
+    # and the next failure is a first one again
+    store.fail("delay_rich_to_lean", 1)
+    assert states(store) == {"P015A": "pending"}
+
+
+def test_the_lamp_goes_out_after_three_passing_driving_cycles_in_a_row() -> None:
+    store = DtcStore()
+    for _ in range(2):
+        store.fail("biased_lean", 1)
+        store.start_driving_cycle()
+    for cycle in range(1, CARB.lamp_off_cycles + 1):
+        assert code_of(store, "P2195").status & Status.WARNING_INDICATOR, cycle
+        store.complete("bias")
+        store.start_driving_cycle()
+    healed = code_of(store, "P2195")
+    assert not healed.status & Status.WARNING_INDICATOR
+    assert healed.state == "confirmed"  # the code itself is kept
+
+
+def test_a_failing_cycle_starts_the_count_towards_healing_anew() -> None:
+    store = DtcStore()
+    for _ in range(2):
+        store.fail("biased_lean", 1)
+        store.start_driving_cycle()
+    for passes in (True, True, False, True, True):
+        if passes:
+            store.complete("bias")
+        else:
+            store.fail("biased_lean", 1)
+        store.start_driving_cycle()
+    assert code_of(store, "P2195").status & Status.WARNING_INDICATOR
+    store.complete("bias")
+    store.start_driving_cycle()
+    assert not code_of(store, "P2195").status & Status.WARNING_INDICATOR
+
+
+def test_a_cycle_without_a_completed_test_does_not_count_towards_healing() -> None:
+    store = DtcStore()
+    for _ in range(2):
+        store.fail("biased_lean", 1)
+        store.start_driving_cycle()
+    for completes in (True, False, True, False):
+        if completes:
+            store.complete("bias")
+        store.start_driving_cycle()
+    assert code_of(store, "P2195").status & Status.WARNING_INDICATOR
+
+
+@pytest.mark.parametrize(
+    ("fault", "other_test"),
+    [("biased_lean", "activity"), ("stuck_lean", "bias"), ("gain_low", "range"),
+     ("out_of_range", "response"), ("stuck_at_one", "ready"), ("not_ready", "activity")],
+)  # fmt: skip
+def test_a_passed_test_of_another_fault_leaves_a_shared_code_alone(
+    fault: str, other_test: str
+) -> None:
+    store = DtcStore()
+    store.fail(fault, 1)
+    before = code_of(store, CODES[fault][0])
+    store.complete(other_test)
+    assert code_of(store, CODES[fault][0]) == before
+    store.start_driving_cycle()
+    store.complete(other_test)
+    store.start_driving_cycle()
+    assert states(store) == {CODES[fault][0]: "pending"}
+
+
+def test_a_test_that_failed_after_it_had_passed_is_not_completed_by_another_one() -> None:
+    store = DtcStore()
+    store.complete("bias")
+    store.fail("biased_lean", 1)
+    before = code_of(store, "P2195")
+    store.complete("activity")
+    assert code_of(store, "P2195") == before
+    assert before.status & Status.TEST_FAILED
+
+
+def test_an_undecided_pair_carries_the_other_name() -> None:
+    store = DtcStore()
+    store.fail("delay_rich_to_lean", 1, also=("slow_rich_to_lean",))
+    assert store.active[0].also == ("slow_rich_to_lean",)
+    assert store.active[0].fault == "delay_rich_to_lean"
+
+
+def test_codes_stand_in_the_order_of_their_failing() -> None:
+    store = DtcStore()
+    store.fail("slow_symmetric", 30)
+    store.fail("signal_missing", 10)
+    store.fail("delay_symmetric", 20)
+    assert [dtc.code for dtc in store.active] == ["U0100", "P015A", "P015B", "P0133"]
+
+
+# Erasing
+
+
+def test_a_healed_code_is_erased_after_forty_warm_up_cycles() -> None:
+    store = confirmed()
+    heal(store)
+    for _ in range(CARB.erase_warm_ups - 1):
+        store.count_warm_up()
+        store.start_driving_cycle()
+        assert states(store) == {"P2195": "confirmed"}
+    store.count_warm_up()
+    assert states(store) == {"P2195": "confirmed"}  # until the cycle is over
+    changed = store.start_driving_cycle()
+    assert states(store) == {}
+    assert "P2195" in {dtc.code for dtc in changed}
+    gone = code_of(store, "P2195")
+    assert (gone.fault, gone.also, gone.warm_ups) == ("", (), 0)
+    assert gone.status == Status.FAILED_SINCE_CLEAR | Status.NOT_COMPLETED_THIS_CYCLE
+    # and the next failure is a first one again
+    store.fail("biased_lean", 1)
+    assert states(store) == {"P2195": "pending"}
+
+
+def test_warm_up_cycles_with_the_lamp_on_do_not_count_towards_erasing() -> None:
+    store = confirmed()
+    for _ in range(CARB.erase_warm_ups + 5):
+        store.count_warm_up()
+        store.start_driving_cycle()
+    assert states(store) == {"P2195": "confirmed"}
+    assert store.mil
+
+
+def test_a_failure_starts_the_count_towards_erasing_anew() -> None:
+    store = confirmed()
+    heal(store)
+    for _ in range(CARB.erase_warm_ups - 1):
+        store.count_warm_up()
+    store.fail("biased_lean", 1)
+    assert not store.mil  # the first failing cycle after healing
+    store.start_driving_cycle()
+    store.complete("bias")
+    store.count_warm_up()
+    store.start_driving_cycle()
+    assert states(store) == {"P2195": "confirmed"}
+
+
+def test_a_code_that_fails_again_after_healing_lights_the_lamp_in_its_second_cycle() -> None:
+    store = confirmed()
+    heal(store)
+    store.fail("biased_lean", 1)
+    assert not store.mil
+    store.start_driving_cycle()
+    store.fail("biased_lean", 1)
+    assert store.mil
+
+
+def test_the_profile_sets_the_counts() -> None:
+    eobd = shipped().eobd
+    store = DtcStore(profile=eobd)
+    for cycle in range(1, eobd.confirm_cycles + 1):
+        store.start_driving_cycle()
+        store.fail("gain_low", 1)
+        assert store.mil == (cycle == eobd.confirm_cycles)
+    assert eobd.confirm_cycles != CARB.confirm_cycles
+    assert store.permanent == ()  # EOBD knows none
+    short = replace(CARB, lamp_off_cycles=2, erase_warm_ups=1)
+    store = confirmed(profile=short)
+    heal(store, cycles=2)
+    assert not store.mil
+    store.count_warm_up()
+    store.start_driving_cycle()
+    assert states(store) == {}
+
+
+def test_the_profile_is_chosen_by_name_and_its_counts_may_be_changed(tmp_path: Path) -> None:
+    file = tmp_path / "own.toml"
+    file.write_text('[obd]\nprofile = "eobd"\n[eobd]\nconfirm_cycles = 2\n')
+    profile = load(file).profile
+    assert (profile.confirm_cycles, profile.warm_up_degc) == (2, 70.0)
+    assert load().profile == CARB
+    for text, named in (
+        ('[obd]\nprofile = "EPA"', r"own\.toml: \[obd\] profile = 'EPA', wanted one of"),
+        ("[obd]\nprofile = 1", r"own\.toml: \[obd\] profile = 1, wanted str"),
+        ("[carb]\nconfirm_cycles = 0", r"\[carb\] confirm_cycles = 0, wanted above 0"),
+    ):
+        file.write_text(text)
+        with pytest.raises(ConfigError, match=named):
+            load(file)
+
+
+# Everything at once
+
+
+@dataclass
+class Cycle:
+    """What the history says of one driving cycle since the last clearing."""
+
+    failed: bool = False
+    completed: bool = False
+
+
+class StatusByte(RuleBasedStateMachine):
+    """Any sequence of events; the status byte must follow from the history of one code."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.store = DtcStore()
+        self.history = [Cycle()]
+        self.failing_now = False
+
+    @property
+    def dtc(self) -> Dtc:
+        return code_of(self.store, "P0133")
+
+    @rule(fault=st.sampled_from(["slow_symmetric", "transient"]))
+    def the_test_fails(self, fault: str) -> None:
+        self.store.fail(fault, 1)
+        self.store.freeze(frame_of("P0133", 1))
+        self.history[-1].failed = self.history[-1].completed = self.failing_now = True
+
+    @rule()
+    def the_test_passes(self) -> None:
+        self.store.complete("response")
+        self.history[-1].completed, self.failing_now = True, False
+
+    @rule(fault=st.sampled_from(sorted(set(CODES) - {"slow_symmetric", "transient"})))
+    def another_test_fails(self, fault: str) -> None:
+        self.store.fail(fault, 1)
+
+    @rule(test=st.sampled_from(sorted(set(TESTS) - {"response"})))
+    def another_test_passes(self, test: str) -> None:
+        self.store.complete(test)
+
+    @rule()
+    def the_next_driving_cycle_begins(self) -> None:
+        self.store.start_driving_cycle()
+        self.history.append(Cycle())
+        self.failing_now = False
+
+    @rule(driving_cycles=st.integers(1, 3), passes=st.booleans())
+    def it_is_driven(self, driving_cycles: int, passes: bool) -> None:
+        for _ in range(driving_cycles):
+            if passes:
+                self.the_test_passes()
+            self.the_next_driving_cycle_begins()
+
+    @rule()
+    def the_process_ends_and_begins_with_the_next_driving_cycle(self) -> None:
+        self.store = DtcStore(self.store.saved)
+        self.the_next_driving_cycle_begins()
+
+    @rule()
+    def it_is_cleared(self) -> None:
+        permanent, counts, ratios = self.store.permanent, self.store.counts, self.store.ratios
+        self.store.clear()
+        self.history = [Cycle()]
+        self.failing_now = False
+        assert self.store.permanent == permanent
+        assert self.store.ratios == ratios
+        assert self.store.counts.ignition_cycles == counts.ignition_cycles
+
+    def lamp(self) -> tuple[bool, bool]:
+        """Return whether the code was ever confirmed, and whether the lamp is on, by history."""
+        was_confirmed = is_lit = False
+        failed = passed = 0  # completed driving cycles in a row
+        for number, cycle in enumerate(self.history, 1):
+            is_over = number < len(self.history)
+            if cycle.failed:
+                failed, passed = failed + 1, 0
+                was_confirmed |= failed == 2
+                is_lit |= failed >= 2
+            elif cycle.completed and is_over:
+                failed, passed = 0, passed + 1
+                is_lit &= passed < 3
+        return was_confirmed, is_lit
+
+    @invariant()
+    def the_status_byte_follows_from_the_history(self) -> None:
+        now, before = self.history[-1], [c for c in self.history[:-1] if c.completed]
+        was_confirmed, is_lit = self.lamp()
+        expected = {
+            Status.TEST_FAILED: self.failing_now,
+            Status.FAILED_THIS_CYCLE: now.failed,
+            Status.PENDING: now.failed or bool(before and before[-1].failed),
+            Status.CONFIRMED: was_confirmed,
+            Status.NOT_COMPLETED_SINCE_CLEAR: not any(c.completed for c in self.history),
+            Status.FAILED_SINCE_CLEAR: any(c.failed for c in self.history),
+            Status.NOT_COMPLETED_THIS_CYCLE: not now.completed,
+            Status.WARNING_INDICATOR: is_lit,
+        }
+        assert {bit: bool(self.dtc.status & bit) for bit in Status} == expected
+
+    @invariant()
+    def what_goes_with_a_code_agrees_with_it(self) -> None:
+        store = self.store
+        assert ("P0133" in store.freeze_frames) == (self.dtc.state is not None)
+        assert store.mil == any(d.status & Status.WARNING_INDICATOR for d in store.all)
+        lit = {d.code for d in store.all if d.status & Status.WARNING_INDICATOR}
+        assert lit <= set(store.permanent) or len(store.permanent) == CARB.permanent_most
+        assert store.completed_since_clear("response") or not self.dtc.state
+
+
+StatusByte.TestCase.settings = settings(max_examples=150, stateful_step_count=40, deadline=None)
+TestStatusByte = StatusByte.TestCase

@@ -1,0 +1,299 @@
+"""What was announced outlives a kill at any instant; a full or read-only disk ends no judging."""
+
+import json
+import os
+import random
+import resource
+import shutil
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from itertools import islice, pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from monitor.base.config import load
+from monitor.base.errors import RecordingError
+from monitor.bus.loop import STORE_DRIVEN_S
+from monitor.frames.logs import read_frames
+from monitor.memory.dtc import Dtc, DtcStore, Saved
+from monitor.memory.store import Memory
+from monitor.pipeline.stream import Event, Tick, WindowJudged
+from monitor.report.replay import set_up
+from tests.helpers.driven_memory import drive, told
+from tests.helpers.loop_on_memory import held
+from tests.helpers.played_bus import Ear, run_on
+
+ROOT = Path(__file__).resolve().parents[3]
+KILLS = 250
+MOST_EVENTS = 8  # before the kill
+LONGEST_S = 0.02  # between the last of these, or the process's beginning, and the kill
+
+
+def assert_sound(path: Path) -> None:
+    with closing(sqlite3.connect(path)) as db:
+        assert db.execute("PRAGMA integrity_check").fetchall() == [("ok",)]
+
+
+def loaded(path: Path) -> Saved:
+    with closing(Memory(path)) as memory:
+        return memory.load()
+
+
+def killed(
+    starter: "subprocess.Popen[str]", path: Path, seed: int, rng: random.Random
+) -> list[str]:
+    """Let a process drive the memory, kill it, return what it has announced."""
+    assert starter.stdin is not None
+    assert starter.stdout is not None
+    starter.stdin.write(f"{path} {seed}\n")
+    starter.stdin.flush()
+    lines, n_events, pid = list[str](), rng.choice([0, rng.randrange(MOST_EVENTS)]), 0
+    while not pid or len(lines) < n_events:
+        line = starter.stdout.readline()
+        if line.startswith("pid "):
+            pid = int(line.split()[1])
+        else:
+            lines.append(line)
+    time.sleep(rng.uniform(0.0, LONGEST_S))
+    os.kill(pid, signal.SIGKILL)
+    return [*lines, *iter(starter.stdout.readline, "end\n")]
+
+
+def test_no_announced_event_is_lost_by_a_kill_at_any_instant(tmp_path: Path) -> None:
+    path, rng = tmp_path / "o2.db", random.Random(1)
+    happened: Counter[str] = Counter()
+    started = Saved()
+    with subprocess.Popen(
+        [sys.executable, "-m", "tests.driven_memory"],
+        cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+    ) as starter:  # fmt: skip
+        assert starter.stdin is not None
+        for seed in range(KILLS):
+            # GIVEN a process that goes on from what the one before it has left
+            lines = killed(starter, path, seed, rng)
+            # WHEN it is killed while it stores and announces changes
+            events = [json.loads(line) for line in lines]
+            # THEN the file is sound
+            if not path.exists():
+                assert not events
+                happened["not opened"] += 1
+                continue
+            assert_sound(path)
+            found = json.loads(json.dumps(told(DtcStore(loaded(path)))))
+            # and says what was announced last, or what was to be announced next, whole
+            store = DtcStore(started)
+            states = [json.loads(json.dumps(told(store)))]
+            states += [
+                {"what": what} | json.loads(json.dumps(told(store)))
+                for what in islice(drive(store, seed), len(events) + 1)
+            ]
+            assert events == states[1:-1]
+            possible = [without_what(state) for state in states[-2:]]
+            assert found in possible
+            happened.update(event["what"] for event in events)
+            happened["kill between storing and announcing"] += found != possible[0]
+            happened["nothing announced"] += not events
+            started = loaded(path)
+        starter.stdin.close()
+    # and there was something to lose
+    assert min(happened[what] for what in ("fail", "pass", "clear", "cycle")) > 10
+    assert sum(happened[what] for what in ("fail", "pass", "clear", "cycle")) > KILLS
+    assert happened["nothing announced"] > 0
+
+
+def without_what(state: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in state.items() if key != "what"}
+
+
+def test_no_code_that_the_live_loop_has_told_is_lost_by_a_kill(tmp_path: Path) -> None:
+    # GIVEN what the loop tells on a bus of three drives when nothing happens to it
+    everything, rng = told_by_loop(tmp_path / "whole.db", None), random.Random(2)
+    assert len(everything) > 20
+    expected = [{"told": held(Saved())}, *everything]
+    for i in range(3):
+        # WHEN it is killed at a random instant
+        path = tmp_path / f"{i}.db"
+        events = told_by_loop(path, rng.randrange(len(everything) - 5), rng.uniform(0.0, 0.05))
+        # THEN it had told the same so far, and its memory holds that, or what was to come next
+        assert events == everything[: len(events)]
+        assert_sound(path)
+        if events:
+            found = json.loads(json.dumps({"told": held(loaded(path))}))
+            assert found in expected[len(events) : len(events) + 2]
+
+
+def told_by_loop(path: Path, kill_after: int | None, wait_s: float = 0.0) -> list[Any]:
+    """Return what the loop tells, to its end or until it is killed after so many events."""
+    with subprocess.Popen(
+        [sys.executable, "-m", "tests.loop_on_memory", path, "3"],
+        cwd=ROOT, stdout=subprocess.PIPE, text=True,
+    ) as loop:  # fmt: skip
+        assert loop.stdout is not None
+        told_events = (line for line in loop.stdout if line.startswith('{"told"'))
+        lines = list(islice(told_events, kill_after))
+        if kill_after is not None:
+            time.sleep(wait_s)
+            loop.kill()
+        return [json.loads(line) for line in [*lines, *told_events]]
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_kill_loses_at_most_a_minute_of_what_was_driven(tmp_path: Path, seed: int) -> None:
+    # GIVEN a loop that is killed at a random instant of a drive in which no code changes
+    path, rng = tmp_path / "o2.db", random.Random(seed)
+    with subprocess.Popen(
+        [sys.executable, "-m", "tests.loop_on_memory", path, "1", "DRIVEN"],
+        cwd=ROOT, stdout=subprocess.PIPE, text=True,
+    ) as loop:  # fmt: skip
+        assert loop.stdout is not None
+        shown = (line for line in loop.stdout if line.startswith('{"driven_s"'))
+        lines = list(islice(shown, rng.randrange(1500, 2500)))
+        loop.kill()
+        lines += shown
+    driven_s = json.loads(lines[-1] if lines[-1].endswith("\n") else lines[-2])["driven_s"]
+    # THEN what it had driven is stored but for a minute at most
+    assert_sound(path)
+    stored_s = loaded(path).counts.engine_run_since_clear_s
+    assert driven_s > 2 * STORE_DRIVEN_S
+    assert driven_s - STORE_DRIVEN_S - 2.0 <= stored_s <= driven_s + 2.0  # counted in seconds
+
+
+class Told(Ear):
+    """Counts the events that are stored before they are told."""
+
+    n = 0
+
+    def push(self, event: Event) -> None:
+        self.n += not isinstance(event, Tick | WindowJudged)
+
+
+def test_what_is_driven_is_written_once_a_minute_and_at_the_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (log,) = ROOT.glob("replay_logs/healthy_micro_trips_*.blf")
+    written_s = list[float]()
+    save = Memory.save
+
+    def noted(memory: Memory, saved: Saved) -> None:
+        save(memory, saved)
+        written_s.append(saved.counts.engine_run_since_clear_s)
+
+    monkeypatch.setattr(Memory, "save", noted)
+    told = Told()
+    with closing(Memory(tmp_path / "o2.db")) as memory:
+        setup = set_up(None, [], load())
+        recording, _ = run_on(read_frames(log), setup, memory=memory, attachments=[told])
+        last_s = memory.load().counts.engine_run_since_clear_s
+    assert not recording["dtcs"]
+    gaps_s = [b - a for a, b in pairwise(written_s)]
+    assert max(gaps_s) < STORE_DRIVEN_S + 2.0
+    # and beside what is stored when it is told, and at the end, no more often
+    assert told.n < len(written_s) <= told.n + 1 + last_s / STORE_DRIVEN_S
+    assert written_s[-1] == last_s > recording["samples"] * 0.1 * 0.9
+
+
+# Disks that take nothing
+
+
+@contextmanager
+def no_file_larger_than(n_bytes: int) -> Iterator[None]:
+    """Let every write beyond a file's first so many bytes fail, as a full disk does."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (n_bytes, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def test_a_full_disk_is_one_clear_line_and_the_memory_keeps_what_it_had(tmp_path: Path) -> None:
+    path = tmp_path / "o2.db"
+    with closing(Memory(path)) as memory:
+        memory.save(Saved((Dtc("P0133", t_ns=1),)))
+        size = max(file.stat().st_size for file in tmp_path.iterdir())
+        with (
+            no_file_larger_than(size),
+            pytest.raises(RecordingError, match=r"o2\.db: cannot store the fault memory") as error,
+        ):
+            for n in range(2, 100):  # the log that is written ahead grows
+                memory.save(Saved((Dtc("P0133", t_ns=n),)))
+        assert "\n" not in str(error.value)
+        assert memory.load().dtcs[0].t_ns in (1, n - 1)
+        # WHEN there is room again THEN storing goes on
+        memory.save(Saved((Dtc("P0133", t_ns=1000),)))
+    assert loaded(path).dtcs[0].t_ns == 1000
+    assert_sound(path)
+
+
+def test_what_another_process_wrote_before_a_storing_that_failed_is_replaced(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "o2.db"
+    with closing(Memory(path)) as memory, closing(Memory(path)) as other:
+        memory.save(Saved((Dtc("P0133", t_ns=1),)))
+        other.save(Saved((Dtc("P0133", t_ns=2),)))
+        with (
+            no_file_larger_than(max(file.stat().st_size for file in tmp_path.iterdir())),
+            pytest.raises(RecordingError, match="cannot store"),
+        ):
+            memory.save(Saved((Dtc("P0133", t_ns=3),)))
+        memory.save(Saved((Dtc("P0133", t_ns=1),)))
+    assert loaded(path).dtcs[0].t_ns == 1
+
+
+def test_a_memory_that_cannot_be_made_on_a_full_disk_is_one_clear_line(tmp_path: Path) -> None:
+    with (
+        no_file_larger_than(0),
+        pytest.raises(RecordingError, match=r"o2\.db: cannot open the fault memory"),
+    ):
+        Memory(tmp_path / "o2.db")
+
+
+def mounted(command: list[object], folder: Path, then: str = "true") -> list[str]:
+    """Return a command that runs with a small file system of its own on a folder, or skip."""
+    unshare = shutil.which("unshare")
+    own = [unshare or "unshare", "--user", "--map-root-user", "--mount"]
+    mount = f"mount -t tmpfs -o size=192k tmpfs {folder}"
+    if unshare is None or subprocess.run([*own, "sh", "-c", mount], check=False).returncode:
+        pytest.skip("no file system can be mounted: user namespaces are not permitted")
+    words = " ".join(map(str, command))
+    return [*own, "sh", "-c", f"{mount} && {then} && exec {words}"]
+
+
+def test_the_live_loop_keeps_judging_on_a_disk_that_is_full(tmp_path: Path) -> None:
+    loop = [sys.executable, "-m", "tests.loop_on_memory", tmp_path / "o2.db", 3, "FULL"]
+    done = subprocess.run(
+        mounted(loop, tmp_path), cwd=ROOT, capture_output=True, text=True, check=True, timeout=120
+    )
+    lines = done.stdout.splitlines()
+    complaints = [line for line in lines if "cannot store the fault memory" in line]
+    assert len(complaints) == 1
+    assert "full" in complaints[0]
+    result = json.loads(lines[-1])
+    assert result["codes"]["P015A"] == "confirmed"
+    assert result["errors"] > 0
+    assert done.stderr == ""
+
+
+@pytest.mark.parametrize("is_new", [True, False])
+def test_a_read_only_file_system_is_one_line_and_exit_code_2(tmp_path: Path, is_new: bool) -> None:
+    path = tmp_path / "o2.db"
+    cli, log = [sys.executable, "-m", "monitor.cli"], next(ROOT.glob("replay_logs/stuck_*.blf"))
+    command = [*cli, *(("replay", log) if is_new else ("dtc", "clear")), "--memory", path]
+    make = f"{sys.executable} -m tests.driven_memory make {path} && "
+    then = f"{'' if is_new else make}mount -o remount,ro {tmp_path}"
+    done = subprocess.run(
+        mounted(command, tmp_path, then),
+        cwd=ROOT, capture_output=True, text=True, check=False, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    assert line.startswith(f"o2mon: {path}: cannot open the fault memory")

@@ -1,0 +1,306 @@
+"""The model file: card, graph, one step, many side by side, export and parity."""
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+import pytest
+
+from monitor.base.errors import ModelError
+from monitor.base.types import FloatArray
+from monitor.model.card import METADATA_KEY, Channel, Limit, ModelCard, TrainingRecording
+from monitor.model.step import Model, from_model_units, to_model_units
+from training.narx.export import Network, build, save, update_card
+from training.narx.network import Spec, initial_weights, simulate
+from training.narx.parity import parity
+from training.recordings.preparation import Scaling
+from training.recordings.transforms import apply, fuel_air_ratio
+
+INPUTS = ("air_mass_mg", "fuel_mass_mg", "lambda_controller")
+LOW, HIGH = np.array([50.0, 0.0, 0.8]), np.array([600.0, 60.0, 1.2])
+
+
+def network(
+    transform: str = "phi",
+    ratio: bool = False,
+    first_lag: int = 1,
+    hidden: tuple[int, ...] = (8, 8),
+) -> Network:
+    high = np.array([600.0, 2.5, 1.2]) if ratio else HIGH
+    y_low, y_high = (0.0, 1.7) if transform == "phi" else (-3.0, 4.0)
+    scaling = Scaling(
+        (LOW + high) / 2, (high - LOW) / 4, LOW, high, 0.9, 0.3, y_low, y_high
+    )  # fmt: skip
+    spec = Spec(3, 5, hidden, first_lag, (y_low - 0.9) / 0.3, (y_high - 0.9) / 0.3)
+    weights = 1.3 * initial_weights(spec, np.random.default_rng(4))
+    transforms = (fuel_air_ratio(),) if ratio else ()
+    return Network(spec, weights, scaling, transform, transforms, INPUTS)
+
+
+def card(net: Network) -> ModelCard:
+    channels = tuple(
+        Channel(n, "", float(a), float(b), float(a), float(b))
+        for n, a, b in zip(INPUTS, LOW, HIGH, strict=True)
+    )
+    return ModelCard(
+        kind="narx",
+        inputs=channels,
+        output=Channel("lambda_measured", "-", 0.7, 16.0, 0.8, 16.0),
+        transform=net.transform,
+        output_limits=(net.scaling.y_low, net.scaling.y_high),
+        period_ns=100_000_000,
+        lags=net.spec.lags,
+        input_lag_start=net.spec.input_lag_start,
+        layers=net.spec.hidden,
+        state=net.state_layout,
+        recordings=(TrainingRecording("drive.log", "ab" * 32, 1000),),
+        residual_mean=0.0,
+        residual_std=0.01,
+        limits={"j_mu": Limit(0.05, "-", "test")},
+    )
+
+
+def drive(n: int = 400, seed: int = 1) -> FloatArray:
+    """Inputs that also leave the trained range."""
+    rng = np.random.default_rng(seed)
+    walk = np.cumsum(rng.normal(size=(n, 3)), axis=0) / 8
+    return np.asarray((LOW + HIGH) / 2 + np.sin(walk) * (HIGH - LOW) * 0.6)
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    net = network()
+    save(tmp_path / "model.onnx", net, card(net))
+    return tmp_path / "model.onnx"
+
+
+def rewrite_card(path: Path, **changes: Any) -> None:
+    model = onnx.load(str(path))
+    data = json.loads(card(network()).to_json())
+    data.update(changes)
+    onnx.helper.set_model_props(model, {METADATA_KEY: json.dumps(data)})
+    path.write_bytes(model.SerializeToString())
+
+
+def test_the_card_survives_the_file(path: Path) -> None:
+    assert Model.load(path).card == card(network())
+
+
+def test_every_batch_size_gives_the_bits_of_single_runs(tmp_path: Path) -> None:
+    # GIVEN 70 different drives, and networks of several widths, with and without the transform
+    for number, net in enumerate(
+        [network(), network(ratio=True), network(first_lag=0), network(hidden=(10,)),
+         network("none", hidden=(5, 3))]
+    ):  # fmt: skip
+        file = tmp_path / f"{number}.onnx"
+        save(file, net, card(net))
+        model = Model.load(file)
+        u = np.stack([drive(25, seed) for seed in range(70)])
+        single = np.empty(u.shape[:2])
+        for row in range(70):
+            model.reset(u[row, 0], 1.0)
+            single[row] = [model.step(sample) for sample in u[row]]
+        # WHEN they run side by side in any number THEN not one bit changes
+        assert np.ptp(single) > 0.1
+        for batch in range(1, 71):
+            many = model.with_batch(batch)
+            many.reset(u[-batch:, 0], 1.0)
+            assert np.array_equal(many.run_batch(u[-batch:]), single[-batch:]), batch
+
+
+def test_one_step_is_the_network_in_float64_within_float32(path: Path) -> None:
+    net, u = network(), drive()
+    result = parity(path, net, u, np.full(len(u), 0.8))
+    assert result.onnx_numpy < 1e-5
+    assert result.torch_numpy < 1e-5
+    assert result.samples == len(u) - 5
+
+
+@pytest.mark.parametrize("transform", ["phi", "none"])
+@pytest.mark.parametrize("ratio", [False, True])
+@pytest.mark.parametrize("first_lag", [0, 1])
+def test_torch_onnx_and_numpy_agree_over_a_free_run(
+    tmp_path: Path, transform: str, ratio: bool, first_lag: int
+) -> None:
+    net, u = network(transform, ratio, first_lag), drive(300)
+    save(tmp_path / "m.onnx", net, card(net))
+    result = parity(tmp_path / "m.onnx", net, u, np.full(len(u), 0.8))
+    assert max(result.onnx_numpy, result.torch_numpy) < 2e-5
+
+
+def test_parity_is_refused_when_graph_and_weights_differ(path: Path) -> None:
+    net = network()
+    other = dataclasses.replace(net, weights=net.weights * 1.01)
+    with pytest.raises(ModelError, match=r"free runs differ by .* tolerance"):
+        parity(path, other, drive(), np.full(400, 0.8))
+
+
+def test_lambda_is_one_over_phi_and_at_most_16(path: Path) -> None:
+    model = Model.load(path)
+    for u in drive():
+        predicted = model.step(u)
+        phi = float(model.state[0, model.card.state.output_slice][0])
+        assert 0.0 <= phi <= np.float32(1.7)
+        assert predicted == pytest.approx(1 / max(phi, 1 / 16), rel=1e-6)
+        assert 1 / 1.7 - 1e-6 <= predicted <= 16.0
+
+
+def test_reset_fills_the_history_with_the_measured_output(path: Path) -> None:
+    model = Model.load(path)
+    model.step(drive()[3])
+    model.reset(drive()[0], 0.8)
+    assert np.allclose(model.state[0, model.card.state.output_slice], 1.25)
+    first = model.step(drive()[1])
+    model.reset(drive()[0], 0.8)
+    assert model.step(drive()[1]) == first
+
+
+def test_a_forced_output_replaces_the_newest_prediction(path: Path) -> None:
+    model = Model.load(path)
+    model.reset(drive()[0], 1.0)
+    model.step(drive()[1])
+    model.force_output(0.8)
+    history = model.state[0, model.card.state.output_slice]
+    assert history[0] == 1.25
+    assert history[1] == 1.0
+    model.force_output(float("nan"))  # unknown: what stands there stays
+    assert history[0] == 1.25
+
+
+def test_forcing_every_sample_is_the_series_parallel_prediction(path: Path) -> None:
+    net, u = network(), drive(60)
+    rng = np.random.default_rng(3)
+    y = rng.uniform(0.7, 1.3, 60)
+    model = Model.load(path)
+    scaled = net.scaling.scale_y(to_model_units("phi", y))
+    for t in range(60):
+        predicted = model.step(u[t])
+        model.force_output(y[t])
+        if t >= 5:
+            history = scaled[t - 5 : t][::-1][None].copy()
+            one = simulate(net.spec, net.weights, net.scaling.scale_u(u), np.array([t]),
+                           np.array([t + 1]), history)  # fmt: skip
+            expected = from_model_units("phi", net.scaling.unscale_y(one[t]))
+            assert predicted == pytest.approx(float(expected), rel=1e-5)
+
+
+def test_inputs_that_are_not_finite_are_named(path: Path) -> None:
+    model, u = Model.load(path), drive()[0].copy()
+    u[1] = np.nan
+    with pytest.raises(ValueError, match="finite: fuel_mass_mg"):
+        model.step(u)
+    with pytest.raises(ValueError, match="finite: fuel_mass_mg"):
+        model.with_batch(2).step_batch(np.stack([drive()[0], u]))
+
+
+def test_inputs_far_outside_the_trained_range_change_nothing_more(path: Path) -> None:
+    model = Model.load(path)
+    model.reset(HIGH * 2, 1.0)
+    far = model.step(HIGH * 2)
+    model.reset(HIGH * 1000, 1.0)
+    assert model.step(HIGH * 1000) == far
+
+
+def test_the_ratio_takes_the_place_of_fuel_mass() -> None:
+    u = np.array([[100.0, 10.0, 1.0], [0.0, 50.0, 1.0]])
+    seen = apply([fuel_air_ratio()], INPUTS, u)
+    assert seen[0].tolist() == pytest.approx([100.0, 1.47, 1.0])
+    assert seen[1, 1] == 2.5
+
+
+def test_a_missing_file_is_an_error_with_its_name() -> None:
+    with pytest.raises(ModelError, match=r"nowhere\.onnx: no such model file"):
+        Model.load("nowhere.onnx")
+
+
+def test_a_file_that_is_not_onnx_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "model.onnx"
+    file.write_bytes(b"time_s,lambda\n0,1\n")
+    with pytest.raises(ModelError, match=r"model\.onnx: not a usable ONNX file"):
+        Model.load(file)
+
+
+def test_an_onnx_file_without_a_card_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "model.onnx"
+    file.write_bytes(build(network()).SerializeToString())
+    with pytest.raises(ModelError, match=r"model\.onnx: no model card"):
+        Model.load(file)
+
+
+def test_a_card_that_disagrees_with_its_graph_is_refused(path: Path) -> None:
+    channels = json.loads(card(network()).to_json())["inputs"]
+    rewrite_card(path, inputs=channels[:2])
+    with pytest.raises(ModelError, match=r"u has shape \['batch', 3\], its card says \(batch, 2\)"):
+        Model.load(path)
+
+
+def test_a_state_of_another_size_is_refused(path: Path) -> None:
+    layout = {"size": 24, "output_start": 3, "output_step": 4, "output_count": 5}
+    rewrite_card(path, state=layout)
+    with pytest.raises(ModelError, match=r"state has shape \['batch', 20\]"):
+        Model.load(path)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"colour": "red"}, "has unknown colour"),
+        ({"transform": "log"}, "transform is 'log'"),
+        ({"period_ns": "fast"}, "period_ns is 'fast'"),
+        ({"schema": "o2_monitor.card/9"}, "wanted 'o2_monitor.card/1'"),
+        ({"output": {"name": "y"}}, "output lacks"),
+        ({"recordings": 7}, "wrong type"),
+        (
+            {"limits": {"j_mu": {"value": "a", "unit": "-", "origin": ""}}},
+            "limits.j_mu.value is 'a'",
+        ),
+        ({"output_limits": [1, 0]}, "low < high"),
+        ({"inputs": []}, "no inputs"),
+        ({"state": {"size": 4, "output_start": 3, "output_step": 4, "output_count": 5}}, "outside"),
+    ],
+)
+def test_a_card_that_is_wrong_is_refused_with_the_file_s_name(
+    path: Path, changes: dict[str, Any], message: str
+) -> None:
+    rewrite_card(path, **changes)
+    with pytest.raises(ModelError) as caught:
+        Model.load(path)
+    assert str(path) in str(caught.value)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_card_that_lacks_a_key_is_refused() -> None:
+    data = json.loads(card(network()).to_json())
+    del data["lags"], data["effects"]
+    with pytest.raises(ModelError, match=r"x\.onnx: model card lacks effects, lags"):
+        ModelCard.from_json(json.dumps(data), "x.onnx")
+    with pytest.raises(ModelError, match="not JSON"):
+        ModelCard.from_json("{")
+
+
+def test_update_card_rewrites_the_metadata_alone(path: Path) -> None:
+    before = onnx.load(str(path))
+    changed = dataclasses.replace(card(network()), limits={"j_mu": Limit(0.07, "-", "again")})
+    update_card(path, changed)
+    after = onnx.load(str(path))
+    assert Model.load(path).card == changed
+    assert after.graph == before.graph
+    assert [f.name for f in path.parent.iterdir()] == ["model.onnx"]
+
+
+def test_update_card_refuses_a_card_that_does_not_fit_and_keeps_the_file(path: Path) -> None:
+    before = path.read_bytes()
+    wrong = dataclasses.replace(card(network()), inputs=card(network()).inputs[:1])
+    with pytest.raises(ModelError, match="does not fit"):
+        update_card(path, wrong)
+    assert path.read_bytes() == before
+
+
+def test_the_same_network_gives_the_same_bytes(tmp_path: Path) -> None:
+    for name in ("a.onnx", "b.onnx"):
+        save(tmp_path / name, network(), card(network()))
+    assert (tmp_path / "a.onnx").read_bytes() == (tmp_path / "b.onnx").read_bytes()

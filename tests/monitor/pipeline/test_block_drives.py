@@ -1,0 +1,166 @@
+"""Simulated drives, side by side and streamed: several driving cycles, references, memories."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from monitor.base import faults
+from monitor.base.types import Quality, SampleBlock
+from monitor.judge.limits import Limits
+from monitor.memory.dtc import CODES, TESTS, Dtc, DtcStore, Saved, Status
+from monitor.memory.reference import Reference
+from monitor.model.step import Model
+from monitor.pipeline.block_judge import judge_all
+from monitor.report.replay import shipped_model
+from tests.helpers.streamed import PERIOD_NS, SHIPPED, assert_same, fresh, kept, stream
+from training.dyno import ecu, vehicle
+from training.dyno.simulation import Experiment, simulate
+
+WARM = vehicle.conditions(1)._replace(coolant_start_degc=85.0)
+
+
+def simulated(experiment: Experiment) -> tuple[SampleBlock, tuple[str, ...]]:
+    bus_map = ecu.own_bus()
+    rng = np.random.default_rng([experiment.seed, experiment.vehicle])
+    sent = ecu.broadcast(
+        simulate(experiment), bus_map, rng, experiment.fault, experiment.fault_start_s
+    )
+    return ecu.samples(sent, bus_map, PERIOD_NS), bus_map.names
+
+
+@pytest.fixture(scope="module")
+def drives() -> tuple[list[SampleBlock], tuple[str, ...]]:
+    """Three healthy drives of different lengths and some with a fault in the loop."""
+    found = [
+        simulated(Experiment(cycle, vehicle=7 + k, seed=9200 + k, conditions=WARM, duration_s=s))
+        for k, (cycle, s) in enumerate((("hwfet", 300.0), ("udds", 500.0), ("us06", 400.0)))
+    ]
+    for k, name in enumerate(("slow_symmetric", "stuck_lean", "signal_missing", "out_of_range")):
+        fault = faults.resolve(name)
+        found.append(simulated(Experiment("hwfet", seed=9210 + k, conditions=WARM, fault=fault)))
+    return [block for block, _ in found], found[0][1]
+
+
+def test_simulated_drives_with_the_shipped_model_are_judged_alike(
+    drives: tuple[list[SampleBlock], tuple[str, ...]],
+) -> None:
+    blocks, names = drives
+    model = Model.load(shipped_model())
+    limits = Limits.from_card(model.card, SHIPPED, "shipped")
+    judged = judge_all(blocks, names, model, limits, SHIPPED)
+    for block, got in zip(blocks, judged, strict=True):
+        assert_same(stream(block, names, model, limits, SHIPPED, fresh()), got)
+    # there was something to compare
+    assert sum(len(j.windows) for j in judged) > 100
+    assert any(w.excited for j in judged for w in j.windows)
+    assert {"out_of_range", "signal_missing"} <= {d.fault for j in judged for d in j.dtcs}
+    assert any(j.completed for j in judged)
+
+
+def test_a_fault_in_the_second_driving_cycle_is_confirmed_as_when_streaming(
+    drives: tuple[list[SampleBlock], tuple[str, ...]],
+) -> None:
+    # GIVEN fault memories that have seen a drive without the sensor's frames
+    blocks, names = drives
+    missing = blocks[5]
+    model = Model.load(shipped_model())
+    limits = Limits.from_card(model.card, SHIPPED, "shipped")
+    stores = [fresh(), fresh()]
+    for store in stores:
+        stream(missing, names, model, limits, SHIPPED, store)
+        store.start_driving_cycle()
+    # WHEN the same happens again
+    (got,) = judge_all([missing], names, model, limits, SHIPPED, [stores[0]])
+    assert_same(stream(missing, names, model, limits, SHIPPED, stores[1]), got)
+    # THEN the code is confirmed
+    assert [dtc.state for dtc in got.dtcs] == ["confirmed"]
+
+
+def test_every_vehicle_is_judged_by_its_own_reference(
+    drives: tuple[list[SampleBlock], tuple[str, ...]],
+) -> None:
+    blocks, names = drives
+    model = Model.load(shipped_model())
+    limits = Limits.from_card(model.card, SHIPPED, "shipped")
+    references = [Reference(), Reference(-0.03, -0.02, 0.96, 2), Reference(0.2, 0.2, 1.0, 1)]
+    judged = judge_all(blocks[:3], names, model, limits, SHIPPED, references=references, rows=2)
+    for block, reference, got in zip(blocks[:3], references, judged, strict=True):
+        assert_same(stream(block, names, model, limits, SHIPPED, fresh(), reference), got)
+    # a reference that is far off makes the healthy sensor look biased
+    assert {w.fault for w in judged[2].windows} & set(TESTS["bias"])
+
+
+def ignition_off_and_on(names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+    """Return values and quality of an ECU that falls silent after the engine and wakes up again."""
+    values = np.zeros((180, len(names)))
+    quality = np.full(values.shape, int(Quality.GOOD), dtype=np.uint8)
+    values[10:170], quality[10:170] = np.nan, Quality.STALE
+    return values, quality
+
+
+def joined(first: SampleBlock, second: SampleBlock, names: Sequence[str]) -> SampleBlock:
+    """Return two drives as one recording."""
+    values, quality = ignition_off_and_on(names)
+    values = np.concatenate([first.values, values, second.values])
+    index = np.arange(1, len(values) + 1)
+    return SampleBlock(
+        index,
+        first.t_ns[0] + index * PERIOD_NS,
+        values,
+        np.concatenate([first.quality, quality, second.quality]),
+    )
+
+
+def test_the_reference_learns_between_two_drives_of_one_recording(
+    drives: tuple[list[SampleBlock], tuple[str, ...]],
+) -> None:
+    blocks, names = drives
+    both = [joined(blocks[0], blocks[0], names), joined(blocks[0], blocks[2], names)]
+    model = Model.load(shipped_model())
+    limits = Limits.from_card(model.card, SHIPPED, "shipped")
+    stores = [fresh() for _ in both]
+    references = [Reference()] * len(both)
+    judged = judge_all(both, names, model, limits, SHIPPED, stores, references)
+    for block, got, store in zip(both, judged, stores, strict=True):
+        assert [each.seen is not None for each in got.cycles] == [True]
+        assert got.reference.drives == 1
+        assert got.limits.gain != limits.gain
+        own = fresh()
+        assert_same(stream(block, names, model, limits, SHIPPED, own, Reference()), got)
+        assert kept(own) == kept(store)
+        assert store.counts.ignition_cycles == 2
+    # without a reference nothing is learned, and the second drive is judged as the first one
+    (alone,) = judge_all(both[:1], names, model, limits, SHIPPED)
+    assert alone.limits == limits
+    half = len(alone.windows) // 2
+    assert [w.statistics for w in alone.windows[half:]] == [
+        w.statistics for w in alone.windows[:half]
+    ]
+
+
+def test_a_confirmed_code_counts_warm_up_cycles_until_it_is_erased(
+    drives: tuple[list[SampleBlock], tuple[str, ...]],
+) -> None:
+    # GIVEN a confirmed code whose lamp is off, one warm-up cycle before it is erased
+    blocks, names = drives
+    code = next(iter(CODES["slow_symmetric"]))
+    old = Dtc(code, "slow_symmetric", (), Status.CONFIRMED, passed_cycles=3, warm_ups=39)
+    model = Model.load(shipped_model())
+    limits = Limits.from_card(model.card, SHIPPED, "shipped")
+    stores = [DtcStore(Saved((old,))) for _ in range(2)]
+    for store in stores:
+        store.start_driving_cycle()
+    # WHEN the engine warms up in a drive, and another drive follows
+    cold = blocks[0].values.copy()
+    cold[:300, names.index("coolant_temperature_degc")] = 20.0
+    block = joined(blocks[0]._replace(values=cold), blocks[0], names)
+    (got,) = judge_all([block], names, model, limits, SHIPPED, stores[:1])
+    assert_same(stream(block, names, model, limits, SHIPPED, stores[1]), got)
+    assert kept(stores[0]) == kept(stores[1])
+    # THEN it is gone
+    assert got.dtcs == []
+    begin_ns = got.cycles[0].t_ns
+    (erased,) = [c.dtc for c in got.changes if c.t_ns == begin_ns and c.dtc.code == code]
+    assert erased == Dtc(code, status=erased.status)
+    assert not erased.state

@@ -1,0 +1,259 @@
+"""Whole recordings side by side give what the streaming monitor gives, sample by sample."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from monitor.base.errors import RecordingError
+from monitor.base.types import Quality, SampleBlock
+from monitor.grid.block_samples import Clearing
+from monitor.judge import enable, hypotheses
+from monitor.judge.block_bank import BankBlock, phases
+from monitor.judge.hypotheses import SensorBank
+from monitor.judge.limits import Limits
+from monitor.memory.reference import Reference
+from monitor.model.card import Channel, ModelCard
+from monitor.model.step import Model
+from monitor.pipeline.block_judge import judge_all
+from monitor.report.replay import shipped_model
+from tests.helpers.streamed import PERIOD_NS, SHIPPED, assert_same, fresh, kept, stream
+from training.narx.export import Network, save
+from training.narx.network import Spec, initial_weights
+from training.recordings.preparation import Scaling
+
+INPUTS = ("air_mass_mg", "lambda_controller")
+NAMES = (*INPUTS, "lambda_measured", *enable.SIGNALS)
+USUAL = (300.0, 1.0, 1.0, 1.0, 0.0, 1.0, 85.0, 2000.0, 50.0, 60.0, 20.0)
+# short times, so that short recordings reach windows, verdicts and codes
+SHORT = replace(
+    SHIPPED,
+    window=replace(SHIPPED.window, n_samples=10),
+    enable=replace(
+        SHIPPED.enable, model_settle_samples=3, fuel_cut_recovery_s=0.3, purge_recovery_s=0.2
+    ),
+    cycles=replace(
+        SHIPPED.cycles,
+        engine_off_s=4.0,
+        silent_s=1.0,
+        start_s=0.5,
+        denominator_run_s=6.0,
+        denominator_moving_s=4.0,
+        denominator_idle_s=0.5,
+    ),
+    plausibility=replace(
+        SHIPPED.plausibility, stuck_s=1.0, start_patience_s=1.0, not_ready_s=1.0, stuck_range=0.01
+    ),
+    debounce=replace(SHIPPED.debounce, tick_fail_s=0.4, tick_pass_s=0.9),
+    bias=replace(SHIPPED.bias, reference_windows=2),
+)
+TIGHT = replace(
+    Limits.from_card(Model.load(shipped_model()).card, SHIPPED, "shipped"),
+    j_mu=0.02, j_sigma=0.02, noise=0.02, excitation=0.01,
+)  # fmt: skip
+
+
+def tiny_model(folder: Path, transform: str, weight: float = 1.3) -> Model:
+    low, high = np.array([100.0, 0.8]), np.array([600.0, 1.2])
+    y_low, y_high = (0.0, 1.7) if transform == "phi" else (-3.0, 4.0)
+    spec = Spec(2, 3, (4,), 1, (y_low - 0.9) / 0.3, (y_high - 0.9) / 0.3)
+    weights = weight * initial_weights(spec, np.random.default_rng(4))
+    scaling = Scaling((low + high) / 2, (high - low) / 4, low, high, 0.9, 0.3, y_low, y_high)
+    net = Network(spec, weights, scaling, transform, (), INPUTS)
+    channels = tuple(
+        Channel(name, "", a, b, a, b)
+        for name, a, b in zip(INPUTS, low.tolist(), high.tolist(), strict=True)
+    )
+    card = ModelCard(
+        kind="narx", inputs=channels, output=Channel("lambda_measured", "-", 0.7, 1.2, 0.8, 1.2),
+        transform=transform, output_limits=(y_low, y_high), period_ns=PERIOD_NS,
+        lags=spec.lags, input_lag_start=1, layers=spec.hidden, state=net.state_layout,
+        recordings=(), residual_mean=0.0, residual_std=0.01,
+    )  # fmt: skip
+    path = folder / f"{transform}.onnx"
+    save(path, net, card)
+    return Model.load(path)
+
+
+@pytest.fixture(scope="module")
+def tiny(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Model]:
+    folder = tmp_path_factory.mktemp("tiny")
+    return {transform: tiny_model(folder, transform) for transform in ("phi", "none")}
+
+
+# what may happen for a while: signals, the value they hold (None: as before), their quality
+HAPPENS = {
+    "an input is stale": (("air_mass_mg",), np.nan, Quality.STALE),
+    "an input is not available": (("lambda_controller",), np.nan, Quality.INVALID),
+    "nothing is received": (NAMES, np.nan, Quality.STALE),
+    "an input leaves the trained range": (("air_mass_mg",), 900.0, Quality.GOOD),
+    "lambda is stale": (("lambda_measured",), np.nan, Quality.STALE),
+    "lambda is not available": (("lambda_measured",), np.nan, Quality.INVALID),
+    "lambda is out of range": (("lambda_measured",), np.nan, Quality.OUT_OF_RANGE),
+    "a blank in a table": (("lambda_measured", "sensor_ready"), np.nan, Quality.INVALID),
+    "lambda is stuck": (("lambda_measured",), 1.1, Quality.GOOD),
+    "lambda is stuck at one": (("lambda_measured",), 1.0, Quality.GOOD),
+    "lambda stands in air": (("lambda_measured",), 1.3, Quality.GOOD),
+    "lambda trembles by the limit of one": (("lambda_measured",), 1.03, Quality.GOOD),
+    "lambda trembles by the limit of air": (("lambda_measured",), 1.2, Quality.GOOD),
+    "the sensor is ready for a part of a tick": (("sensor_ready",), 0.5, Quality.GOOD),
+    "the sensor is not ready": (("sensor_ready",), 0.0, Quality.GOOD),
+    "the engine stands": (("engine_speed_rpm",), 0.0, Quality.GOOD),
+    "fuel is cut": (("fuel_cut",), 1.0, Quality.GOOD),
+    "the loop is open": (("closed_loop",), 0.0, Quality.GOOD),
+    "the purge valve is closed": (("purge_duty_percent",), 0.0, Quality.GOOD),
+    "the monitor is off the bus": (NAMES, np.nan, Quality.OFF_BUS),
+    "the coolant is cold": (("coolant_temperature_degc",), 20.0, Quality.GOOD),
+    "the vehicle stands": (("vehicle_speed_km_h",), 0.0, Quality.GOOD),
+}
+
+
+@st.composite
+def recordings(draw: st.DrawFn) -> SampleBlock:
+    """A drive in which things happen; what nothing happens to moves."""
+    n = draw(st.sampled_from([0, 1, 40, 150, 260]))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    values = np.tile(USUAL, (n, 1))
+    swing = np.sin(np.cumsum(rng.normal(0.0, 0.25, (n, 2)), axis=0))
+    values[:, 0] += 180.0 * swing[:, 0]
+    values[:, 1] += 0.1 * swing[:, 1]
+    values[:, 2] += draw(st.sampled_from([0.0, 0.1])) * swing[:, 0] + rng.normal(0.0, 0.005, n)
+    quality = np.zeros(values.shape, dtype=np.uint8)
+    for _ in range(draw(st.integers(0, 6))):
+        signals, value, grade = HAPPENS[draw(st.sampled_from(list(HAPPENS)))]
+        begin, length = draw(st.integers(0, max(n - 1, 0))), draw(st.integers(1, 80))
+        for signal in signals:
+            held = values[begin : begin + length, NAMES.index(signal)]
+            held[:] = value
+            if signal == "lambda_measured":
+                held += rng.choice([0.0, 0.004]) * rng.uniform(-1.0, 1.0, len(held))
+            quality[begin : begin + length, NAMES.index(signal)] = grade
+    for begin in draw(st.lists(st.integers(0, max(n - 1, 0)), max_size=3)):  # ignition off, and on
+        values[begin : begin + 15], quality[begin : begin + 15] = np.nan, Quality.STALE
+        held = slice(begin + 15, begin + 18)
+        values[held], quality[held] = USUAL, Quality.GOOD
+        values[held, NAMES.index("engine_speed_rpm")] = 0.0
+    index = np.arange(n)
+    return SampleBlock(index, 5_000 + index * PERIOD_NS, values, quality)
+
+
+def without(block: SampleBlock, missing: set[str]) -> tuple[SampleBlock, tuple[str, ...]]:
+    kept = [i for i, name in enumerate(NAMES) if name not in missing]
+    block = block._replace(values=block.values[:, kept], quality=block.quality[:, kept])
+    return block, tuple(NAMES[i] for i in kept)
+
+
+@st.composite
+def cleared(draw: st.DrawFn, block: SampleBlock) -> list[Clearing]:
+    at = sorted(draw(st.lists(st.integers(0, len(block.t_ns)), max_size=2)))
+    return [Clearing(k, 77 + k) for k in at]
+
+
+@settings(max_examples=120, deadline=None)
+@given(
+    blocks=st.lists(recordings(), max_size=5),
+    missing=st.sets(st.sampled_from(enable.SIGNALS), max_size=3),
+    transform=st.sampled_from(["phi", "none"]),
+    rows=st.sampled_from([1, 2, 3, 64]),
+    learned=st.sampled_from([None, Reference(), Reference(-0.03, -0.02, 0.96, 2)]),
+    data=st.data(),
+)
+def test_a_batch_gives_what_streaming_gives(
+    tiny: dict[str, Model], blocks: list[SampleBlock], missing: set[str], transform: str, rows: int,
+    learned: Reference | None, data: st.DataObject,
+) -> None:  # fmt: skip
+    model, names = tiny[transform], without(_EMPTY, missing)[1]
+    blocks = [without(block, missing)[0] for block in blocks]
+    clearings = [data.draw(cleared(block)) for block in blocks]
+    stores = [fresh() for _ in blocks]
+    references = None if learned is None else [learned] * len(blocks)
+    judged = judge_all(
+        blocks, names, model, TIGHT, SHORT, stores, references, rows=rows, clearings=clearings
+    )
+    assert len(judged) == len(blocks)
+    for block, got, store, own in zip(blocks, judged, stores, clearings, strict=True):
+        streamed = fresh()
+        assert_same(stream(block, names, model, TIGHT, SHORT, streamed, learned, own), got)
+        assert kept(streamed) == kept(store)
+
+
+_EMPTY = SampleBlock(
+    np.arange(0), np.arange(0), np.empty((0, len(NAMES))), np.empty((0, len(NAMES)), np.uint8)
+)
+
+
+def test_a_model_that_predicts_no_number_fills_no_window_either_way(tmp_path: Path) -> None:
+    model = tiny_model(tmp_path, "none", np.nan)
+    index = np.arange(100)
+    values = np.tile(USUAL, (100, 1))
+    block = SampleBlock(index, index * PERIOD_NS, values, np.zeros(values.shape, dtype=np.uint8))
+    (got,) = judge_all([block], NAMES, model, TIGHT, SHORT)
+    assert got.enabled.any() and np.isnan(got.predicted).all() and not got.windows
+    assert_same(stream(block, NAMES, model, TIGHT, SHORT, fresh()), got)
+
+
+def test_an_infinite_input_is_refused_by_name_either_way(tiny: dict[str, Model]) -> None:
+    index = np.arange(30)
+    values = np.tile(USUAL, (30, 1))
+    values[20, NAMES.index("lambda_controller")] = np.inf  # what the assembler never gives
+    block = SampleBlock(index, index * PERIOD_NS, values, np.zeros(values.shape, dtype=np.uint8))
+    with pytest.raises(ValueError, match=r"finite: lambda_controller$"):
+        stream(block, NAMES, tiny["phi"], TIGHT, SHORT, fresh())
+    with pytest.raises(ValueError, match=r"finite: lambda_controller$"):
+        judge_all([block], NAMES, tiny["phi"], TIGHT, SHORT)
+
+
+def test_an_input_of_the_model_that_is_not_there_is_named() -> None:
+    with pytest.raises(RecordingError, match="rail_pressure_mpa"):
+        judge_all([_EMPTY], NAMES, Model.load(shipped_model()), TIGHT, SHIPPED)
+
+
+# The parts
+
+
+@pytest.mark.parametrize("period_s", [0.1, 0.07, 1.0])
+@given(
+    lengths=st.lists(st.integers(1, 300), min_size=1, max_size=6),
+    seed=st.integers(0, 2**32 - 1),
+    n=st.sampled_from([1, 7, 50]),
+)
+def test_the_bank_reads_alike_for_one_signal_and_for_many(
+    period_s: float, lengths: list[int], seed: int, n: int
+) -> None:
+    lengths.sort(reverse=True)
+    rng = np.random.default_rng(seed)
+    values = 1.0 + 0.1 * np.sin(np.cumsum(rng.normal(0.0, 0.5, (len(lengths), lengths[0])), axis=1))
+    values[rng.random(values.shape) < 0.2] = 1.0  # also stretches without a change
+    hypotheses_ = hypotheses.build(SHIPPED.response)
+    chosen = [
+        (row, begin)
+        for row, length in enumerate(lengths)
+        for begin in range(length - n + 1)
+        if rng.random() < 0.5
+    ]
+    row, begin = np.array(chosen, dtype=np.int64).reshape(-1, 2).T
+    got = np.empty((len(chosen), n, len(hypotheses_)))
+    BankBlock(hypotheses_, period_s).read(values, lengths, row, begin, got)
+    one = SensorBank(hypotheses_, period_s)
+    for i, length in enumerate(lengths):
+        one.reset()
+        expected = np.array([one.push(value).copy() for value in values[i, :length]])
+        for window, first in zip(got[row == i], begin[row == i].tolist(), strict=True):
+            np.testing.assert_array_equal(window, expected[first : first + n])
+
+
+@given(st.lists(st.integers(1, 1000), min_size=1, max_size=70))
+def test_every_row_runs_to_its_end_and_at_most_half_of_the_work_is_in_vain(
+    lengths: list[int],
+) -> None:
+    lengths.sort(reverse=True)
+    done, work = 0, 0
+    for begin, end, rows in phases(lengths):
+        assert begin == done < end
+        assert all(length <= begin for length in lengths[rows:])
+        done, work = end, work + rows * (end - begin)
+    assert done == lengths[0]
+    assert work < 2 * sum(lengths)

@@ -1,0 +1,256 @@
+"""Two road recordings of real vehicles, by no means made for this monitor.
+
+What cannot be judged is refused in one line or said not to be judged, and why; gaps and garbage are
+survived; a healthy car gets no code. Sources of the recordings: data/README.md.
+"""
+
+import csv
+import gzip
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from monitor import cli
+from monitor.model.step import Model
+from training import cli as training_cli
+
+# What of the MX-5 has a canonical name. Its vehicle speed always reads 0 and is left out.
+MX5 = """
+engine_speed_rpm = "rpm"
+manifold_pressure_kpa = "map_kpa"
+manifold_temperature_degc = "iat_c"
+throttle_percent = "tps_pct"
+coolant_temperature_degc = "clt_c"
+battery_voltage_v = "battery_v"
+lambda_measured = "lambda"
+lambda_controller = { column = "ego_corr_pct", factor = 0.01 }
+"""
+# Guesses for what it lacks: the rail pressure of a port injection, air and fuel by rough factors.
+GUESSED = """
+air_mass_mg = { column = "map_kpa", factor = 4.6 }
+fuel_mass_mg = { column = "pw_ms", factor = 4.5 }
+maf_kg_h = { column = "map_kpa", factor = 0.5 }
+rail_pressure_mpa = { column = "baro_kpa", factor = 0.003 }
+"""
+ME7 = 'engine_speed_rpm = "rpm"\nthrottle_percent = "tps_pct"\nlambda_measured = "lambda"\n'
+INPUTS = ("engine_speed_rpm", "manifold_pressure_kpa", "throttle_percent", "pw_ms")
+SMALL = ("--lags", "4", "--hidden", "6", "--starts", "1", "--budget", "1")
+Rows = list[list[str]]
+
+
+@dataclass(frozen=True, slots=True)
+class Replayed:
+    """What a replay gave."""
+
+    exit_code: int
+    out: str
+    recording: dict[str, Any]
+
+
+@pytest.fixture(scope="session")
+def vehicles(shared_data: Path) -> Path:
+    """Give the folder of the road recordings, or skip."""
+    folder = shared_data / "vehicles"
+    if not folder.is_dir():
+        pytest.skip("the road recordings (../shared/data/vehicles) are not here")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def mx5(vehicles: Path) -> Path:
+    """Give 32 minutes of an MX-5, with pauses, engine stops and a garbled battery channel."""
+    return vehicles / "mx5_speeduino.csv.gz"
+
+
+@pytest.fixture(scope="session")
+def me7(vehicles: Path) -> Path:
+    """Give eight minutes of road pulls of a turbo car; no fuel or air channel."""
+    return vehicles / "me7_zeitronix.csv.gz"
+
+
+def fitted(out: Path, recording: Path, columns: Path | None, *names: str) -> Path:
+    """Return a small model of the recording."""
+    mapped = ["--columns", str(columns)] if columns else []
+    code = training_cli.main(
+        ["fit", str(recording), *mapped, "--inputs", *names[:-1], "--output", names[-1],
+         "--out", str(out), *SMALL]
+    )  # fmt: skip
+    assert code == 0
+    return out
+
+
+@pytest.fixture(scope="session")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Give a folder with the columns maps."""
+    found = tmp_path_factory.mktemp("vehicles")
+    (found / "mx5.toml").write_text(MX5)
+    (found / "guessed.toml").write_text(MX5 + GUESSED)
+    (found / "parked.toml").write_text(MX5 + 'vehicle_speed_km_h = "vss_kmh"\n')
+    (found / "me7.toml").write_text(ME7)
+    return found
+
+
+@pytest.fixture(scope="session")
+def mx5_model(folder: Path, mx5: Path) -> Path:
+    """Give a model of the MX-5 on canonical names."""
+    return fitted(folder / "mx5.onnx", mx5, folder / "mx5.toml", *INPUTS, "lambda_measured")
+
+
+@pytest.fixture
+def replayed(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Callable[..., Replayed]:
+    """Give a function that replays a recording that can be read."""
+
+    def run(recording: Path, model: Path | None, columns: Path | None = None) -> Replayed:
+        options = [f"--{k}={v}" for k, v in (("model", model), ("columns", columns)) if v]
+        out = tmp_path / "out.json"
+        capsys.readouterr()  # what a fit before it warned of
+        code = cli.main(["replay", str(recording), *options, "--json", str(out)])
+        printed = capsys.readouterr()
+        assert printed.err == ""
+        return Replayed(code, printed.out, json.loads(out.read_text())["recordings"][0])
+
+    return run
+
+
+def refused(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
+    """Return the one line with which a replay is refused."""
+    assert cli.main(["replay", *map(str, arguments)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    return line
+
+
+def edited(source: Path, out: Path, edit: Callable[[list[str], Rows], Rows]) -> Path:
+    """Write a table with other rows."""
+    with gzip.open(source, "rt", newline="") as file:
+        header, *rows = csv.reader(file)
+    with out.open("w", newline="") as file:
+        csv.writer(file).writerows([header, *edit(header, rows)])
+    return out
+
+
+@pytest.mark.parametrize("name", ["mx5", "me7"])
+def test_a_recording_without_the_models_inputs_is_refused_naming_them(
+    name: str, request: pytest.FixtureRequest, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path: Path = request.getfixturevalue(name)
+    line = refused(capsys, path)
+    assert line.startswith(f"o2mon: {path}: the model needs air_mass_mg, fuel_mass_mg, maf_kg_h")
+
+
+def test_with_what_exists_mapped_only_the_rest_is_missed(
+    mx5: Path, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    line = refused(capsys, mx5, "--columns", folder / "mx5.toml")
+    assert "needs air_mass_mg, fuel_mass_mg, maf_kg_h, rail_pressure_mpa; there are" in line
+
+
+def test_a_vehicle_unlike_the_models_is_not_judged_for_its_trained_range(
+    mx5: Path, folder: Path, replayed: Callable[..., Replayed]
+) -> None:
+    got = replayed(mx5, None, folder / "guessed.toml")
+    assert got.exit_code == 3
+    assert "not judged: no window of enabled samples was filled (trained_range held 0 %" in got.out
+    assert got.recording["dtcs"] == []
+
+
+def test_a_model_too_poor_to_judge_its_own_healthy_car_says_so(
+    mx5: Path, mx5_model: Path, folder: Path, replayed: Callable[..., Replayed]
+) -> None:
+    got = replayed(mx5, mx5_model, folder / "mx5.toml")
+    assert got.exit_code == 3
+    assert got.recording["dtcs"] == []
+    assert got.recording["samples"] > 19_000
+    windows = got.recording["windows"]
+    assert len(windows) > 100
+    excited = sum(w["excited"] for w in windows)
+    assert f"in {excited} the prediction moves enough (engine_speed held 62 %" in got.out
+
+
+def test_a_model_that_took_its_healthy_car_for_weak_waits_for_more_movement(
+    mx5: Path, folder: Path, replayed: Callable[..., Replayed]
+) -> None:
+    # the battery channel is garbled and leaves a model of few samples
+    names = ("engine_speed_rpm", "manifold_pressure_kpa", "battery_voltage_v", "pw_ms")
+    columns = folder / "mx5.toml"
+    model = fitted(folder / "garbled.onnx", mx5, columns, *names, "lambda_measured")
+    limit = Model.load(model).card.limits["excitation"]
+    assert "raised until the recordings get no code" in limit.origin
+    got = replayed(mx5, model, columns)
+    assert got.recording["dtcs"] == []
+    assert all(w["verdict"] != "failed" for w in got.recording["windows"])
+
+
+def test_a_dead_vehicle_speed_is_what_kept_it_from_judging(
+    mx5: Path, mx5_model: Path, folder: Path, replayed: Callable[..., Replayed]
+) -> None:
+    got = replayed(mx5, mx5_model, folder / "parked.toml")
+    assert got.exit_code == 3
+    assert "no window of enabled samples was filled (vehicle_speed held 0 %" in got.out
+
+
+def test_a_cold_sensor_is_not_stuck_where_nothing_says_that_the_engine_stands(
+    mx5: Path, folder: Path, replayed: Callable[..., Replayed]
+) -> None:
+    model = fitted(folder / "own.onnx", mx5, None, "rpm", "map_kpa", "tps_pct", "pw_ms", "lambda")
+    got = replayed(mx5, model)
+    assert got.exit_code == 3
+    assert got.recording["dtcs"] == []
+
+
+def test_no_window_spans_a_pause_of_the_logger(
+    mx5: Path, mx5_model: Path, folder: Path, tmp_path: Path, replayed: Callable[..., Replayed]
+) -> None:
+    def pause(header: list[str], rows: Rows) -> Rows:
+        at = header.index("time_s")
+        return [row for row in rows if not 600.0 < float(row[at]) < 700.0]
+
+    whole = replayed(mx5, mx5_model, folder / "mx5.toml")
+    got = replayed(edited(mx5, tmp_path / "p.csv", pause), mx5_model, folder / "mx5.toml")
+    assert got.exit_code == 3
+    windows = got.recording["windows"]
+    assert all(w["t_end_s"] < 601.0 or w["t_start_s"] > 700.0 for w in windows)
+    assert any(600.0 < w["t_start_s"] < 700.0 for w in whole.recording["windows"])
+    assert windows[-1]["t_end_s"] > 1800.0
+
+
+def test_garbage_is_counted_and_survived(
+    mx5: Path, mx5_model: Path, folder: Path, tmp_path: Path, replayed: Callable[..., Replayed]
+) -> None:
+    def garble(header: list[str], rows: Rows) -> Rows:
+        speed, width = header.index("rpm"), header.index("pw_ms")
+        for i, row in enumerate(rows):
+            if i % 50 == 0:
+                row[speed], row[width] = "99999", "inf"
+            elif i % 50 == 25:
+                row[width] = ""
+        return rows
+
+    got = replayed(edited(mx5, tmp_path / "g.csv", garble), mx5_model, folder / "mx5.toml")
+    assert got.exit_code == 3
+    assert got.recording["dtcs"] == []
+    assert got.recording["counters"]["out_of_range_engine_speed_rpm"] > 100
+    assert "not judged: " in got.out
+
+
+def test_a_model_with_too_few_windows_for_limits_judges_nothing_and_says_what_to_do(
+    me7: Path, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    names = ("engine_speed_rpm", "throttle_percent", "boost_raw", "lambda_measured")
+    model = fitted(folder / "me7.onnx", me7, folder / "me7.toml", *names)
+    assert "no decision limits" in capsys.readouterr().err
+    line = refused(capsys, me7, "--columns", folder / "me7.toml", "--model", model)
+    assert "the model card has no limit" in line
+    assert "o2train calibrate" in line
+
+
+def test_a_healthy_car_gets_no_code_from_a_model_of_itself(
+    me7: Path, folder: Path, replayed: Callable[..., Replayed]
+) -> None:
+    model = fitted(folder / "me7own.onnx", me7, None, "rpm", "tps_pct", "boost_raw", "lambda")
+    got = replayed(me7, model)
+    assert got.recording["dtcs"] == []
+    assert got.exit_code == (0 if got.recording["completed"] else 3)

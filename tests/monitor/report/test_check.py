@@ -1,0 +1,158 @@
+"""What ``o2mon check`` says of the signals on a bus or in a log."""
+
+import math
+
+import numpy as np
+import pytest
+
+import dbc
+from monitor.base.types import FloatArray, Frame
+from monitor.decode.bus_map import load_pairs
+from monitor.report.check import CheckResult, SignalSeen, check
+from training.recordings.can_log import broadcast
+
+BUS_MAP = load_pairs([(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))])
+SECONDS = 2.0
+
+
+def frames(**changes: FloatArray | float | None) -> list[Frame]:
+    """Two seconds of the project's ECU; a signal set to None is never given."""
+    t_ns = np.arange(0, round(SECONDS * 1e9), 10_000_000)
+    values: dict[str, FloatArray] = {}
+    for name in BUS_MAP.channels:
+        change = changes.get(name, 1.0)
+        if change is not None:
+            values[name] = np.full(len(t_ns), change, dtype=float)
+    values["manifold_pressure_kpa"] = np.full(len(t_ns), 50.0)
+    values["ambient_pressure_kpa"] = np.full(len(t_ns), 98.0)
+    values["battery_voltage_v"] = np.full(len(t_ns), 13.5)
+    values["air_mass_mg"] = np.linspace(100.0, 300.0, len(t_ns))
+    values |= {n: v for n, v in changes.items() if isinstance(v, np.ndarray)}
+    return list(broadcast(BUS_MAP, t_ns, values).frames())
+
+
+def seen(result: CheckResult, name: str) -> SignalSeen:
+    return next(s for s in result.signals if s.name == name)
+
+
+def without(message: str, all_frames: list[Frame]) -> list[Frame]:
+    can_id = next(
+        c.message.frame_id for c in BUS_MAP.channels.values() if c.message.name == message
+    )
+    return [f for f in all_frames if f.can_id != can_id]
+
+
+def test_a_complete_bus_is_plausible_in_every_signal() -> None:
+    result = check(frames(), BUS_MAP)
+    assert {s.name for s in result.signals} == set(BUS_MAP.channels)
+    assert {s.verdict(result.end_ns) for s in result.signals} == {"plausible"}
+    assert result.missing(BUS_MAP.names) == []
+    assert sum(result.rejected.values()) == 0
+
+
+def test_range_rate_and_age_are_those_of_the_frames() -> None:
+    sent = frames()
+    result = check(sent, BUS_MAP)
+    assert (result.frames, result.end_ns) == (len(sent), max(f.t_ns for f in sent))
+    for name, channel in BUS_MAP.channels.items():
+        assert channel.message.cycle_time
+        expected_hz = 1000.0 / channel.message.cycle_time
+        assert seen(result, name).rate_hz == pytest.approx(expected_hz, rel=1e-6), name
+    air = seen(result, "air_mass_mg")
+    assert air.minimum == pytest.approx(100.0, abs=0.02)
+    assert air.maximum == pytest.approx(300.0, abs=2.1)
+    assert (result.end_ns - air.last_ns) / 1e9 < 0.05
+
+
+def test_a_message_that_never_comes_leaves_its_signals_missing() -> None:
+    result = check(without("ECU_Lambda", frames()), BUS_MAP)
+    lost = [n for n, c in BUS_MAP.channels.items() if c.message.name == "ECU_Lambda"]
+    assert "lambda_measured" in lost
+    assert sorted(result.missing(BUS_MAP.names)) == sorted(lost)
+    assert {s.name for s in result.signals if s.verdict(result.end_ns) == "MISSING"} == set(lost)
+
+
+def test_an_empty_bus_misses_everything() -> None:
+    result = check([], BUS_MAP)
+    assert result.missing(BUS_MAP.names) == list(BUS_MAP.names)
+    assert {s.verdict(result.end_ns) for s in result.signals} == {"MISSING"}
+    assert list(result.lines())[-1] == "0 frames"
+
+
+def test_a_signal_the_sender_does_not_have_is_not_available() -> None:
+    result = check(frames(rail_pressure_mpa=None), BUS_MAP)
+    assert seen(result, "rail_pressure_mpa").verdict(result.end_ns) == "not available"
+    assert result.missing(["rail_pressure_mpa", "fuel_mass_mg"]) == ["rail_pressure_mpa"]
+
+
+def test_a_signal_that_is_always_implausible_is_out_of_range() -> None:
+    result = check(frames(lambda_measured=0.31), BUS_MAP)
+    lam = seen(result, "lambda_measured")
+    assert lam.verdict(result.end_ns) == "out of range"
+    assert lam.out_of_range > 0
+    assert result.missing(["lambda_measured"]) == ["lambda_measured"]
+
+
+def test_a_signal_that_is_sometimes_implausible_says_how_often() -> None:
+    wobbly = np.ones(round(SECONDS * 100))
+    wobbly[50:100] = math.nan
+    result = check(frames(lambda_measured=wobbly), BUS_MAP)
+    lam = seen(result, "lambda_measured")
+    assert lam.verdict(result.end_ns) == f"{lam.invalid} bad values"
+    assert lam.invalid / (lam.count + lam.invalid) == pytest.approx(0.25, abs=0.02)
+    assert result.missing(["lambda_measured"]) == []
+
+
+def test_frames_that_break_their_checksum_are_counted_and_give_no_values() -> None:
+    broken = [f._replace(data=f.data[:-1] + bytes([f.data[-1] ^ 1])) for f in frames()]
+    result = check(broken, BUS_MAP)
+    assert result.rejected["checksum"] == len(broken)
+    assert result.missing(BUS_MAP.names) == list(BUS_MAP.names)
+    assert f"checksum {len(broken)}" in list(result.lines())[-1]
+
+
+def test_lost_frames_are_counted() -> None:
+    sent = frames()
+    air_id = BUS_MAP.channels["air_mass_mg"].message.frame_id
+    dropped = [f for f in sent if f.can_id == air_id][10:13]
+    result = check([f for f in sent if f not in dropped], BUS_MAP)
+    assert result.rejected["lost"] == 3
+
+
+def test_the_table_has_one_line_per_signal_with_unit_and_verdict() -> None:
+    result = check(without("ECU_Temps", frames()), BUS_MAP)
+    lines = list(result.lines())
+    assert len(lines) == len(result.signals) + 2
+    for line, signal in zip(lines[1:-1], result.signals, strict=True):
+        assert line.startswith(signal.name)
+        assert f" {signal.unit} " in line
+        assert line.endswith(signal.verdict(result.end_ns))
+    assert max(map(len, lines)) <= 100
+    assert len({line.rindex("  ") for line in lines[1:-1]}) == 1  # verdicts stand in one column
+
+
+def test_the_time_of_an_epoch_clock_does_not_matter() -> None:
+    shift_ns = 1_700_000_000_000_000_000
+    early = check(frames(), BUS_MAP)
+    late = check([f._replace(t_ns=f.t_ns + shift_ns) for f in frames()], BUS_MAP)
+    assert list(early.lines()) == list(late.lines())
+
+
+def test_a_derived_signal_is_there_when_all_it_is_made_of_is() -> None:
+    bus_map = load_pairs([(dbc.path("rusefi.dbc"), dbc.path("rusefi.toml"))])
+    t_ns = np.arange(0, 2_000_000_000, 100_000_000)
+    names = list(bus_map.channels)
+    frames = broadcast(bus_map, t_ns, {n: np.full(len(t_ns), 50.0) for n in names}).frames()
+    result = check(frames, bus_map)
+    assert "fuel_mass_mg" in result.derived
+    assert result.missing(["fuel_mass_mg"]) == []
+    assert check([], bus_map).missing(["fuel_mass_mg"]) == ["fuel_mass_mg"]
+
+
+def test_a_message_that_stops_is_said_to_have_stopped_and_counts_as_missing() -> None:
+    every = frames()
+    lambda_id = BUS_MAP.channels["lambda_measured"].message.frame_id
+    half = [f for f in every if f.can_id != lambda_id or f.t_ns < 1_000_000_000]
+    result = check(half, BUS_MAP)
+    assert seen(result, "lambda_measured").verdict(result.end_ns).startswith("STOPPED 1.0 s")
+    assert result.missing(["lambda_measured", "air_mass_mg"]) == ["lambda_measured"]

@@ -1,0 +1,81 @@
+"""The recordings of replay_logs, replayed with all defaults and compared with what is expected."""
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from monitor import cli
+from monitor.base import manifest
+
+ROOT = Path(__file__).resolve().parents[3]
+LOGS = manifest.load(ROOT / "replay_logs")
+NAMES = sorted(LOGS)
+TOLERANCE = 1e-5  # lambda; another processor sums in another order
+
+
+@pytest.fixture(autouse=True)
+def _at_the_root(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+
+
+def test_there_is_a_drive_for_health_and_for_every_fault() -> None:
+    from monitor.base import faults
+
+    assert {entry["fault"] for entry in LOGS.values()} == {None, *faults.NAMES}
+    assert sum((ROOT / "replay_logs" / name).stat().st_size for name in NAMES) < 30e6
+    assert all(entry["source"] == "simulated" for entry in LOGS.values())
+
+
+def test_no_drive_is_of_a_vehicle_or_seed_that_training_saw() -> None:
+    assert all(entry["vehicle"] != 1 and entry["seed"] < 1001 for entry in LOGS.values())
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_recorded_drive_is_judged_as_expected(name: str, tmp_path: Path) -> None:
+    entry, log, out = LOGS[name], Path("replay_logs") / name, tmp_path / "out.json"
+    assert hashlib.sha256(log.read_bytes()).hexdigest() == entry["sha256"]
+    code = cli.main(["replay", str(log), "--json", str(out)])
+    assert code == entry["expected"]["exit_code"]
+    (recording,) = json.loads(out.read_text())["recordings"]
+    assert {d["fault"] for d in recording["dtcs"]} == ({entry["fault"]} - {None})
+    (golden,) = json.loads((ROOT / f"replay_logs/expected/{name}.json").read_text())["recordings"]
+    assert without_numbers(recording) == without_numbers(golden)
+    for window, expected in zip(recording["windows"], golden["windows"], strict=True):
+        for key in ("mean", "std"):
+            assert window[key] == pytest.approx(expected[key], abs=TOLERANCE)
+
+
+def without_numbers(recording: dict[str, Any]) -> dict[str, Any]:
+    """Return what must agree to the letter: everything but the windows' statistics."""
+    kept = ("index", "t_start_s", "t_end_s", "paper_failed", "verdict", "fault", "also")
+    windows = [{key: window[key] for key in kept} for window in recording["windows"]]
+    return recording | {"windows": windows}
+
+
+def test_the_same_log_gives_the_same_bytes_and_the_page_too(tmp_path: Path) -> None:
+    log = f"replay_logs/{next(n for n in NAMES if n.startswith('transient'))}"
+    for run in ("a", "b"):
+        json_out, html_out = tmp_path / f"{run}.json", tmp_path / f"{run}.html"
+        cli.main(["replay", log, "--json", str(json_out), "--html", str(html_out)])
+    assert (tmp_path / "a.json").read_bytes() == (tmp_path / "b.json").read_bytes()
+    assert (tmp_path / "a.html").read_bytes() == (tmp_path / "b.html").read_bytes()
+
+
+def test_a_fault_in_the_second_driving_cycle_is_confirmed(tmp_path: Path) -> None:
+    log = f"replay_logs/{next(n for n in NAMES if n.startswith('gain_low'))}"
+    out, memory = tmp_path / "out.json", tmp_path / "memory.db"
+    assert cli.main(["replay", log, log, "--memory", str(memory), "--json", str(out)]) == 1
+    states = [[d["state"] for d in r["dtcs"]] for r in json.loads(out.read_text())["recordings"]]
+    assert states == [["pending"], ["confirmed"]]
+
+
+def test_each_log_is_a_driving_cycle_of_its_own_without_memory(tmp_path: Path) -> None:
+    faulty = f"replay_logs/{next(n for n in NAMES if n.startswith('stuck_lean'))}"
+    healthy = f"replay_logs/{next(n for n in NAMES if n.startswith('healthy_micro'))}"
+    out = tmp_path / "out.json"
+    assert cli.main(["replay", faulty, healthy, "--json", str(out)]) == 1
+    flags = [r["fault_flag"] for r in json.loads(out.read_text())["recordings"]]
+    assert flags == [True, False]

@@ -1,0 +1,249 @@
+"""The simulated chassis dynamometer. It is synthetic, and it is the same every time."""
+
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.signal import welch
+
+from monitor.base import faults
+from monitor.base.errors import UsageError
+from monitor.base.signals import BY_NAME, SIGNALS
+from monitor.base.types import FloatArray, Quality
+from monitor.frames.logs import read_frames
+from monitor.grid.samples import FrameSamples
+from tests.helpers.simulated_drives import SHORT, differs, driven, rms, to_grid
+from training.cli.simulate import FORMATS
+from training.dyno import cycles, drive, ecu, effects, mixture, vehicle
+from training.dyno.effects import Effects
+from training.dyno.recording_files import write
+from training.dyno.simulation import Experiment, simulate
+from training.recordings import recording
+
+ROOT = Path(__file__).resolve().parents[3]
+STEP_S = cycles.STEP_S
+STEADY_S, SETTLE_S = 300.0, 60.0
+
+
+# The same call gives the same bytes
+
+
+@pytest.mark.parametrize("suffix", [f for f in FORMATS if f not in ("asc", "trc")])
+def test_the_same_seed_gives_the_same_bytes(tmp_path: Path, suffix: str) -> None:
+    # GIVEN two folders, and an old file in the way of one
+    experiment = replace(SHORT, duration_s=20.0, fault=faults.resolve("gain_low"))
+    first, second = tmp_path / "first", tmp_path / "second"
+    first.mkdir()
+    second.mkdir()
+    (second / f"{experiment.name}.{suffix}").write_bytes(b"old")
+    # WHEN the same drive is written into both
+    one, two = (write(experiment, folder, suffix).read_bytes() for folder in (first, second))
+    # THEN the files are equal, and not empty
+    assert one == two
+    assert len(one) > 5_000
+
+
+@pytest.mark.parametrize("suffix", ["asc", "trc", "blf", "mf4"])
+def test_every_log_format_holds_the_same_frames(tmp_path: Path, suffix: str) -> None:
+    experiment = replace(SHORT, duration_s=20.0)
+    frames, others = (
+        list(read_frames(write(experiment, tmp_path, each))) for each in ("log", suffix)
+    )
+    # .asc and .blf begin anew at a time of their own
+    zero, others_zero = frames[0].t_ns, others[0].t_ns
+    assert [f._replace(t_ns=f.t_ns - others_zero) for f in others] == [
+        f._replace(t_ns=f.t_ns - zero) for f in frames
+    ]
+    assert len(frames) > 2_000
+
+
+def test_another_process_gives_the_same_bytes(tmp_path: Path) -> None:
+    experiment = Experiment(
+        seed=3, duration_s=20.0, effects=effects.from_severities({"purge": 2.0})
+    )
+    here = write(experiment, tmp_path, "log")
+    call = ["simulate", "--duration", "20", "--seed", "3", "--effect", "purge=2", "--out"]
+    code = "import sys, training.cli as cli; sys.exit(cli.main(sys.argv[1:]))"
+    done = subprocess.run(
+        [sys.executable, "-c", code, *call, str(tmp_path / "there")],
+        cwd=ROOT,
+        env=os.environ | {"PYTHONHASHSEED": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    there = tmp_path / "there" / here.name
+    assert done.stdout.strip() == str(there)
+    assert there.read_bytes() == here.read_bytes()
+
+
+def test_another_seed_is_another_drive_of_the_same_piece() -> None:
+    one, other = driven(replace(SHORT, seed=1)), driven(replace(SHORT, seed=2))
+    for name in ("lambda_measured", "engine_speed_rpm", "air_mass_mg", "rail_pressure_mpa"):
+        assert differs(one, other, name), name
+
+
+def test_another_vehicle_is_another_piece() -> None:
+    assert vehicle.piece(3)[:9] == vehicle.piece(3)[:9]
+    assert vehicle.piece(3)[:9] != vehicle.piece(4)[:9]
+    assert differs(driven(SHORT), driven(replace(SHORT, vehicle=2)), "lambda_measured")
+
+
+def test_a_file_is_named_after_what_was_driven(tmp_path: Path) -> None:
+    experiment = Experiment(
+        cycle="udds", vehicle=12, seed=7, fault=faults.resolve("delay_symmetric"), duration_s=3.0
+    )
+    assert write(experiment, tmp_path, "csv").name == "udds_v12_s7_delay_symmetric.csv"
+    assert replace(experiment, fault=None).name == "udds_v12_s7_healthy"
+    film = replace(experiment, fault=None, effects=effects.from_severities({"wall_film": 2.0}))
+    assert film.name == "udds_v12_s7_wall_film"
+
+
+# Log and table
+
+
+@pytest.mark.parametrize("fault", [None, "signal_missing", "out_of_range", "not_ready"])
+@pytest.mark.parametrize("period_s", [0.1, 0.04])
+def test_log_and_table_of_a_drive_give_the_same_samples_bit_for_bit(
+    tmp_path: Path, fault: str | None, period_s: float
+) -> None:
+    experiment = replace(
+        SHORT,
+        duration_s=45.0,
+        fault=None if fault is None else faults.resolve(fault),
+        fault_start_s=30.0,
+    )
+    log = recording.load(write(experiment, tmp_path, "log"), period_s=period_s)
+    for suffix in ("parquet", "csv"):
+        table = recording.load(write(experiment, tmp_path, suffix, period_s))
+        assert table.period_ns == log.period_ns == round(period_s * 1e9)
+        np.testing.assert_array_equal(table.t_s, log.t_s)
+        for name in log.names:
+            np.testing.assert_array_equal(table.column(name), log.column(name), err_msg=name)
+    assert len(log.t_s) == pytest.approx(45.0 / period_s, abs=3)
+    lost = np.isnan(log.column("lambda_measured")[log.t_s > 31.0])
+    assert lost.all() == (fault is not None)
+
+
+def test_the_dynamometers_samples_are_those_the_runtime_makes_of_its_frames(
+    tmp_path: Path,
+) -> None:
+    experiment = replace(SHORT, duration_s=45.0, fault=faults.resolve("signal_missing"),
+                         fault_start_s=30.0)  # fmt: skip
+    bus_map = ecu.own_bus()
+    path = write(experiment, tmp_path, "log")
+    stream = FrameSamples(bus_map, bus_map.names, 100_000_000)
+    streamed = [sample for frame in read_frames(path) for sample in stream.push(frame)]
+    sent = ecu.broadcast(
+        simulate(experiment), bus_map,
+        np.random.default_rng([0x0_2, 5, experiment.seed, experiment.vehicle]),
+        experiment.fault, experiment.fault_start_s,
+    )  # fmt: skip
+    block = ecu.samples(sent, bus_map, 100_000_000)
+    assert [s.t_ns for s in streamed] == block.t_ns.tolist()
+    np.testing.assert_array_equal(np.array([s.values for s in streamed]), block.values)
+    np.testing.assert_array_equal(np.array([s.quality for s in streamed]), block.quality)
+    at = bus_map.names.index("lambda_measured")
+    assert set(block.quality[:, at].tolist()) == {Quality.INVALID, Quality.GOOD, Quality.STALE}
+
+
+# Every signal
+
+
+def test_every_canonical_signal_is_there_and_plausible() -> None:
+    signals = driven(SHORT)
+    assert set(signals) == set(BY_NAME)
+    for s in SIGNALS:
+        values = signals[s.name]
+        assert len(values) == 6000
+        finite = values[~np.isnan(values)]
+        assert finite.min() >= s.minimum, s.name
+        assert finite.max() <= s.maximum, s.name
+        if s.name not in ("lambda_measured",):
+            assert len(finite) == len(values), s.name
+    # the sensor says nothing until it is warm, and something ever after
+    silent = np.isnan(signals["lambda_measured"])
+    np.testing.assert_array_equal(silent, signals["sensor_ready"] < 0.5)
+    assert 0 < silent.sum() < 2000
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_the_wltc_is_followed_within_2_km_h(seed: int) -> None:
+    trace = cycles.load("wltc_3b", np.random.default_rng(0))
+    speed_km_h = driven(Experiment(seed=seed))["vehicle_speed_km_h"]
+    assert len(speed_km_h) == 180_000  # 1800 s
+    assert rms(speed_km_h - 3.6 * trace.speed_m_s) < 2.0
+
+
+@pytest.mark.parametrize("cycle", cycles.NAMES)
+def test_every_cycle_can_be_driven(cycle: str) -> None:
+    signals = driven(Experiment(cycle=cycle, duration_s=200.0))
+    assert len(signals["closed_loop"]) == 20_000
+    assert signals["vehicle_speed_km_h"].max() > 30.0
+    assert signals["closed_loop"].mean() > 0.4
+
+
+def test_an_unknown_cycle_is_an_error_that_says_which_there_are() -> None:
+    with pytest.raises(UsageError, match=r"'nedc' is unknown.*wltc_3b"):
+        simulate(Experiment(cycle="nedc"))
+
+
+@pytest.mark.parametrize("duration_s", [0.0, -5.0])
+def test_a_duration_that_is_not_positive_is_an_error(duration_s: float) -> None:
+    with pytest.raises(UsageError, match="duration"):
+        simulate(Experiment(duration_s=duration_s))
+
+
+def test_on_overrun_fuel_is_cut_and_the_sensor_reads_air() -> None:
+    signals = driven(Experiment(seed=1))
+    cut = signals["fuel_cut"] > 0.5
+    assert 0.01 < cut.mean() < 0.3
+    assert signals["fuel_mass_mg"][cut].max() == 0.0
+    assert signals["closed_loop"][cut].max() == 0.0
+    starts = np.flatnonzero(np.diff(cut.astype(int)) == 1) + 1
+    long = [k for k in starts if cut[k : k + 200].all()]  # two seconds
+    assert long
+    assert min(signals["lambda_measured"][k + 199] for k in long) > 5.0
+    closed = signals["closed_loop"] > 0.5
+    assert abs(np.nanmean(1.0 / signals["lambda_measured"][closed]) - 1.0) < 0.01
+
+
+# The disturbance line
+
+
+def cruise(seed: int, line: bool) -> tuple[FloatArray, FloatArray, float]:
+    """Power spectrum of measured phi at a constant 70 km/h, its frequencies, the line's."""
+    n = round((STEADY_S + SETTLE_S) / STEP_S)
+    speed = np.minimum(np.arange(n) * STEP_S, 70.0 / 3.6)
+    gear = np.select([speed < 0.3, speed < 4.0, speed < 7.0], [0, 1, 2], 5)
+    trace = cycles.Trace(speed, gear.astype(np.int64), np.zeros(n), np.zeros(n))
+    c = vehicle.conditions(seed)._replace(coolant_start_degc=85.0)
+    c = c if line else c._replace(line_phi=0.0)
+    air = drive.run(trace, vehicle.piece(1), c, Effects(), np.random.default_rng(seed))
+    fuel = mixture.run(
+        air, vehicle.piece(1), c, Effects(), None, 0.0, np.random.default_rng(seed), np.zeros(n)
+    )
+    on = slice(round(SETTLE_S / STEP_S), None)
+    assert fuel.closed_loop[on].all()
+    hz, power = welch(to_grid(1.0 / fuel.lambda_measured[on]), 10.0, nperseg=400)
+    return np.asarray(hz), np.asarray(power), c.line_hz
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_disturbance_line_stands_out_at_2_4_to_2_5_hz(seed: int) -> None:
+    hz, power, line_hz = cruise(seed, line=True)
+    band = (hz >= 2.4) & (hz <= 2.5)
+    near = (hz >= 2.2) & (hz <= 2.7) & ~((hz > 2.36) & (hz < 2.54))
+    assert 2.4 <= line_hz <= 2.5
+    peak_hz = float(hz[band | near][np.argmax(power[band | near])])
+    assert peak_hz == pytest.approx(line_hz, abs=hz[1])
+    assert power[band].max() > 5.0 * np.median(power[near])
+    assert power[band].max() > 2.0 * power[near].max()
+    # and without the disturbance there is none
+    _, power, _ = cruise(seed, line=False)
+    assert power[band].max() < 3.0 * np.median(power[near])

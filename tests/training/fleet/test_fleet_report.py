@@ -1,0 +1,171 @@
+"""The report over a fleet: who stands out and how rarely a sound one does, limits, page."""
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+from scipy import stats
+
+from monitor.base import config
+from monitor.base.types import FloatArray
+from monitor.report.replay import shipped_model
+from tests.helpers import fleet_drives
+from training.fleet import outliers, proposal, report
+from training.fleet import run as fleet
+from training.fleet.bench import Bench
+from training.fleet.drives import drives_of
+from training.limits.tolerance import windows_needed
+
+
+def of_vehicles(mean: FloatArray, gain: FloatArray, spread: FloatArray) -> pl.DataFrame:
+    """Give the recordings of vehicles with one drive each."""
+    return pl.DataFrame(
+        {
+            "vehicle": [f"v{i}" for i in range(len(mean))],
+            "windows": np.full(len(mean), 50),
+            "residual_mean": mean,
+            "gain": gain,
+            "residual_std": np.exp(spread),
+        }
+    )
+
+
+@pytest.mark.parametrize("n", [12, 60])
+def test_of_twenty_sound_fleets_one_has_a_vehicle_that_stands_out(n: int) -> None:
+    # GIVEN fleets of sound vehicles with normally distributed values
+    rng, fleets = np.random.default_rng(5), 1500
+    limit = outliers.limit_of(n, 0.05, 3)
+    drawn = outliers.robust(rng.standard_normal((fleets, 3, n)))
+    # WHEN every vehicle is compared by three statistics
+    events = int((np.abs(drawn).max(axis=(1, 2)) > limit).sum())
+    # THEN the share of fleets with one that stands out is 5 %, as far as 1,500 fleets can tell
+    low, high = stats.binom.ppf((0.005, 0.995), fleets, 0.05)
+    assert low <= events <= high
+
+
+def test_a_large_fleets_limit_is_that_of_known_spread() -> None:
+    small = outliers.limit_of(outliers.MANY - 1)
+    large = outliers.limit_of(outliers.MANY)
+    assert large == pytest.approx(stats.norm.isf(0.05 / 2 / outliers.MANY), rel=0.01)
+    assert small == pytest.approx(large, rel=0.06)
+
+
+def test_vehicles_far_from_the_fleet_stand_out_and_do_not_hide_each_other() -> None:
+    rng = np.random.default_rng(1)
+    mean, gain, spread = rng.standard_normal((3, 40))
+    mean[:4] += 40.0  # a tenth of the fleet: the spread must not follow them
+    gain[7] -= 12.0
+    found = outliers.standings(of_vehicles(mean, gain, spread))
+    assert set(outliers.named(found)) == {"v0", "v1", "v2", "v3", "v7"}
+    assert [each.statistic.column for each in found] == ["residual_mean", "gain", "residual_std"]
+
+
+def test_few_vehicles_are_not_compared() -> None:
+    few = of_vehicles(*np.random.default_rng(2).standard_normal((3, 9)))
+    assert outliers.standings(few) == []
+
+
+def test_bounds_of_a_quantile_hold_it_as_often_as_they_say() -> None:
+    rng, true = np.random.default_rng(3), stats.norm.ppf(0.9)
+    held = 0
+    for _ in range(400):
+        found, low, high = proposal.quantile_bounds(rng.standard_normal(200), 0.9)
+        assert low is not None and high is not None and low <= found <= high
+        held += low <= true <= high
+    assert held >= stats.binom.ppf(0.005, 400, 0.95)
+    assert proposal.quantile_bounds(np.arange(20.0), 0.99) == (19.0, 18.0, None)
+    assert proposal.quantile_bounds(np.array([1.0, 2.0]), 0.999) == (2.0, 2.0, None)
+
+
+NOW = {"j_mu": 0.05, "j_sigma": 0.02, "offset": 0.065}
+
+
+def two_tables(folder: Path, drives: int, windows: int) -> tuple[pl.DataFrame, Path]:
+    """Give recordings, of which the last has a code, and the table of their windows."""
+    rng = np.random.default_rng(4)
+    recordings = pl.DataFrame(
+        {
+            "recording": range(drives),
+            "vehicle": [f"v{i}" for i in range(drives)],
+            "error": pl.Series([None] * drives, dtype=pl.String),
+            "fault_flag": [i == drives - 1 for i in range(drives)],
+            "offset": rng.normal(0.0, 0.01, drives),
+        }
+    )
+    number = np.repeat(np.arange(drives), windows)
+    mean = rng.normal(0.0, 0.01, len(number))
+    mean[number == drives - 1] = 5.0
+    spread = np.abs(rng.normal(0.005, 0.001, len(number)))
+    path = folder / "windows.parquet"
+    pl.DataFrame({"recording": number, "mean": mean, "std": spread}).write_parquet(path)
+    return recordings, path
+
+
+def test_a_proposed_limit_keeps_the_wished_rate_and_leaves_faulty_vehicles_out(
+    tmp_path: Path,
+) -> None:
+    recordings, windows = two_tables(tmp_path, 101, 80)
+    by_name = {e["name"]: e for e in proposal.proposals(recordings, windows, 0.01, NOW)}
+    mean = by_name["j_mu"]
+    assert mean["values"] == 100 * 80
+    true = float(stats.norm.isf(0.01 / 2, scale=0.01))
+    assert mean["quantile_low"] <= true <= mean["quantile_high"]
+    assert mean["quantile"] <= mean["proposed"] < 1.2 * true
+    assert 2.0 * stats.norm.sf(mean["proposed"], scale=0.01) <= 0.01
+    assert mean["now_rate"]["events"] == 0 and 0.0 < mean["now_rate"]["high"] < 0.001
+    # too few drives for a limit per drive
+    assert by_name["offset"]["proposed"] is None
+    assert by_name["offset"]["needed"] == windows_needed(0.01) > by_name["offset"]["values"]
+
+
+def test_the_report_shows_the_fleet_and_what_was_not_judged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # GIVEN a fleet, with short drives, faulty vehicles and files that cannot be judged
+    monkeypatch.setattr(outliers, "LEAST_WINDOWS", 2)
+    drives = tmp_path / "drives"
+    fleet_drives.small_fleet(drives, 12)
+    for i in range(2):
+        (drives / f"empty_{i}.log").touch()
+    bench, out = Bench.of(shipped_model(), config.load()), tmp_path / "out.parquet"
+    run = fleet.run(drives_of([str(drives)]), bench, out, lambda _: None)
+    # WHEN it is reported
+    html, tree = report.write(out, bench, run, 0.05)
+    # THEN the figures say so
+    found: dict[str, Any] = json.loads(tree.read_text())
+    assert (found["schema"], found["drives"], found["judged"]) == ("o2train.fleet/1", 14, 12)
+    assert found["not_judged"] == [
+        {
+            "reason": "the log is empty",
+            "recordings": 2,
+            "examples": [str(drives / f"empty_{i}.log") for i in range(2)],
+        }
+    ]
+    (code,) = found["codes"]
+    assert (code["code"], code["drives"]) == ("P015A", 2)
+    assert code["examples"] == ["drive_004.parquet", "drive_009.csv.gz"]
+    assert found["hours"] == pytest.approx(12 * 0.0333, rel=0.01)
+    assert found["per_1000_h"]["core_seconds"]["all"] > 0.0
+    assert {each["vehicles"] for each in found["standing_out"]["statistics"]} == {12}
+    # AND the page shows it with pictures, loading nothing from elsewhere
+    text = html.read_text()
+    for title in ("Codes", "Vehicles that stand out", "Proposed limits", "not judged, and why"):
+        assert title in text
+    assert text.count("data:image/svg+xml") == 2
+    assert not re.search(r'(src|href)="(?!data:|#)', text)
+    assert "prefers-color-scheme: dark" in text
+    said = re.sub(r"base64,[^\"]*", "", text)
+    assert "nan" not in said
+    assert "e+0" not in said  # a share of all, or a code in a short time
+
+
+def test_a_fleet_of_which_nothing_could_be_judged_is_reported(tmp_path: Path) -> None:
+    (tmp_path / "empty.log").touch()
+    bench, out = Bench.of(shipped_model(), config.load()), tmp_path / "out.parquet"
+    run = fleet.run(drives_of([str(tmp_path / "empty.log")]), bench, out, lambda _: None)
+    html, _ = report.write(out, bench, run, 0.05)
+    assert "the log is empty" in html.read_text()

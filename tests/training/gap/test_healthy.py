@@ -1,0 +1,84 @@
+"""What healthy drives teach of the broadcast charge, on simulated drives."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from monitor.model.step import Model
+from monitor.report.replay import shipped_model
+from tests.helpers import gap_simulated
+from tests.helpers.gap_simulated import known, simulated
+from training.gap.healthy import behaviour
+from training.gap.healthy.behaviour import Healthy
+from training.gap.healthy.card import KEY, from_card, to_card
+from training.greybox.chain import Constants, simulate
+from training.greybox.fit.drive import Drive, path_of
+
+
+def _rmse(driven: Drive, taught: Healthy) -> float:
+    own = taught.with_own(driven)
+    e = simulate(path_of(own, taught.base), own.period_s) - own.phi_measured
+    return float(np.sqrt(np.mean(e[own.scored] ** 2)))
+
+
+def test_the_chain_misses_less_of_an_unseen_drive_with_the_right_charge() -> None:
+    # GIVEN healthy drives of an ECU whose air per stroke follows its air meter slowly
+    taught, fresh = known(), simulated("hwfet", 2_020_019)
+    assert taught.charge is not None
+    # WHEN the same drives teach the constants and volumes alone
+    as_broadcast = [replace(drive, charged=True) for drive in gap_simulated.healthy()]
+    alone = behaviour.learn(as_broadcast, taught.plain)
+    assert alone.charge is None
+    # THEN a drive that taught neither is predicted better with the charge's error
+    assert _rmse(fresh, taught) < 0.9 * _rmse(fresh, alone)
+
+
+def test_healthy_drives_say_nothing_of_coolant_temperatures_between_those_they_had() -> None:
+    # GIVEN warm drives only, whose reading rises a little with small changes of the temperature
+    def warm(drive: Drive) -> Drive:
+        change_k = np.sin(np.arange(len(drive)) * drive.period_s / 40.0)
+        coolant = {"coolant_temperature_degc": 87.0 + change_k}
+        read = drive.phi_measured + 0.002 * change_k
+        return replace(drive, signals=dict(drive.signals) | coolant, phi_measured=read)
+
+    taught = behaviour.learn([warm(drive) for drive in gap_simulated.healthy()], Constants())
+    weights = dict(zip(taught.names, taught.ridge.weights.tolist(), strict=True))
+    # THEN that slope is not carried on over the 15 K to a temperature where none was
+    assert abs(weights["coolant 3"] - weights["coolant 4"]) < 0.02  # 15 times 0.002 is 0.03
+    # nor are colder engines held to have no such miss at all
+    assert weights["coolant 0"] == pytest.approx(weights["coolant 3"], abs=0.005) != 0.0
+    assert taught.ridge.high[taught.names.index("coolant 0")] == 1.0
+    # nor do samples there count
+    fresh = gap_simulated.healthy()[0]
+    cool = {"coolant_temperature_degc": np.full(len(fresh), 75.0)}
+    assert not taught.visited.on(replace(fresh, signals=dict(fresh.signals) | cool)).any()
+
+
+def test_the_charge_is_put_right_once() -> None:
+    taught, fresh = known(), simulated("hwfet", 2_020_019)
+    once = taught.with_own(fresh)
+    twice = taught.known_of(taught.with_own(once))
+    assert once.charged
+    assert not np.allclose(once.signals["air_mass_mg"], fresh.signals["air_mass_mg"])
+    assert np.array_equal(once.signals["air_mass_mg"], twice.signals["air_mass_mg"])
+    # nor is one that a model has put right already
+    right = replace(fresh, charged=True)
+    assert taught.with_own(right).signals is right.signals
+
+
+def test_the_model_card_holds_the_charge_s_error() -> None:
+    taught, fresh = known(), simulated("hwfet", 2_020_019)
+    stored = json.loads(json.dumps(to_card(taught, ())))
+    card = replace(Model.load(shipped_model()).card, reference={KEY: stored})
+    read, doubts = from_card(card)
+    assert doubts is None
+    assert read is not None
+    theirs, own = (each.with_own(fresh).signals["air_mass_mg"] for each in (read, taught))
+    assert np.allclose(theirs, own)
+    # and cards from before it was learned have none
+    del stored["charge"]
+    older, _ = from_card(card)
+    assert older is not None
+    assert older.charge is None

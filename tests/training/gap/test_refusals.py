@@ -1,0 +1,207 @@
+"""``o2train gap`` on what it cannot use: one line and exit 2, or a report of what is left."""
+
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from shutil import copy
+from typing import Any
+
+import numpy as np
+import pytest
+
+from monitor.base.types import FloatArray
+from monitor.model.step import Model
+from monitor.report.replay import shipped_model
+from tests.helpers.gap_drives import PERIOD_S, plain_signals
+from tests.helpers.gap_files import refused, run
+from training import cli
+from training.greybox.chain import Constants, base_path, simulate
+from training.narx.export import update_card
+from training.recordings.table_files import write_table
+
+INPUTS = ("fuel_cut", "engine_speed_rpm", "manifold_pressure_kpa")
+
+
+def table(
+    folder: Path,
+    seed: int,
+    n: int = 6000,
+    without: Sequence[str] = (),
+    rich: float = 0.0,
+    period_s: float = PERIOD_S,
+    **changed: FloatArray,
+) -> Path:
+    """Write a drive made of formulas; ``rich`` is phi more at high load than at low."""
+    signals = plain_signals(n, seed) | changed
+    phi = simulate(base_path(Constants(), signals), PERIOD_S)
+    phi += 0.002 * np.random.default_rng([seed, 8]).standard_normal(n)
+    phi += rich * (signals["manifold_pressure_kpa"] - 70.0) / 100.0
+    columns = {name: x for name, x in signals.items() if name not in without}
+    columns["fuel_cut"] = (signals["fuel_mass_mg"] == 0.0).astype(float)
+    columns["lambda_measured"] = 1.0 / np.maximum(phi, 0.07)
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / f"drive_{seed}.csv"
+    write_table(path, np.arange(n) * period_s, tuple(columns), np.column_stack([*columns.values()]))
+    return path
+
+
+@pytest.fixture(scope="module")
+def drives(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Three drives that have all signals."""
+    folder = tmp_path_factory.mktemp("drives")
+    return [table(folder, seed) for seed in (1, 2, 3)]
+
+
+@pytest.fixture(scope="module")
+def chain(drives: list[Path]) -> Path:
+    """A grey-box chain of them."""
+    path = drives[0].parent / "chain.onnx"
+    assert cli.main(["fit", *map(str, drives), "--kind", "greybox", "--out", str(path)]) == 0
+    return path
+
+
+@pytest.fixture(scope="module")
+def network(drives: list[Path]) -> Path:
+    """A small network that reads neither fuel nor air per stroke."""
+    path = drives[0].parent / "network.onnx"
+    options = ["--inputs", *INPUTS, "--lags", "3", "--hidden", "4", "--starts", "1"]
+    arguments = ["fit", *map(str, drives), *options, "--budget", "0.2", "--out", str(path)]
+    assert cli.main(arguments) == 0
+    return path
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--add", "wall_fim"], "effect 'wall_fim' is unknown; there are wall_film"),
+        (["--steps", "0"], "--steps is 1 to 3"),
+        (["--steps", "4"], "--steps is 1 to 3"),
+        (["--retrain", "-1"], "--retrain takes minutes"),
+    ],
+)
+def test_options_that_cannot_be_are_refused(
+    options: list[str], words: str, drives: list[Path], tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    arguments = ["--model", shipped_model(), drives[0], "--out", tmp_path / "gap", *options]
+    assert words in refused(capsys, *arguments)
+    assert not (tmp_path / "gap").exists()
+
+
+def test_a_model_of_another_kind_or_none_is_refused(
+    drives: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = tmp_path / "other.onnx"
+    copy(shipped_model(), other)
+    card = Model.load(other).card
+    update_card(other, replace(card, transform="none"))
+    line = refused(capsys, "--model", other, drives[0], "--out", tmp_path / "gap")
+    assert "other.onnx: predicts lambda_measured as it is" in line
+    line = refused(capsys, "--model", drives[0], drives[0], "--out", tmp_path / "gap")
+    assert "drive_1.csv" in line
+
+
+def test_a_recording_that_is_too_short_is_refused(
+    chain: Path, drives: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    brief = table(tmp_path, 4, n=500)
+    line = refused(capsys, "--model", chain, brief, "--healthy", *drives, "--out", tmp_path / "gap")
+    assert "drive_4.csv: " in line
+    assert "60 wanted" in line
+    short = table(tmp_path, 5, n=1500)
+    line = refused(capsys, "--model", chain, short, "--healthy", *drives, "--out", tmp_path / "gap")
+    assert "drive_5.csv: " in line
+    assert "300 s are wanted" in line
+
+
+def test_recordings_without_excitation_are_refused(
+    chain: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    n = 6000
+    flat = {
+        "air_mass_mg": np.full(n, 200.0), "fuel_mass_mg": np.full(n, 200.0 / 14.7),
+        "engine_speed_rpm": np.full(n, 2000.0), "maf_kg_h": np.full(n, 48.0),
+    }  # fmt: skip
+    still = [table(tmp_path, seed, **flat) for seed in (6, 7)]
+    line = refused(capsys, "--model", chain, *still, "--out", tmp_path / "gap")
+    assert "drive_6.csv, drive_7.csv: no excitation" in line
+    assert re.search(r"\b(199|200|201) mg of air per stroke", line)  # with the model's own charge
+    assert "must move by 10%" in line
+
+
+def test_a_recording_that_is_new_and_healthy_is_refused(
+    chain: Path, drives: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["--model", chain, drives[0], "--healthy", *drives, "--out", tmp_path / "gap"]
+    line = refused(capsys, *arguments)
+    assert "the same bytes" in line
+    assert "RECORDING and --healthy" in line
+
+
+def test_another_sample_period_is_refused_with_both(
+    chain: Path, drives: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["--model", chain, drives[0], "--out", tmp_path / "gap", "--period", "0.2"]
+    line = refused(capsys, *arguments)
+    assert "drive_1.csv: sample period 0.2 s, chain.onnx has 0.1 s" in line
+
+
+def test_a_chain_without_fuel_is_refused_and_told_what_is_left(
+    chain: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    dry = table(tmp_path, 8, without=["fuel_mass_mg"])
+    line = refused(capsys, "--model", chain, dry, "--out", tmp_path / "gap")
+    assert "drive_8.csv: no column or no good value of fuel_mass_mg" in line
+    assert "a network on other inputs" in line
+
+
+def test_healthy_recordings_that_lack_a_signal_are_refused(
+    chain: Path, drives: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    dry = table(tmp_path, 9, without=["fuel_mass_mg"])
+    arguments = ["--model", chain, drives[0], "--healthy", dry, "--out", tmp_path / "gap"]
+    assert "drive_9.csv: healthy, without a good value of fuel_mass_mg" in refused(
+        capsys, *arguments
+    )
+
+
+def localised(network: Path, folder: Path, rich: float) -> tuple[dict[str, Any], str]:
+    """Return the answer on recordings without fuel and air per stroke."""
+    fuel = ["fuel_mass_mg", "air_mass_mg"]
+    new, healthy = (
+        [table(folder / name, seed, without=fuel, rich=more) for seed in seeds]
+        for name, seeds, more in (("new", (21, 22, 23), rich), ("healthy", (31, 32, 33), 0.0))
+    )
+    out = folder / "gap"
+    assert run("--model", network, *new, "--healthy", *healthy, "--out", out) == 0
+    found: dict[str, Any] = json.loads((out / "gap.json").read_text())
+    return found, (out / "report.html").read_text()
+
+
+def test_without_fuel_and_air_the_report_still_localises(
+    network: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found, page = localised(network, tmp_path, rich=0.05)
+    assert found["verdict"] == "unknown_effect"
+    regimes = [each for each in found["where"] if each["kind"] == "regime"]
+    first = next(each for each in regimes if each["driver"] != "everywhere")
+    assert first["driver"] in ("manifold_pressure_kpa", "maf_kg_h", "rail_pressure_mpa")
+    assert first["regime"] in found["unknown_effect"]
+    assert found["effects"] == []
+    assert found["ranking"] == []
+    assert found["base"] is None
+    assert found["rmse_after"] is None
+    assert found["rmse_before"] > 0.01
+    assert found["skipped"]["wall_film"] == ["fuel_mass_mg"]  # air comes of meter and speed
+    assert any("no effect could be tried" in text for text in found["warnings"])
+    assert "no effect could be tried" in capsys.readouterr().err
+    assert "no candidate" not in page
+    assert "Record fuel and air per stroke" in page
+
+
+def test_without_fuel_and_air_a_vehicle_as_it_was_has_no_gap(network: Path, tmp_path: Path) -> None:
+    found, page = localised(network, tmp_path, rich=0.0)
+    assert found["verdict"] == "no_gap"
+    assert "not beyond what the model left before" in page

@@ -1,0 +1,49 @@
+"""The naming on an engine that neither the dynamometer's equations nor the library's made."""
+
+from collections.abc import Mapping
+from functools import cache
+
+import pytest
+
+from tests.helpers.second_engine import SOUND, Sensor, drive
+from training.gap.healthy.behaviour import Healthy
+from training.gap.name import yardstick
+from training.gap.name.naming import name
+from training.gap.name.verdict import Naming
+from training.greybox.chain import Constants
+
+VEHICLE = 2
+
+
+@cache
+def known() -> Healthy:
+    return yardstick.learn([drive(VEHICLE, 2000 + i) for i in range(5)], Constants())
+
+
+def asked(hidden: Mapping[str, float], sensor: Sensor = SOUND) -> Naming:
+    return name([drive(VEHICLE, 2100 + i, hidden, sensor) for i in range(4)], known())
+
+
+def test_the_healthy_vehicle_has_volumes_of_its_own() -> None:
+    volumes = {effect.name: values[0] for effect, values in known().own}
+    assert set(volumes) == {"delay_flow", "mix_flow"}
+    assert min(volumes.values()) > 0.1  # litres
+
+
+def test_a_second_engine_without_a_gap_has_none() -> None:
+    assert asked({}).verdict == "no_gap"
+
+
+@pytest.mark.parametrize(
+    ("effect", "size"), [("wall_film", 1.5), ("delay_flow", 5.0), ("exhaust_leak", 6.0)]
+)
+def test_an_effect_of_a_second_engine_is_named(effect: str, size: float) -> None:
+    found = asked({effect: size})
+    assert (found.verdict, [each.name for each in found.effects]) == ("named", [effect])
+
+
+@pytest.mark.parametrize(
+    "sensor", [Sensor(lag_s=0.25), Sensor(dead_time_s=0.2), Sensor(gain=0.8)], ids=str
+)
+def test_a_faulty_sensor_of_a_second_engine_is_suspected(sensor: Sensor) -> None:
+    assert asked({}, sensor).verdict == "sensor_fault_suspected"

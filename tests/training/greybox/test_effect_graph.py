@@ -1,0 +1,384 @@
+"""Effects in the grey-box graph: they are their numpy forms, and the monitor runs them."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from onnx import TensorProto, helper
+from onnxruntime import InferenceSession
+
+from monitor import cli
+from monitor.base.errors import ModelError
+from monitor.base.signals import BY_NAME
+from monitor.base.types import FloatArray
+from monitor.model.card import ModelCard
+from monitor.model.step import Model
+from tests.helpers.gap_drives import PERIOD_S, plain_signals
+from tests.helpers.gap_graphs import FIT, driven, fitted, plain, ranges_of, recording
+from tests.helpers.gap_simulated import known, simulated, two_drives
+from training.dyno.recording_files import write
+from training.dyno.simulation import Experiment
+from training.gap.add.effect_parity import TOLERANCE, made_inputs
+from training.gap.add.greybox import Vehicle, add
+from training.gap.name.naming import name as named
+from training.greybox import chain
+from training.greybox.chain import Constants, base_path
+from training.greybox.charge.map import INPUTS as CHARGE_INPUTS
+from training.greybox.effects import ALL, LIBRARY, Effect
+from training.greybox.effects.model_effect import Added
+from training.greybox.effects.nodes import FORMS, FUEL, graph_effect, signals_of
+from training.greybox.fit.drive import Drive
+from training.greybox.fit.joint import reading
+from training.greybox.graph.chain_graph import Greybox, build, chain_nodes
+from training.greybox.model import fit_greybox
+from training.narx.export import Graph, update_card
+
+MOVED = Constants(1.01, 0.17, 1.6, 0.05, 0.12, 0.96)
+FILM = Added.with_values("wall_film", [0.2, 0.8, 1.0], [0.01, 0.1, 0.3])
+DELAY = Added.with_values("delay_flow", [8.0])
+TAIL = Added.with_values("fuel_cut_tail", [0.1, 2.0, 0.5])
+PURGE = Added.with_values("purge", [1.5])
+
+
+@pytest.fixture(scope="module")
+def base(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return fitted(tmp_path_factory.mktemp("base") / "base.onnx")
+
+
+def run(file: Path, drive: Drive) -> FloatArray:
+    """Return the free run (n,) in phi, started as the monitor starts."""
+    model = Model.load(file)
+    u = np.column_stack([drive.signals[name] for name in model.card.input_names])
+    model.reset(u[0])
+    phi = np.empty(len(drive))
+    for k in range(len(drive)):
+        model.step(u[k])
+        phi[k] = model.state[0, 0]
+    return phi
+
+
+def seen(card: ModelCard, drive: Drive) -> Drive:
+    """Return the drive with the signals as the graph makes and limits them."""
+    greybox = Greybox.of(card)
+    u = np.column_stack([drive.signals[name] for name in greybox.inputs])
+    return replace(drive, signals=greybox.signals(u))
+
+
+def values_of(effect: Effect) -> list[list[float]]:
+    """Return a start, and places well inside the bounds on both sides."""
+    shares = (0.03, 0.6)
+    inside = [[p.low + s * (p.high - p.low) for p in effect.parameters] for s in shares]
+    return [[p.start[0] for p in effect.parameters], *inside]
+
+
+@pytest.mark.parametrize("effect", ALL, ids=lambda e: e.name)
+def test_an_effect_in_the_graph_reads_as_its_numpy_form(
+    base: Path, tmp_path: Path, effect: Effect
+) -> None:
+    for values in values_of(effect):
+        added = Added.with_values(effect.name, values)
+        out = tmp_path / "m.onnx"
+        card = add(base, [added], out, ranges=ranges_of(), recordings=FIT, vehicle=Vehicle(MOVED))
+        assert card.checks["parity"]["onnx_numpy"] < TOLERANCE
+        for drive in (driven(), plain()):
+            expected = reading(seen(card, drive), MOVED, [effect], [added.values])
+            assert np.abs(run(out, drive) - expected)[card.lags :].max() < TOLERANCE
+        assert np.abs(expected - reading(seen(card, drive), MOVED, [], [])).max() > 1e-3
+
+
+@pytest.mark.parametrize("effect", ALL, ids=lambda e: e.name)
+def test_an_effect_reads_the_signals_it_says(effect: Effect) -> None:
+    assert FORMS.keys() == LIBRARY.keys()
+    signals = plain_signals()
+    path = base_path(MOVED, signals)
+    start = np.array([p.start[0] for p in effect.parameters])
+    reads = signals_of(effect.name, signals)
+    changed = [
+        effect.apply(path, start, seen, PERIOD_S)
+        for seen in (signals, {name: signals[name] for name in (FUEL, *reads)})
+    ]
+    for each in fields(chain.Path):
+        np.testing.assert_array_equal(*(getattr(c, each.name) for c in changed))
+
+
+@pytest.mark.parametrize("name", ["wall_film", "purge", "maf_pulsation", "back_pressure"])
+def test_an_optional_signal_that_the_fit_had_not_is_not_read(
+    base: Path, tmp_path: Path, name: str
+) -> None:
+    # GIVEN drives of a fit without ambient pressure, coolant and purge duty
+    effect, out = LIBRARY[name], tmp_path / "m.onnx"
+    added = Added.with_values(name, [p.start[0] for p in effect.parameters])
+    card = add(base, [added], out, ranges=ranges_of(*effect.needs), recordings=FIT)
+    old = Model.load(base).card.input_names
+    assert set(card.input_names) == {*old, *effect.needs}
+    # THEN the graph takes the effect's own default
+    expected = reading(seen(card, plain()), Greybox.of(card).constants, [effect], [added.values])
+    assert np.abs(run(out, plain()) - expected)[card.lags :].max() < TOLERANCE
+
+
+def test_the_card_says_what_was_added(base: Path, tmp_path: Path) -> None:
+    out = tmp_path / "m.onnx"
+    old = Model.load(base).card
+    card = add(base, [FILM, PURGE], out, ranges=ranges_of(), recordings=FIT, vehicle=Vehicle(MOVED))
+    assert Model.load(out).card == card
+    further = ("coolant_temperature_degc", "manifold_pressure_kpa", "ambient_pressure_kpa",
+               "purge_duty_percent")  # fmt: skip
+    assert card.input_names == (*old.input_names, *further)
+    coolant = card.inputs[len(old.inputs)]
+    seen = ranges_of()
+    assert (coolant.unit, coolant.percentile_0_1) == ("degC", seen[coolant.name][0])
+    assert (coolant.minimum, coolant.maximum) == (-40.0, 150.0)  # surroundings: wherever plausible
+    pressure = card.inputs[len(old.inputs) + 1]
+    signal = BY_NAME[pressure.name]  # only the effect reads it: wherever plausible, too
+    assert (pressure.minimum, pressure.maximum) == (signal.minimum, signal.maximum)
+    film, purge = card.effects
+    assert Added.from_card(film) == FILM
+    assert film["standard_errors"] == {"share": 0.01, "time": 0.1, "cold_growth": 0.3}
+    assert film["recordings"][0]["sha256"] == FIT[0].sha256
+    assert purge["reads"][-2:] == ["ambient_pressure_kpa", "purge_duty_percent"]
+    assert card.recordings == (*old.recordings, *FIT)
+    assert (card.limits, card.output_limits) == (old.limits, old.output_limits)
+    assert card.structure["constants"]["gain"]["value"] == MOVED.gain
+    lag = card.reference["derived"]["lag_s"]
+    assert lag["value"] == pytest.approx(MOVED.mixing_s + MOVED.sensor_s)
+    assert "before effects were added" in card.reference["standard_errors"]
+    assert card.fit == {"before_effects": old.fit}
+    assert [p.name for p in tmp_path.iterdir()] == ["m.onnx"]
+
+
+def test_without_new_constants_the_base_and_its_reference_stay(base: Path, tmp_path: Path) -> None:
+    old = Model.load(base).card
+    card = add(base, [FILM], tmp_path / "m.onnx", ranges=ranges_of(), recordings=FIT)
+    assert card.reference == old.reference
+    assert card.structure["constants"] == old.structure["constants"]
+
+
+def test_a_model_can_be_extended_again(base: Path, tmp_path: Path) -> None:
+    # GIVEN two effects added at once, and one after the other
+    both, one, two = (tmp_path / f"{name}.onnx" for name in ("both", "one", "two"))
+    wide = {"ranges": ranges_of(), "recordings": FIT}
+    whole = add(base, [FILM, DELAY, TAIL], both, **wide)
+    add(base, [FILM], one, **wide)
+    last = add(one, [DELAY, TAIL], two, **wide)
+    # THEN the same model comes out, and it reads as the arrays do
+    assert last == whole
+    assert two.read_bytes() == both.read_bytes()
+    constants = Greybox.of(whole).constants
+    expected = reading(
+        seen(whole, driven()), constants, [e.effect for e in (FILM, DELAY, TAIL)],
+        [e.values for e in (FILM, DELAY, TAIL)],
+    )  # fmt: skip
+    assert np.abs(run(both, driven()) - expected)[whole.lags :].max() < TOLERANCE
+    assert build(Greybox.of(last)) == build(Greybox.of(whole))
+
+
+def test_the_healthy_vehicle_s_volumes_are_part_of_the_base(base: Path, tmp_path: Path) -> None:
+    # GIVEN a base with volumes that the healthy vehicle has, and an effect
+    own = (Added.with_values("delay_flow", [-0.4]), Added.with_values("mix_flow", [0.6]))
+    out, wide = tmp_path / "m.onnx", {"ranges": ranges_of(), "recordings": FIT}
+    card = add(base, [FILM], out, **wide, vehicle=Vehicle(MOVED, own))
+    # THEN the file reads as the arrays with all of them, and the effect alone is an added one
+    every, drive = (*own, FILM), seen(card, driven())
+    expected = reading(drive, MOVED, [e.effect for e in every], [e.values for e in every])
+    assert np.abs(run(out, driven()) - expected)[card.lags :].max() < TOLERANCE
+    without = reading(drive, MOVED, [FILM.effect], [FILM.values])
+    assert np.abs(without - expected)[card.lags :].max() > 0.01
+    assert [each["name"] for each in card.effects] == ["wall_film"]
+    again = add(out, [DELAY], tmp_path / "again.onnx", **wide)
+    assert Greybox.of(again).own == own
+
+
+def test_the_order_of_effects_is_that_of_their_fit(base: Path, tmp_path: Path) -> None:
+    offset = Added.with_values("injector_offset", [1.0])
+    for i, order in enumerate(((FILM, offset), (offset, FILM))):
+        out = tmp_path / f"{i}.onnx"
+        card = add(base, order, out, ranges=ranges_of(), recordings=FIT)
+        expected = reading(
+            seen(card, plain()), Greybox.of(card).constants, [e.effect for e in order],
+            [e.values for e in order],
+        )  # fmt: skip
+        assert np.abs(run(out, plain()) - expected)[card.lags :].max() < TOLERANCE
+    assert np.abs(run(tmp_path / "0.onnx", plain()) - run(out, plain())).max() > 1e-3
+
+
+def test_batched_and_single_runs_of_all_effects_give_the_same_bits(
+    base: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "m.onnx"
+    every = [Added.with_values(e.name, [p.start[0] for p in e.parameters]) for e in ALL]
+    card = add(base, every, out, ranges=ranges_of(), recordings=FIT, drives=[driven()])
+    assert card.checks["parity"]["samples"] > len(driven())
+    made = made_inputs(Greybox.of(card), 400)
+    one, many = Model.load(out), Model.load(out, len(made))
+    many.reset(made[:, 0])
+    together = many.run_batch(made)
+    for u, row in zip(made, together, strict=True):
+        one.reset(u[0])
+        assert np.array_equal([one.step(x) for x in u], row)
+
+
+def test_a_reset_starts_every_lag_settled(base: Path, tmp_path: Path) -> None:
+    # GIVEN a film of ten seconds and an air meter's lags, far slower than the chain's own
+    slow = Added.with_values("wall_film", [0.3, 4.0, 4.0])
+    meter = Added.with_values("maf_offset", [2.0, 2.0])
+    out = tmp_path / "m.onnx"
+    card = add(base, [slow, meter], out, ranges=ranges_of(), recordings=FIT)
+    assert card.lags < 50
+    # WHEN the monitor starts anew in the middle of a drive
+    u = np.array([plain().signals[name][3000] for name in card.input_names])
+    model = Model.load(out)
+    model.reset(u)
+    first = model.step(u)
+    # THEN it stands where it would come to rest
+    for _ in range(1000):
+        last = model.step(u)
+    assert first == pytest.approx(last, abs=2e-6)
+
+
+@pytest.mark.parametrize(
+    "inputs",
+    [
+        CHARGE_INPUTS,
+        ("fuel_mass_mg", "maf_kg_h", "engine_speed_rpm"),
+        ("fuel_mass_mg", "air_mass_mg", "maf_kg_h"),
+    ],
+)
+def test_effects_act_on_whatever_charge_the_chain_has(
+    tmp_path: Path, inputs: Sequence[str]
+) -> None:
+    # GIVEN a chain with a charge of its own, or from the air meter, or a speed from both
+    bare, out = tmp_path / "bare.onnx", tmp_path / "m.onnx"
+    fit_greybox([recording()], bare, inputs=inputs)
+    effects = [Added.with_values("manifold_filling", [0.05]), Added.with_values("mix_flow", [1.0]),
+               Added.with_values("maf_offset", [1.0, 0.05])]  # fmt: skip
+    card = add(bare, effects, out, ranges=ranges_of(), recordings=FIT, drives=[driven()])
+    # THEN flow and filling are that charge's, and at that speed
+    greybox = Greybox.of(card)
+    every = [*greybox.own, *effects]
+    expected = reading(
+        seen(card, driven()), greybox.constants,
+        [e.effect for e in every], [e.values for e in every],
+    )  # fmt: skip
+    assert np.abs(run(out, driven()) - expected)[card.lags :].max() < TOLERANCE
+
+
+def test_a_named_effect_in_the_file_makes_the_gap_smaller_on_a_drive_no_fit_saw(
+    base: Path, tmp_path: Path
+) -> None:
+    # GIVEN drives of a vehicle with a wall film in the plant's form, and its name
+    drives = two_drives(2_200_140, ("wall_film", 4.0))
+    found = named(drives, known())
+    vehicle = Vehicle.of(known(), Greybox.of(Model.load(base).card), drives)
+    assert [e.name for e in found.effects] == ["wall_film"]
+    # WHEN it is added with the constants it was found with, and without it
+    fresh = simulated("wltc_3b", 2_200_153, ("wall_film", 4.0))
+    off = []
+    for i, effects in enumerate(([], [Added.of(e) for e in found.effects])):
+        out = tmp_path / f"{i}.onnx"
+        add(base, effects, out, ranges=ranges_of(), recordings=FIT, vehicle=vehicle)
+        off.append(np.mean((run(out, fresh) - fresh.phi_measured)[fresh.scored] ** 2))
+    # THEN the model with it is nearer to the measurement
+    assert off[1] < 0.6 * off[0]
+
+
+def test_the_register_holds_the_longest_dead_time(base: Path, tmp_path: Path) -> None:
+    old = Greybox.of(Model.load(base).card)
+    card = add(base, [DELAY], tmp_path / "m.onnx", ranges=ranges_of(), recordings=FIT)
+    assert Greybox.of(card).register * PERIOD_S >= 3.0
+    assert old.register * PERIOD_S < 1.0
+    assert card.lags >= Greybox.of(card).register
+
+
+def test_the_monitor_runs_the_extended_model(base: Path, tmp_path: Path) -> None:
+    # GIVEN a drive as a table, a model with decision limits, and it with effects
+    experiment = Experiment(cycle="micro_trips", seed=2_000_002, vehicle=2001)
+    table, old, out = write(experiment, tmp_path, "csv"), tmp_path / "o.onnx", tmp_path / "m.onnx"
+    old.write_bytes(base.read_bytes())
+    limits = Model.load("monitor/models/shipped.onnx").card.limits
+    update_card(old, replace(Model.load(base).card, limits=limits))
+    assert add(old, [FILM, PURGE, TAIL], out, ranges=ranges_of(), recordings=FIT).limits == limits
+    windows = []
+    for model in (old, out):
+        report = tmp_path / "report.json"
+        code = cli.main(["replay", str(table), "--model", str(model), "--json", str(report)])
+        assert code in {0, 1}
+        found = json.loads(report.read_text())["recordings"][0]
+        assert found["enabled_samples"] > 1000
+        windows.append(np.array([w["mean"] for w in found["windows"]]))
+    # THEN both judge the drive, and effects that this vehicle has not make the residuals larger
+    assert min(map(len, windows)) > 60
+    assert np.abs(windows[1]).mean() > 2.0 * np.abs(windows[0]).mean()
+
+
+def test_two_chains_can_stand_in_one_graph(base: Path) -> None:
+    # GIVEN a chain with effects and one without, on the same signals
+    without = Greybox.of(Model.load(base).card)
+    card = replace(Model.load(base).card)
+    film = graph_effect(FILM, PERIOD_S, ("engine_speed_rpm",))
+    with_film = replace(without, effects=(film, film))
+    graph = Graph()
+    signals = {n: graph.take("u", i, i + 1, f"signal_{n}") for i, n in enumerate(without.inputs)}
+    phis = []
+    for i, each in enumerate((with_film, without)):
+        phi, parts = chain_nodes(graph.part(f"chain{i}_"), each, signals, f"state{i}")
+        graph.add("Concat", parts, f"next{i}", axis=1)
+        phis.append(phi)
+    graph.add("Sub", phis, "difference")
+    sizes = {"u": len(card.inputs), "state0": with_film.state_layout.size,
+             "state1": without.state_layout.size}  # fmt: skip
+    ends = [helper.make_tensor_value_info(n, TensorProto.FLOAT, ["batch", k])
+            for n, k in sizes.items()]  # fmt: skip
+    outs = [helper.make_tensor_value_info(n, TensorProto.FLOAT, ["batch", None])
+            for n in ("difference", "next0", "next1")]  # fmt: skip
+    onnx = helper.make_model(
+        helper.make_graph(graph.nodes, "two", ends, outs, graph.constants),
+        opset_imports=[helper.make_opsetid("", 17)], ir_version=8,
+    )  # fmt: skip
+    # WHEN both run freely
+    session = InferenceSession(onnx.SerializeToString())
+    u = np.column_stack([plain().signals[n] for n in without.inputs])
+    u = np.clip(u, without.u_low, without.u_high)[:, None].astype(np.float32)
+    states = [np.zeros((1, sizes[f"state{i}"]), np.float32) for i in range(2)]
+    found = []
+    for x in (*[u[0]] * 50, *u[:2000]):
+        values = session.run(None, {"u": x, "state0": states[0], "state1": states[1]})
+        found.append(values[0].item())
+        states = values[1:]
+    # THEN their difference is that of the arrays
+    drive = seen(card, plain())
+    twice, alone = (
+        reading(drive, without.constants, [FILM.effect] * n, [FILM.values] * n) for n in (2, 0)
+    )
+    np.testing.assert_allclose(found[50:], (twice - alone)[:2000], atol=TOLERANCE)
+
+
+def test_what_cannot_be_added_is_refused(base: Path, tmp_path: Path) -> None:
+    out = tmp_path / "m.onnx"
+    nothing = {"recordings": FIT, "ranges": {}}
+    with pytest.raises(ModelError, match="rail_exponent needs rail_pressure_mpa: neither an input"):
+        add(base, [Added.with_values("rail_exponent", [0.1])], out, **nothing)
+    narx = Path("monitor/models/shipped.onnx").resolve()
+    with pytest.raises(ModelError, match="a narx model, a greybox is wanted to add effects"):
+        add(narx, [FILM], out, **nothing)
+    with pytest.raises(ModelError, match="'cylinder_imbalance' is not in the library: wall_film"):
+        Added.with_values("cylinder_imbalance", [1.0])
+    with pytest.raises(ModelError, match="wall_film has parameters share, wanted share, time"):
+        replace(FILM, parameters={"share": 0.1})
+    assert not out.exists()
+
+
+def test_a_card_whose_effects_are_not_ours_is_refused(base: Path, tmp_path: Path) -> None:
+    out = tmp_path / "m.onnx"
+    card = add(base, [FILM], out, ranges=ranges_of(), recordings=FIT)
+    entry = dict(card.effects[0])
+    for effects, message in (
+        ({**entry, "name": "turbo_lag"}, "'turbo_lag' is not in the library"),
+        ({n: v for n, v in entry.items() if n != "parameters"}, "lacks 'parameters'"),
+        ({n: v for n, v in entry.items() if n != "reads"}, "lacks part of its structure: 'reads'"),
+    ):
+        update_card(out, replace(card, effects=(effects,)))
+        with pytest.raises(ModelError, match=message):
+            Greybox.of(Model.load(out).card)

@@ -1,0 +1,156 @@
+"""The grey-box model from command line to verdict, and beside the network and a first try."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from monitor import cli as o2mon
+from monitor.base import config
+from monitor.model.step import Model
+from monitor.report.replay import shipped_model
+from training.cli import main as o2train
+from training.cli.greybox import constant_line
+from training.dyno.recording_files import write
+from training.dyno.simulation import Experiment
+from training.gap import reference
+from training.greybox.charge.map import INPUTS
+from training.limits.judging import enabled_samples
+from training.narx.baseline import fit_baseline
+from training.recordings import metrics
+from training.recordings.recording import Recording, load
+from training.studies.evaluation import predict
+
+ROOT = Path(__file__).resolve().parents[3]
+TRAINING = (("wltc_3b", 1001), ("udds", 1002), ("us06", 1003), ("micro_trips", 1036))  # cold to hot
+
+
+@pytest.fixture(scope="module")
+def training(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    folder = tmp_path_factory.mktemp("training")
+    return [write(Experiment(cycle=c, seed=s), folder, "parquet") for c, s in TRAINING]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _without_reference() -> Iterator[None]:
+    """Leave out what a fit learns for the gap workflow: it takes long and has tests of its own."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(reference, "GROUPS_LEAST", len(TRAINING) + 1)
+        yield
+
+
+@pytest.fixture(scope="module")
+def model(training: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("model") / "chain.onnx"
+    code = o2train(["fit", *map(str, training), "--kind", "greybox", "--out", str(out)])
+    assert code == 0
+    return out
+
+
+def test_fit_writes_limits_and_a_report(model: Path) -> None:
+    card = Model.load(model).card
+    assert card.kind == "greybox"
+    assert {"j_mu", "j_sigma", "noise", "excitation", "offset"} <= set(card.limits)
+    assert "held out" in card.limits["j_mu"].origin
+    page = model.with_suffix(".html").read_text()
+    for text in ("dead_time_revolutions", "standard error", "sandwich", "Held-out", "simulated"):
+        assert text.lower() in page.lower()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--lags", "3"], "--lags: a grey-box model"),
+        (["--hidden", "4", "--ratio"], "--hidden, --ratio"),
+        (["--inputs", "maf_kg_h", "engine_speed_rpm"], "needs fuel_mass_mg"),
+        (["--output", "engine_torque_nm"], "predicts lambda_measured"),
+    ],
+)
+def test_options_of_a_network_are_refused(
+    training: list[Path],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    options: list[str],
+    message: str,
+) -> None:
+    arguments = ["fit", str(training[0]), "--kind", "greybox", "--out", str(tmp_path / "m.onnx")]
+    assert o2train([*arguments, *options]) == 2
+    assert message in capsys.readouterr().err.splitlines()[-1]
+
+
+def test_a_recording_given_twice_is_refused(
+    training: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first = str(training[0])
+    out = str(tmp_path / "m.onnx")
+    assert o2train(["fit", first, first, "--kind", "greybox", "--out", out]) == 2
+    assert f"{first}: the same as {first}" in capsys.readouterr().err
+
+
+@pytest.fixture(scope="module")
+def dense(training: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The chain with its own charge."""
+    out = tmp_path_factory.mktemp("dense") / "chain.onnx"
+    arguments = ["fit", *map(str, training), "--kind", "greybox", "--out", str(out)]
+    assert o2train([*arguments, "--inputs", *INPUTS]) == 0
+    return out
+
+
+def test_a_constant_that_the_recordings_hardly_hold_has_no_standard_error_in_its_line() -> None:
+    held = {"value": 1.01, "standard_error": 0.0005, "unit": "-"}
+    assert constant_line("gain", held) == "constant gain: 1.0100 ± 0.0005 -"
+    at_its_bound = {"value": 0.005, "standard_error": 1961.5, "unit": "s"}
+    line = constant_line("mixing_s", at_its_bound)
+    assert line == "constant mixing_s: 0.0050 s (the recordings hardly hold it)"
+
+
+def test_the_report_says_where_the_charge_comes_from(model: Path, dense: Path) -> None:
+    assert "air per stroke as recorded" in model.with_suffix(".html").read_text()
+    assert "5 speeds by 6 pressures" in dense.with_suffix(".html").read_text()
+
+
+def test_evaluate_takes_it_too(model: Path, training: list[Path], tmp_path: Path) -> None:
+    out = tmp_path / "figures.json"
+    assert o2train(["evaluate", "--model", str(model), str(training[1]), "--json", str(out)]) == 0
+    (found,) = json.loads(out.read_text())["recordings"]
+    assert found["samples"] > 13_000
+    assert found["enabled"]["correlation"] > 0.7
+
+
+@pytest.mark.parametrize("kind", ["model", "dense"])
+@pytest.mark.parametrize(
+    ("log", "code"), [("healthy_micro_trips_v102_s102.blf", 0), ("gain_low_micro_trips", 1)]
+)
+def test_the_monitor_runs_it_unchanged(
+    request: pytest.FixtureRequest,
+    kind: str,
+    log: str,
+    code: int,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    (path,) = (ROOT / "replay_logs").glob(f"{log}*")
+    model: Path = request.getfixturevalue(kind)
+    assert o2mon.main(["replay", str(path), "--model", str(model)]) == code
+    assert ("gain_low" in capsys.readouterr().out) == bool(code)
+
+
+def figures(path: Path, drive: Recording) -> tuple[float, float]:
+    """RMSE and correlation of lambda in free run on enabled samples."""
+    model = Model.load(path)
+    measured, free, _, scored = predict(model, drive, 50)
+    on = scored & enabled_samples(drive, model.card, config.load())
+    return metrics.rmse(measured[on], free[on]), metrics.correlation(measured[on], free[on])
+
+
+def test_on_an_unseen_drive_it_lies_between_a_first_try_and_the_network(
+    model: Path, dense: Path, training: list[Path], tmp_path: Path
+) -> None:
+    drive = load(write(Experiment(seed=2_000_101), tmp_path, "parquet"))
+    first = fit_baseline([load(path) for path in training])
+    card = Model.load(model).card
+    on = enabled_samples(drive, card, config.load())
+    measured, simple = drive.column("lambda_measured")[on], 1.0 / first.predict(drive)[on]
+    chain, own, network = (figures(path, drive) for path in (model, dense, shipped_model()))
+    assert network[0] < own[0] < chain[0] < 0.6 * metrics.rmse(measured, simple)
+    assert network[1] > own[1] > chain[1] > metrics.correlation(measured, simple)

@@ -1,0 +1,375 @@
+"""The grey-box chain as a model: its constants, its file, and effects in its graph."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from monitor.base.errors import ModelError, UsageError
+from monitor.base.types import FloatArray
+from monitor.model.step import Model
+from training.dyno import vehicle
+from training.dyno.recording_files import write
+from training.dyno.simulation import Experiment
+from training.gap.inputs.base import plain_drives_of
+from training.gap.verify.verification import verify
+from training.greybox.chain import Constants, base_path, settled, simulate
+from training.greybox.charge.map import INPUTS
+from training.greybox.fit.constants import reference
+from training.greybox.graph.chain_graph import GraphEffect, Greybox, build, save
+from training.greybox.graph.nodes import Nodes, with_fields
+from training.greybox.model import (
+    POOR_CORRELATION,
+    GreyboxResult,
+    fit_greybox,
+    greybox_inputs,
+    write_model,
+)
+from training.narx.export import Graph
+from training.recordings.recording import Recording, load
+
+PERIOD_S = 0.1
+VEHICLE = 2001
+TRUE = Constants(1.01, 0.17, 1.5, 0.05, 0.12, 0.95)
+
+
+def drive(folder: Path, cycle: str, seed: int) -> Recording:
+    return load(write(Experiment(cycle=cycle, seed=seed, vehicle=VEHICLE), folder, "parquet"))
+
+
+@pytest.fixture(scope="module")
+def drives(tmp_path_factory: pytest.TempPathFactory) -> list[Recording]:
+    folder = tmp_path_factory.mktemp("drives")
+    cycles = (("wltc_3b", 2_000_001), ("micro_trips", 2_000_002), ("us06", 2_000_003))
+    return [drive(folder, cycle, seed) for cycle, seed in cycles]
+
+
+@pytest.fixture(scope="module")
+def dense(drives: list[Recording], tmp_path_factory: pytest.TempPathFactory) -> GreyboxResult:
+    """The chain with its own charge."""
+    return fit_greybox(drives, tmp_path_factory.mktemp("dense") / "model.onnx", inputs=INPUTS)
+
+
+@pytest.fixture(scope="module")
+def result(drives: list[Recording], tmp_path_factory: pytest.TempPathFactory) -> GreyboxResult:
+    return fit_greybox(drives, tmp_path_factory.mktemp("greybox") / "model.onnx")
+
+
+def test_a_simulated_vehicle_s_sensor_and_transport_are_found(result: GreyboxResult) -> None:
+    # GIVEN healthy drives of a vehicle whose charge and injector the chain knows badly
+    piece = vehicle.piece(VEHICLE)
+    late_s = piece.transport_delay_s + 1.5 * 60 / 1500 + piece.mixing_tau_s + piece.sensor_tau_s
+    derived = result.card.reference["derived"]["late_at_1500_rpm_s"]
+    # THEN the whole lateness and the sensor's span are right all the same
+    assert derived["value"] == pytest.approx(late_s, abs=0.02)
+    assert result.fitted.constants.span == pytest.approx(piece.sensor_gain, abs=0.03)
+    assert result.fitted.constants.dead_time_revolutions == pytest.approx(1.5, abs=0.25)
+
+
+def test_the_file_says_what_it_is(result: GreyboxResult) -> None:
+    assert not any("poorly" in w for w in result.warnings)
+    card = Model.load(result.path).card
+    assert card == result.card
+    assert card.kind == "greybox"
+    assert card.input_names == ("fuel_mass_mg", "air_mass_mg", "engine_speed_rpm")
+    gain = card.structure["constants"]["gain"]
+    assert gain["value"] == result.fitted.constants.gain
+    assert gain["low"] < gain["value"] < gain["high"]
+    assert gain["standard_error"] > 0.0
+    assert card.structure["constants"]["sensor_s"]["unit"] == "s"
+    assert "straight line" in card.structure["fixed"]["offset"]
+    assert card.reference == reference(result.fitted)
+    assert card.fit["test_enabled"]["correlation"] > 0.8
+    assert [r.samples > 5000 for r in card.recordings] == [True] * 3
+
+
+def test_a_card_rebuilds_its_graph(result: GreyboxResult) -> None:
+    again = Greybox.of(Model.load(result.path).card)
+    assert build(again) == build(result.greybox)
+    with pytest.raises(ModelError, match="a narx model, a greybox is wanted"):
+        Greybox.of(replace(result.card, kind="narx"))
+    with pytest.raises(ModelError, match="lacks part of its structure: 'inputs_low'"):
+        parts = {k: v for k, v in result.card.structure.items() if k != "inputs_low"}
+        Greybox.of(replace(result.card, structure=parts))
+
+
+def test_the_graph_computes_what_the_arrays_do(
+    result: GreyboxResult, drives: list[Recording]
+) -> None:
+    u = np.stack([drives[0].column(name) for name in result.card.input_names], axis=1)[:4000]
+    expected = simulate(base_path(result.fitted.constants, result.greybox.signals(u)), PERIOD_S)
+    model = Model.load(result.path)
+    model.reset(u[0])
+    run = model.run_batch(u[None])[0]
+    assert (drives[0].column("fuel_cut")[:4000] > 0.5).any()
+    assert np.abs(1.0 / run - np.maximum(expected, 1 / 16))[result.card.lags :].max() < 1e-5
+    assert result.card.checks["parity"]["onnx_numpy"] < 1e-5
+
+
+def test_a_graph_that_computes_something_else_is_refused(
+    result: GreyboxResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    other = replace(result.greybox, constants=result.fitted.constants._replace(gain=1.1))
+    monkeypatch.setattr(
+        "training.greybox.model.save", lambda path, _, card: save(path, other, card)
+    )
+    with pytest.raises(ModelError, match="ONNX and numpy differ"):
+        write_model(
+            tmp_path / "x.onnx", result.greybox, result.fitted, result.data, result.predicted
+        )
+
+
+def test_two_states_give_one_prediction_within_fifty_samples(result: GreyboxResult) -> None:
+    assert result.card.checks["contraction"]["gap"] < 1e-4
+    model = Model.load(result.path, batch=2)
+    u = np.array([20.0, 300.0, 1500.0])
+    model.reset(u, np.array([0.7, 1.4]))
+    first = model.step_batch(np.stack([u, u]))
+    for _ in range(49):
+        last = model.step_batch(np.stack([u, u]))
+    assert abs(float(first[0] - first[1])) > 0.1
+    assert float(last[0]) == pytest.approx(float(last[1]), abs=1e-6)
+
+
+def test_reset_starts_from_the_inputs_and_the_measured_output(result: GreyboxResult) -> None:
+    model = Model.load(result.path)
+    u = np.array([20.0, 300.0, 1500.0])
+    model.reset(u)
+    alone = model.step(u)
+    assert alone == pytest.approx(300.0 / 20.0 / 14.7, abs=0.02)
+    assert model.step(u) == pytest.approx(alone, abs=1e-5)  # already steady
+    model.reset(u, 0.8)
+    assert float(model.state[0, 0]) == 1.25
+    assert 0.8 < model.step(u) < alone
+
+
+@pytest.mark.parametrize("batch", [2, 3, 17, 64])
+def test_batched_and_single_runs_give_the_same_bits(
+    result: GreyboxResult, dense: GreyboxResult, tmp_path: Path, batch: int
+) -> None:
+    # GIVEN the base, a path on which everything follows the inputs, and an own charge
+    moving = replace(result.greybox, effects=(MIXING_BY_SPEED, UNEVEN_SENSOR, FILM))
+    save(tmp_path / "moving.onnx", moving, card_of(result, moving))
+    for path in (result.path, tmp_path / "moving.onnx", dense.path):
+        u = wild_inputs(batch, 120)
+        if path == dense.path:  # fuel, manifold pressure and temperature, engine speed
+            u = np.stack([u[..., 0], u[..., 1] / 4, u[..., 1] / 10, u[..., 2]], axis=-1)
+        one, many = Model.load(path), Model.load(path, batch)
+        many.reset(u[:, 0])
+        together = many.run_batch(u)
+        for i in range(batch):
+            one.reset(u[i, 0])
+            assert np.array_equal([one.step(x) for x in u[i]], together[i])
+
+
+def wild_inputs(batch: int, n: int) -> FloatArray:
+    rng = np.random.default_rng(batch)
+    u = rng.uniform([10.0, 200.0, 700.0], [60.0, 600.0, 4000.0], (batch, n, 3))
+    u[:, 40:60, 0] = 0.0
+    return u
+
+
+def card_of(result: GreyboxResult, greybox: Greybox) -> "object":
+    return replace(result.card, state=greybox.state_layout, lags=greybox.memory)
+
+
+def test_fuel_cut_reads_lean_even_if_no_recording_had_one(
+    drives: list[Recording], tmp_path: Path
+) -> None:
+    keep = drives[0].column("fuel_cut") < 0.5
+    burning = replace(
+        drives[0],
+        values=np.where(keep[:, None], drives[0].values, np.nan),
+        path=Path("burning.parquet"),
+    )
+    found = fit_greybox([burning], tmp_path / "m.onnx")
+    assert found.card.inputs[0].minimum > 1.0
+    model = Model.load(found.path)
+    for _ in range(30):
+        reading = model.step(np.array([0.0, 100.0, 2000.0]))
+    assert reading > 15.9
+
+
+def without(recording: Recording, *names: str) -> Recording:
+    kept = tuple(n for n in recording.names if n not in names)
+    columns = [recording.names.index(n) for n in kept]
+    return replace(
+        recording, names=kept, values=recording.values[:, columns],
+        quality=recording.quality[:, columns],
+    )  # fmt: skip
+
+
+def test_where_no_charge_is_broadcast_density_serves_and_else_the_air_meter(
+    drives: list[Recording], tmp_path: Path
+) -> None:
+    assert greybox_inputs(drives) == ("fuel_mass_mg", "air_mass_mg", "engine_speed_rpm")
+    dense = without(drives[1], "air_mass_mg")
+    assert greybox_inputs([drives[0], dense]) == INPUTS
+    metered = without(dense, "manifold_pressure_kpa")
+    assert greybox_inputs([metered]) == ("fuel_mass_mg", "maf_kg_h", "engine_speed_rpm")
+    # An air meter before the manifold tells the charge early, and the chain finds by how much
+    found = fit_greybox([metered], tmp_path / "m.onnx")
+    assert [(own.name, 0.1 < own.values[0] < 0.4) for own in found.greybox.own] == [
+        ("manifold_filling", True)
+    ]
+    assert found.card.fit["test_enabled"]["correlation"] > POOR_CORRELATION
+    assert found.card.checks["parity"]["onnx_numpy"] < 1e-5
+
+
+def test_engine_speed_is_worked_out_of_air_meter_and_charge_where_nobody_broadcasts_it(
+    drives: list[Recording], tmp_path: Path
+) -> None:
+    # GIVEN a drive with an engine speed, and the same without
+    silent = without(drives[0], "engine_speed_rpm")
+    assert greybox_inputs([silent]) == ("fuel_mass_mg", "air_mass_mg", "maf_kg_h")
+    blank = replace(drives[0], values=drives[0].values.copy())
+    blank.values[:, blank.names.index("engine_speed_rpm")] = np.nan  # a log that maps it
+    assert greybox_inputs([blank]) == ("fuel_mass_mg", "air_mass_mg", "maf_kg_h")
+    # WHEN the chain is fitted to either
+    told, made = (
+        fit_greybox([each], tmp_path / f"{i}.onnx") for i, each in enumerate((drives[0], silent))
+    )
+    # THEN it follows the measurement about as well, and the file computes what the fit did
+    with_speed, without_speed = (r.card.fit["test_enabled"]["rmse"] for r in (told, made))
+    assert without_speed < 1.1 * with_speed
+    assert made.card.checks["parity"]["onnx_numpy"] < 1e-5
+
+
+@pytest.mark.parametrize(
+    ("inputs", "output", "message"),
+    [
+        (("fuel_mass_mg", "air_mass_mg"), "lambda_measured", "needs fuel_mass_mg, engine_speed"),
+        (("air_mass_mg", "maf_kg_h"), "lambda_measured", "needs fuel_mass_mg"),
+        (("fuel_mass_mg", "engine_speed_rpm"), "lambda_measured", "for its charge air_mass_mg"),
+        (("fuel_mass_mg", "engine_speed_rpm", "maf_kg_h"), "o2", "predicts lambda_measured"),
+    ],
+)
+def test_inputs_that_make_no_chain_are_refused(
+    drives: list[Recording], tmp_path: Path, inputs: tuple[str, ...], output: str, message: str
+) -> None:
+    with pytest.raises(UsageError, match=message):
+        fit_greybox(drives, tmp_path / "m.onnx", inputs=inputs, output=output)
+
+
+def test_the_error_of_the_broadcast_charge_is_most_of_what_the_chain_misses(
+    result: GreyboxResult, dense: GreyboxResult, tmp_path: Path
+) -> None:
+    # GIVEN an ECU whose air per stroke follows its air meter slowly, and a drive no fit saw
+    fresh = drive(tmp_path, "udds", 2_000_004)
+    u = np.stack([fresh.column(name) for name in result.card.input_names], axis=1)
+    phi = 1.0 / fresh.column("lambda_measured")
+    on = settled(u[:, 0], PERIOD_S) & (np.arange(len(u)) > 50) & np.isfinite(phi)
+    # WHEN the chain runs on the charge as it is broadcast, and less its error
+    rmse = []
+    for chain in (replace(result.greybox, charge_error=None), result.greybox):
+        run = simulate(base_path(chain.constants, chain.signals(u)), PERIOD_S)
+        rmse.append(float(np.sqrt(np.mean((run - phi)[on] ** 2))))
+    # THEN it misses half as much, about as with a charge of its own from manifold pressure
+    assert rmse[1] < 0.6 * rmse[0]
+    by_air, by_density = (r.card.fit["test_enabled"] for r in (result, dense))
+    assert by_density["rmse_model_units"] < by_air["rmse_model_units"]
+    assert by_air["rmse_model_units"] < 1.5 * by_density["rmse_model_units"]
+    assert result.card.checks["parity"]["onnx_numpy"] < 1e-5
+
+
+def test_a_chain_with_its_own_charge_is_rebuilt_from_its_card(dense: GreyboxResult) -> None:
+    assert dense.card.fit["test_enabled"]["correlation"] > 0.95
+    assert dense.fitted.constants.gain == pytest.approx(1.0, abs=1e-3)
+    assert dense.fitted.constants.span == pytest.approx(
+        vehicle.piece(VEHICLE).sensor_gain, abs=0.02
+    )
+    assert dense.card.checks["parity"]["onnx_numpy"] < 1e-5
+    again = Greybox.of(Model.load(dense.path).card)
+    assert build(again) == build(dense.greybox)
+    assert again.charge_map is not None
+
+
+@pytest.mark.parametrize("chain", ["result", "dense"])
+def test_where_the_charge_cannot_be_made_nothing_is_scored(
+    chain: str, drives: list[Recording], request: pytest.FixtureRequest
+) -> None:
+    # GIVEN a drive in which what a chain makes its charge of is lost for a minute
+    card = request.getfixturevalue(chain).card
+    lossy = replace(drives[0], values=drives[0].values.copy())
+    for name in ("air_mass_mg", "manifold_pressure_kpa"):
+        lossy.values[3000:3600, lossy.names.index(name)] = np.nan
+    # WHEN it becomes a drive of the gap workflow
+    (made,), (whole,) = (plain_drives_of(card, [each]) for each in (lossy, drives[0]))
+    # THEN that minute says nothing, and the others as much as before
+    assert whole.scored[3000:3600].mean() > 0.5
+    assert not made.scored[3000:3600].any()
+    np.testing.assert_array_equal(made.scored[:3000], whole.scored[:3000])
+
+
+def test_a_chain_with_its_own_charge_is_verified_without_a_broadcast_one(
+    dense: GreyboxResult, drives: list[Recording]
+) -> None:
+    silent = without(drives[2], "air_mass_mg", "maf_kg_h")
+    found, told = (
+        verify(dense.path, None, [each], chain=dense.fitted.constants, faults=())
+        for each in (silent, drives[2])
+    )
+    assert found.overall.before == told.overall.before > 0.0
+
+
+def _film(
+    graph: Graph, nodes: Nodes, signals: Mapping[str, str], states: Sequence[str]
+) -> tuple[Nodes, list[str]]:
+    """A tenth of the fuel through a film that gives back a fifth of itself each sample."""
+    share, rate = graph.constant("film_share", 0.1), graph.constant("film_rate", 0.2)
+    direct = graph.constant("film_direct", 0.9)
+    given = graph.add("Mul", [states[0], rate], "film_given")
+    caught = graph.add("Mul", [nodes.fuel_mg, share], "film_caught")
+    left = graph.add("Add", [graph.add("Sub", [states[0], given], "film_less"), caught], "film")
+    burnt = graph.add("Mul", [nodes.fuel_mg, direct], "film_past")
+    fuel = graph.add("Add", [burnt, given], "film_fuel")
+    return with_fields(nodes, fuel_mg=fuel), [left]
+
+
+def _mixing(
+    graph: Graph, nodes: Nodes, signals: Mapping[str, str], states: Sequence[str]
+) -> tuple[Nodes, list[str]]:
+    top = graph.constant("mix_top", 200.0)
+    time = graph.add("Div", [top, signals["engine_speed_rpm"]], "mix_time")
+    return with_fields(nodes, mixing_s=time), []
+
+
+def _uneven(
+    graph: Graph, nodes: Nodes, signals: Mapping[str, str], states: Sequence[str]
+) -> tuple[Nodes, list[str]]:
+    return with_fields(nodes, sensor_falling_s=graph.constant("slow_s", [[0.3]])), []
+
+
+FILM = GraphEffect("film", 1, _film)
+MIXING_BY_SPEED = GraphEffect("mixing_by_speed", 0, _mixing)
+UNEVEN_SENSOR = GraphEffect("uneven_sensor", 0, _uneven)
+
+
+def test_effects_in_the_graph_are_the_path_s(result: GreyboxResult, tmp_path: Path) -> None:
+    # GIVEN a graph with a film before transport, mixing by speed and an uneven sensor after it
+    greybox = replace(result.greybox, effects=(FILM, MIXING_BY_SPEED, UNEVEN_SENSOR))
+    save(tmp_path / "m.onnx", greybox, card_of(result, greybox))
+    model = Model.load(tmp_path / "m.onnx")
+    assert model.card.state.size == result.card.state.size + 1
+    u = wild_inputs(1, 800)[0]
+    u[:, 0] = u[:, 1] / 14.7 * np.random.default_rng(5).uniform(0.9, 1.1, 800)
+    # WHEN the same is done to the arrays
+    signals = greybox.signals(u)
+    base = base_path(greybox.constants, signals)
+    film = lfilter([0.1], [1.0, -0.8], signals["fuel_mass_mg"])
+    given = 0.2 * np.r_[0.0, film[:-1]]
+    changed = replace(
+        base,
+        fuel_mg=0.9 * base.fuel_mg + given,
+        mixing_s=200.0 / signals["engine_speed_rpm"],
+        sensor_falling_s=np.full(800, 0.3),
+    )
+    expected = simulate(changed, PERIOD_S)
+    # THEN both read the same
+    model.state[:] = 0.0
+    run = 1.0 / model.run_batch(u[None])[0]
+    assert np.abs(run - expected)[200:].max() < 1e-5
+    assert np.abs(simulate(base, PERIOD_S) - expected)[200:].max() > 0.01

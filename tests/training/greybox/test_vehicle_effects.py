@@ -1,0 +1,86 @@
+"""What a healthy vehicle has beside the plain chain: walls that take fuel, a charge that lags.
+
+The plant's walls are of another form than the library's.
+"""
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from monitor.base.types import BoolArray, FloatArray
+from training.gap.inputs.prediction import predicted_phi
+from training.gap.name import yardstick
+from training.gap.name.naming import name
+from training.greybox.chain import base_path, simulate
+from training.greybox.fit.constants import fit_constants
+from training.greybox.fit.drive import from_recording
+from training.greybox.fit.vehicle_effects import own_of
+from training.greybox.model import fit_greybox
+from training.recordings.recording import Recording
+from training.studies.gap.drive import recording
+from training.studies.gap.plan import Part
+
+VEHICLE = 23_001
+WALLS = {"wall_film": 8.0}
+CYCLES = ("micro_trips", "wltc_3b", "udds", "us06")
+NEEDED = ("fuel_mass_mg", "air_mass_mg", "engine_speed_rpm")
+
+
+@cache
+def drives(first_seed: int, *effects: tuple[str, float]) -> tuple[Recording, ...]:
+    parts = [Part(cycle, first_seed + i, 60.0, None) for i, cycle in enumerate(CYCLES)]
+    return tuple(recording(part, VEHICLE, 500.0, dict(effects), None) for part in parts)
+
+
+def known(
+    recordings: tuple[Recording, ...],
+) -> tuple[dict[str, FloatArray], FloatArray, BoolArray]:
+    made = [from_recording(each) for each in recordings]
+    signals = {n: np.concatenate([d.signals[n] for d in made]) for n in NEEDED}
+    return (
+        signals,
+        np.concatenate([d.phi_measured for d in made]),
+        np.concatenate([d.scored for d in made]),
+    )
+
+
+def test_a_vehicle_whose_fuel_hardly_meets_walls_has_nothing_beside_the_chain() -> None:
+    assert own_of(*known(drives(23_100_000)), 0.1) == ()
+
+
+def test_walls_that_take_much_of_the_fuel_are_part_of_a_healthy_vehicles_model(
+    tmp_path: Path,
+) -> None:
+    # GIVEN a vehicle with strong walls, healthy
+    old, new = (drives(seed, *WALLS.items()) for seed in (23_200_000, 23_300_000))
+    # WHEN a chain is fitted to some drives
+    found = fit_greybox(old, tmp_path / "model.onnx")
+    # THEN it has walls, in the file as in numpy, and misses much less of other drives
+    assert found.greybox.own[0].name == "wall_film"
+    assert found.card.checks["parity"]["onnx_numpy"] < 1e-5
+    alone = fit_constants(*known(old), 0.1).constants
+    with_walls, without = [], []
+    for each, phi in zip(new, predicted_phi(tmp_path / "model.onnx", new), strict=True):
+        d = from_recording(each)
+        plain = simulate(base_path(alone, d.signals), 0.1)
+        with_walls.append((phi - d.phi_measured)[d.scored])
+        without.append((plain - d.phi_measured)[d.scored])
+    rms = [float(np.sqrt(np.mean(np.concatenate(e) ** 2))) for e in (with_walls, without)]
+    assert rms[0] < 0.6 * rms[1]
+
+
+def test_an_effect_is_named_on_a_vehicle_that_has_walls_when_healthy() -> None:
+    # GIVEN drives with strong walls, and drives with these and an injector's offset
+    healthy = [from_recording(each) for each in drives(23_200_000, *WALLS.items())]
+    both = WALLS | {"injector_offset": 8.0}
+    new = [from_recording(each) for each in drives(23_400_000, *both.items())]
+    # WHEN the offset is looked for
+    start = fit_constants(*known(drives(23_200_000, *WALLS.items())), 0.1).constants
+    reference = yardstick.learn(healthy, start)
+    found = name(new, reference)
+    # THEN the walls are the vehicle's own, and the offset is what is new
+    # looked for before volumes, which imitate walls
+    assert reference.own[0][0].name == "wall_film"
+    assert found.verdict == "named"
+    assert [effect.name for effect in found.effects] == ["injector_offset"]

@@ -1,0 +1,280 @@
+"""``o2train check``: is the data enough, said before any training."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from monitor.base.types import FloatArray, Quality
+from training.cli import main
+from training.limits.data_check.check import check
+from training.limits.data_check.measures import collinear, coverage, excitation, variance_inflation
+from training.limits.data_check.page import as_page, as_text
+from training.recordings.recording import Recording
+
+INPUTS = ("speed", "load", "ignition")
+Findings = dict[str, list[tuple[str, str]]]
+
+
+def recording(
+    columns: dict[str, FloatArray], name: str = "drive", period_s: float = 0.1
+) -> Recording:
+    values = np.column_stack(list(columns.values()))
+    quality = np.where(np.isnan(values), Quality.INVALID, Quality.GOOD).astype(np.uint8)
+    n = len(values)
+    return Recording(
+        Path(f"{name}.csv"), name, round(period_s * 1e9), np.arange(n) * period_s,
+        tuple(columns), values, quality,
+    )  # fmt: skip
+
+
+def walk(rng: np.random.Generator, n: int, memory: float) -> FloatArray:
+    """A slow random signal of unit size."""
+    x = np.zeros(n)
+    for t in range(1, n):
+        x[t] = memory * x[t - 1] + np.sqrt(1 - memory**2) * rng.standard_normal()
+    return x
+
+
+def engine(seed: int = 1, n: int = 6000) -> dict[str, FloatArray]:
+    rng = np.random.default_rng(seed)
+    speed, load, ignition = walk(rng, n, 0.98), walk(rng, n, 0.9), walk(rng, n, 0.8)
+    lean = np.tanh(np.roll(load, 3) - 0.5 * np.roll(speed, 2) * np.roll(ignition, 1))
+    return {"speed": speed, "load": load, "ignition": ignition,
+            "lean": lean + 0.05 * rng.standard_normal(n)}  # fmt: skip
+
+
+def levels(result: dict[str, object]) -> Findings:
+    """Return topic → (level, text) of every finding."""
+    found: Findings = {}
+    for f in result["findings"]:  # type: ignore[attr-defined]
+        found.setdefault(f["topic"], []).append((f["level"], f["text"]))
+    return found
+
+
+@pytest.fixture(scope="module")
+def good() -> Recording:
+    return recording(engine())
+
+
+def only(result: dict[str, object], topic: str, level: str) -> str:
+    """Return the text of the one finding of ``topic``, which has ``level``."""
+    (found,) = levels(result)[topic]
+    assert found[0] == level
+    return found[1]
+
+
+def test_data_that_is_enough_has_no_warning(good: Recording) -> None:
+    result = check([good], INPUTS, "lean", hidden=(5,))
+    assert result["usable"]
+    assert {f["level"] for f in result["findings"]} == {"ok"}
+    assert json.loads(json.dumps(result, allow_nan=False)) == result
+
+
+def test_a_missing_signal_is_an_error_that_names_file_and_signal(good: Recording) -> None:
+    result = check([good], ("speed", "torque"), "lean")
+    text = only(result, "missing channels", "error")
+    assert "drive.csv" in text and "torque" in text and "ignition" in text
+    assert not result["usable"]
+
+
+def test_a_signal_that_is_never_valid_is_missing() -> None:
+    columns = engine()
+    columns["load"] = np.full_like(columns["load"], np.nan)
+    result = check([recording(columns)], INPUTS, "lean")
+    assert ("error", "load is never valid") in levels(result)["missing channels"]
+
+
+def test_a_constant_input_is_an_error_that_says_leave_it_out() -> None:
+    result = check([recording(engine() | {"ignition": np.full(6000, 12.0)})], INPUTS, "lean")
+    assert "ignition is constant (12)" in only(result, "constant", "error")
+
+
+def test_different_periods_are_an_error_that_names_both(good: Recording) -> None:
+    result = check([good, recording(engine(2), "other", 0.05)], INPUTS, "lean")
+    text = only(result, "sample period", "error")
+    assert "0.05" in text and "0.1" in text and "other.csv" in text
+
+
+def test_an_invalid_stretch_is_a_warning_with_its_share() -> None:
+    columns = engine()
+    columns["load"][1000:1900] = np.nan
+    result = check([recording(columns)], INPUTS, "lean", hidden=(5,))
+    text = only(result, "gaps", "warning")
+    assert "load" in text and "15.0 %" in text and "900 samples" in text
+    assert result["usable"]
+
+
+def test_no_stretch_long_enough_for_the_lags_is_an_error() -> None:
+    columns = engine()
+    columns["speed"][::30] = np.nan
+    result = check([recording(columns)], INPUTS, "lean", lags=5)
+    text = "no recording has a stretch of 40 samples with all inputs valid"
+    assert ("error", text) in levels(result)["gaps"]
+    assert check([recording(columns)], INPUTS, "lean", lags=3)["usable"]
+
+
+def test_a_recording_too_short_to_be_used_is_named(good: Recording) -> None:
+    result = check([good, recording(engine(2, 30), "short")], INPUTS, "lean", hidden=(5,))
+    assert "short.csv: not used" in only(result, "gaps", "warning")
+    assert result["usable"]
+
+
+@pytest.mark.parametrize(("n", "level"), [(60, "error"), (700, "warning"), (6000, "ok")])
+def test_samples_are_weighed_against_the_weights(n: int, level: str) -> None:
+    result = check([recording(engine(n=n))], INPUTS, "lean", hidden=(8,))
+    assert "177 weights" in only(result, "samples", level)
+
+
+@pytest.mark.parametrize("shift", [-7, 0, 7])
+def test_a_scaled_and_shifted_copy_of_the_output_is_a_leak(shift: int) -> None:
+    columns = engine()
+    columns["ignition"] = 3.0 - 2.0 * np.roll(columns["lean"], shift)
+    result = check([recording(columns)], INPUTS, "lean")
+    text = only(result, "leak", "error")
+    assert "ignition" in text and ("shifted" in text) == (shift != 0)
+
+
+def test_the_reciprocal_of_the_measured_lambda_is_a_leak() -> None:
+    rng = np.random.default_rng(4)
+    lambda_measured = 1.0 / (1.0 + 0.3 * np.tanh(walk(rng, 4000, 0.9)))
+    columns = {"speed": walk(rng, 4000, 0.9), "phi": 1.0 / lambda_measured,
+               "lambda_measured": lambda_measured}  # fmt: skip
+    result = check([recording(columns)], ("speed", "phi"), "lambda_measured")
+    assert "phi follows lambda_measured" in only(result, "leak", "error")
+
+
+def test_a_neighbouring_slow_sensor_is_a_warning_not_a_leak() -> None:
+    # GIVEN two temperatures that drift together, each with its own noise
+    rng = np.random.default_rng(5)
+    drift = 50.0 * walk(rng, 6000, 0.999)
+    columns = engine() | {"one": drift + rng.standard_normal(6000),
+                          "two": drift + rng.standard_normal(6000)}  # fmt: skip
+    result = check([recording(columns)], ("speed", "one"), "two", hidden=(5,))
+    # THEN their levels correlate almost fully, their changes do not
+    assert "make sure" in only(result, "leak", "warning")
+    assert result["usable"]
+
+
+def test_two_inputs_that_carry_the_same_are_named() -> None:
+    columns = engine()
+    noise = 0.01 * np.random.default_rng(6).standard_normal(6000)
+    columns["torque"] = 80.0 * (columns["load"] + noise) + 100.0
+    result = check([recording(columns)], (*INPUTS, "torque"), "lean", hidden=(5,))
+    text = only(result, "collinearity", "warning")
+    assert "load and torque" in text and "ignition" not in text
+
+
+def test_an_input_that_hardly_moves_is_a_warning() -> None:
+    columns = engine()
+    columns["ignition"] = np.repeat([1.0, 2.0, 1.5], 2000)
+    result = check([recording(columns)], INPUTS, "lean", hidden=(5,))
+    assert "ignition changes 2 times" in only(result, "excitation", "warning")
+
+
+def test_a_slow_ramp_is_not_taken_for_constant() -> None:
+    columns = engine() | {"ignition": np.linspace(20.0, 90.0, 6000)}
+    result = check([recording(columns)], INPUTS, "lean", hidden=(5,))
+    assert "constant" not in levels(result)
+    assert result["excitation"][2]["moves"] == 5999
+
+
+def test_an_input_that_is_constant_where_the_others_are_valid_is_an_error() -> None:
+    columns = engine()
+    columns["ignition"][:4000] = 3.0
+    columns["load"][4000:] = np.nan
+    blank = recording(engine(2) | {"ignition": np.full(6000, np.nan)}, "blank")
+    result = check([recording(columns), blank], INPUTS, "lean", hidden=(5,))
+    assert "ignition is constant where all inputs" in only(result, "constant", "error")
+
+
+def test_a_sine_excites_two_lags_and_noise_all() -> None:
+    t = np.arange(4000)
+    sine, noise = np.sin(0.3 * t), np.random.default_rng(7).standard_normal(4000)
+    assert excitation([sine], 0.1, 10).order == 2
+    assert excitation([sine + np.sin(0.7 * t)], 0.1, 10).order == 4
+    assert excitation([noise], 0.1, 10).order == 10
+    found = excitation([np.sin(2 * np.pi * 0.5 * t * 0.1)], 0.1, 3).bandwidth_hz
+    assert found == pytest.approx(0.5, abs=0.05)
+
+
+def test_time_outside_closed_loop_is_a_warning(good: Recording) -> None:
+    closed = np.zeros(6000)
+    closed[:2000] = 1.0
+    result = check([recording(engine() | {"closed_loop": closed})], INPUTS, "lean", hidden=(5,))
+    assert "200 s, 33 %" in only(result, "closed loop", "warning")
+    assert "do not say" in only(check([good], INPUTS, "lean", hidden=(5,)), "closed loop", "ok")
+
+
+def test_one_operating_point_is_poor_coverage() -> None:
+    columns = engine()
+    steady = np.arange(6000) < 5700
+    for name in ("speed", "load"):
+        columns[name] = np.where(steady, 0.3, columns[name])
+    result = check([recording(columns)], INPUTS, "lean", hidden=(5,))
+    only(result, "coverage", "warning")
+    assert result["coverage"]["fullest"] > 0.5
+
+
+def test_coverage_counts_visited_cells() -> None:
+    along = np.repeat(np.linspace(0.0, 1.0, 1000), 10)
+    found = coverage(along, along, 0.1)  # along the diagonal of 8 × 8 cells
+    assert found.share == pytest.approx(8 / 64)
+    assert found.seconds.sum() == pytest.approx(990.0, abs=2.0)
+
+
+def test_the_same_file_twice_is_a_warning(good: Recording) -> None:
+    result = check([good, replace(good, path=Path("copy.csv"))], INPUTS, "lean", hidden=(5,))
+    assert "copy.csv" in only(result, "repeated file", "warning")
+
+
+def test_variance_inflation_is_that_of_two_correlated_variables() -> None:
+    rng = np.random.default_rng(8)
+    a, b, c = rng.standard_normal((3, 20000))
+    factors = variance_inflation(np.column_stack([a, 0.9 * a + np.sqrt(0.19) * b, c]))
+    assert factors[0] == pytest.approx(1 / 0.19, rel=0.05)  # r is 0.9
+    assert factors[2] == pytest.approx(1.0, rel=0.01)
+    assert collinear(np.column_stack([a, b, c]), "abc")[1] == []
+
+
+def write_csv(path: Path, columns: dict[str, FloatArray]) -> Path:
+    table = np.column_stack([0.1 * np.arange(len(columns["lean"])), *columns.values()])
+    rows = [",".join(["time_s", *columns])]
+    rows += [",".join(f"{value:.6g}" for value in row) for row in table]
+    path.write_text("\n".join(rows) + "\n")
+    return path
+
+
+def test_the_command_prints_writes_and_ends_with_0(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write_csv(tmp_path / "a.csv", engine(n=2000))
+    page, out = tmp_path / "check.html", tmp_path / "check.json"
+    code = main(["check", str(path), "--inputs", *INPUTS, "--output", "lean", "--hidden", "4",
+                 "--json", str(out), "--html", str(page)])  # fmt: skip
+    text = capsys.readouterr().out
+    assert code == 0
+    assert text.splitlines()[-1].startswith("usable")
+    result = json.loads(out.read_text())
+    assert result["schema"] == "o2train.check/1" and as_text(result) in text
+    assert page.read_text() == as_page(result)
+
+
+def test_an_unusable_file_ends_with_2_and_the_error_stands_last(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write_csv(tmp_path / "a.csv", engine(n=2000))
+    broken = tmp_path / "broken.csv"
+    broken.write_text("not a table\n")
+    code = main(["check", str(path), str(broken), "--inputs", *INPUTS, "--output", "lean"])
+    shown = capsys.readouterr()
+    assert code == 2
+    assert "broken.csv" in shown.out
+    assert shown.err.splitlines()[-1].startswith("o2train: not usable: 1 error")
+
+
+def test_the_page_escapes_names(good: Recording) -> None:
+    result = check([good], ("<b>",), "lean")
+    assert "<b>" not in as_page(result).split("<body>")[1]

@@ -1,0 +1,271 @@
+"""Training algorithms on problems that are not the NARX's own equations."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+import torch
+from scipy.optimize import minimize
+from scipy.stats import multivariate_normal
+
+from monitor.base.types import FloatArray
+from training.narx.algorithms.bayes import minimise_bayesian
+from training.narx.algorithms.gradient import Differentiable, OneStepGradient, descend
+from training.narx.algorithms.gradient import Options as Descent
+from training.narx.algorithms.lm import OneStep, Options, minimise
+from training.narx.algorithms.scaled_conjugate import Options as Conjugate
+from training.narx.algorithms.scaled_conjugate import minimise_scaled_conjugate
+from training.narx.network import Spec, forward, initial_weights
+
+
+@dataclass
+class Valley:
+    """Rosenbrock's function, a curved valley with its minimum 0 at (1, 1)."""
+
+    asked: list[FloatArray] = field(default_factory=list)
+
+    def cost(self, w: FloatArray) -> float:
+        return float(100.0 * (w[1] - w[0] ** 2) ** 2 + (1.0 - w[0]) ** 2)
+
+    def gradient(self, w: FloatArray) -> tuple[float, FloatArray]:
+        self.asked.append(w.copy())
+        across = w[1] - w[0] ** 2
+        return self.cost(w), np.array([-400 * w[0] * across - 2 * (1 - w[0]), 200 * across])
+
+
+@dataclass
+class Bowl:
+    """A paraboloid with curvatures ``steep`` and its minimum 0 at 0; notes what it is asked."""
+
+    steep: FloatArray
+    asked: list[float] = field(default_factory=list)
+
+    def cost(self, w: FloatArray) -> float:
+        return float(0.5 * self.steep @ w**2)
+
+    def gradient(self, w: FloatArray) -> tuple[float, FloatArray]:
+        self.asked.append(float(w[0]))
+        return self.cost(w), self.steep * w
+
+
+@dataclass
+class Line:
+    """Least squares of a line through basis functions: no network at all."""
+
+    basis: FloatArray
+    target: FloatArray
+
+    def cost(self, w: FloatArray) -> float:
+        return float(np.mean((self.basis @ w - self.target) ** 2))
+
+    def normal(self, w: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+        n = len(self.target)
+        error = self.basis @ w - self.target
+        return self.cost(w), self.basis.T @ self.basis / n, self.basis.T @ error / n
+
+
+def ripple(n: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+    """Noisy samples of a function no tanh network contains."""
+    x = rng.uniform(-2, 2, size=(n, 2))
+    return x, np.cos(2 * x[:, 0]) * np.exp(-(x[:, 1] ** 2)) + 0.15 * rng.standard_normal(n)
+
+
+@pytest.mark.parametrize("hidden", [(4,), (5, 3)])
+def test_the_gradient_is_that_of_torch_and_of_the_normal_equations(hidden: tuple[int, ...]) -> None:
+    rng = np.random.default_rng(1)
+    spec, n = Spec(2, lags=2, hidden=hidden), 4500  # more than one chunk
+    x, y, weight = rng.normal(size=(n, 6)), rng.normal(size=n), rng.uniform(0, 2, n)
+    weights = initial_weights(spec, rng)
+    cost, gradient = OneStepGradient(spec, x, y, weight).gradient(weights)
+    w, at, out = torch.tensor(weights, requires_grad=True), 0, torch.tensor(x)
+    for i, (fan_in, fan_out) in enumerate(zip(spec.sizes[:-1], spec.sizes[1:], strict=True)):
+        matrix = w[at : at + fan_in * fan_out].reshape(fan_out, fan_in)
+        at += fan_in * fan_out
+        out = out @ matrix.T + w[at : at + fan_out]
+        at += fan_out
+        out = torch.tanh(out) if i < len(hidden) else out
+    by_torch = (torch.tensor(weight) * (out[:, 0] - torch.tensor(y)) ** 2).sum() / weight.sum()
+    by_torch.backward()
+    assert w.grad is not None
+    assert cost == pytest.approx(float(by_torch.detach()), rel=1e-12)
+    assert np.allclose(gradient, w.grad.numpy(), atol=1e-12)
+    assert OneStepGradient(spec, x, y, weight).cost(weights) == pytest.approx(cost, rel=1e-12)
+
+
+def test_the_gradient_beside_a_linear_path_is_that_of_finite_differences() -> None:
+    rng = np.random.default_rng(2)
+    spec, n = Spec(2, lags=2, hidden=(4, 3), linear_path=True), 4500  # more than one chunk
+    x, y, weight = rng.normal(size=(n, 6)), rng.normal(size=n), rng.uniform(0, 2, n)
+    weights = rng.normal(size=spec.n_weights)
+    objective = OneStepGradient(spec, x, y, weight)
+    cost, gradient = objective.gradient(weights)
+    steps = 1e-5 * np.eye(spec.n_weights)
+    slopes = [(objective.cost(weights + s) - objective.cost(weights - s)) / 2e-5 for s in steps]
+    assert cost == pytest.approx(objective.cost(weights), rel=1e-12)
+    assert np.allclose(gradient, slopes, rtol=1e-6, atol=1e-8)
+    assert np.abs(gradient[-spec.n_regressors :]).min() > 1e-3  # the path takes part
+
+
+def test_scaled_conjugate_gradient_follows_a_curved_valley_to_its_end() -> None:
+    outcome = minimise_scaled_conjugate(Valley(), np.array([-1.2, 1.0]))
+    assert np.allclose(outcome.weights, 1.0, atol=1e-4)
+    assert outcome.stop == "gradient"
+    assert np.all(np.diff(outcome.costs) <= 0)
+
+
+def test_scaled_conjugate_gradient_needs_few_steps_where_the_steepest_descent_crawls() -> None:
+    # GIVEN a bowl a thousand times steeper one way than the other
+    steep, start = np.geomspace(1.0, 1000.0, 12), np.ones(12)
+    # WHEN both may take 60 steps
+    conjugate = minimise_scaled_conjugate(Bowl(steep), start, Conjugate(epochs=60))
+    descent = descend(Bowl(steep), start, Descent(epochs=60))
+    # THEN one is at the bottom and the other is not
+    assert conjugate.score < 1e-8
+    assert descent.score > 1e-3
+
+
+def test_scaled_conjugate_gradient_gets_out_of_negative_curvature() -> None:
+    class Ridge:
+        """cos, begun near its top, where the curvature is negative."""
+
+        def cost(self, w: FloatArray) -> float:
+            return float(np.cos(w).sum())
+
+        def gradient(self, w: FloatArray) -> tuple[float, FloatArray]:
+            return self.cost(w), -np.sin(w)
+
+    outcome = minimise_scaled_conjugate(Ridge(), np.array([0.1, -0.3]))
+    assert outcome.score == pytest.approx(-2.0, abs=1e-6)
+
+
+def test_the_momentum_step_is_the_documented_one() -> None:
+    # GIVEN a parabola and a rate at which nothing overshoots
+    bowl = Bowl(np.array([2.0]))
+    descend(bowl, np.array([1.0]), Descent(epochs=3, rate=0.01))
+    # THEN every step is 0.9 times the last one plus 0.9 * rate * slope, the rate growing by 1.05
+    w, step, rate = 1.0, -0.01 * 2.0, 0.01
+    for reached in bowl.asked[1:]:
+        step = 0.9 * step - 0.9 * rate * 2.0 * w
+        w += step
+        assert reached == pytest.approx(w, rel=1e-12)
+        rate *= 1.05
+    assert len(bowl.asked) == 4
+
+
+def test_a_step_that_raises_the_error_is_taken_back_and_the_rate_falls() -> None:
+    # GIVEN a rate far too large for the slope
+    bowl = Bowl(np.array([100.0]))
+    outcome = descend(bowl, np.array([1.0]), Descent(epochs=400, rate=1.0))
+    # THEN the first trials are taken back, and the descent still arrives
+    assert outcome.costs[1] == outcome.costs[0]
+    assert bowl.asked[2] - 1.0 == pytest.approx(0.7 * (bowl.asked[1] - 1.0), rel=1e-12)
+    assert outcome.score < 1e-6
+    rises = np.array(outcome.costs[1:]) / np.maximum(outcome.costs[:-1], 1e-300)
+    assert rises.max() <= 1.04 + 1e-12
+
+
+@pytest.mark.parametrize("method", [descend, minimise_scaled_conjugate])
+def test_training_stops_after_six_validation_failures_and_keeps_the_best(
+    method: Callable[..., object],
+) -> None:
+    # GIVEN a validation error that is lowest on the way, at half the distance
+    outcome = method(
+        Bowl(np.geomspace(1.0, 50.0, 8)), np.ones(8), None, lambda w: abs(float(w[0]) - 0.5)
+    )
+    scores = np.array(outcome.scores)  # type: ignore[attr-defined]
+    assert outcome.stop == "validation"  # type: ignore[attr-defined]
+    assert outcome.score == scores.min()  # type: ignore[attr-defined]
+    assert abs(outcome.weights[0] - 0.5) == scores.min()  # type: ignore[attr-defined]
+    assert np.all(scores[-6:] >= scores.min())
+
+
+def test_the_evidence_settles_where_the_marginal_likelihood_is_highest() -> None:
+    # GIVEN a noisy parabola and nine polynomials
+    rng = np.random.default_rng(3)
+    x = np.linspace(-1, 1, 60)
+    basis = np.polynomial.legendre.legvander(x, 8)
+    target = 0.5 + x - 0.8 * x**2 + 0.1 * rng.standard_normal(60)
+    # WHEN Bayesian regularisation and, independently, the marginal likelihood choose
+    outcome = minimise_bayesian(Line(basis, target), np.zeros(9) + 0.1, 60)
+
+    def negative_evidence(log: FloatArray) -> float:
+        alpha, beta = np.exp(log)
+        covariance = np.eye(60) / (2 * beta) + basis @ basis.T / (2 * alpha)
+        return -float(multivariate_normal(np.zeros(60), covariance).logpdf(target))
+
+    best = np.exp(minimize(negative_evidence, np.log([1.0, 50.0]), method="Nelder-Mead").x)
+    # THEN they agree, on the weights too
+    assert outcome.alpha == pytest.approx(best[0], rel=0.01)
+    assert outcome.beta == pytest.approx(best[1], rel=0.01)
+    ridge = basis.T @ basis + best[0] / best[1] * np.eye(9)
+    assert np.allclose(outcome.weights, np.linalg.solve(ridge, basis.T @ target), atol=1e-3)
+    curvature = best[1] * np.linalg.eigvalsh(basis.T @ basis)
+    effective = np.sum(curvature / (curvature + best[0]))
+    assert outcome.effective_weights == pytest.approx(effective, rel=1e-3)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_bayesian_regularisation_does_not_overfit_where_levenberg_marquardt_does(seed: int) -> None:
+    # GIVEN 81 weights and 120 noisy samples
+    rng, spec = np.random.default_rng(seed), Spec(1, lags=1, hidden=(20,))
+    x, y = ripple(120, rng)
+    fresh_x, fresh_y = ripple(2000, rng)
+    weights, objective = initial_weights(spec, rng), OneStep(spec, x, y)
+    free = minimise(objective, weights, Options(epochs=100))
+    regular = minimise_bayesian(objective, weights, len(y), Options(epochs=100, mu=0.005))
+    # THEN it fits the samples less closely and the function better, with fewer effective weights
+    error = [np.mean((forward(spec, o.weights, fresh_x) - fresh_y) ** 2) for o in (free, regular)]
+    assert regular.costs[-1] > free.costs[-1]
+    assert error[1] < 0.5 * error[0]
+    assert 10 < regular.effective_weights < 0.6 * spec.n_weights
+
+
+def test_first_order_methods_learn_what_levenberg_marquardt_learns_more_slowly() -> None:
+    rng, spec = np.random.default_rng(6), Spec(1, lags=1, hidden=(10,))
+    x, y = ripple(1000, rng)
+    weights = initial_weights(spec, rng)
+    objective: Differentiable = OneStepGradient(spec, x, y)
+    lm = minimise(OneStep(spec, x, y), weights, Options(epochs=100)).costs[-1]
+    scg = minimise_scaled_conjugate(objective, weights, Conjugate(epochs=100)).costs[-1]
+    gdx = descend(objective, weights, Descent(epochs=100)).costs[-1]
+    assert lm < scg < gdx < np.var(y)
+
+
+@pytest.mark.parametrize("method", [descend, minimise_scaled_conjugate])
+def test_an_error_that_is_not_finite_at_the_start_is_refused(
+    method: Callable[..., object],
+) -> None:
+    with pytest.raises(ValueError, match="at the initial weights"):
+        method(Bowl(np.array([np.inf])), np.ones(1))
+    with pytest.raises(ValueError, match="at the initial weights"):
+        minimise_bayesian(Line(np.ones((3, 1)), np.full(3, np.nan)), np.ones(1), 3)
+
+
+def test_a_deadline_in_the_past_stops_every_method_before_the_first_step() -> None:
+    bowl, line = Bowl(np.ones(2)), Line(np.ones((3, 2)), np.ones(3))
+    start = np.array([1.0, 2.0])
+    for outcome in (
+        descend(bowl, start, deadline_s=0.0),
+        minimise_scaled_conjugate(bowl, start, deadline_s=0.0),
+        minimise_bayesian(line, start, 3, deadline_s=0.0),
+    ):
+        assert outcome.stop == "budget"
+        assert np.array_equal(outcome.weights, start)
+
+
+def test_progress_is_told_of_every_epoch_even_the_one_that_validation_ends() -> None:
+    steep, start = np.geomspace(1.0, 50.0, 8), np.ones(8)
+    line = Line(np.eye(8), np.linspace(1.0, 2.0, 8))
+    for method, problem in (
+        (descend, Bowl(steep)),
+        (minimise_scaled_conjugate, Bowl(steep)),
+        (minimise, line),
+    ):
+        told: list[tuple[int, float]] = []
+        outcome = method(  # type: ignore[operator]
+            problem, start, None, lambda w: abs(float(w[0]) - 0.5), np.inf,
+            lambda epoch, cost, told=told: told.append((epoch, cost)),
+        )  # fmt: skip
+        assert told == list(enumerate(outcome.costs[1:]))
+        assert outcome.stop == ("gradient" if method is minimise else "validation")

@@ -1,0 +1,267 @@
+"""Training as a whole: a small fit, its report and its evaluation."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from monitor.base.errors import ModelError, RecordingError, UsageError
+from monitor.base.types import FloatArray
+from monitor.model.step import Model
+from training.cli import main
+from training.narx.fit import FitResult, fit
+from training.narx.network import Spec, layers
+from training.narx.report import write_report
+from training.narx.stability import Contraction, contraction
+from training.narx.stages import train
+from training.recordings.preparation import Prepared
+from training.recordings.recording import Recording
+from training.recordings.transforms import fuel_air_ratio
+from training.studies.evaluation import evaluate, predict
+
+NAMES = ("air_mass_mg", "fuel_mass_mg", "lambda_measured", "fuel_cut")
+
+
+def plant(seed: int, n: int = 2500, name: str = "drive") -> Recording:
+    """A mixture behind a dead time and a sensor lag, with fuel cuts, 10 Hz."""
+    rng = np.random.default_rng(seed)
+    hold = np.searchsorted(np.cumsum(rng.integers(5, 50, n)), np.arange(n), side="right")
+    air = rng.uniform(100, 500, n)[hold]
+    mixture = (1.0 + 0.05 * rng.standard_normal(n))[hold]
+    cut = (rng.uniform(size=n)[hold] < 0.08).astype(float)
+    fuel = air / 14.7 * mixture * (1.0 - cut)
+    phi = np.ones(n)
+    for t in range(3, n):
+        phi[t] = phi[t - 1] + 0.45 * (14.7 * fuel[t - 2] / air[t - 2] - phi[t - 1])
+    measured = 1.0 / np.maximum(phi + 0.002 * rng.standard_normal(n), 1 / 16)
+    measured[:7] = np.nan  # the sensor is not ready yet
+    values = np.column_stack([air, fuel, measured, cut])
+    quality = np.zeros(values.shape, np.uint8)
+    return Recording(
+        Path(f"{name}{seed}.csv"), f"{seed:064x}", 100_000_000, np.arange(n) * 0.1, NAMES, values,
+        quality,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def fitted(tmp_path_factory: pytest.TempPathFactory) -> FitResult:
+    out = tmp_path_factory.mktemp("fit") / "model.onnx"
+    return fit(
+        [plant(1), plant(2)], NAMES[:2], NAMES[2], out, lags=3, hidden=(5,), starts=2,
+        transforms=[fuel_air_ratio()], budget_minutes=1.0, seed=3,
+    )  # fmt: skip
+
+
+def test_a_small_plant_is_learned_in_free_run(fitted: FitResult) -> None:
+    figures = fitted.card.fit["test_enabled"]
+    assert figures["correlation"] > 0.97
+    assert figures["rmse_model_units"] < 0.01
+    assert fitted.seconds < 60
+
+
+def test_the_file_holds_what_the_fit_says(fitted: FitResult) -> None:
+    card = Model.load(fitted.path).card
+    assert card == fitted.card
+    assert card.input_names == NAMES[:2]
+    assert card.transform == "phi"
+    assert card.transforms[0]["kind"] == "ratio"
+    assert [r.sha256 for r in card.recordings] == [f"{1:064x}", f"{2:064x}"]
+    assert card.checks["contraction"]["gap"] < 0.01
+    assert card.checks["parity"]["onnx_numpy"] < card.checks["parity"]["tolerance"]
+
+
+def test_held_out_ranges_are_rows_of_their_recordings_that_were_not_trained_on(
+    fitted: FitResult,
+) -> None:
+    tests = [h for h in fitted.held_out if h.role == "test"]
+    assert {h.recording for h in tests} == {0, 1}
+    rows = sum(h.stop - h.first for h in fitted.held_out)
+    assert rows == int((fitted.data.role > 0).sum())
+    assert all(0 <= h.first < h.stop <= 2500 for h in fitted.held_out)
+
+
+def test_the_best_stage_is_the_one_with_the_best_free_run(fitted: FitResult) -> None:
+    best = fitted.starts[fitted.best]
+    assert best.score == min(min(stage.scores) for stage in best.stages)
+    assert [s.name for s in best.stages] == [f"horizon {h}" for h in (1, 5, 20, 100, 1000)]
+
+
+def test_a_loop_so_unstable_that_no_step_helps_forgets_in_the_end(fitted: FitResult) -> None:
+    # GIVEN weights whose prediction hangs on its own past ten times as much
+    best = fitted.starts[fitted.best]
+    spec, weights = best.spec, best.weights.copy()
+    layers(spec, weights)[0][0][:, -spec.lags :] *= 10.0
+    layers(spec, weights)[1][0][:] *= 3.0
+    assert contraction(fitted.data, spec, weights, 0).gap > 1.0
+    # WHEN they are trained over a horizon at which their errors explode
+    trained = train(fitted.data, spec, 1, weights=weights, horizons=(1000,))
+    # THEN taking the feedback back ends in a model that forgets and predicts nearly as well
+    assert [stage.name for stage in trained.stages][1:] == ["forget", "less feedback"]
+    assert contraction(fitted.data, spec, trained.weights, 0).gap < 0.01
+    assert trained.score < 1.3 * best.score
+
+
+def test_further_starts_are_trained_while_none_forgets(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    small: Any = {"lags": 2, "hidden": (3,), "starts": 1, "budget_minutes": 1.0}
+
+    # GIVEN histories that count as remembered until the third training
+    def remembered(data: Prepared, spec: Spec, weights: FloatArray, seed: int) -> Contraction:
+        number = next((i for i, known in enumerate(seen) if known is weights), len(seen))
+        if number == len(seen):
+            seen.append(weights)
+        return Contraction(1.0 if number < forgets_at else 0.0, 0.01, 1)
+
+    monkeypatch.setattr("training.narx.fit.contraction", remembered)
+    # WHEN one start is asked for THEN there are three, and the one that forgets is taken
+    forgets_at, seen = 2, list[FloatArray]()
+    found = fit([plant(1)], NAMES[:2], NAMES[2], tmp_path / "m.onnx", **small)
+    assert len(found.starts) == 3
+    assert found.best == 2
+    # AND if none forgets there are three more, each of which may be the best
+    forgets_at, seen = 99, []
+    found = fit([plant(1)], NAMES[:2], NAMES[2], tmp_path / "m.onnx", **small)
+    assert len(found.starts) == 4
+    assert any("differ by up to 1 after 50 samples" in each for each in found.warnings)
+
+
+def test_the_same_seed_gives_the_same_weights(tmp_path: Path) -> None:
+    results = [
+        fit([plant(1, 900)], NAMES[:2], NAMES[2], tmp_path / f"{i}.onnx", lags=2, hidden=(2,),
+            starts=1, seed=5)
+        for i in range(2)
+    ]  # fmt: skip
+    assert np.array_equal(results[0].network.weights, results[1].network.weights)
+
+
+def test_evaluate_scores_free_run_and_one_step_after_the_washout(fitted: FitResult) -> None:
+    drive = plant(9)
+    result = evaluate(fitted.path, [drive])
+    assert result["schema"] == "o2train.evaluate/1"
+    (figures,) = result["recordings"]
+    assert {"path", "samples", "rmse", "fit_percent", "correlation", "one_step_rmse"} <= set(
+        figures
+    )
+    assert figures["path"] == "drive9.csv"
+    assert figures["samples"] == 2500 - 7 - 3  # not ready, then the longest lag
+    assert figures["enabled"]["samples"] < figures["samples"]
+    assert figures["enabled"]["correlation"] > 0.97
+    json.dumps(result, allow_nan=False)
+    longer = evaluate(fitted.path, [drive], washout=50)["recordings"][0]
+    assert longer["samples"] == 2500 - 7 - 50
+
+
+def test_the_free_run_of_evaluate_is_that_of_the_model_alone(fitted: FitResult) -> None:
+    drive = plant(9)
+    model = Model.load(fitted.path)
+    _, free, _, _ = predict(model, drive, 3)
+    u, y = drive.values[:, :2], drive.values[:, 2]
+    model.reset(u[7], y[7])
+    alone = []
+    for t in range(7, len(u)):
+        alone.append(model.step(u[t]))
+        if t < 10:
+            model.force_output(y[t])
+    assert np.array_equal(alone, free[7:])
+
+
+def test_a_gap_in_the_inputs_restarts_the_free_run(fitted: FitResult) -> None:
+    drive = plant(9)
+    drive.values[1000:1010, 0] = np.nan
+    figures = evaluate(fitted.path, [drive])["recordings"][0]
+    assert figures["samples"] == 2500 - 7 - 10 - 2 * 3
+
+
+def test_enabled_figures_are_null_without_enable_conditions(fitted: FitResult) -> None:
+    drive = plant(9)
+    bare = Recording(drive.path, "", drive.period_ns, drive.t_s, NAMES[:3], drive.values[:, :3],
+                     drive.quality[:, :3])  # fmt: skip
+    assert evaluate(fitted.path, [bare])["recordings"][0]["enabled"] is None
+
+
+def test_a_recording_that_does_not_fit_the_model_is_named(fitted: FitResult) -> None:
+    drive = plant(9)
+    slow = Recording(drive.path, "", 200_000_000, drive.t_s, NAMES, drive.values, drive.quality)
+    with pytest.raises(RecordingError, match=r"drive9\.csv: sample period 0\.2 s"):
+        evaluate(fitted.path, [slow])
+    with pytest.raises(ModelError, match="no such model file"):
+        evaluate(fitted.path.with_name("other.onnx"), [drive])
+
+
+def test_too_few_samples_for_the_weights_are_refused_and_few_are_warned_of(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r"training samples for \d+ weights are too few"):
+        fit([plant(1, 300)], NAMES[:2], NAMES[2], tmp_path / "m.onnx", hidden=(20, 20))
+    result = fit(
+        [plant(1, 400)], NAMES[:2], NAMES[2], tmp_path / "m.onnx", lags=2, hidden=(4,), starts=1
+    )
+    assert any("expect overfitting" in w for w in result.warnings)
+
+
+class Clock:
+    """A clock that goes on by a second whenever it is read."""
+
+    def __init__(self) -> None:
+        self.now_s = 0.0
+
+    def monotonic(self) -> float:
+        self.now_s += 1.0
+        return self.now_s
+
+
+def test_the_budget_ends_the_training_with_the_best_so_far(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = Clock()
+    for module in ("training.narx.fit", "training.narx.stages", "training.narx.algorithms.lm"):
+        monkeypatch.setattr(f"{module}.time", clock)
+    result = fit(
+        [plant(1)], NAMES[:2], NAMES[2], tmp_path / "m.onnx", hidden=(4,), starts=2,
+        threads=1, budget_minutes=1.0,
+    )  # fmt: skip
+    assert clock.now_s < 90  # an epoch reads it once
+    assert Model.load(result.path).card.lags == 5
+    assert any("budget ended" in w for w in result.warnings)
+    with pytest.raises(UsageError, match="ended before the first epoch"):
+        fit([plant(1)], NAMES[:2], NAMES[2], tmp_path / "m.onnx", hidden=(4,),
+            budget_minutes=1e-9)  # fmt: skip
+
+
+def test_the_report_stands_alone(fitted: FitResult, tmp_path: Path) -> None:
+    write_report(tmp_path / "fit.html", fitted)
+    text = (tmp_path / "fit.html").read_text()
+    assert text.count("data:image/svg+xml") == 3
+    assert "http" not in text.replace("http-equiv", "")
+    assert "Free run on held-out blocks" in text
+
+
+def save_table(path: Path, drive: Recording) -> None:
+    table: FloatArray = np.column_stack([drive.t_s, drive.values])
+    lines = [",".join(("time_s", *drive.names))]
+    lines += [",".join("" if np.isnan(v) else f"{v:.7g}" for v in row) for row in table]
+    path.write_text("\n".join(lines) + "\n")
+
+
+def test_fit_and_evaluate_on_the_command_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # GIVEN two drives as tables
+    for seed in (1, 2):
+        save_table(tmp_path / f"drive{seed}.csv", plant(seed, 1500))
+    model, figures = str(tmp_path / "m.onnx"), tmp_path / "figures.json"
+    # WHEN one is trained on and the other evaluated
+    done = main(["fit", str(tmp_path / "drive1.csv"), "--out", model, "--inputs", *NAMES[:2],
+                 "--lags", "2", "--hidden", "3", "--starts", "1",
+                 "--report", str(tmp_path / "fit.html")])  # fmt: skip
+    assert done == 0
+    assert "held-out blocks, enabled samples: free run fit" in capsys.readouterr().out
+    done = main(["evaluate", "--model", model, str(tmp_path / "drive2.csv"),
+                 "--json", str(figures)])  # fmt: skip
+    # THEN the figures are there, and a model that is missing is an error of one line
+    assert done == 0
+    assert json.loads(figures.read_text())["recordings"][0]["correlation"] > 0.9
+    capsys.readouterr()
+    assert main(["evaluate", "--model", "nowhere.onnx", str(tmp_path / "drive2.csv")]) == 2
+    assert capsys.readouterr().err == "o2train: nowhere.onnx: no such model file\n"

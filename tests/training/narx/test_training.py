@@ -1,0 +1,326 @@
+"""The NARX: gradients, Levenberg–Marquardt in open and closed loop, preparation."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from monitor.base.errors import RecordingError, UsageError
+from monitor.base.types import FloatArray
+from training.narx.algorithms.closed_loop import ClosedLoop, Pieces, Samples
+from training.narx.algorithms.lm import OneStep, Options, minimise
+from training.narx.network import Spec, forward, initial_weights, jacobian, regressors, simulate
+from training.recordings import metrics
+from training.recordings.outliers import outlier_mask
+from training.recordings.preparation import Role, prepare
+from training.recordings.recording import Recording
+
+RNG = np.random.default_rng
+
+
+def torch_network(spec: Spec, weights: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
+    at = 0
+    for i, (fan_in, fan_out) in enumerate(zip(spec.sizes[:-1], spec.sizes[1:], strict=True)):
+        matrix = weights[at : at + fan_in * fan_out].reshape(fan_out, fan_in)
+        at += fan_in * fan_out
+        x = matrix @ x + weights[at : at + fan_out]
+        at += fan_out
+        if i < len(spec.sizes) - 2:
+            x = torch.tanh(x)
+    return x[0]
+
+
+def recording(
+    u: FloatArray, y: FloatArray, name: str = "drive.csv", **more: FloatArray
+) -> Recording:
+    names = (*(f"u{i}" for i in range(u.shape[1])), "y", *more)
+    values = np.column_stack([u, y, *more.values()])
+    t_s = np.arange(len(y)) * 0.1
+    quality = np.zeros(values.shape, np.uint8)
+    return Recording(Path(name), "0" * 64, 100_000_000, t_s, names, values, quality)
+
+
+def foreign_system(u: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """A plant the NARX does not contain: hidden second-order lag, dead time, saturation, noise."""
+    y, hidden, fast = np.zeros(len(u)), 0.0, 0.0
+    for t in range(3, len(u)):
+        fast += 0.3 * (u[t - 3, 0] * (1.0 + 0.4 * u[t - 3, 1]) - fast)
+        hidden += 0.2 * (fast - hidden)
+        y[t] = hidden / np.sqrt(1.0 + 0.3 * hidden**2)
+    return y + 0.02 * rng.standard_normal(len(u))
+
+
+def steps(n: int, k: int, rng: np.random.Generator) -> FloatArray:
+    """Inputs that hold for random times."""
+    u = np.empty((n, k))
+    for i in range(k):
+        edges = np.cumsum(rng.integers(3, 40, n))
+        u[:, i] = rng.uniform(-1, 1, n)[np.searchsorted(edges, np.arange(n), side="right")]
+    return u
+
+
+def test_the_paper_s_network_has_409_weights() -> None:
+    assert Spec(n_inputs=7).n_weights == 409
+
+
+@pytest.mark.parametrize("hidden", [(4,), (8, 8), (3, 5, 4)])
+def test_the_open_loop_jacobian_is_that_of_torch(hidden: tuple[int, ...]) -> None:
+    spec, rng = Spec(2, lags=3, hidden=hidden), RNG(1)
+    weights, x = initial_weights(spec, rng), rng.normal(size=(6, spec.n_regressors))
+    predicted, J = jacobian(spec, weights, x)
+    assert np.allclose(predicted, forward(spec, weights, x), atol=1e-13)
+    for i in range(len(x)):
+        w = torch.tensor(weights, requires_grad=True)
+        output = torch_network(spec, w, torch.tensor(x[i]))
+        output.backward()  # type: ignore[no-untyped-call]
+        assert w.grad is not None
+        assert abs(float(output.detach()) - predicted[i]) < 1e-12
+        assert np.allclose(w.grad.numpy(), J[i], atol=1e-12)
+
+
+@pytest.mark.parametrize("first_lag", [0, 1])
+def test_closed_loop_sensitivities_are_those_of_torch_through_time(first_lag: int) -> None:
+    # GIVEN two pieces, one with unscored samples, and feedback that is clipped now and then
+    spec = Spec(2, lags=3, hidden=(4, 3), input_lag_start=first_lag, y_min=-0.4, y_max=0.5)
+    rng = RNG(2)
+    weights, n = 1.5 * initial_weights(spec, rng), 60
+    u, y, weight = rng.normal(size=(n, 2)), rng.normal(size=n), rng.uniform(0.5, 2.0, n)
+    weight[20:24] = 0.0
+    history = rng.uniform(-0.4, 0.5, size=(2, 3))
+    pieces = Pieces(np.array([3, 30]), np.array([30, 60]), np.array([0, 5]), history)
+    objective = ClosedLoop(spec, Samples(u, y, weight), pieces, dtype=np.float64)
+    # WHEN the same free run is differentiated by torch
+    w = torch.tensor(weights, requires_grad=True)
+    total, rows, clipped = torch.zeros((), dtype=torch.float64), [], 0
+    for piece in range(2):
+        past = [torch.tensor(v) for v in history[piece]]
+        for t in range(pieces.start[piece], pieces.stop[piece]):
+            taps = [torch.tensor(u[t - j]) for j in range(first_lag, 4)]
+            out = torch_network(spec, w, torch.cat([*taps, torch.stack(past)]))
+            if t - pieces.start[piece] >= pieces.skip[piece] and weight[t] > 0:
+                total = total + weight[t] * (out - y[t]) ** 2
+                (grad,) = torch.autograd.grad(out, w, retain_graph=True)
+                rows.append(np.sqrt(weight[t]) * grad.numpy())
+            clipped += not spec.y_min < float(out.detach()) < spec.y_max
+            past = [out.clamp(spec.y_min, spec.y_max), *past[:-1]]
+    # THEN cost, rows and gradient agree
+    J = np.concatenate([block.copy() for block, _ in objective.blocks(weights)])
+    cost, hessian, gradient = objective.normal(weights)
+    (by_torch,) = torch.autograd.grad(total, w)
+    assert clipped > 3
+    assert np.allclose(J, np.array(rows), atol=1e-11)
+    assert cost == pytest.approx(float(total.detach()) / objective.total_weight, rel=1e-12)
+    assert objective.cost(weights) == pytest.approx(cost, rel=1e-12)
+    assert np.allclose(2 * gradient * objective.total_weight, by_torch.numpy(), atol=1e-9)
+    assert np.allclose(hessian * objective.total_weight, J.T @ J, atol=1e-9)
+
+
+def free_run_with_numpy_s_tanh(
+    spec: Spec, weights: FloatArray, u: FloatArray, first: FloatArray
+) -> FloatArray:
+    y = np.concatenate([first, np.zeros(len(u) - spec.lags)])
+    for t in range(spec.lags, len(u)):
+        taps = u[t - spec.lags : t + 1 - spec.input_lag_start][::-1].ravel()
+        x = np.concatenate([taps, y[t - spec.lags : t][::-1]])
+        y[t] = np.clip(forward(spec, weights, x[None])[0], spec.y_min, spec.y_max)
+    return y
+
+
+@pytest.mark.parametrize("hidden", [(1,), (8, 8), (15,), (3, 17, 8)])
+@pytest.mark.parametrize("gain", [1.0, 30.0])
+def test_the_compiled_free_run_is_that_of_numpy(hidden: tuple[int, ...], gain: float) -> None:
+    # GIVEN widths below, at and above one group of tanh, small sums and saturated ones
+    spec, rng = Spec(2, lags=3, hidden=hidden, y_min=-2.0, y_max=2.0), RNG(20)
+    weights, u, first = gain * initial_weights(spec, rng), rng.normal(size=(40, 2)), np.zeros(3)
+    run = simulate(spec, weights, u, np.array([3]), np.array([40]), first[None])
+    assert np.allclose(run[3:], free_run_with_numpy_s_tanh(spec, weights, u, first)[3:], atol=1e-9)
+
+
+def test_weights_that_are_not_finite_cost_nan_in_free_run() -> None:
+    spec = Spec(1, lags=2, hidden=(3,))
+    samples = Samples(np.ones((9, 1)), np.ones(9), np.ones(9))
+    loop = ClosedLoop(spec, samples, whole(spec, samples))
+    assert np.isnan(loop.cost(np.full(spec.n_weights, np.nan)))
+
+
+def test_the_scaled_jacobian_is_the_complex_step_of_the_prediction() -> None:
+    spec, rng = Spec(2, lags=3, hidden=(5, 4)), RNG(21)
+    weights, x = initial_weights(spec, rng), rng.normal(size=(30, spec.n_regressors))
+    scale, step = rng.uniform(0.5, 2.0, 30), 1e-30
+    J = jacobian(spec, weights, x, scale)[1]
+    for k in range(spec.n_weights):
+        ahead = weights.astype(complex)
+        ahead[k] += 1j * step
+        by_step = np.imag(forward(spec, ahead, x)) / step  # type: ignore[arg-type]
+        assert np.allclose(J[:, k], scale * by_step, rtol=1e-12, atol=1e-14)
+
+
+def whole(spec: Spec, samples: Samples) -> Pieces:
+    """All samples as one piece."""
+    n = len(samples.y)
+    history = samples.y[None, spec.lags - 1 :: -1].copy()
+    return Pieces(np.array([spec.lags]), np.array([n]), np.array([0]), history)
+
+
+@pytest.mark.parametrize("closed", [False, True])
+def test_float32_jacobians_sum_to_the_exact_normal_equations(closed: bool) -> None:
+    # GIVEN more samples than one block holds, and unequal weights
+    spec, rng = Spec(3, hidden=(6, 6), y_min=-3.0, y_max=3.0), RNG(3)
+    u, y, weight = rng.normal(size=(4000, 3)), rng.normal(size=4000), rng.uniform(0, 2, 4000)
+    samples, weights = Samples(u, y, weight), initial_weights(spec, rng)
+
+    def normal(dtype: type[np.floating]) -> tuple[float, FloatArray, FloatArray]:
+        if closed:
+            return ClosedLoop(spec, samples, whole(spec, samples), dtype).normal(weights)
+        single = OneStep(spec, regressors(spec, u, y), y[5:], weight[5:], dtype)
+        return single.normal(weights)
+
+    # THEN no entry is off by more than a few roundings of the columns it is the product of
+    cost, hessian, gradient = normal(np.float64)
+    fast_cost, fast_hessian, fast_gradient = normal(np.float32)
+    column = np.sqrt(np.diag(hessian))
+    few = 10 * np.finfo(np.float32).eps
+    assert fast_cost == pytest.approx(cost, rel=1e-6)
+    assert np.all(np.abs(fast_hessian - hessian) <= few * np.outer(column, column))
+    assert np.all(np.abs(fast_gradient - gradient) <= few * column * np.sqrt(cost))
+
+
+@pytest.mark.parametrize(("dtype", "tolerance"), [(np.float64, 1e-13), (np.float32, 1e-6)])
+def test_horizon_one_of_the_closed_loop_is_the_series_parallel_objective(
+    dtype: type[np.floating], tolerance: float
+) -> None:
+    spec, rng = Spec(2, lags=2, hidden=(5,)), RNG(4)
+    u, y, weight = rng.normal(size=(300, 2)), rng.normal(size=300), rng.uniform(0.5, 2, 300)
+    start = np.arange(2, 300)
+    pieces = Pieces(start, start + 1, 0 * start, np.stack([y[1:-1], y[:-2]], axis=1))
+    loop = ClosedLoop(spec, Samples(u, y, weight), pieces, dtype)
+    single = OneStep(spec, regressors(spec, u, y), y[2:], weight[2:], dtype)
+    weights = initial_weights(spec, rng)
+    assert loop.cost(weights) == pytest.approx(single.cost(weights), rel=1e-12)
+    for a, b in zip(loop.normal(weights), single.normal(weights), strict=True):
+        assert np.allclose(a, b, rtol=tolerance, atol=tolerance * np.abs(b).max())
+
+
+def test_lm_recovers_a_system_that_the_network_contains() -> None:
+    # GIVEN noise-free data of a NARX with three neurons
+    spec, rng = Spec(1, lags=2, hidden=(3,), y_min=-5.0, y_max=5.0), RNG(5)
+    truth, u = initial_weights(spec, rng), rng.uniform(-2, 2, size=(800, 1))
+    y = np.zeros(800)
+    y[2:] = simulate(spec, truth, u, np.array([2]), np.array([800]), np.zeros((1, 2)))[2:]
+    objective = OneStep(spec, regressors(spec, u, y), y[2:])
+    # WHEN it is trained from other weights THEN the error all but vanishes and never rises
+    outcome = minimise(objective, initial_weights(spec, rng), Options(epochs=300))
+    assert outcome.costs[-1] < 1e-9 * np.var(y)
+    assert np.all(np.diff(outcome.costs) < 0)
+
+
+def test_lm_refuses_weights_whose_error_is_not_finite() -> None:
+    spec = Spec(1, lags=1, hidden=(2,))
+    objective = OneStep(spec, np.zeros((5, 2)), np.zeros(5))
+    with pytest.raises(ValueError, match="nan"):
+        minimise(objective, np.full(spec.n_weights, np.nan))
+
+
+def test_closed_loop_tuning_beats_one_step_training_in_free_run() -> None:
+    # GIVEN a plant with hidden states and measurement noise, and a drive held out
+    rng = RNG(6)
+    spec = Spec(2, lags=3, hidden=(5,), y_min=-3.0, y_max=3.0)
+    u, v = steps(3000, 2, rng), steps(2000, 2, rng)
+    y, z = foreign_system(u, rng), foreign_system(v, rng)
+    one = OneStep(spec, regressors(spec, u, y), y[3:])
+    w1 = minimise(one, initial_weights(spec, rng), Options(epochs=60)).weights
+    # WHEN the one-step weights are tuned over growing horizons
+    w2 = w1
+    for horizon in (5, 20, 200):
+        start = np.arange(3, 3000, horizon)
+        history = y[start[:, None] - np.arange(1, 4)]
+        pieces = Pieces(start, np.minimum(start + horizon, 3000), 0 * start, history)
+        loop = ClosedLoop(spec, Samples(u, y, np.ones(3000)), pieces)
+        w2 = minimise(loop, w2, Options(epochs=15)).weights
+
+    # THEN the free run of the held-out drive is clearly better
+    def free_run_rmse(weights: FloatArray) -> float:
+        run = simulate(spec, weights, v, np.array([3]), np.array([2000]), z[None, 2::-1].copy())
+        return metrics.rmse(z[3:], run[3:])
+
+    assert free_run_rmse(w2) < 0.7 * free_run_rmse(w1)
+    assert free_run_rmse(w2) < 0.05
+
+
+def test_blocks_are_held_out_of_every_recording_and_never_overlap() -> None:
+    rng = RNG(7)
+    drives = [
+        recording(rng.normal(size=(6000, 2)), rng.normal(size=6000), f"{i}.csv") for i in range(2)
+    ]
+    data = prepare(drives, ["u0", "u1"], "y")
+    shares = [float(np.mean(data.role == role)) for role in Role]
+    assert shares == pytest.approx([0.70, 0.15, 0.15], abs=0.05)
+    for segment in data.segments:
+        assert set(data.role[segment.start : segment.stop].tolist()) == {0, 1, 2}
+
+
+def test_invalid_inputs_end_a_segment_and_invalid_outputs_are_not_scored() -> None:
+    rng = RNG(8)
+    u, y = rng.normal(size=(3000, 1)), rng.normal(size=3000)
+    u[1000:1010] = np.nan
+    y[2000:2005] = np.nan
+    data = prepare([recording(u, y)], ["u0"], "y")
+    assert [(s.first, s.first + s.stop - s.start) for s in data.segments] == [
+        (0, 1000),
+        (1010, 3000),
+    ]
+    assert int((data.samples.weight == 0).sum()) == 5
+    assert np.isfinite(data.samples.y).all()
+
+
+def test_fuel_cut_weighs_less_than_the_enabled_region() -> None:
+    rng = RNG(9)
+    cut = (np.arange(3000) % 100 < 20).astype(float)
+    data = prepare(
+        [recording(rng.normal(size=(3000, 1)), rng.normal(size=3000), fuel_cut=cut)], ["u0"], "y"
+    )
+    assert np.array_equal(data.enabled, cut == 0)
+    assert data.samples.weight[cut > 0].max() < data.samples.weight[cut == 0].min()
+
+
+def test_a_lone_spike_is_an_outlier_and_a_step_is_not() -> None:
+    rng = RNG(10)
+    values = 0.01 * rng.standard_normal(500)
+    values[200] = 5.0
+    values[300:] += 3.0
+    assert np.flatnonzero(outlier_mask("anything", values)).tolist() == [200]
+    assert outlier_mask("rail_pressure_mpa", np.array([5.0, 99.0, 5.0])).tolist() == [
+        False,
+        True,
+        False,
+    ]
+
+
+def test_unusable_recordings_are_refused_with_the_reason() -> None:
+    rng = RNG(11)
+    u, y = rng.normal(size=(2000, 2)), rng.normal(size=2000)
+    u[:, 1] = 4.0
+    constant = recording(u, y)
+    with pytest.raises(RecordingError, match=r"drive\.csv: input u1 is constant"):
+        prepare([constant], ["u0", "u1"], "y")
+    with pytest.raises(RecordingError, match="no signal u9"):
+        prepare([constant], ["u9"], "y")
+    with pytest.raises(UsageError, match="both an input and the output"):
+        prepare([constant], ["u0", "y"], "y")
+    with pytest.raises(RecordingError, match="no stretch of 40 samples"):
+        prepare([recording(u[:20], y[:20])], ["u0"], "y")
+    slow = Recording(
+        Path("slow.csv"), "", 200_000_000, constant.t_s, constant.names, constant.values,
+        constant.quality,
+    )  # fmt: skip
+    with pytest.raises(RecordingError, match=r"slow\.csv: sample period 0\.2 s"):
+        prepare([constant, slow], ["u0"], "y")
+
+
+def test_an_input_that_duplicates_the_output_is_reported() -> None:
+    rng = RNG(12)
+    y = rng.normal(size=2000)
+    u = np.column_stack([rng.normal(size=2000), y + 1e-4 * rng.normal(size=2000)])
+    data = prepare([recording(u, y)], ["u0", "u1"], "y")
+    assert any("u1 nearly duplicates the output y" in w for w in data.warnings)

@@ -1,0 +1,340 @@
+import argparse
+import math
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from asammdf import MDF, Signal
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import dbc
+from monitor.base.errors import O2Error, RecordingError, SignalMapError, UsageError
+from monitor.base.signals import SIGNALS
+from monitor.base.types import Quality
+from monitor.decode.bus_map import load_pairs
+from monitor.decode.decoder import Decoder
+from monitor.frames.logs import read_frames
+from monitor.grid.samples import FrameSamples
+from training.cli.recordings import add_parsers
+from training.recordings.can_encoding import encode_message
+from training.recordings.can_log import block_of, broadcast, outgoing, write_log
+from training.recordings.recording import load, write_table
+
+ECU = load_pairs([(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))])
+T_NS = np.arange(50, dtype=np.int64) * 100_000_000
+
+
+def a_drive(n: int = 50) -> dict[str, np.ndarray[tuple[int], np.dtype[np.float64]]]:
+    rng = np.random.default_rng(7)
+    return {
+        signal.name: rng.integers(0, 2, n).astype(float)
+        if signal.role == "enable"
+        else rng.uniform(signal.minimum, signal.maximum, n)
+        for signal in SIGNALS
+    }
+
+
+@settings(max_examples=50, deadline=None)
+@given(data=st.data())
+def test_the_vectorised_encoding_agrees_with_cantools(data: st.DataObject) -> None:
+    each = data.draw(st.sampled_from(outgoing(ECU)))
+    names = [c.signal.name for c in each.channels]
+    raw = {
+        c.signal.name: data.draw(st.integers(0, (1 << c.signal.length) - 2)) for c in each.channels
+    }
+    physical = {
+        c.signal.name: np.array([raw[c.signal.name] * float(c.signal.scale) + c.signal.offset])
+        for c in each.channels
+    }
+    count = data.draw(st.integers(0, 15))
+    payload = encode_message(each.message, each.integrity, physical, 1, count)[0].tobytes()
+    decoded = each.message.decode(payload, scaling=False, decode_choices=False)
+    assert isinstance(decoded, dict)
+    assert {name: decoded[name] for name in names} == raw
+    assert decoded["AliveCounter"] == count
+
+
+@pytest.mark.parametrize("order", [0, 1])
+@pytest.mark.parametrize("sign", ["+", "-"])
+def test_both_byte_orders_and_signs_are_encoded(tmp_path: Path, order: int, sign: str) -> None:
+    path, map_path = tmp_path / "own.dbc", tmp_path / "own.toml"
+    start = 3 if order else 8 * 1 + 5
+    layout = f' SG_ X : {start}|11@{order}{sign} (1,0) [0|0] "" A'
+    path.write_text(f'VERSION ""\n\nBU_: A\n\nBO_ 100 M: 5 A\n{layout}\n')
+    map_path.write_text('[signals.x]\nmessage = "M"\nsignal = "X"\n')
+    bus_map = load_pairs([(path, map_path)])
+    values = np.array([0.0, 1.0, 700.0, -3.0 if sign == "-" else 5.0, 1e9])
+    (each,) = outgoing(bus_map)
+    payloads = each.encode({"x": values}, len(values))
+    assert payloads.shape == (5, 5)
+    decoder = Decoder(bus_map, ["x"])
+    frames = block_of(each.message, np.arange(5), payloads)
+    got = [decoder.push(frame) for frame in frames.frames()]
+    top = 1023.0 if sign == "-" else 2047.0
+    assert [update[1][0] for update in got if update] == [*values[:4], top]
+
+
+def test_a_table_survives_log_and_decoder_within_quantisation() -> None:
+    values = a_drive()
+    frames = broadcast(ECU, T_NS, values)
+    stream = FrameSamples(ECU, ECU.names, 100_000_000)
+    samples = [s for f in frames.frames() for s in stream.push(f)]
+    assert all(c.used == c.received and c.lost == 0 for c in stream.decoder.counters.values())
+    assert stream.decoder.unmapped == 0
+    assert len(samples) == 49
+    # messages sent once per row give that row; the tick holds the row before its end
+    for name in ("coolant_temperature_degc", "vehicle_speed_km_h", "battery_voltage_v"):
+        got = np.array([s.values[ECU.names.index(name)] for s in samples])
+        step = float(ECU.channels[name].signal.scale)
+        assert np.max(np.abs(got[1:] - values[name][2:50])) <= step / 2 + 1e-9
+
+
+def test_every_frame_carries_the_last_row_that_is_not_younger() -> None:
+    values = a_drive()
+    frames = broadcast(ECU, T_NS, values)
+    decoder = Decoder(ECU, ["lambda_measured"])
+    scale = float(ECU.channels["lambda_measured"].signal.scale)
+    seen = 0
+    for frame in frames.frames():
+        update = decoder.push(frame)
+        if update is not None:
+            row = frame.t_ns // 100_000_000
+            wanted = min(values["lambda_measured"][row], 65534 * scale)
+            assert abs(update[1][0] - wanted) <= scale / 2
+            seen += 1
+    assert seen == 250
+
+
+def test_what_the_table_lacks_or_leaves_blank_is_sent_as_not_available() -> None:
+    values = {"lambda_measured": np.full(50, math.nan)}
+    decoder = Decoder(ECU, ECU.names)
+    updates = [decoder.push(frame) for frame in broadcast(ECU, T_NS, values).frames()]
+    assert all(update and all(map(math.isnan, update[1])) for update in updates)
+
+
+def test_messages_keep_their_cycle_and_counters_run_on() -> None:
+    frames = broadcast(ECU, T_NS, a_drive(), start_ns=1_000_000_000)
+    for each in outgoing(ECU):
+        mine = frames.t_ns[frames.can_id == each.message.frame_id]
+        assert mine[0] == 1_000_000_000
+        assert set(np.diff(mine).tolist()) == {each.cycle_ns}
+    assert np.all(np.diff(frames.t_ns) >= 0)
+
+
+def test_a_map_without_the_tables_signals_is_refused() -> None:
+    with pytest.raises(SignalMapError, match="carries none of the table's signals other"):
+        broadcast(ECU, T_NS, {"other": np.zeros(50)})
+
+
+def test_answers_are_not_broadcast() -> None:
+    obd = load_pairs([(dbc.path("obd2.dbc"), dbc.path("obd2.toml"))])
+    with pytest.raises(SignalMapError, match="multiplexed"):
+        outgoing(obd)
+
+
+@pytest.mark.parametrize("name", ["drive.txt", "drive.blf.gz", "missing/drive.log"])
+def test_a_log_that_cannot_be_written_is_refused(tmp_path: Path, name: str) -> None:
+    with pytest.raises(RecordingError, match=name):
+        write_log(tmp_path / name, broadcast(ECU, T_NS, a_drive()))
+
+
+@pytest.mark.parametrize("name", ["d.log", "d.log.gz"])
+def test_the_same_table_gives_the_same_log_bytes(tmp_path: Path, name: str) -> None:
+    written = []
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        write_log(tmp_path / folder / name, broadcast(ECU, T_NS, a_drive()))
+        written.append((tmp_path / folder / name).read_bytes())
+    assert written[0] == written[1]
+
+
+def test_loading_a_log_gives_what_the_runtime_sees(tmp_path: Path) -> None:
+    path = tmp_path / "drive.log"
+    write_log(path, broadcast(ECU, T_NS, a_drive()))
+    recording = load(path, ["lambda_measured", "maf_kg_h"], period_s=0.05)
+    stream = FrameSamples(ECU, ["lambda_measured", "maf_kg_h"], 50_000_000)
+    samples = [s for f in read_frames(path) for s in stream.push(f)]
+    assert recording.values.tobytes() == b"".join(s.values.tobytes() for s in samples)
+    assert recording.period_ns == 50_000_000
+    assert recording.t_s[:3].tolist() == [0.0, 0.05, 0.1]
+    assert len(recording.sha256) == 64
+
+
+def test_a_log_out_of_order_is_loaded_frame_by_frame(tmp_path: Path) -> None:
+    path = tmp_path / "drive.log"
+    write_log(path, broadcast(ECU, T_NS, a_drive()))
+    lines = path.read_text().splitlines(keepends=True)
+    lines[100], lines[101] = lines[101], lines[100]
+    lines[200], lines[230] = lines[230], lines[200]
+    path.write_text("".join(lines))
+    assert len(load(path).t_s) == 49
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".csv.gz", ".parquet"])
+def test_tables_are_written_reproducibly_and_read_back(tmp_path: Path, suffix: str) -> None:
+    t_s = np.linspace(0.0, 0.4, 5)
+    values = np.array([[1.0, math.nan], [0.1 + 0.2, 2.0], [3.0, 1e-9], [4.0, 5.0], [5.0, 6.0]])
+    paths = [tmp_path / f"a{suffix}", tmp_path / f"b{suffix}"]
+    for path in paths:
+        write_table(path, t_s, ["x", "y"], values)
+    assert paths[0].read_bytes() == paths[1].read_bytes()
+    got = load(paths[0])
+    np.testing.assert_array_equal(got.values, values)
+    assert got.quality[0].tolist() == [Quality.GOOD, Quality.INVALID]
+    assert got.names == ("x", "y")
+    np.testing.assert_allclose(got.t_s, t_s, atol=1e-9)
+
+
+def test_unusable_tables_are_refused_by_name(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r"t\.xls: unknown table format"):
+        write_table(tmp_path / "t.xls", np.zeros(1), ["x"], np.zeros((1, 1)))
+    with pytest.raises(RecordingError, match="cannot write the table"):
+        write_table(tmp_path / "missing" / "t.csv", np.zeros(1), ["x"], np.zeros((1, 1)))
+    path = tmp_path / "t.parquet"
+    path.write_bytes(b"nonsense")
+    with pytest.raises(RecordingError, match=r"t\.parquet: cannot read the table"):
+        load(path)
+    pl.DataFrame({"time_s": [0.0], "x": ["word"]}).write_parquet(path)
+    with pytest.raises(RecordingError, match="column x holds String"):
+        load(path)
+    for period_s in (-1.0, 0.0, math.nan, math.inf):
+        with pytest.raises(UsageError, match="sample period"):
+            load(path, period_s=period_s)
+
+
+def test_columns_that_a_map_does_not_name_keep_their_own_names(tmp_path: Path) -> None:
+    # GIVEN the same table as CSV and Parquet, with a word that no model reads, and a map of one
+    table = pl.DataFrame({"time_s": [0.0, 0.1], "AFR": [14.7, 29.4], "x": [1.0, 2.0]})
+    table.write_csv(tmp_path / "t.csv")
+    table.with_columns(word=pl.lit("drive")).write_parquet(tmp_path / "t.parquet")
+    columns = tmp_path / "columns.toml"
+    columns.write_text('lambda_measured = { column = "AFR", factor = 0.06802721 }')
+    # WHEN either is read
+    for name in ("t.csv", "t.parquet"):
+        found = load(tmp_path / name, columns=columns)
+        # THEN what it names is there, and what it does not
+        assert sorted(found.names) == ["AFR", "lambda_measured", "x"]
+        np.testing.assert_allclose(found.column("lambda_measured"), [1.0, 2.0], rtol=1e-6)
+    # but a mapped column must hold numbers
+    columns.write_text('lambda_measured = "word"')
+    with pytest.raises(RecordingError, match="column word holds String"):
+        load(tmp_path / "t.parquet", columns=columns)
+
+
+def test_a_table_in_windows_own_encoding_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    path.write_bytes("time_s,Öltemp °C,lambda_measured\n0,80,1\n0.1,81,1.01\n".encode("cp1252"))
+    found = load(path)
+    assert found.names == ("Öltemp °C", "lambda_measured")
+    np.testing.assert_allclose(found.column("Öltemp °C"), [80.0, 81.0])
+
+
+def test_semicolons_are_told_from_columns(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text("time_s;lambda_measured\n0,0;1,0\n0,1;1,01\n")
+    with pytest.raises(RecordingError, match=r"t\.csv: columns are parted by semicolons"):
+        load(path)
+
+
+def test_a_log_of_other_frames_than_the_map_s_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "other.log"
+    path.write_text("".join(f"({0.01 * i:.2f}) can0 7A1#0011\n" for i in range(100)))
+    with pytest.raises(RecordingError, match=r"other\.log: no frame holds a good value of "):
+        load(path)
+
+
+def test_a_recording_read_otherwise_is_another_one(tmp_path: Path) -> None:
+    path, columns = tmp_path / "t.csv", tmp_path / "columns.toml"
+    write_table(path, np.arange(3) * 0.1, ["AFR"], np.full((3, 1), 14.7))
+    read = []
+    for factor in (1 / 14.7, 1 / 14.7, 1 / 14.0):
+        columns.write_text(f'lambda_measured = {{ column = "AFR", factor = {factor} }}')
+        read.append(load(path, columns=columns))
+    first, same, other = read
+    assert first.read_sha256 == same.read_sha256 != other.read_sha256
+    assert first.sha256 == other.sha256
+
+
+def measurement(path: Path, rasters: dict[str, float]) -> None:
+    with MDF(version="4.10") as mdf:
+        for name, step_s in rasters.items():
+            t_s = np.arange(0, 5, step_s)
+            mdf.append(Signal(samples=np.floor(t_s), timestamps=t_s, name=name, unit="-"))
+        mdf.save(path)
+
+
+def test_a_measurement_file_at_several_rasters_is_brought_to_one_grid(tmp_path: Path) -> None:
+    path = tmp_path / "m.mf4"
+    measurement(path, {"Lam": 0.01, "Temp": 1.0})
+    columns = tmp_path / "channels.toml"
+    columns.write_text(
+        'lambda_measured = { column = "Lam", factor = 0.1, offset = 1.0 }\n'
+        'coolant_temperature_degc = "Temp"\n'
+    )
+    got = load(path, columns=columns)
+    assert got.names == ("lambda_measured", "coolant_temperature_degc")
+    assert got.period_ns == 100_000_000
+    assert len(got.t_s) == 49
+    assert np.all(got.quality == Quality.GOOD)
+    assert got.column("lambda_measured")[25] == pytest.approx(1.2)
+    with pytest.raises(RecordingError, match="has no channel maf_kg_h"):
+        load(path, ["maf_kg_h"], columns=columns)
+
+
+def test_a_measurement_file_at_one_raster_is_used_sample_for_sample(tmp_path: Path) -> None:
+    path = tmp_path / "m.mf4"
+    measurement(path, {"a": 0.02, "b": 0.02})
+    got = load(path)
+    assert (got.names, got.period_ns, len(got.t_s)) == (("a", "b"), 20_000_000, 250)
+
+
+def test_a_channel_that_is_missing_is_named(tmp_path: Path) -> None:
+    path, columns = tmp_path / "m.mf4", tmp_path / "channels.toml"
+    measurement(path, {"a": 0.02})
+    columns.write_text('x = "b"\n')
+    with pytest.raises(RecordingError, match=r"m\.mf4: no channel 'b'"):
+        load(path, columns=columns)
+
+
+def run(*words: object) -> int:
+    parser = argparse.ArgumentParser()
+    add_parsers(parser.add_subparsers(required=True))
+    args = parser.parse_args([str(word) for word in words])
+    code: int = args.func(args)
+    return code
+
+
+def test_log_and_table_commands_undo_each_other(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table, log, back = tmp_path / "a.csv", tmp_path / "a.asc", tmp_path / "b.parquet"
+    names = ["lambda_measured", "maf_kg_h"]
+    rows = np.repeat([[1.0, 20.0], [1.5, 30.0]], 25, axis=0)
+    write_table(table, T_NS / 1e9, names, rows)
+    assert run("log", table, "--out", log) == 0
+    assert run("table", log, "--out", back, "--signals", *names) == 0
+    got = load(back)
+    assert got.names == tuple(names)
+    np.testing.assert_allclose(got.values[[5, 40]], [[1.0, 20.0], [1.5, 30.0]])
+    assert "1000 frames" in capsys.readouterr().out
+
+
+def test_a_table_whose_times_are_milliseconds_makes_no_log_of_weeks(tmp_path: Path) -> None:
+    # GIVEN six seconds of a drive, its times in ms
+    table, log, columns = tmp_path / "a.csv", tmp_path / "a.log", tmp_path / "columns.toml"
+    write_table(table, np.arange(60) * 100.0, ["maf_kg_h"], np.full((60, 1), 20.0))
+    # WHEN it is to become a log, THEN what to give is said
+    with pytest.raises(RecordingError, match=r"a\.csv: rows are 100 s apart.* factor = 0\.001"):
+        run("log", table, "--out", log)
+    columns.write_text('time_s = { column = "time_s", factor = 0.001 }')
+    assert run("log", table, "--out", log, "--columns", columns) == 0
+    for start in ("nan", "1e30", "-1"):
+        with pytest.raises(UsageError, match="--start"):
+            run("log", table, "--out", log, f"--start={start}")
+
+
+def test_a_dbc_without_its_map_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(O2Error, match="--dbc is given 1 times and --map 0 times"):
+        run("table", tmp_path / "a.log", "--out", tmp_path / "a.csv", "--dbc", "x.dbc")

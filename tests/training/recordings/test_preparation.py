@@ -1,0 +1,244 @@
+"""Part 1 of the study: outliers, noise lines, and the preparation of the linear baselines."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import signal
+
+from monitor.base.errors import RecordingError
+from monitor.base.signals import NARX_INPUTS
+from monitor.base.types import FloatArray, Quality
+from training.dyno.recording_files import write
+from training.dyno.simulation import Experiment
+from training.recordings.linear_data import Filter, LinearData, Trend
+from training.recordings.recording import Recording, load
+from training.recordings.spectrum import coherence_limit, find_lines, welch
+from training.studies.paper.preparation.preparation import (
+    linear_records,
+    preparation,
+    reasons,
+    section,
+)
+
+BOSCH = ("speed_z", "load_z", "ignition_angle_z", "fuel_cutoff_z")
+
+
+def recording(
+    columns: dict[str, FloatArray], name: str = "drive", period_s: float = 0.1
+) -> Recording:
+    values = np.column_stack(list(columns.values()))
+    quality = np.where(np.isnan(values), Quality.INVALID, Quality.GOOD).astype(np.uint8)
+    t_s = np.arange(len(values)) * period_s
+    return Recording(
+        Path(f"{name}.csv"), name, round(period_s * 1e9), t_s, tuple(columns), values, quality
+    )
+
+
+def red_noise(seed: int, n: int, pole: float = 0.9) -> FloatArray:
+    noise = np.random.default_rng(seed).standard_normal(n)
+    return np.asarray(signal.lfilter([1.0], [1.0, -pole], noise))
+
+
+def lines_of(values: FloatArray, period_s: float) -> list[tuple[float, float]]:
+    spectrum = welch([values[:, np.newaxis]], period_s)
+    assert spectrum is not None
+    found = find_lines(spectrum.frequency_hz, spectrum.density[:, 0], spectrum.averages)
+    return [(line.low_hz, line.high_hz) for line in found]
+
+
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory: pytest.TempPathFactory) -> Recording:
+    folder = tmp_path_factory.mktemp("drive")
+    return load(write(Experiment(cycle="wltc_3b", seed=1), folder, "parquet", 0.1))
+
+
+@pytest.fixture(scope="module")
+def prepared(simulated: Recording) -> dict[str, object]:
+    result = preparation([simulated], NARX_INPUTS, "lambda_measured")
+    return json.loads(json.dumps(result, allow_nan=False))  # type: ignore[no-any-return]
+
+
+def test_the_disturbance_line_of_the_simulated_vehicle_is_found(prepared: dict) -> None:  # type: ignore[type-arg]
+    low, high = prepared["band_hz"]
+    assert 2.3 < low <= 2.43 and 2.45 <= high < 2.6
+    (line,) = [x for x in prepared["lines"] if x["signal"] == "lambda_measured"
+               and x["kind"] == "noise"]  # fmt: skip
+    assert line["coherence"]["lambda_controller"] > 0.5 > line["coherence"]["lambda_target"]
+
+
+def test_the_dither_is_commanded_and_not_filtered(prepared: dict) -> None:  # type: ignore[type-arg]
+    dither = [x for x in prepared["lines"] if x["kind"] == "commanded"]
+    assert dither and all(x["high_hz"] < 2.3 for x in dither)
+    assert all(x["coherence"]["lambda_target"] > 0.5 for x in dither)
+
+
+def test_no_narrow_line_stands_in_the_real_lambda(shared_data: Path) -> None:
+    folder = shared_data / "bosch_gengine1"
+    runs = [load(folder / f"run_0000{n}.csv.gz") for n in (30, 31)]
+    result = preparation(runs, BOSCH, "lambda_z")
+    assert result["band_hz"] is None and result["filter"] is None
+    assert "No narrow noise band" in section(result)
+
+
+def test_red_noise_has_no_lines() -> None:
+    found = [lines_of(red_noise(seed, 20_000), 0.1) for seed in range(40)]
+    assert sum(map(len, found)) <= 1  # one false line in a thousand spectra is meant
+
+
+@pytest.mark.parametrize("period_s", [0.01, 0.1, 60.0])
+def test_a_weak_sine_is_found_at_any_sample_period(period_s: float) -> None:
+    f_hz = 0.12 / period_s
+    t_s = np.arange(20_000) * period_s
+    values = red_noise(3, 20_000) + 0.25 * np.sin(2 * np.pi * f_hz * t_s)
+    ((low, high),) = lines_of(values, period_s)
+    assert low < f_hz < high < low + 0.03 / period_s
+
+
+def test_a_broad_hump_is_no_line() -> None:
+    noise = np.random.default_rng(2).standard_normal(20_000)
+    hump = signal.sosfilt(signal.butter(2, [0.5, 1.5], "bandpass", fs=10, output="sos"), noise)
+    assert lines_of(hump + 0.1 * red_noise(4, 20_000), 0.1) == []
+
+
+def test_unrelated_signals_stay_below_the_coherence_limit() -> None:
+    values = np.column_stack([red_noise(1, 30_000), red_noise(2, 30_000)])
+    spectrum = welch([values], 0.1)
+    assert spectrum is not None
+    beyond = spectrum.coherence[1:-1, 0] > coherence_limit(spectrum.averages)
+    assert 0.0 < beyond.mean() < 0.12
+
+
+def test_too_short_stretches_have_no_spectrum() -> None:
+    assert welch([np.zeros((50, 1))] * 100, 0.1) is None
+
+
+def test_every_outlier_is_counted_with_its_reason() -> None:
+    # GIVEN an engine speed with three spikes, two impossible values and a gap of ten samples
+    speed = 2000.0 + 200.0 * np.sin(np.arange(3000) / 50.0)
+    speed += np.random.default_rng(1).standard_normal(3000)
+    speed[[500, 900, 1300]] += 2000.0
+    speed[[1500, 1501]] = -50.0
+    speed[2000:2010] = np.nan
+    drive = recording({"engine_speed_rpm": speed, "y": red_noise(1, 3000)})
+    # THEN each is counted once
+    masks = reasons(drive, "engine_speed_rpm")
+    assert {reason: int(mask.sum()) for reason, mask in masks.items()} == {
+        "out_of_range": 2, "spike": 3, "missing": 10,
+    }  # fmt: skip
+    result = preparation([drive], ["engine_speed_rpm"], "y")
+    assert result["outliers"][0]["longest_gap_s"] == pytest.approx(1.0)
+    spikes = [m for m in result["marks"] if m["reason"] == "spike"]
+    assert sorted(m["start_s"] for m in spikes) == pytest.approx([50.0, 90.0, 130.0])
+
+
+numbers = st.floats(-1e6, 1e6)
+
+
+@given(
+    mean=st.lists(numbers, min_size=3, max_size=3),
+    std=st.lists(st.floats(1e-3, 1e4), min_size=3, max_size=3),
+    slope=st.lists(st.floats(-10.0, 10.0), min_size=3, max_size=3),
+    middle_s=st.floats(0.0, 1e4),
+    seed=st.integers(0, 2**32 - 1),
+)
+def test_the_linear_preparation_can_be_undone(
+    mean: list[float], std: list[float], slope: list[float], middle_s: float, seed: int
+) -> None:
+    trends = {"a" * 64: Trend(middle_s, tuple(slope))}
+    data = LinearData(("a", "b", "y"), "none", tuple(mean), tuple(std), trends)
+    again = LinearData.from_dict(json.loads(json.dumps(data.as_dict())))
+    assert again == data
+    t_s = np.arange(50) * 0.1
+    values = np.random.default_rng(seed).uniform(-1e3, 1e3, (50, 3))
+    for sha256 in ("a" * 64, "another"):
+        back = again.invert(data.apply(values, t_s, sha256), t_s, sha256)
+        line = np.abs(np.outer(t_s - middle_s, slope)) if sha256 in trends else 0.0
+        scale = np.abs(values) + np.abs(mean) + line
+        assert (np.abs(back - values) <= 1e-12 * scale).all()
+        y = again.invert_output(data.apply(values, t_s, sha256)[:, -1], t_s, sha256)
+        assert np.array_equal(y, back[:, -1])
+
+
+def test_linear_records_are_level_and_of_unit_size() -> None:
+    drives = [
+        recording({"u": 5.0 + 0.01 * np.arange(2000) + red_noise(s, 2000),
+                   "y": -3.0 - 0.02 * np.arange(2000) + red_noise(s + 9, 2000)}, f"d{s}")
+        for s in (1, 2)
+    ]  # fmt: skip
+    pairs, data = linear_records(drives, ["u"], "y")
+    assert [len(y) for _, y in pairs] == [2000, 2000]
+    u, y = (np.concatenate([p[i] for p in pairs]) for i in (0, 1))
+    assert u.mean() == pytest.approx(0.0, abs=1e-9) and u.std() == pytest.approx(1.0)
+    assert y.std() == pytest.approx(1.0)
+    for own_u, own_y in pairs:
+        at = np.arange(2000) - 999.5
+        assert abs(at @ own_u[:, 0]) < 1e-6 * (at @ at) and abs(at @ own_y) < 1e-6 * (at @ at)
+    assert data.names == ("u", "y")
+
+
+def test_nothing_of_a_held_out_recording_is_looked_at() -> None:
+    train = recording({"u": red_noise(1, 3000), "y": red_noise(2, 3000)}, "train")
+    held = recording({"u": 7.0 + 0.01 * np.arange(3000), "y": 2.0 * red_noise(3, 3000)}, "held")
+    _, data = linear_records([train], ["u"], "y")
+    pairs, same = linear_records([held], ["u"], "y", reference=data)
+    assert same is data
+    expected = (held.values - data.mean) / data.std
+    assert np.allclose(pairs[0][0][:, 0], expected[:, 0])
+    assert np.allclose(pairs[0][1], expected[:, 1])
+
+
+def test_the_filter_takes_the_line_and_leaves_the_rest() -> None:
+    t_s = np.arange(6000) * 0.1
+    slow, line = np.sin(2 * np.pi * 0.3 * t_s), np.sin(2 * np.pi * 2.45 * t_s)
+    own = Filter.against([2.4, 2.5], 0.1)
+    middle = slice(200, -200)
+    assert own.kind == "bandstop" and own.attenuation_db > 30.0
+    assert np.abs(own.apply(slow)[middle] - slow[middle]).max() < 0.01  # no delay, no loss
+    assert np.abs(own.apply(line)[middle]).max() < 10 ** (-own.attenuation_db / 20)
+    assert Filter.against([4.4, 4.8], 0.1).kind == "lowpass"
+
+
+def test_a_band_beyond_the_nyquist_frequency_is_refused() -> None:
+    with pytest.raises(ValueError, match="wanted within 0 to 5 Hz"):
+        Filter.against([4.0, 6.0], 0.1)
+
+
+def test_short_holes_are_bridged_and_long_ones_part_stretches() -> None:
+    u = red_noise(1, 1000)
+    u[[100, 101, 500, 501, 502, 503]] = np.nan
+    pairs, _ = linear_records([recording({"u": u, "y": red_noise(2, 1000)})], ["u"], "y")
+    assert [len(y) for _, y in pairs] == [500, 496]
+
+
+def test_lambda_is_prepared_in_phi(simulated: Recording) -> None:
+    pairs, data = linear_records([simulated], NARX_INPUTS, "lambda_measured")
+    assert data.transform == "phi"
+    assert 0.85 < data.mean[-1] < 1.05  # 1 / lambda, 0 in fuel cut
+    assert all(np.isfinite(y).all() for _, y in pairs)
+
+
+def test_constant_and_missing_signals_are_refused_by_name() -> None:
+    drive = recording({"u": np.full(500, 3.0), "y": red_noise(1, 500)})
+    with pytest.raises(RecordingError, match="u is constant"):
+        linear_records([drive], ["u"], "y")
+    with pytest.raises(RecordingError, match="has no speed"):
+        linear_records([drive], ["speed"], "y")
+    with pytest.raises(RecordingError, match="no stretch of 60 samples"):
+        linear_records([recording({"u": red_noise(1, 50), "y": red_noise(2, 50)})], ["u"], "y")
+
+
+def test_different_periods_are_refused() -> None:
+    columns = {"u": red_noise(1, 500), "y": red_noise(2, 500)}
+    drives = [recording(columns), recording(columns, "fast", 0.02)]
+    with pytest.raises(RecordingError, match=r"fast\.csv: sample period 0\.02 s"):
+        preparation(drives, ["u"], "y")
+
+
+def test_the_section_says_simulated_filter_and_look_ahead(prepared: dict) -> None:  # type: ignore[type-arg]
+    page = section(prepared)
+    for words in ("simulated", "Butterworth band-stop of order 2", "look ahead", "dither"):
+        assert words in page

@@ -1,0 +1,94 @@
+"""Subcommand ``o2train check``: is the data enough?"""
+
+import argparse
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from training.cli.recordings import add_bus_options, add_period_option, add_signal_options, load_all
+
+if TYPE_CHECKING:
+    from training.recordings.recording import Recording
+
+_EXAMPLES = """examples:
+  o2train check drive1.log drive2.log drive3.log
+  o2train check run_*.csv.gz --inputs speed_z load_z ignition_angle_z fuel_cutoff_z \\
+      --output lambda_z --html check.html
+
+Each finding is ok, a warning or an error. Exit code 0 when the data can be used, with warnings or
+not; 2 when it cannot."""
+
+
+def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
+    """Add the subcommand ``check``; it sets ``func``."""
+    check = subparsers.add_parser(
+        "check",
+        help="say before any training whether recordings are enough",
+        description="Duration, coverage of speed and load, excitation of each input, time in "
+        "closed loop, missing channels, gaps, copies of the output, collinear inputs.",
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    check.add_argument("recordings", nargs="+", type=Path, metavar="RECORDING")
+    add_signal_options(check)
+    check.add_argument("--lags", type=int, default=5, metavar="N", help="longest lag (default 5)")
+    check.add_argument(
+        "--hidden", type=int, nargs="+", default=[8, 8], metavar="N",
+        help="neurons of each hidden layer (default 8 8)",
+    )  # fmt: skip
+    add_period_option(check)
+    add_bus_options(check)
+    check.add_argument("--json", type=Path, metavar="OUT", help="write findings and figures")
+    check.add_argument("--html", type=Path, metavar="OUT", help="write a page")
+    check.set_defaults(func=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print the findings; returns the exit code.
+
+    Raises RecordingError, which ends with exit code 2, if the data cannot be used.
+    """
+    from monitor.base.errors import RecordingError, UsageError
+    from monitor.base.signals import NARX_INPUTS, OUTPUT
+    from training.limits.data_check.check import check
+    from training.limits.data_check.page import as_page, as_text, verdict
+
+    if min(args.lags, *args.hidden) < 1:
+        raise UsageError("--lags and --hidden must be positive")
+    for out in (args.json, args.html):
+        if out is not None and not out.absolute().parent.is_dir():
+            raise UsageError(f"{out}: the folder does not exist")
+    recordings, unreadable = _load(args)
+    result = check(
+        recordings,
+        args.inputs or NARX_INPUTS,
+        args.output or OUTPUT,
+        lags=args.lags,
+        hidden=args.hidden,
+        unreadable=unreadable,
+    )
+    print(as_text(result))
+    if args.json:
+        args.json.write_text(json.dumps(result, indent=1, allow_nan=False) + "\n")
+    if args.html:
+        args.html.write_text(as_page(result))
+    if not result["usable"]:
+        first = next(f["text"] for f in result["findings"] if f["level"] == "error")
+        raise RecordingError(f"{verdict(result)}; the first: {first}")
+    return 0
+
+
+def _load(args: argparse.Namespace) -> tuple["list[Recording]", list[str]]:
+    """Return the recordings that can be read, and what was wrong with the others."""
+    from monitor.base.errors import RecordingError
+
+    recordings: list[Recording] = []
+    unreadable: list[str] = []
+    for path in args.recordings:
+        try:
+            recordings += load_all(args, [path], args.period)
+        except RecordingError as error:
+            unreadable.append(str(error))
+        except OSError as error:
+            unreadable.append(f"{path}: {error.strerror or error}")
+    return recordings, unreadable

@@ -1,0 +1,94 @@
+"""``o2train gap-study``: the gap workflow on many simulated cases, and its report."""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from monitor.base.errors import UsageError
+from training.cli.cores import add_cores_options, jobs_of
+
+if TYPE_CHECKING:
+    from training.studies.gap.plan import Study
+
+REPORT, RESULT = "report.html", "gap_study.json"
+
+
+def add_parsers(commands: "argparse._SubParsersAction[Any]") -> None:
+    """Add ``gap-study``."""
+    study = commands.add_parser(
+        "gap-study", help="hide effects and faults in simulated vehicles and count the answers"
+    )
+    study.add_argument("--base", default="greybox", metavar="NAME",
+                       help="greybox (default) or narx, fitted to healthy recordings")  # fmt: skip
+    study.add_argument("--out", type=Path, required=True, metavar="DIR",
+                       help="folder of the cases and of report.html; a run that was stopped goes "
+                       "on there")  # fmt: skip
+    study.add_argument("--kinds", metavar="NAME,…",
+                       help="effect, null, unknown, two, onset, fault; default: all")  # fmt: skip
+    study.add_argument("--cases", nargs="+", default=[], metavar="[KIND=]N",
+                       help="cases of each kind, or of one")  # fmt: skip
+    study.add_argument("--vehicles", type=int, default=20, metavar="N")
+    study.add_argument("--first-vehicle", type=int, default=2100, metavar="N")
+    study.add_argument("--seed", type=int, default=2_000_000, metavar="N",
+                       help="of the first drive, the others count up")  # fmt: skip
+    study.add_argument("--drives", type=int, default=6, metavar="N", help="recordings of a case")
+    study.add_argument("--minutes", type=float, default=10.0, help="of a recording")
+    study.add_argument("--fitted-with-effect", action="store_true",
+                       help="fit the base to the case's own recordings not held out; a "
+                       "network may be trained anew then")  # fmt: skip
+    study.add_argument("--sensor-known-good", action="store_true",
+                       help="tell the workflow so; leaves onset and fault out")  # fmt: skip
+    add_cores_options(study)
+    study.set_defaults(func=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Do the cases and write the report, also of a run that is interrupted; returns 0."""
+    from tqdm import tqdm
+
+    from training.jobs import run_folder
+    from training.studies.gap import report
+    from training.studies.gap import run as study_run
+
+    study, jobs = _study(args), jobs_of(args)
+    identity = study_run.begin(study, args.out)
+    try:
+        with tqdm(total=report.planned(study), unit="case", disable=None) as bar:
+            study_run.run(study, args.out, bar.update, jobs=jobs, scheduler=args.scheduler)
+    finally:
+        rows = study_run.rows(study, args.out)
+        print(report.as_text(rows, study))
+        (args.out / REPORT).write_text(report.as_page(rows, study, identity))
+        run_folder.write_json(args.out / RESULT, report.result(rows, study, identity), indent=1)
+        print(f"report: {args.out / REPORT}")
+    return 0
+
+
+def _study(args: argparse.Namespace) -> "Study":
+    from training.studies.gap.plan import BASES, CASES, FAULTY, KINDS, Study
+
+    if args.base not in BASES:
+        raise UsageError(f"base {args.base!r} is unknown; there are {', '.join(BASES)}")
+    left_out = FAULTY if args.sensor_known_good else ()
+    kinds = args.kinds.split(",") if args.kinds else [k for k in KINDS if k not in left_out]
+    numbers = {kind: CASES[args.base].get(kind, 0) for kind in kinds}
+    for text in args.cases:
+        kind, _, number = text.rpartition("=")
+        try:
+            chosen = {kind: int(number)} if kind else dict.fromkeys(kinds, int(number))
+        except ValueError:
+            raise UsageError(f"--cases {text!r}: wanted N or KIND=N") from None
+        if not set(chosen) <= set(kinds):
+            raise UsageError(f"--cases {text!r}: --kinds has {', '.join(kinds)}")
+        numbers |= chosen
+    return Study(
+        base=args.base,
+        cases=tuple(numbers.items()),
+        vehicles=args.vehicles,
+        first_vehicle=args.first_vehicle,
+        seed=args.seed,
+        drives=args.drives,
+        duration_s=60.0 * args.minutes,
+        fitted_with_effect=args.fitted_with_effect,
+        sensor_known_good=args.sensor_known_good,
+    )

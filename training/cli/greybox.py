@@ -1,0 +1,60 @@
+"""The grey-box half of ``o2train fit``."""
+
+import argparse
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from training.cli.recordings import load_all
+
+if TYPE_CHECKING:
+    from training.greybox.model import GreyboxResult
+    from training.recordings.recording import Recording
+
+
+def check(args: argparse.Namespace) -> None:
+    """Raise UsageError for options that shape a NARX."""
+    from monitor.base.errors import UsageError
+
+    given = {
+        "--lags": args.lags is not None,
+        "--lag-zero": args.lag_zero,
+        "--hidden": args.hidden is not None,
+        "--ratio": args.ratio,
+        "--starts": args.starts is not None,
+    }
+    wrong = [name for name, on in given.items() if on]
+    if wrong:
+        raise UsageError(f"{', '.join(wrong)}: a grey-box model has no such thing, a NARX has")
+
+
+def fit(args: argparse.Namespace, recordings: "list[Recording]") -> "GreyboxResult":
+    """Fit the chain and write the model file."""
+    from monitor.base.signals import OUTPUT
+    from training.greybox.model import fit_greybox
+
+    return fit_greybox(
+        recordings,
+        args.out,
+        inputs=args.inputs,
+        output=args.output or OUTPUT,
+        seed=args.seed,
+        validate=load_all(args, args.validate, args.period),
+    )
+
+
+def print_fit(result: "GreyboxResult") -> None:
+    """Print the constants with their standard errors."""
+    n = len(result.data.role)
+    print(f"{result.path}: {n} samples, grey-box chain, {result.seconds:.0f} s")
+    for name, constant in result.card.structure["constants"].items():
+        print(constant_line(name, constant))
+    for own in result.greybox.own:
+        print(f"healthy vehicle's {own.in_words}")
+
+
+def constant_line(name: str, constant: Mapping[str, Any]) -> str:
+    """Return a constant of a card in words."""
+    value, error, unit = (constant[key] for key in ("value", "standard_error", "unit"))
+    if error > abs(value):
+        return f"constant {name}: {value:.4f} {unit} (the recordings hardly hold it)"
+    return f"constant {name}: {value:.4f} ± {error:.4f} {unit}"

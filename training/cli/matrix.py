@@ -1,0 +1,106 @@
+"""``o2train evaluate --matrix``: many simulated drives through the monitor, and their report."""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from monitor.base.errors import UsageError
+from training.cli.cores import add_cores_options, jobs_of
+
+if TYPE_CHECKING:
+    from training.studies.matrix.plan import Matrix
+
+REPORT, RESULT = "report.html", "matrix.json"
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the matrix to ``evaluate``."""
+    group = parser.add_argument_group(
+        "matrix",
+        "simulated vehicles × cycles × ambient × fault × severity × placement × repetitions",
+    )
+    group.add_argument("--matrix", action="store_true", help="drive the matrix, no RECORDING")
+    group.add_argument("--out", type=Path, metavar="DIR",
+                       help="folder of the rows and of report.html; a run that was stopped "
+                       "goes on there")  # fmt: skip
+    group.add_argument("--vehicles", type=int, default=60, metavar="N")
+    group.add_argument("--first-vehicle", type=int, default=5000, metavar="N")
+    group.add_argument("--seed", type=int, default=5_000_000, metavar="N",
+                       help="of the first drive, the others count up")  # fmt: skip
+    group.add_argument("--repetitions", type=int, default=100, metavar="N",
+                       help="drives of each fault and placement at its limit severity, a quarter "
+                       "of it at other severities")  # fmt: skip
+    group.add_argument("--healthy", type=int, default=600, metavar="N", help="healthy drives")
+    group.add_argument("--reference-drives", type=int, default=40, metavar="N",
+                       help="healthy drives of each vehicle before all others")  # fmt: skip
+    group.add_argument("--cycles", nargs="+", default=[], metavar="CYCLE",
+                       help="default: WLTC, for some healthy drives others, too")  # fmt: skip
+    group.add_argument("--faults", nargs="+", metavar="NAME[=SEVERITY,…]",
+                       help="default: all, below, at and above their limit severities")  # fmt: skip
+    group.add_argument("--ambient", nargs="+", metavar="NAME", help="mild, hot, cold, altitude")
+    add_cores_options(group)
+    group.add_argument("--config", type=Path, help="TOML that changes shipped settings")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Drive the matrix and write its report; returns the exit code."""
+    import json
+
+    from tqdm import tqdm
+
+    from monitor.base import config
+    from training.jobs import run_folder
+    from training.studies.matrix import report
+    from training.studies.matrix import run as matrix_run
+    from training.studies.matrix.page import as_page
+
+    if args.recordings:
+        raise UsageError("--matrix drives the simulated vehicle, no RECORDING is wanted")
+    if args.out is None:
+        raise UsageError("--matrix needs --out DIR")
+    if args.json is not None and not args.json.absolute().parent.is_dir():
+        raise UsageError(f"{args.json}: the folder does not exist")
+    matrix, settings = _matrix(args), config.load(args.config)
+    cores = matrix_run.Cores(jobs_of(args), args.scheduler)
+    with tqdm(total=matrix_run.count(matrix), unit="drive", disable=None) as bar:
+        rows = matrix_run.run(matrix, args.model, settings, args.out, bar.update, cores)
+    found = report.result(rows, run_folder.identity_of(args.out), args.model.name)
+    print(report.as_text(found))
+    (args.out / REPORT).write_text(as_page(found, rows))
+    text = json.dumps(found, indent=1, allow_nan=False) + "\n"
+    for path in (args.out / RESULT, args.json):
+        if path is not None:
+            path.write_text(text)
+    print(f"report: {args.out / REPORT}")
+    return 0
+
+
+def _matrix(args: argparse.Namespace) -> "Matrix":
+    from training.studies.matrix.plan import AMBIENTS, SEVERITIES, Matrix
+
+    chosen = SEVERITIES if args.faults is None else dict(map(_fault, args.faults))
+    return Matrix(
+        vehicles=args.vehicles,
+        first_vehicle=args.first_vehicle,
+        seed=args.seed,
+        repetitions=args.repetitions,
+        healthy=args.healthy,
+        reference_drives=args.reference_drives,
+        cycles=tuple(args.cycles),
+        ambients=tuple(args.ambient or AMBIENTS),
+        faults=tuple(chosen.items()),
+    )
+
+
+def _fault(text: str) -> tuple[str, tuple[float, ...]]:
+    from training.studies.matrix.plan import SEVERITIES
+
+    name, _, values = text.partition("=")
+    if name not in SEVERITIES:
+        raise UsageError(f"fault {name!r} is unknown; there are {', '.join(SEVERITIES)}")
+    if not values:
+        return name, SEVERITIES[name]
+    try:
+        return name, tuple(float(value) for value in values.split(","))
+    except ValueError:
+        raise UsageError(f"{text!r}: wanted NAME=SEVERITY,…") from None

@@ -1,0 +1,293 @@
+"""Subcommands ``o2train fit`` and ``o2train evaluate``."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from training.cli import greybox, matrix
+from training.cli.recordings import add_bus_options, add_period_option, add_signal_options, load_all
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from monitor.model.card import ModelCard
+    from training.greybox.model import GreyboxResult
+    from training.narx.fit import FitResult
+    from training.recordings.recording import Recording
+
+_FIT_EXAMPLES = """examples:
+  o2train fit drive1.log drive2.log drive3.log --out model.onnx
+  o2train fit run_*.csv.gz --inputs speed_z load_z ignition_angle_z fuel_cutoff_z \\
+      --output lambda_z --out lambda.onnx
+  o2train fit drive*.log --kind greybox --out chain.onnx
+  o2train fit drive*.log --kind greybox --out chain.onnx --inputs fuel_mass_mg \\
+      manifold_pressure_kpa manifold_temperature_degc engine_speed_rpm
+"""
+_EVALUATE_EXAMPLES = """examples:
+  o2train evaluate --model model.onnx drive4.log
+  o2train evaluate --model model.onnx drive4.log drive5.log --washout 20 --json figures.json
+  o2train evaluate --model model.onnx --matrix --out matrix
+"""
+
+
+def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
+    """Add the subcommands ``fit`` and ``evaluate``; each sets ``func``."""
+    fit = subparsers.add_parser(
+        "fit",
+        help="train a model on recordings of a healthy vehicle",
+        description="Train a NARX: choose its memory and size by free run on held-out blocks, "
+        "train it series-parallel, then in closed loop over growing horizons, and keep what "
+        "predicts held-out blocks best. --lags or --hidden give the shape instead, without a "
+        "linear path. --kind greybox fits the constants of the physical chain instead; its charge "
+        "is the air per stroke, or with --inputs manifold pressure and temperature times a map.",
+        epilog=_FIT_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    _add_recordings(fit)
+    fit.add_argument("--out", type=Path, required=True, metavar="MODEL.onnx", help="file to write")
+    fit.add_argument("--kind", choices=("narx", "greybox"), default="narx",
+                     help="a network, or the chain charge and fuel, transport, mixing, sensor "
+                     "with a few constants (default narx)")  # fmt: skip
+    add_signal_options(fit)
+    fit.add_argument(
+        "--validate", nargs="+", type=Path, default=[], metavar="RECORDING",
+        help="recordings that choose and stop the training and are not trained on "
+        "(default: blocks held out of every recording)",
+    )  # fmt: skip
+    fit.add_argument(
+        "--lags", type=int, metavar="N",
+        help="longest lag (default: chosen by the data; 5 with --hidden)",
+    )  # fmt: skip
+    fit.add_argument(
+        "--lag-zero",
+        action="store_true",
+        help="let the inputs of the same tick enter, too (they do if the data choose)",
+    )
+    fit.add_argument(
+        "--hidden", type=int, nargs="+", metavar="N",
+        help="neurons of each hidden layer (default: chosen by the data; 8 8 with --lags)",
+    )  # fmt: skip
+    fit.add_argument(
+        "--ratio", action="store_true", help="give the network fuel over air, not fuel mass"
+    )
+    fit.add_argument(
+        "--starts", type=int, metavar="N",
+        help="trainings (default 3, on short recordings 8); up to three more while none forgets "
+        "how it began",
+    )  # fmt: skip
+    fit.add_argument(
+        "--budget", type=float, default=10.0, metavar="MIN",
+        help="minutes after which the best so far is kept (default 10)",
+    )  # fmt: skip
+    fit.add_argument("--seed", type=int, default=0, metavar="N", help="of weights and blocks")
+    fit.add_argument(
+        "--report", type=Path, metavar="HTML", help="the report (default: beside the model)"
+    )
+    fit.set_defaults(func=run_fit)
+
+    evaluate = subparsers.add_parser(
+        "evaluate",
+        help="predict recordings with a model and say how well",
+        description="Free run of the model over each recording, in the output's unit. With "
+        "--matrix the monitor judges many simulated drives, healthy and faulty, instead.",
+        epilog=_EVALUATE_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    evaluate.add_argument("--model", type=Path, required=True, metavar="MODEL.onnx")
+    _add_recordings(evaluate, "*")
+    evaluate.add_argument(
+        "--washout", type=int, metavar="N",
+        help="first samples that drive the state with the measured output and are not scored "
+        "(default: the longest lag)",
+    )  # fmt: skip
+    evaluate.add_argument("--json", type=Path, metavar="OUT", help="write the figures as JSON")
+    matrix.add_options(evaluate)
+    evaluate.set_defaults(func=run_evaluate)
+
+
+def _add_recordings(parser: argparse.ArgumentParser, number: str = "+") -> None:
+    parser.add_argument("recordings", nargs=number, type=Path, metavar="RECORDING")
+    add_period_option(parser)
+    add_bus_options(parser)
+
+
+def run_fit(args: argparse.Namespace) -> int:
+    """Train and write a model; returns the exit code."""
+    from training.greybox import report as greybox_report
+    from training.narx import report as fit_report
+    from training.narx.fit import FitResult
+    from training.recordings.recording import check_each_once
+
+    report = _check_fit(args)
+    recordings = load_all(args, args.recordings, args.period)
+    check_each_once(recordings)
+    result = _narx(args, recordings) if args.kind == "narx" else greybox.fit(args, recordings)
+    warnings = (*_set_limits(result, recordings), *_set_reference(result, recordings))
+    for warning in (*result.warnings, *warnings):
+        print(f"o2train: warning: {warning}", file=sys.stderr)
+    if isinstance(result, FitResult):
+        _print_fit(result)
+        fit_report.write_report(report, result)
+    else:
+        greybox.print_fit(result)
+        greybox_report.write_report(report, result)
+    _print_measures(result.card)
+    print(f"report: {report}")
+    return 0
+
+
+def _check_fit(args: argparse.Namespace) -> Path:
+    """Return where the report goes; raises UsageError for impossible options."""
+    from monitor.base.errors import UsageError
+    from monitor.base.outputs import check as check_outputs
+    from monitor.base.signals import NARX_INPUTS
+
+    if (
+        min(*(1 if n is None else n for n in (args.lags, args.starts)), *(args.hidden or (1,))) < 1
+        or not args.budget > 0
+    ):
+        raise UsageError("--lags, --starts, --hidden and --budget must be positive")
+    if args.out.suffix != ".onnx":
+        raise UsageError(f"--out {args.out}: a model file ends in .onnx")
+    if args.seed < 0:
+        raise UsageError("--seed is at least 0")
+    report: Path = args.report or args.out.with_suffix(".html")
+    check_outputs((args.out, report), (*args.recordings, *args.validate, args.columns))
+    if args.kind == "greybox":
+        greybox.check(args)
+    if args.ratio and not {"fuel_mass_mg", "air_mass_mg"} <= set(args.inputs or NARX_INPUTS):
+        raise UsageError("--ratio needs the inputs fuel_mass_mg and air_mass_mg")
+    return report
+
+
+def _narx(args: argparse.Namespace, recordings: "list[Recording]") -> "FitResult":
+    from monitor.base.signals import NARX_INPUTS, OUTPUT
+    from training.narx.fit import fit
+    from training.narx.progress import Bar
+    from training.recordings.transforms import fuel_air_ratio
+
+    with Bar() as bar:
+        return fit(
+            recordings,
+            args.inputs or NARX_INPUTS,
+            args.output or OUTPUT,
+            args.out,
+            lags=args.lags,
+            hidden=tuple(args.hidden) if args.hidden else None,
+            input_lag_start=0 if args.lag_zero else 1,
+            transforms=[fuel_air_ratio()] if args.ratio else [],
+            starts=args.starts,
+            budget_minutes=args.budget,
+            seed=args.seed,
+            validate=load_all(args, args.validate, args.period),
+            progress=bar.update,
+            tried=bar.tried,
+        )
+
+
+def _set_limits(result: "FitResult | GreyboxResult", recordings: "list[Recording]") -> list[str]:
+    """Set the decision limits from the blocks held out; return warnings."""
+    from monitor.base import config
+    from monitor.base.errors import RecordingError
+    from training.limits.decision_limits import MANY_WINDOWS, set_limits
+
+    try:
+        card, n_windows = set_limits(result.path, recordings, result.held_out, config.load())
+    except RecordingError as error:
+        return [f"no decision limits: {error}"]
+    for name, limit in card.limits.items():
+        print(f"limit {name}: {limit.value:.4g} {limit.unit} ({limit.origin})")
+    if n_windows < MANY_WINDOWS:
+        return [
+            f"the decision limits rest on {n_windows} windows, {MANY_WINDOWS} and more are wanted: "
+            "a healthy drive may be judged faulty; train on more or longer drives"
+        ]
+    return []
+
+
+def _set_reference(result: "FitResult | GreyboxResult", recordings: "list[Recording]") -> list[str]:
+    """Put into the card what the recordings teach ``o2train gap``; return warnings."""
+    from tqdm import tqdm
+
+    from training.gap.reference import set_reference
+
+    with tqdm(unit="step", leave=False, disable=None) as bar:
+
+        def progress(text: str) -> None:
+            bar.set_description_str(text)
+            bar.update()
+
+        card, warning = set_reference(result.path, recordings, progress)
+    if learned := card.reference.get("gap"):
+        print(f"healthy reference of o2train gap: {len(learned['recordings'])} recordings")
+    return [warning] if warning else []
+
+
+def _print_fit(result: "FitResult") -> None:
+    from training.narx.network import describe
+
+    spec = result.network.spec
+    n = len(result.data.role)
+    if result.tries:
+        members = result.starts[result.best].members
+        mean = f", the mean of {members} trainings" if members > 1 else ""
+        print(f"chosen of {len(result.tries)} structures: {describe(spec)}{mean}")
+    print(f"{result.path}: {n} samples, {result.network.spec.n_weights} weights, "
+          f"{result.seconds:.0f} s")  # fmt: skip
+
+
+def _print_measures(card: "ModelCard") -> None:
+    every, enabled = card.fit["test"], card.fit["test_enabled"]
+    told_apart = enabled != every  # else nothing says what is enabled
+    if told_apart:
+        _print_measure("held-out blocks, enabled samples", enabled, card)
+    title = "held-out blocks, all samples, fuel cuts too" if told_apart else "held-out blocks"
+    _print_measure(title, every, card)
+
+
+def _print_measure(title: str, figures: "Mapping[str, Any]", card: "ModelCard") -> None:
+    if "rmse" not in figures:
+        return
+    unit = f"in {card.output.name}" if card.output.unit == "-" else card.output.unit
+    print(
+        f"{title}: free run fit {figures['fit_percent']:.1f} %, "
+        f"correlation {figures['correlation']:.4f}, RMSE {figures['rmse']:.4g} "
+        f"{unit}, {figures['samples']:.0f} samples"
+    )
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.4f}"
+
+
+def run_evaluate(args: argparse.Namespace) -> int:
+    """Predict recordings with a model, or drive the matrix; returns the exit code."""
+    from monitor.base.errors import UsageError
+    from monitor.base.outputs import check as check_outputs
+    from monitor.model.step import Model
+    from training.studies.evaluation import evaluate, save
+
+    if args.matrix:
+        return matrix.run(args)
+    if not args.recordings:
+        raise UsageError("at least one RECORDING is wanted, or --matrix")
+    check_outputs((args.json,), (args.model, *args.recordings, args.columns))
+    card = Model.load(args.model).card
+    period_s = args.period if args.period is not None else card.period_ns / 1e9
+    result = evaluate(args.model, load_all(args, args.recordings, period_s), args.washout)
+    for r in result["recordings"]:
+        fit = r["fit_percent"]
+        simulated = " (simulated)" if r["source"] == "simulated" else ""
+        print(
+            f"{r['path']}{simulated}: {r['samples']} samples, RMSE {r['rmse']:.4g}, "
+            f"fit {'-' if fit is None else f'{fit:.1f} %'}, "
+            f"correlation {_number(r['correlation'])}, one-step RMSE {r['one_step_rmse']:.4g}"
+        )
+        if r["enabled"]:
+            e = r["enabled"]
+            print(f"  enabled: {e['samples']} samples, RMSE {e['rmse']:.4g}, "
+                  f"correlation {_number(e['correlation'])}")  # fmt: skip
+    if args.json:
+        save(result, args.json)
+    return 0

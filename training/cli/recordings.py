@@ -1,0 +1,172 @@
+"""Subcommands ``o2train table`` and ``o2train log``: logs to tables and tables to logs."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from training.recordings.recording import Recording
+
+_TABLE_EXAMPLES = """examples:
+  o2train table drive.log --out drive.csv
+  o2train table drive.blf --out drive.parquet --dbc my.dbc --map my.toml --period 0.05
+  o2train table measurement.mf4 --out drive.csv.gz --columns channels.toml
+"""
+_LOG_EXAMPLES = """examples:
+  o2train log drive.csv --out drive.log
+  o2train log drive.parquet --out drive.blf --dbc rusefi.dbc --map rusefi.toml
+"""
+
+
+def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
+    """Add the subcommands ``table`` and ``log``; each sets ``func``."""
+    table = subparsers.add_parser(
+        "table",
+        help="write a CAN log or measurement file as a table",
+        description="Decode a recording and write it on one grid, one column per signal. "
+        "Cells without a valid value are blank.",
+        epilog=_TABLE_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    table.add_argument("recording", type=Path, help="CAN log, table or measurement file")
+    table.add_argument(
+        "--out", type=Path, required=True, help="table to write: .csv, .csv.gz or .parquet"
+    )
+    add_period_option(table)
+    table.add_argument("--signals", nargs="+", metavar="NAME", help="only these (default all)")
+    add_bus_options(table)
+    table.set_defaults(func=run_table)
+
+    log = subparsers.add_parser(
+        "log",
+        help="write a table as a CAN log",
+        description="Send a table's signals as an ECU would, each message on its cycle time with "
+        "the last row's values. Signals that the table lacks are sent as not available.",
+        epilog=_LOG_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    log.add_argument("table", type=Path, help="table with canonical column names")
+    log.add_argument(
+        "--out",
+        type=Path,
+        required=True,
+        help="log to write: .log .asc .blf .csv .trc .mf4, text formats also with .gz",
+    )
+    log.add_argument(
+        "--start",
+        type=float,
+        metavar="S",
+        help="time of the first row in the log (default its own)",
+    )
+    add_bus_options(log)
+    log.set_defaults(func=run_log)
+
+
+def add_period_option(parser: argparse.ArgumentParser) -> None:
+    """Add the option that says on which grid recordings are read."""
+    parser.add_argument(
+        "--period", type=float, metavar="S", help="grid period in seconds (default 0.1 for logs)"
+    )
+
+
+def add_signal_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say what a model predicts from what."""
+    parser.add_argument("--inputs", nargs="+", metavar="NAME", help="default: the paper's seven")
+    parser.add_argument("--output", metavar="NAME", help="default: lambda_measured")
+
+
+def add_bus_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say how a log or table is read."""
+    parser.add_argument(
+        "--dbc", type=Path, action="append", default=[], metavar="FILE",
+        help="CAN database, repeat together with --map (default: the project's own ECU)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--map", type=Path, action="append", default=[], metavar="FILE",
+        help="signal map of the database before it",
+    )  # fmt: skip
+    parser.add_argument(
+        "--columns", type=Path, metavar="FILE", help="TOML file that renames a table's columns"
+    )
+
+
+def pairs_of(args: argparse.Namespace) -> list[tuple[Path, Path]] | None:
+    """Return the pairs of --dbc and --map, None if there are none.
+
+    Raises UsageError if there are not as many of one as of the other.
+    """
+    from monitor.base.errors import UsageError
+
+    if len(args.dbc) != len(args.map):
+        raise UsageError(
+            f"--dbc is given {len(args.dbc)} times and --map {len(args.map)} times, "
+            "pairs are wanted"
+        )
+    return list(zip(args.dbc, args.map, strict=True)) or None
+
+
+def load_all(
+    args: argparse.Namespace, paths: list[Path], period_s: float | None
+) -> "list[Recording]":
+    """Return the recordings in ``paths``, read as the bus options say.
+
+    Raises RecordingError or UsageError naming the file and what is wrong.
+    """
+    from training.recordings.recording import load
+
+    return [
+        load(path, period_s=period_s, pairs=pairs_of(args), columns=args.columns) for path in paths
+    ]
+
+
+def run_table(args: argparse.Namespace) -> int:
+    """Write a recording as a table; returns the exit code."""
+    from monitor.base.outputs import check
+    from training.recordings.recording import load, write_table
+
+    check((args.out,), (args.recording, args.columns))
+    recording = load(
+        args.recording,
+        args.signals,
+        period_s=args.period,
+        pairs=pairs_of(args),
+        columns=args.columns,
+    )
+    write_table(args.out, recording.t_s, recording.names, recording.values)
+    good = int((recording.quality == 0).sum())
+    print(
+        f"{args.out}: {len(recording.t_s)} samples of {recording.period_ns / 1e9:g} s, "
+        f"{len(recording.names)} signals, {100 * good / max(recording.quality.size, 1):.1f} % good"
+    )
+    return 0
+
+
+def run_log(args: argparse.Namespace) -> int:
+    """Write a table as a CAN log; returns the exit code."""
+    from monitor.base.errors import UsageError
+    from monitor.base.outputs import check
+    from monitor.decode.bus_map import load_pairs
+    from monitor.frames.candump import LATEST_S
+    from training.recordings.can_log import broadcast, write_log
+    from training.recordings.recording import check_rows, default_pairs
+    from training.recordings.table_files import load_table
+
+    if args.start is not None and not 0.0 <= args.start < LATEST_S:
+        raise UsageError(f"--start {args.start:g}: seconds from 0 to {LATEST_S:g} are wanted")
+    check((args.out,), (args.table, args.columns))
+    table = load_table(args.table, args.columns)
+    check_rows(args.table, table.t_ns)
+    bus_map = load_pairs(pairs_of(args) or default_pairs())
+    values = {name: table.values[:, i] for i, name in enumerate(table.names)}
+    start_ns = None if args.start is None else round(args.start * 1e6) * 1000
+    frames = broadcast(bus_map, table.t_ns, values, start_ns)
+    write_log(args.out, frames)
+    sent = sorted(set(table.names) & set(bus_map.channels))
+    lost = sorted(set(bus_map.names) - set(sent))
+    print(f"sent {', '.join(sent)}; not available: {', '.join(lost) or 'none'}")
+    for name in sorted(set(table.names) & set(bus_map.derived)):
+        print(f"o2train: warning: {name} is derived on this bus and not sent", file=sys.stderr)
+    seconds = (int(frames.t_ns[-1]) - int(frames.t_ns[0])) / 1e9
+    print(f"{args.out}: {len(frames.t_ns)} frames in {seconds:.1f} s")
+    return 0

@@ -1,0 +1,97 @@
+"""``o2train simulate``: drives of the simulated vehicle as logs or tables."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from monitor.base.errors import UsageError
+
+_EXAMPLES = """examples:
+  o2train simulate --out drives                               healthy WLTC of vehicle 1
+  o2train simulate --out drives --cycle udds --seed 7 --format parquet
+  o2train simulate --out drives --fault delay_rich_to_lean=0.6 --vehicle 12
+  o2train simulate --out drives --effect wall_film=4 --effect purge=2 --count 20
+
+Everything it writes is synthetic. The vehicle number fixes the piece, the seed driver, noise and
+weather; the same call gives the same bytes, but for the clock's time in .asc, the path in .trc."""
+FORMATS = ("log", "blf", "asc", "trc", "mf4", "parquet", "csv", "csv.gz")
+
+
+def add_parsers(commands: Any) -> None:
+    """Register the subcommand."""
+    from monitor.base import faults
+    from training.dyno import effects
+
+    parser = commands.add_parser(
+        "simulate",
+        help="drive the simulated vehicle",
+        description="Drive the simulated vehicle on a chassis dynamometer.",
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
+    parser.add_argument("--vehicle", type=int, default=1, help="which piece (default 1)")
+    parser.add_argument("--cycle", default="wltc_3b", help="wltc_3b, udds, us06, hwfet, "
+                        "micro_trips or steady")  # fmt: skip
+    parser.add_argument("--fault", action="append", default=[], metavar="NAME[=SEVERITY]",
+                        help=f"sensor fault in the control loop: {', '.join(faults.NAMES)}; "
+                        "severity in s, as gain or in lambda")  # fmt: skip
+    parser.add_argument("--fault-start", type=float, default=0.0, metavar="S")
+    parser.add_argument("--effect", action="append", default=[], metavar="NAME=SEVERITY",
+                        help=f"1 is about the noise: {', '.join(effects.NAMES)}")  # fmt: skip
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--count", type=int, default=1, help="so many drives, seeds counting up")
+    parser.add_argument("--duration", type=float, metavar="S", help="only so much of the cycle")
+    parser.add_argument("--period", type=float, default=0.1, metavar="S", help="grid of a table")
+    parser.add_argument("--format", choices=FORMATS, default="log")
+    parser.set_defaults(func=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Simulate and write; print the paths."""
+    from tqdm import tqdm
+
+    from monitor.base import faults
+    from training.dyno import effects
+    from training.dyno.recording_files import write
+    from training.dyno.simulation import Experiment
+
+    if args.count < 1 or not args.period >= 0.01:
+        raise UsageError("--count is at least 1, --period at least 0.01 s")
+    if min(args.seed, args.vehicle) < 0:
+        raise UsageError("--seed and --vehicle are at least 0")
+    if args.duration is not None and not 0.0 < args.duration < float("inf"):
+        raise UsageError(f"--duration {args.duration:g}: a positive number is wanted")
+    if not 0.0 <= args.fault_start < (args.duration or float("inf")):
+        raise UsageError(f"--fault-start {args.fault_start:g}: not within the drive")
+    fault = faults.combine([faults.resolve(*pair) for pair in map(_fault, args.fault)])
+    hidden = effects.from_severities(dict(map(_severity, args.effect)))
+    try:
+        args.out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(f"{args.out}: {error.strerror}") from None
+    seeds = range(args.seed, args.seed + args.count)
+    for seed in tqdm(seeds, unit="drive", disable=args.count == 1):
+        experiment = Experiment(
+            cycle=args.cycle,
+            vehicle=args.vehicle,
+            seed=seed,
+            fault=fault,
+            fault_start_s=args.fault_start,
+            effects=hidden,
+            duration_s=args.duration,
+        )
+        print(write(experiment, args.out, args.format, args.period))
+    return 0
+
+
+def _fault(text: str) -> tuple[str, float | None]:
+    return _severity(text) if "=" in text else (text, None)
+
+
+def _severity(text: str) -> tuple[str, float]:
+    name, _, value = text.partition("=")
+    try:
+        return name, float(value)
+    except ValueError:
+        raise UsageError(f"{text!r}: wanted NAME=SEVERITY") from None

@@ -1,0 +1,60 @@
+"""Simulated drives as files, named after what was driven."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from monitor.base import manifest
+from training.dyno import ecu
+from training.dyno.simulation import Experiment, simulate
+from training.recordings.can_log import write_log
+from training.recordings.recording import sha256, write_table
+
+TABLES = ("parquet", "csv", "csv.gz")
+
+
+def write(experiment: Experiment, folder: Path, suffix: str, period_s: float = 0.1) -> Path:
+    """Simulate one drive and write it into ``folder``; return the path.
+
+    suffix : "log", "blf", "asc", "trc" or "mf4" for a CAN log of the project's own ECU, or
+        "parquet", "csv", "csv.gz" for a table on a grid of ``period_s``
+    Raises UsageError for an unknown cycle, RecordingError if the file cannot be written.
+    """
+    path = folder / f"{experiment.name}.{suffix}"
+    bus_map = ecu.own_bus()
+    rng = np.random.default_rng([0x0_2, 5, experiment.seed, experiment.vehicle])
+    sent = ecu.broadcast(
+        simulate(experiment), bus_map, rng, experiment.fault, experiment.fault_start_s
+    )
+    if suffix in TABLES:
+        block = ecu.samples(sent, bus_map, round(period_s * 1e9))
+        t_s = block.t_ns / 1e9
+        write_table(path, t_s, bus_map.names, block.values)
+    else:
+        write_log(path, ecu.frames(sent))
+    _note(experiment, path)
+    return path
+
+
+def describe(experiment: Experiment, path: Path) -> dict[str, Any]:
+    """Return the manifest's entry of a simulated drive."""
+    fault = experiment.fault
+    return {
+        "file": path.name,
+        "sha256": sha256(path),
+        "source": "simulated",
+        "cycle": experiment.cycle,
+        "vehicle": experiment.vehicle,
+        "seed": experiment.seed,
+        "fault": fault.name if fault else None,
+        "severity": fault.severity if fault else None,
+        "fault_start_s": experiment.fault_start_s if fault else None,
+        "in_the_loop": bool(fault),
+        "effects": {k: v for k, v in experiment.effects._asdict().items() if v},
+    }
+
+
+def _note(experiment: Experiment, path: Path) -> None:
+    entries = manifest.load(path.parent)
+    manifest.save(path.parent, entries | {path.name: describe(experiment, path)})

@@ -1,0 +1,95 @@
+"""One simulated drive: the canonical signals as the ECU knows them, on a 10 ms grid."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from monitor.base.faults import Fault
+from monitor.base.signals import SIGNALS
+from monitor.base.types import FloatArray
+from training.dyno import cycles, drive, mixture, vehicle
+from training.dyno.drive import Drive
+from training.dyno.effects import Effects
+from training.dyno.mixture import Mixture
+from training.dyno.vehicle import Conditions
+
+
+@dataclass(frozen=True, slots=True)
+class Experiment:
+    """What is to be driven; equal experiments give equal bytes."""
+
+    cycle: str = "wltc_3b"
+    vehicle: int = 1
+    seed: int = 1
+    fault: Fault | None = None
+    fault_start_s: float = 0.0
+    effects: Effects = field(default_factory=Effects)
+    duration_s: float | None = None  # None is the whole cycle
+    conditions: Conditions | None = None  # None is what the seed draws
+    forced_trim: FloatArray | None = None  # lambda controller to follow instead of the own one
+
+    @property
+    def name(self) -> str:
+        """Return the file name's stem: cycle, vehicle, seed, fault and effects, or healthy."""
+        effects = [name for name, scale in self.effects._asdict().items() if scale]
+        what = [*([self.fault.name] if self.fault else []), *effects] or ["healthy"]
+        return "_".join([self.cycle, f"v{self.vehicle}", f"s{self.seed}", *what])
+
+
+def simulate(experiment: Experiment) -> dict[str, FloatArray]:
+    """Return every canonical signal of the drive, each (n,) at 100 Hz, NaN where not available.
+
+    Raises UsageError for an unknown cycle.
+    """
+    key = [0x0_2, 3, experiment.seed, experiment.vehicle]
+    trace = cycles.load(experiment.cycle, np.random.default_rng(key), experiment.duration_s)
+    piece = vehicle.piece(experiment.vehicle)
+    conditions = experiment.conditions or vehicle.conditions(experiment.seed)
+    effects = experiment.effects
+    air = drive.run(trace, piece, conditions, effects, np.random.default_rng([*key, 1]))
+    fuel = mixture.run(
+        air,
+        piece,
+        conditions,
+        effects,
+        experiment.fault,
+        experiment.fault_start_s,
+        np.random.default_rng([*key, 2]),
+        trace.phi_step,
+        experiment.forced_trim,
+    )
+    return _canonical(air, fuel, conditions, np.random.default_rng([*key, 4]))
+
+
+def _canonical(
+    air: Drive, fuel: Mixture, c: Conditions, rng: np.random.Generator
+) -> dict[str, FloatArray]:
+    n = len(air.engine_rpm)
+    noise = rng.standard_normal((3, n))
+    signals = {
+        "air_mass_mg": air.air_ecu_mg,
+        "fuel_mass_mg": fuel.fuel_ecu_mg,
+        "maf_kg_h": air.maf_kg_h,
+        "rail_pressure_mpa": air.rail_mpa + 0.01 * noise[0],
+        "manifold_pressure_kpa": air.manifold_kpa,
+        "manifold_temperature_degc": air.manifold_degc + 0.02 * noise[1],
+        "lambda_controller": fuel.lambda_controller,
+        "lambda_measured": np.where(fuel.sensor_ready > 0.5, fuel.lambda_measured, np.nan),
+        "vehicle_speed_km_h": air.speed_m_s * 3.6,
+        "engine_speed_rpm": air.engine_rpm,
+        "engine_torque_nm": air.torque_nm,
+        "throttle_percent": air.throttle_percent,
+        "lambda_target": fuel.lambda_target,
+        "coolant_temperature_degc": air.coolant_degc,
+        "ambient_temperature_degc": np.full(n, c.ambient_degc),
+        "ambient_pressure_kpa": np.full(n, c.ambient_kpa),
+        "battery_voltage_v": air.battery_v + 0.02 * noise[2],
+        "purge_duty_percent": 100.0 * air.purge_duty,
+        "closed_loop": fuel.closed_loop,
+        "fuel_cut": air.fuel_cut,
+        "sensor_ready": fuel.sensor_ready,
+    }
+    limits = {s.name: (s.minimum, s.maximum) for s in SIGNALS if s.name != "lambda_measured"}
+    for name, (low, high) in limits.items():
+        signals[name] = np.clip(signals[name], low, high)
+    return signals

@@ -1,0 +1,114 @@
+"""Limits that a fleet's own vehicles propose for a wished false-alarm rate, with their bounds.
+
+Vehicles without a code are taken as sound. A limit is an order statistic that keeps the rate with
+95 % confidence by two bounds: Clopper and Pearson's, as if all values were independent, and one
+from drawing whole vehicles, whose own values are alike. Nothing is assumed about distributions.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import polars as pl
+from scipy import stats
+
+from monitor.base.types import FloatArray, IntArray
+from training.limits.rates import Figures, rate
+from training.limits.tolerance import CONFIDENCE, tolerance_limit, windows_needed
+
+GROUPS: Final = 500  # of vehicles that are drawn together where there are more
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """What a limit is set on."""
+
+    name: str  # of the limit in the model card
+    title: str
+    of: str  # window or drive
+    column: str
+    score: Callable[[FloatArray], FloatArray]
+    why: str
+
+
+QUANTITIES: Final = (
+    Quantity("j_mu", "|mean residual|", "window", "mean", np.abs, "paper's rule, mean"),
+    Quantity("j_sigma", "residual's spread", "window", "std", np.asarray, "paper's rule, spread"),
+    Quantity("offset", "|offset| at the drive's end", "drive", "offset", np.abs,
+             "bias rule, for vehicles without a reference"),
+)  # fmt: skip
+
+
+def proposals(
+    recordings: pl.DataFrame, windows: Path, wished: float, now: Mapping[str, float]
+) -> list[Figures]:
+    """Return a proposal for every quantity.
+
+    windows : the table of windows
+    wished : false-alarm rate per window or drive
+    now : the model's present limits by name
+    Each has ``now`` with its rate and bounds, ``quantile`` with its bounds (None where the values
+    do not reach so far), ``proposed`` (None with too few values) and ``needed``, how many it takes.
+    """
+    faulty = recordings.filter(pl.col("fault_flag"))["vehicle"].unique()
+    sound = recordings.filter(
+        pl.col("error").is_null() & ~pl.col("vehicle").is_in(faulty.implode())
+    )
+    places = sound.select("recording", pl.col("vehicle").rank("dense").alias("place") - 1)
+    found = []
+    for each in QUANTITIES:
+        if each.of == "window":
+            part = pl.scan_parquet(windows).select("recording", each.column).collect()
+        else:
+            part = sound.select("recording", each.column)
+        part = part.join(places, on="recording", maintain_order="left").drop_nulls()
+        scores = np.asarray(each.score(part[each.column].to_numpy()))
+        groups = part["place"].to_numpy().astype(np.int64) % GROUPS
+        found.append(_proposal(each, scores, groups, wished, now[each.name]))
+    return found
+
+
+def _proposal(
+    quantity: Quantity, scores: FloatArray, groups: IntArray, wished: float, now: float
+) -> Figures:
+    n, needed = len(scores), windows_needed(wished)
+    estimate, low, high = quantile_bounds(scores, 1.0 - wished)
+    return {
+        "name": quantity.name,
+        "title": quantity.title,
+        "of": quantity.of,
+        "why": quantity.why,
+        "values": n,
+        "needed": needed,
+        "wished": wished,
+        "now": now,
+        "now_rate": rate(int((scores >= now).sum()), n),
+        "quantile": estimate,
+        "quantile_low": low,
+        "quantile_high": high,
+        "proposed": tolerance_limit(scores, groups, wished) if n >= needed else None,
+    }
+
+
+def quantile_bounds(
+    values: FloatArray, probability: float, confidence: float = CONFIDENCE
+) -> tuple[float | None, float | None, float | None]:
+    """Return a quantile and its two-sided bounds, order statistics; None beyond the values.
+
+    Source: Conover, Practical Nonparametric Statistics, 3rd ed., section 3.2.
+
+    >>> quantile_bounds(np.arange(100.0), 0.5)
+    (49.0, 39.0, 60.0)
+    """
+    n, x = len(values), np.sort(values)
+    if n == 0:
+        return None, None, None
+    tail = (1.0 - confidence) / 2.0
+    low, high = (int(stats.binom.ppf(q, n, probability)) for q in (tail, 1.0 - tail))
+    return (
+        float(np.quantile(x, probability, method="inverted_cdf")),
+        float(x[low - 1]) if low >= 1 else None,
+        float(x[high]) if high < n else None,
+    )

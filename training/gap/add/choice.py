@@ -1,0 +1,229 @@
+"""What was named becomes part of the model: the form and constants that predict best, the file."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Final
+
+import numpy as np
+
+from monitor.base import config
+from monitor.base.errors import ModelError, RecordingError, UsageError
+from monitor.judge.limits import Limits
+from monitor.model.card import ModelCard
+from monitor.model.step import Model
+from training.gap.add import greybox, network
+from training.gap.add.effect_parity import ParityError
+from training.gap.add.inputs import Ranges
+from training.gap.add.network_graph import BEFORE, TO_OUTPUT
+from training.gap.healthy.behaviour import Healthy
+from training.gap.inputs import base
+from training.gap.inputs.prediction import predicted_phi
+from training.gap.inputs.roles import Given, Options, split
+from training.gap.result import of_recording
+from training.gap.verify.detection import ACCEPTED
+from training.greybox.chain import Constants
+from training.greybox.effects.model_effect import Added
+from training.greybox.fit.drive import Drive
+from training.greybox.graph.chain_graph import Greybox
+from training.jobs.stages import Progress
+from training.limits.decision_limits import whole, with_limits
+from training.limits.judging import judge_recordings
+from training.narx.export import update_card
+from training.narx.fit import HeldOut
+from training.recordings.recording import Recording
+
+FORMS: Final = {
+    "greybox": "inside the chain, where it acts on the mixture's way",
+    "before": "before the network, which reads fuel and lambda controller as if it were not there",
+    "output": "beside the network: its output plus the chain with the effect less that without",
+    "input": "as one more input of the network, trained anew",
+}
+TRAINED_ANEW: Final = "input"
+AGAINST: Final = {"before": "before it", "output": "beside its output", "input": "trained anew"}
+HELD_OUT_BLOCKS: Final = "blocks of the recordings of the fit held out of the training anew"
+WORSE: Final = 1.02  # of the RMSE, up to which a form counts as no worse
+
+
+def add(
+    given: Given, out: Path, choices: Sequence[Sequence[Added]], known: Healthy | None,
+    start: Constants, options: Options, progress: Progress = lambda _: None,
+) -> tuple[Path | None, str, tuple[Added, ...]]:  # fmt: skip
+    """Write the new model that predicts best; return it, its form and its effects.
+
+    choices : the effects, each time with other constants, the ones to prefer first
+    There is none if it predicts no better than the old one: the recordings of the fit, or, where
+    either of the two was trained on some of these, those held out. Decision limits are set anew,
+    because those of the old model go with its errors; ``_set_limits`` may keep them.
+    Raises ParityError if no form computes the same in ONNX and numpy, ModelError as ``add_narx``.
+    """
+    card = base.check(given.model)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    use = _Use.of(given, card)
+    drives = base.drives_of(given.model, use.fit, given.healthy)
+    ranges = _ranges(use.fit, drives)
+    if card.kind == base.GREYBOX:
+        (added,) = map(tuple, choices)
+        vehicle = greybox.Vehicle.of(known, Greybox.of(card), drives) if known else None
+        greybox.add(
+            given.model, added, out, ranges=ranges, recordings=tuple(map(of_recording, use.fit)),
+            vehicle=vehicle, drives=drives,
+        )  # fmt: skip
+        best = _Tried(base.GREYBOX, added, out, _rmse(out, use.judges), whole(use.fit))
+        says = FORMS[base.GREYBOX]
+    else:
+        chain = known.plain if known else start
+        with TemporaryDirectory(dir=out.parent) as folder:
+            beside = _beside_network(given.model, Path(folder), choices, chain, ranges, use, drives)
+            best, says = _best(beside)
+            if options.retrain_minutes > 0.0:
+                best, says = _or_trained_anew(
+                    given, best, says, chain, ranges, use, options.retrain_minutes, progress
+                )
+            best.path.replace(out)
+    judges = use.unseen if best.form == TRAINED_ANEW else use.judges
+    if not best.rmse < _rmse(given.model, judges):
+        out.unlink()
+        return None, "", ()
+    origin = HELD_OUT_BLOCKS if best.form == TRAINED_ANEW else ACCEPTED
+    _set_limits(out, use.fit, best.blocks, origin)
+    return out, says, best.added
+
+
+@dataclass(frozen=True, slots=True)
+class _Use:
+    """What recordings serve for."""
+
+    fit: list[Recording]  # constants and networks are fitted to them
+    unseen: list[Recording]  # no fit saw them, if there are such, not even the old model's
+    known: bool  # the old model was trained on some of ``fit``
+
+    @classmethod
+    def of(cls, given: Given, card: ModelCard) -> "_Use":
+        fitted_to, held_out = split(given)
+        trained_on = {each.sha256 for each in card.recordings}
+        fit = [given.recordings[i] for i in fitted_to]
+        unseen = [each for each in held_out if each.sha256 not in trained_on]
+        return cls(fit, unseen or held_out, any(each.sha256 in trained_on for each in fit))
+
+    @property
+    def judges(self) -> list[Recording]:
+        """Return the recordings on which the old model is held against one not trained anew."""
+        return self.unseen if self.known and self.unseen else self.fit
+
+
+def _ranges(recordings: Sequence[Recording], drives: Sequence[Drive]) -> Ranges:
+    """Return low and high of the signals that all of the recordings have."""
+    return {
+        name: (
+            float(min(np.min(d.signals[name]) for d in drives)),
+            float(max(np.max(d.signals[name]) for d in drives)),
+        )
+        for name in drives[0].signals
+        if all(name in d.signals for d in drives)
+        and all(name in recording.known for recording in recordings)  # not worked out
+    }
+
+
+@dataclass(frozen=True, slots=True)
+class _Tried:
+    """A file with effects in one form, and what it misses."""
+
+    form: str
+    added: tuple[Added, ...]
+    path: Path
+    rmse: float  # phi
+    blocks: Sequence[HeldOut]  # of the recordings of the fit, to set its limits on
+
+
+def _beside_network(
+    model: Path, folder: Path, choices: Sequence[Sequence[Added]], chain: Constants, ranges: Ranges,
+    use: _Use, drives: Sequence[Drive],
+) -> list[_Tried]:  # fmt: skip
+    """Write the network with effects before it and at its output, with each of the constants."""
+    forms = {"output": TO_OUTPUT}
+    if network.can_stand_before(model, choices[0], chain, drives[0]):
+        forms = {"before": BEFORE, **forms}
+    # On drives that it knows a network errs less than on others: the old limits stay.
+    blocks = [] if use.known else whole(use.fit)
+    tried, wrong = list[_Tried](), None
+    for (name, form), (i, added) in product(forms.items(), enumerate(choices)):
+        path = folder / f"{name}{i}.onnx"
+        try:
+            network.add(
+                model, added, chain, path, ranges=ranges,
+                recordings=tuple(map(of_recording, use.fit)), drives=drives, form=form,
+            )  # fmt: skip
+            tried.append(_Tried(name, tuple(added), path, _rmse(path, use.judges), blocks))
+        except ParityError as error:
+            wrong = error
+    if not tried:
+        assert wrong is not None
+        raise wrong
+    return tried
+
+
+def _or_trained_anew(
+    given: Given, other: _Tried, says: str, chain: Constants, ranges: Ranges, use: _Use,
+    budget_minutes: float, progress: Progress,
+) -> tuple[_Tried, str]:  # fmt: skip
+    """Return the better of a file and a network trained anew beside it, in words."""
+    if not use.unseen:
+        return other, f"{says}; not trained anew: no recording is held out to judge it on"
+    path = other.path.with_name("retrained.onnx")
+    try:
+        blocks = network.retrain(
+            given.model, other.added, chain, use.fit, path, ranges=ranges,
+            healthy=given.healthy, budget_minutes=budget_minutes, progress=progress,
+        )  # fmt: skip
+    except (ModelError, RecordingError, UsageError) as error:
+        return other, f"{says}; not trained anew: {error}"
+    anew = _Tried(TRAINED_ANEW, other.added, path, _rmse(path, use.unseen), blocks)
+    best, says = _best([replace(other, rmse=_rmse(other.path, use.unseen)), anew])
+    return (best if best is anew else other), says
+
+
+def _best(tried: Sequence[_Tried]) -> tuple[_Tried, str]:
+    """Return the first that is about as good as the best, and in words what it is."""
+    least = min(each.rmse for each in tried)
+    best = next((each for each in tried if each.rmse <= WORSE * least), tried[0])
+    rivals = [each for each in tried if each.form != best.form]
+    if not rivals:
+        return best, FORMS[best.form]
+    rival = min(rivals, key=lambda each: each.rmse)
+    against = f"RMSE {best.rmse:.4f} against {rival.rmse:.4f} {AGAINST[rival.form]}"
+    return best, f"{FORMS[best.form]} ({against})"
+
+
+def _set_limits(
+    new: Path, recordings: Sequence[Recording], blocks: Sequence[HeldOut], origin: str
+) -> None:
+    """Set the limits of the new model on blocks, unless those it has let it see more.
+
+    A model without limits keeps none, and too few windows change nothing. A window may be judged
+    from some movement on; the old limits stay where they want less of it and no code stands on the
+    recordings with them.
+    """
+    settings, model = config.load(), Model.load(new)
+    if not model.card.limits:
+        return
+    try:
+        card, _ = with_limits(model, recordings, blocks, settings, origin)
+    except RecordingError:
+        return
+    found, old = (Limits.from_card(each, settings, str(new)) for each in (card, model.card))
+    if old.excitation < found.excitation:
+        judged = judge_recordings(recordings, model, old, settings)
+        if not any(each.dtcs for each in judged):
+            return
+    update_card(new, card)
+
+
+def _rmse(model: Path, recordings: Sequence[Recording]) -> float:
+    """Return the RMSE in phi on the scored samples of recordings."""
+    drives = base.plain_drives_of(base.check(model), recordings)
+    runs = predicted_phi(model, recordings)
+    squares = [(p - d.phi_measured)[d.scored] ** 2 for d, p in zip(drives, runs, strict=True)]
+    return float(np.sqrt(np.concatenate(squares).mean()))

@@ -1,0 +1,166 @@
+"""Effects become part of a grey-box model's file, with proof that it computes what the fit did."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from monitor.base.errors import ModelError
+from monitor.model.card import ModelCard, TrainingRecording
+from monitor.model.step import Model
+from training.gap.add.effect_parity import TOLERANCE, Entry, parity
+from training.gap.add.inputs import SPEED, Ranges, channel_of, limits_of, reads_of
+from training.gap.healthy.behaviour import Healthy
+from training.greybox.chain import Constants
+from training.greybox.charge.error import ChargeError
+from training.greybox.effects.model_effect import Added
+from training.greybox.effects.nodes import graph_effect
+from training.greybox.fit.constants import Fitted, described, reference
+from training.greybox.fit.drive import Drive
+from training.greybox.graph.chain_graph import Greybox, longest_dead_time_s, register_for, save
+
+BEFORE = "before_effects"  # what the card's measures are of: the new model's are not known here
+BEFORE_EFFECTS = "; of the base before effects were added, with other values"
+
+
+@dataclass(frozen=True, slots=True)
+class Vehicle:
+    """The healthy vehicle's chain, learned anew."""
+
+    constants: Constants
+    own: tuple[Added, ...] = ()  # what it has beside them
+    charge_error: ChargeError | None = None
+
+    @classmethod
+    def of(cls, known: Healthy, model: Greybox, drives: Sequence[Drive]) -> "Vehicle":
+        """Return what healthy drives taught; if ``drives`` have the model's charge, with that."""
+        own = tuple(Added.with_values(e.name, values.tolist()) for e, values in known.own)
+        charged = any(drive.charged for drive in drives)
+        return cls(known.base, own, model.charge_error if charged else known.charge)
+
+
+def add(
+    model: Path | str,
+    added: Sequence[Added],
+    out: Path | str,
+    *,
+    ranges: Ranges,
+    recordings: Sequence[TrainingRecording],
+    vehicle: Vehicle | None = None,
+    drives: Sequence[Drive] = (),
+) -> ModelCard:
+    """Write ``model`` with effects behind those it has already to ``out``; return its card.
+
+    ranges : low and high of every signal present in the drives of the fit; an optional signal
+        that is not among them was not there, and the effect takes its own default for it
+    recordings : what the effects were fitted to
+    vehicle : with which the effects were fitted, if it is not that of the model
+    drives : further inputs on which ONNX must agree with numpy, beside made ones
+    Raises ModelError if the model is not a grey-box, a signal is missing, or ONNX and numpy differ
+    by more than 1e-5 in phi.
+    """
+    card = Model.load(model).card
+    if card.kind != "greybox":
+        raise ModelError(f"{model}: a {card.kind} model, a greybox is wanted to add effects in it")
+    old = Greybox.of(card)
+    reads = [reads_of(each, old.inputs, ranges) for each in added]
+    if vehicle is not None:
+        old = replace(
+            old, constants=vehicle.constants, own=vehicle.own, charge_error=vehicle.charge_error
+        )
+    greybox = _extended(old, added, reads, ranges)
+    came_from = [asdict(recording) for recording in recordings]
+    entries = [each.to_card() | {"reads": list(names), "recordings": came_from}
+               for each, names in zip(added, reads, strict=True)]  # fmt: skip
+    card = _card(card, greybox, entries, ranges, recordings)
+    if vehicle is not None:
+        card = _with_constants(card, vehicle.constants)
+    path = Path(out)
+    partial = path.with_suffix(".partial")
+    save(partial, greybox, card)
+    try:
+        same = parity(partial, greybox, [Entry.of(entry) for entry in card.effects], drives)
+    except ModelError:
+        partial.unlink()
+        raise
+    found = {"samples": same.samples, "onnx_numpy": same.onnx_numpy, "tolerance": TOLERANCE,
+             "largest": same.largest}  # fmt: skip
+    card = replace(card, checks={"parity": found})
+    save(path, greybox, card)
+    partial.unlink()
+    return card
+
+
+def _extended(
+    old: Greybox,
+    added: Sequence[Added],
+    reads: Sequence[Sequence[str]],
+    ranges: Ranges,
+) -> Greybox:
+    own = [reads_of(each, old.inputs, ranges) for each in old.own]
+    wanted = dict.fromkeys(name for each in (*own, *reads) for name in each)
+    further = [name for name in wanted if name not in (*old.inputs, SPEED)]  # it knows the speed
+    inputs = (*old.inputs, *further)
+    known = dict(zip(old.inputs, zip(old.u_low, old.u_high, strict=True), strict=True))
+    limits = np.array([limits_of(name, known.get(name), ranges.get(name)) for name in inputs])
+    new = tuple(
+        graph_effect(each, old.period_s, names) for each, names in zip(added, reads, strict=True)
+    )
+    dead_time_s = longest_dead_time_s(old.constants, inputs, limits[:, 0])
+    dead_time_s += sum(effect.dead_time_s for effect in (*old.on_the_way, *new))
+    return replace(
+        old,
+        inputs=inputs,
+        u_low=limits[:, 0],
+        u_high=limits[:, 1],
+        register=max(register_for(dead_time_s, old.period_s), old.register),
+        effects=(*old.effects, *new),
+    )
+
+
+def _card(
+    card: ModelCard,
+    greybox: Greybox,
+    entries: Sequence[Mapping[str, Any]],
+    ranges: Ranges,
+    recordings: Sequence[TrainingRecording],
+) -> ModelCard:
+    known = {channel.name: channel for channel in card.inputs}
+    by_sha = {r.sha256: r for r in (*card.recordings, *recordings)}
+    return replace(
+        card,
+        inputs=tuple(
+            channel_of(name, known.get(name), ranges.get(name)) for name in greybox.inputs
+        ),
+        lags=greybox.memory,
+        state=greybox.state_layout,
+        recordings=tuple(by_sha.values()),
+        effects=(*card.effects, *entries),
+        structure=dict(card.structure) | greybox.structure(),
+        fit={BEFORE: card.fit.get(BEFORE, card.fit)},
+        checks={},
+    )
+
+
+def _with_constants(card: ModelCard, constants: Constants) -> ModelCard:
+    """Return the card with other constants; what is known of their errors is the old fit's."""
+    given = card.structure
+    fitted = Fitted(
+        constants,
+        np.array(given["covariance"]),
+        tuple(given["noise_model"]),
+        given["rmse_phi"],
+        given["white_rmse_phi"],
+        given["samples"],
+        given["starts_rmse_spread"],
+        tuple(given["at_bound"]),
+    )
+    note = {"standard_errors": str(given["standard_errors"]).removesuffix(BEFORE_EFFECTS)}
+    note["standard_errors"] += BEFORE_EFFECTS
+    return replace(
+        card,
+        structure=dict(given) | described(fitted) | note,
+        reference=dict(card.reference) | reference(fitted) | note,
+    )

@@ -1,0 +1,68 @@
+"""The inputs of a model with effects: which signals these read, and in which range."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from monitor.base.errors import ModelError
+from monitor.base.signals import BY_NAME
+from monitor.model.card import Channel
+from training.greybox.chain import AIR_LEAST_MG, SPEED_LEAST_RPM, inputs_of
+from training.greybox.effects.model_effect import Added
+from training.greybox.effects.nodes import signals_of
+from training.recordings.preparation import MARGIN
+
+Ranges = Mapping[str, tuple[float, float]]  # low and high of every signal in the drives of a fit
+SPEED = "engine_speed_rpm"
+LEAST = {"air_mass_mg": AIR_LEAST_MG, "engine_speed_rpm": SPEED_LEAST_RPM, "fuel_mass_mg": 0.0}
+SURROUNDINGS = "context"  # role of signals that hardly change in a drive but between drives
+
+
+def reads_of(added: Added, inputs: Sequence[str], ranges: Ranges) -> tuple[str, ...]:
+    """Return the signals of an effect; raises ModelError if one that it needs is missing."""
+    available = {*inputs, *ranges}
+    if SPEED not in inputs_of(available):  # then the chain works it out
+        available.add(SPEED)
+    missing = [name for name in added.effect.needs if name not in available]
+    if missing:
+        raise ModelError(
+            f"effect {added.name} needs {', '.join(missing)}: neither an input of the model nor "
+            "in the drives of the fit"
+        )
+    return signals_of(added.name, ranges)
+
+
+def limits_of(
+    name: str, old: tuple[float, float] | None, seen: tuple[float, float] | None
+) -> tuple[float, float]:
+    """Return the range to clip to: the base's and that of the effects' fit with a margin."""
+    ranges = [] if old is None else [old]
+    if seen is not None:
+        seen = _used(name, old is None, seen)
+        margin = MARGIN["phi"] * (seen[1] - seen[0])
+        ranges.append((max(seen[0] - margin, LEAST.get(name, -np.inf)), seen[1] + margin))
+    return min(low for low, _ in ranges), max(high for _, high in ranges)
+
+
+def channel_of(name: str, old: Channel | None, seen: tuple[float, float] | None) -> Channel:
+    """Return an input for the card; one of ``old`` and ``seen`` may be None."""
+    if seen is None:
+        assert old is not None
+        return old
+    low, high = _used(name, old is None, seen)
+    if old is None:
+        return Channel(name, BY_NAME[name].unit, low, high, float(seen[0]), float(seen[1]))
+    return replace(old, minimum=min(old.minimum, low), maximum=max(old.maximum, high))
+
+
+def _used(name: str, new: bool, seen: tuple[float, float]) -> tuple[float, float]:
+    """Return the range in which an input is used: as the fit saw it, or wherever it may be.
+
+    A few drives hardly know more than one altitude or weather, but an effect's form holds in all:
+    the monitor must not stop judging because of an input that only the effect reads.
+    """
+    signal = BY_NAME.get(name)
+    if signal is None or not (new or signal.role == SURROUNDINGS):
+        return float(seen[0]), float(seen[1])
+    return min(signal.minimum, float(seen[0])), max(signal.maximum, float(seen[1]))

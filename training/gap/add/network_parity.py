@@ -1,0 +1,146 @@
+"""Does a network's file with effects compute what numpy and torch do, alone and in a batch?
+
+The network is that of ``parity``; the chains' difference is that of the arrays.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import torch
+
+from monitor.base.types import FloatArray
+from monitor.model.card import ModelCard
+from monitor.model.step import Model
+from training.gap.add.effect_parity import ParityError, made_inputs
+from training.gap.add.network_graph import TO_OUTPUT, NetworkWithEffects
+from training.gap.inputs.prediction import stacked
+from training.greybox.fit.drive import Drive
+from training.narx.network import simulate
+from training.narx.parity import TOLERANCE, Parity, Step
+from training.recordings.transforms import apply
+
+SAMPLES = 3000  # of each drive
+TOGETHER = 300  # samples that run side by side and alone
+
+
+class _Run(NamedTuple):
+    """A free run in numpy."""
+
+    inputs: FloatArray  # (n, k) as the network gets them
+    difference: FloatArray  # (n,) of the chains
+    output: FloatArray  # (n - memory,) of the whole, after the first samples
+
+
+def parity(path: Path | str, model: NetworkWithEffects, drives: Sequence[Drive] = ()) -> Parity:
+    """Compare free runs of a file with those of numpy and torch over ``drives``, or made inputs.
+
+    The network starts from the measured output, the chains settled at the first sample. Returned
+    are the samples of all runs, and the run that differs most of what it may.
+    Raises ParityError if a difference exceeds 2e-3 of the standard deviation of the run's output,
+    or if runs side by side are not bit for bit those alone.
+    """
+    runs = [_of_drive(model, drive) for drive in drives] or _made(model, Model.load(path).card)
+    exact = [_numpy(model, u, y) for u, y in runs]
+    y = stacked([y for _, y in runs])
+    onnx = _onnx(path, model, stacked([u for u, _ in runs]), y)
+    own = _torch(model, stacked([run.inputs for run in exact]), y)
+    each = [_compared(model, *run) for run in zip(exact, onnx, own, strict=True)]
+    worst = max(each, key=lambda found: max(found.onnx_numpy, found.torch_numpy) / found.tolerance)
+    if not max(worst.onnx_numpy, worst.torch_numpy) <= worst.tolerance:
+        raise ParityError(
+            f"{path}: free runs differ by {worst.onnx_numpy:.2g} (ONNX) and "
+            f"{worst.torch_numpy:.2g} (torch) from numpy, tolerance {worst.tolerance:.2g}"
+        )
+    _check_batch(path, runs[0][0])
+    return replace(worst, samples=sum(found.samples for found in each))
+
+
+def _compared(model: NetworkWithEffects, run: _Run, onnx: FloatArray, own: FloatArray) -> Parity:
+    """Return how far ONNX and torch, with the network's own output, are from numpy.
+
+    onnx, own : (n,) or longer
+    """
+    after = slice(model.network.spec.memory, len(run.difference))
+    other = model.whole(own[after], run.difference[after])
+    return Parity(
+        len(run.output),
+        float(np.abs(onnx[after] - run.output).max()),
+        float(np.abs(other - run.output).max()),
+        TOLERANCE * float(run.output.std()),
+    )
+
+
+def _of_drive(model: NetworkWithEffects, drive: Drive) -> tuple[FloatArray, FloatArray]:
+    """Return inputs as the graph gets them and the measured output in model units."""
+    u = np.column_stack([drive.signals[name] for name in model.inputs])[:SAMPLES]
+    y = drive.phi_measured[:SAMPLES]
+    scale = model.network.scaling
+    return _single(u), np.clip(y, scale.y_low, scale.y_high)
+
+
+def _made(model: NetworkWithEffects, card: ModelCard) -> list[tuple[FloatArray, FloatArray]]:
+    low, high = (np.array([getattr(c, end) for c in card.inputs]) for end in ("minimum", "maximum"))
+    ranges = replace(model.difference.without, inputs=model.inputs, u_low=low, u_high=high)
+    made = made_inputs(ranges, SAMPLES)
+    return [(_single(u), np.ones(len(u))) for u in made]
+
+
+def _single(u: FloatArray) -> FloatArray:
+    return u.astype(np.float32).astype(np.float64)
+
+
+def _numpy(model: NetworkWithEffects, u: FloatArray, y: FloatArray) -> _Run:
+    net = model.network
+    spec, scale, first = net.spec, net.scaling, net.spec.memory
+    inputs, difference = model.split(u)
+    scaled = scale.scale_u(apply(net.transforms, net.inputs, inputs))
+    history = scale.scale_y(y[first - spec.lags : first])[::-1][None].copy()
+    begin, end = np.array([first]), np.array([len(u)])
+    own = scale.unscale_y(simulate(spec, net.weights, scaled, begin, end, history))
+    return _Run(inputs, difference, model.whole(own, difference)[first:])
+
+
+def _onnx(path: Path | str, model: NetworkWithEffects, u: FloatArray, y: FloatArray) -> FloatArray:
+    """Return the output (runs, n) for inputs (runs, n, k) and measured outputs (runs, n)."""
+    loaded = Model.load(path, len(u))
+    loaded.reset(u[:, 0])
+    for _ in range(model.memory):
+        loaded.step_batch(u[:, 0])
+    newest, part = loaded.card.state.output_start, model.network.state_layout.size
+    found = np.empty(y.shape)
+    for k in range(y.shape[1]):
+        loaded.step_batch(u[:, k])
+        if k < model.network.spec.memory:  # the network's own output is the measured one
+            more = loaded.state[:, part] if model.form == TO_OUTPUT else 0.0
+            loaded.state[:, newest] = y[:, k] + more
+        found[:, k] = loaded.state[:, newest]
+    return found
+
+
+def _torch(model: NetworkWithEffects, inputs: FloatArray, y: FloatArray) -> FloatArray:
+    """Return what the network itself says (runs, n)."""
+    layout, module = model.network.state_layout, Step(model.network)
+    state, found = torch.zeros((len(y), layout.size)), np.empty(y.shape)
+    u, measured = torch.tensor(inputs, dtype=torch.float32), torch.tensor(y, dtype=torch.float32)
+    with torch.no_grad():
+        for k in range(y.shape[1]):
+            _, state = module(u[:, k], state)
+            if k < model.network.spec.memory:
+                state[:, layout.output_start] = measured[:, k]
+            found[:, k] = state[:, layout.output_start].numpy()
+    return found
+
+
+def _check_batch(path: Path | str, u: FloatArray) -> None:
+    """Raise ParityError if runs over a drive's begin and end differ side by side from alone."""
+    both = np.stack([u[:TOGETHER], u[-TOGETHER:]])
+    runs = []
+    for rows in (both, both[:1], both[1:]):
+        model = Model.load(path, len(rows))
+        model.reset(rows[:, 0])
+        runs.append(model.run_batch(rows))
+    if not np.array_equal(runs[0], np.concatenate(runs[1:])):
+        raise ParityError(f"{path}: runs side by side differ from the same runs alone")

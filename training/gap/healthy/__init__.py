@@ -1,0 +1,1 @@
+"""The behaviour of the base on healthy drives."""

@@ -1,0 +1,288 @@
+"""What the base misses on healthy drives: learned there, taken as known on the others."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise, product
+
+import numpy as np
+from scipy.signal import lfilter
+
+from monitor.base.types import BoolArray, FloatArray, IntArray
+from training.gap.healthy.features import features
+from training.gap.healthy.operating_points import Visited
+from training.greybox.chain import Constants, Path, simulate
+from training.greybox.charge.error import ChargeError, fit_with_charge_error
+from training.greybox.effects import LIBRARY, Effect, Own
+from training.greybox.effects.dynamics import ramp_lag
+from training.greybox.fit import ridge
+from training.greybox.fit.comparison import BLOCK_S, FOLDS
+from training.greybox.fit.drive import Drive, path_of
+from training.greybox.fit.joint import WHITE, Case, Fit, Term, fit, reading
+from training.greybox.fit.ridge import Ridge
+from training.greybox.fit.sensor_faults import FAULTS
+from training.greybox.fit.vehicle_effects import own_of, with_more
+
+LARGER_PENALTIES = (1e-4, 1e-3, 1e-2, 1e-1, 1.0)
+SCALE_MIN = 1e-3  # of a column, below which it is not taken for better known
+# Spread of the coefficients from drive to drive, of a column's own size: plain functions,
+# signatures. On nulls of three simulated vehicles larger values hide effects, smaller ones let
+# drives that differ in weather and bus timing look like an effect.
+VARIATION_PHI = (8e-5, 5e-5)
+SKEW_S = 0.01
+OWN = ("delay_flow", "mix_flow")  # that every exhaust has
+SKEW = "skew"  # what a charge that is late changes, per second
+COOLANT = "coolant "  # functions of ``features`` in the order of temperature
+COOLANT_STEP_PHI = 0.002  # by which what is missed differs from one of their knots to the next
+CONSTANT = "constant"  # among the functions of ``features``
+KNOWN_VARIATION = {
+    CONSTANT: 0.0008,  # phi: gain with weather and fuel
+    "above": 0.008,  # span
+    "rate": 0.005,  # s: phase of the sensor's message
+    SKEW: 0.008,  # s: phase of the charge's message against the fuel's, both every 20 ms
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Healthy:
+    """Base constants of healthy drives, what these leave, and how drives differ.
+
+    A chain whose dead time and mixing do not follow the exhaust's flow is too sharp at low flow,
+    and every fault or effect of the response fits it badly. So the healthy vehicle's volumes are
+    part of its base, and what is named is a change of them.
+    """
+
+    base: Constants  # beside ``own``
+    plain: Constants  # of the chain alone, which a grey-box model can hold
+    own: Own  # effects that the vehicle has when healthy
+    names: tuple[str, ...]  # of the columns
+    ridge: Ridge
+    spread: FloatArray  # (k,) of the columns' coefficients over drives
+    visited: Visited
+    surplus: Mapping[str, float] = field(default_factory=dict)  # see ``accepted``
+    charge: ChargeError | None = None  # of drives with the air per stroke as broadcast
+    rmse_usual: float | None = None  # phi, of healthy drives judged by others; of a chain only
+
+    def columns(self, drive: Drive) -> FloatArray:
+        """Return the columns of ``drive`` in the order of the names, (n, k)."""
+        made = columns(self.with_own(drive), self.base)
+        nothing = np.zeros(len(drive))
+        return np.column_stack([made.get(name, nothing) for name in self.names])
+
+    @property
+    def offset_phi(self) -> float:
+        """Return by how much drives lie off each other on the whole."""
+        return float(self.spread_of([CONSTANT])[0])
+
+    def spread_of(self, names: Sequence[str]) -> FloatArray:
+        """Return the spread of columns (k,) by their names; it is 0 of one that is not known."""
+        known = dict(zip(self.names, self.spread.tolist(), strict=True))
+        return np.array([known.get(name, 0.0) for name in names])
+
+    def with_own(self, drive: Drive) -> Drive:
+        """Return the drive with the healthy vehicle's effects as part of the base."""
+        return replace(charged(drive, self.charge), own=self.own)
+
+    def known_of(self, drive: Drive) -> Drive:
+        """Return the drive with those samples scored where healthy drives have been."""
+        own = self.with_own(drive)
+        return replace(own, scored=own.scored & self.visited.on(own))
+
+    def correction(self, drive: Drive) -> FloatArray:
+        """Return what the chain misses on ``drive`` by what was missed when healthy, (n,) in phi.
+
+        With another model than the chain, what that model reads instead is part of it.
+        """
+        learned = self.ridge.predict(self.columns(drive))
+        if drive.phi_of_model is None:
+            return np.asarray(learned + drive.moved_phi)
+        own = simulate(path_of(self.with_own(drive), self.base), drive.period_s)
+        return np.asarray(learned + drive.phi_of_model - own)
+
+
+def learn(drives: Sequence[Drive], start: Constants, like: Healthy | None = None) -> Healthy:
+    """Return the healthy behaviour in ``drives``.
+
+    like : of the same vehicle, whose own effects and error of the charge are taken over
+    """
+    charge = like.charge if like else _charge_error(drives)
+    drives = [charged(drive, charge) for drive in drives]
+    plain, base, own = _chain(drives, start, like)
+    drives = [replace(drive, own=own) for drive in drives]
+    tables = [columns(drive, base) for drive in drives]
+    names = tuple(name for name in tables[0] if all(name in table for table in tables))
+    raw = [np.column_stack([table[name] for name in names]) for table in tables]
+    target = [_left(drive, base) for drive in drives]
+    kept = [d.kept for d in drives]
+    stacked = np.concatenate([x[k] for x, k in zip(raw, kept, strict=True)])
+    fold = np.concatenate([_fold(d, i) for i, d in enumerate(drives)])
+    y = np.concatenate([e[k] for e, k in zip(target, kept, strict=True)])
+    ar, sigma = noise(kept, y - ridge.fit(stacked, y, fold).held_out)
+    coolant = [name.startswith(COOLANT) for name in names]
+    limits = (stacked.min(axis=0), np.where(coolant, 1.0, stacked.max(axis=0)))
+    x = [white(r, ar)[k] / sigma for r, k in zip(raw, kept, strict=True)]
+    e = [white(t, ar)[k] / sigma for t, k in zip(target, kept, strict=True)]
+    x_all, e_all = np.concatenate(x), np.concatenate(e)
+    prior = _smooth(names)
+    found = ridge.fit(x_all, e_all, fold, limits, prior=prior)
+    whole = _no_worse(stacked, y, found, (x_all, e_all, fold), prior)
+    scale = np.maximum(np.sqrt((stacked**2).mean(axis=0)), SCALE_MIN)
+    group = np.array([int(name.endswith(")")) for name in names])  # signatures apart
+    spread = np.array(VARIATION_PHI)[group] / scale
+    for column, value in KNOWN_VARIATION.items():
+        if column in names:
+            spread[names.index(column)] = value
+    visited = Visited.of(drives)
+    return Healthy(base, plain, own, names, whole, spread, visited, charge=charge)
+
+
+def _smooth(names: Sequence[str]) -> FloatArray:
+    """Return the precision of the columns' weights (k, k): coolant's neighbours are much alike.
+
+    Of a temperature that no drive came near, warm engines' small changes say no more than a slope.
+    Carried on it was wrong by 0.04 in phi.
+    Source: Eilers and Marx, Flexible smoothing with B-splines and penalties, 1996.
+    """
+    precision = np.zeros((len(names), len(names)))
+    at = [i for i, name in enumerate(names) if name.startswith(COOLANT)]
+    for pair in pairwise(at):
+        precision[np.ix_(pair, pair)] += np.array([[1.0, -1.0], [-1.0, 1.0]]) / COOLANT_STEP_PHI**2
+    return precision
+
+
+def _no_worse(
+    plain: FloatArray,
+    y: FloatArray,
+    found: Ridge,
+    white: tuple[FloatArray, FloatArray, IntArray],
+    prior: FloatArray,
+) -> Ridge:
+    """Return the ridge with a penalty large enough that plain errors do not grow by it.
+
+    plain, y : columns (m, k) and errors (m,) as they are; white : both whitened, and the folds
+    Smooth functions, as the time after a fuel cut, hardly show in whitened errors.
+    """
+    for penalty in LARGER_PENALTIES:
+        if ((y - plain @ found.weights) ** 2).sum() <= (y**2).sum():
+            break
+        if penalty > found.penalty:
+            limits = (found.low, found.high)
+            found = ridge.fit(*white, limits, penalties=[penalty], prior=prior)
+    return found
+
+
+def as_shown(drives: Sequence[Drive], start: Constants) -> Sequence[Drive]:
+    """Return healthy drives without what effects in the model move, if they do not show these.
+
+    Whoever extends a model and looks at it again may give the healthy drives from before the effect
+    was there, or new ones.
+    """
+    if not any(np.any(drive.moved_phi) for drive in drives):
+        return drives
+    without = [replace(drive, moved_phi=0.0) for drive in drives]
+    return min(drives, without, key=lambda each: _fit(each, (), [start, Constants()]).cost)
+
+
+def charged(drive: Drive, error: ChargeError | None) -> Drive:
+    """Return the drive with the right air per stroke, if it is still as broadcast."""
+    if error is None or drive.charged:
+        return drive
+    air_mg = error.air_mass_mg(drive.signals, drive.period_s)
+    signals = {**drive.signals, "air_mass_mg": air_mg}
+    return replace(drive, signals=signals, charged=True, meter_s=error.time_s)
+
+
+def _charge_error(drives: Sequence[Drive]) -> ChargeError | None:
+    """Return by how much the broadcast charge is wrong, None where it is not, or right already."""
+    if any(drive.charged or drive.phi_of_model is not None for drive in drives):
+        return None
+    together = {
+        name: np.concatenate([drive.signals[name] for drive in drives])
+        for name in ("fuel_mass_mg", "air_mass_mg", "engine_speed_rpm")
+    }
+    phi = np.concatenate([drive.phi_measured - drive.moved_phi for drive in drives])
+    scored = np.concatenate([drive.scored for drive in drives])
+    known = (together, phi, scored, drives[0].period_s)
+    return fit_with_charge_error(*known, own_of(*known))[1]
+
+
+def _chain(
+    drives: Sequence[Drive], start: Constants, like: Healthy | None
+) -> tuple[Constants, Constants, Own]:
+    """Return the constants of the chain alone, those beside its own effects, and these."""
+    if like is not None:
+        found = _fit([like.with_own(drive) for drive in drives], (), [like.base])
+        return like.plain, found.base, like.own
+    case = _case(drives)
+    plain = fit(case, (), [start, Constants()])
+    # Beside volumes that imitate them already walls would not be found.
+    effects, found = with_more(case, plain)
+    for effect in (LIBRARY[name] for name in OWN):
+        if all(set(effect.needs) <= set(drive.signals) for drive in drives):
+            effects = [*effects, effect]
+            found = fit(case, effects, [found])
+    return plain.base, found.base, tuple(zip(effects, found.parameters, strict=True))
+
+
+def _fit(drives: Sequence[Drive], terms: Sequence[Term], starts: Sequence[Fit | Constants]) -> Fit:
+    return fit(_case(drives), terms, starts)
+
+
+def _case(drives: Sequence[Drive]) -> Case:
+    moved = tuple(np.zeros(len(drive)) + drive.moved_phi for drive in drives)
+    return Case(tuple(drives), moved, WHITE)
+
+
+def _left(drive: Drive, base: Constants) -> FloatArray:
+    """Return what the model leaves unexplained, (n,) in phi."""
+    phi = drive.phi_of_model
+    if phi is None:
+        phi = simulate(path_of(drive, base), drive.period_s) + drive.moved_phi
+    return np.asarray(drive.phi_measured - phi)
+
+
+def white(series: FloatArray, ar: tuple[float, float]) -> FloatArray:
+    """Return series (n,) or (n, k) through the noise's inverse."""
+    return np.asarray(lfilter([1.0, -ar[0], -ar[1]], [1.0], series, axis=0))
+
+
+def noise(kept: Sequence[BoolArray], rest: FloatArray) -> tuple[tuple[float, float], float]:
+    """Return AR(2) and the whitened spread of ``rest`` (m,), kept samples of all drives."""
+    rows, at = [], 0
+    for k in kept:
+        series = np.full(len(k), np.nan)
+        series[k] = rest[at : at + int(k.sum())]
+        at += int(k.sum())
+        rows.append(np.column_stack([series[2:], series[1:-1], series[:-2]]))
+    table = np.concatenate(rows)
+    table = table[np.isfinite(table).all(axis=1)]
+    a, b = np.linalg.lstsq(table[:, 1:], table[:, 0], rcond=None)[0]
+    left = table[:, 0] - table[:, 1] * a - table[:, 2] * b
+    return (float(a), float(b)), float(np.quantile(np.abs(left), 0.683))
+
+
+def columns(drive: Drive, base: Constants) -> dict[str, FloatArray]:
+    """Return all that may be missing on a drive: plain functions and every effect's signature."""
+    path = path_of(drive, base)
+    phi = simulate(path, drive.period_s)
+    found = features(drive, path, phi)
+    made = dict(zip(found.names, found.values.T, strict=True))
+    made[SKEW] = (simulate(_skewed(path, drive.period_s), drive.period_s) - phi) / SKEW_S
+    terms: tuple[Term, ...] = (*drive.effects, *FAULTS)
+    for term in terms:
+        if isinstance(term, Effect) and not set(term.needs) <= set(drive.signals):
+            continue
+        for start in product(*(p.start for p in term.parameters)):
+            changed = reading(drive, base, (term,), (np.array(start),))
+            made[f"{term.name} {start}"] = (changed - phi) / abs(start[0])
+    return made
+
+
+def _skewed(path: Path, period_s: float) -> Path:
+    """Return the path with the charge's message later than the fuel's."""
+    late = np.full(len(path), SKEW_S)
+    return replace(path, air_mg=ramp_lag(path.air_mg, late, period_s))
+
+
+def _fold(drive: Drive, number: int) -> IntArray:
+    block = np.arange(len(drive)) // round(BLOCK_S / drive.period_s) + number
+    return np.asarray(block % FOLDS, dtype=np.int64)[drive.kept]

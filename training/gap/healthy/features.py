@@ -1,0 +1,140 @@
+"""Many plain functions of a drive, with which a ridge explains whatever can be explained at all.
+
+They stand where the mixture is made (and travel the chain's way), at the sensor, and in time. The
+same functions serve two ends: what the base model misses on healthy drives, and the ceiling against
+which an effect is adequate.
+"""
+# mypy: disable-error-code="no-untyped-def"
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numba import njit
+
+from monitor.base.types import FloatArray
+from training.greybox.chain import Path
+from training.greybox.effects.dynamics import charged, lag, slope
+from training.greybox.effects.effect import flow_kg_h, injecting
+from training.greybox.fit.drive import Drive
+
+WARM_DEGC: Final = 80.0
+SPEED_KNOTS_RPM: Final = (800.0, 1300.0, 1800.0, 2400.0, 3200.0)
+LOAD_KNOTS_MG: Final = (90.0, 160.0, 260.0, 400.0, 600.0)
+COOLANT_KNOTS_DEGC: Final = (0.0, 30.0, 55.0, 75.0, 90.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Features:
+    """Columns of one drive."""
+
+    names: tuple[str, ...]
+    values: FloatArray  # (n, k)
+
+
+def features(drive: Drive, path: Path, phi: FloatArray) -> Features:
+    """Return the drive's functions.
+
+    path, phi : the base's path and what it reads (n,)
+    """
+    made = _at_valve(drive, path)
+    share = 1.0 - np.exp(-drive.period_s / (path.mixing_s + path.sensor_rising_s))
+    dead = path.dead_time_s / drive.period_s
+    columns = {name: _carry(np.ascontiguousarray(x), dead, share) for name, x in made.items()}
+    columns |= _at_sensor(drive, path, phi)
+    return Features(tuple(columns), np.column_stack(list(columns.values())))
+
+
+def _at_valve(drive: Drive, path: Path) -> dict[str, FloatArray]:
+    s, period_s = drive.signals, drive.period_s
+    air, fuel, rpm = path.air_mg, path.fuel_mg, s["engine_speed_rpm"]
+    running = injecting(s).astype(np.float64)
+    speeds, loads = _hats(rpm, SPEED_KNOTS_RPM), _hats(air, LOAD_KNOTS_MG)
+    made = {
+        f"map {i}{j}": speeds[:, i] * loads[:, j] * running
+        for i in range(len(SPEED_KNOTS_RPM))
+        for j in range(len(LOAD_KNOTS_MG))
+    }
+    made["1/air"] = 100.0 / np.maximum(air, 50.0) * running
+    made["charge slope"] = np.clip(slope(air, period_s) / np.maximum(air, 40.0), -3.0, 3.0)
+    made["charge slope at low speed"] = made["charge slope"] * 1500.0 / np.maximum(rpm, 700.0)
+    made["fuel slope"] = np.clip(slope(fuel, period_s) / np.maximum(fuel, 4.0), -3.0, 3.0) * running
+    coolant = s.get("coolant_temperature_degc")
+    cold = np.zeros(len(air)) if coolant is None else np.maximum(WARM_DEGC - coolant, 0.0) / 60.0
+    strokes = np.maximum(rpm, 500.0)
+    for time_s in (0.3, 0.8, 2.0):
+        late = lag(fuel * strokes, time_s, period_s) / strokes
+        made[f"fuel film {time_s}"] = np.clip(late / np.maximum(fuel, 4.0) - 1.0, -1.5, 3.0)
+        made[f"cold film {time_s}"] = cold * made[f"fuel film {time_s}"]
+    for i, hat in enumerate(_hats(coolant, COOLANT_KNOTS_DEGC).T if coolant is not None else ()):
+        made[f"coolant {i}"] = hat
+    made |= _context(drive, path, running)
+    return made
+
+
+def _context(drive: Drive, path: Path, running: FloatArray) -> dict[str, FloatArray]:
+    s, air = drive.signals, path.air_mg
+    flow = flow_kg_h(path, s)
+    made: dict[str, FloatArray] = {}
+    if "rail_pressure_mpa" in s:
+        rail = np.log(np.maximum(s["rail_pressure_mpa"], 1.0) / 10.0)
+        made |= {"rail": rail, "rail squared": rail**2}
+    if "manifold_temperature_degc" in s:
+        warm = (s["manifold_temperature_degc"] - 30.0) / 20.0
+        made |= {"intake": warm, "intake at low flow": warm / (1.0 + flow / 30.0)}
+    if "manifold_pressure_kpa" in s:
+        boost = np.maximum(s["manifold_pressure_kpa"] / 98.0 - 0.9, 0.0)
+        made["boost at low speed"] = boost * np.clip((2600.0 - s["engine_speed_rpm"]) / 800.0, 0, 1)
+        if "purge_duty_percent" in s:
+            drop = np.maximum(98.0 - s["manifold_pressure_kpa"], 0.0) / 98.0
+            open_ = lag(0.01 * s["purge_duty_percent"] * drop, 1.0, drive.period_s)
+            made |= {"purge": open_ * running, "purge by flow": open_ * 20.0 / flow * running}
+    made["trim"] = s.get("lambda_controller", np.ones(len(air))) - 1.0
+    return made
+
+
+def _at_sensor(drive: Drive, path: Path, phi: FloatArray) -> dict[str, FloatArray]:
+    flow = flow_kg_h(path, drive.signals)
+    above, rate = np.clip(phi - 1.0, -0.3, 0.3), np.clip(slope(phi, drive.period_s), -1.0, 1.0)
+    curve = np.clip(slope(rate, drive.period_s), -5.0, 5.0)
+    columns = {
+        "constant": np.ones(len(phi)),
+        "above": above,
+        "above by flow": above * flow / 60.0,
+        "above at low flow": above * 15.0 / flow,
+        "lean": np.minimum(above, 0.0),
+        "rate": rate,
+        "rate at low flow": rate * 15.0 / flow,
+        "rate by flow": rate * flow / 60.0,
+        "rising": np.maximum(rate, 0.0),
+        "curve": curve,
+        "curve at low flow": curve * 15.0 / flow,
+        "leak 20": np.exp(-flow / 20.0),
+        "leak 50": np.exp(-flow / 50.0),
+    }
+    cut = ~injecting(drive.signals)
+    for time_s in (0.5, 1.2, 3.0):
+        columns[f"after cut {time_s}"] = charged(cut, 1.0, time_s, drive.period_s)
+    return columns
+
+
+def _hats(x: FloatArray, knots: tuple[float, ...]) -> FloatArray:
+    """Return linear hat functions (n, k) that sum to 1, constant beyond the outer knots."""
+    identity = np.eye(len(knots))
+    return np.column_stack([np.interp(x, knots, row) for row in identity])
+
+
+@njit(cache=True)
+def _carry(u, dead, share):  # pragma: no cover
+    """Return ``u`` (n,) late by ``dead`` samples and through a lag."""
+    out = np.empty_like(u)
+    x = u[0]
+    for k in range(len(u)):
+        at = max(k - dead[k], 0.0)
+        i = int(at)
+        late = u[i]
+        if i < k:
+            late += (at - i) * (u[i + 1] - u[i])
+        x += share[k] * (late - x)
+        out[k] = x
+    return out

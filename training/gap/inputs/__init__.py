@@ -1,0 +1,1 @@
+"""Models and recordings that enter the gap workflow."""

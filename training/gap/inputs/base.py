@@ -1,0 +1,126 @@
+"""The model under study as the naming sees it: the chain, or the chain beside what it reads."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from monitor.base.errors import ModelError
+from monitor.base.types import FloatArray
+from monitor.model.card import ModelCard
+from monitor.model.step import Model
+from training.gap.add.network_chain import ChainDifference
+from training.gap.inputs.prediction import predicted_phi
+from training.greybox.chain import Constants, simulate
+from training.greybox.fit.drive import Drive, from_recording, hold
+from training.greybox.graph.chain_graph import Greybox
+from training.recordings.recording import Recording
+
+GREYBOX: Final = "greybox"
+
+
+def check(model: Path) -> ModelCard:
+    """Return the card of a model that the workflow can extend.
+
+    Raises ModelError if the model does not predict lambda by way of phi.
+    """
+    card = Model.load(model).card
+    if card.transform != "phi":
+        raise ModelError(
+            f"{model}: predicts {card.output.name} as it is; the gap workflow wants a model of "
+            "lambda_measured from o2train fit"
+        )
+    return card
+
+
+def constants_of(card: ModelCard) -> Constants:
+    """Return a grey-box model's constants, usual ones for a network."""
+    return Greybox.of(card).constants if card.kind == GREYBOX else Constants()
+
+
+def own_charge(card: ModelCard) -> bool:
+    """Return whether the model makes the air per stroke of other signals."""
+    return card.kind == GREYBOX and Greybox.of(card).charge_map is not None
+
+
+def drives_of(
+    model: Path, recordings: Sequence[Recording], healthy: Sequence[Recording] = ()
+) -> list[Drive]:
+    """Return the recordings as the naming wants them: with the charge that the model sees.
+
+    Effects are named on the chain, whatever the model is: what a network misses on new drives
+    differs from what it misses on those it was trained on, and looks like an effect. Effects that
+    the model has already move the chain as well.
+
+    healthy : what is known of the vehicle comes from these; of a model that was fitted to others
+        the charge is as broadcast, because its error there may hold part of what is looked for
+    Raises RecordingError if a recording lacks a signal or too little of it can be scored.
+    """
+    card = check(model)
+    made = plain_drives_of(card, recordings, healthy)
+    if not card.effects:
+        return made
+    if card.kind == GREYBOX:
+        alone, read = Greybox.of(card), predicted_phi(model, recordings)
+        seen = plain_drives_of(card, recordings)
+        return [
+            replace(drive, moved_phi=phi - _plain(own, alone))
+            for drive, own, phi in zip(made, seen, read, strict=True)
+        ]
+    added = ChainDifference.from_card(card)
+    return [replace(d, moved_phi=added.values(d.signals)) for d in made]
+
+
+def read_by(model: Path, recordings: Sequence[Recording]) -> list[Drive]:
+    """Return the recordings with what the model reads, for constants that suit the model.
+
+    Raises RecordingError as ``drives_of``.
+    """
+    made, read = plain_drives_of(check(model), recordings), predicted_phi(model, recordings)
+    return [replace(d, phi_of_model=phi) for d, phi in zip(made, read, strict=True)]
+
+
+def plain_drives_of(
+    card: ModelCard, recordings: Sequence[Recording], healthy: Sequence[Recording] = ()
+) -> list[Drive]:
+    """Return the recordings with the charge that the model sees, and without what it reads.
+
+    healthy : as in ``drives_of``
+    Raises RecordingError as ``drives_of``.
+    """
+    if card.kind != GREYBOX:
+        return [from_recording(each) for each in recordings]
+    chain = Greybox.of(card)
+    if healthy and not _fitted_to(card, healthy):
+        chain = replace(chain, charge_error=None)
+    made = [_made(each, chain) for each in recordings]
+    meter_s = chain.charge_error.time_s if chain.charge_error else None
+    return [
+        replace(from_recording(each, own), charged=bool(own), meter_s=meter_s)
+        for each, own in zip(recordings, made, strict=True)
+    ]
+
+
+def _fitted_to(card: ModelCard, recordings: Sequence[Recording]) -> bool:
+    """Whether a model was fitted to nothing but these recordings."""
+    return {each.sha256 for each in card.recordings} <= {each.sha256 for each in recordings}
+
+
+def _plain(drive: Drive, chain: Greybox) -> FloatArray:
+    return simulate(chain.path(drive.signals), drive.period_s)
+
+
+def _made(recording: Recording, chain: Greybox) -> dict[str, FloatArray]:
+    """Return the signals (n,) that the model makes for itself: the charge, and with it speed.
+
+    NaN where one of those that it makes them of was not measured.
+    """
+    if chain.charge_map is None and chain.charge_error is None:
+        return {}
+    inputs = [recording.column(name) for name in chain.inputs]
+    measured = np.isfinite(inputs).all(axis=0)
+    signals = chain.signals(np.stack([hold(values) for values in inputs], axis=1))
+    wanted = ["air_mass_mg", *({"engine_speed_rpm"} - set(chain.inputs))]
+    return {name: np.where(measured, signals[name], np.nan) for name in wanted}

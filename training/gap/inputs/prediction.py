@@ -1,0 +1,80 @@
+"""What a model file predicts for recordings, many of them side by side."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from monitor.base.errors import RecordingError
+from monitor.base.types import FloatArray
+from monitor.model.step import Model
+from training.greybox.fit.drive import hold
+from training.recordings.recording import Recording
+
+ROWS: Final = 32  # recordings that run side by side
+
+
+def predicted_phi(model: Path, recordings: Sequence[Recording]) -> list[FloatArray]:
+    """Return the free run of a model over each recording, (n,) in phi, in their order.
+
+    Inputs that are not good are held. Up to the first good measurement and for as many samples
+    after it as the model's longest lag, the measurement drives the state.
+    Outputs other than lambda are in their unit.
+    Raises ModelError if the file is no model, RecordingError if a recording has another sample
+    period, lacks a signal or never has a good value of it.
+    """
+    loaded = Model.load(model)
+    rows = [_checked(loaded, recording) for recording in recordings]
+    found: dict[int, FloatArray] = {}
+    order = sorted(range(len(rows)), key=lambda i: len(rows[i][1]))  # alike side by side
+    for first in range(0, len(order), ROWS):
+        chosen = order[first : first + ROWS]
+        runs = _run(loaded.with_batch(len(chosen)), [rows[i] for i in chosen])
+        found |= zip(chosen, runs, strict=True)
+    return [found[i] for i in range(len(rows))]
+
+
+def _checked(model: Model, recording: Recording) -> tuple[FloatArray, FloatArray]:
+    """Return held inputs (n, n_inputs) and the measured output (n,), NaN where not good."""
+    card = model.card
+    if recording.period_ns != card.period_ns:
+        raise RecordingError(
+            f"{recording.path}: sample period {recording.period_ns / 1e9:g} s, "
+            f"the model has {card.period_ns / 1e9:g} s"
+        )
+    for name in (*card.input_names, card.output.name):
+        if not np.isfinite(recording.column(name)).any():
+            raise RecordingError(f"{recording.path}: {name} is never good, the model needs it")
+    inputs = np.stack([hold(recording.column(name)) for name in card.input_names], axis=1)
+    return inputs, recording.column(card.output.name)
+
+
+def stacked(runs: Sequence[FloatArray], axis: int = 0) -> FloatArray:
+    """Return runs (n, …), each with an n of its own, as one array; short ones keep their last row.
+
+    axis : of the runs, 0 for (runs, n, …), 1 for (n, runs, …)
+    """
+    longest = max(map(len, runs))
+    around = [((0, longest - len(run)), *((0, 0),) * (run.ndim - 1)) for run in runs]
+    padded = [np.pad(run, pad, "edge") for run, pad in zip(runs, around, strict=True)]
+    return np.stack(padded, axis)
+
+
+def _run(model: Model, rows: Sequence[tuple[FloatArray, FloatArray]]) -> list[FloatArray]:
+    lengths = [len(measured) for _, measured in rows]
+    u = stacked([inputs for inputs, _ in rows], axis=1).astype(np.float32)
+    begins = [int(np.argmax(np.isfinite(measured))) for _, measured in rows]
+    forced = np.full((max(begins) + model.card.lags, len(rows)), np.nan)
+    for i, ((_, measured), begin) in enumerate(zip(rows, begins, strict=True)):
+        own = measured[: begin + model.card.lags]
+        forced[: len(own), i] = np.where(np.arange(len(own)) < begin, measured[begin], own)
+    model.reset(u[0], forced[0])
+    newest = model.card.state.output_start
+    phi = np.empty((len(rows), len(u)))
+    for k, row in enumerate(u):
+        model.step_batch(row)
+        phi[:, k] = model.state[:, newest]
+        if k < len(forced):
+            model.force_output(forced[k])
+    return [run[:n] for run, n in zip(phi, lengths, strict=True)]

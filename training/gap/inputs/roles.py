@@ -1,0 +1,62 @@
+"""What the gap workflow is given: a model, recordings in their roles, and the user's choices."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from monitor.base.errors import UsageError
+from monitor.base.faults import Fault
+from training.gap.verify.detection import FAULTS
+from training.recordings.recording import Recording
+
+MOST_EFFECTS: Final = 3  # that are added, and of an ambiguous set
+HELD_OUT_EVERY: Final = 3  # recordings, of which the last is held out
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """What the user chose."""
+
+    steps: int = 1
+    sensor_known_good: bool = False
+    add: tuple[str, ...] = ()  # effects that may be faults, and are known to be none
+    retrain_minutes: float = 0.0  # for a network with the effect as an input; 0 is none
+    faults: tuple[Fault, ...] = FAULTS  # put on for verifying; none leaves the monitor out
+    localise: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Given:
+    """What the workflow works on."""
+
+    model: Path
+    recordings: Sequence[Recording]
+    healthy: Sequence[Recording] = ()
+    verify: Sequence[Recording] = ()  # seen by no fit; may choose the form, too
+
+    @property
+    def roles(self) -> dict[str, Sequence[Recording]]:
+        """Return the recordings by what the command calls them."""
+        return {"RECORDING": self.recordings, "--healthy": self.healthy, "--verify": self.verify}
+
+
+def split(given: Given) -> tuple[list[int], list[Recording]]:
+    """Return which recordings the constants come from, and the recordings held out."""
+    n = len(given.recordings)
+    out = set() if given.verify else set(range(HELD_OUT_EVERY - 1, n, HELD_OUT_EVERY))
+    if n == HELD_OUT_EVERY - 1 and not given.verify:
+        out = {n - 1}
+    fitted_to = [i for i in range(n) if i not in out]
+    return fitted_to, [*given.verify, *(given.recordings[i] for i in sorted(out))]
+
+
+def options_of(
+    steps: int, sensor_known_good: bool, add: Sequence[str], retrain_minutes: float
+) -> Options:
+    """Return the options; raises UsageError if they make no sense."""
+    if not 1 <= steps <= MOST_EFFECTS:
+        raise UsageError(f"--steps is 1 to {MOST_EFFECTS}")
+    if not 0.0 <= retrain_minutes < float("inf"):
+        raise UsageError("--retrain takes minutes, 0 or more")
+    return Options(steps, sensor_known_good, tuple(add), retrain_minutes)

@@ -1,0 +1,225 @@
+"""What recordings must be before anything is fitted to them: each once, on one grid, and moving."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import numpy as np
+
+from monitor.base.errors import RecordingError
+from monitor.base.types import FloatArray
+from monitor.model.card import ModelCard
+from training.gap.healthy.behaviour import Healthy
+from training.gap.inputs import base
+from training.greybox.chain import Constants, base_path, valve_phi
+from training.greybox.effects import ALL
+from training.greybox.fit.drive import MIN_SCORED_S, NEEDED, Drive
+from training.recordings.recording import Recording
+
+SCORED_LEAST_S: Final = 300.0  # in all drives together: ten blocks to hold out in turn
+MOVES_LEAST: Final = 0.1  # of the median, of load or engine speed
+QUANTILES: Final = (0.05, 0.95)  # between which a signal moves
+CORRELATION_LEAST: Final = 0.6
+UNVISITED_MOST: Final = 0.25  # of all samples, where no healthy recording has been
+MAIN_REASON: Final = 0.2  # of the samples away by another quantity, from which one is named
+CHARGE: Final = ("maf_kg_h", "engine_speed_rpm")  # instead of the air per stroke
+SPEED: Final = ("engine_speed_rpm", "maf_kg_h")  # either, with the charge
+
+
+def check_files(
+    roles: Mapping[str, Sequence[Recording]], card: ModelCard, model: str
+) -> dict[str, list[str]]:
+    """Return the signals that the chain needs and that are missing → recordings without them.
+
+    roles : "RECORDING", "--healthy", "--verify" → recordings
+    A chain cannot do without them, a network can still be looked at.
+    Raises RecordingError if a recording stands twice, is on another grid than the model, or if it
+    is a chain's or a healthy one that lacks a signal.
+    """
+    check_once(roles)
+    check_period([each for group in roles.values() for each in group], card.period_ns, model)
+    own_charge = base.own_charge(card)
+    missing = lacking([*roles["RECORDING"], *roles["--verify"]], own_charge)
+    if missing and card.kind == base.GREYBOX:
+        names = sorted({name for group in missing.values() for name in group})
+        raise RecordingError(
+            f"{', '.join(names)}: no column or no good value of {' and '.join(missing)}, without "
+            "which the chain does not run (docs/signals.md has the names, --columns maps others); "
+            "a network on other inputs (o2train fit --inputs) can be localised"
+        )
+    if not missing:
+        check_healthy(roles["--healthy"], own_charge)
+    return missing
+
+
+def check_once(groups: Mapping[str, Sequence[Recording]]) -> None:
+    """Raise RecordingError if the same bytes stand twice in the groups, role → recordings."""
+    seen: dict[str, tuple[str, Recording]] = {}
+    for role, recordings in groups.items():
+        for each in recordings:
+            if each.sha256 in seen:
+                other_role, other = seen[each.sha256]
+                where = role if role == other_role else f"{other_role} and {role}"
+                raise RecordingError(
+                    f"{each.path}: the same bytes as {other.path} ({where}); a recording can serve "
+                    "for one thing, once"
+                )
+            seen[each.sha256] = (role, each)
+
+
+def check_period(recordings: Sequence[Recording], period_ns: int, model: str) -> None:
+    """Raise RecordingError if a recording has another sample period than the model."""
+    for each in recordings:
+        if each.period_ns != period_ns:
+            raise RecordingError(
+                f"{each.path}: sample period {each.period_ns / 1e9:g} s, {model} has "
+                f"{period_ns / 1e9:g} s; without --period recordings are brought to the model's"
+            )
+
+
+def lacking(recordings: Sequence[Recording], own_charge: bool = False) -> dict[str, list[str]]:
+    """Return the signals that the chain needs and that are missing → recordings without them.
+
+    own_charge : the chain makes the air per stroke of other signals
+    """
+    missing: dict[str, list[str]] = {}
+    for each in recordings:
+        present = each.known
+        names = [n for n in NEEDED if n not in present]
+        if "air_mass_mg" in names and (own_charge or set(CHARGE) <= present):
+            names.remove("air_mass_mg")
+        if not present & set(SPEED):
+            names.append(SPEED[0])
+        for name in names:
+            missing.setdefault(name, []).append(each.path.name)
+    return missing
+
+
+def check_healthy(recordings: Sequence[Recording], own_charge: bool = False) -> None:
+    """Raise RecordingError if healthy recordings lack what the chain needs and others have."""
+    for signal, names in lacking(recordings, own_charge).items():
+        raise RecordingError(
+            f"{', '.join(names)}: healthy, without a good value of {signal}, which the recordings "
+            "to be looked at have; what the model misses when healthy is learned with it"
+        )
+
+
+def check_long(drives: Sequence[Drive], role: str) -> None:
+    """Raise RecordingError if all drives together are too short to hold blocks out."""
+    seconds = sum(float(d.scored.sum()) * d.period_s for d in drives)
+    if seconds < SCORED_LEAST_S:
+        raise RecordingError(
+            f"{_names(drives)}: {seconds:.0f} s of {role} recordings can be scored in all, "
+            f"{SCORED_LEAST_S:.0f} s are wanted, better several recordings of ten minutes"
+        )
+
+
+def check_moving(drives: Sequence[Drive]) -> None:
+    """Raise RecordingError if the drives stand at one operating point: nothing can be told apart.
+
+    With closed-loop control phi at the valve moves everywhere; what effects differ by is how
+    they follow load and speed.
+    """
+    load, load_moves = _moves([d.signals["air_mass_mg"][d.scored] for d in drives])
+    speed, speed_moves = _moves([d.signals["engine_speed_rpm"][d.scored] for d in drives])
+    if max(load_moves, speed_moves) >= MOVES_LEAST:
+        return
+    valve = [valve_phi(base_path(Constants(), d.signals))[d.scored] for d in drives]
+    phi, phi_moves = _moves(valve)
+    raise RecordingError(
+        f"{_names(drives)}: no excitation, 90 % of the samples lie within {load_moves:.1%} of "
+        f"{load:.0f} mg of air per stroke, {speed_moves:.1%} of {speed:.0f} rpm and "
+        f"{phi_moves:.1%} of phi {phi:.2f} at the valve; load or speed must move by "
+        f"{MOVES_LEAST:.0%}, better mixed driving"
+    )
+
+
+def poor(card: ModelCard) -> list[str]:
+    """Return a warning if the model hardly follows its own vehicle: then little is told by it."""
+    figures = card.fit.get("test_enabled") or card.fit.get("test") or {}
+    found = figures.get("correlation", 1.0)
+    if found >= CORRELATION_LEAST:
+        return []
+    return [
+        f"the model follows blocks held out of its own training poorly (correlation {found:.2f}): "
+        "what it says of recordings, and any verdict here, means little"
+    ]
+
+
+def fitted_to(card: ModelCard, recordings: Sequence[Recording]) -> list[str]:
+    """Return a warning if the model, with its own reference, was fitted to what is looked at."""
+    return [
+        f"{names}: the model was fitted to them, so a gap that they have counts as "
+        "healthy; give recordings of the vehicle without it as --healthy"
+        for names in _fitted_to(card, recordings)
+    ]
+
+
+def held_out(card: ModelCard, recordings: Sequence[Recording]) -> list[str]:
+    """Return a warning if nothing is held out of the new model's fit, or was in the old one's."""
+    if not recordings:
+        return ["one recording: nothing could be held out, the figures are of held-out blocks"]
+    return [
+        f"{names}: the model was fitted to what is held out here, so its error before is "
+        "of drives that it knows; give other recordings as --verify"
+        for names in _fitted_to(card, recordings)
+    ]
+
+
+def _fitted_to(card: ModelCard, recordings: Sequence[Recording]) -> list[str]:
+    """Return the names of the recordings that the model was fitted to as one text, if any."""
+    known = {each.sha256 for each in card.recordings}
+    own = [each.path.name for each in recordings if each.sha256 in known]
+    return [", ".join(own)] if own else []
+
+
+def unlearned(recordings: Sequence[Recording], healthy: Sequence[Recording]) -> list[str]:
+    """Return warnings of effects whose signals healthy recordings lack and the others have."""
+    if not healthy:
+        return []
+    here, there = (frozenset.intersection(*(r.known for r in g)) for g in (recordings, healthy))
+    there |= {*NEEDED, *SPEED} if there & set(SPEED) else set(NEEDED)  # one gives the other
+    return [
+        f"{effect.name}: healthy recordings lack {', '.join(sorted(set(effect.needs) - there))}, "
+        "so its score is not held against what healthy drives show"
+        for effect in ALL
+        if set(effect.needs) <= here and not set(effect.needs) <= there
+    ]
+
+
+def unvisited(drives: Sequence[Drive], known: Healthy | None) -> list[str]:
+    """Return warnings of what lies where no healthy recording has been, which names nothing."""
+    if known is None:
+        return []
+    there = [int(d.kept.sum()) for d in drives]
+    left = [int(known.known_of(d).kept.sum()) for d in drives]
+    warnings = [
+        f"{d.name}: left out of the naming, all but {n * d.period_s:.0f} s lie {_away([d], known)}"
+        for d, n in zip(drives, left, strict=True)
+        if n * d.period_s < MIN_SCORED_S
+    ]
+    share = 1.0 - sum(left) / max(sum(there), 1)
+    if share >= UNVISITED_MOST:
+        warnings.append(f"{share:.0%} of the samples lie {_away(drives, known)} and name nothing")
+    return warnings
+
+
+def _away(drives: Sequence[Drive], known: Healthy) -> str:
+    """Return in which quantity drives are where no healthy recording has been."""
+    outside = Counter[str]()
+    for drive in drives:
+        for what, within in known.visited.parts(known.with_own(drive)).items():
+            outside[what] += int((~within[drive.kept]).sum())
+    most = max(outside.values())
+    where = " and ".join(what for what, n in outside.items() if n >= MAIN_REASON * most)
+    return f"at {where} that no healthy recording has visited"
+
+
+def _moves(values: Sequence[FloatArray]) -> tuple[float, float]:
+    """Return the median and the width of 90 % of the values, of the median."""
+    low, middle, high = np.quantile(np.concatenate(values), (QUANTILES[0], 0.5, QUANTILES[1]))
+    return float(middle), float((high - low) / max(abs(middle), 1e-9))
+
+
+def _names(drives: Sequence[Drive]) -> str:
+    return ", ".join(d.name for d in drives)

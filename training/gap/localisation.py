@@ -1,0 +1,154 @@
+"""The answer where no effect can be tried: where the model is wrong, and whether more than before.
+
+The library's effects act on the chain of charge and fuel. Recordings without fuel or air per stroke
+can still say in which regime, band or at what time a network is wrong.
+"""
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from math import nan
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from monitor.base.types import BoolArray, FloatArray
+from monitor.model.card import ModelCard
+from training.gap.inputs import suitability
+from training.gap.inputs.prediction import predicted_phi
+from training.gap.name.verdict import Naming, Verdict
+from training.gap.result import ModelFile, Result, of_recording
+from training.gap.where.localise import Findings, localise
+from training.greybox.effects import ALL
+from training.greybox.fit.comparison import Compared
+from training.greybox.fit.drive import AFTER_CUT_S, OUTPUT, Drive, make
+from training.jobs.stages import Progress
+from training.recordings.recording import Recording
+
+SAME: Final = 0.9999  # correlation from which a signal is the reading by another name
+LEAN_PHI: Final = 0.75  # leaner than an engine runs: fuel cut, where no signal says so
+BEFORE_CUT_S: Final = 1.0  # in which the reading falls
+
+
+def investigate(
+    model: Path, card: ModelCard, recordings: Sequence[Recording], healthy: Sequence[Recording],
+    missing: Mapping[str, Sequence[str]], *, sensor_known_good: bool, progress: Progress,
+) -> Result:  # fmt: skip
+    """Return where the model's free run disagrees, and the verdict that the error alone allows.
+
+    missing : signal that the chain needs → recordings without it
+    Raises RecordingError if an input of the model is missing or too little can be scored.
+    """
+    began_s = time.monotonic()
+    progress("localising")
+    new, known = (
+        [
+            Compared.of(_drive(recording, card), phi)
+            for recording, phi in zip(each, predicted_phi(model, each), strict=True)
+        ]
+        for each in (recordings, healthy)
+    )
+    found = localise(new, known)
+    optimism = _optimism(found, card, healthy)
+    answer = _naming(found, missing, optimism, sensor_known_good)
+    unknown = " ".join(found.significant) if answer.verdict == "unknown_effect" else None
+    return Result(
+        ModelFile.of(model), tuple(map(of_recording, recordings)),
+        tuple(map(of_recording, healthy)), (), found, answer, unknown=unknown,
+        warnings=tuple(suitability.poor(card)), sensor_known_good=sensor_known_good,
+        seconds=time.monotonic() - began_s,
+    )  # fmt: skip
+
+
+def _optimism(found: Findings, card: ModelCard, healthy: Sequence[Recording]) -> float | None:
+    """Return by how much, in phi squared, the model knows healthy recordings that trained it.
+
+    That is the mean square on blocks held out of its training less that on the recordings; None
+    if none of them trained it.
+    """
+    trained = {each.sha256 for each in card.recordings}
+    if not trained & {each.sha256 for each in healthy}:
+        return None
+    figures = card.fit.get("test_enabled") or card.fit.get("test") or {}
+    held_out = float(figures.get("rmse_model_units", 0.0))
+    return max(held_out**2 - found.excess.reference, 0.0)
+
+
+def _naming(
+    found: Findings,
+    missing: Mapping[str, Sequence[str]],
+    optimism: float | None,
+    sensor_known_good: bool,
+) -> Naming:
+    """Return the verdict; every candidate is skipped."""
+    verdict, suspected = _verdict(found, optimism or 0.0, sensor_known_good)
+    names = sorted({name for group in missing.values() for name in group})
+    warnings = [
+        f"no effect could be tried: the library acts on the chain of charge and fuel, and "
+        f"{', '.join(names)} cannot give {', '.join(missing)}; the verdict is by the error alone"
+    ]
+    if not found.excess.relative:
+        warnings.append(
+            "no healthy recordings: a weakness of the model itself cannot be told from an effect"
+        )
+    if optimism is not None:
+        warnings.append(
+            "the model was trained on healthy recordings: its error there is taken to be at least "
+            "that on the blocks held out of its training"
+        )
+    return Naming(
+        verdict, (), suspected, (), {effect.name: tuple(missing) for effect in ALL}, None, None,
+        None, float(np.sqrt(found.excess.mean_square)), None, found.floor.rms, nan, None,
+        tuple(warnings),
+    )  # fmt: skip
+
+
+def _verdict(
+    found: Findings, optimism: float, sensor_known_good: bool
+) -> tuple[Verdict, str | None]:
+    """Return the verdict and what the sensor is suspected of."""
+    if found.excess.low <= optimism or not found.significant:
+        return "no_gap", None
+    change = next((c for c in found.changes if c.significant), None)
+    if change is not None and not sensor_known_good:
+        return "sensor_fault_suspected", change.sentence.rstrip(".")
+    return "unknown_effect", None
+
+
+def _drive(recording: Recording, card: ModelCard) -> Drive:
+    columns = {name: recording.column(name) for name in recording.names if name != OUTPUT}
+    present = {name: x for name, x in columns.items() if np.isfinite(x).any()}
+    reading = recording.column(OUTPUT)
+    others = {n: x for n, x in present.items() if n in card.input_names or not _same(x, reading)}
+    drive = make(
+        recording.path.name, recording.period_ns / 1e9, others, reading,
+        needed=card.input_names,
+    )  # fmt: skip
+    if "fuel_cut" in present or "fuel_mass_mg" in present:
+        return drive
+    cut = _about(drive.phi_measured < LEAN_PHI, BEFORE_CUT_S, AFTER_CUT_S, drive.period_s)
+    return replace(drive, scored=drive.scored & ~cut)
+
+
+def _same(signal: FloatArray, reading: FloatArray) -> bool:
+    """Return whether a signal (n,) is the reading (n,) or its inverse by another name."""
+    both = np.isfinite(signal) & np.isfinite(reading) & (reading > 0.0)
+    if both.sum() < 2 or np.ptp(signal[both]) == 0.0 or np.ptp(reading[both]) == 0.0:
+        return False
+    x, y = signal[both], reading[both]
+    return max(abs(np.corrcoef(x, each)[0, 1]) for each in (y, 1.0 / y)) > SAME
+
+
+def _about(bad: BoolArray, before_s: float, after_s: float, period_s: float) -> BoolArray:
+    """Return (n,): bad within ``before_s`` to come or ``after_s`` gone by.
+
+    >>> bad = np.array([False, False, True, False, False, False])
+    >>> _about(bad, 0.1, 0.2, 0.1).tolist()
+    [False, True, True, True, True, False]
+    """
+    ahead, behind = round(before_s / period_s), round(after_s / period_s)
+    counts = np.concatenate([[0], np.cumsum(bad)])
+    at = np.arange(len(bad))
+    last = np.minimum(at + ahead + 1, len(bad))
+    return np.asarray(counts[last] - counts[np.maximum(at - behind, 0)] > 0)

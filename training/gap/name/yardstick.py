@@ -1,0 +1,105 @@
+"""What the vehicle's healthy drives show against each other: the yardstick of every score.
+
+Healthy drives are left out in turn and judged by what the others say. A candidate should gain on
+them what noise gives it, one unit of the likelihood ratio for each of its constants. Where healthy
+drives give it more (weather, fuel and operating points move the vehicle in the candidate's own
+direction), its score on new drives must be larger by as much.
+Source: Wedderburn, Quasi-likelihood functions, Biometrika 61 (1974), whose dispersion this is.
+"""
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from monitor.base.errors import RecordingError
+from training.gap.healthy import behaviour
+from training.gap.healthy.behaviour import CONSTANT, Healthy
+from training.gap.name.ranking import State
+from training.gap.name.start import begin
+from training.greybox.chain import Constants, simulate
+from training.greybox.fit.drive import Drive, path_of
+from training.greybox.fit.joint import Term, fit, held_out_rmse
+from training.greybox.fit.sensor_faults import FAULTS
+from training.jobs.stages import Progress
+
+GROUPS_MOST: Final = 6  # of drives that are left out together
+GROUPS_LEAST: Final = 3  # fewer say nothing of how drives differ
+PRIOR_GROUPS: Final = 2.0  # groups that count as having given what noise gives
+
+
+def learn(
+    drives: Sequence[Drive], start: Constants, progress: Progress = lambda _: None
+) -> Healthy:
+    """Return the healthy behaviour in ``drives`` and how far they contradict each other."""
+    drives = behaviour.as_shown(drives, start)
+    known = behaviour.learn(drives, start)
+    groups = min(len(drives), GROUPS_MOST)
+    if groups < GROUPS_LEAST:
+        return known
+    held_out = []
+    for k in range(groups):
+        progress(f"healthy drives without group {k + 1} of {groups}")
+        out = set(range(k, len(drives), groups))
+        rest = [d for i, d in enumerate(drives) if i not in out]
+        others = behaviour.learn(rest, start, known)
+        held_out.append(([drives[i] for i in sorted(out)], others))
+    known = _with_offsets(known, [m for own, others in held_out for m in _offsets(own, others)])
+    states = []
+    for own, others in held_out:
+        with suppress(RecordingError):  # of driving that the others do not know
+            alike = replace(others, spread=known.spread_of(others.names))
+            states.append(begin(own, alike, alike.base))
+    left = [_left_out(state) for state in states]
+    names = set[str]().union(*left)
+    surplus = {name: _typical([ratio[name] for ratio in left if name in ratio]) for name in names}
+    rmse = [held_out_rmse(state.case, state.current) for state in states]
+    # A network has seen these drives, so others are worse without any gap.
+    is_chain = all(drive.phi_of_model is None for drive in drives)
+    usual = float(np.median(rmse)) if rmse and is_chain else None
+    return replace(known, surplus=surplus, rmse_usual=usual)
+
+
+def _offsets(drives: Sequence[Drive], known: Healthy) -> list[float]:
+    """Return by how much each drive's phi lies off what the others say, on the whole."""
+    offsets = []
+    for drive in map(known.known_of, drives):
+        rows = drive.kept
+        own = simulate(path_of(drive, known.base), drive.period_s)
+        error = own + known.correction(drive) - drive.phi_measured
+        offsets += [float(error[rows].mean())] if rows.any() else []
+    return offsets
+
+
+def _with_offsets(known: Healthy, offsets: Sequence[float]) -> Healthy:
+    """Return what is known with drives' offsets as large as healthy ones have them."""
+    if CONSTANT not in known.names or len(offsets) < GROUPS_LEAST:
+        return known
+    spread = known.spread.copy()
+    at = known.names.index(CONSTANT)
+    spread[at] = max(spread[at], float(np.sqrt(np.mean(np.square(offsets)))))
+    return replace(known, spread=spread)
+
+
+def _typical(ratios: Sequence[float]) -> float:
+    """Return the geometric mean of ratios, none below 1: a single drive of another kind weighs
+    little.
+    """
+    logarithms = np.log(np.maximum(ratios, 1.0))
+    return float(np.exp(logarithms.sum() / (len(ratios) + PRIOR_GROUPS)))
+
+
+def _left_out(state: State) -> dict[str, float]:
+    """Return each candidate's likelihood ratio for each of its constants."""
+    drives = state.case.drives
+    terms: tuple[Term, ...] = (*drives[0].effects, *FAULTS)
+    ratio = {}
+    for term in terms:
+        if any(not set(getattr(term, "needs", ())) <= set(d.signals) for d in drives):
+            continue
+        fitted = fit(state.case, (term,), [state.current])
+        gain = 2.0 * (state.current.cost - fitted.cost)
+        ratio[term.name] = max(gain, 0.0) / len(term.parameters)
+    return ratio

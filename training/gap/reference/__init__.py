@@ -1,1 +1,0 @@
-"""What healthy drives show: the yardstick of every score."""

@@ -1,0 +1,97 @@
+"""Whether the monitor still finds faults: put on the measured lambda, before two models.
+
+The control loop has not seen these faults: in a car the controller would answer them.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from monitor.base import config
+from monitor.base.config import Config
+from monitor.base.faults import Fault, SensorFault, resolve
+from monitor.judge.limits import Limits
+from monitor.model.step import Model
+from monitor.pipeline.block_judge import Judged
+from training.gap.verify.findings import Count, Found
+from training.greybox.fit.drive import OUTPUT
+from training.limits.decision_limits import whole, with_limits
+from training.limits.judging import judge_recordings
+from training.limits.targets import LIMIT_SEVERITY
+from training.recordings.recording import Recording
+
+BIAS_LAMBDA: Final = 0.1  # found without the vehicle's own reference; the limit of 0.05 needs one
+FAULTS: Final = tuple(
+    resolve(name, BIAS_LAMBDA if name.startswith("biased") else severity)
+    for name, severity in LIMIT_SEVERITY.items()
+    if name != "transient"  # lag and gain together: both are there by themselves
+)
+ACCEPTED: Final = "the recordings of the fit"
+Judge = Callable[[Sequence[Recording]], list[Judged]]
+
+
+def monitor_of(path: Path, accepted: Sequence[Recording] = ()) -> Judge:
+    """Return the monitor with a model file and the limits of its card, and default settings.
+
+    accepted : recordings to set the limits on instead, as those of a new model are, so that no
+        code stands on them
+    Raises ModelError if the card has no limits, RecordingError if they cannot be set.
+    """
+    settings: Config = config.load()
+    model = Model.load(path)
+    card = model.card
+    if accepted:
+        card = with_limits(model, accepted, whole(accepted), settings, ACCEPTED)[0]
+    limits = Limits.from_card(card, settings, str(path))
+    return lambda recordings: judge_recordings(recordings, model, limits, settings)
+
+
+def put_on(recording: Recording, fault: Fault) -> Recording:
+    """Return the recording as a faulty sensor would have read the same mixture."""
+    values, column = recording.values.copy(), recording.names.index(OUTPUT)
+    sensor = SensorFault(fault, recording.period_ns / 1e9)
+    values[:, column] = np.array(sensor.apply(values[:, column].tolist()))
+    return replace(recording, values=values)
+
+
+@dataclass(frozen=True, slots=True)
+class Monitors:
+    """The monitor with the old and the new model."""
+
+    old: Judge
+    new: Judge | None = None
+    alike: Judge | None = None  # the old model with limits set as the new one's
+
+
+def detect(
+    recordings: Sequence[Recording], faults: Sequence[Fault | None], monitors: Monitors
+) -> tuple[Found, ...]:
+    """Return how often each fault is found, put on each of the recordings.
+
+    faults : None leaves the recordings as they are, and whatever is found is a false alarm
+    """
+    faulty = [put_on(each, fault) if fault else each for fault in faults for each in recordings]
+    before = monitors.old(faulty)
+    after = monitors.new(faulty) if monitors.new else None
+    alike = monitors.alike(faulty) if monitors.alike else None
+    found = []
+    for i, fault in enumerate(faults):
+        name, severity = (fault.name, fault.severity) if fault else ("", None)
+        own = slice(i * len(recordings), (i + 1) * len(recordings))
+        others = (None if each is None else _count(each[own], name) for each in (after, alike))
+        found.append(Found(name, severity, _count(before[own], name), *others))
+    return tuple(found)
+
+
+def _count(judged: Sequence[Judged], fault: str) -> Count:
+    names = [{dtc.fault for dtc in each.dtcs} for each in judged]
+    return Count(
+        len(judged),
+        sum(each.completed or bool(each.dtcs) for each in judged),
+        sum(bool(own) for own in names),
+        sum(own == {fault} for own in names),
+        tuple(sorted(name for own in names for name in own)),
+    )

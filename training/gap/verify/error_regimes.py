@@ -1,0 +1,200 @@
+"""Errors of two models side by side in regimes of the drives, with bounds of their difference.
+
+Blocks of time are drawn with replacement; the bounds of regimes hold for all of them together.
+Source: Künsch, Annals of Statistics 17 (1989); Westfall and Young, Resampling-Based Multiple
+Testing, 1993, for the largest of several differences.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.stats import norm as normal
+from scipy.stats import t as student
+
+from monitor.base.types import BoolArray, FloatArray
+from training.gap.verify.findings import Error
+from training.gap.where.bootstrap import draw_counts
+from training.gap.where.drivers import DERIVED
+from training.greybox.fit.comparison import BLOCK_S, Compared
+from training.greybox.fit.drive import hold
+
+COLD_DEGC: Final = 70.0  # below it production monitors are not enabled: DESIGN, section 8
+AFTER_CUT_S: Final = 6.0  # since the cut ended; the first two seconds are not scored
+CONFIDENCE: Final = 0.95  # of all regimes together
+LEAST_BLOCKS: Final = 6  # for bounds
+LEAST_SAMPLES: Final = 100
+PARTS: Final = (("low", "medium", "high"), (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0))
+
+
+@dataclass(frozen=True, slots=True)
+class Regime:
+    """A part of the scored samples."""
+
+    kind: str
+    words: str
+    rows: BoolArray  # (m,) of the scored samples of all drives, one after the other
+
+
+def scored(recordings: Sequence[Compared], arrays: Sequence[FloatArray]) -> FloatArray:
+    """Return the scored samples (m,) of one array (n,) per recording."""
+    return np.concatenate([a[r.scored] for r, a in zip(recordings, arrays, strict=True)])
+
+
+def find(recordings: Sequence[Compared]) -> list[Regime]:
+    """Return speed by load, cold and warm, after fuel cut, and edges: where the signals exist."""
+    regimes = _speed_and_load(recordings)
+    coolant = [r.signals.get("coolant_temperature_degc") for r in recordings]
+    known = [hold(c) for c in coolant if c is not None]
+    if len(known) == len(recordings):
+        cold = scored(recordings, known) < COLD_DEGC
+        regimes += [
+            Regime("temperature", f"coolant below {COLD_DEGC:g} °C", cold),
+            Regime("temperature", f"coolant above {COLD_DEGC:g} °C", ~cold),
+        ]
+    since = [s for r in recordings if (s := DERIVED["after_fuel_cut_s"](r)) is not None]
+    recent = scored(recordings, since) < AFTER_CUT_S
+    regimes.append(Regime("after fuel cut", f"within {AFTER_CUT_S:g} s after a fuel cut", recent))
+    return regimes + _edges(recordings)
+
+
+def _speed_and_load(recordings: Sequence[Compared]) -> list[Regime]:
+    speed, load = (
+        scored(recordings, [hold(r.signals[name]) for r in recordings])
+        for name in ("engine_speed_rpm", "air_mass_mg")
+    )
+    names, quantiles = PARTS
+    at = [np.quantile(x, quantiles) for x in (speed, load)]
+    of = [np.searchsorted(edges[1:-1], x) for x, edges in zip((speed, load), at, strict=True)]
+    return [
+        Regime(
+            "speed and load",
+            f"{_between(at[0], i, 'rpm')}, {_between(at[1], j, 'mg')}",
+            np.asarray((of[0] == i) & (of[1] == j)),
+        )
+        for i in range(len(names))
+        for j in range(len(names))
+    ]
+
+
+def _between(edges: FloatArray, i: int, unit: str) -> str:
+    return f"{edges[i]:.0f} to {edges[i + 1]:.0f} {unit}"
+
+
+def _edges(recordings: Sequence[Compared]) -> list[Regime]:
+    """Return edges of the old model's phi: the same samples for both models."""
+    slopes = [s for r in recordings if (s := DERIVED["phi_slope_1_s"](r)) is not None]
+    slope = scored(recordings, slopes)
+    steep = float(np.sqrt(np.mean(slope**2)))
+    return [
+        Regime("edge", "from lean to rich", slope > steep),
+        Regime("edge", "from rich to lean", slope < -steep),
+        Regime("edge", "no steep edge", np.abs(slope) <= steep),
+    ]
+
+
+def compare(
+    recordings: Sequence[Compared],
+    after: Sequence[FloatArray] | None,
+    floor: FloatArray | None,
+    seed: int = 0,
+) -> tuple[Error, ...]:
+    """Return the errors of all samples, then those of every regime with enough samples.
+
+    recordings : with the old model's residuals
+    after : residuals (n,) of the new model, per recording
+    floor : (m,) what is left of the scored samples by a flexible model
+    """
+    everything = np.ones(sum(int(r.scored.sum()) for r in recordings), dtype=bool)
+    regimes = [Regime("all", "all scored samples", everything), *find(recordings)]
+    regimes = [r for r in regimes if int(r.rows.sum()) >= LEAST_SAMPLES]
+    old = scored(recordings, [r.residual for r in recordings])
+    new = None if after is None else scored(recordings, after)
+    blocks = _blocks(recordings)
+    counts = _sums(regimes, blocks, np.ones(len(old)))
+    used = (counts > 0.0).sum(axis=1)
+    bounds = None
+    if new is not None:
+        pair = (_sums(regimes, blocks, old**2), _sums(regimes, blocks, new**2))
+        bounds = _bounds(*pair, counts, used >= LEAST_BLOCKS, np.random.default_rng(seed))
+    found = []
+    for i, regime in enumerate(regimes):
+        known = bounds is not None and used[i] >= LEAST_BLOCKS
+        low, high = bounds[i].tolist() if known and bounds is not None else (None, None)
+        rows, n = regime.rows, int(regime.rows.sum())
+        found.append(
+            Error(
+                regime.kind,
+                regime.words,
+                n,
+                int(used[i]),
+                rms(old[rows]),
+                None if new is None else rms(new[rows]),
+                None if floor is None else rms(floor[rows]),
+                low,
+                high,
+                float(old[rows].mean()),
+                None if new is None else float(new[rows].mean()),
+            )
+        )
+    return tuple(found)
+
+
+def rms(values: FloatArray) -> float:
+    """Return the root mean square."""
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _blocks(recordings: Sequence[Compared]) -> FloatArray:
+    """Return the number of each scored sample's block, (m,)."""
+    numbers, first = [], 0
+    for r in recordings:
+        own = (np.flatnonzero(r.scored) * r.period_s // BLOCK_S).astype(np.int64)
+        numbers.append(own + first)
+        first += int(len(r.residual) * r.period_s // BLOCK_S) + 1
+    return np.asarray(np.unique(np.concatenate(numbers), return_inverse=True)[1])
+
+
+def _sums(regimes: Sequence[Regime], blocks: FloatArray, values: FloatArray) -> FloatArray:
+    """Return the sum of ``values`` (m,) over each block in each regime, (n_regimes, n_blocks)."""
+    n = int(blocks.max()) + 1
+    return np.array([np.bincount(blocks, values * r.rows, n) for r in regimes])
+
+
+def _bounds(
+    before: FloatArray,
+    after: FloatArray,
+    counts: FloatArray,
+    told: BoolArray,
+    rng: np.random.Generator,
+) -> FloatArray:
+    """Return low and high (n_regimes, 2) of the change of RMSE.
+
+    The first is of all samples and stands by itself; those of the others hold for all ``told``
+    together.
+    """
+    drawn = draw_counts(counts.shape[1], rng).T
+    many = np.maximum(counts @ drawn, 1.0)
+    changes = np.sqrt(after @ drawn / many) - np.sqrt(before @ drawn / many)
+    n = counts.sum(axis=1)
+    value = np.sqrt(after.sum(axis=1) / n) - np.sqrt(before.sum(axis=1) / n)
+    spread = np.maximum(changes.std(axis=1), np.finfo(float).tiny)
+    distance = np.abs(changes - value[:, np.newaxis]) / spread[:, np.newaxis]
+    far = np.full(len(n), np.inf)
+    for rows in (np.arange(1), np.flatnonzero(told[1:]) + 1):  # the whole, then its parts together
+        if len(rows):
+            far[rows] = np.quantile(distance[rows].max(axis=0), CONFIDENCE)
+    reach = far * spread * _few(n**2 / (counts**2).sum(axis=1))
+    return np.column_stack([value - reach, value + reach])
+
+
+def _few(blocks: FloatArray) -> FloatArray:
+    """Return by how much a bootstrap over so many blocks (n_regimes,) reaches too short.
+
+    It draws a normal distribution's tail where Student's has to be, and the spread over n instead
+    of n - 1. Source: Efron and Tibshirani, An Introduction to the Bootstrap, 1993, section 12.
+    """
+    n = np.maximum(blocks, 2.0)
+    tail = 0.5 + CONFIDENCE / 2.0
+    return np.sqrt(n / (n - 1.0)) * student.ppf(tail, n - 1.0) / normal.ppf(tail)

@@ -1,0 +1,191 @@
+"""Is the gap smaller on drives that no fit saw, is no regime worse, are faults still found?"""
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from monitor.base.errors import ConfigError, ModelError, RecordingError
+from monitor.base.faults import Fault
+from monitor.base.types import FloatArray, IntArray
+from training.gap.healthy.behaviour import columns
+from training.gap.inputs.base import check, plain_drives_of
+from training.gap.inputs.prediction import predicted_phi
+from training.gap.verify import detection
+from training.gap.verify.detection import FAULTS, Monitors, monitor_of
+from training.gap.verify.error_regimes import compare, rms, scored
+from training.gap.verify.findings import Error, Found, Trace, Verified
+from training.gap.where.operating_map import excerpt
+from training.greybox.chain import Constants
+from training.greybox.fit import ridge
+from training.greybox.fit.comparison import BLOCK_S, FOLDS, Compared
+from training.greybox.fit.drive import Drive
+from training.jobs.stages import Progress
+from training.recordings.recording import Recording
+
+ALIKE: Final = (
+    "A new model's limits are set on the recordings of the fit (of a network trained anew on the "
+    "blocks held out of its training), by the rule of o2train fit, unless its card says that the "
+    "old ones stayed. Beside the old model's own limits stands what it finds with limits set on "
+    "the recordings of the fit: with its own it may take the gap for a fault, and then finds every "
+    "fault put on, by the wrong name."
+)
+AFTERWARDS: Final = (
+    "The faults were put on the measured lambda afterwards: the control loop has not seen them and "
+    "did not answer, as it would in a car."
+)
+
+
+def verify(
+    old: Path,
+    new: Path | None,
+    recordings: Sequence[Recording],
+    healthy: Sequence[Recording] = (),
+    *,
+    chain: Constants,
+    accepted: Sequence[Recording] = (),
+    faults: Sequence[Fault] = FAULTS,
+    progress: Progress = lambda _: None,
+) -> Verified:
+    """Return errors and detection of the old and the new model.
+
+    recordings : of the vehicle with the gap, not used by any fit of either model
+    healthy : on which the old model was accepted
+    chain : base constants of the vehicle, for the functions of the floor
+    accepted : to which the new model was fitted; the old model's limits are set there, beside its
+        own: only where both are as quiet does what they find compare
+    faults : put on the measured lambda of the recordings; none leaves the monitor out
+    Raises RecordingError if a recording cannot be scored.
+    """
+    progress("errors on held-out recordings")
+    overall, regimes, trace = _errors(old, new, recordings, chain)
+    on_healthy = _plain(old, new, healthy) if healthy else None
+    if not faults:
+        return Verified(overall, regimes, on_healthy, (), None, None, (), trace)
+    progress("faults put on held-out recordings")
+    try:
+        monitors = _monitors(old, new, accepted)
+    except (ModelError, ConfigError) as error:
+        note = f"The monitor was not asked: {error}."
+        return Verified(overall, regimes, on_healthy, (), None, None, (note,), trace)
+    alarms, *found = detection.detect(recordings, (None, *faults), monitors)
+    healthy_alarms = detection.detect(healthy, (None,), monitors)[0] if healthy else None
+    told = () if monitors.alike is None else (ALIKE,)
+    notes = (AFTERWARDS, *told, *_undecided(alarms, found), *_alarmed(alarms))
+    return Verified(
+        overall, regimes, on_healthy, tuple(found), alarms, healthy_alarms, notes, trace
+    )
+
+
+def _monitors(old: Path, new: Path | None, accepted: Sequence[Recording]) -> Monitors:
+    if new is None:
+        return Monitors(monitor_of(old))
+    alike = None
+    with suppress(RecordingError):  # too few windows to set limits: nothing to compare with
+        alike = monitor_of(old, accepted) if accepted else None
+    return Monitors(monitor_of(old), monitor_of(new), alike)
+
+
+def _errors(
+    old: Path, new: Path | None, recordings: Sequence[Recording], chain: Constants
+) -> tuple[Error, tuple[Error, ...], Trace | None]:
+    drives = plain_drives_of(check(old), recordings)
+    before, after = _compared(old, new, recordings, drives)
+    both = [[r.residual for r in each] for each in (before, after) if each is not None]
+    best = min(both, key=lambda residuals: rms(scored(before, residuals)))
+    floor = left_over(drives, before, best, chain)
+    overall, *regimes = compare(before, both[1] if after else None, floor)
+    return overall, tuple(regimes), _trace(before, after) if after else None
+
+
+def _plain(old: Path, new: Path | None, recordings: Sequence[Recording]) -> Error:
+    """Return the error of all samples alone, without a floor."""
+    drives = plain_drives_of(check(old), recordings)
+    before, after = _compared(old, new, recordings, drives)
+    whole = compare(before, [r.residual for r in after] if after else None, None)[0]
+    return replace(whole, kind="healthy", regime="healthy recordings")
+
+
+def _compared(
+    old: Path, new: Path | None, recordings: Sequence[Recording], drives: Sequence[Drive]
+) -> tuple[list[Compared], list[Compared] | None]:
+    """Return the drives with each model's prediction, scored on the same samples."""
+    before = predicted_phi(old, recordings)
+    after = before if new is None else predicted_phi(new, recordings)
+    drives = [
+        replace(d, scored=d.scored & np.isfinite(b) & np.isfinite(a))
+        for d, b, a in zip(drives, before, after, strict=True)
+    ]
+    old_run, new_run = (
+        [Compared.of(d, phi) for d, phi in zip(drives, each, strict=True)]
+        for each in (before, after)
+    )
+    return old_run, None if new is None else new_run
+
+
+def _trace(before: Sequence[Compared], after: Sequence[Compared]) -> Trace:
+    """Return the stretch in which the new model takes away most of the squared error."""
+    numbered = [replace(r, name=str(i)) for i, r in enumerate(before)]
+    gained = [b.residual - a.residual for b, a in zip(before, after, strict=True)]
+    shown = excerpt(numbered, gained)
+    drive = after[int(shown.recording)]
+    first = round(float(shown.t_s[0]) / drive.period_s)
+    new = drive.phi_predicted[first : first + len(shown.t_s)]
+    return Trace(drive.name, shown.t_s, shown.measured, shown.predicted, new, shown.scored)
+
+
+def left_over(
+    drives: Sequence[Drive],
+    compared: Sequence[Compared],
+    residuals: Sequence[FloatArray],
+    chain: Constants,
+) -> FloatArray:
+    """Return what a flexible model leaves of the scored residuals (m,), the noise floor in phi.
+
+    A ridge on plain functions and every effect's signature, each block by the fit without it. Where
+    it helps nothing on the whole the residual itself is left.
+    """
+    made = [columns(drive, chain) for drive in drives]
+    names = [name for name in made[0] if all(name in each for each in made)]
+    tables = [np.column_stack([each[name] for name in names]) for each in made]
+    x = np.concatenate([t[r.scored] for t, r in zip(tables, compared, strict=True)])
+    e = scored(compared, residuals)
+    rest = e - ridge.fit(x, e, _folds(compared)).held_out
+    return rest if rms(rest) < rms(e) else e
+
+
+def _folds(compared: Sequence[Compared]) -> IntArray:
+    """Return which samples (m,) are held out together: every fifth block of every recording."""
+    own = [
+        (np.flatnonzero(r.scored) * r.period_s // BLOCK_S).astype(np.int64) + i
+        for i, r in enumerate(compared)
+    ]
+    return np.asarray(np.concatenate(own) % FOLDS)
+
+
+def _undecided(alarms: Found, found: Sequence[Found]) -> tuple[str, ...]:
+    """Return notes if drives are too short or calm for the monitor to reach a decision."""
+    notes = []
+    for words, each in (("held-out drives", [alarms]), ("drives with a fault put on", found)):
+        counts = [c for f in each for c in (f.before, f.after) if c is not None]
+        drives, judged = sum(c.drives for c in counts), sum(c.judged for c in counts)
+        if judged < drives:
+            notes.append(
+                f"In {drives - judged} of {drives} {words}, both models counted, the monitor "
+                "reached no decision: too short or too calm for it. They count as not found."
+            )
+    return tuple(notes)
+
+
+def _alarmed(alarms: Found) -> tuple[str, ...]:
+    """Return a note if the old model raises codes without any fault, because of the gap."""
+    if not alarms.before.found:
+        return ()
+    return (
+        f"With the old model the monitor raises codes in {alarms.before.found} of "
+        f"{alarms.before.drives} held-out drives without any fault: there its detection says "
+        "little, the share named right says more.",
+    )

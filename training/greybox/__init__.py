@@ -1,0 +1,1 @@
+"""The grey-box chain: charge, fuel, mixture, transport, mixing, sensor."""

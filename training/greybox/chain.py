@@ -1,0 +1,215 @@
+"""The grey-box chain as arrays: charge and fuel, transport, mixing, sensor.
+
+phi at the valve is stoichiometric ratio · fuel / air · factor. It travels for a dead time, is mixed
+by a first-order lag, becomes what the sensor pumps, 1 + span · (gas - 1), and is read through
+a second lag whose time constant may differ by direction. Everything is in phi = 1/lambda, which is
+0 in fuel cut. Lags are exact for inputs that run straight between samples (ramp invariance;
+Franklin, Powell, Workman, Digital Control of Dynamic Systems, section 6.3), so that a time constant
+means the same at any sample period and moves the output by itself, not by a half sample more.
+"""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, fields, replace
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from monitor.base.types import BoolArray, FloatArray
+from monitor.model.step import PHI_MAX
+
+STOICHIOMETRIC = 14.7  # air over fuel by mass; another fuel's is part of the gain
+AIR_LEAST_MG = 5.0  # per stroke; below it the engine stands
+SPEED_LEAST_RPM, SPEED_MOST_RPM = 300.0, 9000.0
+PHI_VALVE_MOST = 3.0
+TIME_LEAST_S = 1e-4  # of a lag; below it there is none
+CYLINDERS = 4  # between air meter, charge and engine speed; another number is part of a constant
+MG_RPM_PER_KG_H = 1e6 / 3600.0 * 120.0 / CYLINDERS  # four strokes
+RECOVERY_S = 2.0  # after fuel cut, before a sample counts
+
+
+class Constants(NamedTuple):
+    """The base's calibration constants, those that a fit may move."""
+
+    gain: float = 1.0  # of fuel over air: injector, air meter and fuel in one
+    dead_time_s: float = 0.15  # part that does not follow engine speed
+    dead_time_revolutions: float = 1.5  # part that does: 90 / rpm seconds
+    mixing_s: float = 0.06  # never above sensor_s: the two cannot be told apart otherwise
+    sensor_s: float = 0.10
+    span: float = 1.0  # sensor sensitivity about phi = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Range:
+    """Unit and bounds of one constant."""
+
+    unit: str
+    low: float
+    high: float
+
+
+RANGES: Mapping[str, Range] = {
+    "gain": Range("-", 0.4, 2.5),
+    "dead_time_s": Range("s", 0.0, 1.0),
+    "dead_time_revolutions": Range("rev", 0.0, 6.0),
+    "mixing_s": Range("s", 0.005, 1.5),
+    "sensor_s": Range("s", 0.005, 1.5),
+    "span": Range("-", 0.3, 2.0),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Path:
+    """What happens to the mixture on its way, every field (n,) at the sample period."""
+
+    fuel_mg: FloatArray  # per stroke, what really enters
+    air_mg: FloatArray  # per stroke
+    factor: FloatArray  # on phi at the valve; the base's gain
+    dead_time_s: FloatArray
+    mixing_s: FloatArray
+    sensor_rising_s: FloatArray  # rising phi is lean to rich
+    sensor_falling_s: FloatArray
+    gas_factor: FloatArray  # on phi at the sensor, after mixing
+    span: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.fuel_mg)
+
+
+def charge_mg(signals: Mapping[str, FloatArray]) -> FloatArray:
+    """Return the air per stroke (n,) in mg: as broadcast, or from air meter and engine speed.
+
+    >>> charge_mg({"maf_kg_h": np.array([36.0]), "engine_speed_rpm": np.array([1500.0])}).tolist()
+    [200.0]
+    """
+    if "air_mass_mg" in signals:
+        return signals["air_mass_mg"]
+    rpm = np.maximum(signals["engine_speed_rpm"], SPEED_LEAST_RPM)
+    return np.asarray(signals["maf_kg_h"] * MG_RPM_PER_KG_H / rpm)
+
+
+def with_speed(signals: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+    """Return the signals with engine speed (n,): as broadcast, or from air meter and charge.
+
+    >>> with_speed({"maf_kg_h": np.array([36.0]), "air_mass_mg": np.array([200.0])})[
+    ...     "engine_speed_rpm"].tolist()
+    [1500.0]
+    """
+    known = dict(signals)
+    if "engine_speed_rpm" not in known:
+        rpm = known["maf_kg_h"] * MG_RPM_PER_KG_H / np.maximum(known["air_mass_mg"], AIR_LEAST_MG)
+        known["engine_speed_rpm"] = np.clip(rpm, SPEED_LEAST_RPM, SPEED_MOST_RPM)
+    return known
+
+
+def inputs_of(available: Collection[str]) -> tuple[str, ...]:
+    """Return what the chain reads of the signals that are available, or what it lacks.
+
+    >>> inputs_of(["fuel_mass_mg", "air_mass_mg", "maf_kg_h"])
+    ('fuel_mass_mg', 'air_mass_mg', 'maf_kg_h')
+    """
+    if "engine_speed_rpm" not in available and {"air_mass_mg", "maf_kg_h"} <= set(available):
+        return ("fuel_mass_mg", "air_mass_mg", "maf_kg_h")
+    by_meter = "maf_kg_h" in available and "air_mass_mg" not in available
+    return ("fuel_mass_mg", "maf_kg_h" if by_meter else "air_mass_mg", "engine_speed_rpm")
+
+
+def base_path(constants: Constants, signals: Mapping[str, FloatArray]) -> Path:
+    """Return the path of the base without any effect.
+
+    signals : (n,) each: fuel_mass_mg, engine_speed_rpm, and air_mass_mg or maf_kg_h
+    """
+    fuel_mg = np.asarray(signals["fuel_mass_mg"], dtype=np.float64)
+    ones = np.ones(len(fuel_mg))
+    revolution_s = 60.0 / np.maximum(signals["engine_speed_rpm"], SPEED_LEAST_RPM)
+    sensor_s = constants.sensor_s * ones
+    return Path(
+        fuel_mg=fuel_mg,
+        air_mg=np.asarray(charge_mg(signals), dtype=np.float64),
+        factor=constants.gain * ones,
+        dead_time_s=constants.dead_time_s + constants.dead_time_revolutions * revolution_s,
+        mixing_s=constants.mixing_s * ones,
+        sensor_rising_s=sensor_s,
+        sensor_falling_s=sensor_s,
+        gas_factor=ones,
+        span=constants.span * ones,
+    )
+
+
+def valve_phi(path: Path) -> FloatArray:
+    """Return phi at the valve (n,), within 0 .. 3."""
+    phi = path.factor * STOICHIOMETRIC * path.fuel_mg / np.maximum(path.air_mg, AIR_LEAST_MG)
+    return np.asarray(np.clip(phi, 0.0, PHI_VALVE_MOST))
+
+
+def simulate(path: Path, period_s: float) -> FloatArray:
+    """Return the phi that the sensor reads (n,), within 0 .. 1.7.
+
+    Before the first sample everything is taken to have stood as it stands there.
+    """
+    return _run(
+        valve_phi(path), path.dead_time_s / period_s, path.mixing_s / period_s,
+        path.sensor_rising_s / period_s, path.sensor_falling_s / period_s,
+        path.gas_factor, path.span,
+    )  # fmt: skip
+
+
+def part(path: Path, rows: slice) -> Path:
+    """Return the path of some consecutive samples."""
+    return replace(path, **{f.name: getattr(path, f.name)[rows] for f in fields(path)})
+
+
+def settled(fuel_mg: FloatArray, period_s: float, recovery_s: float = RECOVERY_S) -> BoolArray:
+    """Return (n,) bool: samples outside fuel cut for longer than ``recovery_s``.
+
+    >>> settled(np.array([9.0, 0.0, 9.0, 9.0, 9.0]), 0.1, recovery_s=0.2).tolist()
+    [True, False, False, False, True]
+    """
+    cut = np.asarray(fuel_mg <= 0.0)
+    at = np.arange(len(cut))
+    last_cut = np.maximum.accumulate(np.where(cut, at, -1))
+    return np.asarray((last_cut < 0) | (at - last_cut > round(recovery_s / period_s)))
+
+
+@njit(cache=True)
+def _weights(time: float) -> tuple[float, float]:  # pragma: no cover
+    """Return what a lag of ``time`` samples keeps of its state, and the newest input's weight.
+
+    The last input has the rest: keep + newest + last = 1.
+    """
+    time = max(time, TIME_LEAST_S)
+    keep = np.exp(-1.0 / time)
+    return keep, 1.0 - time * (1.0 - keep)
+
+
+@njit(cache=True)
+def _run(
+    valve: FloatArray, dead: FloatArray, mixing: FloatArray, rising: FloatArray,
+    falling: FloatArray, gas_factor: FloatArray, span: FloatArray,
+) -> FloatArray:  # fmt: skip  # pragma: no cover
+    """Return the reading (n,); times in samples."""
+    n = len(valve)
+    reading = np.empty(n)
+    if n == 0:
+        return reading
+    sensor = np.nan  # the time that the weights of the sensor's lag are for
+    late_last = mixed = valve[0]
+    pumped_last = read = 1.0 + span[0] * (mixed * gas_factor[0] - 1.0)
+    for k in range(n):
+        at = max(k - max(dead[k], 0.0), 0.0)
+        whole = int(at)
+        late = valve[whole]
+        if whole < k:
+            late += (at - whole) * (valve[whole + 1] - valve[whole])
+        keep, newest = _weights(mixing[k])
+        mixed = keep * mixed + newest * late + (1.0 - keep - newest) * late_last
+        late_last = late
+        pumped = 1.0 + span[k] * (mixed * gas_factor[k] - 1.0)
+        time = rising[k] if pumped > read else falling[k]
+        if time != sensor:
+            sensor, (held, fresh) = time, _weights(time)
+        read = held * read + fresh * pumped + (1.0 - held - fresh) * pumped_last
+        pumped_last = pumped
+        read = min(max(read, 0.0), PHI_MAX)
+        reading[k] = read
+    return reading

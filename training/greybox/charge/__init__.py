@@ -1,0 +1,1 @@
+"""The charge: a map of the volumetric efficiency, and the error of the air meter."""

@@ -1,0 +1,157 @@
+"""By how much the charge that the ECU broadcasts is wrong: over speed and charge, and over time.
+
+An ECU takes the charge from a table and lets its air meter correct it over some seconds (Guzzella
+and Onder, Introduction to Modeling and Control of Internal Combustion Engine Systems, section 4.2).
+So the error is a map of the operating point now, and another of where the engine has been. phi is
+linear in both maps: one linear regression on the lagged columns of the chain gives their values.
+Maps are smooth and their values of the order of a tenth, so where the engine was not, at idle speed
+with a full charge, neighbours count (P-splines: Eilers and Marx, Statistical Science 11, 1996).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.signal import lfilter
+
+from monitor.base.types import BoolArray, FloatArray
+from training.greybox.chain import Constants, base_path, charge_mg, simulate
+from training.greybox.charge.map import hats, knots_of
+from training.greybox.effects import Own, along
+from training.greybox.fit import ridge
+from training.greybox.fit.constants import Fitted, fit_constants
+
+SPEEDS, CHARGES = 4, 4  # knots
+TIMES_S = (1.0, 2.0, 4.0, 8.0)  # over which an air meter may correct
+BLOCK_S, FOLDS = 30.0, 5  # of the held-out error that chooses
+ROUNDS = 2  # of maps and constants in turn
+LEAST, MOST = 0.5, 2.0  # of the factor on phi
+# Times the samples, on squared differences of neighbouring knots. The least stands for 0.1 between
+# neighbours beside an error of 0.01 in phi that lasts some ten samples.
+PENALTIES = (3e-6, 1e-5, 1e-4, 1e-3, 1e-2)
+SMALL = 0.1  # weight of the squared values themselves, beside their differences
+
+
+@dataclass(frozen=True, slots=True)
+class ChargeError:
+    """Relative error of the broadcast charge, linear between the knots, constant beyond them."""
+
+    speeds_rpm: FloatArray  # (a,)
+    charges_mg: FloatArray  # (b,)
+    now: FloatArray  # (a, b) at the operating point
+    before: FloatArray  # (a, b) at the operating points of the last ``time_s``
+    time_s: float
+
+    def air_mass_mg(self, signals: Mapping[str, FloatArray], period_s: float) -> FloatArray:
+        """Return the charge (n,) in mg per stroke, beginning settled at the first sample.
+
+        signals : (n,) engine_speed_rpm and what the ECU says of the charge
+        """
+        air = charge_mg(signals)
+        by_speed = hats(signals["engine_speed_rpm"], self.speeds_rpm)
+        by_charge = hats(air, self.charges_mg)
+        now, before = (
+            ((by_speed @ values) * by_charge).sum(axis=1) for values in (self.now, self.before)
+        )
+        factor = 1.0 + now + settled_lag(before[:, None], self.time_s, period_s)[:, 0]
+        return np.asarray(air / np.clip(factor, LEAST, MOST))
+
+    def to_card(self) -> dict[str, Any]:
+        """Return what ``from_card`` reads."""
+        return {
+            "speeds_rpm": self.speeds_rpm.tolist(),
+            "charges_mg": self.charges_mg.tolist(),
+            "now": self.now.tolist(),
+            "before": self.before.tolist(),
+            "time_s": self.time_s,
+        }
+
+    @classmethod
+    def from_card(cls, given: Mapping[str, Any]) -> "ChargeError":
+        """Return the error of a card; raises KeyError if part of it is missing."""
+        speeds, charges, now, before = (
+            np.array(given[name]) for name in ("speeds_rpm", "charges_mg", "now", "before")
+        )
+        return cls(speeds, charges, now, before, float(given["time_s"]))
+
+
+def settled_lag(u: FloatArray, time_s: float, period_s: float) -> FloatArray:
+    """Return ``u`` (n, k) through a first-order lag that starts settled."""
+    share = share_of(time_s, period_s)
+    return np.asarray(lfilter([share], [1.0, share - 1.0], u - u[:1], axis=0) + u[:1])
+
+
+def share_of(time_s: float, period_s: float) -> float:
+    """Return the part of the way that a lag goes in one sample."""
+    return float(1.0 - np.exp(-period_s / time_s))
+
+
+def fit_with_charge_error(
+    signals: Mapping[str, FloatArray],
+    phi: FloatArray,
+    scored: BoolArray,
+    period_s: float,
+    own: Own = (),
+) -> tuple[Fitted, ChargeError | None]:
+    """Return the constants and the error of the charge that make the chain read ``phi`` best.
+
+    signals, phi, scored, own : see ``greybox.fit_constants``
+    There is no error where none makes held-out blocks better. Raises RecordingError if too few
+    samples count.
+    """
+    fitted = alone = fit_constants(signals, phi, scored, period_s, own=own)
+    error = None
+    for _ in range(ROUNDS):
+        error = _error(fitted.constants, signals, phi, scored, period_s, own)
+        if error is None:
+            return alone, None
+        right = dict(signals) | {"air_mass_mg": error.air_mass_mg(signals, period_s)}
+        fitted = fit_constants(right, phi, scored, period_s, [fitted.constants], own)
+    return fitted, error
+
+
+def _error(
+    constants: Constants,
+    signals: Mapping[str, FloatArray],
+    phi: FloatArray,
+    scored: BoolArray,
+    period_s: float,
+    own: Own,
+) -> ChargeError | None:
+    """Return the maps with the best held-out error, None if it is no better than without."""
+    path = along(base_path(constants._replace(span=1.0), signals), own, signals, period_s)
+    speed, air = signals["engine_speed_rpm"], charge_mg(signals)
+    speeds, charges = knots_of(speed[scored], SPEEDS), knots_of(air[scored], CHARGES)
+    cells = hats(speed, speeds)[:, :, None] * hats(air, charges)[:, None, :]
+    cells = cells.reshape(len(air), -1)
+    gas = 1.0 + (phi[scored] - 1.0) / constants.span
+    target = gas - simulate(path, period_s)[scored]
+    fold = (np.flatnonzero(scored) // round(BLOCK_S / period_s)) % FOLDS
+
+    def carried(shares: FloatArray) -> FloatArray:
+        """Return what each error of 1 at the valve makes of the reading, (m, k)."""
+        factors = (path.factor * share for share in shares.T)
+        return np.column_stack(
+            [simulate(replace(path, factor=each), period_s)[scored] for each in factors]
+        )
+
+    now, smooth = carried(cells), _smooth()
+    best, least = None, float(target @ target)
+    for time_s in TIMES_S:
+        columns = np.hstack([now, carried(settled_lag(cells, time_s, period_s))])
+        found = ridge.fit(columns @ smooth, target, fold, penalties=PENALTIES, alike=True)
+        left = float(((target - found.held_out) ** 2).sum())
+        if left < least:
+            least = left
+            maps = (smooth @ found.weights).reshape(2, SPEEDS, CHARGES)
+            best = ChargeError(speeds, charges, maps[0], maps[1], time_s)
+    return best
+
+
+def _smooth() -> FloatArray:
+    """Return the matrix that makes both maps' values (k,) of weights (k,) that are all alike."""
+    by_speed, by_charge = (np.diff(np.eye(n), axis=0) for n in (SPEEDS, CHARGES))
+    steps = np.vstack([np.kron(by_speed, np.eye(CHARGES)), np.kron(np.eye(SPEEDS), by_charge)])
+    rough = steps.T @ steps + SMALL * np.eye(SPEEDS * CHARGES)
+    return np.asarray(np.kron(np.eye(2), np.linalg.inv(np.linalg.cholesky(rough)).T))

@@ -1,0 +1,140 @@
+"""An effect of the library with its constants, as it goes into a model and its card."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from monitor.base.errors import ModelError
+from monitor.base.types import FloatArray
+from training.greybox.effects import LIBRARY, Effect
+
+if TYPE_CHECKING:
+    from training.gap.name.verdict import Candidate
+
+AS_EXPECTED: Final = 0.8  # of the spread about what is expected, above which nothing was learned
+
+
+@dataclass(frozen=True, slots=True)
+class Added:
+    """One effect that a model has beside its base.
+
+    Raises ModelError if the library has no such effect, or one with other parameters.
+    """
+
+    name: str
+    says: str  # what the vehicle does, as a sentence's end
+    tag: str  # physics, fault-like or either
+    like: tuple[str, ...]  # what it cannot be told from by construction
+    parameters: Mapping[str, float]
+    standard_errors: Mapping[str, float]
+    units: Mapping[str, str]
+
+    def __post_init__(self) -> None:
+        wanted = [p.name for p in _entry(self.name).parameters]
+        if sorted(self.parameters) != sorted(wanted):
+            raise ModelError(
+                f"effect {self.name} has parameters {', '.join(self.parameters) or 'none'}, "
+                f"wanted {', '.join(wanted)}"
+            )
+
+    @classmethod
+    def of(cls, candidate: "Candidate") -> "Added":
+        """Return what the naming found; raises ModelError for a sensor fault."""
+        return cls(
+            candidate.name,
+            candidate.says,
+            candidate.tag,
+            candidate.like,
+            candidate.parameters,
+            candidate.standard_errors,
+            candidate.units,
+        )
+
+    @classmethod
+    def with_values(
+        cls, name: str, values: Sequence[float], standard_errors: Sequence[float] | None = None
+    ) -> "Added":
+        """Return an effect from its values in the library's order, errors 0 if not given.
+
+        >>> Added.with_values("mix_flow", [1.5]).parameters
+        {'volume': 1.5}
+        """
+        effect = _entry(name)
+        names = [p.name for p in effect.parameters]
+        errors = np.zeros(len(names)).tolist() if standard_errors is None else standard_errors
+        return cls(
+            name,
+            effect.says,
+            effect.tag,
+            effect.like,
+            dict(zip(names, map(float, values), strict=True)),
+            dict(zip(names, map(float, errors), strict=True)),
+            {p.name: p.unit for p in effect.parameters},
+        )
+
+    @property
+    def effect(self) -> Effect:
+        """The library's entry."""
+        return LIBRARY[self.name]
+
+    @property
+    def values(self) -> FloatArray:
+        """Return the parameters (k,) in the library's order."""
+        return np.array([self.parameters[p.name] for p in self.effect.parameters])
+
+    @property
+    def in_words(self) -> str:
+        """Return name and parameters with their units.
+
+        >>> Added.with_values("mix_flow", [1.5]).in_words
+        'mix_flow: volume 1.5 l'
+        """
+        sizes = (f"{name} {v:.3g} {self.units[name]}" for name, v in self.parameters.items())
+        return f"{self.name}: {', '.join(size.removesuffix(' -') for size in sizes)}"
+
+    def to_card(self) -> dict[str, Any]:
+        """Return what ``from_card`` reads."""
+        return asdict(self) | {"like": list(self.like)}
+
+    @classmethod
+    def from_card(cls, given: Mapping[str, Any]) -> "Added":
+        """Return the effect of a card's entry, which may say more than this.
+
+        Raises ModelError if part of it is missing or the library has no such effect.
+        """
+        try:
+            fields = {name: given[name] for name in cls.__slots__}
+            return cls(**fields | {"like": tuple(fields["like"])})
+        except (KeyError, TypeError) as error:
+            raise ModelError(f"an added effect of the card lacks {error}") from None
+
+
+def _entry(name: str) -> Effect:
+    if name not in LIBRARY:
+        raise ModelError(f"effect {name!r} is not in the library: {', '.join(LIBRARY)}")
+    return LIBRARY[name]
+
+
+def uncertain(added: Sequence[Added]) -> list[str]:
+    """Return warnings of constants that the recordings hardly determine, or not at all.
+
+    A constant that moves nothing on them has a standard error of 0. One that is expected about some
+    value is not determined if it is known hardly better than that; near 0 it may be exact.
+    """
+    warnings = []
+    for each in added:
+        spreads = {p.name: p.spread for p in _entry(each.name).parameters}
+        for name, value in each.parameters.items():
+            error, spread = each.standard_errors[name], spreads[name]
+            most = abs(value) if spread is None else AS_EXPECTED * spread
+            says = f"{each.name}: {name} is {value:.2g} {each.units[name]}".removesuffix(" -")
+            more = "record driving in which the effect is stronger"
+            if error == 0.0 or (spread is not None and error > most):
+                warnings.append(f"{says}, which the recordings of the fit do not determine: {more}")
+            elif error > most:
+                warnings.append(
+                    f"{says} with a standard error of {error:.2g}, larger than it: {more}"
+                )
+    return warnings

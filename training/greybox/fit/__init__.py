@@ -1,0 +1,1 @@
+"""Least squares fits of the constants of the chain and of effects."""

@@ -1,0 +1,158 @@
+"""Drives as the gap workflow sees them: signals on the model's grid, phi, and what counts."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+
+from monitor.base.errors import RecordingError
+from monitor.base.types import BoolArray, FloatArray
+from monitor.model.step import PHI_MAX
+from training.greybox.chain import Constants, Path, base_path, charge_mg, with_speed
+from training.greybox.effects import ALL, Effect, Own, along
+from training.greybox.effects.air import following
+from training.recordings.recording import Recording
+
+OUTPUT: Final = "lambda_measured"
+NEEDED: Final = ("air_mass_mg", "fuel_mass_mg")
+AFTER_CUT_S: Final = 2.0  # transport, mixing and sensor have passed on phi = 0, as in the chain
+CUT_PHI: Final = 0.5  # read of burnt mixture never, of a fuel cut wherever it is by now
+AFTER_CUT_READ_S: Final = 1.0  # the end of a cut has passed the chain, whatever its dead time
+AFTER_GAP_S: Final = 5.0  # a held value has left the chain
+CUT_FUEL_MG: Final = 0.3  # per stroke; below the smallest injection
+MIN_SCORED_S: Final = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """One recording, ready for the chain."""
+
+    name: str
+    period_s: float
+    signals: Mapping[str, FloatArray]  # canonical name → (n,), gaps held
+    phi_measured: FloatArray  # (n,) 1 / lambda, held where not measured
+    scored: BoolArray  # (n,) measured, outside fuel cut and the recovery from it
+    phi_of_model: FloatArray | None = None  # (n,) of a model that is not the chain alone
+    moved_phi: FloatArray | float = 0.0  # (n,) by which effects in the model move the chain
+    own: Own = ()  # part of the base on this drive
+    charged: bool = False  # its air per stroke is not as broadcast, but as healthy drives taught
+    meter_s: float | None = None  # over which the meter corrects the charge; None is not known
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """Return the library as it suits the ECU."""
+        return tuple(following(effect, self.meter_s) for effect in ALL)
+
+    def __len__(self) -> int:
+        return len(self.phi_measured)
+
+    @property
+    def kept(self) -> BoolArray:
+        """(n,): scored, as are the two samples before, which a whitened error needs."""
+        kept = self.scored.copy()
+        kept[:2] = False
+        kept[1:] &= self.scored[:-1]
+        kept[2:] &= self.scored[:-2]
+        return kept
+
+
+def path_of(drive: Drive, base: Constants) -> Path:
+    """Return the path of the base on a drive, with the effects that the healthy vehicle has."""
+    return along(base_path(base, drive.signals), drive.own, drive.signals, drive.period_s)
+
+
+def from_recording(recording: Recording, made: Mapping[str, FloatArray] | None = None) -> Drive:
+    """Return the drive of a recording.
+
+    made : signals (n,) that the model makes of others, instead of those recorded
+    Charge is worked out of air meter and engine speed where it is missing, and engine speed of air
+    meter and charge. A sample is scored if lambda and every input the chain needs were measured for
+    some seconds and no fuel was cut.
+    Raises RecordingError if a signal is missing or less than a minute can be scored.
+    """
+    columns = {name: recording.column(name) for name in recording.names if name != OUTPUT}
+    columns |= made or {}
+    present = {name: x for name, x in columns.items() if np.isfinite(x).any()}
+    if "air_mass_mg" not in present and {"maf_kg_h", "engine_speed_rpm"} <= set(present):
+        present["air_mass_mg"] = charge_mg(present)
+    for name in (*NEEDED, OUTPUT):
+        if name not in (*present, *recording.names):
+            raise RecordingError(f"{recording.path}: has no {name}, the gap workflow needs it")
+        if name != OUTPUT and name not in present:
+            raise RecordingError(f"{recording.path}: {name} has no good value")
+    lambda_measured = recording.column(OUTPUT)
+    return make(recording.path.name, recording.period_ns / 1e9, present, lambda_measured)
+
+
+def make(
+    name: str,
+    period_s: float,
+    signals: Mapping[str, FloatArray],
+    lambda_measured: FloatArray,
+    needed: Sequence[str] | None = None,
+) -> Drive:
+    """Return a drive from signals (n,) and measured lambda (n,), NaN where not good.
+
+    needed : signals without which the model predicts nothing; None of the chain
+    Raises RecordingError if less than a minute can be scored.
+    """
+    good = np.isfinite(lambda_measured) & (lambda_measured > 0.0)
+    phi = np.minimum(1.0 / np.where(good, lambda_measured, 1.0), PHI_MAX)
+    read = {*NEEDED, *({"engine_speed_rpm"} & signals.keys())} if needed is None else {*needed}
+    inputs_good = np.all([np.isfinite(signals[each]) for each in read], axis=0)
+    held = {each: hold(values) for each, values in signals.items()}
+    if needed is None:
+        if not {"engine_speed_rpm", "maf_kg_h"} & set(held):
+            raise RecordingError(f"{name}: has neither engine_speed_rpm nor maf_kg_h")
+        held = with_speed(held)
+    cut = in_fuel_cut(held)
+    if cut is None:
+        cut = np.zeros(len(phi), dtype=bool)
+    scored = good & ~_until(cut, AFTER_CUT_S, period_s)
+    scored &= ~_until(good & (phi < CUT_PHI), AFTER_CUT_READ_S, period_s)
+    scored &= ~_until(~inputs_good, AFTER_GAP_S, period_s)
+    if "sensor_ready" in held:
+        scored &= held["sensor_ready"] > 0.5
+    if "engine_speed_rpm" in held:
+        scored &= ~_until(held["engine_speed_rpm"] < 400.0, AFTER_GAP_S, period_s)
+    scored[: round(AFTER_GAP_S / period_s)] = False
+    seconds = float(scored.sum()) * period_s
+    if seconds < MIN_SCORED_S:
+        raise RecordingError(
+            f"{name}: {seconds:.0f} s can be scored, {MIN_SCORED_S:.0f} wanted; of its samples "
+            f"{good.mean():.0%} have lambda, {inputs_good.mean():.0%} {', '.join(sorted(read))}, "
+            f"{1.0 - cut.mean():.0%} are outside fuel cut (fuel_mass_mg from {CUT_FUEL_MG:g} mg)"
+        )
+    phi = np.where(good, phi, hold(np.where(good, phi, np.nan)))
+    return Drive(name, period_s, MappingProxyType(held), phi, scored)
+
+
+def in_fuel_cut(signals: Mapping[str, FloatArray]) -> BoolArray | None:
+    """Return (n,) whether the flag or the fuel says that it is cut, None without either."""
+    said = [signals["fuel_cut"] > 0.5] if "fuel_cut" in signals else []
+    if "fuel_mass_mg" in signals:
+        said.append(signals["fuel_mass_mg"] < CUT_FUEL_MG)
+    return np.asarray(np.any(said, axis=0)) if said else None
+
+
+def hold(values: FloatArray) -> FloatArray:
+    """Return (n,) with every gap filled by the value before it, the first by the one after.
+
+    >>> hold(np.array([np.nan, 1.0, np.nan, 3.0]))
+    array([1., 1., 1., 3.])
+    """
+    finite = np.isfinite(values)
+    if not finite.any():
+        return np.zeros_like(values)
+    last = np.maximum.accumulate(np.where(finite, np.arange(len(values)), -1))
+    return np.asarray(values[np.where(last < 0, int(np.argmax(finite)), last)])
+
+
+def _until(bad: BoolArray, seconds: float, period_s: float) -> BoolArray:
+    """Return (n,): bad now or within the last ``seconds``."""
+    steps = round(seconds / period_s)
+    counts = np.concatenate([[0], np.cumsum(bad)])
+    index = np.arange(len(bad))
+    return np.asarray(counts[index + 1] - counts[np.maximum(index - steps, 0)] > 0)

@@ -1,0 +1,304 @@
+"""Base constants and effects fitted together to several drives, in whitened errors."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise, product
+from typing import Final
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from monitor.base.types import BoolArray, FloatArray, IntArray
+from training.greybox.chain import RANGES, Constants, Path, simulate
+from training.greybox.effects import Effect
+from training.greybox.fit.comparison import BLOCK_S, FOLDS
+from training.greybox.fit.drive import Drive, path_of
+from training.greybox.fit.sensor_faults import SensorFault
+from training.greybox.fit.variation import Shrink
+
+Term = Effect | SensorFault
+LOW: Final = np.array([RANGES[name].low for name in Constants._fields])
+HIGH: Final = np.array([RANGES[name].high for name in Constants._fields])
+SCALE: Final = Constants(0.01, 0.02, 0.2, 0.02, 0.02, 0.02)  # of a typical step of a fit
+STEP: Final = 1e-4  # relative to the scale, for derivatives
+WHITE: Final = (0.9, 0.0)  # differences, nearly: what changes slowly is for the correction
+INSIDE: Final = 1e-6  # relative distance from a bound at which a fit starts
+
+
+@dataclass(frozen=True, slots=True)
+class Prior:
+    """What is known of the base constants; None where nothing is."""
+
+    mean: Constants
+    spread: Constants  # standard deviation
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """Drives to explain, with all that a fit needs besides its constants."""
+
+    drives: tuple[Drive, ...]
+    corrections: tuple[FloatArray, ...]  # per drive (n,) in phi: what the base misses when healthy
+    ar: tuple[float, float] = (0.0, 0.0)  # of the noise
+    sigma: float = 1.0  # of the whitened noise, in phi
+    prior: Prior | None = None
+    fixed: Constants | None = None  # base constants that hold; a fit moves the terms' only
+    shrinks: tuple[Shrink, ...] = ()  # per drive; empty where nothing is known of variation
+    scales: tuple[float, ...] = ()  # per drive, of its errors, in sigma; empty where all are 1
+
+    kept: tuple[BoolArray, ...] = field(init=False)  # per drive (n,), see ``Drive.kept``
+    paths: tuple[Path, ...] = field(init=False)  # per drive, of a base that holds
+
+    def __post_init__(self) -> None:
+        fixed = self.fixed
+        paths = () if fixed is None else tuple(path_of(drive, fixed) for drive in self.drives)
+        object.__setattr__(self, "kept", tuple(drive.kept for drive in self.drives))
+        object.__setattr__(self, "paths", paths)
+
+    @property
+    def blocks(self) -> IntArray:
+        """Which block each kept sample belongs to, (m,), numbered through all drives."""
+        numbers, first = [], 0
+        for drive, kept in zip(self.drives, self.kept, strict=True):
+            of = np.arange(len(drive)) // round(BLOCK_S / drive.period_s)
+            numbers.append(of[kept] + first)
+            first += int(of[-1]) + 1
+        _, compact = np.unique(np.concatenate(numbers), return_inverse=True)
+        return np.asarray(compact, dtype=np.int64)
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """One fitted model."""
+
+    terms: tuple[Term, ...]
+    base: Constants
+    parameters: tuple[FloatArray, ...]  # per term
+    residual: FloatArray  # (m,) whitened, in sigma, kept samples of all drives
+    jacobian: FloatArray  # (m, p)
+    hessian: FloatArray  # (p, p) with the prior; base first unless it is fixed
+    cost: float  # half the sum of squares, with the prior
+
+    @property
+    def standard_errors(self) -> tuple[FloatArray, ...]:
+        """One standard error of each term's parameters."""
+        spread = np.sqrt(np.maximum(np.diag(np.linalg.pinv(self.hessian)), 0.0))
+        own = [len(p) for p in self.parameters]
+        sizes = np.cumsum([len(spread) - sum(own), *own])
+        return tuple(spread[a:b] for a, b in pairwise(sizes))
+
+
+def has_its_signs(term: Term, values: FloatArray) -> bool:
+    """Whether the constants of a term that cannot be below 0 are above it."""
+    return all(v > 0.0 for p, v in zip(term.parameters, values, strict=True) if p.positive)
+
+
+def predict(
+    case: Case, base: Constants, terms: Sequence[Term], parameters: Sequence[FloatArray]
+) -> list[FloatArray]:
+    """Return what the sensor should read, per drive (n,) in phi."""
+    known = case.paths if base == case.fixed else (None,) * len(case.drives)
+    return [
+        reading(drive, base, terms, parameters, correction, path)
+        for drive, correction, path in zip(case.drives, case.corrections, known, strict=True)
+    ]
+
+
+def reading(
+    drive: Drive,
+    base: Constants,
+    terms: Sequence[Term],
+    parameters: Sequence[FloatArray],
+    correction: FloatArray | float = 0.0,
+    path: Path | None = None,
+) -> FloatArray:
+    """Return the chain's phi (n,) with effects on the way and sensor faults after it.
+
+    correction : (n,) in phi, by which the chain misses what a sound sensor reads
+    path : of the base on the drive, if it is there already
+    """
+    path = path_of(drive, base) if path is None else path
+    for term, values in zip(terms, parameters, strict=True):
+        if isinstance(term, Effect):
+            path = term.apply(path, values, drive.signals, drive.period_s)
+    phi = simulate(path, drive.period_s) + correction
+    for term, values in zip(terms, parameters, strict=True):
+        if isinstance(term, SensorFault):
+            phi = term.read(phi, values, drive.period_s)
+    return phi
+
+
+def errors(case: Case, phi: Sequence[FloatArray]) -> FloatArray:
+    """Return prediction minus measurement on the kept samples, whitened, in sigma: (m,)."""
+    a, b = case.ar
+    parts = []
+    for i, (drive, predicted) in enumerate(zip(case.drives, phi, strict=True)):
+        e = predicted - drive.phi_measured
+        e[2:] = e[2:] - a * e[1:-1] - b * e[:-2]
+        own = e[case.kept[i]] / case.sigma
+        own = case.shrinks[i].apply(own) if case.shrinks else own
+        parts.append(own / case.scales[i] if case.scales else own)
+    return np.concatenate(parts)
+
+
+def plain_errors(case: Case, phi: Sequence[FloatArray]) -> FloatArray:
+    """Return prediction minus measurement on the kept samples in phi, (m,)."""
+    return errors(replace(case, ar=(0.0, 0.0), sigma=1.0, shrinks=(), scales=()), phi)
+
+
+def fit(case: Case, terms: Sequence[Term], starts: Sequence[Fit | Constants]) -> Fit:
+    """Return the best of the fits begun at every start with every start of the last term.
+
+    starts : base constants, or a fit of all terms but the last, or of all terms
+    """
+    best: Fit | None = None
+    for start in starts:
+        for values in _starting_points(terms, start):
+            found = _descend(case, tuple(terms), values)
+            if best is None or found.cost < best.cost:
+                best = found
+    assert best is not None
+    return best
+
+
+def _starting_points(terms: Sequence[Term], start: Fit | Constants) -> list[FloatArray]:
+    known = [np.array(start)] if isinstance(start, Constants) else [np.array(start.base)]
+    if isinstance(start, Fit):
+        known += list(start.parameters)
+    rest = terms[len(known) - 1 :]
+    grids = [product(*(p.start for p in term.parameters)) for term in rest]
+    return [
+        np.concatenate([*known, *(np.array(values) for values in combination)])
+        for combination in product(*grids)
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class _Layout:
+    """Where the constants that a fit moves stand in one array."""
+
+    case: Case
+    terms: tuple[Term, ...]
+
+    def split(self, x: FloatArray) -> tuple[Constants, list[FloatArray]]:
+        """Return base and parameters of the moving constants."""
+        fixed = self.case.fixed
+        first = 0 if fixed else len(LOW)
+        sizes = np.cumsum([first, *(len(term.parameters) for term in self.terms)])
+        base = fixed or Constants(*x[:first].tolist())
+        return base, [x[a:b] for a, b in pairwise(sizes)]
+
+    def join(self, of_base: Sequence[float], of_terms: Sequence[Sequence[float]]) -> FloatArray:
+        """Return one value per moving constant."""
+        parts = [] if self.case.fixed else [np.array(of_base)]
+        return np.concatenate([np.empty(0), *parts, *(np.array(own) for own in of_terms)])
+
+    @property
+    def limits(self) -> tuple[FloatArray, FloatArray]:
+        """Return the lowest and highest constants."""
+        low = self.join(LOW.tolist(), [[p.low for p in term.parameters] for term in self.terms])
+        high = self.join(HIGH.tolist(), [[p.high for p in term.parameters] for term in self.terms])
+        return low, high
+
+    def cost(self, x: FloatArray) -> FloatArray:
+        """Return the errors in sigma, the prior's after them."""
+        base, own = self.split(x)
+        e = errors(self.case, predict(self.case, base, self.terms, own))
+        return np.concatenate([e, _prior_rows(self.case, base), _term_rows(self.terms, own)])
+
+
+def _descend(case: Case, terms: tuple[Term, ...], start: FloatArray) -> Fit:
+    layout = _Layout(case, terms)
+    low, high = layout.limits
+    scale = layout.join(SCALE, [[_scale(p.start) for p in term.parameters] for term in terms])
+    x = start[len(start) - len(low) :]
+    if len(x) == 0:
+        e = layout.cost(x)
+        nothing = np.empty((len(e), 0))
+        return Fit(terms, layout.split(x)[0], (), e, nothing, np.empty((0, 0)), float(e @ e) / 2.0)
+
+    def slope(x: FloatArray) -> FloatArray:
+        at = layout.cost(x)
+        columns = []
+        for i in range(len(x)):
+            step = STEP * scale[i] * (1.0 if x[i] + STEP * scale[i] < high[i] else -1.0)
+            moved = x.copy()
+            moved[i] += step
+            columns.append((layout.cost(moved) - at) / step)
+        return np.column_stack(columns)
+
+    margin = INSIDE * (high - low)
+    found = least_squares(
+        layout.cost,
+        np.clip(x, low + margin, high - margin),
+        slope,
+        (low, high),
+        x_scale=scale,
+        ftol=1e-5,
+        xtol=1e-5,
+        max_nfev=40,
+    )
+    base, own = layout.split(found.x)
+    jacobian = np.asarray(found.jac, dtype=np.float64)
+    m = len(found.fun) - len(_prior_rows(case, base)) - len(_term_rows(terms, own))
+    hessian = jacobian.T @ jacobian
+    return Fit(terms, base, tuple(own), found.fun[:m], jacobian[:m], hessian, float(found.cost))
+
+
+def _scale(start: Sequence[float]) -> float:
+    return max(abs(value) for value in start)
+
+
+def _prior_rows(case: Case, base: Constants) -> FloatArray:
+    if case.prior is None or case.fixed is not None:
+        return np.empty(0)
+    return (np.array(base) - np.array(case.prior.mean)) / np.array(case.prior.spread)
+
+
+def _term_rows(terms: Sequence[Term], own: Sequence[FloatArray]) -> FloatArray:
+    """Return how far constants are from where they are expected, for those that have a spread."""
+    rows = [
+        (value - p.start[0]) / p.spread
+        for term, values in zip(terms, own, strict=True)
+        for p, value in zip(term.parameters, values, strict=True)
+        if p.spread is not None
+    ]
+    return np.array(rows, dtype=np.float64)
+
+
+def held_out(found: Fit, blocks: IntArray) -> FloatArray:
+    """Return every sample's error (m,) by the fit without the fold of its block.
+
+    The fit without a fold is one Gauss-Newton step away from the whole one: with a dozen constants
+    and thousands of samples nothing more is needed.
+    """
+    fold = blocks % FOLDS
+    result = found.residual.copy()
+    for f, step in enumerate(_steps_without(found, fold)):
+        result[fold == f] += found.jacobian[fold == f] @ step
+    return result
+
+
+def held_out_rmse(case: Case, found: Fit) -> float:
+    """Return the RMSE in phi of every block by the fit without its fold."""
+    fold = case.blocks % FOLDS
+    layout = _Layout(case, found.terms)
+    low, high = layout.limits
+    centre = layout.join(found.base, [own.tolist() for own in found.parameters])
+    squares = 0.0
+    for f, step in enumerate(_steps_without(found, fold)):
+        base, own = layout.split(np.clip(centre + step, low, high))
+        e = plain_errors(case, predict(case, base, found.terms, own))
+        squares += float((e[fold == f] ** 2).sum())
+    return float(np.sqrt(squares / len(fold)))
+
+
+def _steps_without(found: Fit, fold: IntArray) -> list[FloatArray]:
+    """Return how the constants move, (p,), if each fold is left out."""
+    steps = []
+    for f in range(FOLDS):
+        own = found.jacobian[fold == f]
+        rest = found.hessian - own.T @ own
+        ridge = 1e-9 * np.diag(np.diag(found.hessian) + 1e-12)
+        steps.append(np.linalg.solve(rest + ridge, own.T @ found.residual[fold == f]))
+    return steps

@@ -1,0 +1,75 @@
+"""Ridge regression with its penalty chosen on held-out blocks."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from monitor.base.types import FloatArray, IntArray
+
+PENALTIES: Final = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2)  # times the samples, on columns of unit size
+SPREAD_MIN: Final = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Ridge:
+    """A fitted ridge; columns are held within what it was fitted on."""
+
+    weights: FloatArray  # (k,)
+    low: FloatArray  # (k,)
+    high: FloatArray
+    held_out: FloatArray  # (n,) prediction of every sample by a fit without its fold
+    penalty: float
+
+    def predict(self, columns: FloatArray) -> FloatArray:
+        """Return the prediction (n,) for columns (n, k)."""
+        return np.asarray(np.clip(columns, self.low, self.high) @ self.weights)
+
+
+def fit(
+    columns: FloatArray,
+    target: FloatArray,
+    fold: IntArray,
+    limits: tuple[FloatArray, FloatArray] | None = None,
+    *,
+    penalties: Sequence[float] = PENALTIES,
+    alike: bool = False,
+    prior: FloatArray | None = None,
+) -> Ridge:
+    """Return the ridge of ``target`` (n,) on ``columns`` (n, k) with the best held-out error.
+
+    fold : (n,) which samples are held out together
+    limits : low and high (k,) of columns to predict for, default those of ``columns``
+    penalties : times the samples, to choose from
+    alike : the weights are of one unit and size, so columns are not brought to unit size
+    prior : (k, k) precision of the weights, where the target's noise is 1
+    Source: Hoerl and Kennard, Technometrics 12 (1970).
+    """
+    size = np.sqrt((columns**2).mean(axis=0))
+    used = size > SPREAD_MIN
+    scale = np.where(used & (not alike), size, 1.0)
+    x = np.where(used, columns / scale, 0.0)
+    y = target
+    folds = np.unique(fold)
+    grams = [x[fold == f].T @ x[fold == f] for f in folds]
+    moments = [x[fold == f].T @ y[fold == f] for f in folds]
+    gram, moment = sum(grams), sum(moments)
+    identity = np.eye(x.shape[1])
+    prior = np.zeros_like(identity) if prior is None else prior
+    known = prior / np.outer(scale, scale)
+    best: tuple[float, float, FloatArray] | None = None
+    for penalty in penalties:
+        held_out = np.zeros_like(y)
+        for f, own_gram, own_moment in zip(folds, grams, moments, strict=True):
+            shrunk = gram - own_gram + penalty * len(y) * identity + known
+            held_out[fold == f] = x[fold == f] @ np.linalg.solve(shrunk, moment - own_moment)
+        error = float(((y - held_out) ** 2).sum())
+        if best is None or error < best[0]:
+            best = (error, penalty, held_out)
+    assert best is not None
+    _, penalty, held_out = best
+    weights = np.linalg.solve(gram + penalty * len(y) * identity + known, moment) / scale
+    weights = np.where(used | (np.diag(prior) > 0.0), weights, 0.0)
+    low, high = limits or (columns.min(axis=0), columns.max(axis=0))
+    return Ridge(weights, low, high, held_out, penalty)

@@ -1,0 +1,54 @@
+"""Effects that some vehicles have when healthy, so strongly that the base needs them.
+
+With port injection much of the fuel goes by way of the walls, and an ECU that allows for it
+commands what the mixture does not do. A chain without walls then follows nothing, and all that is
+fitted to it, lags and charge alike, imitates them.
+"""
+
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+
+from monitor.base.types import BoolArray, FloatArray
+from training.greybox.chain import Constants
+from training.greybox.effects import LIBRARY, Effect, Own
+from training.greybox.fit.drive import Drive
+from training.greybox.fit.joint import WHITE, Case, Fit, fit, has_its_signs
+
+OF_SOME: Final = ("wall_film", "manifold_filling")
+FALL: Final = 0.3  # of the squared error, from which one of these is the vehicle's own
+FURTHER_FALL: Final = 0.1  # from which the other is, too: walls alone would stand for both
+
+
+def own_of(
+    signals: Mapping[str, FloatArray], phi: FloatArray, scored: BoolArray, period_s: float
+) -> Own:
+    """Return what a healthy vehicle has of these, with its constants.
+
+    signals, phi, scored : see ``greybox.fit_constants``
+    """
+    drive = Drive("", period_s, signals, phi, scored)
+    case = Case((drive,), (np.zeros(len(phi)),), WHITE)
+    effects, found = with_more(case, fit(case, (), [Constants()]))
+    return tuple(zip(effects, found.parameters, strict=True))
+
+
+def with_more(case: Case, found: Fit) -> tuple[list[Effect], Fit]:
+    """Return those of these that the drives show, the strongest first, and the fit with them.
+
+    found : the fit of the chain alone
+    """
+    effects, fall = list[Effect](), FALL
+    left = [LIBRARY[name] for name in OF_SOME]
+    left = [e for e in left if all(set(e.needs) <= set(d.signals) for d in case.drives)]
+    while left:
+        fits = {effect.name: fit(case, (*effects, effect), [found]) for effect in left}
+        best = min(left, key=lambda effect: fits[effect.name].cost)
+        more = fits[best.name]
+        if more.cost > (1.0 - fall) * found.cost or not has_its_signs(best, more.parameters[-1]):
+            break
+        left.remove(best)
+        fall = FURTHER_FALL
+        effects, found = [*effects, best], more
+    return effects, found

@@ -1,0 +1,277 @@
+"""From recordings to a grey-box model file: prepare, fit the constants, export, check."""
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from monitor.base.errors import UsageError
+from monitor.base.signals import OUTPUT
+from monitor.base.types import BoolArray, FloatArray
+from monitor.model.card import ModelCard
+from training.greybox.chain import (
+    AIR_LEAST_MG,
+    RANGES,
+    SPEED_LEAST_RPM,
+    Constants,
+    inputs_of,
+    settled,
+    simulate,
+    with_speed,
+)
+from training.greybox.charge.error import fit_with_charge_error
+from training.greybox.charge.map import INPUTS as CHARGE_INPUTS
+from training.greybox.charge.map import fit_with_charge
+from training.greybox.effects import Own
+from training.greybox.effects.model_effect import Added
+from training.greybox.effects.nodes import signals_of
+from training.greybox.fit.constants import Fitted, described, fit_constants, reference
+from training.greybox.fit.vehicle_effects import own_of
+from training.greybox.graph.chain_graph import Greybox, longest_dead_time_s, register_for, save
+from training.greybox.graph.checks import TOLERANCE, contraction, parity, physical_inputs
+from training.narx.fit import HeldOut, held_out, measures, recordings_of
+from training.narx.stability import CONTRACTION_SAMPLES
+from training.recordings.preparation import MARGIN, Prepared, Role, prepare
+
+if TYPE_CHECKING:
+    from training.recordings.recording import Recording
+
+POOR_CORRELATION = 0.6  # below it constants are warned of
+WASHOUT_S = 5.0  # at the beginning of every stretch, not fitted
+
+
+@dataclass(frozen=True, slots=True)
+class GreyboxResult:
+    """The model and how it was obtained."""
+
+    path: Path
+    card: ModelCard
+    greybox: Greybox
+    fitted: Fitted
+    data: Prepared
+    predicted: FloatArray  # (n,) free run over data.samples in phi, NaN at the beginnings
+    held_out: tuple[HeldOut, ...]
+    seconds: float
+    warnings: tuple[str, ...]
+
+
+def greybox_inputs(recordings: "Sequence[Recording]") -> tuple[str, ...]:
+    """Return the inputs: with the charge, else with what tells it at once, else the air meter."""
+
+    known = frozenset.intersection(*(recording.known for recording in recordings))
+    if "air_mass_mg" not in known and set(CHARGE_INPUTS) <= known:
+        return CHARGE_INPUTS
+    return inputs_of(known)
+
+
+def fit_greybox(
+    recordings: "Sequence[Recording]",
+    out: Path | str,
+    *,
+    inputs: Sequence[str] | None = None,
+    output: str = OUTPUT,
+    seed: int = 0,
+    validate: "Sequence[Recording]" = (),
+) -> GreyboxResult:
+    """Fit the chain's constants to ``recordings`` and write the model file ``out``.
+
+    inputs : default those of the chain and of what the vehicle has beside it; with manifold
+        pressure and temperature but without the air per stroke the chain makes its own charge;
+        more are for effects to be added
+    validate : recordings that are not fitted; without, blocks held out of all of them
+    Raises RecordingError or UsageError if the recordings or names cannot be used, ModelError if
+    ONNX and numpy disagree.
+    """
+    began = time.monotonic()
+    everything = (*recordings, *validate)
+    chosen, inputs = inputs is not None, tuple(inputs or greybox_inputs(everything))
+    _check_names(inputs, output)
+    judges = range(len(recordings), len(everything))
+    data = prepare(everything, inputs, output, seed=seed, validate=judges)
+    limits = _input_limits(data)
+    signals = _signals(data, limits)
+    scored = scored_rows(data, signals) & (data.role == Role.TRAIN)
+    charge_map, charge_error, known = None, None, (signals, _phi(data), scored, _period_s(data))
+    own = () if has_own_charge(inputs) else own_of(*known)
+    further = [] if chosen else _further_inputs(own, everything, inputs)
+    if further:  # a cold engine's walls
+        wider = (*inputs, *further)
+        return fit_greybox(
+            recordings, out, inputs=wider, output=output, seed=seed, validate=validate
+        )
+    if has_own_charge(inputs):
+        fitted, charge_map = fit_with_charge(*known)
+    elif "air_mass_mg" in inputs:
+        fitted, charge_error = fit_with_charge_error(*known, own)
+    else:
+        fitted = fit_constants(*known, own=own)
+    greybox = replace(
+        _greybox(data, limits, fitted.constants),
+        charge_map=charge_map,
+        charge_error=charge_error,
+        own=tuple(Added.with_values(effect.name, values.tolist()) for effect, values in own),
+    )
+    predicted = _free_run(data, greybox)
+    card = write_model(out, greybox, fitted, data, predicted, seed)
+    warnings = (*data.warnings, *_warnings(fitted, card))
+    return GreyboxResult(
+        Path(out), card, greybox, fitted, data, predicted, held_out(data),
+        time.monotonic() - began, warnings,
+    )  # fmt: skip
+
+
+def _further_inputs(
+    own: Own, recordings: "Sequence[Recording]", inputs: Sequence[str]
+) -> list[str]:
+    """Return what the vehicle's own effects read beside the inputs, of what every file has."""
+    known = frozenset.intersection(*(recording.known for recording in recordings))
+    wanted = dict.fromkeys(name for effect, _ in own for name in signals_of(effect.name, known))
+    there = {*inputs, "engine_speed_rpm"}  # worked out where it is not broadcast
+    return [name for name in wanted if name not in there]
+
+
+def has_own_charge(inputs: Sequence[str]) -> bool:
+    """Return whether the chain makes its own charge: no air per stroke, but density."""
+    return "air_mass_mg" not in inputs and set(CHARGE_INPUTS) <= set(inputs)
+
+
+def scored_rows(data: Prepared, signals: Mapping[str, FloatArray]) -> BoolArray:
+    """Return (n,) bool: enabled, clear of fuel cut, and not at the beginning of a stretch."""
+    rows = np.zeros(len(data.role), dtype=bool)
+    period_s = _period_s(data)
+    for s in data.segments:
+        own = slice(s.start, s.stop)
+        rows[own] = settled(signals["fuel_mass_mg"][own], period_s)
+        rows[s.start : s.start + round(WASHOUT_S / period_s)] = False
+    return np.asarray(rows & data.enabled)
+
+
+def write_model(
+    out: Path | str, greybox: Greybox, fitted: Fitted, data: Prepared, predicted: FloatArray,
+    seed: int = 0,
+) -> ModelCard:  # fmt: skip
+    """Write the model file, its parity proved; return its card.
+
+    Raises ModelError if ONNX and numpy disagree by more than 1e-5 in phi.
+    """
+    card = _card(greybox, fitted, data, predicted, {})
+    save(out, greybox, card)
+    same, gap = parity(out, greybox, data), contraction(out, data, seed)
+    checks = {
+        "parity": {"samples": same[0], "onnx_numpy": same[1], "tolerance": TOLERANCE},
+        "contraction": {"gap": gap.gap, "samples": CONTRACTION_SAMPLES, "pairs": gap.pairs,
+                        "limit": gap.limit},
+    }  # fmt: skip
+    card = _card(greybox, fitted, data, predicted, checks)
+    save(out, greybox, card)
+    return card
+
+
+def _check_names(inputs: Sequence[str], output: str) -> None:
+    if not has_own_charge(inputs) and not set(inputs_of(inputs)) <= set(inputs):
+        raise UsageError(
+            f"inputs {' '.join(inputs)}: a grey-box model needs fuel_mass_mg, engine_speed_rpm "
+            "and for its charge air_mass_mg, manifold_pressure_kpa and manifold_temperature_degc, "
+            "or maf_kg_h; engine speed may be left out where there are air_mass_mg and maf_kg_h"
+        )
+    if output != OUTPUT:
+        raise UsageError(f"output {output}: a grey-box model predicts {OUTPUT} alone")
+
+
+def _period_s(data: Prepared) -> float:
+    return data.period_ns / 1e9
+
+
+def _phi(data: Prepared) -> FloatArray:
+    return data.scaling.unscale_y(data.samples.y)
+
+
+def _input_limits(data: Prepared) -> tuple[FloatArray, FloatArray]:
+    """Return the range to clip inputs to: the trained one with a margin, fuel from 0 on."""
+    low, high = [], []
+    least = {"air_mass_mg": AIR_LEAST_MG, "engine_speed_rpm": SPEED_LEAST_RPM}
+    for channel in data.inputs:
+        margin = MARGIN["phi"] * (channel.maximum - channel.minimum)
+        floor = least.get(channel.name, -np.inf)
+        fuel = channel.name == "fuel_mass_mg"  # fuel cut must reach the chain, trained or not
+        low.append(0.0 if fuel else max(channel.minimum - margin, floor))
+        high.append(channel.maximum + margin)
+    return np.array(low), np.array(high)
+
+
+def _signals(data: Prepared, limits: tuple[FloatArray, FloatArray]) -> dict[str, FloatArray]:
+    u = np.clip(physical_inputs(data), *limits)
+    return with_speed({name: u[:, i] for i, name in enumerate(data.names)})
+
+
+def _free_run(data: Prepared, greybox: Greybox) -> FloatArray:
+    """Return the prediction (n,) in phi, NaN at the beginning of every stretch."""
+    predicted = np.full(len(data.role), np.nan)
+    washout = round(WASHOUT_S / greybox.period_s)
+    u = physical_inputs(data)
+    for s in data.segments:
+        signals = greybox.signals(u[s.start : s.stop])
+        run = simulate(greybox.path(signals), greybox.period_s)
+        predicted[s.start + washout : s.stop] = run[washout:]
+    return predicted
+
+
+def _greybox(
+    data: Prepared, limits: tuple[FloatArray, FloatArray], constants: Constants
+) -> Greybox:
+    longest_s = longest_dead_time_s(constants, data.names, limits[0])
+    register = register_for(longest_s, _period_s(data))
+    return Greybox(constants, data.names, *limits, _period_s(data), register)
+
+
+def _card(
+    greybox: Greybox, fitted: Fitted, data: Prepared, predicted: FloatArray,
+    checks: Mapping[str, Any],
+) -> ModelCard:  # fmt: skip
+    test = data.role == Role.TEST
+    everything, enabled = (measures(data, predicted, rows) for rows in (test, test & data.enabled))
+    return ModelCard(
+        kind="greybox",
+        inputs=data.inputs,
+        output=data.output,
+        transform=data.transform,
+        output_limits=(data.scaling.y_low, data.scaling.y_high),
+        period_ns=data.period_ns,
+        lags=greybox.memory,
+        input_lag_start=0,
+        layers=(),
+        state=greybox.state_layout,
+        recordings=recordings_of(data),
+        residual_mean=enabled.get("residual_mean", 0.0),
+        residual_std=enabled.get("residual_std", everything.get("residual_std", 0.0)),
+        structure=described(fitted) | greybox.structure(),
+        fit={"test": everything, "test_enabled": enabled},
+        checks=dict(checks),
+        reference=reference(fitted),
+        packages={name: version(name) for name in ("numpy", "onnx", "onnxruntime", "scipy")},
+    )  # fmt: skip
+
+
+def _warnings(fitted: Fitted, card: ModelCard) -> list[str]:
+    warnings = [
+        f"{name} ended at its bound, {getattr(fitted.constants, name):g} {RANGES[name].unit}: "
+        "the recordings do not hold it"
+        for name in fitted.at_bound
+    ]
+    found = card.fit["test_enabled"].get("correlation", 1.0)
+    if not found >= POOR_CORRELATION:
+        warnings.append(
+            f"the chain follows the measurement poorly (correlation {found:.2f} on held-out "
+            "enabled samples): its constants mean little"
+        )
+    gap = card.checks["contraction"]
+    if not gap["gap"] <= gap["limit"]:
+        warnings.append(
+            f"predictions from two states differ by up to {gap['gap']:.3g} after "
+            f"{CONTRACTION_SAMPLES} samples (limit {gap['limit']:.3g})"
+        )
+    return warnings

@@ -1,0 +1,19 @@
+"""A model that came to a worker as bytes."""
+
+from functools import lru_cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from monitor.model.step import Model
+
+
+@lru_cache(maxsize=2)
+def model_of(name: str, data: bytes) -> Model:
+    """Return the model of an ONNX file's content, loaded once; ``name`` is the file's.
+
+    Raises ModelError as ``Model.load``.
+    """
+    with TemporaryDirectory(prefix="o2-model-") as folder:
+        path = Path(folder) / Path(name).name
+        path.write_bytes(data)
+        return Model.load(path)

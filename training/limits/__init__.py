@@ -1,0 +1,1 @@
+"""Decision limits, calibration, rules of the literature, data check."""

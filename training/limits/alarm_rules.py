@@ -1,0 +1,84 @@
+"""Rules beside each other on whole drives: the monitor's two scores and those of the literature.
+
+A drive's score is the largest that two windows in a row both reach, as the monitor's own debounce
+wants two; a drive alarms where two windows in a row do.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from monitor.base.types import FloatArray
+from monitor.judge.decisions import WindowJudged
+from monitor.judge.limits import Limits
+from training.limits.rules import RULES, PaperRule, Windows
+from training.limits.rules.windows import Rule
+
+FALSE_ALARM_RATE: Final = 0.01  # per healthy window of the calibration drives
+OWN: Final = ("response", "bias")
+TITLES: Final = {
+    "response": "monitor, response",
+    "bias": "monitor, bias",
+    "paper_card": "paper's rule, limits of the card",
+    "PaperRule": "paper's rule, limits on faulty drives",
+    "FuzzyRule": "fuzzy clusters",
+    "DifferencesRule": "differences",
+    "AdaptiveThreshold": "adaptive threshold",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Scored:
+    """What a rule says of one drive."""
+
+    score: float | None  # None without two windows
+    alarm: int | None  # second of the first two windows in a row that alarm
+    failed: int  # windows that alarm
+
+    @classmethod
+    def of(cls, scores: FloatArray, failed: np.ndarray) -> "Scored":
+        """Return what is said of a drive from its windows' scores and verdicts, each (n,)."""
+        best = np.minimum(scores[1:], scores[:-1]).max(initial=-np.inf)
+        twice = np.flatnonzero(failed[1:] & failed[:-1])
+        return cls(
+            float(best) if np.isfinite(best) else None,
+            int(twice[0]) + 1 if len(twice) else None,
+            int(failed.sum()),
+        )
+
+
+def fitted(
+    good: Sequence[Sequence[WindowJudged]], bad: Sequence[Sequence[WindowJudged]], limits: Limits
+) -> dict[str, Rule]:
+    """Return the literature's rules set on calibration drives, and the paper's with given limits.
+
+    Raises RecordingError if the drives hold too few windows.
+    """
+    healthy, faulty = Windows.of(good), Windows.of(bad)
+    rules: dict[str, Rule] = {"paper_card": PaperRule(limits.j_mu, limits.j_sigma)}
+    return rules | {r.__name__: r.fit(healthy, faulty, FALSE_ALARM_RATE) for r in RULES}
+
+
+def drive_scores(windows: Sequence[WindowJudged], rules: dict[str, Rule]) -> dict[str, Scored]:
+    """Return what every rule of the literature says of one drive."""
+    if not windows:
+        return dict.fromkeys(rules, Scored(None, None, 0))
+    own = Windows.of([windows])
+    return {name: Scored.of(rule.score(own), rule.faulty(own)) for name, rule in rules.items()}
+
+
+def own_scores(windows: Sequence[WindowJudged]) -> dict[str, float | None]:
+    """Return the drive's scores of the monitor's response rule and of its bias rule.
+
+    The one is the evidence for a faulty sensor, the other how far the offset lies beyond the
+    vehicle's range, in standard deviations; negative inside.
+    """
+    nothing = np.zeros(len(windows), dtype=np.bool_)
+    found = {}
+    for name, key in (("response", "evidence"), ("bias", "offset_beyond")):
+        values = [w.statistics[key] for w in windows]
+        scores = np.array([-np.inf if v is None else v for v in values], dtype=np.float64)
+        found[name] = Scored.of(scores, nothing).score
+    return found

@@ -1,0 +1,150 @@
+"""Text and page of a calibration."""
+
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from training.pages.page import page, paragraph, picture, table
+
+HEAD = ("recording", "windows", "paper's rule", "share", "95 % bounds", "codes of the monitor")
+
+
+def as_text(result: dict[str, Any]) -> str:
+    """Return the lines that the command prints."""
+    lines = [sentence(result)]
+    for limit in result["limits"]:
+        before = "none" if limit["before"] is None else f"{limit['before']:.4g}"
+        lines.append(
+            f"limit {limit['name']}: {limit['value']:.4g} {limit['unit']}, was {before} "
+            f"({limit['origin']})"
+        )
+    for kind in ("healthy", "faulty"):
+        for row in result[kind]:
+            name, windows, failed, share, bounds, codes = cells(row)
+            lines.append(
+                f"{kind} {name}: paper's rule {failed} of {windows} windows, {share} ({bounds}); "
+                f"codes {codes}"
+            )
+    if result["detection"]:
+        lines.append(detection(result))
+    lines.append(monitor(result))
+    return "\n".join(lines)
+
+
+def sentence(result: dict[str, Any]) -> str:
+    """Return the false alarms in words."""
+    f = result["false_alarms"]
+    simulated = " (simulated recordings among them)" if result["simulated"] else ""
+    paid = (
+        ", the choice of the pair paid for" if f["bound_confidence"] > result["confidence"] else ""
+    )
+    drives = (
+        f"{f['bound_drives']:.3g} drawing whole drives (bootstrap)"
+        if f["alarms"]
+        else "without an alarm drawing whole drives bounds nothing"
+    )
+    return (
+        f"Wanted: at most {result['false_alarms_wanted']:g} false alarms of the paper's rule per "
+        f"window. Of {f['windows']} healthy windows in {f['drives']} drive(s){simulated} "
+        f"{f['alarms']} alarm; upper 95 % bound {f['bound']:.3g} if windows are independent "
+        f"(Clopper and Pearson{paid}), {drives}. {held_out(f['held_out'], f['windows'])}"
+    )
+
+
+def held_out(failed: int | None, windows: int) -> str:
+    """Return in words what limits say of drives that did not set them."""
+    if failed is None:
+        return "The drives are too few to set limits without one of them."
+    return (
+        f"With limits set without the drive in question, {failed} of {windows} windows fail, "
+        f"{100 * failed / windows:.2g} %."
+    )
+
+
+def detection(result: dict[str, Any]) -> str:
+    """Return the detection in words."""
+    d = result["detection"]
+    return (
+        f"The paper's rule finds {d['failed']} of {d['windows']} faulty windows, "
+        f"{100 * d['share']:.1f} % (95 % bounds {100 * d['low']:.1f} to {100 * d['high']:.1f} % "
+        "if windows are independent); the limits were chosen on these windows. "
+        f"{held_out(d['held_out'], d['windows'])}"
+    )
+
+
+def monitor(result: dict[str, Any]) -> str:
+    """Return in words how many drives the monitor's own rules give a code."""
+    good, bad = result["monitor"]["healthy"], result["monitor"]["faulty"]
+    largest = "none" if good["largest_evidence"] is None else f"{good['largest_evidence']:.1f}"
+    text = (
+        f"The monitor's own rules give {good['with_code']} of {good['drives']} healthy drives a "
+        f"code, at most {100 * good['high']:.1f} % with 97.5 % confidence; their largest "
+        f"evidence for a fault is {largest}."
+    )
+    if bad["drives"]:
+        text += (
+            f" They give {bad['with_code']} of {bad['drives']} faulty drives a code "
+            f"({100 * bad['low']:.1f} to {100 * bad['high']:.1f} %)."
+        )
+    return text
+
+
+def cells(row: dict[str, Any]) -> tuple[str, ...]:
+    """Return one drive as cells, in the order of ``HEAD``."""
+    name = row["recording"] + (" (simulated)" if row["source"] == "simulated" else "")
+    if row["fault"]:
+        severity = "" if row["severity"] is None else f" {row['severity']:g}"
+        name += f", {row['fault']}{severity}"
+    share = "-" if row["share"] is None else f"{100 * row['share']:.1f} %"
+    bounds = f"{100 * row['share_low']:.1f} to {100 * row['share_high']:.1f} %"
+    codes = ", ".join(row["codes"]) or ("none" if row["completed"] else "none, not completed")
+    return name, str(row["windows"]), str(row["paper_failed"]), share, bounds, codes
+
+
+def as_page(result: dict[str, Any]) -> str:
+    """Return the calibration as a page."""
+    body = [paragraph(sentence(result)), *(paragraph(w, "warning") for w in result["warnings"])]
+    rows = [
+        (
+            limit["name"],
+            f"{limit['value']:.4g}",
+            limit["unit"],
+            "-" if limit["before"] is None else f"{limit['before']:.4g}",
+            limit["origin"],
+        )
+        for limit in result["limits"]
+    ]
+    body += ["<h2>Limits</h2>", table(rows, ("limit", "value", "unit", "before", "origin"))]
+    body += ["<h2>Healthy drives</h2>", table([cells(r) for r in result["healthy"]], HEAD)]
+    if result["faulty"]:
+        body += [
+            "<h2>Drives with sensors at the limit severity</h2>",
+            table([cells(r) for r in result["faulty"]], HEAD),
+        ]
+    if result["detection"]:
+        body.append(paragraph(detection(result)))
+    body.append(paragraph(monitor(result)))
+    body.append(_picture(result))
+    return page(f"Calibration of {result['model']}", "\n".join(body))
+
+
+def _picture(result: dict[str, Any]) -> str:
+    figure = Figure(figsize=(7.0, 4.5), layout="constrained")
+    axes = figure.add_subplot()
+    limits = {limit["name"]: limit for limit in result["limits"]}
+    unit = limits["j_mu"]["unit"]
+    for kind, colour, marker in (("faulty", "tab:red", "x"), ("healthy", "tab:blue", ".")):
+        points = [(abs(m), s) for row in result[kind]
+                  for m, s in zip(row["mean"], row["std"], strict=True)]  # fmt: skip
+        if points:
+            points = points[:: max(1, len(points) // 1500)]
+            axes.plot(*zip(*points, strict=True), marker, color=colour, ms=4, alpha=0.6, label=kind)
+    j_mu, j_sigma = limits["j_mu"]["value"], limits["j_sigma"]["value"]
+    axes.set_xscale("symlog", linthresh=max(j_mu, 1e-9))
+    axes.set_yscale("log")
+    right, top = axes.get_xlim()[1], axes.get_ylim()[1]
+    axes.plot([right, j_mu, j_mu], [j_sigma, j_sigma, top], color="0.2", label="limits")
+    axes.set_xlabel(f"|mean of residual| [{unit}]")
+    axes.set_ylabel(f"std of residual [{unit}]")
+    axes.legend()
+    return picture(figure, "Windows and the two limits; the rule fails what lies above and right.")

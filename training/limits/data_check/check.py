@@ -1,0 +1,100 @@
+"""Is the data enough? What recordings can teach a model, said before any training.
+
+Every finding is ok, a warning (training works, the model suffers) or an error (training is
+impossible or worthless), with one sentence that says what came and what is wanted.
+"""
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from monitor.base.manifest import source_of
+from training.limits.data_check.inputs import copies, covered, excited
+from training.limits.data_check.samples import Finding, closed_loop, enough, usable
+from training.recordings.recording import Recording
+
+SCHEMA = "o2train.check/1"
+
+
+def check(
+    recordings: Sequence[Recording],
+    inputs: Sequence[str],
+    output: str,
+    *,
+    lags: int = 5,
+    hidden: Sequence[int] = (8, 8),
+    unreadable: Sequence[str] = (),
+) -> dict[str, Any]:
+    """Return findings and figures as plain values; ``usable`` is False if there is an error.
+
+    unreadable : what was wrong with recordings that could not be read at all
+    """
+    findings = [Finding("error", "file", text) for text in unreadable]
+    figures: dict[str, Any] = {"coverage": None, "excitation": [], "condition_number": None}
+    findings += _setup(recordings, inputs, output)
+    if not any(f.level == "error" for f in findings):
+        data, found = usable(recordings, inputs, output, lags)
+        findings += found
+        if data.u:
+            findings += enough(recordings, data, len(inputs), lags, hidden, output)
+            findings += closed_loop(recordings, data)
+            findings += covered(recordings, figures)
+            findings += excited(recordings, data, inputs, lags, figures)
+            findings += copies(data, inputs, output)
+    return {
+        "schema": SCHEMA,
+        "usable": not any(f.level == "error" for f in findings),
+        "inputs": list(inputs),
+        "output": output,
+        "lags": lags,
+        "hidden": list(hidden),
+        "recordings": [_recording(r) for r in recordings],
+        "findings": [asdict(f) for f in findings],
+        **figures,
+    }
+
+
+def _recording(r: Recording) -> dict[str, Any]:
+    period_s = r.period_ns / 1e9
+    return {
+        "path": str(r.path),
+        "sha256": r.sha256,
+        "samples": len(r.t_s),
+        "period_s": period_s,
+        "duration_s": len(r.t_s) * period_s,
+        "source": source_of(Path(r.path), r.sha256),
+    }
+
+
+def _setup(recordings: Sequence[Recording], inputs: Sequence[str], output: str) -> list[Finding]:
+    """Return what is wrong with names, periods and files; nothing else can be said before."""
+    found = []
+    if not recordings:
+        return [Finding("error", "file", "no recording can be read, at least one is wanted")]
+    if output in inputs:
+        found.append(Finding("error", "names", f"{output} is both an input and the output"))
+    twice = dict.fromkeys(n for n in inputs if list(inputs).count(n) > 1)
+    found += [Finding("error", "names", f"input {n} is named more than once") for n in twice]
+    for r in recordings:
+        lost = [n for n in (*inputs, output) if n not in r.names]
+        if lost:
+            text = f"{r.path}: no {', '.join(lost)}; there are {', '.join(r.names)}"
+            found.append(Finding("error", "missing channels", text))
+    if not found:
+        found.append(Finding("ok", "missing channels", "every recording has all signals"))
+    first = recordings[0]
+    for r in recordings[1:]:
+        if r.period_ns != first.period_ns:
+            text = (
+                f"{r.path}: sample period {r.period_ns / 1e9:g} s, {first.path} has "
+                f"{first.period_ns / 1e9:g} s; one grid is wanted (--period)"
+            )
+            found.append(Finding("error", "sample period", text))
+    known: dict[str, Recording] = {}
+    for r in recordings:
+        if r.sha256 in known:
+            text = f"{r.path} and {known[r.sha256].path} are the same file: held-out blocks leak"
+            found.append(Finding("warning", "repeated file", text))
+        known.setdefault(r.sha256, r)
+    return found

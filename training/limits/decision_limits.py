@@ -1,0 +1,183 @@
+"""Decision limits from blocks of healthy recordings that neither trained nor chose the model."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import compress
+from pathlib import Path
+
+import numpy as np
+
+from monitor.base.config import Config
+from monitor.base.errors import RecordingError
+from monitor.base.types import FloatArray
+from monitor.judge.limits import Limits
+from monitor.memory.dtc import TESTS
+from monitor.model.card import Limit, ModelCard
+from monitor.model.step import Model
+from monitor.pipeline.stream import WindowJudged
+from training.limits.judging import judge_recordings
+from training.narx.export import update_card
+from training.narx.fit import HeldOut
+from training.recordings.recording import Recording
+
+MINIMUM_WINDOWS = 10
+MANY_WINDOWS = 100  # with fewer the 0.99 quantiles are the largest values seen
+PAPER_QUANTILE = 0.99
+HELD_OUT = "test blocks held out of the training recordings"
+MEMORY_MOST = 0.95  # of the noise; above it nothing would be left of a window
+EXCITATION_STEP = 1.25
+NO_LIMITS = Limits(
+    j_mu=np.inf,
+    j_sigma=np.inf,
+    noise=1.0,
+    noise_memory=0.0,
+    excitation=0.0,
+    offset_low=-np.inf,
+    offset_high=np.inf,
+    offset_std=1.0,
+)
+
+
+def held_out_windows(
+    model: Model, recordings: Sequence[Recording], held_out: Sequence[HeldOut], config: Config
+) -> list[list[WindowJudged]]:
+    """Return each recording's windows in blocks that neither trained nor chose the model."""
+    judged = judge_recordings(recordings, model, NO_LIMITS, config)
+    found = []
+    for number, (recording, each) in enumerate(zip(recordings, judged, strict=True)):
+        spans = [(h.first, h.stop) for h in held_out if h.recording == number and h.role == "test"]
+        ticks = [
+            (w.window.t_start_ns // recording.period_ns, w.window.t_end_ns // recording.period_ns)
+            for w in each.windows
+        ]
+        inside = [any(a <= i and k < b for a, b in spans) for i, k in ticks]
+        found.append(list(compress(each.windows, inside)))
+    return found
+
+
+def limits_of(
+    drives: Sequence[Sequence[WindowJudged]], card: ModelCard, config: Config, origin: str
+) -> dict[str, Limit]:
+    """Return every decision limit from the windows of healthy drives.
+
+    origin : what the drives are, for the card
+    Raises RecordingError if there are too few windows.
+    """
+    windows = [window for drive in drives for window in drive]
+    if len(windows) < MINIMUM_WINDOWS:
+        raise RecordingError(
+            f"{len(windows)} healthy windows, {MINIMUM_WINDOWS} are wanted to set limits: "
+            "give more or longer recordings with the vehicle warm and in closed loop"
+        )
+    unit = card.output.unit
+    means = np.array([w.mean for w in windows])
+    stds = np.array([w.std for w in windows])
+    oriented = [
+        1.0 / w.window.measured if card.transform == "phi" else -w.window.measured for w in windows
+    ]
+    within = [o - w.window.bank[:, 0] for o, w in zip(oriented, windows, strict=True)]
+    noise, memory = _noise(within)
+    scale = float(np.concatenate([w.window.measured for w in windows]).std())
+    offsets = [np.mean([w.mean for w in drive]) for drive in drives if drive]
+    offset_std = math.sqrt(
+        float(np.mean([np.var([w.mean for w in drive]) for drive in drives if drive]))
+    )
+    spread = max(6.0 * offset_std, 3.0 * math.sqrt(float(np.mean(np.square(offsets)))))
+    floor = config.bias.offset_limit_lambda if card.transform == "phi" else 0.0
+    n = len(windows)
+    where = f"{n} healthy windows, {origin}"
+    phi = "-" if card.transform == "phi" else unit
+    j_mu, j_sigma = _quantile(np.abs(means)), _quantile(stds)
+    return {
+        "j_mu": Limit(j_mu, unit, f"quantile {PAPER_QUANTILE}, {where}"),
+        "j_sigma": Limit(j_sigma, unit, f"quantile {PAPER_QUANTILE}, {where}"),
+        "j_mu_z": Limit(j_mu / scale, "z", f"j_mu over the measurement's spread {scale:.4g}"),
+        "j_sigma_z": Limit(j_sigma / scale, "z", f"j_sigma over that spread {scale:.4g}"),
+        "noise": Limit(noise, phi, f"residual within windows, {where}"),
+        "noise_memory": Limit(
+            memory, "-", f"correlation of the residual's neighbouring samples, {where}"
+        ),
+        "excitation": Limit(
+            max(config.response.excitation_noise * noise, 1e-9),
+            phi,
+            f"{config.response.excitation_noise:g} times the noise",
+        ),
+        "offset": Limit(
+            max(floor, spread),
+            unit,
+            f"largest of {floor:g}, six times the spread of a drive's window means and "
+            f"three times that of the drives' means, {where}",
+        ),
+        "offset_std": Limit(offset_std, unit, f"spread of a drive's window means, {where}"),
+    }
+
+
+def _noise(within: Sequence[FloatArray]) -> tuple[float, float]:
+    """Return the spread of the residual within windows, and how much a sample keeps of the last."""
+    x = np.array(within)
+    x -= x.mean(axis=1, keepdims=True)
+    power = float((x**2).sum())
+    memory = float((x[:, 1:] * x[:, :-1]).sum()) / power if power > 0.0 else 0.0
+    return math.sqrt(power / x.size), min(max(memory, 0.0), MEMORY_MOST)
+
+
+def _quantile(values: np.ndarray) -> float:
+    return float(np.quantile(values, PAPER_QUANTILE))
+
+
+def set_limits(
+    path: Path,
+    recordings: Sequence[Recording],
+    held_out: Sequence[HeldOut],
+    config: Config,
+    origin: str = HELD_OUT,
+) -> tuple[ModelCard, int]:
+    """Put ``with_limits`` into the model file ``path``; return the card and the windows."""
+    card, windows = with_limits(Model.load(path), recordings, held_out, config, origin)
+    update_card(path, card)
+    return card, windows
+
+
+def with_limits(
+    model: Model,
+    recordings: Sequence[Recording],
+    held_out: Sequence[HeldOut],
+    config: Config,
+    origin: str = HELD_OUT,
+) -> tuple[ModelCard, int]:
+    """Return the model's card with limits from held-out blocks, and how many windows they have.
+
+    A window needs so much movement that the response rule fails none of the recordings, which are
+    healthy. Raises RecordingError if there are too few windows.
+    """
+    drives = held_out_windows(model, recordings, held_out, config)
+    limits = limits_of(drives, model.card, config, origin)
+    card = replace(model.card, limits={**model.card.limits, **limits})
+    least = _sound_excitation(model, recordings, Limits.from_card(card, config, origin), config)
+    if least > limits["excitation"].value:
+        why = f"{limits['excitation'].origin}, raised until the recordings get no code"
+        limits["excitation"] = replace(limits["excitation"], value=least, origin=why)
+        card = replace(card, limits={**card.limits, **limits})
+    return card, sum(map(len, drives))
+
+
+def whole(recordings: Sequence[Recording]) -> list[HeldOut]:
+    """Return all of the recordings as held out: a few constants fitted to them hardly matter."""
+    return [HeldOut(i, 0, len(each.values), "test") for i, each in enumerate(recordings)]
+
+
+def _sound_excitation(
+    model: Model, recordings: Sequence[Recording], limits: Limits, config: Config
+) -> float:
+    """Return the least excitation at which the response rule fails no healthy recording.
+
+    A model that follows its vehicle poorly makes a sound sensor look weak or late.
+    """
+    while any(
+        window.outcome == "failed" and window.fault not in TESTS["bias"]
+        for judged in judge_recordings(recordings, model, limits, config)
+        for window in judged.windows
+    ):
+        limits = replace(limits, excitation=EXCITATION_STEP * limits.excitation)
+    return limits.excitation

@@ -1,0 +1,66 @@
+"""Recordings through the monitor's own steps, without files or frames."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from monitor.base.config import Config
+from monitor.base.types import BoolArray, SampleBlock
+from monitor.judge import enable
+from monitor.judge.enable import Enable
+from monitor.judge.limits import Limits
+from monitor.model.card import ModelCard
+from monitor.model.step import Model
+from monitor.pipeline.block_judge import Judged, judge_all
+from training.recordings.recording import Recording
+
+__all__ = ["Judged", "enabled_samples", "judge", "judge_recordings"]
+
+
+def enabled_samples(recording: Recording, card: ModelCard, config: Config) -> BoolArray:
+    """Return (n,) bool: samples on which all of the monitor's enable conditions hold."""
+    names = _names(recording, card)
+    conditions = Enable.of(config.enable, names, card).block(_block(recording, names).values)
+    return np.asarray(conditions.all(axis=1))
+
+
+def judge(recording: Recording, model: Model, limits: Limits, config: Config) -> Judged:
+    """Return the monitor's verdict on one driving cycle with empty memory.
+
+    Raises RecordingError if the model needs a signal that the recording lacks.
+    """
+    return judge_recordings([recording], model, limits, config)[0]
+
+
+def judge_recordings(
+    recordings: Sequence[Recording], model: Model, limits: Limits, config: Config
+) -> list[Judged]:
+    """Return the monitor's verdict on each driving cycle with empty memory; many are faster.
+
+    Raises RecordingError if the model needs a signal that a recording lacks.
+    """
+    alike: dict[tuple[str, ...], list[int]] = {}
+    for i, recording in enumerate(recordings):
+        alike.setdefault(_names(recording, model.card), []).append(i)
+    judged: dict[int, Judged] = {}
+    for names, places in alike.items():
+        blocks = [_block(recordings[i], names) for i in places]
+        judged |= zip(places, judge_all(blocks, names, model, limits, config), strict=True)
+    return [judged[i] for i in range(len(recordings))]
+
+
+def _names(recording: Recording, card: ModelCard) -> tuple[str, ...]:
+    wanted = dict.fromkeys((*card.input_names, card.output.name, *enable.SIGNALS))
+    return tuple(name for name in wanted if name in recording.names)
+
+
+def _block(recording: Recording, names: Sequence[str]) -> SampleBlock:
+    """Return the named signals of a recording; its first sample is at 0 s."""
+    order = [recording.names.index(name) for name in names]
+    index = np.arange(len(recording.values))
+    return SampleBlock(
+        index,
+        index * recording.period_ns,
+        recording.values[:, order],
+        recording.quality[:, order],
+    )

@@ -1,0 +1,90 @@
+"""What the rules judge, and the limit that all of them set alike."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol, Self
+
+import numpy as np
+
+from monitor.base.errors import RecordingError
+from monitor.base.types import FloatArray, IntArray
+from monitor.pipeline.stream import WindowJudged
+from training.limits.tolerance import just_above
+
+
+@dataclass(frozen=True, slots=True)
+class Windows:
+    """Windows of measured and predicted output, side by side."""
+
+    measured: FloatArray  # (n, n_samples) output's unit
+    predicted: FloatArray  # (n, n_samples)
+    drive: IntArray  # (n,) number of the drive that a window is from
+
+    def __len__(self) -> int:
+        return len(self.measured)
+
+    @property
+    def residual(self) -> FloatArray:
+        """Return measured minus predicted, (n, n_samples)."""
+        return self.measured - self.predicted
+
+    @classmethod
+    def of(cls, drives: Sequence[Sequence[WindowJudged]]) -> Self:
+        """Return the windows of several drives in their order.
+
+        Raises RecordingError if there is none.
+        """
+        windows = [w.window for drive in drives for w in drive]
+        if not windows:
+            raise RecordingError("no window in any drive, at least one is wanted")
+        lengths = [len(drive) for drive in drives]
+        return cls(
+            np.array([w.measured for w in windows]),
+            np.array([w.predicted for w in windows]),
+            np.repeat(np.arange(len(drives)), lengths),
+        )
+
+
+class Rule(Protocol):
+    """A decision on single windows."""
+
+    @classmethod
+    def fit(cls, healthy: Windows, faulty: Windows | None, false_alarm_rate: float) -> Self:
+        """Return the rule set on healthy windows and, where it uses them, limit-fault windows.
+
+        false_alarm_rate : per window
+        Raises RecordingError if there are too few healthy windows.
+        """
+        ...
+
+    def score(self, windows: Windows) -> FloatArray:
+        """Return how faulty each window looks, (n,)."""
+        ...
+
+    def faulty(self, windows: Windows) -> np.ndarray:
+        """Return the verdict on each window, (n,) bool."""
+        ...
+
+
+def limit_for(scores: FloatArray, false_alarm_rate: float) -> float:
+    """Return the limit that a further healthy window reaches with at most that probability.
+
+    scores : (n,) of healthy windows; the limit lies just above the order statistic
+        ceil((n + 1) (1 - rate)), which holds for exchangeable windows of any distribution;
+        drives that differ from each other give other rates, so a comparison states the rate found
+    Raises RecordingError if there are too few.
+    Source: Vovk, Gammerman and Shafer, Algorithmic Learning in a Random World, section 2.2.
+
+    >>> limit_for(np.arange(19.0), 0.05) > 18.0
+    True
+    """
+    n = len(scores)
+    rank = math.ceil((n + 1) * (1.0 - false_alarm_rate) - 1e-9)
+    if not 0.0 < false_alarm_rate < 1.0 or rank > n:
+        needed = math.ceil(1.0 / false_alarm_rate) - 1 if false_alarm_rate > 0.0 else "infinitely"
+        raise RecordingError(
+            f"{n} healthy windows, {needed} are wanted for a false-alarm rate of "
+            f"{false_alarm_rate:g} per window"
+        )
+    return just_above(float(np.sort(scores)[max(rank, 1) - 1]))

@@ -1,0 +1,1 @@
+"""The NARX network: training, closed loop, choice of structure, export."""

@@ -1,0 +1,1 @@
+"""Training algorithms of the network."""

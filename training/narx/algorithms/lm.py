@@ -1,0 +1,227 @@
+"""Levenberg–Marquardt as the reference toolbox runs it, and the series-parallel objective.
+
+``Watch`` keeps the books of a run for the other methods too.
+
+Source: Hagan and Menhaj, Training feedforward networks with the Marquardt algorithm, IEEE TNN 5
+(1994); the defaults are those of the reference toolbox (1,000 epochs, six validation failures,
+minimum gradient 1e-7, mu 1e-3, x0.1, x10, at most 1e10).
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from scipy.linalg import LinAlgError, cho_factor, cho_solve, get_blas_funcs
+
+from monitor.base.types import FloatArray
+from training.narx.network import Spec, forward, jacobian
+
+CHUNK = 1500
+
+
+class Objective(Protocol):
+    """A sum of squares: its value, and the normal equations of its linearisation."""
+
+    def cost(self, weights: FloatArray) -> float:
+        """Return the mean squared error."""
+
+    def normal(self, weights: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+        """Return the cost, J'J and J'e."""
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """Settings of the minimiser."""
+
+    epochs: int = 1000
+    max_fail: int = 6  # epochs in a row in which the validation score does not improve
+    min_gradient: float = 1e-7
+    mu: float = 1e-3
+    mu_down: float = 0.1
+    mu_up: float = 10.0
+    mu_max: float = 1e10
+
+
+@dataclass(slots=True)
+class Outcome:
+    """What a run of the minimiser returned."""
+
+    weights: FloatArray  # best by validation, or the last ones without validation
+    score: float  # validation score of these weights, or their cost
+    stop: str  # why the run ended
+    costs: list[float] = field(default_factory=list)  # after every epoch, first the initial one
+    scores: list[float] = field(default_factory=list)
+
+
+class Watch:
+    """Keeps the best weights by validation (or by cost) and says when and why a run ends.
+
+    max_fail : accepted steps in a row in which the validation score does not improve
+    min_gradient : shorter gradients count as none
+    validate, deadline_s, progress : as in ``minimise``
+    Raises ValueError if the cost at the start is not finite.
+    """
+
+    def __init__(
+        self,
+        weights: FloatArray,
+        cost: float,
+        max_fail: int,
+        min_gradient: float,
+        validate: Callable[[FloatArray], float] | None = None,
+        deadline_s: float = np.inf,
+        progress: Callable[[int, float], None] | None = None,
+    ) -> None:
+        if not np.isfinite(cost):
+            raise ValueError(f"the error is {cost} at the initial weights")
+        score = validate(weights) if validate else cost
+        self.outcome = Outcome(weights.copy(), score, "epochs", [cost], [score])
+        self._max_fail, self._min_gradient, self._failures = max_fail, min_gradient, 0
+        self._validate, self._deadline_s, self._progress = validate, deadline_s, progress
+
+    def over_budget(self) -> bool:
+        """Return whether the deadline has passed; if so, that is why the run ends."""
+        return self._ends(time.monotonic() > self._deadline_s, "budget")
+
+    def at_rest(self, gradient: FloatArray) -> bool:
+        """Return whether the gradient is too short to go on; if so, that is why the run ends."""
+        return self._ends(float(np.linalg.norm(gradient)) < self._min_gradient, "gradient")
+
+    def accept(self, weights: FloatArray, cost: float) -> bool:
+        """Take note of an accepted step; True if validation ends the run."""
+        outcome = self.outcome
+        score = self._validate(weights) if self._validate else cost
+        self._note(cost, score)
+        if score < outcome.score:
+            outcome.weights, outcome.score, self._failures = weights.copy(), score, 0
+            return False
+        self._failures += 1
+        failed = self._validate is not None and self._failures >= self._max_fail
+        return self._ends(failed, "validation")
+
+    def repeat(self) -> None:
+        """Take note of an epoch whose step was taken back."""
+        self._note(self.outcome.costs[-1], self.outcome.scores[-1])
+
+    def _note(self, cost: float, score: float) -> None:
+        self.outcome.costs.append(cost)
+        self.outcome.scores.append(score)
+        if self._progress:
+            self._progress(len(self.outcome.costs) - 2, cost)
+
+    def _ends(self, ends: bool, stop: str) -> bool:
+        if ends:
+            self.outcome.stop = stop
+        return ends
+
+
+class OneStep:
+    """Series-parallel objective: every sample predicted from measured outputs.
+
+    regressors, target, weight : shapes (n, n_regressors), (n,), (n,); weight defaults to one
+    dtype : of the Jacobian, as in ``ClosedLoop``: float32 rounds its entries to 1e-7 at half the
+    time, errors and sums stay float64; float64 is exact
+    """
+
+    def __init__(
+        self,
+        spec: Spec,
+        regressors: FloatArray,
+        target: FloatArray,
+        weight: FloatArray | None = None,
+        dtype: type[np.floating] = np.float32,
+    ) -> None:
+        self.spec, self.target, self.dtype = spec, target, dtype
+        self.regressors = np.asfortranarray(regressors)  # samples side by side, as in the Jacobian
+        self.weight = np.ones(len(target)) if weight is None else weight
+        self._root = np.sqrt(self.weight)
+        self._total = float(self.weight.sum())
+        if self._total <= 0:
+            raise ValueError("no sample is scored")
+
+    def cost(self, weights: FloatArray) -> float:
+        """Return the weighted mean squared one-step error."""
+        error = forward(self.spec, weights, self.regressors) - self.target
+        return float(self.weight @ error**2) / self._total
+
+    def normal(self, weights: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+        """Return the cost, J'J and J'e, all divided by the total weight."""
+        n = self.spec.n_weights
+        hessian, gradient, total = np.zeros((n, n)), np.zeros(n), 0.0
+        syrk = get_blas_funcs("syrk", dtype=self.dtype)
+        for at in range(0, len(self.target), CHUNK):
+            rows = slice(at, at + CHUNK)
+            root = self._root[rows]
+            predicted, J = jacobian(self.spec, weights, self.regressors[rows], root, self.dtype)
+            error = (predicted - self.target[rows]) * root
+            hessian += syrk(1.0, J, trans=True).T  # in C order, hence the lower triangle
+            gradient += J.T @ error.astype(self.dtype)
+            total += float(error @ error)
+        hessian += np.tril(hessian, -1).T
+        return total / self._total, hessian / self._total, gradient / self._total
+
+
+def minimise(
+    objective: Objective,
+    weights: FloatArray,
+    options: Options | None = None,
+    validate: Callable[[FloatArray], float] | None = None,
+    deadline_s: float = np.inf,
+    progress: Callable[[int, float], None] | None = None,
+) -> Outcome:
+    """Return the best weights found from ``weights`` on; the cost never rises.
+
+    validate : score of weights, lower is better; the best by it is kept
+    deadline_s : ``time.monotonic()`` after which no further epoch begins
+    progress : called with the epoch and the cost after every epoch
+    Raises ValueError if the objective is not finite at the start.
+    """
+    options = options or Options()
+    current, mu = weights.copy(), options.mu
+    cost = objective.cost(current)
+    watch = Watch(
+        current, cost, options.max_fail, options.min_gradient, validate, deadline_s, progress
+    )
+    for _ in range(options.epochs):
+        if watch.over_budget():
+            break
+        _, hessian, gradient = objective.normal(current)
+        if watch.at_rest(gradient):
+            break
+        step = _step(objective, current, cost, hessian, gradient, mu, options)
+        if step is None:
+            watch.outcome.stop = "mu"
+            break
+        current, cost, mu = step
+        if watch.accept(current, cost):
+            break
+    return watch.outcome
+
+
+def _step(
+    objective: Objective,
+    weights: FloatArray,
+    cost: float,
+    hessian: FloatArray,
+    gradient: FloatArray,
+    mu: float,
+    options: Options,
+) -> tuple[FloatArray, float, float] | None:
+    """Return weights, cost and mu after one step that lowers the cost, or None if none does."""
+    diagonal = np.arange(len(weights))
+    while mu <= options.mu_max:
+        damped = hessian.copy()
+        damped[diagonal, diagonal] += mu
+        try:
+            factor = cho_factor(damped.T, lower=True, overwrite_a=True, check_finite=False)
+            trial = weights - cho_solve(factor, gradient, check_finite=False)
+        except LinAlgError:
+            mu *= options.mu_up
+            continue
+        trial_cost = objective.cost(trial)
+        if trial_cost < cost:  # False for NaN
+            return trial, trial_cost, max(mu * options.mu_down, 1e-20)
+        mu *= options.mu_up
+    return None

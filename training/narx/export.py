@@ -1,0 +1,258 @@
+"""The NARX as an ONNX graph with its card, and the proof that graph, torch and numpy agree.
+
+State: for every lag, newest first, the scaled inputs and then the output in model units, so that
+one slice shifts it. The matrix products are Gemm with the batch as rows: of the formulations
+tried (batch as columns, batched products, sums) this and the doubled batch gave the same bits
+for every batch size on onnxruntime's CPU provider.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+from onnx import TensorProto, helper, numpy_helper
+
+from monitor.base.errors import ModelError
+from monitor.base.types import FloatArray
+from monitor.model.card import METADATA_KEY, ModelCard, StateLayout
+from monitor.model.step import LAMBDA_MAX, PHI_MAX, Model
+from training.narx.network import Spec, layers, linear_path
+from training.recordings.preparation import Scaling
+
+OPSET = 17
+IR_VERSION = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Network:
+    """A trained NARX with everything that its graph contains."""
+
+    spec: Spec
+    weights: FloatArray
+    scaling: Scaling
+    transform: str
+    transforms: tuple[Mapping[str, Any], ...]
+    inputs: tuple[str, ...]
+
+    @property
+    def state_layout(self) -> StateLayout:
+        """Where the output history lies in the state."""
+        k, memory = self.spec.n_inputs, self.spec.memory
+        return StateLayout((k + 1) * memory, k, k + 1, memory)
+
+    @property
+    def sees_newest(self) -> bool:
+        """Whether the inputs of the tick itself enter."""
+        return self.spec.boxes[0][0] == 0
+
+    def folded_layers(self) -> list[tuple[FloatArray, FloatArray]]:
+        """Return the layers over the graph's regressor, output in model units.
+
+        The regressor is the state, before it the newest scaled inputs if lag 0 is used. Scaled
+        inputs of the graph run from -1 to 1 over the clipping range. A linear path is part of the
+        last layer, which then takes the regressor beside the last hidden layer.
+        """
+        spec, scale = self.spec, self.scaling
+        stack = [(w.copy(), b.copy()) for w, b in layers(spec, self.weights)]
+        stack[0] = self._folded(*stack[0])
+        if spec.linear_path:
+            w, b = stack[-1]
+            path, offset = self._folded(linear_path(spec, self.weights)[None], np.zeros(1))
+            stack[-1] = (np.concatenate([w, path], axis=1), b + offset)
+        last, offset = stack[-1]
+        stack[-1] = (last * scale.y_std, offset * scale.y_std + scale.y_mean)
+        return stack
+
+    def _folded(self, matrix: FloatArray, bias: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return a matrix over the training's regressor as one over the graph's."""
+        spec, scale = self.spec, self.scaling
+        k, n_boxes = spec.n_inputs, len(spec.boxes)
+        boxed = matrix[:, : n_boxes * k].reshape(-1, n_boxes, k)
+        inputs = np.zeros((len(matrix), spec.memory + 1, k))  # one place for each lag from 0 on
+        for i, (first, stop) in enumerate(spec.boxes):
+            inputs[:, first:stop] = boxed[:, i : i + 1] / (stop - first)
+        outputs = np.zeros((len(matrix), spec.memory, 1))
+        outputs[:, : spec.lags, 0] = matrix[:, n_boxes * k :]
+        middle, half = (scale.u_high + scale.u_low) / 2, (scale.u_high - scale.u_low) / 2
+        bias = bias + (inputs * ((middle - scale.u_mean) / scale.u_std)).sum(axis=(1, 2))
+        bias -= outputs.sum(axis=(1, 2)) * scale.y_mean / scale.y_std
+        inputs *= half / scale.u_std
+        past = np.concatenate([inputs[:, 1:], outputs / scale.y_std], axis=2)
+        parts = [inputs[:, 0]] if self.sees_newest else []
+        return np.concatenate([*parts, past.reshape(len(matrix), -1)], axis=1), bias
+
+    def input_map(self) -> tuple[FloatArray, FloatArray]:
+        """Return gain and offset (k,) that bring transformed inputs to -1 .. 1."""
+        s = self.scaling
+        half = (s.u_high - s.u_low) / 2
+        return 1.0 / half, -(s.u_high + s.u_low) / 2 / half
+
+
+class Graph:
+    """Nodes and constants under construction; every method returns the new tensor's name."""
+
+    def __init__(self, prefix: str = "") -> None:
+        self.prefix = prefix
+        self.nodes: list[onnx.NodeProto] = []
+        self.constants: list[onnx.TensorProto] = []
+
+    def part(self, prefix: str) -> "Graph":
+        """Return the same graph, in which the names of new tensors begin with ``prefix``.
+
+        Whoever adds nodes goes on with the names returned, so that they may stand in it twice.
+        """
+        part = Graph(self.prefix + prefix)
+        part.nodes, part.constants = self.nodes, self.constants
+        return part
+
+    def constant(self, name: str, value: Any, dtype: type = np.float32) -> str:
+        """Add a constant."""
+        name = self.prefix + name
+        self.constants.append(numpy_helper.from_array(np.asarray(value, dtype), name))
+        return name
+
+    def add(self, kind: str, inputs: list[str], output: str, **attributes: Any) -> str:
+        """Add a node with one output."""
+        output = self.prefix + output
+        self.nodes.append(helper.make_node(kind, inputs, [output], **attributes))
+        return output
+
+    def take(self, source: str, start: int, stop: int, output: str) -> str:
+        """Add the columns start .. stop - 1 of ``source``."""
+        bounds = [
+            self.constant(f"{output}_{name}", [value], np.int64)
+            for name, value in (("start", start), ("stop", stop), ("axis", 1))
+        ]
+        return self.add("Slice", [source, *bounds], output)
+
+
+def build(network: Network) -> onnx.ModelProto:
+    """Return the graph ``step``, float32, without a card."""
+    graph = Graph()
+    u_scaled, y = network_nodes(graph, network, "u", "state")
+    lambda_nodes(graph, network.transform, y)
+    next_nodes(graph, network, u_scaled, y, "state")
+    return finished(graph, network.spec.n_inputs, network.state_layout.size)
+
+
+def network_nodes(graph: Graph, network: Network, u: str, state: str) -> tuple[str, str]:
+    """Add one step; return the scaled inputs (batch, k) and the output in model units (batch, 1).
+
+    u, state : the network's own inputs (batch, k) and state
+    """
+    spec = network.spec
+    gain, offset = network.input_map()
+    u = _transformed(graph, network, u)
+    names = [graph.constant("u_gain", np.diag(gain)), graph.constant("u_offset", offset)]
+    mapped = graph.add("Gemm", [u, *names], "u_mapped", transB=1)
+    limits = [graph.constant("u_low", -1.0), graph.constant("u_high", 1.0)]
+    u_scaled = graph.add("Clip", [mapped, *limits], "u_scaled")
+    x = regressor = state
+    if network.sees_newest:
+        x = regressor = graph.add("Concat", [u_scaled, state], "regressor", axis=1)
+    stack = network.folded_layers()
+    for i, (w, b) in enumerate(stack):
+        if spec.linear_path and i == len(stack) - 1:
+            x = graph.add("Concat", [x, regressor], "beside", axis=1)
+        names = [graph.constant(f"w{i}", w), graph.constant(f"b{i}", b)]
+        x = graph.add("Gemm", [x, *names], f"sum{i}", transB=1)
+        if i < len(stack) - 1:
+            x = graph.add("Tanh", [x], f"tanh{i}")
+    low, high = network.scaling.y_low, network.scaling.y_high
+    names = [graph.constant("y_low", low), graph.constant("y_high", high)]
+    return u_scaled, graph.add("Clip", [x, *names], "y")
+
+
+def lambda_nodes(graph: Graph, transform: str, y: str) -> None:
+    """Add the graph's output ``lambda_hat`` for ``y`` in model units."""
+    if transform != "phi":
+        graph.add("Identity", [y], "lambda_hat")
+        return
+    names = [graph.constant("phi_low", 1.0 / LAMBDA_MAX), graph.constant("phi_high", PHI_MAX)]
+    graph.add("Reciprocal", [graph.add("Clip", [y, *names], "phi_readable")], "lambda_hat")
+
+
+def next_nodes(
+    graph: Graph, network: Network, u_scaled: str, y: str, state: str, more: Sequence[str] = ()
+) -> None:
+    """Add the graph's output ``next_state``: the newest sample, the older ones, ``more``."""
+    k, size = network.spec.n_inputs, network.state_layout.size
+    kept = graph.take(state, 0, size - k - 1, "kept")
+    graph.add("Concat", [u_scaled, y, kept, *more], "next_state", axis=1)
+
+
+def _transformed(graph: Graph, network: Network, u: str) -> str:
+    source = u
+    for index, t in enumerate(network.transforms):
+        i = network.inputs.index(t["numerator"])
+        j = network.inputs.index(t["denominator"])
+        k = len(network.inputs)
+        name = f"ratio{index}"
+        top = graph.take(u, i, i + 1, f"{name}_top")
+        bottom = graph.take(u, j, j + 1, f"{name}_bottom")
+        least = graph.constant(f"{name}_least", t["denominator_minimum"])
+        safe = graph.add("Max", [bottom, least], f"{name}_safe")
+        quotient = graph.add("Div", [top, safe], f"{name}_quotient")
+        factor = graph.constant(f"{name}_factor", t["factor"])
+        free = graph.add("Mul", [quotient, factor], f"{name}_free")
+        limits = [graph.constant(f"{name}_low", 0.0), graph.constant(f"{name}_high", t["maximum"])]
+        middle = graph.add("Clip", [free, *limits], f"{name}_value")
+        parts = [middle]
+        if i > 0:
+            parts.insert(0, graph.take(source, 0, i, f"{name}_before"))
+        if i < k - 1:
+            parts.append(graph.take(source, i + 1, k, f"{name}_after"))
+        source = graph.add("Concat", parts, f"{name}_inputs", axis=1)
+    return source
+
+
+def finished(graph: Graph, n_inputs: int, size: int) -> onnx.ModelProto:
+    """Return the checked graph ``step`` of these nodes."""
+
+    def array(name: str, width: int) -> onnx.ValueInfoProto:
+        return helper.make_tensor_value_info(name, TensorProto.FLOAT, ["batch", width])
+
+    step = helper.make_graph(
+        graph.nodes,
+        "step",
+        [array("u", n_inputs), array("state", size)],
+        [array("lambda_hat", 1), array("next_state", size)],
+        graph.constants,
+    )
+    model = helper.make_model(
+        step,
+        opset_imports=[helper.make_opsetid("", OPSET)],
+        ir_version=IR_VERSION,
+        producer_name="o2-monitor",
+    )
+    onnx.checker.check_model(model)
+    return model
+
+
+def save(path: Path | str, network: Network, card: ModelCard) -> None:
+    """Write graph and card to one file."""
+    model = build(network)
+    helper.set_model_props(model, {METADATA_KEY: card.to_json()})
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    Path(path).write_bytes(model.SerializeToString())
+
+
+def update_card(path: Path | str, card: ModelCard) -> None:
+    """Rewrite the card of a model file, nothing else; it is replaced in one step.
+
+    Raises ModelError if the file is not ONNX or the card does not fit its graph.
+    """
+    Model.load(path)  # says what is wrong with the file
+    model = onnx.load(str(path))
+    helper.set_model_props(model, {METADATA_KEY: card.to_json()})
+    temporary = Path(path).with_suffix(".partial")
+    temporary.write_bytes(model.SerializeToString())
+    try:
+        Model.load(temporary)
+    except ModelError as error:
+        temporary.unlink()
+        raise ModelError(f"{path}: the new card does not fit: {error}") from None
+    temporary.replace(path)

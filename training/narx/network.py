@@ -1,0 +1,230 @@
+"""The NARX: its shape, its weights in one vector, and its forward passes in float64.
+
+``y_hat(t) = f(u(t-a) .. u(t-L), y(t-1) .. y(t-L))`` with tanh layers and a linear output, where
+``a`` is 0 or 1. Inputs may instead enter as means over boxes of lags, narrow for the newest and
+wide for the old ones, so that a long memory needs few weights; and a linear path may lead from
+the regressor past the layers to the output. Everything here is in scaled units (zero mean, unit
+variance); physical units, clipping of inputs and the transform of lambda live in ``prepare`` and
+``export``.
+
+Weights lie layer by layer: matrix (out, in) row by row, then the biases; the linear path comes
+last. The regressor holds the inputs of the newest box first, then the outputs of the newest lag
+first.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from monitor.base.types import FloatArray, IntArray
+from training.narx import kernels
+
+Layers = list[tuple[FloatArray, FloatArray]]
+
+
+@dataclass(frozen=True, slots=True)
+class Spec:
+    """Shape of a NARX and the range of its scaled feedback."""
+
+    n_inputs: int
+    lags: int = 5  # the outputs enter at lags 1 .. lags
+    hidden: tuple[int, ...] = (8, 8)  # () is a linear model
+    input_lag_start: int = 1  # 1: u(t-1) is the newest input, 0: u(t) is
+    y_min: float = -1e9  # predictions are clipped to this range before they are fed back
+    y_max: float = 1e9
+    input_boxes: tuple[tuple[int, int], ...] = ()  # first lag, stop; () is each of lags alone
+    linear_path: bool = False
+
+    def __post_init__(self) -> None:
+        if self.n_inputs < 1 or self.lags < 1 or min(self.hidden, default=1) < 1:
+            raise ValueError(f"{self}: inputs, lags and hidden layers must be positive")
+        if self.input_lag_start not in (0, 1):
+            raise ValueError(f"input_lag_start {self.input_lag_start}: must be 0 or 1")
+        if self.linear_path and not self.hidden:
+            raise ValueError(f"{self}: a model without hidden layers is linear already")
+        edges = [edge for box in self.boxes for edge in box]
+        if edges != sorted(edges) or edges[0] not in (0, 1) or any(a >= b for a, b in self.boxes):
+            raise ValueError(f"input_boxes {self.input_boxes}: must ascend from lag 0 or 1")
+
+    @property
+    def boxes(self) -> tuple[tuple[int, int], ...]:
+        """First lag and stop of every box of input lags."""
+        single = range(self.input_lag_start, self.lags + 1)
+        return self.input_boxes or tuple((lag, lag + 1) for lag in single)
+
+    @property
+    def memory(self) -> int:
+        """Longest lag of inputs and outputs: so many samples come before the first prediction."""
+        return max(self.lags, self.boxes[-1][1] - 1)
+
+    @property
+    def n_regressors(self) -> int:
+        """Width of the regressor."""
+        return len(self.boxes) * self.n_inputs + self.lags
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """Width of every layer, the regressor first, the output last."""
+        return (self.n_regressors, *self.hidden, 1)
+
+    @property
+    def n_weights(self) -> int:
+        """Number of weights and biases.
+
+        >>> Spec(n_inputs=7).n_weights
+        409
+        """
+        inner = sum((a + 1) * b for a, b in zip(self.sizes[:-1], self.sizes[1:], strict=True))
+        return inner + (self.n_regressors if self.linear_path else 0)
+
+    def sizes_array(self) -> IntArray:
+        """Layer widths for the compiled functions."""
+        return np.array(self.sizes, dtype=np.int64)
+
+
+def describe(spec: Spec) -> str:
+    """Return the shape in words.
+
+    >>> describe(Spec(n_inputs=7))
+    'inputs at lags 1 to 5, output at lags 1 to 5, tanh layers of 8 and 8'
+    """
+    first, last = spec.boxes[0][0], spec.boxes[-1][1] - 1
+    boxed = f" in {len(spec.boxes)} boxes" if len(spec.boxes) <= last - first else ""
+    layers = f"tanh layers of {' and '.join(map(str, spec.hidden))}" if spec.hidden else "linear"
+    path = " beside a linear path" if spec.linear_path else ""
+    return (
+        f"inputs at lags {first} to {last}{boxed}, output at lags 1 to {spec.lags}, {layers}{path}"
+    )
+
+
+def initial_weights(spec: Spec, rng: np.random.Generator) -> FloatArray:
+    """Return small random weights: variance 1/fan-in, biases spread over the tanh's range.
+
+    A linear path begins at zero.
+    """
+    parts: list[FloatArray] = []
+    for fan_in, fan_out in zip(spec.sizes[:-1], spec.sizes[1:], strict=True):
+        parts.append(rng.normal(size=fan_in * fan_out) / np.sqrt(fan_in))
+        parts.append(rng.uniform(-0.7, 0.7, size=fan_out))
+    if spec.linear_path:
+        parts.append(np.zeros(spec.n_regressors))
+    return np.concatenate(parts)
+
+
+def layers(spec: Spec, weights: FloatArray) -> Layers:
+    """Return (matrix, bias) of every layer as views into ``weights``."""
+    result: Layers = []
+    at = 0
+    for fan_in, fan_out in zip(spec.sizes[:-1], spec.sizes[1:], strict=True):
+        matrix = weights[at : at + fan_in * fan_out].reshape(fan_out, fan_in)
+        at += fan_in * fan_out
+        result.append((matrix, weights[at : at + fan_out]))
+        at += fan_out
+    return result
+
+
+def linear_path(spec: Spec, weights: FloatArray) -> FloatArray:
+    """Return the weights (n_regressors,) of the linear path; there must be one."""
+    return weights[-spec.n_regressors :]
+
+
+def _activations(spec: Spec, weights: FloatArray, regressors: FloatArray) -> list[FloatArray]:
+    """Return every layer's values (width, n), samples side by side, the regressors first."""
+    *inner, (matrix, bias) = layers(spec, weights)
+    values = [regressors.T]
+    for w, b in inner:
+        values.append(np.tanh(w @ values[-1] + b[:, None]))
+    output = matrix @ values[-1] + bias[:, None]
+    if spec.linear_path:
+        output += linear_path(spec, weights) @ values[0]
+    return [*values, output]
+
+
+def forward(spec: Spec, weights: FloatArray, regressors: FloatArray) -> FloatArray:
+    """Return the unclipped one-step predictions (n,) of ``regressors`` (n, n_regressors)."""
+    return _activations(spec, weights, regressors)[-1][0]
+
+
+def jacobian(
+    spec: Spec,
+    weights: FloatArray,
+    regressors: FloatArray,
+    scale: FloatArray | None = None,
+    dtype: type[np.floating] = np.float64,
+) -> tuple[FloatArray, FloatArray]:
+    """Return predictions (n,) and their derivatives by every weight (n, n_weights).
+
+    scale : (n,), multiplies the derivatives; one if None
+    dtype : of the derivatives; predictions and back-propagated slopes are float64 always
+    Source: backpropagation of the output itself, Hagan and Menhaj, IEEE TNN 5 (1994).
+    """
+    *activations, predicted = _activations(spec, weights, regressors)
+    n = len(regressors)
+    result = np.empty((spec.n_weights, n), dtype)
+    stop = spec.n_weights
+    if spec.linear_path:
+        stop -= spec.n_regressors
+        result[stop:] = regressors.T if scale is None else scale * regressors.T
+    delta = np.ones((1, n)) if scale is None else scale[None]
+    for (w, _), a in zip(reversed(layers(spec, weights)), reversed(activations), strict=True):
+        fan_out, fan_in = w.shape
+        slope, below = delta.astype(dtype, order="C"), a.astype(dtype, order="C")
+        result[stop - fan_out : stop] = slope
+        stop -= fan_out
+        block = result[stop - fan_out * fan_in : stop].reshape(fan_out, fan_in, n)
+        np.multiply(slope[:, None], below[None], out=block)
+        stop -= fan_out * fan_in
+        if stop:
+            delta = (w.T @ delta) * (1.0 - a * a)
+    return predicted[0], result.T
+
+
+def input_regressors(spec: Spec, u: FloatArray) -> FloatArray:
+    """Return the inputs' part of the regressor (n, n_boxes * n_inputs) of samples (n, n_inputs).
+
+    Rows before ``spec.memory`` take the inputs before the first sample as zero.
+    """
+    n, k = u.shape
+    result = np.zeros((n, len(spec.boxes), k))
+    for i, (first, stop) in enumerate(spec.boxes):
+        for lag in range(first, min(stop, n)):
+            result[lag:, i] += u[: n - lag]
+        result[:, i] /= stop - first
+    return result.reshape(n, -1)
+
+
+def regressors(spec: Spec, u: FloatArray, y: FloatArray) -> FloatArray:
+    """Return the series-parallel regressors (n - memory, n_regressors) of samples memory .. n - 1.
+
+    u, y : shapes (n, n_inputs) and (n,), scaled
+    """
+    n, first = len(y), spec.memory
+    outputs = [y[first - j : n - j, None] for j in range(1, spec.lags + 1)]
+    return np.concatenate([input_regressors(spec, u)[first:], *outputs], axis=1)
+
+
+def simulate(
+    spec: Spec,
+    weights: FloatArray,
+    u: FloatArray,
+    start: IntArray,
+    stop: IntArray,
+    history: FloatArray,
+    out: FloatArray | None = None,
+    x: FloatArray | None = None,
+) -> FloatArray:
+    """Return free-run predictions (n,), NaN outside the pieces start[i] .. stop[i] - 1.
+
+    u : (n, n_inputs), scaled; every start must have ``memory`` samples before it
+    x : ``input_regressors`` of ``u``, for many calls with the same
+    history : (n_pieces, lags), the output before each start, newest first, scaled
+    """
+    if len(start) and (start.min() < spec.memory or stop.max() > len(u)):
+        raise ValueError(f"pieces must lie within {spec.memory} .. {len(u)}")
+    x = input_regressors(spec, u) if x is None else x
+    result = np.full(len(u), np.nan) if out is None else out
+    kernels.simulate(
+        weights, spec.sizes_array(), x, spec.lags, start, stop,
+        np.clip(history, spec.y_min, spec.y_max), spec.y_min, spec.y_max, result,
+    )  # fmt: skip
+    return result

@@ -1,0 +1,56 @@
+"""Does the model forget where it started? Two histories, the same inputs, the same prediction."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from monitor.base.types import FloatArray
+from training.narx.network import Spec, input_regressors, simulate
+from training.recordings.preparation import Prepared
+
+CONTRACTION_SAMPLES = 50  # one window
+CONTRACTION_LIMIT = 0.01  # phi; other outputs: this share of their range over 1.7
+PAIRS = 2000
+
+
+@dataclass(frozen=True, slots=True)
+class Contraction:
+    """The largest difference seen after 50 samples, in model units."""
+
+    gap: float
+    limit: float
+    pairs: int
+
+
+def contraction(
+    data: Prepared, spec: Spec, weights: FloatArray, seed: int, pairs: int = PAIRS
+) -> Contraction:
+    """Return how far predictions from random pairs of histories are apart after 50 samples.
+
+    Histories are drawn evenly over the output's range (phi 0 .. 1.7), half of them constant, at
+    random places of all recordings; one pair in eight starts at the two ends of the range.
+    """
+    rng = np.random.default_rng(seed)
+    length = CONTRACTION_SAMPLES + 1
+    places = np.concatenate(
+        [np.arange(s.start + spec.memory, max(s.stop - length, s.start + spec.memory + 1))
+         for s in data.segments]
+    )  # fmt: skip
+    start = rng.choice(places, pairs)
+    stop = np.minimum(start + length, len(data.samples.y))
+    x = input_regressors(spec, data.samples.u)
+    ends = []
+    run = np.empty(len(data.samples.y))
+    for side in (0, 1):
+        history = rng.uniform(spec.y_min, spec.y_max, size=(pairs, spec.lags))
+        history[::2] = history[::2, :1]
+        history[: pairs // 8] = spec.y_max if side else spec.y_min
+        end = np.empty(pairs)
+        for i in range(pairs):
+            one = slice(i, i + 1)
+            simulate(spec, weights, data.samples.u, start[one], stop[one], history[one], run, x)
+            end[i] = run[stop[i] - 1]
+        ends.append(end)
+    gap = float(np.abs(ends[0] - ends[1]).max()) * data.scaling.y_std
+    span = data.scaling.y_high - data.scaling.y_low
+    return Contraction(gap, CONTRACTION_LIMIT * span / 1.7, pairs)

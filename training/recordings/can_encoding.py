@@ -1,0 +1,108 @@
+"""Values to payloads: CAN encoding of whole recordings at once.
+
+The reverse of ``decode.decoder``, with the alive counter and checksum that the map asks for.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+from cantools.database.can import Message, Signal
+from numpy.typing import NDArray
+
+from monitor.base.errors import SignalMapError
+from monitor.base.types import FloatArray
+from monitor.decode.checksum import payload_checksums
+from monitor.decode.raw_values import bit_position
+from monitor.decode.signal_map import Integrity
+
+Payloads = NDArray[np.uint8]
+
+
+def encode_message(
+    message: Message,
+    integrity: Integrity,
+    values: Mapping[str, FloatArray],
+    n: int,
+    first_count: int = 0,
+) -> Payloads:
+    """Return the payloads of ``n`` frames of one message, shape (n, message.length).
+
+    message : from the CAN database; at most 8 bytes, its signals integer
+    integrity : counter, checksum and the raw value that says not available
+    values : physical values of its signals, each (n,); NaN or a missing signal is sent as not
+        available, or as 0 where the message has no such value; what does not fit saturates
+    first_count : alive counter of the first frame; it counts up frame by frame
+    Raises SignalMapError if the message cannot be encoded or lacks a signal.
+    """
+    if message.length > 8:
+        raise SignalMapError(f"{message.name} has {message.length} bytes, at most 8 are wanted")
+    signals = {signal.name: signal for signal in message.signals}
+    unknown = sorted(values.keys() - signals.keys())
+    if unknown:
+        raise SignalMapError(f"{message.name} has no signal {unknown[0]}")
+    words = {"little_endian": np.zeros(n, np.uint64), "big_endian": np.zeros(n, np.uint64)}
+    for name, signal in signals.items():
+        if name == integrity.checksum:
+            continue
+        if name == integrity.counter:
+            raw = (first_count + np.arange(n, dtype=np.int64)) % (1 << signal.length)
+        elif not _is_sent(signal, signals, values):
+            continue
+        else:
+            raw = _raw(signal, integrity, values.get(name), n)
+        _pack(words[signal.byte_order], message, signal, raw)
+    payloads: Payloads = (
+        words["little_endian"].astype("<u8").view(np.uint8).reshape(n, 8)
+        | (words["big_endian"] << np.uint64(8 * (8 - message.length)))
+        .astype(">u8")
+        .view(np.uint8)
+        .reshape(n, 8)
+    )[:, : message.length].copy()
+    if integrity.checksum:
+        place = signals[integrity.checksum].start // 8
+        payloads[:, place] = payload_checksums(
+            integrity.algorithm, message.frame_id, payloads, place
+        )
+    return payloads
+
+
+def _is_sent(
+    signal: Signal, signals: Mapping[str, Signal], values: Mapping[str, FloatArray]
+) -> bool:
+    """A multiplexed signal is sent only if it is given; its multiplexer must be given too."""
+    if signal.multiplexer_signal is None:
+        return True
+    return signal.name in values and signal.multiplexer_signal in signals
+
+
+def _raw(
+    signal: Signal, integrity: Integrity, physical: FloatArray | None, n: int
+) -> NDArray[np.int64]:
+    """Return raw values as integers, (n,)."""
+    if signal.is_float:
+        raise SignalMapError(f"signal {signal.name} is a float, integers are wanted")
+    bits = signal.length
+    low, high = (
+        (-(1 << (bits - 1)), (1 << (bits - 1)) - 1) if signal.is_signed else (0, (1 << bits) - 1)
+    )
+    missing = 0
+    if integrity.not_available and bits >= 2:
+        missing = low if signal.is_signed else high
+        low, high = (low + 1, high) if signal.is_signed else (low, high - 1)
+    if physical is None:
+        return np.full(n, missing, dtype=np.int64)
+    if physical.shape != (n,):
+        raise SignalMapError(f"signal {signal.name} has shape {physical.shape}, ({n},) is wanted")
+    scaled = np.rint((physical - float(signal.offset)) / float(signal.scale))
+    known = ~np.isnan(scaled)
+    raw = np.full(n, missing, dtype=np.int64)
+    raw[known] = np.clip(scaled[known], low, high).astype(np.int64)
+    return raw
+
+
+def _pack(
+    word: NDArray[np.uint64], message: Message, signal: Signal, raw: NDArray[np.int64]
+) -> None:
+    """Put raw values into the payloads, seen as integers in the signal's byte order."""
+    mask = np.uint64((1 << signal.length) - 1)
+    word |= (raw.astype(np.uint64) & mask) << np.uint64(bit_position(message, signal))

@@ -1,0 +1,183 @@
+"""Recordings to CAN logs: any table through a DBC and a signal map.
+
+Each message goes out on its cycle time (GenMsgCycleTime of the DBC) with the last row that is not
+younger than the frame: a zero-order hold, which invents no values between rows. A canonical signal
+that the table lacks is sent as not available.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import can
+import numpy as np
+from cantools.database.can import Message
+
+from monitor.base.errors import RecordingError, SignalMapError
+from monitor.base.types import FloatArray, IntArray
+from monitor.decode.bus_map import BusMap, Channel
+from monitor.decode.signal_map import Integrity
+from monitor.frames.logs import log_kind
+from training.recordings.can_encoding import Payloads, encode_message
+from training.recordings.frame_block import FrameBlock
+from training.recordings.mf4_log import write_mf4
+from training.recordings.table_files import open_for_writing
+
+__all__ = ["FrameBlock", "Outgoing", "block_of", "broadcast", "merge", "outgoing", "write_log"]
+
+DEFAULT_CYCLE_NS: Final = 20_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Outgoing:
+    """One message of a bus map with the canonical signals it carries."""
+
+    message: Message
+    integrity: Integrity
+    channels: tuple[Channel, ...]
+
+    @property
+    def cycle_ns(self) -> int:
+        """Return its cycle time, 20 ms where the DBC gives none."""
+        cycle_ms = self.message.cycle_time
+        return round(cycle_ms * 1_000_000) if cycle_ms else DEFAULT_CYCLE_NS
+
+    def encode(self, values: Mapping[str, FloatArray], n: int, first_count: int = 0) -> Payloads:
+        """Return ``n`` payloads, (n, length), from canonical values, each (n,); NaN is missing."""
+        physical = {
+            channel.signal.name: (values[channel.mapped.name] - channel.mapped.offset)
+            / channel.mapped.factor
+            for channel in self.channels
+            if channel.mapped.name in values
+        }
+        return encode_message(self.message, self.integrity, physical, n, first_count)
+
+
+def outgoing(bus_map: BusMap) -> tuple[Outgoing, ...]:
+    """Return the messages that carry the mapped signals, in the order of their identifiers.
+
+    Raises SignalMapError if one is multiplexed: those are answers, not broadcasts.
+    """
+    groups: dict[str, list[Channel]] = {}
+    for channel in bus_map.channels.values():
+        if channel.message.is_multiplexed():
+            raise SignalMapError(
+                f"{channel.map_path}: message {channel.message.name} is multiplexed "
+                "and cannot be broadcast"
+            )
+        groups.setdefault(channel.message.name, []).append(channel)
+    found = [
+        Outgoing(group[0].message, group[0].integrity, tuple(group)) for group in groups.values()
+    ]
+    return tuple(sorted(found, key=lambda each: each.message.frame_id))
+
+
+def block_of(message: Message, times_ns: IntArray, payloads: Payloads) -> FrameBlock:
+    """Return the frames of one message sent at ``times_ns``, (n,)."""
+    n, length = payloads.shape
+    data = np.zeros((n, 8), dtype=np.uint8)
+    data[:, :length] = payloads
+    return FrameBlock(
+        times_ns.astype(np.int64),
+        np.full(n, message.frame_id, dtype=np.int64),
+        np.full(n, message.is_extended_frame),
+        np.full(n, length, dtype=np.int64),
+        data,
+    )
+
+
+def merge(blocks: Sequence[FrameBlock]) -> FrameBlock:
+    """Return all frames in the order of time; at the same time the earlier block comes first."""
+    if not blocks:
+        raise RecordingError("there are no frames to write")
+    t_ns = np.concatenate([block.t_ns for block in blocks])
+    order = np.argsort(t_ns, kind="stable")
+    return FrameBlock(
+        t_ns[order],
+        np.concatenate([block.can_id for block in blocks])[order],
+        np.concatenate([block.is_extended for block in blocks])[order],
+        np.concatenate([block.length for block in blocks])[order],
+        np.concatenate([block.data for block in blocks])[order],
+    )
+
+
+def broadcast(
+    bus_map: BusMap, t_ns: IntArray, values: Mapping[str, FloatArray], start_ns: int | None = None
+) -> FrameBlock:
+    """Return the frames an ECU would send while the table's signals hold.
+
+    t_ns : (n,) strictly rising times of the rows
+    values : canonical signals, each (n,); NaN is sent as not available
+    start_ns : time of the first row on the log's clock, default the table's own
+    Each message sends one more frame for the last row. Derived signals of the map are sent
+    through what they are made of only if the table has that.
+    Raises SignalMapError if the map carries none of the signals.
+    """
+    messages = outgoing(bus_map)
+    wanted = {channel.mapped.name for each in messages for channel in each.channels}
+    if not wanted & values.keys():
+        raise SignalMapError(
+            f"{bus_map.pairs[-1][1]}: carries none of the table's signals {', '.join(values)}"
+        )
+    first_ns = int(t_ns[0])
+    shift_ns = 0 if start_ns is None else start_ns - first_ns
+    row_ns = int(np.median(np.diff(t_ns))) if len(t_ns) > 1 else DEFAULT_CYCLE_NS
+    blocks = []
+    for each in messages:
+        times_ns = np.arange(first_ns, int(t_ns[-1]) + row_ns, each.cycle_ns, dtype=np.int64)
+        rows = np.searchsorted(t_ns, times_ns, side="right") - 1
+        held = {name: column[rows] for name, column in values.items() if name in wanted}
+        payloads = each.encode(held, len(times_ns))
+        blocks.append(block_of(each.message, times_ns + shift_ns, payloads))
+    return merge(blocks)
+
+
+def write_log(path: str | Path, frames: FrameBlock, channel: str = "can0") -> None:
+    """Write the frames to ``path`` in the format of its suffix; times are rounded to microseconds.
+
+    Raises RecordingError if the format is unknown or the file cannot be written.
+    """
+    path = Path(path)
+    kind = log_kind(path)
+    try:
+        if kind == ".log":
+            _write_candump(path, frames, channel)
+            return
+        if path.suffix.lower() == ".mf4":
+            write_mf4(path, frames)
+            return
+        with can.Logger(path) as logger:
+            for frame in frames.frames():
+                logger.on_message_received(
+                    can.Message(
+                        timestamp=round(frame.t_ns / 1000) / 1e6,
+                        arbitration_id=frame.can_id,
+                        is_extended_id=frame.is_extended,
+                        data=frame.data,
+                        channel=0,
+                    )
+                )
+    except (OSError, ValueError, NotImplementedError) as error:
+        raise RecordingError(f"{path}: cannot write the log: {error}") from error
+
+
+def _write_candump(path: Path, frames: FrameBlock, channel: str) -> None:
+    """Write ``candump -L`` lines, the same bytes every time."""
+    us = (frames.t_ns + 500) // 1000
+    digits = frames.data.tobytes().hex().upper()
+    lines = [
+        f"({t // 1_000_000}.{t % 1_000_000:06d}) {channel} "
+        f"{can_id:{'08X' if extended else '03X'}}#{digits[16 * i : 16 * i + 2 * length]}\n"
+        for i, (t, can_id, extended, length) in enumerate(
+            zip(
+                us.tolist(),
+                frames.can_id.tolist(),
+                frames.is_extended.tolist(),
+                frames.length.tolist(),
+                strict=True,
+            )
+        )
+    ]
+    with open_for_writing(path) as file:
+        file.write("".join(lines).encode("ascii"))

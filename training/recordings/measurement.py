@@ -1,0 +1,118 @@
+"""Measurement files of calibration tools: MDF 3 and 4 with channels at several rasters."""
+
+import io
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from types import ModuleType
+from typing import Any, Final
+
+import numpy as np
+
+from monitor.base.errors import RecordingError
+from monitor.base.types import FloatArray, IntArray
+from monitor.frames import mdf as mdf4
+from monitor.grid.tables import TIME, Column, load_columns
+
+SUFFIXES: Final = (".mf4", ".mdf", ".dat")
+_BUS_EVENT: Final = 2  # flag of MDF 4 channel groups that hold frames
+
+
+def is_measurement(path: Path, columns: str | Path | None = None) -> bool:
+    """Return whether ``path`` is a measurement file and not a log of CAN frames.
+
+    An .mf4 file may be either; one with a columns map or without frames is a measurement.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES or not path.is_file():
+        return False
+    if suffix != ".mf4" or columns is not None:
+        return True
+    with _open(path) as mdf:
+        return not any(
+            getattr(group.channel_group, "flags", 0) & _BUS_EVENT for group in mdf.groups
+        )
+
+
+def read_measurement(
+    path: Path, columns: str | Path | None = None
+) -> dict[str, tuple[IntArray, FloatArray]]:
+    """Return times in nanoseconds and values of each channel, each at its own raster.
+
+    columns : a columns map that names the channels; without it all numeric channels
+    A channel that was recorded at several rasters is taken from the fastest.
+    Raises RecordingError if the file cannot be read or lacks a channel.
+    """
+    mapping = load_columns(Path(columns)) if columns is not None else None
+    with _open(path) as mdf:
+        if mapping is None:
+            mapping = {name: Column(name) for name in mdf.channels_db if name not in _masters(mdf)}
+        mapping = {name: each for name, each in mapping.items() if name != TIME}
+        found = {}
+        for name, each in mapping.items():
+            series = _series(path, mdf, each)
+            if series is not None:
+                found[name] = series
+    if not found:
+        raise RecordingError(f"{path}: no channel with numbers in the measurement file")
+    return found
+
+
+def _series(path: Path, mdf: Any, column: Column) -> tuple[IntArray, FloatArray] | None:
+    """Return one channel, None if it holds no numbers."""
+    places = mdf.channels_db.get(column.column)
+    if not places:
+        raise RecordingError(f"{path}: no channel {column.column!r} in the measurement file")
+    group, index = max(places, key=lambda place: _cycles(mdf, place[0]))
+    signal = mdf.get(group=group, index=index)
+    samples = np.asarray(signal.samples)
+    if samples.ndim != 1 or samples.dtype.kind not in "biuf" or len(samples) == 0:
+        return None
+    t_ns: IntArray = np.rint(np.asarray(signal.timestamps) * 1e6).astype(np.int64) * 1000
+    values = samples.astype(np.float64) * column.factor + column.offset
+    if signal.invalidation_bits is not None:
+        values[np.asarray(signal.invalidation_bits, dtype=bool)] = np.nan
+    if np.any(np.diff(t_ns) < 0):
+        raise RecordingError(f"{path}: the times of channel {column.column!r} fall")
+    return t_ns, values
+
+
+def _cycles(mdf: Any, group: int) -> int:
+    return int(mdf.groups[group].channel_group.cycles_nr)
+
+
+def _masters(mdf: Any) -> set[str]:
+    """Return the names of the time channels."""
+    return {mdf.groups[group].channels[index].name for group, index in mdf.masters_db.items()}
+
+
+@contextmanager
+def _open(path: Path) -> Iterator[Any]:
+    asammdf = _asammdf(path)
+    try:
+        with mdf4.quiet(), path.open("rb") as file:
+            if path.suffix.lower() == ".mf4":
+                mdf4.check(file)
+                file.seek(0)
+            measurement = asammdf.MDF(io.BytesIO(file.read()))
+    except Exception as error:  # asammdf raises whatever its parsers raise
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise RecordingError(f"{path}: cannot read the measurement file: {reason}") from error
+    with measurement:
+        yield measurement
+
+
+def _asammdf(path: Path) -> ModuleType:
+    try:
+        import asammdf  # noqa: PLC0415
+    except ImportError as error:
+        raise RecordingError(
+            f"{path}: reading it needs asammdf: pip install 'o2-monitor[mdf]'"
+        ) from error
+    module: ModuleType = asammdf
+    return module
+
+
+def union_of_times(series: Mapping[str, tuple[IntArray, FloatArray]]) -> IntArray:
+    """Return all times at which any channel has a value, rising."""
+    return np.unique(np.concatenate([t_ns for t_ns, _ in series.values()]))

@@ -1,0 +1,308 @@
+"""From recordings to training samples: mask, split, weight and scale.
+
+Stretches with an invalid input end a segment; an invalid output alone keeps its place with
+weight 0. Contiguous blocks of every recording are held out for validation and for the limits.
+"""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from monitor.base.errors import RecordingError, UsageError
+from monitor.base.signals import BY_NAME
+from monitor.base.types import FloatArray
+from monitor.model.card import Channel
+from monitor.model.step import PHI_MAX, to_model_units
+from training.narx.algorithms.closed_loop import Samples
+from training.recordings.outliers import outlier_mask
+from training.recordings.transforms import apply
+
+if TYPE_CHECKING:
+    from training.recordings.recording import Recording
+
+BLOCK_S = 45.0  # length of a block that is held out or trained on as a whole
+BLOCK_SAMPLES = (200, 2000)  # but not fewer or more samples than these
+GROUP = 7  # of seven blocks one validates and one tests: 71/14/14 percent
+OTHER_WEIGHT = 0.1  # of samples outside the enabled region: cold start, fuel cut, open loop
+ENABLE_COLUMNS = {"closed_loop": 1.0, "sensor_ready": 1.0, "fuel_cut": 0.0}
+MARGIN = {"phi": 0.05, "none": 0.3}  # of the trained range, by which signals may leave it
+
+
+# lambda_controller is made from the measured lambda: a network that sees it exactly inverts the
+# controller and predicts what a faulty sensor reads. So it is trained on a blurred one, whose noise
+# is several times what the controller does in normal operation.
+CONTROLLER = "lambda_controller"
+CONTROLLER_NOISE = 0.03
+
+
+class Role(IntEnum):
+    """What a block is used for."""
+
+    TRAIN = 0
+    VALIDATE = 1
+    TEST = 2
+
+
+HELD_OUT = (Role.VALIDATE, Role.TEST)
+
+
+@dataclass(frozen=True, slots=True)
+class Segment:
+    """An unbroken stretch of one recording within the concatenated samples."""
+
+    recording: int
+    first: int  # row of the recording
+    start: int  # row of the concatenated samples
+    stop: int
+
+
+@dataclass(frozen=True, slots=True)
+class Scaling:
+    """Affine maps to zero mean and unit variance; inputs after their transforms."""
+
+    u_mean: FloatArray
+    u_std: FloatArray
+    u_low: FloatArray  # inputs are clipped to this range first
+    u_high: FloatArray
+    y_mean: float
+    y_std: float
+    y_low: float  # model units: phi or the output itself
+    y_high: float
+
+    def scale_u(self, u: FloatArray) -> FloatArray:
+        """Return scaled inputs (n, k)."""
+        return np.asarray((np.clip(u, self.u_low, self.u_high) - self.u_mean) / self.u_std)
+
+    def scale_y(self, y: FloatArray | float) -> FloatArray:
+        """Return scaled model units."""
+        return np.asarray((np.clip(y, self.y_low, self.y_high) - self.y_mean) / self.y_std)
+
+    @property
+    def y_scaled_limits(self) -> tuple[float, float]:
+        """The output's range in scaled units."""
+        return float(self.scale_y(self.y_low)), float(self.scale_y(self.y_high))
+
+    def unscale_y(self, y: FloatArray) -> FloatArray:
+        """Return model units."""
+        return np.asarray(y * self.y_std + self.y_mean)
+
+
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """All that the training needs."""
+
+    samples: Samples  # scaled; the weight is that of training and validation alike
+    segments: tuple[Segment, ...]
+    role: np.ndarray  # (n,) Role of each sample
+    enabled: np.ndarray  # (n,) bool
+    scaling: Scaling
+    inputs: tuple[Channel, ...]
+    output: Channel
+    transform: str
+    transforms: tuple[Mapping[str, Any], ...]
+    recordings: tuple["Recording", ...]
+    period_ns: int
+    outliers: dict[str, int]
+    warnings: tuple[str, ...]
+
+    @property
+    def must_forget(self) -> bool:
+        """Whether the output has a short memory: lambda, in whatever unit."""
+        return self.output.name.startswith("lambda")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the inputs."""
+        return tuple(channel.name for channel in self.inputs)
+
+
+def prepare(
+    recordings: Sequence["Recording"],
+    inputs: Sequence[str],
+    output: str,
+    transforms: Sequence[Mapping[str, Any]] = (),
+    *,
+    lags: int = 5,
+    seed: int = 0,
+    block_s: float = BLOCK_S,
+    other_weight: float = OTHER_WEIGHT,
+    validate: Collection[int] = (),
+) -> Prepared:
+    """Return the samples of ``recordings``, ready for training.
+
+    validate : recordings, by number, that only validate; without, blocks of all of them do
+    Raises UsageError for impossible names, RecordingError for recordings that cannot be used.
+    """
+    period_ns = _check(recordings, inputs, output)
+    transform = "phi" if output.startswith("lambda") and output in BY_NAME else "none"
+    outliers: dict[str, int] = {}
+    u_parts, y_parts, on_parts, segments, at = [], [], [], [], 0
+    for index, recording in enumerate(recordings):
+        u = _columns(recording, inputs, outliers)
+        y = _columns(recording, [output], outliers)[:, 0]
+        on = enabled_rows(recording)
+        for first, stop in runs(np.asarray(np.isfinite(u).all(axis=1))):
+            if stop - first < 8 * lags or not np.isfinite(y[first:stop]).any():
+                continue
+            u_parts.append(u[first:stop])
+            y_parts.append(to_model_units(transform, y[first:stop]))
+            on_parts.append(on[first:stop])
+            segments.append(Segment(index, first, at, at + stop - first))
+            at += stop - first
+    if not segments:
+        files = ", ".join(str(r.path) for r in recordings)
+        raise RecordingError(f"{files}: no stretch of {8 * lags} samples with all inputs valid")
+    u, y, on = np.concatenate(u_parts), np.concatenate(y_parts), np.concatenate(on_parts)
+    valid = np.isfinite(y)
+    role = _roles(segments, period_ns, block_s, seed, lags, validate)
+    train = (role == Role.TRAIN) & valid
+    seen = apply(transforms, inputs, u)
+    if transform == "phi" and CONTROLLER in inputs:
+        blur = np.random.default_rng([seed, 1]).standard_normal(len(u)) * (role == Role.TRAIN)
+        seen[:, list(inputs).index(CONTROLLER)] += CONTROLLER_NOISE * blur
+    scaling = _scaling(seen[train], y[train], transform, inputs, recordings)
+    weight = np.where(on, 1.0, other_weight) * valid
+    filled = np.interp(np.arange(len(y)), np.flatnonzero(valid), y[valid])
+    return Prepared(
+        samples=Samples(scaling.scale_u(seen), scaling.scale_y(filled), weight),
+        segments=tuple(segments),
+        role=role,
+        enabled=on & valid,
+        scaling=scaling,
+        inputs=tuple(_channel(n, u[train, i]) for i, n in enumerate(inputs)),
+        output=_channel(output, _in_output_units(transform, y[train])),
+        transform=transform,
+        transforms=tuple(transforms),
+        recordings=tuple(recordings),
+        period_ns=period_ns,
+        outliers=outliers,
+        warnings=tuple(_warnings(u[train], y[train], inputs, output, outliers)),
+    )
+
+
+def enabled_rows(recording: "Recording") -> np.ndarray:
+    """Return (n,) bool: samples in closed loop, outside fuel cut, with the sensor ready.
+
+    A condition whose column the recording lacks does not block, nor does an unknown value.
+    """
+    on = np.ones(len(recording.values), dtype=bool)
+    names = list(recording.names)
+    for name, wanted in ENABLE_COLUMNS.items():
+        if name in names:
+            column = recording.values[:, names.index(name)]
+            on &= np.isnan(column) | ((column >= 0.5) == (wanted >= 0.5))
+    return on
+
+
+def _check(recordings: Sequence["Recording"], inputs: Sequence[str], output: str) -> int:
+    if not recordings:
+        raise UsageError("no recordings to train on")
+    if output in inputs:
+        raise UsageError(f"{output} is both an input and the output")
+    if len(set(inputs)) < len(inputs) or not inputs:
+        raise UsageError(f"inputs {' '.join(inputs)}: each must be named once, at least one")
+    first = recordings[0]
+    for other in recordings[1:]:
+        if other.period_ns != first.period_ns:
+            raise RecordingError(
+                f"{other.path}: sample period {other.period_ns / 1e9:g} s, {first.path} has "
+                f"{first.period_ns / 1e9:g} s; bring them to one grid with --period"
+            )
+    return int(first.period_ns)
+
+
+def _columns(recording: "Recording", names: Sequence[str], outliers: dict[str, int]) -> FloatArray:
+    known = list(recording.names)
+    for name in names:
+        if name not in known:
+            raise RecordingError(f"{recording.path}: no signal {name}; there are {' '.join(known)}")
+    values = np.array(recording.values[:, [known.index(n) for n in names]], dtype=np.float64)
+    for i, name in enumerate(names):
+        bad = outlier_mask(name, values[:, i])
+        if bad.any():
+            outliers[name] = outliers.get(name, 0) + int(bad.sum())
+            values[bad, i] = np.nan
+    return values
+
+
+def runs(good: np.ndarray) -> list[tuple[int, int]]:
+    """Return (first, stop) of every run of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], good.astype(np.int8), [0]])))
+    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _roles(
+    segments: Sequence[Segment], period_ns: int, block_s: float, seed: int, lags: int,
+    validate: Collection[int],
+) -> np.ndarray:  # fmt: skip
+    rng = np.random.default_rng(seed)
+    total = segments[-1].stop
+    block = int(np.clip(block_s * 1e9 / period_ns, *BLOCK_SAMPLES))
+    block = max(min(block, total // (2 * GROUP)), 4 * lags)
+    starts = np.concatenate([np.arange(s.start, s.stop, block) for s in segments])
+    stops = np.append(starts[1:], total)
+    role = np.full(total, Role.TRAIN, dtype=np.int8)
+    for at in range(0, len(starts), GROUP):
+        members = np.arange(at, min(at + GROUP, len(starts)))
+        if len(members) < 3:
+            break
+        for one, use in zip(rng.choice(members, 2, replace=False), HELD_OUT, strict=True):
+            role[starts[one] : stops[one]] = use
+    if not (role == Role.TEST).any():
+        raise RecordingError(f"{total} usable samples are too few to hold blocks out")
+    for s in segments:
+        if s.recording in validate:
+            role[s.start : s.stop] = Role.VALIDATE
+        elif validate:  # its own validation blocks are free for training
+            own = role[s.start : s.stop]
+            own[own == Role.VALIDATE] = Role.TRAIN
+    return role
+
+
+def _scaling(
+    u: FloatArray, y: FloatArray, transform: str, inputs: Sequence[str],
+    recordings: Sequence["Recording"],
+) -> Scaling:  # fmt: skip
+    std = u.std(axis=0)
+    for name, spread, mean in zip(inputs, std, u.mean(axis=0), strict=True):
+        if spread <= 1e-9 * max(1.0, abs(mean)):
+            files = ", ".join(str(r.path) for r in recordings)
+            raise RecordingError(f"{files}: input {name} is constant ({mean:g}); leave it out")
+    if y.std() <= 1e-9:
+        raise RecordingError(f"{recordings[0].path}: the output is constant ({y.mean():g})")
+    low, high = u.min(axis=0), u.max(axis=0)
+    share = MARGIN[transform]
+    margin = share * (high - low)
+    if transform == "phi":
+        y_low, y_high = 0.0, PHI_MAX
+    else:
+        span = float(y.max() - y.min())
+        y_low, y_high = float(y.min()) - share * span, float(y.max()) + share * span
+    return Scaling(
+        u.mean(axis=0), std, low - margin, high + margin, float(y.mean()), float(y.std()),
+        y_low, y_high,
+    )  # fmt: skip
+
+
+def _in_output_units(transform: str, y: FloatArray) -> FloatArray:
+    return np.asarray(np.minimum(1.0 / np.maximum(y, 1e-3), 16.0)) if transform == "phi" else y
+
+
+def _channel(name: str, values: FloatArray) -> Channel:
+    unit = BY_NAME[name].unit if name in BY_NAME else ""
+    low, high = np.percentile(values, [0.1, 99.9])
+    return Channel(name, unit, float(values.min()), float(values.max()), float(low), float(high))
+
+
+def _warnings(
+    u: FloatArray, y: FloatArray, inputs: Sequence[str], output: str, outliers: dict[str, int]
+) -> list[str]:
+    warnings = [f"{name}: {count} outliers masked" for name, count in outliers.items()]
+    for i, name in enumerate(inputs):
+        r = float(np.corrcoef(u[:, i], y)[0, 1])
+        if abs(r) > 0.999:
+            warnings.append(f"input {name} nearly duplicates the output {output} (r = {r:.4f})")
+    return warnings

@@ -1,0 +1,186 @@
+"""Recordings for training: logs and tables of every kind on one grid, through the runtime's code.
+
+A log is decoded and assembled exactly as on board; a table is used as ``o2mon replay`` uses it.
+"""
+
+import hashlib
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+import dbc
+from monitor.base.errors import RecordingError, UsageError
+from monitor.base.types import FloatArray, IntArray, Quality, QualityArray, SampleBlock
+from monitor.decode.block_decoder import BlockDecoder
+from monitor.decode.bus_map import BusMap, load_pairs
+from monitor.frames.log_blocks import read_blocks
+from monitor.grid.block_assembler import BlockAssembler, assemble_arrays
+from monitor.grid.block_samples import log_samples
+from monitor.grid.tables import (
+    DEFAULT_PERIOD_NS,
+    Table,
+    in_range,
+    is_table,
+    table_block,
+    table_period_ns,
+)
+from training.recordings.measurement import is_measurement, read_measurement, union_of_times
+from training.recordings.table_files import load_table, write_table
+
+__all__ = ["Recording", "default_pairs", "load", "log_block", "sha256", "write_table"]
+
+Pairs = Sequence[tuple[str | Path, str | Path]]
+ROWS_APART_MOST_S: Final = 60.0  # in the median
+DEFAULT_PAIR: Final = ("o2_ecu.dbc", "o2_ecu.toml")
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """One drive on one grid."""
+
+    path: Path
+    sha256: str  # of the file
+    period_ns: int
+    t_s: FloatArray  # (n,) seconds since the first sample
+    names: tuple[str, ...]
+    values: FloatArray  # (n, n_names), NaN where not good
+    quality: QualityArray  # (n, n_names)
+
+    @property
+    def read_sha256(self) -> str:
+        """Hash of what was read: of the file as databases, maps, columns and grid took it."""
+        tree = [self.sha256, self.period_ns, self.names]
+        read = hashlib.sha256(json.dumps(tree).encode())
+        for each in (self.t_s, self.values, self.quality):
+            read.update(each.tobytes())
+        return read.hexdigest()
+
+    def column(self, name: str) -> FloatArray:
+        """Return one signal, (n,); raises RecordingError if there is no such name."""
+        if name not in self.names:
+            raise RecordingError(f"{self.path}: has no {name}, there are {', '.join(self.names)}")
+        return self.values[:, self.names.index(name)]
+
+    @property
+    def known(self) -> frozenset[str]:
+        """Return the signals that have a good value."""
+        good = np.flatnonzero(np.isfinite(self.values).any(axis=0))
+        return frozenset(self.names[i] for i in good.tolist())
+
+
+def load(
+    path: str | Path,
+    names: Sequence[str] | None = None,
+    *,
+    period_s: float | None = None,
+    pairs: Pairs | None = None,
+    columns: str | Path | None = None,
+) -> Recording:
+    """Return the recording in ``path``, a CAN log or a table.
+
+    names : signals wanted, in this order; None for all there are
+    period_s : grid period; None is 100 ms for logs and a table's own if it is uniform
+    pairs : pairs of DBC and signal map for logs, default the project's own ECU
+    columns : columns map for tables and measurement files
+    Raises RecordingError or SignalMapError naming the file and what is wrong.
+    """
+    path = Path(path)
+    if period_s is not None and not 1e-9 <= period_s < math.inf:
+        raise UsageError(f"a sample period of {period_s} s, above 0 is wanted")
+    period_ns = None if period_s is None else round(period_s * 1e9)
+    wanted = None if names is None else tuple(names)
+    if is_measurement(path, columns):
+        got, period_ns, block = _from_measurement(path, wanted, period_ns, columns)
+    elif is_table(path):
+        table = load_table(path, columns)
+        check_rows(path, table.t_ns)
+        got, period_ns, block = _from_table(table, wanted, period_ns)
+    else:
+        bus_map = load_pairs(default_pairs() if pairs is None else pairs)
+        got, period_ns = wanted or bus_map.names, period_ns or DEFAULT_PERIOD_NS
+        block = log_block(path, bus_map, got, period_ns)
+        if block.quality.size and (block.quality != Quality.GOOD).all():
+            raise RecordingError(
+                f"{path}: no frame holds a good value of {', '.join(got[:3])}"
+                f"{', …' if len(got) > 3 else ''}; wrong --dbc or --map?"
+            )
+    if len(block.t_ns) == 0:
+        raise RecordingError(f"{path}: too short for one sample of {period_ns / 1e9:g} s")
+    t_s = (block.t_ns - block.t_ns[0]) / 1e9
+    return Recording(path, sha256(path), period_ns, t_s, got, block.values, block.quality)
+
+
+def check_each_once(recordings: Sequence[Recording]) -> None:
+    """Raise UsageError if the same file is there twice, under whatever name."""
+    seen: dict[str, Path] = {}
+    for each in recordings:
+        if each.sha256 in seen:
+            raise UsageError(f"{each.path}: the same as {seen[each.sha256]}")
+        seen[each.sha256] = each.path
+
+
+def check_rows(path: Path, t_ns: IntArray) -> None:
+    """Raise RecordingError if a table's rows lie so far apart that its times are hardly seconds."""
+    apart_s = float(np.median(np.diff(t_ns))) / 1e9 if len(t_ns) > 1 else 0.0
+    if apart_s > ROWS_APART_MOST_S:
+        raise RecordingError(
+            f"{path}: rows are {apart_s:g} s apart, at most {ROWS_APART_MOST_S:g} s are wanted; "
+            'for times in ms give --columns with time_s = { column = "time_s", factor = 0.001 }'
+        )
+
+
+def _from_table(
+    table: Table, names: tuple[str, ...] | None, period_ns: int | None
+) -> tuple[tuple[str, ...], int, SampleBlock]:
+    names = table.names if names is None else names
+    return names, table_period_ns(table, period_ns), table_block(table, names, period_ns)
+
+
+def _from_measurement(
+    path: Path, names: tuple[str, ...] | None, period_ns: int | None, columns: str | Path | None
+) -> tuple[tuple[str, ...], int, SampleBlock]:
+    """Return a measurement file's samples; channels at one raster are a table."""
+    series = read_measurement(path, columns)
+    names = tuple(series) if names is None else names
+    missing = [name for name in names if name not in series]
+    if missing:
+        raise RecordingError(f"{path}: has no channel {', '.join(missing)}")
+    chosen = {name: series[name] for name in names}
+    times_ns = union_of_times(chosen)
+    if all(np.array_equal(t_ns, times_ns) for t_ns, _ in chosen.values()):
+        values = np.column_stack([each for _, each in chosen.values()])
+        return _from_table(Table(path, names, times_ns, values), names, period_ns)
+    period_ns = period_ns or DEFAULT_PERIOD_NS
+    marked, timeouts_ns = [], []
+    for name, (t_ns, each) in chosen.items():
+        values, quality = in_range(each[:, np.newaxis], [name])
+        marked.append((t_ns, np.where(quality == Quality.OUT_OF_RANGE, np.inf, values)[:, 0]))
+        step_ns = int(np.median(np.diff(t_ns))) if len(t_ns) > 1 else 0
+        timeouts_ns.append(max(500_000_000, 3 * step_ns))
+    block = assemble_arrays(
+        times_ns, marked, names, names, period_ns=period_ns, timeouts_ns=timeouts_ns
+    )
+    return names, period_ns, block
+
+
+def default_pairs() -> Pairs:
+    """Return DBC and signal map of the project's own ECU."""
+    return [(dbc.path(DEFAULT_PAIR[0]), dbc.path(DEFAULT_PAIR[1]))]
+
+
+def log_block(path: Path, bus_map: BusMap, names: Sequence[str], period_ns: int) -> SampleBlock:
+    """Return the samples of a CAN log, those that the streaming pipeline gives."""
+    decoder = BlockDecoder(bus_map, names)
+    assembler = BlockAssembler.of(decoder, period_ns)
+    return log_samples(read_blocks(path), decoder, assembler).samples
+
+
+def sha256(path: Path) -> str:
+    """Return the file's sha256 as hexadecimal digits."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,0 +1,96 @@
+"""Tables on disk: CSV, gzipped CSV and Parquet; the same table gives the same bytes."""
+
+import gzip
+import io
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, cast
+
+import numpy as np
+
+from monitor.base.errors import RecordingError
+from monitor.base.types import FloatArray
+from monitor.grid.tables import TIME, Column, Table, load_columns, make_table, read_table
+
+SUFFIXES = (".csv", ".csv.gz", ".parquet")
+
+
+def load_table(path: Path, columns: str | Path | None = None) -> Table:
+    """Return the table in a .csv, .csv.gz or .parquet file.
+
+    columns : a columns map; without it every column keeps its name
+    Raises RecordingError as ``monitor.grid.tables.read_table``.
+    """
+    if path.suffix.lower() != ".parquet":
+        return read_table(path, columns)
+    mapping = load_columns(Path(columns)) if columns is not None else None
+    header, cells = _parquet(path, mapping)
+    return make_table(path, header, cells, mapping)
+
+
+def _parquet(path: Path, mapping: Mapping[str, Column] | None) -> tuple[list[str], FloatArray]:
+    import polars as pl  # noqa: PLC0415
+
+    try:
+        frame = pl.read_parquet(path)
+    except (OSError, pl.exceptions.PolarsError) as error:
+        reason = " ".join(str(error).split())
+        raise RecordingError(f"{path}: cannot read the table: {reason}") from error
+    needed = set(frame.columns)
+    if mapping is not None:  # the others keep their own names, where they are numbers
+        needed = {TIME, *(each.column for each in mapping.values())}
+    numbers = []
+    for name, kind in frame.schema.items():
+        if kind.is_numeric() or kind == pl.Boolean:
+            numbers.append(name)
+        elif name in needed:
+            raise RecordingError(f"{path}: column {name} holds {kind}, numbers are wanted")
+    frame = frame.select(numbers)
+    cells = [
+        series.cast(pl.Float64).fill_null(float("nan")).to_numpy()
+        for series in frame.iter_columns()
+    ]
+    return frame.columns, np.column_stack(cells) if cells else np.empty((0, 0))
+
+
+def write_table(
+    path: str | Path, t_s: FloatArray, names: Sequence[str], values: FloatArray
+) -> None:
+    """Write a table; the format follows from the suffix .csv, .csv.gz or .parquet.
+
+    t_s : (n,) times in seconds, written in microseconds
+    names : of the columns
+    values : (n, n_names); NaN becomes a blank cell
+    Raises RecordingError if the format is unknown or the file cannot be written.
+    """
+    import polars as pl  # noqa: PLC0415
+
+    path = Path(path)
+    if not path.name.lower().endswith(SUFFIXES):
+        raise RecordingError(f"{path}: unknown table format, known are {' '.join(SUFFIXES)}")
+    frame = pl.DataFrame(
+        {TIME: np.rint(t_s * 1e6) / 1e6}
+        | {name: np.ascontiguousarray(values[:, i]) for i, name in enumerate(names)}
+    ).with_columns(pl.all().fill_nan(None))
+    buffer = io.BytesIO()
+    if path.suffix.lower() == ".parquet":
+        frame.write_parquet(buffer)
+    else:
+        frame.write_csv(buffer)
+    try:
+        with open_for_writing(path) as file:
+            file.write(buffer.getvalue())
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot write the table: {error.strerror}") from error
+
+
+@contextmanager
+def open_for_writing(path: Path) -> Iterator[IO[bytes]]:
+    """Open ``path`` for writing, compressed if it ends in .gz, without name or time inside."""
+    with path.open("wb") as file:
+        if path.suffix.lower() != ".gz":
+            yield file
+            return
+        with gzip.GzipFile(filename="", mode="wb", fileobj=file, mtime=0) as packed:
+            yield cast(IO[bytes], packed)

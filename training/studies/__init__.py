@@ -1,0 +1,1 @@
+"""Studies: the paper, the detection matrix, the gap study."""

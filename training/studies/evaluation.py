@@ -1,0 +1,127 @@
+"""How well a model predicts recordings: free run, one step, and the enabled samples alone."""
+
+import hashlib
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from monitor.base import config
+from monitor.base.errors import RecordingError, UsageError
+from monitor.base.manifest import source_of
+from monitor.base.types import FloatArray
+from monitor.judge import enable
+from monitor.model.step import Model, from_model_units, to_model_units
+from training.limits.judging import enabled_samples
+from training.recordings import metrics
+from training.recordings.preparation import runs
+from training.recordings.recording import Recording
+
+SCHEMA = "o2train.evaluate/1"
+
+
+def evaluate(
+    path: Path | str, recordings: Sequence[Recording], washout: int | None = None
+) -> dict[str, Any]:
+    """Return the figures of the model file on ``recordings``, in the output's unit.
+
+    washout : samples at the beginning of every unbroken stretch that drive the state with the
+        measured output and are not scored; default the longest lag
+    Raises RecordingError if a recording lacks a signal, has another period or nothing to score.
+    """
+    model = Model.load(path)
+    washout = model.card.lags if washout is None else washout
+    if washout < 0:
+        raise UsageError(f"washout {washout}: must not be negative")
+    return {
+        "schema": SCHEMA,
+        "model": str(path),
+        "model_sha256": hashlib.sha256(Path(path).read_bytes()).hexdigest(),
+        "washout": washout,
+        "unit": model.card.output.unit,
+        "recordings": [_one(model, recording, washout) for recording in recordings],
+    }
+
+
+def save(result: dict[str, Any], path: Path | str) -> None:
+    """Write the figures as JSON."""
+    Path(path).write_text(json.dumps(result, indent=1, allow_nan=False) + "\n")
+
+
+def predict(
+    model: Model, recording: Recording, washout: int
+) -> tuple[FloatArray, FloatArray, FloatArray, np.ndarray]:
+    """Return measured, free-run and one-step output (n,) and which rows are scored (n,) bool.
+
+    A stretch begins where all inputs and the output are valid and ends at an invalid input.
+    Measured values are brought to the range that the model can express (lambda at most 16).
+    """
+    card = model.card
+    if recording.period_ns != card.period_ns:
+        raise RecordingError(
+            f"{recording.path}: sample period {recording.period_ns / 1e9:g} s, "
+            f"the model has {card.period_ns / 1e9:g} s"
+        )
+    u = np.stack([recording.column(name) for name in card.input_names], axis=1)
+    y = recording.column(card.output.name)
+    measured = from_model_units(card.transform, to_model_units(card.transform, y))
+    both = model.with_batch(2)  # row 0 runs freely, row 1 is forced at every sample
+    free, one_step = np.full(len(y), np.nan), np.full(len(y), np.nan)
+    scored = np.zeros(len(y), dtype=bool)
+    for first, stop in runs(np.asarray(np.isfinite(u).all(axis=1))):
+        valid = np.flatnonzero(np.isfinite(y[first:stop]))
+        if not len(valid):
+            continue
+        begin = first + int(valid[0])
+        both.reset(u[begin], float(y[begin]))
+        pair = np.empty(2)
+        for t in range(begin, stop):
+            free[t], one_step[t] = both.step_batch(u[t])
+            pair[0] = y[t] if t < begin + washout else np.nan
+            pair[1] = y[t]
+            both.force_output(pair)
+        scored[begin + washout : stop] = np.isfinite(y[begin + washout : stop])
+    return measured, free, one_step, scored
+
+
+def _one(model: Model, recording: Recording, washout: int) -> dict[str, Any]:
+    measured, free, one_step, scored = predict(model, recording, washout)
+    if not scored.any():
+        raise RecordingError(
+            f"{recording.path}: no sample can be scored, the inputs or "
+            f"{model.card.output.name} are never valid for more than {washout} samples"
+        )
+    result: dict[str, Any] = {
+        "path": str(recording.path),
+        "sha256": recording.sha256,
+        "source": source_of(Path(recording.path), recording.sha256),
+    }
+    result |= _figures(model, measured, free, one_step, scored)
+    has_conditions = any(name in recording.names for name in enable.SIGNALS)
+    enabled = scored & enabled_samples(recording, model.card, config.load())
+    known = has_conditions and enabled.any()
+    result["enabled"] = _figures(model, measured, free, one_step, enabled) if known else None
+    return result
+
+
+def _figures(
+    model: Model, measured: FloatArray, free: FloatArray, one_step: FloatArray, rows: np.ndarray
+) -> dict[str, Any]:
+    a, b = measured[rows], free[rows]
+    varies = len(a) > 1 and float(np.ptp(a)) > 1e-9 * max(1.0, float(np.abs(a).max()))
+    figures: dict[str, Any] = {
+        "samples": len(a),
+        "rmse": metrics.rmse(a, b),
+        "fit_percent": metrics.fit_percent(a, b) if varies else None,
+        "correlation": metrics.correlation(a, b) if varies else None,
+        "slope": metrics.slope(a, b) if varies else None,
+        "one_step_rmse": metrics.rmse(a, one_step[rows]),
+        "residual_mean": float((a - b).mean()),
+        "residual_std": float((a - b).std()),
+    }
+    if model.card.transform == "phi":
+        figures["rmse_phi"] = metrics.rmse(1.0 / a, 1.0 / b)
+        figures["fit_percent_phi"] = metrics.fit_percent(1.0 / a, 1.0 / b) if varies else None
+    return figures

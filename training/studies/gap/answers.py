@@ -1,0 +1,114 @@
+"""What an answer is worth: right, in the ambiguous set, wrong; and how strong the gap was."""
+
+from collections.abc import Iterable, Sequence
+from typing import Final
+
+from training.greybox.effects import LIBRARY
+from training.studies.gap.case import Row
+
+CLASSES: Final = ("below the noise", "1 to 2 times the noise", "at least twice the noise")
+SUSPECTED: Final = "sensor_fault_suspected"
+SEVERAL: Final = "several names"
+AMONG: Final = "ambiguous, it among them"
+ERROR: Final = "error"
+
+
+def done(rows: Iterable[Row], kind: str | None = None) -> list[Row]:
+    """Return the rows that hold an answer, all of them or those of a kind."""
+    return [r for r in rows if r["error"] is None and kind in (None, r["kind"])]
+
+
+def size(row: Row) -> str:
+    """Return the class of a case's measured gap.
+
+    >>> size({"gap_over_noise": 1.5})
+    '1 to 2 times the noise'
+    """
+    over = row["gap_over_noise"]
+    return CLASSES[2 if over >= 2.0 else 1 if over >= 1.0 else 0]
+
+
+def large(rows: Iterable[Row]) -> list[Row]:
+    """Return the cases whose gap is at least twice the noise."""
+    return [r for r in rows if size(r) == CLASSES[2]]
+
+
+def errs(row: Row) -> bool:
+    """Return whether the base itself errs by an excess of at least twice the noise.
+
+    One that was fitted to what is hidden follows part of it, and may have little left to close.
+
+    >>> errs({"excess_before": 4e-4, "noise": 0.01}), errs({"excess_before": -1e-5, "noise": 0.01})
+    (True, False)
+    """
+    return bool(row["excess_before"] >= (2.0 * row["noise"]) ** 2)
+
+
+def alike(hidden: str, answered: str) -> bool:
+    """Return whether a name is right: the same, or of the same declared gain class.
+
+    >>> alike("ethanol", "ethanol"), alike("purge", "ethanol")
+    (True, False)
+    """
+    if hidden == answered:
+        return True
+    a, b = LIBRARY.get(hidden), LIBRARY.get(answered)
+    if a is None or b is None:
+        return False
+    return (a.gain_class and b.gain_class) or hidden in b.like or answered in a.like
+
+
+def right(row: Row) -> bool:
+    """Return whether everything hidden was named and nothing else was."""
+    return bool(row["names"]) and not wrong_names(row) and all(
+        any(alike(hidden, name) for name in row["names"]) for hidden in row["hidden"]
+    )  # fmt: skip
+
+
+def right_or_among(row: Row) -> bool:
+    """Return whether the name is right, or the hidden effect stands in the ambiguous set."""
+    return right(row) or any(alike(h, n) for h in row["hidden"] for n in row["among"])
+
+
+def right_or_beside_fault(row: Row) -> bool:
+    """Return whether it is right or among, or what a suspected fault is said to look like."""
+    like = row["indistinguishable"]
+    return right_or_among(row) or any(alike(h, n) for h in row["hidden"] for n in like)
+
+
+def wrong_names(row: Row) -> list[str]:
+    """Return the names given that nothing hidden deserves."""
+    return [n for n in row["names"] if not any(alike(h, n) for h in row["hidden"])]
+
+
+def answer(row: Row) -> str:
+    """Return the answer as a column of the confusion matrix."""
+    if row["error"] is not None:
+        return ERROR
+    if row["verdict"] == "ambiguous" and right_or_among(row):
+        return AMONG
+    if row["verdict"] != "named":
+        return str(row["verdict"])
+    names: Sequence[str] = row["names"]
+    return names[0] if len(names) == 1 else SEVERAL
+
+
+def hidden(row: Row) -> str:
+    """Return what was hidden as a row of the confusion matrix."""
+    names = {
+        "null": "nothing",
+        "two": "two effects",
+        "onset": f"onset: {row['fault']}",
+        "fault": f"from the start: {row['fault']}",
+    }
+    return names.get(row["kind"]) or str(row["hidden"][0])
+
+
+def closed(row: Row) -> float | None:
+    """Return the share of the gap that the answer closes, 0 if nothing was added.
+
+    None where there was no gap to close.
+    """
+    if row["excess_before"] <= 0.0:
+        return None
+    return float(1.0 - row["excess_after"] / row["excess_before"])

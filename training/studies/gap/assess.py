@@ -1,0 +1,190 @@
+"""Every target of the study beside what was found: its bounds, met or missed.
+
+A target is met by what was found, and proved where the 95 % bound on the bad side meets it, too.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+from scipy import stats
+
+from training.limits.rates import rate
+from training.limits.tolerance import CONFIDENCE
+from training.studies.gap.answers import (
+    CLASSES,
+    SUSPECTED,
+    closed,
+    done,
+    errs,
+    large,
+    right,
+    right_or_among,
+    right_or_beside_fault,
+    size,
+    wrong_names,
+)
+from training.studies.gap.case import Row
+
+SECONDS_MOST: Final = {"greybox": 15.0, "narx": 60.0}
+SLOW: Final = 0.95  # quantile of the seconds that is held against the target
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """One figure and what it must reach."""
+
+    what: str
+    where: str
+    unit: Literal["share", "s"]
+    at_least: bool  # or at most
+    wanted: float
+    found: float | None  # None without a case
+    low: float | None
+    high: float | None
+    cases: int
+
+    @property
+    def met(self) -> bool | None:
+        """Whether what was found meets it, None without a case."""
+        return self._holds(self.found)
+
+    @property
+    def proved(self) -> bool | None:
+        """Whether the bound on the bad side meets it, too."""
+        return self._holds(self.low if self.at_least else self.high)
+
+    @property
+    def verdict(self) -> str:
+        """Return met or missed in words."""
+        if self.met is None or self.found is None:
+            return "no such case"
+        if self.met:
+            return "met" if self.proved else "met, the bound does not prove it"
+        by = abs(self.found - self.wanted)
+        return "missed by " + (
+            f"{100.0 * by:.1f} points" if self.unit == "share" else f"{by:.1f} s"
+        )
+
+    def _holds(self, value: float | None) -> bool | None:
+        if value is None:
+            return None
+        return value >= self.wanted if self.at_least else value <= self.wanted
+
+
+def assess(rows: Sequence[Row], base: str) -> list[Target]:
+    """Return the targets in the order of the report; rows with an error answer nothing."""
+    effect = done(rows, "effect")
+    big = large(effect)
+    small = [r for r in effect if size(r) == CLASSES[1]]
+    null, unknown = done(rows, "null"), large(done(rows, "unknown"))
+    onset, fault = done(rows, "onset"), done(rows, "fault")
+    named = [r for r in big if right(r)]
+    wide, narrow = "one effect, gap at least twice the noise", "one effect, gap 1 to 2 times"
+    return [
+        _names(rows),
+        _share("right name", wide, 0.90, [right(r) for r in big]),
+        _share("right or in the ambiguous set", wide, 0.95, [right_or_among(r) for r in big]),
+        _share("the same, or what the suspected fault is said to look like", wide, 0.95,
+               [right_or_beside_fault(r) for r in big]),
+        _share("right name", narrow, 0.85, [right(r) for r in small]),
+        _most("an effect named", "nothing hidden", 0.01, [bool(r["names"]) for r in null]),
+        _share("unknown_effect", "outside the library, gap at least twice", 0.90,
+               [r["verdict"] == "unknown_effect" for r in unknown]),
+        _most("a wrong name", "outside the library, gap at least twice", 0.05,
+              [bool(r["names"]) for r in unknown]),
+        _most("taken for an effect", "sensor fault with an onset", 0.01,
+              [bool(r["names"]) for r in onset]),
+        _share("suspected", "sensor fault from the start", 0.95,
+               [r["verdict"] == SUSPECTED for r in fault]),
+        _most("added to the model", "sensor fault from the start", 0.0,
+              [bool(r["added"]) for r in fault]),
+        *_closing(named, "rightly named, gap at least twice"),
+        *_closing(big, f"all of {wide}"),
+        *_closing([r for r in effect if errs(r)], "one effect, excess at least twice the noise"),
+        *_detection(named),
+        _quantile("seconds per case, 95 % of them", "all", "s", False, SECONDS_MOST[base],
+                  [r["seconds"] for r in done(rows)], SLOW),
+    ]  # fmt: skip
+
+
+def quantile(values: Sequence[float], share: float) -> tuple[float, float | None, float | None]:
+    """Return a quantile and its two-sided 95 % bounds, None where the cases are too few.
+
+    The bounds are order statistics, whatever the distribution.
+    Source: Conover, Practical Nonparametric Statistics, 3rd ed., section 3.2.
+
+    >>> quantile([float(i) for i in range(101)], 0.5)
+    (50.0, 40.0, 60.0)
+    """
+    x = np.sort(values)
+    tail = (1.0 - CONFIDENCE) / 2.0
+    below = int(stats.binom.ppf(tail, len(x), share))
+    above = int(stats.binom.ppf(1.0 - tail, len(x), share))
+    low = float(x[below - 1]) if below else None
+    high = float(x[above]) if above < len(x) else None
+    return float(np.quantile(x, share)), low, high
+
+
+def _names(rows: Sequence[Row]) -> Target:
+    """Return how many of all names given, on whatever was hidden, are right."""
+    given = [(r, name) for r in done(rows) for name in r["names"]]
+    good = [name not in wrong_names(r) for r, name in given]
+    return _share("right of all names given", "everything hidden", 0.98, good)
+
+
+def _share(what: str, where: str, wanted: float, good: Sequence[bool]) -> Target:
+    found = rate(sum(good), len(good))
+    return Target(what, where, "share", True, wanted, found["rate"], found["low"], found["high"],
+                  len(good))  # fmt: skip
+
+
+def _most(what: str, where: str, wanted: float, bad: Sequence[bool]) -> Target:
+    found = rate(sum(bad), len(bad))
+    return Target(what, where, "share", False, wanted, found["rate"], found["low"], found["high"],
+                  len(bad))  # fmt: skip
+
+
+def _closing(rows: Sequence[Row], where: str) -> list[Target]:
+    shares = [share for r in rows if (share := closed(r)) is not None]
+    return [
+        _quantile("gap closed, median", where, "share", True, 0.90, shares, 0.5),
+        _quantile("gap closed, tenth percentile", where, "share", True, 0.60, shares, 0.1),
+    ]
+
+
+def _detection(rows: Sequence[Row]) -> list[Target]:
+    """Return what the new models find of faults put on, held against what the old ones find.
+
+    An old model that takes the gap itself for a fault finds every fault put on, too; so it is held
+    against by the names that it gives, and with limits on which it is as quiet as the new one.
+    """
+    found = []
+    of_old = "new models, rightly named; wanted is what the old ones do"
+    for what, key, after, before, at_least, where in (
+        ("faults put on and found", "faults", "after", "before", True, of_old),
+        ("faults put on and found", "faults", "after", "alike", True,
+         f"{of_old} with limits set alike"),
+        ("faults put on and named right", "faults", "after_named", "before_named", True, of_old),
+        ("false alarms", "alarms", "after", "before", False, of_old),
+    ):  # fmt: skip
+        counts = [r[key] for r in rows if r[key] and {after, before} <= set(r[key])]
+        drives, new, old = (sum(c[part] for c in counts) for part in ("drives", after, before))
+        share = rate(new, drives)
+        found.append(Target(what, where, "share", at_least, old / drives if drives else 0.0,
+                            share["rate"], share["low"], share["high"], drives))  # fmt: skip
+    return found
+
+
+def _quantile(
+    what: str,
+    where: str,
+    unit: Literal["share", "s"],
+    at_least: bool,
+    wanted: float,
+    values: Sequence[float],
+    share: float,
+) -> Target:
+    found, low, high = quantile(values, share) if values else (None, None, None)
+    return Target(what, where, unit, at_least, wanted, found, low, high, len(values))

@@ -1,0 +1,230 @@
+"""Which cases a study holds: what is hidden, in which vehicle, on which drives.
+
+Every case has its own seeds, all of them counted up from one. The cases of a kind go through all
+vehicles; their order is random, so that a study that was stopped holds a fair part of every kind.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import combinations, product
+from types import MappingProxyType
+from typing import Any, Final
+
+import numpy as np
+
+from monitor.base.errors import UsageError
+from training.studies.matrix.plan import ELECTRICAL
+from training.studies.matrix.plan import SEVERITIES as FAULT_SEVERITIES
+
+KINDS: Final = ("effect", "null", "unknown", "two", "onset", "fault")
+FAULTY: Final = ("onset", "fault")  # the kinds in which the sensor has a fault
+BASES: Final = ("greybox", "narx")
+CASES: Final[Mapping[str, Mapping[str, int]]] = MappingProxyType(
+    {
+        "greybox": {"effect": 240, "null": 400, "unknown": 60, "two": 60, "onset": 110,
+                    "fault": 110},
+        "narx": {"effect": 240, "null": 200, "unknown": 60, "two": 60, "onset": 110, "fault": 110},
+    }
+)  # fmt: skip
+USUAL: Final = (0.5, 1.0, 2.0, 4.0, 8.0)  # severities, of which 1 is about the plant's noise
+TWICE: Final = tuple(2.0 * severity for severity in USUAL)
+# So that the strongest moves the base's error by about eight times the noise that the workflow
+# sees, which is more than the plant's, or as far as the plant's form goes: sensor_asymmetry is
+# unstable beyond, maf_pulsation saturates.
+SEVERITIES: Final[Mapping[str, tuple[float, ...]]] = MappingProxyType(
+    {
+        "wall_film": USUAL,
+        "delay_flow": TWICE,
+        "mix_flow": TWICE,
+        "sensor_asymmetry": (0.4, 0.8, 1.2, 1.4, 1.6),
+        "injector_offset": TWICE,
+        "rail_exponent": TWICE,
+        "maf_offset": TWICE,
+        "maf_pulsation": USUAL,
+        "purge": TWICE,
+        "exhaust_leak": TWICE,
+        "back_pressure": USUAL,
+        "scavenging": USUAL,
+        "fuel_cut_tail": TWICE,
+        "charge_temperature": (4.0, 8.0, 16.0, 24.0, 32.0),
+        "manifold_filling": TWICE,
+        "ethanol": TWICE,
+    }
+)
+UNKNOWN_SEVERITIES: Final = (4.0, 8.0, 16.0)
+OF_TWO: Final = (2, 3)  # places of the severities that two effects at once have
+UNKNOWN: Final = ("oil_dilution", "battery_voltage", "intake_resonance")  # not in the library
+CYCLES: Final = ("micro_trips", "wltc_3b", "udds", "us06", "micro_trips", "hwfet")
+LENGTH_S: Final = {"wltc_3b": 1800.0, "udds": 1369.0, "us06": 596.0, "hwfet": 765.0}
+MICRO_TRIPS_S: Final = 1200.0
+COLD_SHARE: Final = 0.5  # of the drives begin with the start of the engine
+ONSET: Final = (0.2, 0.8)  # of the drive in which a fault begins
+HEALTHY_DRIVES: Final = 8
+MOST_DRIVES: Final = 10
+HEALTHY_SEEDS: Final = 500_000  # so far above the seeds of the cases
+MOST_VEHICLES: Final = 10_000
+
+
+@dataclass(frozen=True, slots=True)
+class Study:
+    """What is asked for."""
+
+    base: str = "greybox"
+    cases: tuple[tuple[str, int], ...] = tuple(CASES["greybox"].items())
+    vehicles: int = 20
+    first_vehicle: int = 2100
+    seed: int = 2_000_000
+    drives: int = 6
+    duration_s: float = 600.0
+    fitted_with_effect: bool = False  # the base, to the case's own recordings
+    sensor_known_good: bool = False  # the workflow is told so
+
+    def __post_init__(self) -> None:
+        if self.base not in BASES:
+            raise UsageError(f"base {self.base!r} is unknown; there are {', '.join(BASES)}")
+        for kind, number in self.cases:
+            if kind not in KINDS:
+                raise UsageError(f"kind {kind!r} is unknown; there are {', '.join(KINDS)}")
+            if number < 0:
+                raise UsageError(f"{kind}: {number} cases, wanted 0 or more")
+            if self.sensor_known_good and kind in FAULTY:
+                raise UsageError(f"kind {kind!r}: its sensors are not known to be good")
+        if not 1 <= self.vehicles <= MOST_VEHICLES:
+            raise UsageError(f"--vehicles is 1 to {MOST_VEHICLES}")
+        if min(self.first_vehicle, self.seed) < 0:
+            raise UsageError("--first-vehicle and --seed are at least 0")
+        if not 2 <= self.drives <= MOST_DRIVES:
+            raise UsageError(f"--drives is 2 to {MOST_DRIVES}: one is held out")
+        if not 120.0 <= self.duration_s <= 3600.0:
+            raise UsageError("--minutes is 2 to 60")
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """One recording: a part of a simulated drive."""
+
+    cycle: str
+    seed: int
+    start_s: float  # of the recording within the drive; 0 is with the start of the engine
+    fault_start_s: float | None  # within the drive; None is a healthy sensor all along
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """What is hidden in a vehicle, and the recordings of it."""
+
+    number: int
+    kind: str
+    vehicle: int
+    hidden: tuple[tuple[str, float], ...]  # effects and their severities, in noises
+    fault: tuple[str, float] | None
+    parts: tuple[Part, ...]
+
+    @property
+    def what(self) -> str:
+        """Return what is hidden, in words."""
+        names = [name for name, _ in self.hidden] + ([self.fault[0]] if self.fault else [])
+        return " + ".join(names) or "nothing"
+
+    def as_row(self) -> dict[str, Any]:
+        """Return the case as JSON has it."""
+        return {
+            "number": self.number,
+            "kind": self.kind,
+            "vehicle": self.vehicle,
+            "hidden": [name for name, _ in self.hidden],
+            "severities": [severity for _, severity in self.hidden],
+            "fault": self.fault[0] if self.fault else None,
+            "fault_severity": self.fault[1] if self.fault else None,
+            "cycles": [part.cycle for part in self.parts],
+            "seeds": [part.seed for part in self.parts],
+            "starts_s": [part.start_s for part in self.parts],
+            "fault_starts_s": [part.fault_start_s for part in self.parts],
+        }
+
+
+def cases(study: Study) -> list[Case]:
+    """Return every case in the order in which they are done."""
+    planned = [each for kind, number in study.cases for each in _of_kind(study, kind, number)]
+    order = np.random.default_rng([0x0_2, 21, study.seed]).permutation(len(planned))
+    return [planned[i] for i in order]
+
+
+def healthy_parts(study: Study, vehicle: int) -> tuple[Part, ...]:
+    """Return the vehicle's recordings without effect and fault, seeds of their own."""
+    first = study.seed + HEALTHY_SEEDS + MOST_DRIVES * (vehicle - study.first_vehicle)
+    return tuple(_part(study, first + i, i, None) for i in range(HEALTHY_DRIVES))
+
+
+def _of_kind(study: Study, kind: str, number: int) -> Iterator[Case]:
+    """Yield the cases of one kind; what is hidden changes first, then the vehicle."""
+    rng = np.random.default_rng([0x0_2, 22, KINDS.index(kind), study.seed])
+    hidden = _hidden(kind, rng)
+    first, rounds = _first(study, kind), -(-number // study.vehicles)
+    order = np.array([rng.permutation(study.vehicles) for _ in range(rounds)]).ravel()
+    for i in range(number):
+        effects, fault = hidden[i % len(hidden)]
+        vehicle = study.first_vehicle + int(order[i])
+        seed = study.seed + MOST_DRIVES * (first + i)
+        begins = _begins(study, kind, rng)
+        parts = tuple(
+            _part(study, seed + k, k + first + i, begins[k] if fault else None)
+            for k in range(study.drives)
+        )
+        yield Case(first + i, kind, vehicle, effects, fault, parts)
+
+
+def _first(study: Study, kind: str) -> int:
+    """Return the number of a kind's first case."""
+    kinds = [each for each, _ in study.cases]
+    return sum(number for _, number in study.cases[: kinds.index(kind)])
+
+
+Hidden = tuple[tuple[tuple[str, float], ...], tuple[str, float] | None]
+
+
+def _hidden(kind: str, rng: np.random.Generator) -> list[Hidden]:
+    """Return all that a kind hides, in an order in which any part of it is mixed."""
+    found: list[Hidden]
+    if kind == "null":
+        return [((), None)]
+    if kind == "effect":
+        found = [(((n, s),), None) for n, sizes in SEVERITIES.items() for s in sizes]
+    elif kind == "unknown":
+        found = [(((n, s),), None) for n, s in product(UNKNOWN, UNKNOWN_SEVERITIES)]
+    elif kind == "two":
+        found = [
+            (((a, SEVERITIES[a][i]), (b, SEVERITIES[b][j])), None)
+            for a, b in combinations(SEVERITIES, 2)
+            for i, j in [rng.choice(OF_TWO, 2).tolist()]
+        ]
+    else:
+        found = [
+            ((), (name, severity))
+            for name, sizes in FAULT_SEVERITIES.items()
+            if name not in ELECTRICAL
+            for severity in sizes
+        ]
+    return [found[i] for i in rng.permutation(len(found))]
+
+
+def _begins(study: Study, kind: str, rng: np.random.Generator) -> list[float | None]:
+    """Return when in its recording a fault begins, None where it has not come yet."""
+    if kind != "onset":
+        return [0.0] * study.drives
+    at = int(rng.integers(study.drives))
+    begins: list[float | None] = [None] * at + [0.0] * (study.drives - at)
+    begins[at] = float(rng.uniform(*ONSET)) * study.duration_s
+    return begins
+
+
+def _part(study: Study, seed: int, turn: int, begins_s: float | None) -> Part:
+    """Return a recording; begins_s : of the fault, within the recording."""
+    rng = np.random.default_rng([0x0_2, 23, seed])
+    cycle = CYCLES[turn % len(CYCLES)]
+    room_s = LENGTH_S.get(cycle, MICRO_TRIPS_S) - study.duration_s
+    cold = rng.random() < COLD_SHARE
+    start_s = 0.0 if cold or room_s <= 0.0 else float(round(rng.uniform(0.0, room_s)))
+    # A fault of the whole recording is there before it begins.
+    fault_start_s = None if begins_s is None else begins_s + start_s if begins_s else 0.0
+    return Part(cycle, seed, start_s, fault_start_s)

@@ -1,0 +1,115 @@
+"""All cases of a study in parallel, each in a file that a run begun again finds done."""
+
+import json
+import pickle
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Final
+
+import monitor
+from training.jobs import parallel, run_folder
+from training.studies.gap import case
+from training.studies.gap.case import Row, Vehicle
+from training.studies.gap.plan import Case, Study, cases
+
+CASES: Final = "cases"
+VEHICLES: Final = "vehicles"
+MODEL: Final = "base.onnx"
+Item = tuple[Case, Vehicle | str, bytes]  # a case, its vehicle, and the file of the vehicle's base
+Progress = Callable[[int], None]  # takes how many cases are done more
+
+
+def begin(study: Study, folder: Path) -> dict[str, Any]:
+    """Take the folder for a study; return what its rows depend on.
+
+    Raises UsageError if the folder holds another study.
+    """
+    own = identity(study)
+    run_folder.claim(folder, own)
+    for part in (CASES, VEHICLES):
+        (folder / part).mkdir(exist_ok=True)
+    return own
+
+
+def run(
+    study: Study, folder: Path, done: Progress, *, jobs: int = 1, scheduler: str | None = None
+) -> None:
+    """Do all cases that the folder does not hold.
+
+    scheduler : address of a Dask scheduler; None uses ``jobs`` processes here
+    Raises UsageError if the scheduler cannot be used.
+    """
+    planned = {str(each.number): each for each in cases(study)}
+    missing = {k: each for k, each in planned.items() if not _path(folder, each).exists()}
+    done(len(planned) - len(missing))
+    numbers = dict.fromkeys(each.vehicle for each in missing.values())
+    new = [(str(n), n) for n in numbers if not _pickle(folder, n).exists()]
+    # Workers return, this process writes: a cluster needs no common file system.
+    for key, (found, model) in parallel.run(_prepare, study, new, jobs=jobs, scheduler=scheduler):
+        _keep(folder, int(key), found, model)
+    work = ((key, _item(each, folder)) for key, each in missing.items())
+    for key, row in parallel.run(_do, study, work, jobs=jobs, scheduler=scheduler):
+        run_folder.write_json(_path(folder, missing[key]), row)
+        done(1)
+
+
+def rows(study: Study, folder: Path) -> list[Row]:
+    """Return the rows that a folder holds, in the order of the plan's numbers."""
+    found = [_path(folder, each) for each in cases(study)]
+    there = [json.loads(path.read_text()) for path in found if path.exists()]
+    return sorted(there, key=lambda row: int(row["number"]))
+
+
+def identity(study: Study) -> dict[str, Any]:
+    """Return what the rows depend on."""
+    root = Path(monitor.__file__).parent.parent
+    paths = run_folder.sources(Path(case.__file__), root)
+    return {
+        "study": json.loads(json.dumps(asdict(study))),
+        "code_sha256": run_folder.code_sha256(paths, root),
+    }
+
+
+def _path(folder: Path, asked: Case) -> Path:
+    return folder / CASES / f"{asked.number:05d}.json"
+
+
+def _pickle(folder: Path, vehicle: int) -> Path:
+    return folder / VEHICLES / f"{vehicle}.pickle"
+
+
+def _prepare(study: Study, number: int) -> tuple[Vehicle | str, bytes]:
+    """Return a vehicle, or why there is none, and the file of its base."""
+    with TemporaryDirectory() as temporary:
+        model = Path(temporary) / MODEL
+        try:
+            return case.prepare(study, number, model), model.read_bytes()
+        except Exception as error:  # its cases say so, the others go on
+            return f"{type(error).__name__}: {error}", b""
+
+
+def _keep(folder: Path, number: int, vehicle: Vehicle | str, model: bytes) -> None:
+    path = _pickle(folder, number)
+    begun = path.with_suffix(".begun")
+    for content, to in ((model, path.with_suffix(".onnx")), (pickle.dumps(vehicle), path)):
+        begun.write_bytes(content)
+        begun.replace(to)
+
+
+def _item(asked: Case, folder: Path) -> Item:
+    path = _pickle(folder, asked.vehicle)
+    vehicle: Vehicle | str = pickle.loads(path.read_bytes())
+    prepared = isinstance(vehicle, Vehicle)
+    return asked, vehicle, path.with_suffix(".onnx").read_bytes() if prepared else b""
+
+
+def _do(study: Study, item: Item) -> Row:
+    """Return the row of a case."""
+    asked, vehicle, model = item
+    with TemporaryDirectory() as temporary:
+        if isinstance(vehicle, Vehicle):
+            vehicle = replace(vehicle, model=Path(temporary) / MODEL)
+            vehicle.model.write_bytes(model)
+        return case.run(asked, study, vehicle)

@@ -1,0 +1,103 @@
+"""The rows of a study as tables: who was taken for whom, by effect and severity, wrong names."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from training.greybox.effects import LIBRARY
+from training.studies.gap.answers import (
+    AMONG,
+    CLASSES,
+    ERROR,
+    SEVERAL,
+    SUSPECTED,
+    answer,
+    done,
+    hidden,
+    right,
+    right_or_among,
+    size,
+    wrong_names,
+)
+from training.studies.gap.case import Row
+from training.studies.gap.plan import UNKNOWN
+
+FIRST: Final = ("no_gap",)
+LAST: Final = (AMONG, "ambiguous", "unknown_effect", SUSPECTED, SEVERAL, ERROR)
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """The cases of one effect and one class of the gap."""
+
+    effect: str
+    size: str
+    cases: int
+    right: int
+    among: int  # right, or in the ambiguous set
+    wrong: int
+    verdicts: str  # of the others, counted
+
+
+def confusion(rows: Sequence[Row]) -> dict[str, Any]:
+    """Return how often each thing hidden got each answer: ``driven``, ``named``, ``counts``."""
+    counts = Counter((hidden(r), answer(r)) for r in rows)
+    order = ["nothing", *LIBRARY, *UNKNOWN, "two effects"]
+    there = {what for what, _ in counts}
+    driven = [what for what in order if what in there]
+    driven += sorted(there - set(driven))
+    given = {what for _, what in counts}
+    named = [*FIRST, *LIBRARY, *(each for each in LAST if each in given)]
+    return {
+        "driven": driven,
+        "named": named,
+        "counts": [[counts[what, name] for name in named] for what in driven],
+    }
+
+
+def by_size(rows: Sequence[Row]) -> list[Cell]:
+    """Return the effects, each class of the gap apart, and all effects together."""
+    effect = done(rows, "effect")
+    found = []
+    for name in (*LIBRARY, None):
+        for each in reversed(CLASSES):
+            own = [r for r in effect if size(r) == each and name in (None, r["hidden"][0])]
+            if own:
+                found.append(_cell(name or "all effects", each, own))
+    return found
+
+
+def wrong(rows: Sequence[Row]) -> list[Row]:
+    """Return the cases in which a name is wrong."""
+    return [r for r in done(rows) if wrong_names(r)]
+
+
+def two(rows: Sequence[Row]) -> dict[str, int]:
+    """Return what became of the cases with two effects."""
+    own = done(rows, "two")
+    found = Counter(_of_two(r) for r in own)
+    order = ("both right", "one right, nothing wrong", "a wrong name")
+    return {each: found[each] for each in (*order, *sorted(set(found) - set(order)))} if own else {}
+
+
+def _of_two(row: Row) -> str:
+    if wrong_names(row):
+        return "a wrong name"
+    if right(row):
+        return "both right"
+    return "one right, nothing wrong" if row["names"] else str(row["verdict"])
+
+
+def _cell(effect: str, size_: str, rows: Sequence[Row]) -> Cell:
+    bad = [r for r in rows if wrong_names(r)]
+    others = Counter(r["verdict"] for r in rows if r["verdict"] != "named")
+    return Cell(
+        effect,
+        size_,
+        len(rows),
+        sum(map(right, rows)),
+        sum(map(right_or_among, rows)),
+        len(bad),
+        ", ".join(f"{n} {verdict}" for verdict, n in others.most_common()),
+    )

@@ -1,0 +1,91 @@
+"""A trial as the samples that the monitor would see."""
+
+import math
+
+import numba
+import numpy as np
+
+from monitor.base import faults
+from monitor.base.errors import UsageError
+from monitor.base.faults import Fault
+from monitor.base.types import FloatArray, SampleBlock
+from monitor.decode.bus_map import BusMap
+from training.dyno import ecu
+from training.dyno.cycles import STEP_S
+from training.dyno.effects import Effects
+from training.dyno.mixture import LAMBDA_MAX
+from training.dyno.simulation import Experiment, simulate
+from training.studies.matrix.plan import Trial
+
+_lag_step = numba.njit(cache=True)(faults.lag_step)
+_one_sided = numba.njit(cache=True)(faults.one_sided)
+
+
+def samples(trial: Trial, bus_map: BusMap, period_ns: int) -> SampleBlock:
+    """Return the drive on the sample grid, columns as in ``bus_map.names``.
+
+    Raises UsageError for an unknown cycle or fault.
+    """
+    fault = faults.resolve(trial.fault, trial.severity) if trial.fault else None
+    inside = fault if trial.placement == "loop" else trial.aged
+    signals = simulate(
+        Experiment(
+            trial.cycle,
+            trial.vehicle,
+            trial.seed,
+            inside,
+            effects=Effects(ethanol=trial.ethanol),
+            conditions=trial.conditions,
+        )
+    )
+    if fault is not None and trial.placement == "after":
+        signals["lambda_measured"] = put_on(signals["lambda_measured"], fault)
+    rng = np.random.default_rng([0x0_2, 5, trial.seed, trial.vehicle])
+    return ecu.samples(ecu.broadcast(signals, bus_map, rng, inside), bus_map, period_ns)
+
+
+def put_on(lambda_healthy: FloatArray, fault: Fault) -> FloatArray:
+    """Return what ``faults.SensorFault`` makes of readings at 100 Hz, as the plant's ECU sends it.
+
+    lambda_healthy : (n,) NaN where not available
+    Raises UsageError for a fault of the communication.
+    """
+    if fault.not_ready or fault.missing:
+        raise UsageError(f"fault {fault.name}: cannot be put on a reading")
+    if fault.stuck_lambda:
+        return np.where(np.isfinite(lambda_healthy), fault.stuck_lambda, np.nan)
+    read = _put_on(
+        lambda_healthy,
+        fault.tau_rising_s,
+        fault.tau_falling_s,
+        round(fault.delay_s / STEP_S),
+        fault.delay_direction,
+        fault.gain,
+        fault.offset_lambda,
+    )
+    return np.asarray(np.minimum(read, LAMBDA_MAX))
+
+
+@numba.njit(cache=True)
+def _put_on(
+    healthy: FloatArray,
+    tau_rising_s: float,
+    tau_falling_s: float,
+    delay_steps: int,
+    direction: int,
+    gain: float,
+    offset_lambda: float,
+) -> FloatArray:
+    out = np.full(len(healthy), np.nan)
+    seen = np.empty(len(healthy))  # phi of what could be read, oldest first
+    n_seen, x = 0, math.nan
+    for k in range(len(healthy)):
+        if not math.isfinite(healthy[k]):
+            continue
+        phi = 1.0 / healthy[k]
+        seen[n_seen] = phi
+        phi = _one_sided(phi, seen[max(n_seen - delay_steps, 0)], direction)
+        x = phi if n_seen == 0 else _lag_step(x, phi, tau_rising_s, tau_falling_s, STEP_S)
+        n_seen += 1
+        out[k] = 1.0 / max(1.0 + gain * (x - 1.0), 1.0 / 16.0) + offset_lambda
+    return out

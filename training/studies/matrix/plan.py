@@ -1,0 +1,294 @@
+"""Which drives a matrix holds: every trial with its own seed, all of them from one.
+
+A vehicle is drawn by its number, driver, noise and weather by the trial's seed. The trials of one
+fault, severity and placement go through the vehicles in random order and through all weather.
+"""
+
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Final, Literal, TypeVar
+
+import numpy as np
+
+from monitor.base import faults
+from monitor.base.errors import UsageError
+from monitor.base.faults import Fault
+from training.dyno import cycles, vehicle
+from training.dyno.vehicle import Conditions
+from training.limits.targets import LIMIT_SEVERITY, at_limit
+
+T = TypeVar("T")
+Kind = Literal["calibration", "reference", "healthy", "faulty"]
+Placement = Literal["loop", "after", ""]
+
+PLACEMENTS: Final[tuple[Placement, ...]] = ("loop", "after")
+AMBIENTS: Final = ("mild", "hot", "cold", "altitude")
+SLOW, DELAY = (0.2, 0.3, 0.5, 0.7, 1.0, 2.0), (0.2, 0.3, 0.4, 0.6, 1.0, 2.0)  # s
+BIAS = (0.02, 0.035, 0.05, 0.07, 0.1, 0.2)  # lambda
+ELECTRICAL: Final = (
+    "stuck_lean", "stuck_rich", "stuck_at_one", "out_of_range", "not_ready", "signal_missing",
+)  # fmt: skip
+NOT_AFTERWARDS: Final = ("not_ready", "signal_missing")  # the ECU itself says so
+SEVERITIES: Final[dict[str, tuple[float, ...]]] = {
+    **{name: SLOW for name in faults.NAMES if name.startswith("slow")},
+    **{name: DELAY for name in faults.NAMES if name.startswith("delay")},
+    "transient": (0.3, 0.5, 1.0),
+    "gain_low": (0.8, 0.7, 0.6, 0.5, 0.3),
+    "biased_lean": BIAS,
+    "biased_rich": BIAS,
+    **{name: (faults.DEFAULT_SEVERITY[name],) for name in ELECTRICAL},
+}
+REFERENCE_CYCLES: Final = ("wltc_3b", "micro_trips")
+HEALTHY_CYCLES: Final = (*("wltc_3b",) * 9, "udds", "us06", "hwfet", "micro_trips")
+FAULTY_CYCLES: Final = ("wltc_3b",)
+CALIBRATION_VEHICLES: Final = range(3000, 3020)
+CALIBRATION_SEED: Final = 3_000_000
+REFERENCE_SEEDS: Final = 500_000  # so far above the seeds of the trials
+MOST_ETHANOL: Final = 0.10
+OTHER_SHARE: Final = 4  # beside the limit severity a trial is repeated so many times less
+
+_TRAINED = re.compile(r"_v(\d+)_s(\d+)_")
+
+
+@dataclass(frozen=True, slots=True)
+class Matrix:
+    """What is asked for."""
+
+    vehicles: int = 60
+    first_vehicle: int = 5000
+    seed: int = 5_000_000
+    repetitions: int = 100  # of each fault and placement at its limit severity
+    healthy: int = 600
+    reference_drives: int = 40  # of each vehicle, before its trials
+    cycles: tuple[str, ...] = ()  # () is the plan's own choice
+    ambients: tuple[str, ...] = AMBIENTS
+    faults: tuple[tuple[str, tuple[float, ...]], ...] = tuple(SEVERITIES.items())
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """One drive."""
+
+    number: int
+    kind: Kind
+    vehicle: int
+    cycle: str
+    ambient: str
+    conditions: Conditions
+    ethanol: float  # fraction of the fuel
+    aged: Fault | None  # of a healthy sensor, within its specification
+    fault: str  # "" is healthy
+    severity: float | None
+    placement: Placement  # "after" is put on the readings, the control loop does not see it
+    seed: int
+
+    @property
+    def name(self) -> str:
+        """Return what was driven, in words."""
+        what = f"{self.fault} {self.severity:g} {self.placement}" if self.fault else self.kind
+        return f"trial {self.number} ({self.cycle}, vehicle {self.vehicle}, {what})"
+
+    def as_row(self) -> dict[str, Any]:
+        """Return the trial as JSON has it."""
+        c, aged = self.conditions, self.aged
+        row = {k: v for k, v in asdict(self).items() if k not in ("conditions", "aged")}
+        return row | {
+            "ambient_degc": c.ambient_degc,
+            "ambient_kpa": c.ambient_kpa,
+            "coolant_start_degc": c.coolant_start_degc,
+            "aged": None if aged is None else {
+                "lag_s": aged.tau_rising_s, "dead_time_s": aged.delay_s,
+                "gain": aged.gain, "offset_lambda": aged.offset_lambda,
+            },
+        }  # fmt: skip
+
+
+def weather(ambient: str, seed: int) -> Conditions:
+    """Return the conditions of a seed in one kind of weather.
+
+    Raises UsageError for an unknown kind.
+    """
+    rng = np.random.default_rng([0x0_2, 7, seed])
+    degc, kpa = rng.uniform(5.0, 30.0), rng.uniform(94.0, 103.0)
+    warm = rng.uniform(65.0, 92.0) if rng.random() < 2.0 / 3.0 else None
+    if ambient == "hot":
+        degc = rng.uniform(35.0, 43.0)
+    elif ambient == "cold":
+        degc, warm = rng.uniform(-15.0, -5.0), None
+    elif ambient == "altitude":
+        kpa = rng.uniform(72.0, 80.0)
+    elif ambient != "mild":
+        raise UsageError(f"ambient {ambient!r} is unknown; there are {', '.join(AMBIENTS)}")
+    return vehicle.conditions(seed)._replace(
+        ambient_degc=float(degc),
+        ambient_kpa=float(kpa),
+        coolant_start_degc=float(degc if warm is None else warm),
+    )
+
+
+def ageing(seed: int) -> Fault:
+    """Return what a healthy sensor may have lost by age, within its specification.
+
+    Lag up to 0.15 s and dead time up to 0.1 s, together at most 0.2 s, since a specification limits
+    the response as a whole; 0.85 or more of the gain; an offset within 0.008 lambda.
+    """
+    rng = np.random.default_rng([0x0_2, 8, seed])
+    lag_s = float(rng.uniform(0.0, 0.15))
+    return Fault(
+        "aged",
+        lag_s,
+        tau_rising_s=lag_s,
+        tau_falling_s=lag_s,
+        delay_s=float(rng.uniform(0.0, min(0.1, 0.2 - lag_s))),
+        gain=float(rng.uniform(0.85, 1.0)),
+        offset_lambda=float(rng.uniform(-0.008, 0.008)),
+    )
+
+
+def reference_drives(matrix: Matrix) -> list[list[Trial]]:
+    """Return the drives from which each vehicle's reference is learned, vehicle by vehicle."""
+    drives = []
+    for i in range(matrix.vehicles):
+        own = []
+        for k in range(matrix.reference_drives):
+            number = i * matrix.reference_drives + k
+            cycle = _next(matrix.cycles or REFERENCE_CYCLES, i + k)
+            ambient = _next(matrix.ambients, i + k // 2)
+            seed = matrix.seed + REFERENCE_SEEDS + number
+            own.append(_trial(number, "reference", matrix.first_vehicle + i, cycle, ambient, seed))
+        drives.append(own)
+    return drives
+
+
+def trials(matrix: Matrix) -> list[Trial]:
+    """Return the healthy and the faulty drives in the order of their numbers.
+
+    Raises UsageError for what the simulation does not know.
+    """
+    _check(matrix)
+    found = [_healthy(matrix, i) for i in range(matrix.healthy)]
+    cells = [
+        (name, severity, placement)
+        for name, severities in matrix.faults
+        for severity in severities
+        for placement in PLACEMENTS[: 1 if name in NOT_AFTERWARDS else 2]
+    ]
+    for k, cell in enumerate(cells):
+        found += _cell(matrix, k, *cell, first=len(found))
+    return found
+
+
+def calibration(matrix: Matrix) -> tuple[list[Trial], list[Trial]]:
+    """Return healthy drives and drives at the limit severities, on which rules are set.
+
+    Every vehicle drives once with a new sensor and once with an aged one.
+    """
+    pieces, ambients = CALIBRATION_VEHICLES, matrix.ambients
+    good = [
+        _trial(
+            i, "calibration", _next(pieces, i), "wltc_3b", _next(ambients, i + i // len(pieces)),
+            CALIBRATION_SEED + i, aged=ageing(CALIBRATION_SEED + i) if i >= len(pieces) else None,
+        )
+        for i in range(2 * len(pieces))
+    ]  # fmt: skip
+    bad = [
+        _trial(
+            i, "calibration", _next(pieces, i), "wltc_3b", _next(ambients, i // 2),
+            CALIBRATION_SEED + i, fault, severity, ("loop", "after")[i % 2],
+        )
+        for i, (fault, severity) in enumerate(2 * list(LIMIT_SEVERITY.items()), len(good))
+    ]  # fmt: skip
+    return good, bad
+
+
+def refuse_used(planned: Iterable[Trial], recordings: Iterable[str]) -> None:
+    """Raise UsageError if a vehicle or seed has served to train the model or to set the rules.
+
+    recordings : file names of the model's training
+    """
+    used = [
+        tuple(map(int, found.groups())) for name in recordings if (found := _TRAINED.search(name))
+    ]
+    pieces, seeds = {v for v, _ in used}, {s for _, s in used}
+    set_on = range(CALIBRATION_SEED, CALIBRATION_SEED + 1000)
+    for trial in planned:
+        if trial.vehicle in pieces:
+            raise UsageError(f"vehicle {trial.vehicle} has trained the model: choose others with "
+                             "--first-vehicle")  # fmt: skip
+        if trial.seed in seeds:
+            raise UsageError(f"seed {trial.seed} has trained the model: choose others with --seed")
+        if trial.vehicle in CALIBRATION_VEHICLES or trial.seed in set_on:
+            raise UsageError(
+                f"vehicle {trial.vehicle}, seed {trial.seed}: the rules of the literature are set "
+                f"on vehicles {CALIBRATION_VEHICLES[0]} to {CALIBRATION_VEHICLES[-1]} and seeds "
+                f"from {CALIBRATION_SEED}: choose others"
+            )
+
+
+def _check(matrix: Matrix) -> None:
+    if matrix.vehicles < 1 or min(matrix.first_vehicle, matrix.seed) < 0:
+        raise UsageError("--vehicles is at least 1, --first-vehicle and --seed at least 0")
+    if matrix.repetitions < 1 or min(matrix.healthy, matrix.reference_drives) < 0:
+        raise UsageError("--repetitions is at least 1, --healthy and --reference-drives at least 0")
+    for cycle in matrix.cycles:
+        if cycle not in cycles.NAMES:
+            raise UsageError(f"cycle {cycle!r} is unknown; there are {', '.join(cycles.NAMES)}")
+    for ambient in matrix.ambients:
+        weather(ambient, 0)
+    for name, severities in matrix.faults:
+        for severity in severities:
+            faults.resolve(name, severity)
+
+
+def _healthy(matrix: Matrix, i: int) -> Trial:
+    round_, piece = divmod(i, matrix.vehicles)
+    seed = matrix.seed + i
+    rng = np.random.default_rng([0x0_2, 9, seed])
+    cycle = str(rng.choice(matrix.cycles or HEALTHY_CYCLES))
+    aged = ageing(seed) if rng.random() < 0.5 else None
+    ambient = _next(matrix.ambients, round_ + piece)
+    return _trial(i, "healthy", matrix.first_vehicle + piece, cycle, ambient, seed, aged=aged)
+
+
+def _cell(
+    matrix: Matrix, k: int, fault: str, severity: float, placement: Placement, first: int
+) -> Iterator[Trial]:
+    """Yield the trials of one fault, severity and placement."""
+    rng = np.random.default_rng([0x0_2, 10, matrix.seed, k])
+    repetitions = matrix.repetitions
+    if not at_limit(fault, severity):
+        repetitions = max(1, repetitions // OTHER_SHARE)
+    order = np.concatenate(
+        [rng.permutation(matrix.vehicles) for _ in range(-(-repetitions // matrix.vehicles))]
+    )
+    for r in range(repetitions):
+        number = first + r
+        yield _trial(
+            number, "faulty", matrix.first_vehicle + int(order[r]),
+            _next(matrix.cycles or FAULTY_CYCLES, r // len(matrix.ambients)),
+            _next(matrix.ambients, r + k), matrix.seed + number, fault, severity, placement,
+        )  # fmt: skip
+
+
+def _trial(
+    number: int,
+    kind: Kind,
+    piece: int,
+    cycle: str,
+    ambient: str,
+    seed: int,
+    fault: str = "",
+    severity: float | None = None,
+    placement: Placement = "",
+    aged: Fault | None = None,
+) -> Trial:
+    ethanol = float(np.random.default_rng([0x0_2, 11, seed]).uniform(0.0, MOST_ETHANOL))
+    return Trial(
+        number, kind, piece, cycle, ambient, weather(ambient, seed), ethanol, aged,
+        fault, severity, placement, seed,
+    )  # fmt: skip
+
+
+def _next(choices: Sequence[T], i: int) -> T:
+    return choices[i % len(choices)]

@@ -1,0 +1,217 @@
+"""All drives of a matrix in parallel, in chunks that a run begun again finds done."""
+
+import dataclasses
+import hashlib
+import json
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import chain
+from pathlib import Path
+from typing import Any, Final
+
+import monitor
+from monitor.base.config import Config
+from monitor.base.errors import O2Error
+from monitor.base.types import SampleBlock
+from monitor.judge.decisions import WindowJudged
+from monitor.judge.limits import Limits
+from monitor.memory.reference import Reference
+from monitor.model.step import Model
+from monitor.pipeline.block_judge import Judged
+from training.dyno import ecu
+from training.jobs import parallel, run_folder
+from training.jobs.model_bytes import model_of
+from training.limits.alarm_rules import fitted
+from training.limits.rules.windows import Rule
+from training.recordings.recording import sha256
+from training.studies.matrix.drive import samples
+from training.studies.matrix.judging import from_json, judge_drives, learn, to_json
+from training.studies.matrix.plan import (
+    Matrix,
+    Trial,
+    calibration,
+    reference_drives,
+    refuse_used,
+    trials,
+)
+from training.studies.matrix.rows import Row, row
+
+CHUNK: Final = 32  # trials side by side; their windows take some megabytes each
+VEHICLES: Final = 10  # whose reference drives run side by side
+DRIVES: Final = ("plan", "drive", "judging", "rows", "run")  # modules of this package
+References = dict[str, Any]  # vehicle → its reference, as JSON has it
+Progress = Callable[[int], None]  # takes how many drives are done more
+
+
+@dataclass(frozen=True, slots=True)
+class Bench:
+    """What judges the drives, as it travels to a worker."""
+
+    model_name: str
+    model: bytes  # the file
+    config: Config
+    rules: dict[str, Rule] = field(default_factory=dict)
+    learned: References = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Cores:
+    """Where the drives are done: processes here, or a Dask cluster."""
+
+    jobs: int = 1
+    scheduler: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Chunk:
+    """Drives that are done together; a vehicle's reference drives are, one after the other."""
+
+    name: str
+    drives: tuple[Trial, ...]
+
+
+def run(
+    matrix: Matrix,
+    model_path: Path,
+    config: Config,
+    folder: Path,
+    done: Progress,
+    cores: Cores = Cores(),
+) -> list[Row]:
+    """Return a row for every drive, references first; results of the same run are taken up.
+
+    Raises UsageError if the folder holds another run, if a vehicle or seed was used before, or if
+    the scheduler cannot be used.
+    """
+    planned, references = trials(matrix), reference_drives(matrix)
+    card = Model.load(model_path).card
+    refuse_used([*chain(*references), *planned], [r.path for r in card.recordings])
+    run_folder.claim(folder, identity(matrix, model_path, config))
+    bench = Bench(model_path.name, model_path.read_bytes(), config)
+    bench = replace(bench, rules=_rules(matrix, bench, cores))
+    first = [
+        Chunk(f"reference_{i:05d}", tuple(t for own in references[i : i + VEHICLES] for t in own))
+        for i in range(0, len(references) if matrix.reference_drives else 0, VEHICLES)
+    ]
+    rows, learned = _all(first, bench, folder, cores, done)
+    second = [
+        Chunk(f"trials_{i:05d}", tuple(planned[i : i + CHUNK]))
+        for i in range(0, len(planned), CHUNK)
+    ]
+    return rows + _all(second, replace(bench, learned=learned), folder, cores, done)[0]
+
+
+def count(matrix: Matrix) -> int:
+    """Return how many drives a run takes, without those that set the literature's rules."""
+    return len(trials(matrix)) + matrix.vehicles * matrix.reference_drives
+
+
+def identity(matrix: Matrix, model_path: Path, config: Config) -> dict[str, Any]:
+    """Return what a run's results depend on."""
+    tree = {"matrix": dataclasses.asdict(matrix), "config": dataclasses.asdict(config)}
+    return {
+        "matrix": json.loads(json.dumps(tree["matrix"])),
+        "model_sha256": sha256(model_path),
+        "config_sha256": hashlib.sha256(json.dumps(tree["config"]).encode()).hexdigest(),
+        "code_sha256": _code_sha256(),
+    }
+
+
+def _code_sha256() -> str:
+    """Return the digest of all that drives and judges, not of what makes tables of it."""
+    at, matrix = Path(monitor.__file__).parent, Path(__file__).parent
+    offline = matrix.parents[1]
+    paths = [*at.rglob("*.py"), *at.rglob("*.toml")]
+    paths += [*offline.glob("dyno/*.py"), *offline.glob("limits/rules/*.py")]
+    paths += [offline / "limits" / "alarm_rules.py"]
+    paths += [matrix / f"{name}.py" for name in DRIVES]
+    return run_folder.code_sha256(paths, at.parent)
+
+
+def _rules(matrix: Matrix, bench: Bench, cores: Cores) -> dict[str, Rule]:
+    good, bad = calibration(matrix)
+    every = [*good, *bad]
+    parts = {str(i): tuple(every[i : i + CHUNK]) for i in range(0, len(every), CHUNK)}
+    found = dict(parallel.run(_windows, bench, parts.items(), **dataclasses.asdict(cores)))
+    windows = [drive for key in parts for drive in found[key]]
+    limits = _limits(model_of(bench.model_name, bench.model), bench)
+    return fitted(windows[: len(good)], windows[len(good) :], limits)
+
+
+def _windows(bench: Bench, drives: Sequence[Trial]) -> list[list[WindowJudged]]:
+    """Return the windows of each drive."""
+    return [judged.windows for _, judged in _judge(drives, bench)]
+
+
+def _all(
+    chunks: Sequence[Chunk], bench: Bench, folder: Path, cores: Cores, done: Progress
+) -> tuple[list[Row], References]:
+    """Return rows in the order of the chunks, and the references that they learn."""
+    missing = {}
+    for chunk in chunks:
+        if (folder / f"{chunk.name}.json").exists():
+            done(len(chunk.drives))
+        else:
+            missing[chunk.name] = chunk
+    # Workers return, this process writes: a cluster needs no common file system.
+    for name, result in parallel.run(_do, bench, missing.items(), **dataclasses.asdict(cores)):
+        run_folder.write_json(folder / f"{name}.json", result)
+        done(len(missing[name].drives))
+    rows: list[Row] = []
+    references: References = {}
+    for chunk in chunks:
+        found = json.loads((folder / f"{chunk.name}.json").read_text())
+        rows += found["rows"]
+        references |= found["references"]
+    return rows, references
+
+
+def _do(bench: Bench, chunk: Chunk) -> dict[str, Any]:
+    """Do a chunk; return its rows, and the references of its vehicles if they learn."""
+    rows: list[Row] = []
+    references: dict[str, Reference | None] = {
+        key: from_json(tree) for key, tree in bench.learned.items()
+    }
+    learning = chunk.drives[0].kind == "reference"
+    for drives in _rounds(chunk) if learning else [chunk.drives]:
+        own = [references.get(str(trial.vehicle)) for trial in drives]
+        judged = _judge(drives, bench, own)
+        for trial, reference, (block, drive) in zip(drives, own, judged, strict=True):
+            rows.append(row(trial, block, drive, bench.rules))
+            if learning:
+                references[str(trial.vehicle)] = learn(reference, drive, bench.config)
+    found = {key: to_json(each) for key, each in references.items() if each} if learning else {}
+    return {"rows": rows, "references": found}
+
+
+def _rounds(chunk: Chunk) -> Iterator[tuple[Trial, ...]]:
+    """Yield the first drive of every vehicle, then the second."""
+    vehicles = dict.fromkeys(trial.vehicle for trial in chunk.drives)
+    own = [[t for t in chunk.drives if t.vehicle == vehicle] for vehicle in vehicles]
+    yield from zip(*own, strict=True)
+
+
+def _judge(
+    drives: Sequence[Trial], bench: Bench, references: Sequence[Reference | None] | None = None
+) -> list[tuple[SampleBlock, Judged]]:
+    """Return what the monitor saw and said of each drive; an error names the drive."""
+    model, bus_map = model_of(bench.model_name, bench.model), ecu.own_bus()
+    blocks = []
+    for trial in drives:
+        try:
+            blocks.append(samples(trial, bus_map, model.card.period_ns))
+        except Exception as error:
+            raise RuntimeError(f"{trial.name}: {type(error).__name__}: {error}") from error
+    limits = _limits(model, bench)
+    try:
+        judged = judge_drives(blocks, bus_map.names, model, limits, bench.config, references)
+    except O2Error:  # a model that cannot judge these drives
+        raise
+    except Exception as error:
+        between = f"{drives[0].name} to {drives[-1].name}"
+        raise RuntimeError(f"{between}: {type(error).__name__}: {error}") from error
+    return list(zip(blocks, judged, strict=True))
+
+
+def _limits(model: Model, bench: Bench) -> Limits:
+    return Limits.from_card(model.card, bench.config, bench.model_name)

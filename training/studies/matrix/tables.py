@@ -1,0 +1,235 @@
+"""The rows of a matrix as tables: what was found, how it was named, and what was false.
+
+Detected is a drive in which any code is set at its end; named rightly is one in which every code
+set carries exactly the fault's name.
+"""
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from itertools import groupby
+from typing import Any, Final
+
+from monitor.judge.enable import CONDITIONS
+from training.limits.alarm_rules import OWN, TITLES
+from training.limits.rates import Figures, median, per_1000_h, rate, roc
+from training.limits.targets import LIMIT_SEVERITY, at_limit, beyond_limit
+from training.studies.matrix.plan import ELECTRICAL, PLACEMENTS
+from training.studies.matrix.rows import Row
+
+HEALTHY, NONE, SEVERAL = "healthy", "none", "several names"
+MONITOR: Final = "monitor"
+
+
+def of_kind(rows: Iterable[Row], kind: str) -> list[Row]:
+    """Return the healthy, faulty or reference rows."""
+    return [r for r in rows if r["kind"] == kind]
+
+
+def named_rightly(row: Row) -> bool:
+    """Return whether the drive's codes carry exactly the name of its fault."""
+    return bool(row["faults"] == [row["fault"]])
+
+
+def figures(rows: Sequence[Row]) -> Figures:
+    """Return what was found of some faulty drives, and when."""
+    return {
+        "detected": rate(sum(bool(r["codes"]) for r in rows), len(rows)),
+        "named": rate(sum(map(named_rightly, rows)), len(rows)),
+        "named_or_alike": rate(
+            sum(r["fault"] in (*r["faults"], *r["also"]) for r in rows), len(rows)
+        ),
+        "completed": rate(sum(r["completed"] for r in rows), len(rows)),
+        "enabled_s": median([r["first_code_enabled_s"] for r in rows]),
+        "driving_s": median([r["first_code_driving_s"] for r in rows]),
+    }
+
+
+def detection(rows: Sequence[Row]) -> list[Figures]:
+    """Return the figures of every fault, severity and placement."""
+    key = lambda r: (r["placement"], r["fault"], r["severity"])  # noqa: E731
+    faulty = sorted(of_kind(rows, "faulty"), key=key)
+    return [
+        {
+            "placement": placement,
+            "fault": fault,
+            "severity": severity,
+            "at_limit": at_limit(fault, severity),
+            "beyond_limit": beyond_limit(fault, severity),
+            **figures(list(cell)),
+        }
+        for (placement, fault, severity), cell in groupby(faulty, key)
+    ]
+
+
+def wanted(rows: Sequence[Row], placement: str) -> list[Row]:
+    """Return the drives whose fault must be found."""
+    return [
+        r
+        for r in of_kind(rows, "faulty")
+        if r["placement"] == placement and beyond_limit(r["fault"], r["severity"])
+    ]
+
+
+def by_ambient(rows: Sequence[Row]) -> list[Figures]:
+    """Return the figures of the faults that must be found, in each kind of weather."""
+    return [
+        {"placement": placement, "ambient": ambient, **figures(cell)}
+        for placement in PLACEMENTS
+        for ambient, cell in _split(wanted(rows, placement), "ambient")
+    ]
+
+
+def healthy(rows: Sequence[Row]) -> Figures:
+    """Return false codes, completion and why drives were not judged."""
+    good, first = of_kind(rows, "healthy"), of_kind(rows, "reference")
+    cells = [
+        {"ambient": ambient, "cycle": cycle, **_false(each)}
+        for ambient, own in _split(good, "ambient")
+        for cycle, each in sorted(_split(own, "cycle"))
+    ]
+    return {
+        "all": _false(good) | {"vehicles": len({r["vehicle"] for r in good})},
+        "new": _false([r for r in good if r["aged"] is None]),
+        "aged": _false([r for r in good if r["aged"] is not None]),
+        "reference": _false(first),
+        "cells": cells,
+        "not_held": [
+            {"ambient": ambient, "enabled": _mean(r["enabled_s"] / r["driving_s"] for r in own)}
+            | {name: _mean(r["not_held"][name] for r in own) for name in CONDITIONS}
+            | {"windows": _mean(r["windows"] for r in own)}
+            for ambient, own in _split(good, "ambient")
+        ],
+        "codes": [
+            {k: r[k] for k in ("number", "vehicle", "seed", "cycle", "ambient", "aged", "codes",
+                               "faults", "first_code_driving_s")}
+            for r in good if r["codes"]
+        ],
+    }  # fmt: skip
+
+
+def confirmed(rows: Sequence[Row]) -> int:
+    """Return how many codes would be confirmed had each vehicle kept its fault memory.
+
+    That is how often a code is set in a drive and was set in the vehicle's last drive before it in
+    which the test completed or a code was set.
+    """
+    before: dict[int, set[str]] = {}
+    count = 0
+    for r in sorted(rows, key=lambda r: int(r["number"])):
+        codes = set(r["codes"])
+        count += len(codes & before.get(r["vehicle"], set()))
+        if codes or r["completed"]:
+            before[r["vehicle"]] = codes
+    return count
+
+
+def confusion(rows: Sequence[Row], placement: str) -> Figures:
+    """Return how often each fault that must be found was given each name, and healthy drives."""
+    chosen = wanted(rows, placement) + [
+        r
+        for r in of_kind(rows, "faulty")
+        if r["placement"] == placement and r["fault"] in ELECTRICAL
+    ]
+    chosen += of_kind(rows, "healthy")
+    counts = Counter((r["fault"] or HEALTHY, _given(r)) for r in chosen)
+    several = Counter(
+        (r["fault"] or HEALTHY, tuple(r["faults"])) for r in chosen if _given(r) == SEVERAL
+    )
+    order = [*LIMIT_SEVERITY, *ELECTRICAL]
+    driven = [name for name in (HEALTHY, *order) if any(name == fault for fault, _ in counts)]
+    given = {name for _, name in counts}
+    names = [n for n in (NONE, *order) if n in given or n in driven]
+    names += [*sorted(given - set(names) - {SEVERAL}), SEVERAL]
+    return {
+        "driven": driven,
+        "named": names,
+        "counts": [[counts[fault, name] for name in names] for fault in driven],
+        "several": [
+            {"driven": fault, "names": list(given), "drives": count}
+            for (fault, given), count in several.most_common()
+        ],
+    }
+
+
+def curves(rows: Sequence[Row]) -> list[Figures]:
+    """Return the ROC of every rule for every fault at its limit severity, against healthy drives.
+
+    The healthy drives are those of the same cycles.
+    """
+    found = []
+    faulty = [r for r in of_kind(rows, "faulty") if at_limit(r["fault"], r["severity"])]
+    cycles = {r["cycle"] for r in faulty}
+    good = [r for r in of_kind(rows, "healthy") if r["cycle"] in cycles]
+    for placement, placed in _split(faulty, "placement"):
+        for fault, own in _split(placed, "fault"):
+            for rule in TITLES:
+                scores = [[r["scores"][rule] for r in each] for each in (good, own)]
+                curve = roc(scores[0], scores[1])
+                found.append({"placement": placement, "fault": fault, "rule": rule, **curve})
+    return found
+
+
+def side_by_side(rows: Sequence[Row]) -> list[Figures]:
+    """Return false alarms and detections of the monitor and of every rule on the same drives."""
+    good = of_kind(rows, "healthy")
+    found = []
+    for rule in (MONITOR, *(name for name in TITLES if name not in OWN)):
+        alarms = sum(_alarm_s(r, rule) is not None for r in good)
+        figure: Figures = {
+            "rule": rule,
+            "false_drives": rate(alarms, len(good)),
+            "false_1000_h": per_1000_h(alarms, sum(r["driving_s"] for r in good)),
+            "false_windows": _windows(good, rule),
+        }
+        for placement in PLACEMENTS:
+            own = wanted(rows, placement)
+            times_s = [_alarm_s(r, rule) for r in own]
+            figure[placement] = {
+                "detected": rate(sum(t is not None for t in times_s), len(own)),
+                "windows": _windows(own, rule),
+                "enabled_s": median(times_s),
+            }
+        found.append(figure)
+    return found
+
+
+def _alarm_s(row: Row, rule: str) -> float | None:
+    """Return after how many enabled seconds a rule alarms in a drive."""
+    at: float | None = (
+        row["first_code_enabled_s"] if rule == MONITOR else row["alarms_enabled_s"][rule]
+    )
+    return at
+
+
+def _windows(rows: Sequence[Row], rule: str) -> Figures:
+    return rate(sum(r["failed_windows"][rule] for r in rows), sum(r["windows"] for r in rows))
+
+
+def _false(rows: Sequence[Row]) -> Figures:
+    events = sum(bool(r["codes"]) for r in rows)
+    wltc = [r for r in rows if r["cycle"] == "wltc_3b"]
+    return {
+        "false": rate(events, len(rows)),
+        "false_1000_h": per_1000_h(events, sum(r["driving_s"] for r in rows)),
+        "confirmed": confirmed(rows),
+        "completed": rate(sum(r["completed"] for r in rows), len(rows)),
+        "completed_wltc": rate(sum(r["completed"] for r in wltc), len(wltc)),
+    }
+
+
+def _given(row: Row) -> str:
+    names = row["faults"]
+    return NONE if not names else str(names[0]) if len(names) == 1 else SEVERAL
+
+
+def _split(rows: Iterable[Row], key: str) -> list[tuple[Any, list[Row]]]:
+    """Return the rows of each value of a key, in the order in which the values come."""
+    found: dict[Any, list[Row]] = {}
+    for r in rows:
+        found.setdefault(r[key], []).append(r)
+    return list(found.items())
+
+
+def _mean(values: Iterable[float]) -> float | None:
+    every = list(values)
+    return sum(every) / len(every) if every else None

@@ -1,0 +1,294 @@
+"""Part 6 of the study: the model it would ship, and why; part 5: what closed loop gained.
+
+Candidates are the tuned models of the NARX study and the one whose memory and size the data chose.
+Free run on the validation blocks decides and nothing else; test blocks and held-out drives are
+only reported.
+"""
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from monitor.base import config
+from monitor.base.errors import RecordingError, UsageError
+from monitor.base.types import FloatArray
+from monitor.model.card import ModelCard
+from training.limits.decision_limits import MANY_WINDOWS, set_limits
+from training.narx.committee import committee
+from training.narx.export import update_card
+from training.narx.fit import FitResult, fit, held_out, measures, write_model
+from training.narx.network import Spec, describe, simulate
+from training.narx.stability import CONTRACTION_SAMPLES, contraction
+from training.narx.stages import blocks_of, free_run, train
+from training.recordings.preparation import Prepared, Role
+from training.studies.paper.narx import parallel
+from training.studies.paper.narx.models import from_arrays
+from training.studies.paper.task import Settings, Task, as_in_use, judged_on, plain
+
+LEAST_GAIN = 0.01  # of the RMSE: less is no reason for more weights
+FEW_BLOCKS, FEW_GAIN = 3, 0.1  # with fewer blocks nothing is known of chance
+SURE = 1.0  # standard errors over the blocks within which two models are equal
+BOUNDED_RUNS, BOUNDED_SAMPLES = 200, 1000
+
+
+@dataclass(frozen=True, slots=True)
+class Contender:
+    """One candidate of the choice."""
+
+    name: str
+    spec: Spec
+    weights: FloatArray
+    before: FloatArray | None  # its weights before closed-loop training
+    number: int | None = None  # of the 29 models
+    stage: str = ""  # of closed-loop training whose weights were kept
+
+
+def free_structure(task: Task) -> dict[str, Any]:
+    """Return the model of ``fit``, which chooses memory and size by the data, and its tries.
+
+    Raises RecordingError or UsageError if the recordings cannot be used.
+    """
+    path = task.folder / "free.onnx"
+    settings = task.settings
+    starts = None if settings.starts == Settings().starts else settings.starts
+    result = fit(
+        task.recordings, task.inputs, task.output, path, starts=starts,
+        budget_minutes=settings.budget_minutes, seed=settings.seed, threads=task.jobs,
+    )  # fmt: skip
+    return _free_dict(task, result)
+
+
+def _free_dict(task: Task, result: FitResult) -> dict[str, Any]:
+    spec, members = result.network.spec, result.starts[result.best].members
+    one = replace(spec, hidden=tuple(n // members for n in spec.hidden))  # of a committee
+    same = [t for t in result.starts if t.spec == one and t.members == 1]
+    best = min(same, key=lambda t: t.score)
+    seed = task.settings.seed + 1000 * same.index(best)  # of the same initial weights
+    limit = 60.0 * max(task.settings.budget_minutes, 0.1) / 5
+    one_step = train(task.data, one, seed, time.monotonic() + limit, horizons=())
+    tries = sorted(result.tries, key=lambda t: t.rmse)
+    tables = {
+        "structure": describe(spec), "members": members, "n_weights": spec.n_weights,
+        "seconds": result.seconds,
+        "warnings": list(result.warnings), "stage": _best_stage(best.stages),
+        "starts": [t.score for t in result.starts],
+        "tries": [{**asdict(t.structure), "n_weights": t.n_weights, "rmse": t.rmse}
+                  for t in tries],
+    }  # fmt: skip
+    widened = committee(one, members * [one_step.weights])[1]  # the same network, as wide
+    first = widened.tolist() if one_step.stages else None
+    weights = {"spec": asdict(spec), "weights": result.network.weights.tolist(),
+               "one_step_weights": first}  # fmt: skip
+    return plain(tables) | weights
+
+
+def _best_stage(stages: Sequence[Any]) -> str:
+    return min(stages, key=lambda s: min(s.scores)).name if stages else "none"
+
+
+def contenders(task: Task, narx: Mapping[str, Any], free: Mapping[str, Any]) -> list[Contender]:
+    """Return the tuned models of the NARX study and the free structure, with their weights."""
+    found = []
+    folder = task.folder / "narx"
+    for t in narx.get("tuned", []):
+        model = next(m for m in narx["models"] if m["number"] == t["number"])
+        before = from_arrays(
+            parallel.arrays_of(folder, model["starts"][t["start"]]["weights_key"])
+        )[1]
+        spec, weights = from_arrays(parallel.arrays_of(folder, t["weights_key"]))
+        stage = _stage_of(t)
+        found.append(Contender(t["name"], spec, weights, before, t["number"], stage))
+    if "spec" in free:
+        spec = spec_from(free["spec"])
+        found.append(
+            Contender("free structure", spec, np.array(free["weights"]),
+                      _array(free["one_step_weights"]), None, free["stage"])
+        )  # fmt: skip
+    if not found:
+        reasons = [part["skipped"] for part in (narx, free) if "skipped" in part]
+        raise UsageError(f"no model could be trained: {'; '.join(dict.fromkeys(reasons))}")
+    return found
+
+
+def _array(values: Sequence[float] | None) -> FloatArray | None:
+    return None if values is None else np.array(values)
+
+
+def _stage_of(tuned: Mapping[str, Any]) -> str:
+    if tuned["after"]["validation_score"] == tuned["before"]["validation_score"]:
+        return "none"
+    scores = [(s["best_score"], i) for i, s in enumerate(tuned["stages"])
+              if s["best_score"] is not None]  # fmt: skip
+    return str(tuned["stages"][min(scores)[1]]["name"]) if scores else "none"
+
+
+def spec_from(stored: Mapping[str, Any]) -> Spec:
+    """Return the shape that ``asdict`` and JSON made of it."""
+    boxes = tuple((int(a), int(b)) for a, b in stored["input_boxes"])
+    return Spec(**{**stored, "hidden": tuple(stored["hidden"]), "input_boxes": boxes})
+
+
+def choose(task: Task, models: Sequence[Contender]) -> dict[str, Any]:
+    """Return every candidate's figures, which one is chosen and why.
+
+    Models whose free-run errors on the validation blocks differ by less than a standard error over
+    the blocks, or by less than 1 %, are equal; the smallest of them is chosen. For lambda a model
+    that does not forget its history comes last.
+    """
+    data = task.data
+    memory = max(m.spec.memory for m in models)
+    held = judged_on(task)
+    rows, squares, total = [], [], 1.0
+    for m in models:
+        blocks = blocks_of(data, m.spec, Role.VALIDATE, memory)
+        squares.append(blocks.squares(m.weights))
+        total = blocks.total_weight
+        gap = contraction(data, m.spec, m.weights, task.settings.seed)
+        rows.append(
+            {
+                "name": m.name, "number": m.number, "structure": describe(m.spec),
+                "n_weights": m.spec.n_weights, "stage": m.stage,
+                "validation_rmse": float(np.sqrt(squares[-1].sum() / total)),
+                "forgets": bool(gap.gap <= gap.limit),
+                "gap": gap.gap, "gap_limit": gap.limit,
+                **_before_after(data, held, m),
+            }
+        )  # fmt: skip
+    chosen, equal, reason = _decide(rows, squares, strict=data.transform == "phi")
+    test = "held-out drives" if task.test else "test blocks"
+    result = {"candidates": rows, "chosen": chosen, "equal": equal, "reason": reason,
+              "test": test, "unit": data.output.unit}  # fmt: skip
+    return plain(result)
+
+
+def _before_after(data: Prepared, held: Prepared, model: Contender) -> dict[str, Any]:
+    """Return free-run measures on held-out samples after and before closed-loop training."""
+    found = {}
+    for name, weights in (("after", model.weights), ("before", model.before)):
+        if weights is not None:
+            run = held.scaling.unscale_y(free_run(held, model.spec, weights))
+            test = held.role == Role.TEST
+            found[name] = {"all": measures(held, run, test),
+                           "enabled": measures(held, run, test & held.enabled)}  # fmt: skip
+    return found
+
+
+def _decide(
+    rows: Sequence[Mapping[str, Any]], squares: Sequence[FloatArray], *, strict: bool
+) -> tuple[int, list[int], str]:
+    """Return the chosen row, those equal to the best, and the reason in words."""
+    finite = [i for i, r in enumerate(rows) if np.isfinite(r["validation_rmse"])]
+    if not finite:
+        raise RecordingError("every training diverged: no model predicts in free run")
+    forgets = [i for i in finite if rows[i]["forgets"]]
+    eligible = forgets if strict and forgets else finite
+    best = min(eligible, key=lambda i: rows[i]["validation_rmse"])
+    equal = []
+    for i in eligible:
+        loss = squares[i] - squares[best]
+        error = float(loss.std(ddof=1)) * np.sqrt(len(loss)) if len(loss) > 1 else 0.0
+        gain = LEAST_GAIN if len(loss) >= FEW_BLOCKS else FEW_GAIN
+        close = rows[i]["validation_rmse"] < (1 + gain) * rows[best]["validation_rmse"]
+        if i == best or close or float(loss.sum()) < SURE * error:
+            equal.append(i)
+    chosen = min(equal, key=lambda i: (rows[i]["n_weights"], rows[i]["validation_rmse"]))
+    return chosen, equal, _reason(rows, chosen, best, equal, eligible, strict=strict)
+
+
+def _reason(
+    rows: Sequence[Mapping[str, Any]], chosen: int, best: int, equal: Sequence[int],
+    eligible: Sequence[int], *, strict: bool,
+) -> str:  # fmt: skip
+    own, first = rows[chosen], rows[best]
+    text = (
+        f"Chosen: {own['name']} ({own['structure']}, {own['n_weights']} weights), free-run RMSE "
+        f"{own['validation_rmse']:.4f} on the validation blocks (scaled)."
+    )
+    if chosen == best:
+        text += " It is the best of all."
+        if len(equal) > 1:
+            text += f" {len(equal) - 1} larger ones are not told apart from it."
+    else:
+        text += (
+            f" {first['name']} reaches {first['validation_rmse']:.4f} with {first['n_weights']} "
+            "weights; over the blocks the two are not told apart, so the smaller one is chosen."
+        )
+    lost = len(rows) - len(eligible)
+    if strict and lost:
+        text += f" {lost} of {len(rows)} do not forget their history and come last."
+    elif strict and not own["forgets"]:
+        text += " No candidate forgets its history within a window: see the warning."
+    return text
+
+
+def ship(
+    task: Task, chosen: Contender, linear_preparation: Mapping[str, Any] | None
+) -> dict[str, Any]:
+    """Write ``model.onnx`` with limits and the study's preparation in its card; return figures."""
+    data, path = task.data, task.out / "model.onnx"
+    gap = contraction(data, chosen.spec, chosen.weights, task.settings.seed)
+    predicted = data.scaling.unscale_y(free_run(data, chosen.spec, chosen.weights))
+    temporary = task.folder / "model.onnx"
+    _, card = write_model(temporary, data, chosen.spec, chosen.weights, predicted, gap)
+    if linear_preparation is not None:
+        card = replace(card, checks={**card.checks, "study_preparation": dict(linear_preparation)})
+        update_card(temporary, card)
+    warnings = []
+    if not gap.gap <= gap.limit:
+        warnings.append(
+            f"the model does not forget its history: predictions from two histories differ by "
+            f"{gap.gap:.3g} after {CONTRACTION_SAMPLES} samples (limit {gap.limit:.3g})"
+        )
+    card, more = _limits(task, temporary, card)
+    temporary.replace(path)
+    return plain(
+        {
+            "path": path.name, "warnings": warnings + more,
+            "limits": {k: {"value": v.value, "unit": v.unit, "origin": v.origin}
+                       for k, v in card.limits.items()},
+            "parity": card.checks["parity"],
+            "bounded": bounded(data, chosen.spec, chosen.weights, task.settings.seed),
+        }
+    )  # fmt: skip
+
+
+def _limits(task: Task, path: Path, card: ModelCard) -> tuple[ModelCard, list[str]]:
+    try:
+        card, windows = set_limits(path, task.recordings, held_out(task.data), config.load())
+    except RecordingError as error:
+        return card, [f"the model has no decision limits: {error}"]
+    if windows < MANY_WINDOWS:
+        text = f"the decision limits rest on {windows} windows, {MANY_WINDOWS} are wanted"
+        return card, [text]
+    return card, []
+
+
+def bounded(data: Prepared, spec: Spec, weights: FloatArray, seed: int) -> dict[str, Any]:
+    """Return how far free runs from random histories go, in scaled units.
+
+    Feedback is clipped to the output's range, so no run can leave it; a run that stays at an end
+    of the range while the measurement is elsewhere has diverged all the same.
+    """
+    rng = np.random.default_rng(seed)
+    longest = max(data.segments, key=lambda s: s.stop - s.start)
+    length = min(BOUNDED_SAMPLES, (longest.stop - longest.start - spec.memory) // 2)
+    u = as_in_use(data).samples.u
+    ends, worst = 0, 0.0
+    for _ in range(BOUNDED_RUNS):
+        start = int(rng.integers(longest.start + spec.memory, longest.stop - length + 1))
+        history = rng.uniform(spec.y_min, spec.y_max, (1, spec.lags))
+        at, stop = np.array([start]), np.array([start + length])
+        part = u[start - spec.memory : start + length]
+        run = simulate(spec, weights, part, at - start + spec.memory, stop - start + spec.memory,
+                       history)[spec.memory :]  # fmt: skip
+        y = data.samples.y[start : start + length]
+        worst = max(worst, float(np.abs(run[length // 2 :] - y[length // 2 :]).max()))
+        tail, own = run[length // 2 :], y[length // 2 :]
+        at_end = (tail <= spec.y_min) | (tail >= spec.y_max)
+        stuck = at_end & (np.abs(tail - own) > 0.1 * (spec.y_max - spec.y_min))
+        ends += int(stuck.mean() > 0.5)
+    return {"runs": BOUNDED_RUNS, "samples": length, "stuck": ends, "largest_error": worst}

@@ -1,0 +1,145 @@
+"""Figures of the chosen model: against the sensor, its residuals, steady against mixed."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from monitor.base.types import FloatArray
+
+MEASURED, PREDICTED, OTHER = "0.2", "C1", "C0"
+
+
+def sensor_figure(views: Sequence[Mapping[str, Any]], sensor: Mapping[str, Any]) -> Figure:
+    """Draw an excerpt and a scatter of each view, as figure 6 of the paper."""
+    figure = Figure(figsize=(9, 2.3 * len(views)), layout="constrained")
+    grid = figure.subplots(len(views), 2, squeeze=False, width_ratios=[3.4, 1])
+    for (left, right), view in zip(grid, views, strict=True):
+        _excerpt(left, view, sensor)
+        _scatter(right, view)
+    grid[0][0].legend(
+        ncols=2, frameon=False, fontsize=8, loc="lower right", bbox_to_anchor=(1.0, 0.98)
+    )
+    grid[-1][0].set_xlabel("s of the excerpt")
+    grid[-1][1].set_xlabel("measured")
+    return figure
+
+
+def label(sensor: Mapping[str, Any]) -> str:
+    """Return the output's name and unit for an axis."""
+    unit = sensor["unit"]
+    return f"{sensor['output']} [{unit}]" if unit and unit != "-" else str(sensor["output"])
+
+
+def array(values: Sequence[float | None]) -> FloatArray:
+    """Return numbers with NaN where JSON has null."""
+    return np.array([np.nan if v is None else v for v in values], dtype=np.float64)
+
+
+def _excerpt(axes: Axes, view: Mapping[str, Any], sensor: Mapping[str, Any]) -> None:
+    measured, predicted = (array(view["excerpt"][k]) for k in ("measured", "predicted"))
+    t_s = np.arange(len(measured)) * sensor["period_s"]
+    axes.plot(t_s, measured, color=MEASURED, linewidth=0.9, label="sensor")
+    axes.plot(t_s, predicted, color=PREDICTED, linewidth=0.9, label="model, free run")
+    _frame(axes, t_s, np.array(view["judged"], dtype=bool), [measured, predicted])
+    axes.set_title(f"{view['title']} ({view['source']})", fontsize=9, loc="left")
+    axes.set_ylabel(sensor["output"], fontsize=9 if len(sensor["output"]) < 16 else 7)
+    axes.margins(x=0)
+
+
+def _frame(axes: Axes, t_s: FloatArray, judged: np.ndarray, series: Sequence[FloatArray]) -> None:
+    """Mark what is not judged in grey and let the judged samples set the axis."""
+    if len(judged) and not judged.all():
+        axes.fill_between(t_s, 0, 1, where=~judged, transform=axes.get_xaxis_transform(),
+                          color="0.92", linewidth=0)  # fmt: skip
+    inside = np.concatenate([each[judged | ~judged.any()] for each in series])
+    inside = inside[np.isfinite(inside)]
+    if len(inside):
+        low, high = np.quantile(inside, [0.01, 0.99])
+        margin = 0.35 * max(high - low, 1e-9)
+        axes.set_ylim(low - margin, high + margin)
+
+
+def _scatter(axes: Axes, view: Mapping[str, Any]) -> None:
+    x, y = (array(view["scatter"][k]) for k in ("measured", "predicted"))
+    axes.plot(x, y, ".", markersize=2, alpha=0.4, color=OTHER)
+    if len(x):
+        low, high = np.quantile(np.concatenate([x, y]), [0.005, 0.995])
+        margin = 0.1 * max(high - low, 1e-9)
+        ends = (low - margin, high + margin)
+        axes.plot(ends, ends, color="0.5", linewidth=0.8)
+        axes.set(xlim=ends, ylim=ends)
+    r = view["enabled"].get("correlation")
+    axes.set_title("" if r is None else f"R = {r:.3f}", fontsize=9)
+    axes.set_ylabel("predicted", fontsize=9)
+
+
+def residual_figure(sensor: Mapping[str, Any]) -> Figure:
+    """Draw the residual's distribution under each fault over the healthy one, as figure 7."""
+    faults = sensor["faults"]
+    edges = np.array(sensor["edges"])
+    rows = -(-max(len(faults), 1) // 3)
+    figure = Figure(figsize=(9, 2.4 * rows + 0.2), layout="constrained")
+    grid = figure.subplots(rows, 3, squeeze=False, sharex=True, sharey=True).ravel()
+    for axes, fault in zip(grid, faults, strict=False):
+        axes.stairs(sensor["healthy"]["share"], edges, fill=True, color="0.8", label="healthy")
+        axes.stairs(fault["share"], edges, color="C3", linewidth=1.1, label="faulty")
+        axes.set_yscale("log")
+        axes.set_title(fault["name"].replace("_", " "), fontsize=9)
+        limit = sensor["limits"].get("j_mu")
+        for sign in (-1, 1):
+            if limit is not None:
+                axes.axvline(sign * limit, color="0.3", linewidth=0.7, linestyle=":")
+    for axes in grid[len(faults) :]:
+        axes.set_axis_off()
+    grid[0].legend(frameon=False, fontsize=8)
+    unit = "" if sensor["unit"] in ("", "-") else f" [{sensor['unit']}]"
+    figure.supxlabel(f"measured − predicted{unit}", fontsize=10)
+    figure.supylabel("share of samples", fontsize=10)
+    return figure
+
+
+def window_figure(sensor: Mapping[str, Any]) -> Figure:
+    """Draw mean and standard deviation of windows with the limits of the paper's rule."""
+    figure = Figure(figsize=(9, 3.6), layout="constrained")
+    axes = figure.subplots()
+    healthy = sensor["healthy"]
+    for index, fault in enumerate(sensor["faults"]):
+        axes.plot(fault["window_mean"], fault["window_std"], ".", markersize=4, alpha=0.6,
+                  color=f"C{index}", label=fault["name"].replace("_", " "))  # fmt: skip
+    axes.plot(healthy["window_mean"], healthy["window_std"], "x", markersize=4, color="black",
+              label="healthy")  # fmt: skip
+    j = sensor["limits"]
+    if "j_mu" in j:
+        for sign in (-1, 1):
+            axes.axvline(sign * j["j_mu"], color="0.3", linewidth=0.8, linestyle=":")
+        axes.axhline(j["j_sigma"], color="0.3", linewidth=0.8, linestyle=":")
+    every = (healthy, *sensor["faults"])
+    means, stds = (np.concatenate([f[k] for f in every]) for k in ("window_mean", "window_std"))
+    if len(stds):
+        low, high = np.quantile(means, [0.01, 0.99])
+        margin = 0.2 * max(high - low, 2.0 * j.get("j_mu", 0.0), 1e-9)
+        axes.set_xlim(low - margin, high + margin)
+        axes.set_ylim(0.0, 1.2 * max(float(np.quantile(stds, 0.97)), j.get("j_sigma", 0.0)))
+    axes.set(xlabel="mean of a window's residuals", ylabel="standard deviation")
+    axes.legend(frameon=False, fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    return figure
+
+
+def steady_figure(result: Mapping[str, Any]) -> Figure:
+    """Draw the same transient excerpt predicted after steady and after mixed training."""
+    example = result["example"]
+    figure = Figure(figsize=(9, 3.2), layout="constrained")
+    axes = figure.subplots()
+    measured = array(example["measured"])
+    t_s = np.arange(len(measured)) * result["period_s"]
+    axes.plot(t_s, measured, color=MEASURED, linewidth=1.0, label="sensor")
+    axes.plot(t_s, array(example["steady"]), color="C3", linewidth=0.9, label="steady training")
+    axes.plot(t_s, array(example["mixed"]), color="C2", linewidth=0.9, label="mixed training")
+    _frame(axes, t_s, np.array(example["judged"], dtype=bool), [measured])
+    axes.set(xlabel="s of the excerpt", ylabel=label(result))
+    axes.legend(ncols=3, frameon=False, fontsize=8, loc="lower right", bbox_to_anchor=(1.0, 1.0))
+    axes.margins(x=0)
+    return figure

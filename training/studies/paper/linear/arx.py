@@ -1,0 +1,228 @@
+"""ARX models: least squares over a grid of orders, the field's criteria, dead times, free run.
+
+``y(t) + a1 y(t-1) + .. = offset + sum_i (b_i0 u_i(t-nk_i) + b_i1 u_i(t-nk_i-1) + ..) + e(t)``
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from scipy.linalg import cholesky, solve_triangular
+from scipy.signal import lfilter, lfiltic
+
+from monitor.base.types import FloatArray
+from training.studies.paper.linear.free_run import free_run_error
+from training.studies.paper.linear.lagged import Stretch, Triangle, largest_order, triangle
+
+MAX_ORDER = 20
+MAX_DELAY = 20  # DESIGN: dead times 0 to 20
+GRID_DELAYS = 10  # dead times of the grid that are the same for every input
+FREE_RUN_ORDERS = (0, 1, 2, 3, 4, 5, 6, 8, 10, 13, 16, 20, 30, 40)
+FREE_RUN_DELAYS = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Arx:
+    """One ARX model in the units of its samples."""
+
+    a: FloatArray  # (na,) of y(t-1) .. y(t-na), on the left side
+    b: FloatArray  # (k, nb)
+    delays: tuple[int, ...]  # (k,) dead time of each input in samples
+    offset: float
+
+    @property
+    def lags(self) -> int:
+        """Number of past samples that the model needs."""
+        return max(len(self.a), max(self.delays) + self.b.shape[1] - 1)
+
+    @property
+    def n_parameters(self) -> int:
+        """Number of estimated coefficients."""
+        return len(self.a) + self.b.size + 1
+
+    @property
+    def poly(self) -> FloatArray:
+        """Return A = [1, a1 ..]."""
+        return np.concatenate([[1.0], self.a])
+
+    @property
+    def stable(self) -> bool:
+        """Whether the free run forgets its start."""
+        return bool(np.all(np.abs(np.roots(self.poly)) < 1.0))
+
+    def drive(self, u: FloatArray) -> FloatArray:
+        """Return offset + B u (n,); right from sample ``lags`` on."""
+        total = np.full(len(u), self.offset)
+        for i, (delay, b) in enumerate(zip(self.delays, self.b, strict=True)):
+            total += lfilter(np.concatenate([np.zeros(delay), b]), [1.0], u[:, i])
+        return total
+
+    def simulate(self, u: FloatArray, y0: FloatArray) -> FloatArray:
+        """Return the free run (n,) over inputs (n, k), begun with measured outputs ``y0``.
+
+        y0 : (m,), m at least ``lags``; they are returned as they are, the model runs from m on
+        Raises ValueError if y0 is too short.
+        """
+        m = len(y0)
+        if m < self.lags:
+            raise ValueError(f"{m} first outputs, the model needs {self.lags}")
+        drive = self.drive(u)
+        past = lfiltic([1.0], self.poly, np.asarray(y0)[::-1][: len(self.a)])
+        free, _ = lfilter([1.0], self.poly, drive[m:], zi=past)
+        return np.concatenate([y0, free])[: len(u)]
+
+    def predict(self, u: FloatArray, y: FloatArray) -> FloatArray:
+        """Return the one-step predictions (n,); the first ``lags`` are the measurement itself."""
+        predicted = self.drive(u) - lfilter(np.concatenate([[0.0], self.a]), [1.0], y)
+        predicted[: self.lags] = y[: self.lags]
+        return np.asarray(predicted)
+
+
+def fit_arx(records: Sequence[Stretch], na: int, nb: int, nk: int | Sequence[int]) -> Arx:
+    """Return the least-squares ARX of the given orders.
+
+    nk : dead time in samples, one for all inputs or one for each
+    Raises RecordingError if the records hold too few samples.
+    """
+    n_inputs = records[0][0].shape[1]
+    delays = (nk,) * n_inputs if isinstance(nk, int) else tuple(nk)
+    return solve_arx(triangle(records, na, max(delays) + nb - 1), na, nb, delays)
+
+
+def solve_arx(data: Triangle, na: int, nb: int, delays: Sequence[int]) -> Arx:
+    """Return the ARX from samples condensed with lags enough."""
+    theta = data.solve(_columns(data, na, nb, delays))
+    n_b = nb * data.n_inputs
+    b = theta[1 : 1 + n_b].reshape(data.n_inputs, nb)
+    return Arx(-theta[1 + n_b :], b, tuple(delays), float(theta[0]))
+
+
+def _columns(data: Triangle, na: int, nb: int, delays: Sequence[int]) -> list[int]:
+    taps = [data.u_at(i, *range(d, d + nb)) for i, d in enumerate(delays)]
+    return [0, *(c for tap in taps for c in tap), *data.y_at(*range(1, na + 1))]
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """One point of the grid of orders."""
+
+    na: int
+    nb: int
+    delays: tuple[int, ...]
+    n_parameters: int
+    loss: float  # mean squared one-step error on the training samples
+    validation_loss: float
+    aic: float
+    mdl: float
+
+
+def order_grid(
+    train: Triangle, validate: Triangle, max_order: int, delays: Sequence[tuple[int, ...]]
+) -> list[Candidate]:
+    """Return every order up to ``max_order`` for each choice of dead times.
+
+    One Cholesky factor of the Gram matrix per nb and dead times gives all na.
+    AIC = log V + 2 d / N and MDL = V (1 + d log N / N) with V the loss.
+    """
+    gram, n = train.factor.T @ train.factor, train.rows
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    gram /= np.outer(scale, scale)
+    held_out = validate.factor / scale
+    found = []
+    for choice, nb in product(delays, range(1, max_order + 1)):
+        columns = _columns(train, max_order, nb, choice)
+        every = [*columns, 1]
+        block = gram[np.ix_(every, every)] + 1e-12 * np.eye(len(every))
+        lower = cholesky(block, lower=True)
+        fixed, row = len(columns) - max_order, lower[-1, :-1]
+        explained = np.concatenate([[0.0], np.cumsum(row**2)])
+        for na in range(1, max_order + 1):
+            d = fixed + na
+            theta = solve_triangular(lower[:d, :d], row[:d], lower=True, trans=1)
+            error = held_out[:, 1] - held_out[:, columns[:d]] @ theta
+            loss = max(1.0 - float(explained[d]), 1e-15) * scale[1] ** 2 / n
+            held_out_loss = float(error @ error) * scale[1] ** 2 / validate.rows
+            aic, mdl = np.log(loss) + 2 * d / n, loss * (1 + d * np.log(n) / n)
+            found.append(Candidate(na, nb, choice, d, loss, held_out_loss, float(aic), float(mdl)))
+    return found
+
+
+def arx_delays(data: Triangle, max_delay: int = MAX_DELAY) -> tuple[int, ...]:
+    """Return each input's dead time: the best ARX of order 2 over dead times 0 to ``max_delay``.
+
+    With several inputs one dead time after the other is improved until none changes, from the best
+    common one. Source: DESIGN.md section 8, the reference toolbox's delay estimation.
+    """
+    largest = min(max_delay, data.u_lags - 1)
+
+    def loss(delays: tuple[int, ...]) -> float:
+        columns = _columns(data, 2, 2, delays)
+        error = data.factor[:, 1] - data.factor[:, columns] @ data.solve(columns)
+        return float(error @ error)
+
+    span = range(largest + 1)
+    best = min(((d,) * data.n_inputs for d in span), key=loss)
+    for _ in range(5):
+        before = best
+        for i in range(data.n_inputs):
+            best = min(((*best[:i], d, *best[i + 1 :]) for d in span), key=loss)
+        if best == before:
+            break
+    return best
+
+
+def common_delays(n_inputs: int, largest: int, *others: tuple[int, ...]) -> list[tuple[int, ...]]:
+    """Return dead times 0 .. ``largest`` common to all inputs, then the others."""
+    choices = [(d,) * n_inputs for d in range(largest + 1)]
+    return choices + [other for other in others if other not in choices]
+
+
+def best_in_free_run(
+    data: Triangle, validate: Sequence[Stretch], max_order: int, delays: Sequence[tuple[int, ...]]
+) -> Arx:
+    """Return the ARX that runs freely best on ``validate``.
+
+    na to ``max_order``, nb to twice that: a coarse grid (na = 0 is the impulse response model,
+    always stable), then the neighbours of the best until none is better.
+    """
+    skip = max(data.y_lags, data.u_lags)
+    known: dict[tuple[int, int, tuple[int, ...]], tuple[float, Arx]] = {}
+
+    def score(key: tuple[int, int, tuple[int, ...]]) -> float:
+        if key not in known:
+            model = solve_arx(data, *key)
+            known[key] = (free_run_error(model, validate, skip), model)
+        return known[key][0]
+
+    def possible(na: int, nb: int, choice: tuple[int, ...]) -> bool:
+        longest = min(2 * max_order, data.u_lags + 1 - max(choice))
+        return 0 <= na <= max_order and 1 <= nb <= longest
+
+    best = min(
+        (k for k in product(FREE_RUN_ORDERS, FREE_RUN_ORDERS, delays) if possible(*k)), key=score
+    )
+    while True:
+        na, nb, choice = best
+        near = [(na + i, nb + j, choice) for i, j in product((-1, 0, 1), repeat=2)]
+        better = min((k for k in near if possible(*k)), key=score)
+        if score(better) >= score(best):
+            return known[best][1]
+        best = better
+
+
+def choose_arx(
+    train: Sequence[Stretch], validate: Sequence[Stretch], max_order: int = MAX_ORDER
+) -> Arx:
+    """Return the ARX fitted on ``train`` that runs freely best on ``validate``.
+
+    It is the reference beside every nonlinear model's free-run figure. na up to ``max_order`` or
+    what the data allow, nb up to twice that; dead times common to all inputs or those of
+    ``arx_delays``.
+    Raises RecordingError if there are too few samples.
+    """
+    order = largest_order(train, max_order)
+    data = triangle(train, order, 2 * order)
+    n_inputs = data.n_inputs
+    choices = common_delays(n_inputs, min(FREE_RUN_DELAYS, order), arx_delays(data, order))
+    return best_in_free_run(data, validate, order, choices)

@@ -1,0 +1,116 @@
+"""Residual analysis: whiteness, and independence of residuals and inputs.
+
+Source: Ljung, System Identification, 2nd ed., section 16.6.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from scipy.stats import norm
+from statsmodels.stats.diagnostic import acorr_ljungbox
+
+from monitor.base.types import FloatArray
+
+LEVEL = 0.01  # of every test; bands hold 99 %
+
+
+def cross_covariance(
+    a: Sequence[FloatArray], b: Sequence[FloatArray], lags: Sequence[int]
+) -> FloatArray:
+    """Return the mean of a(t) b(t - lag) over all samples, (n_lags,); means are removed first.
+
+    a, b : series of the same lengths; no product reaches across the end of a series
+    """
+    mean_a, mean_b = np.concatenate(a).mean(), np.concatenate(b).mean()
+    total, count = np.zeros(len(lags)), sum(len(x) for x in a)
+    for x, z in zip(a, b, strict=True):
+        x, z = x - mean_a, z - mean_b  # noqa: PLW2901
+        for i, lag in enumerate(lags):
+            if abs(lag) < len(x):
+                late, early = (x[lag:], z[: len(z) - lag]) if lag >= 0 else (x[:lag], z[-lag:])
+                total[i] += late @ early
+    return total / count
+
+
+def autocorrelation(series: Sequence[FloatArray], lags: int) -> FloatArray:
+    """Return the autocorrelation (lags + 1,) pooled over the series; 0 of a constant."""
+    covariance = cross_covariance(series, series, range(lags + 1))
+    return covariance / covariance[0] if covariance[0] > 0 else covariance
+
+
+def effective_samples(a: Sequence[FloatArray], b: Sequence[FloatArray], lags: int) -> float:
+    """Return how many independent pairs tell as much of the correlation of ``a`` and ``b``.
+
+    n / sum of the products of both autocorrelations, Bartlett's formula, summed over ``lags``
+    either way with a triangular taper.
+    """
+    product = autocorrelation(a, lags) * autocorrelation(b, lags)
+    taper = 1.0 - np.arange(1, lags + 1) / (lags + 1)
+    count = sum(len(x) for x in a)
+    inflation = 1.0 + 2.0 * float(taper @ product[1:])
+    return count / max(inflation, 1.0)
+
+
+def whiteness(residuals: Sequence[FloatArray], lags: int = 25) -> dict[str, Any]:
+    """Return the test that the residuals are white: Ljung-Box and the autocorrelation's bands.
+
+    residuals : of held-out samples, since no degree of freedom is taken off
+    The series are joined for Ljung-Box; ``lags`` products per joint are foreign to the model.
+    """
+    joined = np.concatenate([r - np.mean(np.concatenate(residuals)) for r in residuals])
+    band = float(norm.ppf(1.0 - LEVEL / 2.0) / np.sqrt(len(joined)))
+    lags = min(lags, len(joined) - 1)
+    rho = autocorrelation(residuals, lags)
+    test = acorr_ljungbox(joined, lags=[lags])
+    p_value = float(test["lb_pvalue"].iloc[0])
+    outside = int(np.sum(np.abs(rho[1:]) > band))
+    rejected = bool(p_value < LEVEL)
+    return {
+        "lags": lags,
+        "autocorrelation": rho.tolist(),
+        "band": band,
+        "outside": outside,
+        "statistic": float(test["lb_stat"].iloc[0]),
+        "p_value": p_value,
+        "rejected": rejected,
+    }
+
+
+def independence(
+    residuals: Sequence[FloatArray],
+    inputs: Sequence[FloatArray],
+    names: Sequence[str],
+    lags: int = 25,
+) -> list[dict[str, Any]]:
+    """Return for each input the test that the residuals do not depend on it.
+
+    inputs : shapes (n, k), rows as those of the residuals
+    The correlation of e(t) with u(t - lag); the standard deviation allows for the autocorrelation
+    of both. Rejected if a lag of 0 and above leaves the band that all of them together leave by
+    chance in 1 % of cases (Bonferroni); below 0 it speaks of feedback, not of the model.
+    """
+    span = range(-lags, lags + 1)
+    memory = max(4 * lags, 50)
+    sigma_e = float(np.std(np.concatenate(residuals)))
+    result = []
+    for i, name in enumerate(names):
+        signal = [u[:, i] for u in inputs]
+        scale = sigma_e * float(np.std(np.concatenate(signal)))
+        correlation = cross_covariance(residuals, signal, span) / (scale if scale > 0 else 1.0)
+        spread = 1.0 / np.sqrt(effective_samples(residuals, signal, memory))
+        limit = float(norm.ppf(1.0 - LEVEL / 2.0 / (lags + 1)) * spread)
+        causal, feedback = np.abs(correlation[lags:]), np.abs(correlation[:lags])
+        result.append(
+            {
+                "input": name,
+                "lags": list(span),
+                "correlation": correlation.tolist(),
+                "band": float(norm.ppf(1.0 - LEVEL / 2.0) * spread),
+                "joint_band": limit,
+                "rejected": bool(np.any(causal > limit)),
+                "worst_lag": int(np.argmax(causal)),
+                "feedback": bool(np.any(feedback > limit)),
+            }
+        )
+    return result

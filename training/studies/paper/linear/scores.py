@@ -1,0 +1,119 @@
+"""What the linear study stores of each model: fits, residual tests, a part of the free run."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from monitor.base.types import FloatArray
+from training.recordings.metrics import correlation, fit_percent, rmse
+from training.studies.paper.linear.free_run import LinearModel, free_runs
+from training.studies.paper.linear.lagged import Stretch
+from training.studies.paper.linear.residual_tests import independence, whiteness
+
+FIGURE_SAMPLES = 600
+
+
+def scores(
+    model: LinearModel,
+    validate: Sequence[Stretch],
+    test: Sequence[Stretch],
+    ranges: Sequence[Mapping[str, Any]],
+    skip: int,
+) -> dict[str, Any]:
+    """Return fits of free run and one-step predictions; None for free runs of unstable models.
+
+    ranges : of the regime, each with the scored ``rows`` of every test stretch
+    skip : first samples of each stretch, which set the state and are not scored
+    """
+    measured = [y[skip:] for _, y in test]
+    one_step = np.concatenate([model.predict(u, y)[skip:] for u, y in test])
+    y = np.concatenate(measured)
+    known: dict[str, Any] = {"parameters": model.n_parameters, "stable": model.stable}
+    known["one_step_fit_percent"] = _fit(y, one_step)
+    if not model.stable:
+        nothing = dict.fromkeys(("validation_rmse", "validation_fit_percent", "fit_percent"))
+        nothing |= dict.fromkeys(("correlation", "rmse"))
+        each = {"stretch_fit_percent": [None] * len(test)}
+        return known | nothing | each | {"regime_fit_percent": [None] * len(ranges)}
+    free = [run[skip:] for run in free_runs(model, test, skip)]
+    run = np.concatenate(free)
+    held_out = np.concatenate([y[skip:] for _, y in validate])
+    held_out_run = np.concatenate([run[skip:] for run in free_runs(model, validate, skip)])
+    rows = [np.concatenate(r["rows"]) for r in ranges]
+    return known | {
+        "validation_rmse": rmse(held_out, held_out_run),
+        "validation_fit_percent": _fit(held_out, held_out_run),
+        "fit_percent": _fit(y, run),
+        "correlation": correlation(y, run),
+        "rmse": rmse(y, run),
+        "stretch_fit_percent": [_fit(a, b) for a, b in zip(measured, free, strict=True)],
+        "regime_fit_percent": [_fit(y[r], run[r]) for r in rows],
+    }
+
+
+def _fit(measured: FloatArray, simulated: FloatArray) -> float | None:
+    if len(measured) < 2 or np.ptp(measured) == 0.0 or not np.isfinite(simulated).all():
+        return None
+    return fit_percent(measured, simulated)
+
+
+def residuals(
+    models: Mapping[str, LinearModel],
+    test: Sequence[Stretch],
+    inputs: Sequence[str],
+    skip: int,
+) -> dict[str, Any]:
+    """Return the tests on held-out residuals: one-step ones, for output error the simulation's."""
+    driven = [u[skip:] for u, _ in test]
+    result = {}
+    for name, model in models.items():
+        left = [y[skip:] - model.predict(u, y)[skip:] for u, y in test]
+        if not np.isfinite(np.concatenate(left)).all():
+            continue  # a state space model whose filter is unstable
+        result[name] = {
+            "whiteness": whiteness(left),
+            "independence": independence(left, driven, inputs),
+        }
+    return result
+
+
+def example(
+    models: Mapping[str, LinearModel],
+    fits: Mapping[str, Mapping[str, Any]],
+    test: Sequence[Stretch],
+    period_s: float,
+    skip: int,
+) -> dict[str, Any]:
+    """Return the liveliest part of the test stretches with the free runs there."""
+    length = min(FIGURE_SAMPLES, min(len(y) for _, y in test) - skip)
+    places = [
+        (float(np.std(y[at : at + length])), i, at)
+        for i, (_, y) in enumerate(test)
+        for at in range(skip, len(y) - length + 1, max(length // 2, 1))
+    ]
+    places.sort()
+    _, index, at = places[(3 * len(places)) // 4]
+    u, y = test[index]
+    names = [n for n in ("arx_free_run", "subspace", "output_error") if fits[n]["stable"]]
+    return {
+        "stretch": index,
+        "time_s": (at + np.arange(length)) * period_s,
+        "measured": y[at : at + length],
+        "runs": {n: models[n].simulate(u, y[:skip])[at : at + length] for n in names},
+    }
+
+
+def plain(value: Any) -> Any:
+    """Return the value as JSON types, floats rounded to 5 significant digits, no NaN."""
+    if isinstance(value, Mapping):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [plain(v) for v in value]
+    if isinstance(value, float | np.floating):
+        return float(f"{value:.5g}") if np.isfinite(value) else None
+    if isinstance(value, np.integer | np.bool_):
+        return value.item()
+    return value

@@ -1,0 +1,198 @@
+"""What the study is given, and the samples that all of its parts look at."""
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from monitor.base.errors import RecordingError, UsageError
+from monitor.base.manifest import source_of
+from monitor.base.types import FloatArray
+from monitor.model.step import to_model_units
+from training.narx.algorithms.closed_loop import Samples
+from training.recordings.outliers import outlier_mask
+from training.recordings.preparation import (
+    OTHER_WEIGHT,
+    Prepared,
+    Role,
+    Segment,
+    enabled_rows,
+    prepare,
+    runs,
+)
+from training.recordings.recording import Recording
+from training.studies.paper.narx.candidates import CANDIDATES, Candidate
+
+LAGS = 5  # of the paper; shorter stretches than 8 times these are left out, as in ``fit``
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """How much is tried; the rest of the study follows from the data."""
+
+    starts: int = 3
+    iterations: int = 200  # most epochs of a series-parallel training of the 29 models
+    n_samples: int = 20_000  # most training samples of each of them
+    budget_minutes: float = 10.0  # of the free structure; other trainings take shares of it
+    seed: int = 0
+    models: tuple[int, ...] = ()  # numbers of the 29 models that are trained, all if empty
+
+
+@dataclass(frozen=True)
+class Task:
+    """Recordings by their use, signals and settings."""
+
+    recordings: tuple[Recording, ...]  # train, choose and test in blocks
+    test: tuple[Recording, ...]  # held-out drives of the healthy vehicle
+    faulty: tuple[Recording, ...]
+    steady: tuple[Recording, ...]  # at steady operating points
+    inputs: tuple[str, ...]
+    output: str
+    out: Path
+    settings: Settings
+    jobs: int = 2
+    scheduler: str | None = None
+
+    @cached_property
+    def data(self) -> Prepared:
+        """The training recordings as ``fit`` prepares them."""
+        return prepare(
+            self.recordings, self.inputs, self.output, lags=LAGS, seed=self.settings.seed
+        )
+
+    @property
+    def models(self) -> tuple[Candidate, ...]:
+        """Those of the 29 models that are trained."""
+        wanted = self.settings.models
+        return tuple(c for c in CANDIDATES if c.number in wanted or not wanted)
+
+    @property
+    def folder(self) -> Path:
+        """Where finished parts lie."""
+        return self.out / "parts"
+
+    def check(self) -> None:
+        """Raise RecordingError or UsageError if recordings do not fit together."""
+        first = self.recordings[0]
+        for r in (*self.recordings, *self.test, *self.faulty, *self.steady):
+            for name in (*self.inputs, self.output):
+                r.column(name)  # says which is missing
+            if r.period_ns != first.period_ns:
+                raise RecordingError(
+                    f"{r.path}: sample period {r.period_ns / 1e9:g} s, {first.path} has "
+                    f"{first.period_ns / 1e9:g} s; bring them to one grid with --period"
+                )
+        for r in (*self.recordings, *self.test, *self.steady):
+            valid = [np.isfinite(r.column(name)) for name in (*self.inputs, self.output)]
+            if not np.all(valid, axis=0).any():
+                raise RecordingError(
+                    f"{r.path}: no sample has {', '.join((*self.inputs, self.output))} all valid"
+                )
+        known = {r.sha256: r.path for r in (*self.recordings, *self.steady)}
+        for r in (*self.test, *self.faulty):
+            if r.sha256 in known:
+                raise UsageError(
+                    f"{r.path}: is the training recording {known[r.sha256]}, too; "
+                    "drives that judge must be others"
+                )
+        numbers = {c.number for c in CANDIDATES}
+        strange = [str(n) for n in self.settings.models if n not in numbers]
+        if strange:
+            raise UsageError(f"model {', '.join(strange)}: wanted numbers 1 to {max(numbers)}")
+
+    def digest(self, *, whole: bool) -> str:
+        """Return a hash of what a part depends on: training recordings, or all of them."""
+        used = [self.recordings]
+        if whole:
+            used += [self.test, self.faulty, self.steady]
+        tree = {
+            "recordings": [[r.read_sha256 for r in each] for each in used],
+            "signals": [self.inputs, self.output],
+            "period_ns": self.recordings[0].period_ns,
+            "settings": asdict(self.settings),
+        }
+        return hashlib.sha256(json.dumps(tree).encode()).hexdigest()
+
+
+def source(recordings: Sequence[Recording]) -> str:
+    """Return in a word whether recordings are simulated, as their manifests say."""
+    simulated = [source_of(Path(r.path), r.sha256) == "simulated" for r in recordings]
+    if all(simulated):
+        return "simulated"
+    return "simulated and recorded" if any(simulated) else "recorded"
+
+
+def scaled_as(data: Prepared, recordings: Sequence[Recording]) -> Prepared:
+    """Return other recordings in the scaling of ``data``, every sample of role TEST.
+
+    Nothing blurs the controller here: these are the inputs that the monitor sees.
+    Raises RecordingError if no stretch can be used.
+    """
+    names = (*data.names, data.output.name)
+    parts, segments, at = [], [], 0
+    for index, recording in enumerate(recordings):
+        values = np.column_stack([recording.column(name) for name in names])
+        for i, name in enumerate(names):
+            values[outlier_mask(name, values[:, i]), i] = np.nan
+        on = enabled_rows(recording)
+        for first, stop in runs(np.asarray(np.isfinite(values[:, :-1]).all(axis=1))):
+            if stop - first < 8 * LAGS or not np.isfinite(values[first:stop, -1]).any():
+                continue
+            parts.append((values[first:stop], on[first:stop]))
+            segments.append(Segment(index, first, at, at + stop - first))
+            at += stop - first
+    if not segments:
+        files = ", ".join(str(r.path) for r in recordings)
+        raise RecordingError(f"{files}: no stretch of {8 * LAGS} samples with all inputs valid")
+    values = np.concatenate([v for v, _ in parts])
+    on = np.concatenate([o for _, o in parts])
+    y = to_model_units(data.transform, values[:, -1])
+    valid = np.isfinite(y)
+    filled = np.interp(np.arange(len(y)), np.flatnonzero(valid), y[valid])
+    samples = Samples(
+        data.scaling.scale_u(values[:, :-1]),
+        (filled - data.scaling.y_mean) / data.scaling.y_std,  # beyond the trained range, too
+        np.where(on, 1.0, OTHER_WEIGHT) * valid,
+    )
+    return replace(
+        data, samples=samples, segments=tuple(segments), enabled=on & valid,
+        role=np.full(len(y), Role.TEST, dtype=np.int8), recordings=tuple(recordings),
+    )  # fmt: skip
+
+
+def as_in_use(data: Prepared) -> Prepared:
+    """Return ``data`` with the inputs as the monitor sees them, roles kept."""
+    return replace(scaled_as(data, data.recordings), role=data.role)
+
+
+def judged_on(task: Task) -> Prepared:
+    """Return the held-out drives, or the training recordings if there are none.
+
+    In both cases the samples of role TEST are those that neither trained nor chose a model.
+    """
+    return scaled_as(task.data, task.test) if task.test else as_in_use(task.data)
+
+
+def plain(value: Any) -> Any:
+    """Return the value as JSON types, floats rounded to 5 significant digits, NaN as None."""
+    if isinstance(value, dict):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [plain(v) for v in value]
+    if isinstance(value, np.bool_ | np.integer):
+        return value.item()
+    if isinstance(value, float | np.floating):
+        return float(f"{value:.5g}") if np.isfinite(value) else None
+    return value
+
+
+def thinned(values: FloatArray, most: int) -> FloatArray:
+    """Return at most ``most`` values, evenly spread."""
+    return values[:: max(1, -(-len(values) // most))]
