@@ -1,9 +1,9 @@
 """The log format of ``candump -L``, thousands of lines at once.
 
 Gives the frames, counters and errors of ``monitor.frames.candump``, which reads those lines that
-are not written as candump, python-can and this project write them. Each step runs over all lines of a
-chunk: marks (space, #, newline) are found once, and what lies around them is gathered as words of
-eight characters.
+are not written as candump, python-can and this project write them. Each step runs over all lines
+of a chunk: marks (space, #, newline) are found once, and the text around them is gathered as words
+of eight characters.
 """
 
 from collections.abc import Callable, Iterator

@@ -17,24 +17,12 @@ from monitor.base.types import Frame, FrameBlock
 from monitor.frames import blf_blocks, mdf
 from monitor.frames.blocks import frames_of
 from monitor.frames.candump import CUT_SHORT, LATEST_S, MAX_BYTES, LogCounters, read_candump
-from monitor.grid.tables import Table, is_table, read_table, table_samples
 
 LOG_SUFFIXES: Final = (".log", ".asc", ".blf", ".csv", ".trc", ".mf4")
 _TEXT: Final = (".log", ".asc", ".csv", ".trc")
 _CSV_HEADER: Final = "timestamp,arbitration_id,"
 
 T = TypeVar("T")
-
-__all__ = [
-    "LogCounters",
-    "Table",
-    "frame_of",
-    "is_table",
-    "log_kind",
-    "read_frames",
-    "read_table",
-    "table_samples",
-]
 
 
 def read_frames(path: str | Path, counters: LogCounters | None = None) -> Iterator[Frame]:

@@ -16,8 +16,9 @@ from monitor.base.manifest import source_of
 from monitor.base.signals import OUTPUT
 from monitor.base.types import Sample
 from monitor.decode.bus_map import BusMap, load_pairs
-from monitor.frames.logs import LogCounters, is_table, read_frames, read_table
-from monitor.grid.tables import table_block
+from monitor.frames.candump import LogCounters
+from monitor.frames.logs import read_frames
+from monitor.grid.tables import is_table, read_table, table_block
 from monitor.judge.limits import Limits
 from monitor.memory.dtc import DtcStore
 from monitor.memory.store import Memory

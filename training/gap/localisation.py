@@ -16,15 +16,15 @@ import numpy as np
 from monitor.base.types import BoolArray, FloatArray
 from monitor.model.card import ModelCard
 from training.gap.inputs import suitability
-from training.gap.inputs.prediction import predicted_phi
 from training.gap.name.verdict import Naming, Verdict
-from training.gap.result import ModelFile, Result, of_recording
+from training.gap.result import ModelFile, Result
 from training.gap.where.localise import Findings, localise
 from training.greybox.effects import ALL
 from training.greybox.fit.comparison import Compared
 from training.greybox.fit.drive import AFTER_CUT_S, OUTPUT, Drive, make
 from training.jobs.stages import Progress
-from training.recordings.recording import Recording
+from training.recordings.prediction import predicted_phi
+from training.recordings.recording import Recording, as_trained_on
 
 SAME: Final = 0.9999  # correlation from which a signal is the reading by another name
 LEAN_PHI: Final = 0.75  # leaner than an engine runs: fuel cut, where no signal says so
@@ -54,8 +54,8 @@ def investigate(
     answer = _naming(found, missing, optimism, sensor_known_good)
     unknown = " ".join(found.significant) if answer.verdict == "unknown_effect" else None
     return Result(
-        ModelFile.of(model), tuple(map(of_recording, recordings)),
-        tuple(map(of_recording, healthy)), (), found, answer, unknown=unknown,
+        ModelFile.of(model), tuple(map(as_trained_on, recordings)),
+        tuple(map(as_trained_on, healthy)), (), found, answer, unknown=unknown,
         warnings=tuple(suitability.poor(card)), sensor_known_good=sensor_known_good,
         seconds=time.monotonic() - began_s,
     )  # fmt: skip

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from monitor.base.manifest import source_of
 from monitor.model.card import TrainingRecording
 from monitor.model.step import Model
 from training.gap.inputs.roles import MOST_EFFECTS
@@ -20,7 +19,7 @@ from training.gap.verify.findings import Verified
 from training.gap.where.localise import Findings
 from training.greybox.chain import Constants
 from training.greybox.effects.model_effect import Added
-from training.recordings.recording import Recording, sha256
+from training.recordings.recording import sha256
 
 SCHEMA: Final = "o2train.gap/1"
 HELD_OUT_DRIVES: Final = "recordings that no fit saw"
@@ -119,13 +118,6 @@ class Result:
         """Return the ranking out of which an effect was chosen, best first."""
         chosen = next((s.ranking for s in self.steps if s.added == name and s.ranking), ())
         return chosen or self.naming.ranking
-
-
-def of_recording(recording: Recording) -> TrainingRecording:
-    """Return a recording's name, sha256 and where it comes from."""
-    path = recording.path
-    source = source_of(path, recording.sha256) or ""
-    return TrainingRecording(path.name, recording.sha256, len(recording.values), source)
 
 
 def runner_up(result: Result, effect: Candidate) -> Candidate | None:

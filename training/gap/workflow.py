@@ -15,16 +15,16 @@ from monitor.model.card import ModelCard
 from training.gap import localisation, reference
 from training.gap.add import choice, constants
 from training.gap.healthy import card as reference_card
+from training.gap.healthy import coverage
 from training.gap.healthy.behaviour import Healthy
 from training.gap.inputs import base, suitability
-from training.gap.inputs.prediction import predicted_phi
 from training.gap.inputs.roles import Given, Options, split
 from training.gap.name import vehicle_mix, yardstick
 from training.gap.name.description import describe
 from training.gap.name.naming import name
 from training.gap.name.start import begin
 from training.gap.name.verdict import Naming
-from training.gap.result import ModelFile, Result, Step, of_recording
+from training.gap.result import ModelFile, Result, Step
 from training.gap.verify.verification import verify
 from training.gap.where.localise import Findings, localise
 from training.greybox.chain import Constants
@@ -33,6 +33,8 @@ from training.greybox.fit.comparison import Compared
 from training.greybox.fit.drive import Drive
 from training.greybox.graph.chain_graph import Greybox
 from training.jobs.stages import Progress, Stages
+from training.recordings.prediction import predicted_phi
+from training.recordings.recording import as_trained_on
 
 NEW_MODEL: Final = "model.onnx"
 NO_USE: Final = (
@@ -94,15 +96,15 @@ def investigate(
         )  # fmt: skip
     doubts = [
         *suitability.unlearned(given.recordings, given.healthy),
-        *suitability.unvisited(drives, on.known),
+        *coverage.unvisited(drives, on.known),
         *on.doubts,
         *suitability.poor(card),
     ]
     return Result(
         ModelFile.of(given.model),
-        tuple(map(of_recording, given.recordings)),
-        tuple(map(of_recording, given.healthy)),
-        tuple(map(of_recording, held_out)),
+        tuple(map(as_trained_on, given.recordings)),
+        tuple(map(as_trained_on, given.healthy)),
+        tuple(map(as_trained_on, held_out)),
         found,
         naming,
         added,

@@ -16,7 +16,6 @@ from monitor.base.signals import BY_NAME
 from monitor.base.types import FloatArray
 from monitor.model.card import Channel
 from monitor.model.step import PHI_MAX, to_model_units
-from training.narx.algorithms.closed_loop import Samples
 from training.recordings.outliers import outlier_mask
 from training.recordings.transforms import apply
 
@@ -47,6 +46,15 @@ class Role(IntEnum):
 
 
 HELD_OUT = (Role.VALIDATE, Role.TEST)
+
+
+@dataclass(frozen=True, slots=True)
+class Samples:
+    """Scaled samples of all recordings one after another."""
+
+    u: FloatArray  # (n, n_inputs), finite
+    y: FloatArray  # (n,), finite; where it was not valid its weight is 0
+    weight: FloatArray  # (n,) of the squared error, 0 is not scored
 
 
 @dataclass(frozen=True, slots=True)
@@ -306,3 +314,16 @@ def _warnings(
         if abs(r) > 0.999:
             warnings.append(f"input {name} nearly duplicates the output {output} (r = {r:.4f})")
     return warnings
+
+
+def hold(values: FloatArray) -> FloatArray:
+    """Return (n,) with every gap filled by the value before it, the first by the one after.
+
+    >>> hold(np.array([np.nan, 1.0, np.nan, 3.0]))
+    array([1., 1., 1., 3.])
+    """
+    finite = np.isfinite(values)
+    if not finite.any():
+        return np.zeros_like(values)
+    last = np.maximum.accumulate(np.where(finite, np.arange(len(values)), -1))
+    return np.asarray(values[np.where(last < 0, int(np.argmax(finite)), last)])

@@ -15,6 +15,7 @@ import numpy as np
 
 import dbc
 from monitor.base.errors import RecordingError, UsageError
+from monitor.base.manifest import source_of
 from monitor.base.types import FloatArray, IntArray, Quality, QualityArray, SampleBlock
 from monitor.decode.block_decoder import BlockDecoder
 from monitor.decode.bus_map import BusMap, load_pairs
@@ -29,6 +30,7 @@ from monitor.grid.tables import (
     table_block,
     table_period_ns,
 )
+from monitor.model.card import TrainingRecording
 from training.recordings.measurement import is_measurement, read_measurement, union_of_times
 from training.recordings.table_files import load_table, write_table
 
@@ -184,3 +186,10 @@ def sha256(path: Path) -> str:
     """Return the file's sha256 as hexadecimal digits."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def as_trained_on(recording: Recording) -> TrainingRecording:
+    """Return a recording's name, sha256 and where it comes from."""
+    path = recording.path
+    source = source_of(path, recording.sha256) or ""
+    return TrainingRecording(path.name, recording.sha256, len(recording.values), source)

@@ -12,7 +12,9 @@ from monitor.base.errors import ConfigError, RecordingError
 from monitor.base.signals import SIGNALS
 from monitor.base.types import Frame, Quality
 from monitor.decode.bus_map import load_pairs
-from monitor.frames.logs import LogCounters, is_table, read_frames, read_table, table_samples
+from monitor.frames.candump import LogCounters
+from monitor.frames.logs import read_frames
+from monitor.grid.tables import is_table, read_table, table_samples
 from training.recordings.can_log import FrameBlock, broadcast, write_log
 
 SUFFIXES = [".log", ".log.gz", ".asc", ".asc.gz", ".blf", ".csv", ".csv.gz", ".trc", ".mf4"]

@@ -211,7 +211,7 @@ def test_the_new_model_can_be_extended_again(
 
 
 def _mean_phi(model: Path, recording: Recording) -> float:
-    from training.gap.inputs.prediction import predicted_phi
+    from training.recordings.prediction import predicted_phi
 
     (phi,) = predicted_phi(model, [recording])
     return float(phi.mean())

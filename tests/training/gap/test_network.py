@@ -28,17 +28,17 @@ from tests.helpers.gap_networks import (
     small_network,
 )
 from training.gap.add.network import add, retrain
-from training.gap.add.network_chain import ChainDifference
 from training.gap.add.network_graph import AS_INPUT, DIFFERENCE, TO_OUTPUT, network_of
 from training.gap.add.network_training import old_weights, spec_of, with_difference
-from training.gap.inputs.prediction import predicted_phi
 from training.greybox.effects.model_effect import Added
 from training.greybox.fit.drive import from_recording
+from training.greybox.graph.chain_difference import ChainDifference
 from training.narx.committee import committee
 from training.narx.export import Network, save
 from training.narx.fit import FitResult
 from training.narx.network import Spec
 from training.narx.network import simulate as run_network
+from training.recordings.prediction import predicted_phi
 from training.recordings.preparation import Prepared, prepare
 from training.recordings.recording import Recording
 from training.studies.evaluation import predict

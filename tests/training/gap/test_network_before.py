@@ -26,18 +26,18 @@ from tests.helpers.gap_networks import (
     trained_on,
 )
 from training.gap.add import choice, network
-from training.gap.add.effect_parity import ParityError
 from training.gap.add.network import add, can_stand_before
 from training.gap.add.network_before import CORRECTED, Before
 from training.gap.add.network_graph import BEFORE, TO_OUTPUT, NetworkWithEffects
-from training.gap.inputs.prediction import predicted_phi
 from training.gap.inputs.roles import Given, Options
 from training.greybox.effects import ALL
 from training.greybox.effects.model_effect import Added
 from training.greybox.fit.drive import Drive, from_recording
+from training.greybox.graph.effect_parity import ParityError
 from training.narx.export import update_card
 from training.narx.fit import FitResult, HeldOut
 from training.narx.parity import Parity
+from training.recordings.prediction import predicted_phi
 from training.recordings.recording import Recording
 
 RAIL = ("rail_exponent", 16.0)

@@ -138,7 +138,7 @@ def made(verdict: Verdict, **changes: Any) -> Result:
         (used("held & out.csv"),),
         None,
         naming(verdict),
-        (Added.of(RANKING[0]),) if named else (),
+        (RANKING[0].model_effect(),) if named else (),
         "The effect acts before the transport." if named else "",
         verified() if named else verified(None),
         Path("out/model.onnx") if named else None,
@@ -206,7 +206,7 @@ def test_an_effect_is_separated_if_it_beats_every_rival_outside_its_class() -> N
         ((leak, replace(outside, win=0.99)), True),
     ):
         named = naming("named", effects=(leak,), ranking=ranking)
-        own = made("named", naming=named, added=(Added.of(leak),), steps=())
+        own = made("named", naming=named, added=(leak.model_effect(),), steps=())
         assert as_json(own)["effects"][0]["separated"] is wanted
 
 

@@ -13,6 +13,7 @@ from monitor.base.types import FloatArray
 from monitor.model.step import Model
 from monitor.report.replay import shipped_model
 from tests.helpers.gap_drives import PERIOD_S, plain_signals
+from training.gap.healthy import coverage
 from training.gap.healthy.operating_points import Visited
 from training.gap.inputs import suitability
 from training.gap.name import yardstick
@@ -214,8 +215,8 @@ def test_drives_where_no_healthy_one_has_been_are_warned_of() -> None:
     known = yardstick.learn([drive(seed) for seed in (1, 2, 3)], USUAL, lambda _: None)
     cold = drive(5, coolant_temperature_degc=np.full(6000, 10.0))
     # WHEN they are to be named
-    assert suitability.unvisited([drive(4)], known) == []
-    left_out, share = suitability.unvisited([drive(4), cold], known)
+    assert coverage.unvisited([drive(4)], known) == []
+    left_out, share = coverage.unvisited([drive(4), cold], known)
     # THEN the cold one is said to be left out
     assert left_out.startswith("drive_5: left out of the naming")
     assert left_out.endswith("at coolant temperatures that no healthy recording has visited")

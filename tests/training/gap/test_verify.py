@@ -13,7 +13,8 @@ from monitor.base.types import FloatArray
 from monitor.model.card import Limit
 from monitor.model.step import Model
 from tests.helpers.gap_drives import PERIOD_S, plain_signals
-from training.gap.verify.detection import FAULTS, put_on
+from training.gap.inputs.roles import FAULTS
+from training.gap.verify.detection import put_on
 from training.gap.verify.error_regimes import compare
 from training.gap.verify.findings import Count, Found, rate
 from training.gap.verify.verification import verify

@@ -21,7 +21,6 @@ from tests.helpers.gap_graphs import FIT, driven, fitted, plain, ranges_of, reco
 from tests.helpers.gap_simulated import known, simulated, two_drives
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
-from training.gap.add.effect_parity import TOLERANCE, made_inputs
 from training.gap.add.greybox import Vehicle, add
 from training.gap.name.naming import name as named
 from training.greybox import chain
@@ -33,6 +32,7 @@ from training.greybox.effects.nodes import FORMS, FUEL, graph_effect, signals_of
 from training.greybox.fit.drive import Drive
 from training.greybox.fit.joint import reading
 from training.greybox.graph.chain_graph import Greybox, build, chain_nodes
+from training.greybox.graph.effect_parity import TOLERANCE, made_inputs
 from training.greybox.model import fit_greybox
 from training.narx.export import Graph, update_card
 
@@ -276,7 +276,7 @@ def test_a_named_effect_in_the_file_makes_the_gap_smaller_on_a_drive_no_fit_saw(
     # WHEN it is added with the constants it was found with, and without it
     fresh = simulated("wltc_3b", 2_200_153, ("wall_film", 4.0))
     off = []
-    for i, effects in enumerate(([], [Added.of(e) for e in found.effects])):
+    for i, effects in enumerate(([], [e.model_effect() for e in found.effects])):
         out = tmp_path / f"{i}.onnx"
         add(base, effects, out, ranges=ranges_of(), recordings=FIT, vehicle=vehicle)
         off.append(np.mean((run(out, fresh) - fresh.phi_measured)[fresh.scored] ** 2))

@@ -10,15 +10,14 @@ from monitor.base.types import FloatArray
 from monitor.model.step import Model
 from tests.helpers.gap_drives import PERIOD_S
 from tests.helpers.gap_graphs import FIT, driven, fitted, plain, ranges_of
-from training.gap.add import effect_parity
 from training.gap.add import greybox as add_greybox
-from training.gap.add.effect_parity import TOLERANCE, ParityError
 from training.gap.add.greybox import add
 from training.greybox.effects.model_effect import Added
 from training.greybox.effects.nodes import graph_effect
 from training.greybox.fit.drive import Drive
-from training.greybox.graph import chain_graph
+from training.greybox.graph import chain_graph, effect_parity
 from training.greybox.graph.chain_graph import Greybox
+from training.greybox.graph.effect_parity import TOLERANCE, ParityError
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 
 from monitor.base.types import BoolArray, FloatArray
-from training.gap.inputs.prediction import predicted_phi
 from training.gap.name import yardstick
 from training.gap.name.naming import name
 from training.greybox.chain import base_path, simulate
@@ -17,6 +16,7 @@ from training.greybox.fit.constants import fit_constants
 from training.greybox.fit.drive import from_recording
 from training.greybox.fit.vehicle_effects import own_of
 from training.greybox.model import fit_greybox
+from training.recordings.prediction import predicted_phi
 from training.recordings.recording import Recording
 from training.studies.gap.drive import recording
 from training.studies.gap.plan import Part

@@ -15,25 +15,23 @@ from monitor.judge.limits import Limits
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
 from training.gap.add import greybox, network
-from training.gap.add.effect_parity import ParityError
-from training.gap.add.inputs import Ranges
 from training.gap.add.network_graph import BEFORE, TO_OUTPUT
 from training.gap.healthy.behaviour import Healthy
 from training.gap.inputs import base
-from training.gap.inputs.prediction import predicted_phi
-from training.gap.inputs.roles import Given, Options, split
-from training.gap.result import of_recording
-from training.gap.verify.detection import ACCEPTED
+from training.gap.inputs.roles import ACCEPTED, Given, Options, split
 from training.greybox.chain import Constants
 from training.greybox.effects.model_effect import Added
 from training.greybox.fit.drive import Drive
 from training.greybox.graph.chain_graph import Greybox
+from training.greybox.graph.effect_inputs import Ranges
+from training.greybox.graph.effect_parity import ParityError
 from training.jobs.stages import Progress
 from training.limits.decision_limits import whole, with_limits
 from training.limits.judging import judge_recordings
 from training.narx.export import update_card
 from training.narx.fit import HeldOut
-from training.recordings.recording import Recording
+from training.recordings.prediction import predicted_phi
+from training.recordings.recording import Recording, as_trained_on
 
 FORMS: Final = {
     "greybox": "inside the chain, where it acts on the mixture's way",
@@ -68,7 +66,7 @@ def add(
         (added,) = map(tuple, choices)
         vehicle = greybox.Vehicle.of(known, Greybox.of(card), drives) if known else None
         greybox.add(
-            given.model, added, out, ranges=ranges, recordings=tuple(map(of_recording, use.fit)),
+            given.model, added, out, ranges=ranges, recordings=tuple(map(as_trained_on, use.fit)),
             vehicle=vehicle, drives=drives,
         )  # fmt: skip
         best = _Tried(base.GREYBOX, added, out, _rmse(out, use.judges), whole(use.fit))
@@ -154,7 +152,7 @@ def _beside_network(
         try:
             network.add(
                 model, added, chain, path, ranges=ranges,
-                recordings=tuple(map(of_recording, use.fit)), drives=drives, form=form,
+                recordings=tuple(map(as_trained_on, use.fit)), drives=drives, form=form,
             )  # fmt: skip
             tried.append(_Tried(name, tuple(added), path, _rmse(path, use.judges), blocks))
         except ParityError as error:

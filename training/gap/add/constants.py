@@ -78,12 +78,10 @@ def _added(naming: Naming, found: Fit) -> tuple[Added, ...]:
     ):
         names = list(candidate.parameters)
         added.append(
-            Added.of(
-                replace(
-                    candidate,
-                    parameters=dict(zip(names, values.tolist(), strict=True)),
-                    standard_errors=dict(zip(names, errors.tolist(), strict=True)),
-                )
-            )
+            replace(
+                candidate,
+                parameters=dict(zip(names, values.tolist(), strict=True)),
+                standard_errors=dict(zip(names, errors.tolist(), strict=True)),
+            ).model_effect()
         )
     return tuple(added)

@@ -10,8 +10,6 @@ import numpy as np
 from monitor.base.errors import ModelError
 from monitor.model.card import ModelCard, TrainingRecording
 from monitor.model.step import Model
-from training.gap.add.effect_parity import TOLERANCE, Entry, parity
-from training.gap.add.inputs import SPEED, Ranges, channel_of, limits_of, reads_of
 from training.gap.healthy.behaviour import Healthy
 from training.greybox.chain import Constants
 from training.greybox.charge.error import ChargeError
@@ -20,6 +18,8 @@ from training.greybox.effects.nodes import graph_effect
 from training.greybox.fit.constants import Fitted, described, reference
 from training.greybox.fit.drive import Drive
 from training.greybox.graph.chain_graph import Greybox, longest_dead_time_s, register_for, save
+from training.greybox.graph.effect_inputs import SPEED, Ranges, channel_of, limits_of, reads_of
+from training.greybox.graph.effect_parity import TOLERANCE, Entry, parity
 
 BEFORE = "before_effects"  # what the card's measures are of: the new model's are not known here
 BEFORE_EFFECTS = "; of the base before effects were added, with other values"

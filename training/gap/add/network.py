@@ -17,9 +17,7 @@ from monitor.base.errors import ModelError
 from monitor.base.types import BoolArray
 from monitor.model.card import Channel, ModelCard, TrainingRecording
 from monitor.model.step import Model
-from training.gap.add.inputs import Ranges, channel_of
 from training.gap.add.network_before import CORRECTED, FUEL, acts_before
-from training.gap.add.network_chain import ChainDifference
 from training.gap.add.network_graph import (
     AS_INPUT,
     BEFORE,
@@ -33,6 +31,8 @@ from training.gap.add.network_training import train_again, with_difference
 from training.greybox.chain import Constants
 from training.greybox.effects.model_effect import Added
 from training.greybox.fit.drive import Drive, from_recording, path_of
+from training.greybox.graph.chain_difference import ChainDifference
+from training.greybox.graph.effect_inputs import Ranges, channel_of
 from training.jobs.stages import Progress
 from training.narx.export import Network
 from training.narx.fit import HeldOut, held_out, measures, recordings_of

@@ -13,12 +13,12 @@ from typing import Final
 import numpy as np
 
 from monitor.base.types import FloatArray
-from training.gap.add.effect_parity import path_with
-from training.gap.add.network_chain import ChainDifference
 from training.greybox.chain import AIR_LEAST_MG, STOICHIOMETRIC, Path, valve_phi
 from training.greybox.effects.model_effect import Added
 from training.greybox.effects.nodes.value import Value, clip, maximum, where
+from training.greybox.graph.chain_difference import ChainDifference
 from training.greybox.graph.chain_graph import FORGOTTEN, Greybox, effects_nodes
+from training.greybox.graph.effect_parity import path_with
 from training.greybox.graph.nodes import base_nodes, speed_nodes, valve_nodes
 from training.narx.export import Graph
 

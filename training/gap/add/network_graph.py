@@ -21,7 +21,7 @@ from monitor.base.types import FloatArray
 from monitor.model.card import METADATA_KEY, ModelCard, StateLayout
 from monitor.model.step import Model
 from training.gap.add.network_before import CONTROLLER, Before
-from training.gap.add.network_chain import ChainDifference
+from training.greybox.graph.chain_difference import ChainDifference
 from training.narx.export import Graph, Network, finished, lambda_nodes, network_nodes, next_nodes
 from training.narx.network import Spec
 from training.recordings.preparation import Scaling

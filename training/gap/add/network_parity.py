@@ -14,12 +14,12 @@ import torch
 from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
-from training.gap.add.effect_parity import ParityError, made_inputs
 from training.gap.add.network_graph import TO_OUTPUT, NetworkWithEffects
-from training.gap.inputs.prediction import stacked
 from training.greybox.fit.drive import Drive
+from training.greybox.graph.effect_parity import ParityError, made_inputs
 from training.narx.network import simulate
 from training.narx.parity import TOLERANCE, Parity, Step
+from training.recordings.prediction import stacked
 from training.recordings.transforms import apply
 
 SAMPLES = 3000  # of each drive

@@ -12,9 +12,8 @@ import numpy as np
 from monitor.base.errors import UsageError
 from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard
-from training.gap.add.network_chain import ChainDifference
 from training.gap.add.network_graph import DIFFERENCE
-from training.greybox.fit.drive import hold
+from training.greybox.graph.chain_difference import ChainDifference
 from training.jobs.stages import Progress
 from training.narx.export import Network
 from training.narx.fit import choose, committees
@@ -22,7 +21,7 @@ from training.narx.network import Layers, Spec, layers, linear_path
 from training.narx.stability import Contraction
 from training.narx.stages import Trained, train
 from training.narx.structure import FIRST_DECAY
-from training.recordings.preparation import Prepared, Scaling
+from training.recordings.preparation import Prepared, Scaling, hold
 from training.recordings.recording import Recording
 
 RANDOM_STARTS = 2

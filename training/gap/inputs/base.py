@@ -11,11 +11,12 @@ from monitor.base.errors import ModelError
 from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
-from training.gap.add.network_chain import ChainDifference
-from training.gap.inputs.prediction import predicted_phi
 from training.greybox.chain import Constants, simulate
-from training.greybox.fit.drive import Drive, from_recording, hold
+from training.greybox.fit.drive import Drive, from_recording
+from training.greybox.graph.chain_difference import ChainDifference
 from training.greybox.graph.chain_graph import Greybox
+from training.recordings.prediction import predicted_phi
+from training.recordings.preparation import hold
 from training.recordings.recording import Recording
 
 GREYBOX: Final = "greybox"

@@ -1,6 +1,5 @@
 """What recordings must be before anything is fitted to them: each once, on one grid, and moving."""
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Final
 
@@ -9,19 +8,16 @@ import numpy as np
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard
-from training.gap.healthy.behaviour import Healthy
 from training.gap.inputs import base
 from training.greybox.chain import Constants, base_path, valve_phi
 from training.greybox.effects import ALL
-from training.greybox.fit.drive import MIN_SCORED_S, NEEDED, Drive
+from training.greybox.fit.drive import NEEDED, Drive
 from training.recordings.recording import Recording
 
 SCORED_LEAST_S: Final = 300.0  # in all drives together: ten blocks to hold out in turn
 MOVES_LEAST: Final = 0.1  # of the median, of load or engine speed
 QUANTILES: Final = (0.05, 0.95)  # between which a signal moves
 CORRELATION_LEAST: Final = 0.6
-UNVISITED_MOST: Final = 0.25  # of all samples, where no healthy recording has been
-MAIN_REASON: Final = 0.2  # of the samples away by another quantity, from which one is named
 CHARGE: Final = ("maf_kg_h", "engine_speed_rpm")  # instead of the air per stroke
 SPEED: Final = ("engine_speed_rpm", "maf_kg_h")  # either, with the charge
 
@@ -185,34 +181,6 @@ def unlearned(recordings: Sequence[Recording], healthy: Sequence[Recording]) -> 
         for effect in ALL
         if set(effect.needs) <= here and not set(effect.needs) <= there
     ]
-
-
-def unvisited(drives: Sequence[Drive], known: Healthy | None) -> list[str]:
-    """Return warnings of what lies where no healthy recording has been, which names nothing."""
-    if known is None:
-        return []
-    there = [int(d.kept.sum()) for d in drives]
-    left = [int(known.known_of(d).kept.sum()) for d in drives]
-    warnings = [
-        f"{d.name}: left out of the naming, all but {n * d.period_s:.0f} s lie {_away([d], known)}"
-        for d, n in zip(drives, left, strict=True)
-        if n * d.period_s < MIN_SCORED_S
-    ]
-    share = 1.0 - sum(left) / max(sum(there), 1)
-    if share >= UNVISITED_MOST:
-        warnings.append(f"{share:.0%} of the samples lie {_away(drives, known)} and name nothing")
-    return warnings
-
-
-def _away(drives: Sequence[Drive], known: Healthy) -> str:
-    """Return in which quantity drives are where no healthy recording has been."""
-    outside = Counter[str]()
-    for drive in drives:
-        for what, within in known.visited.parts(known.with_own(drive)).items():
-            outside[what] += int((~within[drive.kept]).sum())
-    most = max(outside.values())
-    where = " and ".join(what for what, n in outside.items() if n >= MAIN_REASON * most)
-    return f"at {where} that no healthy recording has visited"
 
 
 def _moves(values: Sequence[FloatArray]) -> tuple[float, float]:

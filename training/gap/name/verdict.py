@@ -6,6 +6,7 @@ from typing import Literal
 
 from training.gap.name.manoeuvres import Experiment
 from training.greybox.chain import Constants
+from training.greybox.effects.model_effect import Added
 from training.greybox.fit.joint import Fit
 
 Verdict = Literal["named", "no_gap", "ambiguous", "unknown_effect", "sensor_fault_suspected"]
@@ -30,6 +31,18 @@ class Candidate:
     adequacy: float | None  # of what can be explained at all; None if not worth asking
     win: float | None  # how often resampled blocks prefer the best to this; None for the best
     fit: Fit
+
+    def model_effect(self) -> Added:
+        """Return the effect as a part of a model; raises ModelError for a sensor fault."""
+        return Added(
+            self.name,
+            self.says,
+            self.tag,
+            self.like,
+            self.parameters,
+            self.standard_errors,
+            self.units,
+        )
 
 
 @dataclass(frozen=True, slots=True)

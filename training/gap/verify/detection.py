@@ -6,30 +6,22 @@ The control loop has not seen these faults: in a car the controller would answer
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 
 from monitor.base import config
 from monitor.base.config import Config
-from monitor.base.faults import Fault, SensorFault, resolve
+from monitor.base.faults import Fault, SensorFault
 from monitor.judge.limits import Limits
 from monitor.model.step import Model
 from monitor.pipeline.block_judge import Judged
+from training.gap.inputs.roles import ACCEPTED
 from training.gap.verify.findings import Count, Found
 from training.greybox.fit.drive import OUTPUT
 from training.limits.decision_limits import whole, with_limits
 from training.limits.judging import judge_recordings
-from training.limits.targets import LIMIT_SEVERITY
 from training.recordings.recording import Recording
 
-BIAS_LAMBDA: Final = 0.1  # found without the vehicle's own reference; the limit of 0.05 needs one
-FAULTS: Final = tuple(
-    resolve(name, BIAS_LAMBDA if name.startswith("biased") else severity)
-    for name, severity in LIMIT_SEVERITY.items()
-    if name != "transient"  # lag and gain together: both are there by themselves
-)
-ACCEPTED: Final = "the recordings of the fit"
 Judge = Callable[[Sequence[Recording]], list[Judged]]
 
 

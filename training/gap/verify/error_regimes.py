@@ -18,7 +18,7 @@ from training.gap.verify.findings import Error
 from training.gap.where.bootstrap import draw_counts
 from training.gap.where.drivers import DERIVED
 from training.greybox.fit.comparison import BLOCK_S, Compared
-from training.greybox.fit.drive import hold
+from training.recordings.preparation import hold
 
 COLD_DEGC: Final = 70.0  # below it production monitors are not enabled: DESIGN, section 8
 AFTER_CUT_S: Final = 6.0  # since the cut ended; the first two seconds are not scored

@@ -13,9 +13,9 @@ from monitor.base.faults import Fault
 from monitor.base.types import FloatArray, IntArray
 from training.gap.healthy.behaviour import columns
 from training.gap.inputs.base import check, plain_drives_of
-from training.gap.inputs.prediction import predicted_phi
+from training.gap.inputs.roles import FAULTS
 from training.gap.verify import detection
-from training.gap.verify.detection import FAULTS, Monitors, monitor_of
+from training.gap.verify.detection import Monitors, monitor_of
 from training.gap.verify.error_regimes import compare, rms, scored
 from training.gap.verify.findings import Error, Found, Trace, Verified
 from training.gap.where.operating_map import excerpt
@@ -24,6 +24,7 @@ from training.greybox.fit import ridge
 from training.greybox.fit.comparison import BLOCK_S, FOLDS, Compared
 from training.greybox.fit.drive import Drive
 from training.jobs.stages import Progress
+from training.recordings.prediction import predicted_phi
 from training.recordings.recording import Recording
 
 ALIKE: Final = (

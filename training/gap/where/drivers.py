@@ -8,7 +8,8 @@ import numpy as np
 
 from monitor.base.types import FloatArray
 from training.greybox.fit.comparison import Compared
-from training.greybox.fit.drive import hold, in_fuel_cut
+from training.greybox.fit.drive import in_fuel_cut
+from training.recordings.preparation import hold
 
 STEP_S: Final = 0.3  # over which a rate is taken: above the noise, below a tip-in
 AFTER_CUT_S: Final = 20.0  # later than this, a fuel cut is long ago

@@ -18,7 +18,7 @@ from training.gap.where.drivers import WORDS
 from training.gap.where.segments import input_names
 from training.gap.where.surrogates import Sums, p_of_largest, slope
 from training.greybox.fit.comparison import BLOCK_S, Compared
-from training.greybox.fit.drive import hold
+from training.recordings.preparation import hold
 
 ALPHA: Final = 0.01  # false lags per localisation, all lags and inputs together
 LEAST_CORRELATION: Final = 0.1  # 1 % of the whitened squares; less is nobody's gap

@@ -19,7 +19,7 @@ from monitor.base.types import FloatArray
 from training.gap.where.bootstrap import draw_counts
 from training.gap.where.drivers import find_drivers
 from training.greybox.fit.comparison import Compared, Stack, gather
-from training.greybox.fit.drive import hold
+from training.recordings.preparation import hold
 
 WEIGHTS: Final = (1.0, -3.0, 3.0, -1.0)  # third difference
 APART_S: Final = 10.0  # pairs closer than this share slow noise

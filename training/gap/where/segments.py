@@ -14,7 +14,7 @@ from scipy.signal.windows import hann
 from monitor.base.types import FloatArray, IntArray
 from training.gap.where.drivers import NO_DRIVERS
 from training.greybox.fit.comparison import Compared
-from training.greybox.fit.drive import hold
+from training.recordings.preparation import hold
 
 SEGMENT_S: Final = 25.6  # 0.04 Hz resolution: a tip-in and its echo fit in
 LEAST_SCORED: Final = 0.7  # of a segment

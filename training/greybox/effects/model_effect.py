@@ -2,16 +2,13 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
 from monitor.base.errors import ModelError
 from monitor.base.types import FloatArray
 from training.greybox.effects import LIBRARY, Effect
-
-if TYPE_CHECKING:
-    from training.gap.name.verdict import Candidate
 
 AS_EXPECTED: Final = 0.8  # of the spread about what is expected, above which nothing was learned
 
@@ -38,19 +35,6 @@ class Added:
                 f"effect {self.name} has parameters {', '.join(self.parameters) or 'none'}, "
                 f"wanted {', '.join(wanted)}"
             )
-
-    @classmethod
-    def of(cls, candidate: "Candidate") -> "Added":
-        """Return what the naming found; raises ModelError for a sensor fault."""
-        return cls(
-            candidate.name,
-            candidate.says,
-            candidate.tag,
-            candidate.like,
-            candidate.parameters,
-            candidate.standard_errors,
-            candidate.units,
-        )
 
     @classmethod
     def with_values(

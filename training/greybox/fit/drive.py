@@ -13,6 +13,7 @@ from monitor.model.step import PHI_MAX
 from training.greybox.chain import Constants, Path, base_path, charge_mg, with_speed
 from training.greybox.effects import ALL, Effect, Own, along
 from training.greybox.effects.air import following
+from training.recordings.preparation import hold
 from training.recordings.recording import Recording
 
 OUTPUT: Final = "lambda_measured"
@@ -135,19 +136,6 @@ def in_fuel_cut(signals: Mapping[str, FloatArray]) -> BoolArray | None:
     if "fuel_mass_mg" in signals:
         said.append(signals["fuel_mass_mg"] < CUT_FUEL_MG)
     return np.asarray(np.any(said, axis=0)) if said else None
-
-
-def hold(values: FloatArray) -> FloatArray:
-    """Return (n,) with every gap filled by the value before it, the first by the one after.
-
-    >>> hold(np.array([np.nan, 1.0, np.nan, 3.0]))
-    array([1., 1., 1., 3.])
-    """
-    finite = np.isfinite(values)
-    if not finite.any():
-        return np.zeros_like(values)
-    last = np.maximum.accumulate(np.where(finite, np.arange(len(values)), -1))
-    return np.asarray(values[np.where(last < 0, int(np.argmax(finite)), last)])
 
 
 def _until(bad: BoolArray, seconds: float, period_s: float) -> BoolArray:

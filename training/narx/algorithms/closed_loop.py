@@ -13,6 +13,7 @@ import numpy as np
 from monitor.base.types import FloatArray, IntArray
 from training.narx import kernels
 from training.narx.network import Spec, input_regressors
+from training.recordings.preparation import Samples
 
 CHUNK = 1500  # rows of the Jacobian that stay in the cache together
 
@@ -33,15 +34,6 @@ class Pieces:
             np.concatenate([self.skip, other.skip]),
             np.concatenate([self.history, other.history]),
         )
-
-
-@dataclass(frozen=True, slots=True)
-class Samples:
-    """Scaled samples of all recordings one after another."""
-
-    u: FloatArray  # (n, n_inputs), finite
-    y: FloatArray  # (n,), finite; where it was not valid its weight is 0
-    weight: FloatArray  # (n,) of the squared error, 0 is not scored
 
 
 class ClosedLoop:

@@ -23,16 +23,15 @@ from monitor.base.faults import Fault
 from monitor.base.types import FloatArray
 from training.gap.healthy.behaviour import Healthy
 from training.gap.inputs import base
-from training.gap.inputs.prediction import predicted_phi
-from training.gap.inputs.roles import Given, Options, split
+from training.gap.inputs.roles import FAULTS, Given, Options, split
 from training.gap.name import scoring, yardstick
 from training.gap.name.start import begin
 from training.gap.result import Result
-from training.gap.verify.detection import FAULTS
 from training.gap.verify.findings import Found, Verified
 from training.gap.workflow import investigate
 from training.greybox.effects import ALL
 from training.greybox.fit.drive import from_recording
+from training.recordings.prediction import predicted_phi
 from training.recordings.recording import Recording
 from training.studies.gap import drive
 from training.studies.gap.base import fit_base

@@ -14,12 +14,12 @@ from monitor.base.errors import RecordingError, UsageError
 from monitor.base.manifest import source_of
 from monitor.base.types import FloatArray
 from monitor.model.step import to_model_units
-from training.narx.algorithms.closed_loop import Samples
 from training.recordings.outliers import outlier_mask
 from training.recordings.preparation import (
     OTHER_WEIGHT,
     Prepared,
     Role,
+    Samples,
     Segment,
     enabled_rows,
     prepare,

@@ -9,12 +9,11 @@ from typing import Any
 import numpy as np
 
 from monitor.base.types import FloatArray
-from training.narx.algorithms.closed_loop import Samples
 from training.narx.network import Spec
 from training.narx.stages import Trained, free_run, train
 from training.recordings import metrics
 from training.recordings.outliers import outlier_mask
-from training.recordings.preparation import CONTROLLER, Prepared, Role, prepare, runs
+from training.recordings.preparation import CONTROLLER, Prepared, Role, Samples, prepare, runs
 from training.recordings.recording import Recording
 
 LAGS, HIDDEN, HORIZONS, STARTS = 5, (8,), (5, 20, 100), 2

@@ -11,7 +11,6 @@ import numpy as np
 from monitor.base.errors import ModelError
 from monitor.base.types import FloatArray
 from monitor.model.step import Inputs, Model
-from training.gap.inputs.prediction import stacked
 from training.greybox.chain import STOICHIOMETRIC, charge_mg, simulate
 from training.greybox.chain import Path as ChainPath
 from training.greybox.effects.model_effect import Added
@@ -19,6 +18,7 @@ from training.greybox.effects.nodes import FUEL
 from training.greybox.fit.drive import Drive
 from training.greybox.graph.chain_graph import Greybox
 from training.greybox.graph.checks import TOLERANCE
+from training.recordings.prediction import stacked
 
 __all__ = ["TOLERANCE", "Entry", "Parity", "ParityError", "made_inputs", "parity", "reading"]
 

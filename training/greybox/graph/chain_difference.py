@@ -13,8 +13,6 @@ import numpy as np
 from monitor.base.errors import ModelError
 from monitor.base.types import FloatArray
 from monitor.model.card import Channel, ModelCard, TrainingRecording
-from training.gap.add.effect_parity import Entry, reading
-from training.gap.add.inputs import SPEED, Ranges, limits_of, reads_of
 from training.greybox.chain import Constants, inputs_of
 from training.greybox.effects.model_effect import Added
 from training.greybox.effects.nodes import graph_effect
@@ -24,6 +22,8 @@ from training.greybox.graph.chain_graph import (
     longest_dead_time_s,
     register_for,
 )
+from training.greybox.graph.effect_inputs import SPEED, Ranges, limits_of, reads_of
+from training.greybox.graph.effect_parity import Entry, reading
 from training.narx.export import Graph
 
 PHI_PLACES = 4  # of a chain's state, beside the register, that hold a phi

@@ -9,7 +9,7 @@ import numpy as np
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
 from monitor.model.step import Model
-from training.greybox.fit.drive import hold
+from training.recordings.preparation import hold
 from training.recordings.recording import Recording
 
 ROWS: Final = 32  # recordings that run side by side

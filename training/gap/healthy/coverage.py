@@ -1,0 +1,39 @@
+"""Warnings of operating points where no healthy recording has been."""
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Final
+
+from training.gap.healthy.behaviour import Healthy
+from training.greybox.fit.drive import MIN_SCORED_S, Drive
+
+UNVISITED_MOST: Final = 0.25  # of all samples, where no healthy recording has been
+MAIN_REASON: Final = 0.2  # of the samples away by another quantity, from which one is named
+
+
+def unvisited(drives: Sequence[Drive], known: Healthy | None) -> list[str]:
+    """Return warnings of what lies where no healthy recording has been, which names nothing."""
+    if known is None:
+        return []
+    there = [int(d.kept.sum()) for d in drives]
+    left = [int(known.known_of(d).kept.sum()) for d in drives]
+    warnings = [
+        f"{d.name}: left out of the naming, all but {n * d.period_s:.0f} s lie {_away([d], known)}"
+        for d, n in zip(drives, left, strict=True)
+        if n * d.period_s < MIN_SCORED_S
+    ]
+    share = 1.0 - sum(left) / max(sum(there), 1)
+    if share >= UNVISITED_MOST:
+        warnings.append(f"{share:.0%} of the samples lie {_away(drives, known)} and name nothing")
+    return warnings
+
+
+def _away(drives: Sequence[Drive], known: Healthy) -> str:
+    """Return in which quantity drives are where no healthy recording has been."""
+    outside = Counter[str]()
+    for drive in drives:
+        for what, within in known.visited.parts(known.with_own(drive)).items():
+            outside[what] += int((~within[drive.kept]).sum())
+    most = max(outside.values())
+    where = " and ".join(what for what, n in outside.items() if n >= MAIN_REASON * most)
+    return f"at {where} that no healthy recording has visited"
