@@ -93,8 +93,10 @@ def drives_of(recording: Recording, name: str) -> list[Drive]:
     """Return the run and its quarters, healthy and with every fault."""
     n, column = len(recording.values), recording.names.index(OUTPUT)
     edges = np.linspace(0, n, QUARTERS + 1).astype(int).tolist()
-    parts = [(name, 0, n), *((f"{name}, quarter {i + 1}", a, b)
-             for i, (a, b) in enumerate(pairwise(edges)))]  # fmt: skip
+    parts = [
+        (name, 0, n),
+        *((f"{name}, quarter {i + 1}", a, b) for i, (a, b) in enumerate(pairwise(edges))),
+    ]
     found = []
     for fault in (None, *(faults.resolve(*each) for each in FAULTS)):
         values = recording.values.copy()
@@ -116,8 +118,10 @@ def row(drive: Drive, judged: Judged) -> str:
     windows = judged.windows
     count = Counter(w.outcome for w in windows)
     period_ns = drive.recording.period_ns
-    codes = ", ".join(f"{d.code} {d.fault}{''.join(f' or {a}' for a in d.also)}"
-                      for d in judged.dtcs) or "none"  # fmt: skip
+    codes = (
+        ", ".join(f"{d.code} {d.fault}{''.join(f' or {a}' for a in d.also)}" for d in judged.dtcs)
+        or "none"
+    )
     first_ns = min((d.t_ns for d in judged.dtcs), default=None)
     if first_ns is None:
         seconds = "-"
@@ -163,16 +167,22 @@ def report(drives: Sequence[Drive], path: Path) -> None:
         if drive.whole and drive.fault is None:
             on = judged.enabled & np.isfinite(judged.predicted)
             fit = metrics.fit_percent(judged.measured[on], judged.predicted[on])
-            print(f"{drive.name}: enabled {on.sum()} of {len(on)} samples, fit {fit:.1f} %, "
-                  f"max |prediction| {np.nanmax(np.abs(judged.predicted)):.2f} z")  # fmt: skip
+            print(
+                f"{drive.name}: enabled {on.sum()} of {len(on)} samples, fit {fit:.1f} %, "
+                f"max |prediction| {np.nanmax(np.abs(judged.predicted)):.2f} z"
+            )
     used = ", ".join(f"{n} {v.value:.4g}" for n, v in model.card.limits.items())
     print(f"limits: {used}\n")
-    print("| run | sensor | windows | passed / failed / inconclusive | codes | enabled s to the "
-          "first code | paper's rule |\n|---|---|---|---|---|---|---|")  # fmt: skip
+    print(
+        "| run | sensor | windows | passed / failed / inconclusive | codes | enabled s to the "
+        "first code | paper's rule |\n|---|---|---|---|---|---|---|"
+    )
     for drive, judged in sorted((p for p in pairs if p[0].whole), key=lambda p: p[0].name):
         print(row(drive, judged))
-    print("\n| quarters of the runs | drives | code | named exactly | passed | not judged | "
-          "other names | paper's rule |\n|---|---|---|---|---|---|---|---|")  # fmt: skip
+    print(
+        "\n| quarters of the runs | drives | code | named exactly | passed | not judged | "
+        "other names | paper's rule |\n|---|---|---|---|---|---|---|---|"
+    )
     for title in dict.fromkeys(d.title for d in drives):
         print(summary(title, [p for p in pairs if not p[0].whole and p[0].title == title]))
 

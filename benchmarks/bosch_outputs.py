@@ -64,9 +64,7 @@ def main() -> None:
         "--split", action="store_true", help="train on runs 10 to 15, validate on 30 to 33"
     )
     args = parser.parse_args()
-    runs = {
-        n: load(args.folder / f"run_{n:06d}.csv.gz") for n in (*FIRST, *SECOND, *TEST)
-    }  # fmt: skip
+    runs = {n: load(args.folder / f"run_{n:06d}.csv.gz") for n in (*FIRST, *SECOND, *TEST)}
     first, second, test = ([runs[n] for n in group] for group in (FIRST, SECOND, TEST))
     print(f"fits of runs {TEST[0]} / {TEST[1]} / both in percent, free run")
     print("| output | all: NARX | ARX | no fuel cut: NARX | ARX | seconds | shape |")
@@ -79,9 +77,13 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as folder:
             training, judges = (first, second) if args.split else ([*first, *second], [])
             result = fit(
-                training, inputs, output, Path(folder) / "model.onnx", validate=judges,
+                training,
+                inputs,
+                output,
+                Path(folder) / "model.onnx",
+                validate=judges,
                 budget_minutes=args.budget,
-            )  # fmt: skip
+            )
             model = Model.load(result.path)
             narx = [predict(model, r, max(WASHOUT, model.card.lags))[:2] for r in test]
         columns = []

@@ -35,8 +35,11 @@ BOSCH_FITTED: Final = (10, 11, 12, 13, 14, 15, 30, 31, 32, 33)
 BOSCH_NEW: Final = (53, 54)
 MX5_FITTED, MX5_NEW = (0, 4, 6), (7, 15)  # runs of the logger
 MX5_INPUTS: Final = (
-    "engine_speed_rpm", "manifold_pressure_kpa", "pulse_width_ms", "lambda_controller",
-)  # fmt: skip
+    "engine_speed_rpm",
+    "manifold_pressure_kpa",
+    "pulse_width_ms",
+    "lambda_controller",
+)
 MX5_CHAIN: Final = ("fuel_mass_mg", "air_mass_mg", "engine_speed_rpm", "lambda_controller")
 NOT_READY_AFR, DEAD_MS, NEAR_ONE = 7.4, 1.0, 0.1
 CYLINDER_L, GAS_J_KG_K, STOICHIOMETRIC = 0.4, 287.0, 14.7
@@ -102,17 +105,30 @@ def run(folder: Path, out: Path, budget: str) -> None:
     network = ["--budget", budget, "--seed", "1", "--inputs"]
     columns = out / "bosch.toml"
     columns.write_text(BOSCH)
-    paths = {n: str(folder / "bosch_gengine1" / f"run_{n:06d}.csv.gz")
-             for n in (*BOSCH_FITTED, *BOSCH_NEW)}  # fmt: skip
-    look("Engine on a test bench, network", [paths[n] for n in BOSCH_FITTED],
-         [paths[n] for n in BOSCH_NEW], out / "bosch", [*network, *BOSCH_INPUTS],
-         ["--columns", str(columns)])  # fmt: skip
+    paths = {
+        n: str(folder / "bosch_gengine1" / f"run_{n:06d}.csv.gz")
+        for n in (*BOSCH_FITTED, *BOSCH_NEW)
+    }
+    look(
+        "Engine on a test bench, network",
+        [paths[n] for n in BOSCH_FITTED],
+        [paths[n] for n in BOSCH_NEW],
+        out / "bosch",
+        [*network, *BOSCH_INPUTS],
+        ["--columns", str(columns)],
+    )
     runs = mx5(folder, out)
     on_grid = ["--period", PERIOD_S]
     chain = ["--kind", "greybox", "--inputs", *MX5_CHAIN]
     for kind, fit in (("network", [*network, *MX5_INPUTS]), ("chain", chain)):
-        look(f"MX-5, {kind}", [runs[n] for n in MX5_FITTED], [runs[n] for n in MX5_NEW],
-             out / f"mx5_{kind}", fit, on_grid)  # fmt: skip
+        look(
+            f"MX-5, {kind}",
+            [runs[n] for n in MX5_FITTED],
+            [runs[n] for n in MX5_NEW],
+            out / f"mx5_{kind}",
+            fit,
+            on_grid,
+        )
     first, second = me7(folder, out)
     look("Turbo car, network", [first], [second], out / "me7", [*network, *ME7_INPUTS], on_grid)
 

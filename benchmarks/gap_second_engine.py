@@ -23,11 +23,22 @@ from training.greybox.chain import Constants
 
 HEALTHY_DRIVES, DRIVES, NULLS = 8, 6, 5
 SIZES = {
-    "wall_film": 1.5, "delay_flow": 5.0, "mix_flow": 5.0, "sensor_asymmetry": 3.0,
-    "injector_offset": 2.0, "rail_exponent": 2.0, "maf_offset": 1.0, "maf_pulsation": 1.5,
-    "purge": 12.0, "exhaust_leak": 6.0, "back_pressure": 4.0, "scavenging": 1.5,
-    "fuel_cut_tail": 4.0, "manifold_filling": 6.0, "ethanol": 3.0,
-}  # fmt: skip
+    "wall_film": 1.5,
+    "delay_flow": 5.0,
+    "mix_flow": 5.0,
+    "sensor_asymmetry": 3.0,
+    "injector_offset": 2.0,
+    "rail_exponent": 2.0,
+    "maf_offset": 1.0,
+    "maf_pulsation": 1.5,
+    "purge": 12.0,
+    "exhaust_leak": 6.0,
+    "back_pressure": 4.0,
+    "scavenging": 1.5,
+    "fuel_cut_tail": 4.0,
+    "manifold_filling": 6.0,
+    "ethanol": 3.0,
+}
 FAULTS = {
     "slow by 0.25 s": Sensor(lag_s=0.25),
     "late by 0.2 s": Sensor(dead_time_s=0.2),

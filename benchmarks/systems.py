@@ -128,8 +128,11 @@ def hysteresis(seed: int) -> tuple[Records, Records]:
 
 
 SYSTEMS: dict[str, Callable[[int], tuple[Records, Records]]] = {
-    "tanks": tanks, "oscillator": oscillator, "sandwich": sandwich, "hysteresis": hysteresis,
-}  # fmt: skip
+    "tanks": tanks,
+    "oscillator": oscillator,
+    "sandwich": sandwich,
+    "hysteresis": hysteresis,
+}
 
 
 def recording(name: str, u: np.ndarray, y: np.ndarray) -> Recording:
@@ -158,15 +161,19 @@ def main() -> None:
             others = [recording(f"test{i}", u, y) for i, (u, y) in enumerate(test)]
             narx = evaluate(path, others, WASHOUT)["recordings"]
         cut = [6 * len(y) // 7 for _, y in train]
-        parts = [[(u[:c, None], y[:c]) for c, (u, y) in zip(cut, train, strict=True)],
-                 [(u[c:, None], y[c:]) for c, (u, y) in zip(cut, train, strict=True)]]  # fmt: skip
+        parts = [
+            [(u[:c, None], y[:c]) for c, (u, y) in zip(cut, train, strict=True)],
+            [(u[c:, None], y[c:]) for c, (u, y) in zip(cut, train, strict=True)],
+        ]
         arx = choose_arx(*parts)
         linear = [
             metrics.fit_percent(y[WASHOUT:], arx.simulate(u[:, None], y[:WASHOUT])[WASHOUT:])
             for u, y in test
         ]
-        fits = [" / ".join(f"{value:.1f}" for value in values)
-                for values in ([r["fit_percent"] for r in narx], linear)]  # fmt: skip
+        fits = [
+            " / ".join(f"{value:.1f}" for value in values)
+            for values in ([r["fit_percent"] for r in narx], linear)
+        ]
         print(
             f"| {name} | {sum(len(y) for _, y in train)} | {' | '.join(fits)} | "
             f"{result.seconds:.0f} | {describe(result.network.spec)} |",

@@ -140,9 +140,13 @@ def _from_pyrenn(spec: Spec, weights: np.ndarray) -> np.ndarray:
 
 
 def _pyrenn(
-    case: Case, start: np.ndarray, iterations: int, inputs: np.ndarray, target: np.ndarray,
+    case: Case,
+    start: np.ndarray,
+    iterations: int,
+    inputs: np.ndarray,
+    target: np.ndarray,
     delays: dict[str, list[int]],
-) -> Run:  # fmt: skip
+) -> Run:
     pyrenn = package("pyrenn")
     net = pyrenn.CreateNN([inputs.shape[1], *case.spec.hidden, 1], **delays)
     net["normP"], net["normY"] = np.ones(inputs.shape[1]), np.ones(1)  # it is scaled already

@@ -35,9 +35,14 @@ from training.recordings.preparation import runs
 from training.recordings.recording import Recording, load
 
 SIMULATED_INPUTS = (
-    "air_mass_mg", "fuel_mass_mg", "maf_kg_h", "rail_pressure_mpa", "manifold_pressure_kpa",
-    "manifold_temperature_degc", "lambda_controller",
-)  # fmt: skip
+    "air_mass_mg",
+    "fuel_mass_mg",
+    "maf_kg_h",
+    "rail_pressure_mpa",
+    "manifold_pressure_kpa",
+    "manifold_temperature_degc",
+    "lambda_controller",
+)
 BOSCH_INPUTS = ("speed_z", "load_z", "ignition_angle_z", "fuel_cutoff_z")
 BOSCH_RUNS = (30, 33)  # trained on, held out; 53 and 54 are kept for the last test
 TARGET_US, TARGET_SHARE, TARGET_RATIO = 8.0, 0.60, 30.0
@@ -89,9 +94,13 @@ def case(
     (u, y), (v, z) = columns(train), columns(held_out)
     u_mean, u_std, y_mean, y_std = u.mean(0), u.std(0), y.mean(), y.std()
     return Case(
-        title, Spec(len(inputs)),
-        (u - u_mean) / u_std, (y - y_mean) / y_std, (v - u_mean) / u_std, (z - y_mean) / y_std,
-    )  # fmt: skip
+        title,
+        Spec(len(inputs)),
+        (u - u_mean) / u_std,
+        (y - y_mean) / y_std,
+        (v - u_mean) / u_std,
+        (z - y_mean) / y_std,
+    )
 
 
 def simulated_case(cycle: str) -> Case:
@@ -274,8 +283,10 @@ def main() -> None:
         print(f"\nMedian of {len(starts)} starts. One step ahead, from random weights:\n")
         ratio = compare(of, ONE_STEP, starts, closed=False)
         if ratio:
-            print(f"\nOne step ahead pyrenn takes {ratio:.0f} times as long per sample and "
-                  f"iteration (target: at least {TARGET_RATIO:.0f}).")  # fmt: skip
+            print(
+                f"\nOne step ahead pyrenn takes {ratio:.0f} times as long per sample and "
+                f"iteration (target: at least {TARGET_RATIO:.0f})."
+            )
         trained = [packages.ours(of, start, 30).weights for start in starts]
         print("\nOne free run over all samples, from weights trained one step ahead:\n")
         compare(of, FREE_RUN, trained, closed=True)

@@ -108,9 +108,16 @@ def drive(experiment: Experiment, blocks: list[SampleBlock]) -> list[Case]:
         at = len(blocks)
         blocks += [replace_values(blocks[healthy], values), faulty]
         found.append(
-            Case(name, severity, healthy, at, at + 1,
-                 phi(grid(alone, experiment)), phi(grid(true, experiment)))
-        )  # fmt: skip
+            Case(
+                name,
+                severity,
+                healthy,
+                at,
+                at + 1,
+                phi(grid(alone, experiment)),
+                phi(grid(true, experiment)),
+            )
+        )
     return found
 
 

@@ -24,8 +24,13 @@ def add(commands: Any) -> None:
     parser.add_argument("dbc", type=Path, metavar="DBC", help="CAN database")
     parser.add_argument("--out", type=Path, metavar="MAP.toml", help="file (default: printed)")
     parser.add_argument("--log", type=Path, help="recording of a drive to check with")
-    parser.add_argument("--cylinders", type=int, default=4, metavar="N",
-                        help="for fuel and air per stroke from flows (default 4)")  # fmt: skip
+    parser.add_argument(
+        "--cylinders",
+        type=int,
+        default=4,
+        metavar="N",
+        help="for fuel and air per stroke from flows (default 4)",
+    )
     parser.add_argument("--force", action="store_true", help="overwrite --out")
 
 

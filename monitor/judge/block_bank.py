@@ -46,9 +46,13 @@ class BankBlock:
         self._interpolated = any(bool((each % 1.0).any()) for each in self._steps.values())
 
     def read(
-        self, values: FloatArray, lengths: Sequence[int],
-        row: IntArray, begin: IntArray, read: FloatArray,
-    ) -> None:  # fmt: skip
+        self,
+        values: FloatArray,
+        lengths: Sequence[int],
+        row: IntArray,
+        begin: IntArray,
+        read: FloatArray,
+    ) -> None:
         """Fill ``read``, (w, n, n_hypotheses), with what each hypothesis reads in windows.
 
         values : (rows, length) signals, each begun with a reset
@@ -96,9 +100,13 @@ class BankBlock:
         return late
 
     def _read_slow(
-        self, read: FloatArray, values: FloatArray, lengths: Sequence[int],
-        row: IntArray, begin: IntArray,
-    ) -> None:  # fmt: skip
+        self,
+        read: FloatArray,
+        values: FloatArray,
+        lengths: Sequence[int],
+        row: IntArray,
+        begin: IntArray,
+    ) -> None:
         n = read.shape[1]
         order = np.argsort(begin, kind="stable")
         sorted_begin, last = begin[order], int(begin.max(initial=-n)) + n

@@ -16,8 +16,7 @@ class Unit:
 
 _TABLE: Final[dict[str, tuple[Unit, str]]] = {
     # base kPa
-    "kpa": (Unit("pressure"), "kpa kpaa kpaabs kpa(abs) kpa_abs kpag"
-             " kilopascal"),
+    "kpa": (Unit("pressure"), "kpa kpaa kpaabs kpa(abs) kpa_abs kpag kilopascal"),
     "bar": (Unit("pressure", 100.0), "bar bara barabs barg"),
     "hpa": (Unit("pressure", 0.1), "hpa millibar mbar mbarabs hpaabs hpa_abs mbara"),
     "pa": (Unit("pressure", 0.001), "pa"),
@@ -27,8 +26,11 @@ _TABLE: Final[dict[str, tuple[Unit, str]]] = {
     "mmhg": (Unit("pressure", 0.1333224), "mmhg torr"),
     "at": (Unit("pressure", 98.0665), "kgf/cm2 kg/cm2 at"),
     # base degC
-    "degc": (Unit("temperature"), "degc c °c celsius gradc grad_c gradcelsius deg_c ºc grdc"
-             " degrecelsi degreecelsius degreescelsius"),
+    "degc": (
+        Unit("temperature"),
+        "degc c °c celsius gradc grad_c gradcelsius deg_c ºc grdc"
+        " degrecelsi degreecelsius degreescelsius",
+    ),
     "degf": (Unit("temperature", 5 / 9, -160 / 9), "degf f °f fahrenheit deg_f ºf"),
     "kelvin": (Unit("temperature", 1.0, -273.15), "k kelvin degk °k"),
     # base kg/h
@@ -52,18 +54,19 @@ _TABLE: Final[dict[str, tuple[Unit, str]]] = {
     "g": (Unit("mass", 1000.0), "g g/stroke g/stk g/cyl g/hub"),
     "mm3": (Unit("volume"), "mm3 mm3/stk mm3/stroke mm3/hub ul µl mm^3/stroke mm³/hub"),
     # base 1/min
-    "rpm": (Unit("rotation"), "rpm 1/min u/min /min min-1 min^-1 upm r/min rev/min tr/min umin "
-            "rev/minute umdr/min minutinver"),
+    "rpm": (
+        Unit("rotation"),
+        "rpm 1/min u/min /min min-1 min^-1 upm r/min rev/min tr/min umin "
+        "rev/minute umdr/min minutinver",
+    ),
     "1/s": (Unit("rotation", 60.0), "1/s rps hz u/s rev/s"),
     "rad/s": (Unit("rotation", 9.549297), "rad/s"),
     # base km/h
-    "km/h": (Unit("speed"), "km/h kmh kph kmph km/std"
-             " kilometerperhour kilometperhour"),
+    "km/h": (Unit("speed"), "km/h kmh kph kmph km/std kilometerperhour kilometperhour"),
     "mph": (Unit("speed", 1.609344), "mph mi/h miles/h"),
     "m/s": (Unit("speed", 3.6), "m/s"),
     # base Nm
-    "nm": (Unit("torque"), "nm n.m n*m newtonmeter n-m"
-             " newtometer newtonmeter"),
+    "nm": (Unit("torque"), "nm n.m n*m newtonmeter n-m newtometer newtonmeter"),
     "lbft": (Unit("torque", 1.355818), "lbft lb-ft lb*ft ftlb ft-lb lbfft ft.lb"),
     # base V
     "v": (Unit("voltage"), "v volt volts vdc"),
@@ -71,16 +74,21 @@ _TABLE: Final[dict[str, tuple[Unit, str]]] = {
     # base 1
     "%": (Unit("ratio", 0.01), "% percent pct prozent proz"),
     "permille": (Unit("ratio", 0.001), "‰ permille promille"),
-    "-": (Unit("number"), "- 1 la ratio none lambda lam λ unitless factor n/a bit bool boolean "
-          "on/off flag lambdas"),
+    "-": (
+        Unit("number"),
+        "- 1 la ratio none lambda lam λ unitless factor n/a bit bool boolean on/off flag lambdas",
+    ),
     "afr": (Unit("afr"), "afr :1 a/f kg/kg g/g af afratio"),
     "phi": (Unit("phi"), "phi φ er eqr"),
     # known, and never one of ours
-    "other": (Unit("other"), "microliter "
-              "ms s sec min h us km m mm a ma w kw hp ps ohm kohm deg ° °kw degkw "
-              "degca °crk grd grad l ml kg count counts g/km l/100km mpg mw rad j kj n kn km/l day "
-              "month year hour minute second ° ca degbtdc m/s2 m/s^2 deg/s °/s kwh ah %/s nm/s"),
-}  # fmt: skip
+    "other": (
+        Unit("other"),
+        "microliter "
+        "ms s sec min h us km m mm a ma w kw hp ps ohm kohm deg ° °kw degkw "
+        "degca °crk grd grad l ml kg count counts g/km l/100km mpg mw rad j kj n kn km/l day "
+        "month year hour minute second ° ca degbtdc m/s2 m/s^2 deg/s °/s kwh ah %/s nm/s",
+    ),
+}
 _ALIASES: Final = {
     alias: unit for unit, aliases in _TABLE.values() for alias in aliases.split() if alias
 }

@@ -102,8 +102,17 @@ def words_of(name: str) -> tuple[str, ...]:
     ('o2', 'sensor', 'b1', 's1')
     """
     text = re.sub(r"(?i)wheel_?based", "", name)  # J1939's speed over ground
-    for umlaut, plain in (("ä", "ae"), ("ö", "oe"), ("ü", "ue"), ("ß", "ss"), ("Ä", "Ae"),
-                          ("Ö", "Oe"), ("Ü", "Ue"), ("λ", " lambda "), ("φ", " phi ")):  # fmt: skip
+    for umlaut, plain in (
+        ("ä", "ae"),
+        ("ö", "oe"),
+        ("ü", "ue"),
+        ("ß", "ss"),
+        ("Ä", "Ae"),
+        ("Ö", "Oe"),
+        ("Ü", "Ue"),
+        ("λ", " lambda "),
+        ("φ", " phi "),
+    ):
         text = text.replace(umlaut, plain)
     found: list[str] = []
     for part in re.findall(

@@ -282,8 +282,16 @@ def _rows_of(saved: Saved) -> Rows:
     """Return what stands in the tables, in the order of their columns."""
     return {
         "dtc": [
-            (d.code, d.fault, ",".join(d.also), int(d.status), d.t_ns, d.failed_cycles,
-             d.passed_cycles, d.warm_ups)
+            (
+                d.code,
+                d.fault,
+                ",".join(d.also),
+                int(d.status),
+                d.t_ns,
+                d.failed_cycles,
+                d.passed_cycles,
+                d.warm_ups,
+            )
             for d in saved.dtcs
         ],
         "freeze_frame": [
@@ -295,7 +303,7 @@ def _rows_of(saved: Saved) -> Rows:
         "ratio": [astuple(ratio) for ratio in saved.ratios],
         "counted": list(asdict(saved.counts).items()),
         "completed": [(test,) for test in sorted(saved.completed)],
-    }  # fmt: skip
+    }
 
 
 def _saved_of(rows: Mapping[str, list[tuple[Any, ...]]]) -> Saved:

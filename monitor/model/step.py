@@ -51,9 +51,13 @@ class _Binding:
     """One wiring of the session: state from one buffer, next state to the other."""
 
     def __init__(
-        self, session: ort.InferenceSession, u: Float32Array, state: Float32Array,
-        lambda_hat: Float32Array, next_state: Float32Array,
-    ) -> None:  # fmt: skip
+        self,
+        session: ort.InferenceSession,
+        u: Float32Array,
+        state: Float32Array,
+        lambda_hat: Float32Array,
+        next_state: Float32Array,
+    ) -> None:
         self.binding = session.io_binding()
         for name, array in (("u", u), ("state", state)):
             self.binding.bind_input(name, "cpu", 0, np.float32, array.shape, array.ctypes.data)

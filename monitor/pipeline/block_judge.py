@@ -118,9 +118,13 @@ class BlockJudge:
     def _decisions(self, store: DtcStore) -> Callable[[Limits], Decisions]:
         """Return what makes the decisions of a driving cycle."""
         return partial(
-            Decisions, config=self._config, hypotheses=self._hypotheses,
-            transform=self._model.card.transform, period_s=self._reader.period_s, store=store,
-        )  # fmt: skip
+            Decisions,
+            config=self._config,
+            hypotheses=self._hypotheses,
+            transform=self._model.card.transform,
+            period_s=self._reader.period_s,
+            store=store,
+        )
 
     def judge(
         self,

@@ -103,9 +103,13 @@ class Monitor:
         n = config.window.n_samples
         self._windows = WindowCollector(n, len(bank))
         self._decide = partial(
-            Decisions, config=config, hypotheses=bank, transform=card.transform,
-            period_s=period_s, store=store,
-        )  # fmt: skip
+            Decisions,
+            config=config,
+            hypotheses=bank,
+            transform=card.transform,
+            period_s=period_s,
+            store=store,
+        )
         self._decisions = self._decide(limits)
         self._clearings = store.clearings
         running_rpm = config.plausibility.engine_running_rpm

@@ -17,16 +17,37 @@ S: Final = 1_000 * MS
 ECU: Final = load_pairs([(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))])
 MESSAGES: Final = {c.message.frame_id: c.message for c in ECU.channels.values()}
 USUAL: Final = {
-    "air_mass_mg": 300.0, "maf_kg_h": 36.0, "manifold_pressure_kpa": 45.0, "fuel_mass_mg": 20.0,
-    "rail_pressure_mpa": 10.0, "lambda_controller": 1.0, "lambda_measured": 1.0,
-    "lambda_target": 1.0, "closed_loop": 1.0, "fuel_cut": 0.0, "sensor_ready": 1.0,
-    "engine_speed_rpm": 2000.0, "engine_torque_nm": 50.0, "throttle_percent": 20.0,
-    "vehicle_speed_km_h": 60.0, "manifold_temperature_degc": 30.0,
-    "coolant_temperature_degc": 85.0, "ambient_temperature_degc": 20.0,
-    "ambient_pressure_kpa": 100.0, "battery_voltage_v": 12.5, "purge_duty_percent": 20.0,
-}  # fmt: skip
-CYCLE_NS: Final = {192: 20 * MS, 193: 20 * MS, 194: 20 * MS, 200: 50 * MS, 416: 100 * MS,
-                   672: 100 * MS, 673: 100 * MS}  # fmt: skip
+    "air_mass_mg": 300.0,
+    "maf_kg_h": 36.0,
+    "manifold_pressure_kpa": 45.0,
+    "fuel_mass_mg": 20.0,
+    "rail_pressure_mpa": 10.0,
+    "lambda_controller": 1.0,
+    "lambda_measured": 1.0,
+    "lambda_target": 1.0,
+    "closed_loop": 1.0,
+    "fuel_cut": 0.0,
+    "sensor_ready": 1.0,
+    "engine_speed_rpm": 2000.0,
+    "engine_torque_nm": 50.0,
+    "throttle_percent": 20.0,
+    "vehicle_speed_km_h": 60.0,
+    "manifold_temperature_degc": 30.0,
+    "coolant_temperature_degc": 85.0,
+    "ambient_temperature_degc": 20.0,
+    "ambient_pressure_kpa": 100.0,
+    "battery_voltage_v": 12.5,
+    "purge_duty_percent": 20.0,
+}
+CYCLE_NS: Final = {
+    192: 20 * MS,
+    193: 20 * MS,
+    194: 20 * MS,
+    200: 50 * MS,
+    416: 100 * MS,
+    672: 100 * MS,
+    673: 100 * MS,
+}
 
 
 def payload(can_id: int, values: dict[str, float], count: int) -> bytes:

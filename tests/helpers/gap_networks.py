@@ -55,9 +55,14 @@ def drive(
     block = samples(broadcast(simulate(experiment), bus, rng), bus, 100_000_000)
     t_s = (block.t_ns - block.t_ns[0]) / 1e9
     return Recording(
-        Path(f"{experiment.name}.log"), f"{seed:064x}", 100_000_000, t_s, tuple(bus.names),
-        block.values, block.quality,
-    )  # fmt: skip
+        Path(f"{experiment.name}.log"),
+        f"{seed:064x}",
+        100_000_000,
+        t_s,
+        tuple(bus.names),
+        block.values,
+        block.quality,
+    )
 
 
 def small_network(folder: Path) -> FitResult:
@@ -68,9 +73,17 @@ def small_network(folder: Path) -> FitResult:
 def trained_on(recordings: Sequence[Recording], folder: Path) -> FitResult:
     """Return a network of recordings."""
     return fit(
-        recordings, NARX_INPUTS, OUTPUT, folder / "base.onnx", lags=5, hidden=(5,), starts=1,
-        threads=1, budget_minutes=0.5, seed=2,
-    )  # fmt: skip
+        recordings,
+        NARX_INPUTS,
+        OUTPUT,
+        folder / "base.onnx",
+        lags=5,
+        hidden=(5,),
+        starts=1,
+        threads=1,
+        budget_minutes=0.5,
+        seed=2,
+    )
 
 
 @cache

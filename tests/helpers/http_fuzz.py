@@ -39,8 +39,9 @@ def request(rng: random.Random) -> bytes:
     version = rng.choice([b"HTTP/1.1", b"HTTP/1.1", b"HTTP/1.0", b"HTTP/2.0", b"HTTQ/1.1", b""])
     headers = [b"Host: 127.0.0.1"] * (rng.random() < 0.8)
     headers += rng.sample(_HEADERS, rng.choice([0, 0, 1, 1, 2, 3]))
-    first = b" ".join([rng.choice(_METHODS[:3] if rng.random() < 0.7 else _METHODS),
-                       rng.choice(_PATHS), version])  # fmt: skip
+    first = b" ".join(
+        [rng.choice(_METHODS[:3] if rng.random() < 0.7 else _METHODS), rng.choice(_PATHS), version]
+    )
     text = b"\r\n".join([first, *headers, b"", rng.choice(_BODIES)])
     if rng.random() < 0.3:
         changed = bytearray(text)

@@ -80,9 +80,13 @@ def main(path: Path, drives: int, announcer: Announcer, *, is_full: bool) -> Non
     with closing(Memory(path, hold=True)) as memory, bus:
         hooked: list[Attachment] = [announcer]
         loop = announcer.loop = Loop(
-            bus, setup, memory=memory, attachments=hooked, monotonic_s=lambda: bus.now_s,
+            bus,
+            setup,
+            memory=memory,
+            attachments=hooked,
+            monotonic_s=lambda: bus.now_s,
             say=lambda line: print(line, flush=True),
-        )  # fmt: skip
+        )
         bus.stop = loop.stop
         if is_full:
             fill(path.parent)

@@ -27,10 +27,13 @@ def frames_of(block: FrameBlock) -> list[Frame]:
     return [
         Frame(t_ns, key & (EXTENDED - 1), bool(key & EXTENDED), data[:length])
         for t_ns, key, length, data in zip(
-            block.t_ns.tolist(), block.key.tolist(), block.length.tolist(),
-            map(bytes, block.data), strict=True,
+            block.t_ns.tolist(),
+            block.key.tolist(),
+            block.length.tolist(),
+            map(bytes, block.data),
+            strict=True,
         )
-    ]  # fmt: skip
+    ]
 
 
 def outcome(frames: Iterable[Frame], counters: LogCounters) -> Outcome:

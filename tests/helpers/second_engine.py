@@ -20,12 +20,21 @@ STEP_S = 0.01
 PERIOD_S = 0.1
 LENGTH_S = 600.0
 QUANTISATION = {
-    "air_mass_mg": 0.1, "fuel_mass_mg": 0.02, "maf_kg_h": 0.1, "rail_pressure_mpa": 0.01,
-    "manifold_pressure_kpa": 0.1, "manifold_temperature_degc": 0.1, "lambda_controller": 0.001,
-    "lambda_measured": 0.001, "vehicle_speed_km_h": 0.1, "engine_speed_rpm": 1.0,
-    "lambda_target": 0.001, "coolant_temperature_degc": 0.1, "ambient_pressure_kpa": 0.1,
+    "air_mass_mg": 0.1,
+    "fuel_mass_mg": 0.02,
+    "maf_kg_h": 0.1,
+    "rail_pressure_mpa": 0.01,
+    "manifold_pressure_kpa": 0.1,
+    "manifold_temperature_degc": 0.1,
+    "lambda_controller": 0.001,
+    "lambda_measured": 0.001,
+    "vehicle_speed_km_h": 0.1,
+    "engine_speed_rpm": 1.0,
+    "lambda_target": 0.001,
+    "coolant_temperature_degc": 0.1,
+    "ambient_pressure_kpa": 0.1,
     "purge_duty_percent": 0.5,
-}  # fmt: skip
+}
 
 
 class Hidden(NamedTuple):
@@ -75,8 +84,9 @@ def drive(
 ) -> Drive:
     """Return ten minutes of one vehicle at 10 Hz."""
     own = np.random.default_rng([77, vehicle])
-    piece = Piece(own.normal(1, 0.01), own.normal(0, 0.008), own.uniform(0.8, 1.25),
-                  own.uniform(0.06, 0.12))  # fmt: skip
+    piece = Piece(
+        own.normal(1, 0.01), own.normal(0, 0.008), own.uniform(0.8, 1.25), own.uniform(0.06, 0.12)
+    )
     rng = np.random.default_rng([78, seed])
     cold, ambient_degc = rng.random() < 0.4, rng.uniform(5.0, 28.0)
     ambient_kpa = rng.uniform(94.0, 101.5)
@@ -202,13 +212,24 @@ def meter(car: Car, piece: Piece, e: Hidden, noise: FloatArray) -> tuple[FloatAr
 
 
 def mix(
-    car: Car, charge: FloatArray, piece: Piece, e: Hidden, sensor: Sensor, ambient_kpa: float,
+    car: Car,
+    charge: FloatArray,
+    piece: Piece,
+    e: Hidden,
+    sensor: Sensor,
+    ambient_kpa: float,
     noise: FloatArray,
-) -> dict[str, FloatArray]:  # fmt: skip
+) -> dict[str, FloatArray]:
     """Return what the ECU sends of fuel and lambda."""
     made = _mix(car, charge, piece, e, sensor, ambient_kpa, noise)
-    names = ("fuel_mass_mg", "rail_pressure_mpa", "lambda_controller", "lambda_measured",
-             "lambda_target", "purge_duty_percent")  # fmt: skip
+    names = (
+        "fuel_mass_mg",
+        "rail_pressure_mpa",
+        "lambda_controller",
+        "lambda_measured",
+        "lambda_target",
+        "purge_duty_percent",
+    )
     return dict(zip(names, made, strict=True))
 
 

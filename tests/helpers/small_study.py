@@ -18,8 +18,12 @@ FEW = (
     Candidate(5, DESCENT, 3, (4,), 0.05),
 )
 SETTINGS: dict[str, Any] = {
-    "starts": 2, "iterations": 25, "n_samples": 900, "tune_best": 1, "candidates": FEW,
-}  # fmt: skip
+    "starts": 2,
+    "iterations": 25,
+    "n_samples": 900,
+    "tune_best": 1,
+    "candidates": FEW,
+}
 
 
 def drive(n: int, seed: int, name: str) -> Recording:
@@ -27,8 +31,15 @@ def drive(n: int, seed: int, name: str) -> Recording:
     values = np.column_stack(leaking_tank(n, seed, 0.5))
     quality = np.zeros(values.shape, np.uint8)
     period_ns = round(TANK_PERIOD_S * 1e9)
-    return Recording(Path(name), name * 8, period_ns, np.arange(n) * TANK_PERIOD_S,
-                     ("valve", "leak", "level_m"), values, quality)  # fmt: skip
+    return Recording(
+        Path(name),
+        name * 8,
+        period_ns,
+        np.arange(n) * TANK_PERIOD_S,
+        ("valve", "leak", "level_m"),
+        values,
+        quality,
+    )
 
 
 def two_drives() -> Prepared:

@@ -34,9 +34,15 @@ class Streamed:
 
 
 def stream(
-    block: SampleBlock, names: Sequence[str], model: Model, limits: Limits, settings: Config,
-    store: DtcStore, reference: Reference | None = None, clearings: Sequence[Clearing] = (),
-) -> Streamed:  # fmt: skip
+    block: SampleBlock,
+    names: Sequence[str],
+    model: Model,
+    limits: Limits,
+    settings: Config,
+    store: DtcStore,
+    reference: Reference | None = None,
+    clearings: Sequence[Clearing] = (),
+) -> Streamed:
     """Judge as ``replay`` does; with a reference the vehicle learns like one with a memory."""
     known = reference or Reference()
     own = limits.of_vehicle(known, settings.bias)

@@ -38,10 +38,33 @@ def main() -> int:
         parser.add_argument(name, type=Path)
     options = parser.parse_args()
     folder: Path = options.folder
-    monitor = [*O2MON, "run", "-i", "socketcan", "-c", "vcan1", "--transmit", "--live", PAGE[7:-1],
-               "--quiet", "--json", str(folder / "run.json")]  # fmt: skip
-    gateway = [*O2MON, "inject", "-i", "socketcan", "-c", "vcan0", "--to-channel", "vcan1",
-               "--scenario", str(options.scenario), "--assert"]  # fmt: skip
+    monitor = [
+        *O2MON,
+        "run",
+        "-i",
+        "socketcan",
+        "-c",
+        "vcan1",
+        "--transmit",
+        "--live",
+        PAGE[7:-1],
+        "--quiet",
+        "--json",
+        str(folder / "run.json"),
+    ]
+    gateway = [
+        *O2MON,
+        "inject",
+        "-i",
+        "socketcan",
+        "-c",
+        "vcan0",
+        "--to-channel",
+        "vcan1",
+        "--scenario",
+        str(options.scenario),
+        "--assert",
+    ]
     player = [
         sys.executable,
         "-m",

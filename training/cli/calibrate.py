@@ -30,16 +30,32 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--model", type=Path, required=True, metavar="MODEL.onnx")
-    parser.add_argument("--healthy", type=Path, nargs="+", required=True, metavar="RECORDING",
-                        help="the model should not have been trained on them")  # fmt: skip
-    parser.add_argument("--faulty", type=Path, nargs="+", default=[], metavar="RECORDING",
-                        help="sensors at the limit severity")  # fmt: skip
     parser.add_argument(
-        "--false-alarms", type=float, default=0.01, metavar="RATE",
+        "--healthy",
+        type=Path,
+        nargs="+",
+        required=True,
+        metavar="RECORDING",
+        help="the model should not have been trained on them",
+    )
+    parser.add_argument(
+        "--faulty",
+        type=Path,
+        nargs="+",
+        default=[],
+        metavar="RECORDING",
+        help="sensors at the limit severity",
+    )
+    parser.add_argument(
+        "--false-alarms",
+        type=float,
+        default=0.01,
+        metavar="RATE",
         help="most false alarms of the paper's rule per healthy window (default 0.01)",
-    )  # fmt: skip
-    parser.add_argument("--out", type=Path, metavar="MODEL.onnx",
-                        help="file to write (default: --model itself)")  # fmt: skip
+    )
+    parser.add_argument(
+        "--out", type=Path, metavar="MODEL.onnx", help="file to write (default: --model itself)"
+    )
     parser.add_argument("--config", type=Path, help="TOML that changes shipped settings")
     add_bus_options(parser)
     parser.add_argument("--json", type=Path, metavar="OUT", help="write limits and figures")

@@ -33,9 +33,13 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
     add_signal_options(check)
     check.add_argument("--lags", type=int, default=5, metavar="N", help="longest lag (default 5)")
     check.add_argument(
-        "--hidden", type=int, nargs="+", default=[8, 8], metavar="N",
+        "--hidden",
+        type=int,
+        nargs="+",
+        default=[8, 8],
+        metavar="N",
         help="neurons of each hidden layer (default 8 8)",
-    )  # fmt: skip
+    )
     add_period_option(check)
     add_bus_options(check)
     check.add_argument("--json", type=Path, metavar="OUT", help="write findings and figures")

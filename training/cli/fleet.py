@@ -31,10 +31,12 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     fleet.add_argument(
-        "recordings", nargs="+", metavar="DIR|GLOB|MANIFEST",
+        "recordings",
+        nargs="+",
+        metavar="DIR|GLOB|MANIFEST",
         help="folders (with those below), patterns, manifests, single recordings; paths or URLs "
         "that fsspec knows",
-    )  # fmt: skip
+    )
     fleet.add_argument(
         "--model", type=Path, required=True, metavar="FILE", help="model with its limits, .onnx"
     )
@@ -42,13 +44,17 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         "--out", type=Path, required=True, metavar="FILE", help="table to write, .parquet"
     )
     fleet.add_argument(
-        "--vehicle", metavar="REGEX",
+        "--vehicle",
+        metavar="REGEX",
         help="expression whose first group names the vehicle in a path, unless a manifest does",
-    )  # fmt: skip
+    )
     fleet.add_argument(
-        "--false-alarms", type=float, default=0.001, metavar="RATE",
+        "--false-alarms",
+        type=float,
+        default=0.001,
+        metavar="RATE",
         help="wished rate per window, or drive, for which limits are proposed (default 0.001)",
-    )  # fmt: skip
+    )
     add_cores_options(fleet)
     fleet.add_argument("--config", type=Path, help="TOML that changes shipped settings")
     add_bus_options(fleet)

@@ -35,33 +35,71 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    gap.add_argument("recordings", nargs="+", type=Path, metavar="RECORDING",
-                     help="of a healthy vehicle on which the model disagrees")  # fmt: skip
+    gap.add_argument(
+        "recordings",
+        nargs="+",
+        type=Path,
+        metavar="RECORDING",
+        help="of a healthy vehicle on which the model disagrees",
+    )
     gap.add_argument("--model", type=Path, required=True, metavar="MODEL.onnx")
-    gap.add_argument("--healthy", nargs="+", type=Path, default=[], metavar="RECORDING",
-                     help="of the same vehicle without the gap, as a rule those on which the "
-                     "model was accepted: without them the reference that fit left in the model "
-                     "serves; if it has none, a weakness of the model itself cannot be told from "
-                     "an effect")  # fmt: skip
-    gap.add_argument("--verify", nargs="+", type=Path, default=[], metavar="RECORDING",
-                     help="on which the new model is verified and which no fit sees; they also "
-                     "say what is better where a network is trained anew or the model knows the "
-                     "others (default: every third RECORDING, which the naming sees, "
-                     "too)")  # fmt: skip
-    gap.add_argument("--out", type=Path, required=True, metavar="DIR",
-                     help="folder of report.html, gap.json and model.onnx")  # fmt: skip
-    gap.add_argument("--steps", type=int, default=1, metavar="N",
-                     help="effects to add at most, one after the other: 1 (default) "
-                     "to 3")  # fmt: skip
-    gap.add_argument("--sensor-known-good", action="store_true",
-                     help="the sensor was checked: explain nothing by its faults")  # fmt: skip
-    gap.add_argument("--add", nargs="+", default=[], metavar="EFFECT",
-                     help="effects that may be faults and are known to be none, such as "
-                     "exhaust_leak")  # fmt: skip
-    gap.add_argument("--retrain", type=float, default=3.0, metavar="MIN",
-                     help="minutes to train a network anew with the effect as an input, on the "
-                     "healthy recordings, too; the better of both ways is kept (default 3, 0 is "
-                     "none)")  # fmt: skip
+    gap.add_argument(
+        "--healthy",
+        nargs="+",
+        type=Path,
+        default=[],
+        metavar="RECORDING",
+        help="of the same vehicle without the gap, as a rule those on which the "
+        "model was accepted: without them the reference that fit left in the model "
+        "serves; if it has none, a weakness of the model itself cannot be told from "
+        "an effect",
+    )
+    gap.add_argument(
+        "--verify",
+        nargs="+",
+        type=Path,
+        default=[],
+        metavar="RECORDING",
+        help="on which the new model is verified and which no fit sees; they also "
+        "say what is better where a network is trained anew or the model knows the "
+        "others (default: every third RECORDING, which the naming sees, "
+        "too)",
+    )
+    gap.add_argument(
+        "--out",
+        type=Path,
+        required=True,
+        metavar="DIR",
+        help="folder of report.html, gap.json and model.onnx",
+    )
+    gap.add_argument(
+        "--steps",
+        type=int,
+        default=1,
+        metavar="N",
+        help="effects to add at most, one after the other: 1 (default) to 3",
+    )
+    gap.add_argument(
+        "--sensor-known-good",
+        action="store_true",
+        help="the sensor was checked: explain nothing by its faults",
+    )
+    gap.add_argument(
+        "--add",
+        nargs="+",
+        default=[],
+        metavar="EFFECT",
+        help="effects that may be faults and are known to be none, such as exhaust_leak",
+    )
+    gap.add_argument(
+        "--retrain",
+        type=float,
+        default=3.0,
+        metavar="MIN",
+        help="minutes to train a network anew with the effect as an input, on the "
+        "healthy recordings, too; the better of both ways is kept (default 3, 0 is "
+        "none)",
+    )
     add_period_option(gap)
     add_bus_options(gap)
     gap.set_defaults(func=run)

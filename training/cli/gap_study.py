@@ -18,26 +18,47 @@ def add_parsers(commands: "argparse._SubParsersAction[Any]") -> None:
     study = commands.add_parser(
         "gap-study", help="hide effects and faults in simulated vehicles and count the answers"
     )
-    study.add_argument("--base", default="greybox", metavar="NAME",
-                       help="greybox (default) or narx, fitted to healthy recordings")  # fmt: skip
-    study.add_argument("--out", type=Path, required=True, metavar="DIR",
-                       help="folder of the cases and of report.html; a run that was stopped goes "
-                       "on there")  # fmt: skip
-    study.add_argument("--kinds", metavar="NAME,…",
-                       help="effect, null, unknown, two, onset, fault; default: all")  # fmt: skip
-    study.add_argument("--cases", nargs="+", default=[], metavar="[KIND=]N",
-                       help="cases of each kind, or of one")  # fmt: skip
+    study.add_argument(
+        "--base",
+        default="greybox",
+        metavar="NAME",
+        help="greybox (default) or narx, fitted to healthy recordings",
+    )
+    study.add_argument(
+        "--out",
+        type=Path,
+        required=True,
+        metavar="DIR",
+        help="folder of the cases and of report.html; a run that was stopped goes on there",
+    )
+    study.add_argument(
+        "--kinds", metavar="NAME,…", help="effect, null, unknown, two, onset, fault; default: all"
+    )
+    study.add_argument(
+        "--cases", nargs="+", default=[], metavar="[KIND=]N", help="cases of each kind, or of one"
+    )
     study.add_argument("--vehicles", type=int, default=20, metavar="N")
     study.add_argument("--first-vehicle", type=int, default=2100, metavar="N")
-    study.add_argument("--seed", type=int, default=2_000_000, metavar="N",
-                       help="of the first drive, the others count up")  # fmt: skip
+    study.add_argument(
+        "--seed",
+        type=int,
+        default=2_000_000,
+        metavar="N",
+        help="of the first drive, the others count up",
+    )
     study.add_argument("--drives", type=int, default=6, metavar="N", help="recordings of a case")
     study.add_argument("--minutes", type=float, default=10.0, help="of a recording")
-    study.add_argument("--fitted-with-effect", action="store_true",
-                       help="fit the base to the case's own recordings not held out; a "
-                       "network may be trained anew then")  # fmt: skip
-    study.add_argument("--sensor-known-good", action="store_true",
-                       help="tell the workflow so; leaves onset and fault out")  # fmt: skip
+    study.add_argument(
+        "--fitted-with-effect",
+        action="store_true",
+        help="fit the base to the case's own recordings not held out; a "
+        "network may be trained anew then",
+    )
+    study.add_argument(
+        "--sensor-known-good",
+        action="store_true",
+        help="tell the workflow so; leaves onset and fault out",
+    )
     add_cores_options(study)
     study.set_defaults(func=run)
 

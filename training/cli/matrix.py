@@ -20,23 +20,50 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "simulated vehicles × cycles × ambient × fault × severity × placement × repetitions",
     )
     group.add_argument("--matrix", action="store_true", help="drive the matrix, no RECORDING")
-    group.add_argument("--out", type=Path, metavar="DIR",
-                       help="folder of the rows and of report.html; a run that was stopped "
-                       "goes on there")  # fmt: skip
+    group.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="folder of the rows and of report.html; a run that was stopped goes on there",
+    )
     group.add_argument("--vehicles", type=int, default=60, metavar="N")
     group.add_argument("--first-vehicle", type=int, default=5000, metavar="N")
-    group.add_argument("--seed", type=int, default=5_000_000, metavar="N",
-                       help="of the first drive, the others count up")  # fmt: skip
-    group.add_argument("--repetitions", type=int, default=100, metavar="N",
-                       help="drives of each fault and placement at its limit severity, a quarter "
-                       "of it at other severities")  # fmt: skip
+    group.add_argument(
+        "--seed",
+        type=int,
+        default=5_000_000,
+        metavar="N",
+        help="of the first drive, the others count up",
+    )
+    group.add_argument(
+        "--repetitions",
+        type=int,
+        default=100,
+        metavar="N",
+        help="drives of each fault and placement at its limit severity, a quarter "
+        "of it at other severities",
+    )
     group.add_argument("--healthy", type=int, default=600, metavar="N", help="healthy drives")
-    group.add_argument("--reference-drives", type=int, default=40, metavar="N",
-                       help="healthy drives of each vehicle before all others")  # fmt: skip
-    group.add_argument("--cycles", nargs="+", default=[], metavar="CYCLE",
-                       help="default: WLTC, for some healthy drives others, too")  # fmt: skip
-    group.add_argument("--faults", nargs="+", metavar="NAME[=SEVERITY,…]",
-                       help="default: all, below, at and above their limit severities")  # fmt: skip
+    group.add_argument(
+        "--reference-drives",
+        type=int,
+        default=40,
+        metavar="N",
+        help="healthy drives of each vehicle before all others",
+    )
+    group.add_argument(
+        "--cycles",
+        nargs="+",
+        default=[],
+        metavar="CYCLE",
+        help="default: WLTC, for some healthy drives others, too",
+    )
+    group.add_argument(
+        "--faults",
+        nargs="+",
+        metavar="NAME[=SEVERITY,…]",
+        help="default: all, below, at and above their limit severities",
+    )
     group.add_argument("--ambient", nargs="+", metavar="NAME", help="mild, hot, cold, altitude")
     add_cores_options(group)
     group.add_argument("--config", type=Path, help="TOML that changes shipped settings")

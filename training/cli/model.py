@@ -46,40 +46,58 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
     )
     _add_recordings(fit)
     fit.add_argument("--out", type=Path, required=True, metavar="MODEL.onnx", help="file to write")
-    fit.add_argument("--kind", choices=("narx", "greybox"), default="narx",
-                     help="a network, or the chain charge and fuel, transport, mixing, sensor "
-                     "with a few constants (default narx)")  # fmt: skip
+    fit.add_argument(
+        "--kind",
+        choices=("narx", "greybox"),
+        default="narx",
+        help="a network, or the chain charge and fuel, transport, mixing, sensor "
+        "with a few constants (default narx)",
+    )
     add_signal_options(fit)
     fit.add_argument(
-        "--validate", nargs="+", type=Path, default=[], metavar="RECORDING",
+        "--validate",
+        nargs="+",
+        type=Path,
+        default=[],
+        metavar="RECORDING",
         help="recordings that choose and stop the training and are not trained on "
         "(default: blocks held out of every recording)",
-    )  # fmt: skip
+    )
     fit.add_argument(
-        "--lags", type=int, metavar="N",
+        "--lags",
+        type=int,
+        metavar="N",
         help="longest lag (default: chosen by the data; 5 with --hidden)",
-    )  # fmt: skip
+    )
     fit.add_argument(
         "--lag-zero",
         action="store_true",
         help="let the inputs of the same tick enter, too (they do if the data choose)",
     )
     fit.add_argument(
-        "--hidden", type=int, nargs="+", metavar="N",
+        "--hidden",
+        type=int,
+        nargs="+",
+        metavar="N",
         help="neurons of each hidden layer (default: chosen by the data; 8 8 with --lags)",
-    )  # fmt: skip
+    )
     fit.add_argument(
         "--ratio", action="store_true", help="give the network fuel over air, not fuel mass"
     )
     fit.add_argument(
-        "--starts", type=int, metavar="N",
+        "--starts",
+        type=int,
+        metavar="N",
         help="trainings (default 3, on short recordings 8); up to three more while none forgets "
         "how it began",
-    )  # fmt: skip
+    )
     fit.add_argument(
-        "--budget", type=float, default=10.0, metavar="MIN",
+        "--budget",
+        type=float,
+        default=10.0,
+        metavar="MIN",
         help="minutes after which the best so far is kept (default 10)",
-    )  # fmt: skip
+    )
     fit.add_argument("--seed", type=int, default=0, metavar="N", help="of weights and blocks")
     fit.add_argument(
         "--report", type=Path, metavar="HTML", help="the report (default: beside the model)"
@@ -97,10 +115,12 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
     evaluate.add_argument("--model", type=Path, required=True, metavar="MODEL.onnx")
     _add_recordings(evaluate, "*")
     evaluate.add_argument(
-        "--washout", type=int, metavar="N",
+        "--washout",
+        type=int,
+        metavar="N",
         help="first samples that drive the state with the measured output and are not scored "
         "(default: the longest lag)",
-    )  # fmt: skip
+    )
     evaluate.add_argument("--json", type=Path, metavar="OUT", help="write the figures as JSON")
     matrix.add_options(evaluate)
     evaluate.set_defaults(func=run_evaluate)
@@ -233,8 +253,10 @@ def _print_fit(result: "FitResult") -> None:
         members = result.starts[result.best].members
         mean = f", the mean of {members} trainings" if members > 1 else ""
         print(f"chosen of {len(result.tries)} structures: {describe(spec)}{mean}")
-    print(f"{result.path}: {n} samples, {result.network.spec.n_weights} weights, "
-          f"{result.seconds:.0f} s")  # fmt: skip
+    print(
+        f"{result.path}: {n} samples, {result.network.spec.n_weights} weights, "
+        f"{result.seconds:.0f} s"
+    )
 
 
 def _print_measures(card: "ModelCard") -> None:
@@ -286,8 +308,10 @@ def run_evaluate(args: argparse.Namespace) -> int:
         )
         if r["enabled"]:
             e = r["enabled"]
-            print(f"  enabled: {e['samples']} samples, RMSE {e['rmse']:.4g}, "
-                  f"correlation {_number(e['correlation'])}")  # fmt: skip
+            print(
+                f"  enabled: {e['samples']} samples, RMSE {e['rmse']:.4g}, "
+                f"correlation {_number(e['correlation'])}"
+            )
     if args.json:
         save(result, args.json)
     return 0

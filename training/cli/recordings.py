@@ -79,13 +79,21 @@ def add_signal_options(parser: argparse.ArgumentParser) -> None:
 def add_bus_options(parser: argparse.ArgumentParser) -> None:
     """Add the options that say how a log or table is read."""
     parser.add_argument(
-        "--dbc", type=Path, action="append", default=[], metavar="FILE",
+        "--dbc",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="FILE",
         help="CAN database, repeat together with --map (default: the project's own ECU)",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--map", type=Path, action="append", default=[], metavar="FILE",
+        "--map",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="FILE",
         help="signal map of the database before it",
-    )  # fmt: skip
+    )
     parser.add_argument(
         "--columns", type=Path, metavar="FILE", help="TOML file that renames a table's columns"
     )

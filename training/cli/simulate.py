@@ -31,14 +31,25 @@ def add_parsers(commands: Any) -> None:
     )
     parser.add_argument("--out", type=Path, required=True, metavar="DIR")
     parser.add_argument("--vehicle", type=int, default=1, help="which piece (default 1)")
-    parser.add_argument("--cycle", default="wltc_3b", help="wltc_3b, udds, us06, hwfet, "
-                        "micro_trips or steady")  # fmt: skip
-    parser.add_argument("--fault", action="append", default=[], metavar="NAME[=SEVERITY]",
-                        help=f"sensor fault in the control loop: {', '.join(faults.NAMES)}; "
-                        "severity in s, as gain or in lambda")  # fmt: skip
+    parser.add_argument(
+        "--cycle", default="wltc_3b", help="wltc_3b, udds, us06, hwfet, micro_trips or steady"
+    )
+    parser.add_argument(
+        "--fault",
+        action="append",
+        default=[],
+        metavar="NAME[=SEVERITY]",
+        help=f"sensor fault in the control loop: {', '.join(faults.NAMES)}; "
+        "severity in s, as gain or in lambda",
+    )
     parser.add_argument("--fault-start", type=float, default=0.0, metavar="S")
-    parser.add_argument("--effect", action="append", default=[], metavar="NAME=SEVERITY",
-                        help=f"1 is about the noise: {', '.join(effects.NAMES)}")  # fmt: skip
+    parser.add_argument(
+        "--effect",
+        action="append",
+        default=[],
+        metavar="NAME=SEVERITY",
+        help=f"1 is about the noise: {', '.join(effects.NAMES)}",
+    )
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--count", type=int, default=1, help="so many drives, seeds counting up")
     parser.add_argument("--duration", type=float, metavar="S", help="only so much of the cycle")

@@ -39,22 +39,35 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
     add_signal_options(study)
     study.add_argument("--starts", type=int, default=3, metavar="N", help="per model (default 3)")
     study.add_argument(
-        "--iterations", type=int, default=200, metavar="N",
+        "--iterations",
+        type=int,
+        default=200,
+        metavar="N",
         help="at most, of a series-parallel training of the 29 models (default 200)",
-    )  # fmt: skip
+    )
     study.add_argument(
-        "--samples", type=int, default=20_000, metavar="N",
+        "--samples",
+        type=int,
+        default=20_000,
+        metavar="N",
         help="most training samples of the 29 models (default 20000)",
-    )  # fmt: skip
+    )
     study.add_argument(
-        "--models", type=int, nargs="+", default=[], metavar="N",
+        "--models",
+        type=int,
+        nargs="+",
+        default=[],
+        metavar="N",
         help="train only these of the 29 (default: all)",
-    )  # fmt: skip
+    )
     study.add_argument(
-        "--budget", type=float, default=10.0, metavar="MIN",
+        "--budget",
+        type=float,
+        default=10.0,
+        metavar="MIN",
         help="minutes for the model whose memory and size the data choose, as in fit (default 10); "
         "input selection takes at most 0.4 of it more, steady against mixed 0.6 over --jobs",
-    )  # fmt: skip
+    )
     study.add_argument("--seed", type=int, default=0, metavar="N", help="of weights and blocks")
     study.add_argument("--jobs", type=int, default=2, metavar="N", help="processes (default 2)")
     study.add_argument("--scheduler", metavar="URL", help="Dask scheduler, tcp://host:port")

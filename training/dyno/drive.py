@@ -313,16 +313,35 @@ def simulate(
     coolant, t_man, rail = c.coolant_start_degc, c.ambient_degc + 8.0, 6.0
     cut, overrun_s, load_v, load_timer = 0.0, 0.0, 0.0, 0.0
     for k in range(n):
-        m = _move(m, speed_ref[k], _slope_ahead(speed_ref, k), gears[k], brake_n[k], coolant,
-                  c.driver_noise, noise[k, 0])  # fmt: skip
+        m = _move(
+            m,
+            speed_ref[k],
+            _slope_ahead(speed_ref, k),
+            gears[k],
+            brake_n[k],
+            coolant,
+            c.driver_noise,
+            noise[k, 0],
+        )
         rpm = m.engine_rpm
         overrun_s = overrun_s + STEP_S if _overrun(m, cut) else 0.0
         cut = 1.0 if overrun_s > 0.5 else 0.0
         charge_ref = max((m.torque_nm + m.friction_nm) / TORQUE_PER_MG, 70.0)
-        a = _breathe(a, charge_ref, rpm, t_man, coolant, s.maf_slow_kg_h, p.ve_error,
-                     c.ambient_kpa, e)  # fmt: skip
-        s = _measure(s, a, rpm, t_man, p.maf_gain, p.map_offset_kpa, c.ambient_kpa, e,
-                     noise[k, 1], noise[k, 2])  # fmt: skip
+        a = _breathe(
+            a, charge_ref, rpm, t_man, coolant, s.maf_slow_kg_h, p.ve_error, c.ambient_kpa, e
+        )
+        s = _measure(
+            s,
+            a,
+            rpm,
+            t_man,
+            p.maf_gain,
+            p.map_offset_kpa,
+            c.ambient_kpa,
+            e,
+            noise[k, 1],
+            noise[k, 2],
+        )
         flow_kg_h = a.throttle_kg_s * 3600.0
         coolant, t_man = _warm(coolant, t_man, flow_kg_h, a.boost_kpa, c.ambient_degc)
         rail = _rail_step(rail, charge_ref, rpm, noise[k, 3])
@@ -340,9 +359,22 @@ def simulate(
         out[12, k], out[13, k] = rail, 13.9 - load_v + 0.00012 * (rpm - 1500.0)
         out[14, k] = u.duty
     return Drive(
-        out[0], out[1], out[2], out[3], out[4], out[5], out[6], out[7],
-        out[8], out[9], out[10], out[11], out[12], out[13], out[14],
-    )  # fmt: skip
+        out[0],
+        out[1],
+        out[2],
+        out[3],
+        out[4],
+        out[5],
+        out[6],
+        out[7],
+        out[8],
+        out[9],
+        out[10],
+        out[11],
+        out[12],
+        out[13],
+        out[14],
+    )
 
 
 def run(trace: Trace, p: Piece, c: Conditions, e: Effects, rng: np.random.Generator) -> Drive:

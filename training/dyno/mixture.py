@@ -124,9 +124,14 @@ def _fuel_step(
     evaporated = f.film_mg / film_tau  # mg/s
     film_mg = f.film_mg + STEP_S * (share * injected * strokes_per_s - evaporated)
     vapour = f.vapour_mg_s + STEP_S / 0.7 * (
-        e.purge * c.canister_load * np.exp(-t_s / 2500.0)
-        * purge_duty * max(c.ambient_kpa - manifold_kpa, 0.0) * 0.9 - f.vapour_mg_s
-    )  # fmt: skip
+        e.purge
+        * c.canister_load
+        * np.exp(-t_s / 2500.0)
+        * purge_duty
+        * max(c.ambient_kpa - manifold_kpa, 0.0)
+        * 0.9
+        - f.vapour_mg_s
+    )
     oil_mg_s = e.oil_dilution * f.oil * np.exp((min(coolant, 90.0) - 90.0) / 25.0)
     oil = f.oil - STEP_S * f.oil * oil_mg_s * 2e-4
     extra = (evaporated + vapour + oil_mg_s) / strokes_per_s
@@ -214,9 +219,12 @@ def _read(
     if faulty:
         phi = _one_sided(phi, _look_back(sensed, k, f.delay_s), f.delay_direction)
     slow = _lag_step(
-        slow, phi,
-        f.tau_rising_s if faulty else 0.0, f.tau_falling_s if faulty else 0.0, STEP_S,
-    )  # fmt: skip
+        slow,
+        phi,
+        f.tau_rising_s if faulty else 0.0,
+        f.tau_falling_s if faulty else 0.0,
+        STEP_S,
+    )
     phi = 1.0 + (f.gain if faulty else 1.0) * (slow - 1.0)
     reading = min(1.0 / max(phi, 1.0 / LAMBDA_MAX), LAMBDA_MAX)
     if faulty:
@@ -295,8 +303,9 @@ def simulate(
 
         # mixture at the exhaust valve
         injected = 0.0 if cut else _injected_mg(fuel_ecu, d.rail_mpa[k], d.battery_v[k], p, e)
-        fuel = _fuel_step(fuel, t_s, injected, cut, rpm / 30.0, coolant, d.manifold_kpa[k],
-                          d.purge_duty[k], c, e)  # fmt: skip
+        fuel = _fuel_step(
+            fuel, t_s, injected, cut, rpm / 30.0, coolant, d.manifold_kpa[k], d.purge_duty[k], c, e
+        )
         scavenged = _scavenged(d.manifold_kpa[k], c.ambient_kpa, rpm, e.scavenging)
         phi = fuel.cylinder_mg * stoichiometric / (d.air_true_mg[k] * (1.0 + scavenged))
         disturbance = _disturb(disturbance, c.line_hz, noise[k, 0], noise[k, 2])

@@ -30,7 +30,7 @@ def distribution_figure(
         ("offset", "offset at a drive's end", False, "offset"),
         ("gain", "gain at a drive's end", False, None),
         ("enabled_share", "share of a drive that may be judged", False, None),
-    )  # fmt: skip
+    )
     drives = recordings.with_columns(
         (pl.col("enabled_s") / pl.col("duration_s")).alias("enabled_share")
     )
@@ -63,8 +63,13 @@ def standing_figure(found: Sequence[Standing], chosen: Mapping[str, int]) -> Fig
         for i, x_i, y_i in zip(order.tolist(), x.tolist(), y.tolist(), strict=True):
             number = chosen.get(each.vehicles[i])
             if i in out and number is not None and number <= NAMED:
-                axes.annotate(str(number), (x_i, y_i), xytext=(5, -3 if y_i > 0.5 else 3),
-                              textcoords="offset points", fontsize=8)  # fmt: skip
+                axes.annotate(
+                    str(number),
+                    (x_i, y_i),
+                    xytext=(5, -3 if y_i > 0.5 else 3),
+                    textcoords="offset points",
+                    fontsize=8,
+                )
         for side in (-each.limit, each.limit):
             axes.axvline(side, color="0.5", linewidth=0.8, linestyle="--")
         axes.set(xlim=(-far, far), ylim=(-0.08, 1.08), yticks=(0, 0.5, 1))
@@ -81,9 +86,9 @@ def _histogram(axes: Axes, values: np.ndarray, title: str, limit: Figures | None
     if not len(values):
         axes.text(0.5, 0.5, "none", ha="center", va="center", transform=axes.transAxes)
         return
-    low, high = np.quantile(values, (0.001, 0.999)) if len(values) > 1000 else (
-        values.min(), values.max()
-    )  # fmt: skip
+    low, high = (
+        np.quantile(values, (0.001, 0.999)) if len(values) > 1000 else (values.min(), values.max())
+    )
     span = max(float(high - low), 1e-6)
     inside = np.clip(values, low - 0.02 * span, high + 0.02 * span)  # the ends gather the rest
     axes.hist(inside, bins=BINS, color="C0")

@@ -69,9 +69,15 @@ def _codes(found: Figures) -> str:
         for each in found["codes"]
     ]
     head = (
-        "code", "fault", "recordings", "vehicles", "confirmed", "per 1,000 h", "at most (95 %)",
+        "code",
+        "fault",
+        "recordings",
+        "vehicles",
+        "confirmed",
+        "per 1,000 h",
+        "at most (95 %)",
         "for example",
-    )  # fmt: skip
+    )
     completed = paragraph(
         f"The response test completed in {percent(found['completed'])} % of the judged recordings.",
     )
@@ -147,9 +153,13 @@ def _limits(limits: Sequence[Figures]) -> str:
         )
     wished = f"{100.0 * limits[0]['wished']:g} %"
     head = (
-        "limit on", "values", "now", "reached now, % (95 %)", f"quantile for {wished} (95 %)",
+        "limit on",
+        "values",
+        "now",
+        "reached now, % (95 %)",
+        f"quantile for {wished} (95 %)",
         f"proposed for {wished}",
-    )  # fmt: skip
+    )
     note = (
         f"From vehicles without a code, taken as sound. Proposed is the lowest limit that at most "
         f"{wished} of sound windows (of drives for the offset) reach, with 95 % confidence: by "

@@ -36,9 +36,15 @@ class Quantity:
 QUANTITIES: Final = (
     Quantity("j_mu", "|mean residual|", "window", "mean", np.abs, "paper's rule, mean"),
     Quantity("j_sigma", "residual's spread", "window", "std", np.asarray, "paper's rule, spread"),
-    Quantity("offset", "|offset| at the drive's end", "drive", "offset", np.abs,
-             "bias rule, for vehicles without a reference"),
-)  # fmt: skip
+    Quantity(
+        "offset",
+        "|offset| at the drive's end",
+        "drive",
+        "offset",
+        np.abs,
+        "bias rule, for vehicles without a reference",
+    ),
+)
 
 
 def proposals(

@@ -32,9 +32,15 @@ BEFORE_CUT_S: Final = 1.0  # in which the reading falls
 
 
 def investigate(
-    model: Path, card: ModelCard, recordings: Sequence[Recording], healthy: Sequence[Recording],
-    missing: Mapping[str, Sequence[str]], *, sensor_known_good: bool, progress: Progress,
-) -> Result:  # fmt: skip
+    model: Path,
+    card: ModelCard,
+    recordings: Sequence[Recording],
+    healthy: Sequence[Recording],
+    missing: Mapping[str, Sequence[str]],
+    *,
+    sensor_known_good: bool,
+    progress: Progress,
+) -> Result:
     """Return where the model's free run disagrees, and the verdict that the error alone allows.
 
     missing : signal that the chain needs → recordings without it
@@ -54,11 +60,17 @@ def investigate(
     answer = _naming(found, missing, optimism, sensor_known_good)
     unknown = " ".join(found.significant) if answer.verdict == "unknown_effect" else None
     return Result(
-        ModelFile.of(model), tuple(map(as_trained_on, recordings)),
-        tuple(map(as_trained_on, healthy)), (), found, answer, unknown=unknown,
-        warnings=tuple(suitability.poor(card)), sensor_known_good=sensor_known_good,
+        ModelFile.of(model),
+        tuple(map(as_trained_on, recordings)),
+        tuple(map(as_trained_on, healthy)),
+        (),
+        found,
+        answer,
+        unknown=unknown,
+        warnings=tuple(suitability.poor(card)),
+        sensor_known_good=sensor_known_good,
         seconds=time.monotonic() - began_s,
-    )  # fmt: skip
+    )
 
 
 def _optimism(found: Findings, card: ModelCard, healthy: Sequence[Recording]) -> float | None:
@@ -98,10 +110,21 @@ def _naming(
             "that on the blocks held out of its training"
         )
     return Naming(
-        verdict, (), suspected, (), {effect.name: tuple(missing) for effect in ALL}, None, None,
-        None, float(np.sqrt(found.excess.mean_square)), None, found.floor.rms, nan, None,
+        verdict,
+        (),
+        suspected,
+        (),
+        {effect.name: tuple(missing) for effect in ALL},
+        None,
+        None,
+        None,
+        float(np.sqrt(found.excess.mean_square)),
+        None,
+        found.floor.rms,
+        nan,
+        None,
         tuple(warnings),
-    )  # fmt: skip
+    )
 
 
 def _verdict(
@@ -122,9 +145,12 @@ def _drive(recording: Recording, card: ModelCard) -> Drive:
     reading = recording.column(OUTPUT)
     others = {n: x for n, x in present.items() if n in card.input_names or not _same(x, reading)}
     drive = make(
-        recording.path.name, recording.period_ns / 1e9, others, reading,
+        recording.path.name,
+        recording.period_ns / 1e9,
+        others,
+        reading,
         needed=card.input_names,
-    )  # fmt: skip
+    )
     if "fuel_cut" in present or "fuel_mass_mg" in present:
         return drive
     cut = _about(drive.phi_measured < LEAN_PHI, BEFORE_CUT_S, AFTER_CUT_S, drive.period_s)

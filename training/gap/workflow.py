@@ -68,9 +68,14 @@ def investigate(
     missing = suitability.check_files(given.roles, card, given.model.name)
     if missing:
         return localisation.investigate(
-            given.model, card, (*given.recordings, *given.verify), given.healthy, missing,
-            sensor_known_good=options.sensor_known_good, progress=progress,
-        )  # fmt: skip
+            given.model,
+            card,
+            (*given.recordings, *given.verify),
+            given.healthy,
+            missing,
+            sensor_known_good=options.sensor_known_good,
+            progress=progress,
+        )
     drives = _drives(given)
     on = _yardstick(given, card, known, stages, progress)
     found = stages.done("where", lambda: _localise(given, progress)) if options.localise else None
@@ -89,11 +94,16 @@ def investigate(
         checked = stages.done(
             "verify",
             lambda: verify(
-                given.model, new, held_out, given.healthy, chain=on.plain,
+                given.model,
+                new,
+                held_out,
+                given.healthy,
+                chain=on.plain,
                 accepted=[given.recordings[i] for i in fitted_to] if new else (),
-                faults=options.faults, progress=progress,
+                faults=options.faults,
+                progress=progress,
             ),
-        )  # fmt: skip
+        )
     doubts = [
         *suitability.unlearned(given.recordings, given.healthy),
         *coverage.unvisited(drives, on.known),

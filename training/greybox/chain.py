@@ -148,10 +148,14 @@ def simulate(path: Path, period_s: float) -> FloatArray:
     Before the first sample everything is taken to have stood as it stands there.
     """
     return _run(
-        valve_phi(path), path.dead_time_s / period_s, path.mixing_s / period_s,
-        path.sensor_rising_s / period_s, path.sensor_falling_s / period_s,
-        path.gas_factor, path.span,
-    )  # fmt: skip
+        valve_phi(path),
+        path.dead_time_s / period_s,
+        path.mixing_s / period_s,
+        path.sensor_rising_s / period_s,
+        path.sensor_falling_s / period_s,
+        path.gas_factor,
+        path.span,
+    )
 
 
 def part(path: Path, rows: slice) -> Path:
@@ -184,9 +188,14 @@ def _weights(time: float) -> tuple[float, float]:  # pragma: no cover
 
 @njit(cache=True)
 def _run(
-    valve: FloatArray, dead: FloatArray, mixing: FloatArray, rising: FloatArray,
-    falling: FloatArray, gas_factor: FloatArray, span: FloatArray,
-) -> FloatArray:  # fmt: skip  # pragma: no cover
+    valve: FloatArray,
+    dead: FloatArray,
+    mixing: FloatArray,
+    rising: FloatArray,
+    falling: FloatArray,
+    gas_factor: FloatArray,
+    span: FloatArray,
+) -> FloatArray:  # pragma: no cover
     """Return the reading (n,); times in samples."""
     n = len(valve)
     reading = np.empty(n)

@@ -119,9 +119,16 @@ def fit_greybox(
     card = write_model(out, greybox, fitted, data, predicted, seed)
     warnings = (*data.warnings, *_warnings(fitted, card))
     return GreyboxResult(
-        Path(out), card, greybox, fitted, data, predicted, held_out(data),
-        time.monotonic() - began, warnings,
-    )  # fmt: skip
+        Path(out),
+        card,
+        greybox,
+        fitted,
+        data,
+        predicted,
+        held_out(data),
+        time.monotonic() - began,
+        warnings,
+    )
 
 
 def _further_inputs(
@@ -151,9 +158,13 @@ def scored_rows(data: Prepared, signals: Mapping[str, FloatArray]) -> BoolArray:
 
 
 def write_model(
-    out: Path | str, greybox: Greybox, fitted: Fitted, data: Prepared, predicted: FloatArray,
+    out: Path | str,
+    greybox: Greybox,
+    fitted: Fitted,
+    data: Prepared,
+    predicted: FloatArray,
     seed: int = 0,
-) -> ModelCard:  # fmt: skip
+) -> ModelCard:
     """Write the model file, its parity proved; return its card.
 
     Raises ModelError if ONNX and numpy disagree by more than 1e-5 in phi.
@@ -163,9 +174,13 @@ def write_model(
     same, gap = parity(out, greybox, data), contraction(out, data, seed)
     checks = {
         "parity": {"samples": same[0], "onnx_numpy": same[1], "tolerance": TOLERANCE},
-        "contraction": {"gap": gap.gap, "samples": CONTRACTION_SAMPLES, "pairs": gap.pairs,
-                        "limit": gap.limit},
-    }  # fmt: skip
+        "contraction": {
+            "gap": gap.gap,
+            "samples": CONTRACTION_SAMPLES,
+            "pairs": gap.pairs,
+            "limit": gap.limit,
+        },
+    }
     card = _card(greybox, fitted, data, predicted, checks)
     save(out, greybox, card)
     return card
@@ -229,9 +244,12 @@ def _greybox(
 
 
 def _card(
-    greybox: Greybox, fitted: Fitted, data: Prepared, predicted: FloatArray,
+    greybox: Greybox,
+    fitted: Fitted,
+    data: Prepared,
+    predicted: FloatArray,
     checks: Mapping[str, Any],
-) -> ModelCard:  # fmt: skip
+) -> ModelCard:
     test = data.role == Role.TEST
     everything, enabled = (measures(data, predicted, rows) for rows in (test, test & data.enabled))
     return ModelCard(
@@ -253,7 +271,7 @@ def _card(
         checks=dict(checks),
         reference=reference(fitted),
         packages={name: version(name) for name in ("numpy", "onnx", "onnxruntime", "scipy")},
-    )  # fmt: skip
+    )
 
 
 def _warnings(fitted: Fitted, card: ModelCard) -> list[str]:

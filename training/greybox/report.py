@@ -42,17 +42,27 @@ def _overview(result: GreyboxResult) -> str:
         ("chain", "fuel over air, dead time, two lags, span"),
         *(("healthy vehicle's own", own.in_words) for own in result.greybox.own),
         ("charge", _charge(result)),
-        ("samples", f"{len(result.data.role)} of {len(card.recordings)} recordings, "
-                    f"{fitted.samples} of them fitted"),
+        (
+            "samples",
+            f"{len(result.data.role)} of {len(card.recordings)} recordings, "
+            f"{fitted.samples} of them fitted",
+        ),
         ("free run on the fitted samples", f"RMSE {fitted.rmse:.4g} in phi"),
-        ("the same, whitened", f"RMSE {fitted.white_rmse:.4g} in phi, residual AR "
-                               + ", ".join(f"{a:.3f}" for a in fitted.noise_model)),
+        (
+            "the same, whitened",
+            f"RMSE {fitted.white_rmse:.4g} in phi, residual AR "
+            + ", ".join(f"{a:.3f}" for a in fitted.noise_model),
+        ),
         ("starts", f"end within {100 * fitted.spread:.2g} % of the same whitened RMSE"),
-        ("two states after 50 samples",
-         f"differ by at most {stability['gap']:.2g} (limit {stability['limit']:.2g})"),
-        ("ONNX against numpy, free run",
-         f"{parity['onnx_numpy']:.2g} (tolerance {parity['tolerance']:.2g})"),
-    ]  # fmt: skip
+        (
+            "two states after 50 samples",
+            f"differ by at most {stability['gap']:.2g} (limit {stability['limit']:.2g})",
+        ),
+        (
+            "ONNX against numpy, free run",
+            f"{parity['onnx_numpy']:.2g} (tolerance {parity['tolerance']:.2g})",
+        ),
+    ]
     return table(rows) + recordings_table(card)
 
 
@@ -80,11 +90,14 @@ def _constants(result: GreyboxResult) -> str:
     structure = result.card.structure
     rows = [
         (
-            f"{name}: {MEANING[name]}", f"{c['value']:.4f}", f"{c['standard_error']:.4f}",
-            c["unit"], f"{c['low']:g} to {c['high']:g}",
+            f"{name}: {MEANING[name]}",
+            f"{c['value']:.4f}",
+            f"{c['standard_error']:.4f}",
+            c["unit"],
+            f"{c['low']:g} to {c['high']:g}",
         )
         for name, c in structure["constants"].items()
-    ]  # fmt: skip
+    ]
     sums = [
         (name, f"{d['value']:.4f}", f"{d['standard_error']:.4f}", d["unit"], "")
         for name, d in result.card.reference["derived"].items()

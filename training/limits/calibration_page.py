@@ -134,8 +134,11 @@ def _picture(result: dict[str, Any]) -> str:
     limits = {limit["name"]: limit for limit in result["limits"]}
     unit = limits["j_mu"]["unit"]
     for kind, colour, marker in (("faulty", "tab:red", "x"), ("healthy", "tab:blue", ".")):
-        points = [(abs(m), s) for row in result[kind]
-                  for m, s in zip(row["mean"], row["std"], strict=True)]  # fmt: skip
+        points = [
+            (abs(m), s)
+            for row in result[kind]
+            for m, s in zip(row["mean"], row["std"], strict=True)
+        ]
         if points:
             points = points[:: max(1, len(points) // 1500)]
             axes.plot(*zip(*points, strict=True), marker, color=colour, ms=4, alpha=0.6, label=kind)

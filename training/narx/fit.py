@@ -103,13 +103,24 @@ def fit(
     judges = range(len(recordings), len(everything))
 
     def prepared(seed: int) -> Prepared:
-        return prepare(everything, inputs, output, transforms, lags=lags or 5, seed=seed,
-                       validate=judges)  # fmt: skip
+        return prepare(
+            everything, inputs, output, transforms, lags=lags or 5, seed=seed, validate=judges
+        )
 
     data = prepared(seed)
     tries: tuple[Try, ...] = ()
-    shapes = [(Spec(len(inputs), lags or 5, hidden or (8, 8), input_lag_start,
-                    *data.scaling.y_scaled_limits), 0.0)]  # fmt: skip
+    shapes = [
+        (
+            Spec(
+                len(inputs),
+                lags or 5,
+                hidden or (8, 8),
+                input_lag_start,
+                *data.scaling.y_scaled_limits,
+            ),
+            0.0,
+        )
+    ]
     if lags is None and hidden is None:
         chosen, tries = _search(data, prepared, seed, began, budget_minutes, threads, tried)
         shapes = [(structure.spec(data), structure.decay) for structure in chosen]
@@ -131,15 +142,28 @@ def fit(
     network, card = write_model(out, data, spec, weights, predicted, gap, trained[best].members)
     warnings += _parity_warnings(card)
     return FitResult(
-        Path(out), card, network, data, trained, best, predicted, held_out(data),
-        tries, time.monotonic() - began, tuple(warnings),
-    )  # fmt: skip
+        Path(out),
+        card,
+        network,
+        data,
+        trained,
+        best,
+        predicted,
+        held_out(data),
+        tries,
+        time.monotonic() - began,
+        tuple(warnings),
+    )
 
 
 def _train_all(
-    data: Prepared, jobs: Sequence[tuple[int, Spec, float]], seed: int, deadline_s: float,
-    threads: int, progress: Callable[[int, int, int, float], None] | None,
-) -> tuple[Trained, ...]:  # fmt: skip
+    data: Prepared,
+    jobs: Sequence[tuple[int, Spec, float]],
+    seed: int,
+    deadline_s: float,
+    threads: int,
+    progress: Callable[[int, int, int, float], None] | None,
+) -> tuple[Trained, ...]:
     """Train every start, shape and decay; each round gets its part of the time left."""
     workers = max(1, min(threads, len(jobs)))
     rounds = -(-len(jobs) // workers)
@@ -156,9 +180,14 @@ def _train_all(
 
 
 def _until_one_forgets(
-    data: Prepared, trained: tuple[Trained, ...], shape: tuple[Spec, float], starts: int, seed: int,
-    deadline_s: float, progress: Callable[[int, int, int, float], None] | None,
-) -> tuple[tuple[Trained, ...], int, Contraction]:  # fmt: skip
+    data: Prepared,
+    trained: tuple[Trained, ...],
+    shape: tuple[Spec, float],
+    starts: int,
+    seed: int,
+    deadline_s: float,
+    progress: Callable[[int, int, int, float], None] | None,
+) -> tuple[tuple[Trained, ...], int, Contraction]:
     """Return the trainings with what further starts it took, and ``choose`` of them.
 
     A start is begun only if there is as much time left as the first one took.
@@ -179,9 +208,14 @@ def _until_one_forgets(
 
 
 def write_model(
-    out: Path | str, data: Prepared, spec: Spec, weights: FloatArray, predicted: FloatArray,
-    gap: Contraction, members: int = 1,
-) -> tuple[Network, ModelCard]:  # fmt: skip
+    out: Path | str,
+    data: Prepared,
+    spec: Spec,
+    weights: FloatArray,
+    predicted: FloatArray,
+    gap: Contraction,
+    members: int = 1,
+) -> tuple[Network, ModelCard]:
     """Write trained weights as a model file, its parity proved; return what stands in it.
 
     predicted : (n,) free run over ``data.samples`` in model units, for the card's measures
@@ -190,9 +224,13 @@ def write_model(
     """
     network = Network(spec, weights, data.scaling, data.transform, data.transforms, data.names)
     checks: dict[str, Any] = {
-        "contraction": {"gap": gap.gap, "samples": CONTRACTION_SAMPLES, "pairs": gap.pairs,
-                        "limit": gap.limit},
-    }  # fmt: skip
+        "contraction": {
+            "gap": gap.gap,
+            "samples": CONTRACTION_SAMPLES,
+            "pairs": gap.pairs,
+            "limit": gap.limit,
+        },
+    }
     save(out, network, _card(data, network, predicted, checks, members))
     checks["parity"] = _parity(out, network, data)
     card = _card(data, network, predicted, checks, members)
@@ -201,9 +239,14 @@ def write_model(
 
 
 def _search(
-    data: Prepared, prepared: Callable[[int], Prepared], seed: int, began_s: float,
-    budget_minutes: float, threads: int, tried: Callable[[Try], None] | None,
-) -> tuple[list[Structure], tuple[Try, ...]]:  # fmt: skip
+    data: Prepared,
+    prepared: Callable[[int], Prepared],
+    seed: int,
+    began_s: float,
+    budget_minutes: float,
+    threads: int,
+    tried: Callable[[Try], None] | None,
+) -> tuple[list[Structure], tuple[Try, ...]]:
     """Return the structures that suit the data, best first, within their share of the budget."""
     short = len(data.role) < SHORT_SAMPLES
     others = [prepared(seed + i) for i in range(1, ROTATIONS)] if short else []
@@ -229,8 +272,10 @@ def held_out(data: Prepared) -> tuple[HeldOut, ...]:
 
 def recordings_of(data: Prepared) -> tuple[TrainingRecording, ...]:
     """Return the recordings for a card, with the samples that each of them gave."""
-    used = [sum(s.stop - s.start for s in data.segments if s.recording == i)
-            for i in range(len(data.recordings))]  # fmt: skip
+    used = [
+        sum(s.stop - s.start for s in data.segments if s.recording == i)
+        for i in range(len(data.recordings))
+    ]
     return tuple(
         TrainingRecording(Path(r.path).name, r.sha256, n, source_of(Path(r.path), r.sha256) or "")
         for r, n in zip(data.recordings, used, strict=True)
@@ -328,14 +373,21 @@ def _parity(out: Path | str, network: Network, data: Prepared) -> dict[str, floa
     u = recording.values[segment.first : segment.first + n, order]
     y = data.scaling.unscale_y(data.samples.y[segment.start : segment.start + n])
     result = parity(out, network, u, y)
-    return {"samples": result.samples, "onnx_numpy": result.onnx_numpy,
-            "torch_numpy": result.torch_numpy, "tolerance": result.tolerance}  # fmt: skip
+    return {
+        "samples": result.samples,
+        "onnx_numpy": result.onnx_numpy,
+        "torch_numpy": result.torch_numpy,
+        "tolerance": result.tolerance,
+    }
 
 
 def _card(
-    data: Prepared, network: Network, predicted: FloatArray, checks: Mapping[str, Any],
+    data: Prepared,
+    network: Network,
+    predicted: FloatArray,
+    checks: Mapping[str, Any],
     members: int,
-) -> ModelCard:  # fmt: skip
+) -> ModelCard:
     test = data.role == Role.TEST
     everything = measures(data, predicted, test)
     enabled = measures(data, predicted, test & data.enabled)
@@ -356,10 +408,11 @@ def _card(
         transforms=data.transforms,
         structure={
             "input_boxes": [list(box) for box in network.spec.boxes],
-            "output_lags": network.spec.lags, "linear_path": network.spec.linear_path,
+            "output_lags": network.spec.lags,
+            "linear_path": network.spec.linear_path,
             "members": members,
         },
         fit={"test": everything, "test_enabled": enabled},
         checks=dict(checks),
         packages={name: version(name) for name in ("numpy", "onnx", "onnxruntime", "scipy")},
-    )  # fmt: skip
+    )

@@ -163,9 +163,24 @@ def _backpropagate(weights, sizes, activations, delta, row):  # pragma: no cover
 
 @njit(nogil=True, cache=True, fastmath=FAST)
 def fill(
-    weights, sizes, x, y, root_weight, lags, low, high,
-    start, stop, skip, history, cursor, past, ring, jacobian, error,
-):  # pragma: no cover  # fmt: skip
+    weights,
+    sizes,
+    x,
+    y,
+    root_weight,
+    lags,
+    low,
+    high,
+    start,
+    stop,
+    skip,
+    history,
+    cursor,
+    past,
+    ring,
+    jacobian,
+    error,
+):  # pragma: no cover
     """Fill rows until the buffers are full or the pieces end; return their number.
 
     cursor : (piece, t, slot) to go on from, t < 0 at the start of a piece

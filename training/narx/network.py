@@ -224,7 +224,15 @@ def simulate(
     x = input_regressors(spec, u) if x is None else x
     result = np.full(len(u), np.nan) if out is None else out
     kernels.simulate(
-        weights, spec.sizes_array(), x, spec.lags, start, stop,
-        np.clip(history, spec.y_min, spec.y_max), spec.y_min, spec.y_max, result,
-    )  # fmt: skip
+        weights,
+        spec.sizes_array(),
+        x,
+        spec.lags,
+        start,
+        stop,
+        np.clip(history, spec.y_min, spec.y_max),
+        spec.y_min,
+        spec.y_max,
+        result,
+    )
     return result

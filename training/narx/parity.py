@@ -101,8 +101,10 @@ def parity(path: Path | str, network: Network, u: FloatArray, y: FloatArray) -> 
         float(np.abs(other[first:] - reference).max()),
         tolerance,
     )
-    off = [float(np.abs(run[first:strict] - reference[: strict - first]).max())
-           for run in (graph, other)]  # fmt: skip
+    off = [
+        float(np.abs(run[first:strict] - reference[: strict - first]).max())
+        for run in (graph, other)
+    ]
     if not max(off) <= tolerance:
         raise ModelError(
             f"{path}: free runs differ by {off[0]:.2g} (ONNX) and {off[1]:.2g} (torch) from "

@@ -68,11 +68,15 @@ def _overview(result: FitResult) -> str:
         ("samples", f"{len(result.data.role)} of {len(card.recordings)} recordings"),
         ("time", f"{result.seconds:.0f} s for {sum(t.members == 1 for t in result.starts)} starts"),
         ("trainings it is the mean of", str(result.starts[result.best].members)),
-        ("two histories after 50 samples",
-         f"differ by at most {stability['gap']:.2g} (limit {stability['limit']:.2g})"),
-        ("ONNX against numpy, free run",
-         f"{parity['onnx_numpy']:.2g} (tolerance {parity['tolerance']:.2g})"),
-    ]  # fmt: skip
+        (
+            "two histories after 50 samples",
+            f"differ by at most {stability['gap']:.2g} (limit {stability['limit']:.2g})",
+        ),
+        (
+            "ONNX against numpy, free run",
+            f"{parity['onnx_numpy']:.2g} (tolerance {parity['tolerance']:.2g})",
+        ),
+    ]
     return table(rows) + recordings_table(card)
 
 
@@ -91,27 +95,37 @@ def _tries(result: FitResult) -> str:
     spec = result.network.spec
     rows = [
         (
-            f"{t.structure.longest}", str(t.structure.lags),
-            ", ".join(map(str, t.structure.hidden)) or "linear", str(t.n_weights),
+            f"{t.structure.longest}",
+            str(t.structure.lags),
+            ", ".join(map(str, t.structure.hidden)) or "linear",
+            str(t.n_weights),
             f"{t.rmse * result.data.scaling.y_std:.4g}",
         )
         for t in ordered
-    ]  # fmt: skip
+    ]
     members = result.starts[result.best].members
     one = replace(spec, hidden=tuple(n // members for n in spec.hidden))
     chosen = [t.structure.spec(result.data) == one for t in ordered].index(True)
     text = paragraph(
         "Each was trained shortly. A larger structure had to be better by more than its "
-        "uncertainty, so the first row need not be the choice.", "note",
-    )  # fmt: skip
+        "uncertainty, so the first row need not be the choice.",
+        "note",
+    )
     head = ("longest input lag", "output lags", "hidden layers", "weights", "free-run RMSE")
     return f"<h2>Structures tried</h2>{text}{table(rows, head, chosen)}"
 
 
 def measures_table(result: Fit) -> str:
     """Return the figures on held-out blocks."""
-    names = ("samples", "fit_percent", "correlation", "slope", "rmse", "residual_mean",
-             "residual_std")  # fmt: skip
+    names = (
+        "samples",
+        "fit_percent",
+        "correlation",
+        "slope",
+        "rmse",
+        "residual_mean",
+        "residual_std",
+    )
     rows = [
         (
             title,
@@ -136,8 +150,15 @@ def _training_curves(result: FitResult) -> Figure:
             if index == result.best:
                 axes.axvline(at, color="0.85", linewidth=0.8)
                 label = " " + stage.name.removeprefix("horizon ")
-                axes.text(at, 0.98, label, transform=axes.get_xaxis_transform(), va="top",
-                          fontsize=8, color="0.4")  # fmt: skip
+                axes.text(
+                    at,
+                    0.98,
+                    label,
+                    transform=axes.get_xaxis_transform(),
+                    va="top",
+                    fontsize=8,
+                    color="0.4",
+                )
             at += len(scores) - 1
     axes.set(xlabel="epoch; the number is the horizon in samples", ylabel="RMSE, model units")
     return figure

@@ -33,9 +33,11 @@ def contraction(
     rng = np.random.default_rng(seed)
     length = CONTRACTION_SAMPLES + 1
     places = np.concatenate(
-        [np.arange(s.start + spec.memory, max(s.stop - length, s.start + spec.memory + 1))
-         for s in data.segments]
-    )  # fmt: skip
+        [
+            np.arange(s.start + spec.memory, max(s.stop - length, s.start + spec.memory + 1))
+            for s in data.segments
+        ]
+    )
     start = rng.choice(places, pairs)
     stop = np.minimum(start + length, len(data.samples.y))
     x = input_regressors(spec, data.samples.u)

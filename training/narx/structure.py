@@ -55,9 +55,14 @@ class Structure:
     def spec(self, data: Prepared) -> Spec:
         """Return the model's shape for ``data``."""
         return Spec(
-            len(data.inputs), self.lags, self.hidden, 0, *data.scaling.y_scaled_limits,
-            boxes(self.longest), linear_path=bool(self.hidden),
-        )  # fmt: skip
+            len(data.inputs),
+            self.lags,
+            self.hidden,
+            0,
+            *data.scaling.y_scaled_limits,
+            boxes(self.longest),
+            linear_path=bool(self.hidden),
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,9 +194,11 @@ class Search:
             parts = results[i * n : (i + 1) * n]
             weights = np.concatenate([w for _, w in parts])
             self.tries[candidate] = done = Try(
-                candidate, candidate.spec(self.rotations[0]).n_weights,
-                np.concatenate([errors for errors, _ in parts]), weights / weights.sum(),
-            )  # fmt: skip
+                candidate,
+                candidate.spec(self.rotations[0]).n_weights,
+                np.concatenate([errors for errors, _ in parts]),
+                weights / weights.sum(),
+            )
             if self.progress:
                 self.progress(done)
 

@@ -243,9 +243,13 @@ def runs(good: np.ndarray) -> list[tuple[int, int]]:
 
 
 def _roles(
-    segments: Sequence[Segment], period_ns: int, block_s: float, seed: int, lags: int,
+    segments: Sequence[Segment],
+    period_ns: int,
+    block_s: float,
+    seed: int,
+    lags: int,
     validate: Collection[int],
-) -> np.ndarray:  # fmt: skip
+) -> np.ndarray:
     rng = np.random.default_rng(seed)
     total = segments[-1].stop
     block = int(np.clip(block_s * 1e9 / period_ns, *BLOCK_SAMPLES))
@@ -271,9 +275,12 @@ def _roles(
 
 
 def _scaling(
-    u: FloatArray, y: FloatArray, transform: str, inputs: Sequence[str],
+    u: FloatArray,
+    y: FloatArray,
+    transform: str,
+    inputs: Sequence[str],
     recordings: Sequence["Recording"],
-) -> Scaling:  # fmt: skip
+) -> Scaling:
     std = u.std(axis=0)
     for name, spread, mean in zip(inputs, std, u.mean(axis=0), strict=True):
         if spread <= 1e-9 * max(1.0, abs(mean)):
@@ -290,9 +297,15 @@ def _scaling(
         span = float(y.max() - y.min())
         y_low, y_high = float(y.min()) - share * span, float(y.max()) + share * span
     return Scaling(
-        u.mean(axis=0), std, low - margin, high + margin, float(y.mean()), float(y.std()),
-        y_low, y_high,
-    )  # fmt: skip
+        u.mean(axis=0),
+        std,
+        low - margin,
+        high + margin,
+        float(y.mean()),
+        float(y.std()),
+        y_low,
+        y_high,
+    )
 
 
 def _in_output_units(transform: str, y: FloatArray) -> FloatArray:

@@ -100,8 +100,12 @@ class ObdPoller:
         """Say how it went; nothing is held."""
         counters = self.counters
         line = f"OBD-II: {counters.requests} requests, {counters.answers} answered"
-        told = {"silent": counters.silent, "busy": counters.busy, "refused": counters.refused,
-                "malformed": counters.malformed}  # fmt: skip
+        told = {
+            "silent": counters.silent,
+            "busy": counters.busy,
+            "refused": counters.refused,
+            "malformed": counters.malformed,
+        }
         parts = [f"{name} {n}" for name, n in told.items() if n]
         self._say(", ".join([line, *parts]))
 

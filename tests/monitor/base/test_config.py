@@ -54,8 +54,11 @@ def test_a_partial_file_keeps_the_shipped_value_of_what_it_leaves_out(tmp_path: 
     assert own.bias.offset_limit_lambda == shipped.bias.offset_limit_lambda
     assert own.enable.engine_speed_min_rpm == shipped.enable.engine_speed_min_rpm
     assert (own.window, own.response, own.plausibility, own.debounce) == (
-        shipped.window, shipped.response, shipped.plausibility, shipped.debounce
-    )  # fmt: skip
+        shipped.window,
+        shipped.response,
+        shipped.plausibility,
+        shipped.debounce,
+    )
 
 
 def test_an_own_file_does_not_change_what_is_loaded_next(tmp_path: Path) -> None:

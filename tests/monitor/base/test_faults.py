@@ -131,9 +131,15 @@ def test_the_transient_fault_is_slow_and_weak_together(phi: list[float], tau_s: 
 
 @pytest.mark.parametrize(
     ("name", "severity", "reads"),
-    [("stuck_lean", 0.2, 1.2), ("stuck_rich", 0.2, 0.8), ("stuck_rich", 0.9, 0.5),
-     ("stuck_at_one", None, 1.0), ("out_of_range", None, 0.31), ("out_of_range", 17.0, 17.0)],
-)  # fmt: skip
+    [
+        ("stuck_lean", 0.2, 1.2),
+        ("stuck_rich", 0.2, 0.8),
+        ("stuck_rich", 0.9, 0.5),
+        ("stuck_at_one", None, 1.0),
+        ("out_of_range", None, 0.31),
+        ("out_of_range", 17.0, 17.0),
+    ],
+)
 def test_a_stuck_sensor_reads_one_value(name: str, severity: float | None, reads: float) -> None:
     assert SensorFault(resolve(name, severity), PERIOD_S).apply([0.8, 1.0, 1.3]) == [reads] * 3
 
@@ -205,8 +211,11 @@ def test_an_impossible_severity_is_refused(name: str, severity: float) -> None:
 
 @given(phis)
 def test_combined_faults_do_what_all_parts_do(phi: list[float]) -> None:
-    parts = [resolve("slow_rich_to_lean", 0.5), resolve("delay_lean_to_rich", 0.4),
-             resolve("biased_lean", 0.05)]  # fmt: skip
+    parts = [
+        resolve("slow_rich_to_lean", 0.5),
+        resolve("delay_lean_to_rich", 0.4),
+        resolve("biased_lean", 0.05),
+    ]
     both = combine(parts)
     assert both is not None
     assert both.name == "slow_rich_to_lean+delay_lean_to_rich+biased_lean"
@@ -226,9 +235,13 @@ def test_one_or_no_part_needs_no_combining() -> None:
 
 @pytest.mark.parametrize(
     "names",
-    [("biased_lean", "biased_rich"), ("slow_symmetric", "transient"),
-     ("delay_lean_to_rich", "delay_rich_to_lean"), ("stuck_lean", "stuck_rich")],
-)  # fmt: skip
+    [
+        ("biased_lean", "biased_rich"),
+        ("slow_symmetric", "transient"),
+        ("delay_lean_to_rich", "delay_rich_to_lean"),
+        ("stuck_lean", "stuck_rich"),
+    ],
+)
 def test_faults_that_contradict_each_other_are_refused(names: tuple[str, str]) -> None:
     severities = (0.3, 0.7)
     with pytest.raises(UsageError, match=names[0]):

@@ -169,10 +169,15 @@ def test_what_cannot_be_sent_is_counted() -> None:
 
 @pytest.mark.parametrize(
     ("said", "state", "counter"),
-    [(error(0x40), "bus off", "bus_off"), (error(0x04, 0, 0x10), "passive", "passive"),
-     (error(0x04, 0, 0x20), "passive", "passive"), (error(0x04, 0, 0x04), "warning", "warning"),
-     (error(0x04, 0, 0x08), "warning", "warning"), (error(0x44, 0, 0x10), "bus off", "bus_off")],
-)  # fmt: skip
+    [
+        (error(0x40), "bus off", "bus_off"),
+        (error(0x04, 0, 0x10), "passive", "passive"),
+        (error(0x04, 0, 0x20), "passive", "passive"),
+        (error(0x04, 0, 0x04), "warning", "warning"),
+        (error(0x04, 0, 0x08), "warning", "warning"),
+        (error(0x44, 0, 0x10), "bus off", "bus_off"),
+    ],
+)
 def test_an_error_frame_tells_the_controllers_state(
     said: can.Message, state: str, counter: str
 ) -> None:

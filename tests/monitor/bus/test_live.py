@@ -307,8 +307,9 @@ def test_a_server_that_dies_at_once_is_started_with_growing_waits_until_the_loop
         assert keeper.stdin is not None
         assert keeper.stdout is not None
         started_s = [time.monotonic() for _ in range(3) if keeper.stdout.readline()]
-        assert [b - a > least_s for (a, b), least_s in
-                zip(pairwise(started_s), (0.4, 0.9), strict=True)] == [True, True]  # fmt: skip
+        assert [
+            b - a > least_s for (a, b), least_s in zip(pairwise(started_s), (0.4, 0.9), strict=True)
+        ] == [True, True]
         keeper.stdin.close()
         assert keeper.wait(5.0) == 0
 

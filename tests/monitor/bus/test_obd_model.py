@@ -24,8 +24,9 @@ DURATION_S = 600.0
 
 def polled(setup: replay.Setup, seed: int, log: Path) -> dict[str, object]:
     """Poll a drive on the highway, record it and return what the loop says."""
-    experiment = Experiment(cycle="hwfet", vehicle=2051, seed=seed, duration_s=DURATION_S,
-                            conditions=WARM)  # fmt: skip
+    experiment = Experiment(
+        cycle="hwfet", vehicle=2051, seed=seed, duration_s=DURATION_S, conditions=WARM
+    )
     drive = simulate(experiment)
     ecu = ObdEcu(np.arange(len(drive["engine_speed_rpm"])) * 0.01, drive)
     parameters = wanted(setup.bus_map, setup.bus_map.names)

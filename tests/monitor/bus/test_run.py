@@ -248,9 +248,14 @@ def test_a_drive_goes_on_after_the_interface_was_away(
 
     record = tmp_path / "gap.log"
     loop = Loop(
-        first, setup, reopen=reopen, record=record, say=said.append,
-        monotonic_s=lambda: now[0], sleep=sleep,
-    )  # fmt: skip
+        first,
+        setup,
+        reopen=reopen,
+        record=record,
+        say=said.append,
+        monotonic_s=lambda: now[0],
+        sleep=sleep,
+    )
     second.stop = loop.stop
     loop.run()
     live = loop.result("played")

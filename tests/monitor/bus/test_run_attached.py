@@ -75,8 +75,14 @@ def test_codes_that_a_tester_clears_are_cleared_in_a_replay_of_the_recording(
     tester = Clearing()
     bus = PlayedBus([*late_sensor, asked])
     with bus:
-        loop = Loop(bus, setup, record=record, attachments=[tester], say=lambda _: None,
-                    monotonic_s=lambda: bus.now_s)  # fmt: skip
+        loop = Loop(
+            bus,
+            setup,
+            record=record,
+            attachments=[tester],
+            say=lambda _: None,
+            monotonic_s=lambda: bus.now_s,
+        )
         tester.clear, bus.stop = loop.clear_codes, loop.stop
         loop.run()
     live = loop.result("played")

@@ -272,8 +272,10 @@ def test_a_service_is_ready_and_ends_by_sigterm_with_its_memory_stored(
     environment = os.environ | {"NOTIFY_SOCKET": manager.getsockname(), "WATCHDOG_USEC": "200000"}
     with subprocess.Popen(
         [sys.executable, "-m", "monitor.cli", *command],
-        env=environment, stdout=subprocess.PIPE, text=True,
-    ) as process:  # fmt: skip
+        env=environment,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as process:
         manager.settimeout(120.0)
         assert "READY=1" in heard(manager)
         assert "WATCHDOG=1" in heard(manager)

@@ -87,9 +87,17 @@ def test_the_crc_of_this_test_has_the_check_value_of_the_standard() -> None:
 
 @pytest.mark.parametrize(
     ("code", "number"),
-    [("P0133", 0x0133), ("P014C", 0x014C), ("P2A00", 0x2A00), ("P2195", 0x2195),
-     ("U0100", 0xC100), ("U0401", 0xC401), ("C1234", 0x5234), ("B3FFF", 0xBFFF)],
-)  # fmt: skip
+    [
+        ("P0133", 0x0133),
+        ("P014C", 0x014C),
+        ("P2A00", 0x2A00),
+        ("P2195", 0x2195),
+        ("U0100", 0xC100),
+        ("U0401", 0xC401),
+        ("C1234", 0x5234),
+        ("B3FFF", 0xBFFF),
+    ],
+)
 def test_a_trouble_code_is_its_two_bytes(code: str, number: int) -> None:
     assert dtc_number(code) == number
 
@@ -109,9 +117,15 @@ def test_without_a_fault_the_status_says_so() -> None:
     said = decoded(frame)
     assert said.pop("Checksum") == crc(frame)
     assert said == {
-        "FaultFlag": 0, "WarningLamp": 0, "MonitorState": 2, "DtcCount": 0, "Dtc": 0,
-        "DtcStatus": 0, "EnabledPercent": 25, "AliveCounter": 0,
-    }  # fmt: skip
+        "FaultFlag": 0,
+        "WarningLamp": 0,
+        "MonitorState": 2,
+        "DtcCount": 0,
+        "Dtc": 0,
+        "DtcStatus": 0,
+        "EnabledPercent": 25,
+        "AliveCounter": 0,
+    }
 
 
 @pytest.mark.parametrize("fault", CODES)
@@ -143,10 +157,14 @@ def test_of_several_codes_the_first_to_fail_is_told() -> None:
 
 @pytest.mark.parametrize(
     ("completed", "predicted", "enabled", "state"),
-    [(False, np.nan, False, "no signals"), (False, 1.0, False, "not enabled"),
-     (False, 1.0, True, "monitoring"), (True, 1.0, True, "passed"),
-     (True, np.nan, False, "passed")],
-)  # fmt: skip
+    [
+        (False, np.nan, False, "no signals"),
+        (False, 1.0, False, "not enabled"),
+        (False, 1.0, True, "monitoring"),
+        (True, 1.0, True, "passed"),
+        (True, np.nan, False, "passed"),
+    ],
+)
 def test_the_state_is_told_in_the_words_of_the_database(
     completed: bool, predicted: float, enabled: bool, state: str
 ) -> None:

@@ -115,9 +115,13 @@ def test_readiness_shows_each_test_with_its_results_and_performance(
     assert result["general_denominator"] == result["ignition_cycles"] == 1
     ready = {t["test"]: t["completed_since_clear"] for t in result["tests"]}
     assert ready == {
-        "response": True, "bias": True, "activity": False, "communication": False, "range": True,
+        "response": True,
+        "bias": True,
+        "activity": False,
+        "communication": False,
+        "range": True,
         "ready": False,
-    }  # fmt: skip
+    }
 
 
 def test_clearing_says_that_permanent_codes_stay(

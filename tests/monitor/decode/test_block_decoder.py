@@ -103,14 +103,16 @@ def test_protected_frames_give_the_same_values_and_counters(
 @given(
     answers=st.lists(
         st.tuples(
-            st.sampled_from([0x04, 0x03, 0x10, 0x24]), st.sampled_from([0x41, 0x41, 0x42]),
-            st.sampled_from([0x0C, 0x0D, 0x10, 0x34, 0x5E, 0x03, 0x99]), st.binary(max_size=9),
+            st.sampled_from([0x04, 0x03, 0x10, 0x24]),
+            st.sampled_from([0x41, 0x41, 0x42]),
+            st.sampled_from([0x0C, 0x0D, 0x10, 0x34, 0x5E, 0x03, 0x99]),
+            st.binary(max_size=9),
         ),
         max_size=40,
     ),
     cuts=cuts,
     names=st.sets(st.sampled_from(OBD.names), min_size=1),
-)  # fmt: skip
+)
 def test_multiplexed_answers_give_the_same_values_and_counters(
     answers: list[tuple[int, int, int, bytes]], cuts: list[int], names: set[str]
 ) -> None:
@@ -217,9 +219,11 @@ def test_any_layout_gives_the_same_values_and_counters(
 
 def test_signals_of_more_than_64_bits_are_decoded(tmp_path: Path) -> None:
     bus_map = bus_map_of(
-        tmp_path, 12, ' SG_ X0 : 5|70@1- (0.5,1) [0|0] "" A\n SG_ X1 : 7|90@0+ (1,0) [0|0] "" A',
+        tmp_path,
+        12,
+        ' SG_ X0 : 5|70@1- (0.5,1) [0|0] "" A\n SG_ X1 : 7|90@0+ (1,0) [0|0] "" A',
         '[signals]\nx0 = { message = "M", signal = "X0" }\nx1 = { message = "M", signal = "X1" }\n',
-    )  # fmt: skip
+    )
     rng = np.random.default_rng(1)
     frames = [Frame(i, 100, False, rng.bytes(12)) for i in range(20)]
     assert_alike(bus_map, ["x0", "x1"], frames, [7])

@@ -112,9 +112,11 @@ def test_an_implausible_value_is_marked(pressure: float, expected: float) -> Non
 
 def test_single_bits_have_no_not_available_value(tmp_path: Path) -> None:
     bus_map = bus_map_of(
-        tmp_path, ' SG_ One : 3|1@1+ (1,0) [0|1] "" A', ["One"],
+        tmp_path,
+        ' SG_ One : 3|1@1+ (1,0) [0|1] "" A',
+        ["One"],
         '[integrity]\nnot_available = "all_ones"\n',
-    )  # fmt: skip
+    )
     assert Decoder(bus_map, ["one"]).push(Frame(0, 100, False, b"\x08" * 8)) == ((0,), (1.0,))
 
 

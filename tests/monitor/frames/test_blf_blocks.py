@@ -68,9 +68,24 @@ def blf_file(containers: list[tuple[bytes, int]], millisecond: int = 0) -> bytes
         content += packed + bytes(size % 4)
     start = (2026, 11, 6, 21, 9, 30, 5, millisecond)
     head = struct.pack(
-        "<4sL8BQQLL8H8H", b"LOGG", 144, 5, 0, 0, 0, 2, 6, 8, 1, 144 + len(content), 0, 0, 0,
-        *start, *start,
-    )  # fmt: skip
+        "<4sL8BQQLL8H8H",
+        b"LOGG",
+        144,
+        5,
+        0,
+        0,
+        0,
+        2,
+        6,
+        8,
+        1,
+        144 + len(content),
+        0,
+        0,
+        0,
+        *start,
+        *start,
+    )
     return head.ljust(144, b"\0") + content
 
 

@@ -197,8 +197,11 @@ def test_a_uniform_table_is_used_sample_for_sample_at_its_own_period(tmp_path: P
     assert [s.index for s in samples] == [0, 1, 2, 3]
     assert [s.t_ns for s in samples] == [5_000_000_000 + k * 50_000_000 for k in range(4)]
     assert [s.quality[0] for s in samples] == [
-        Quality.GOOD, Quality.OUT_OF_RANGE, Quality.INVALID, Quality.GOOD,
-    ]  # fmt: skip
+        Quality.GOOD,
+        Quality.OUT_OF_RANGE,
+        Quality.INVALID,
+        Quality.GOOD,
+    ]
     np.testing.assert_array_equal([s.values[0] for s in samples], [1, math.nan, math.nan, 1.5])
 
 

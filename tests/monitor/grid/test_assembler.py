@@ -64,8 +64,12 @@ def test_frames_without_wanted_signals_move_time() -> None:
 def test_a_value_is_held_until_its_timeout_then_stale() -> None:
     samples = play(assembler(timeout_ms=250), (0, 5.0), (501, None))
     assert [s.quality[0] for s in samples] == [
-        Quality.GOOD, Quality.GOOD, Quality.STALE, Quality.STALE, Quality.STALE,
-    ]  # fmt: skip
+        Quality.GOOD,
+        Quality.GOOD,
+        Quality.STALE,
+        Quality.STALE,
+        Quality.STALE,
+    ]
     assert samples[1].values[0] == 5.0
     assert math.isnan(samples[2].values[0])
 
@@ -202,8 +206,12 @@ def test_whole_recordings_give_the_same_bits_as_frame_by_frame(
     block = assemble_arrays(
         np.array(times, dtype=np.int64),
         [(np.array(t, dtype=np.int64), np.array(v, dtype=np.float64)) for t, v in series],
-        channels, names, period_ns=period_ns, timeouts_ns=timeouts, derived=[recipe],
-    )  # fmt: skip
+        channels,
+        names,
+        period_ns=period_ns,
+        timeouts_ns=timeouts,
+        derived=[recipe],
+    )
     assert block.index.tolist() == [s.index for s in expected]
     assert block.t_ns.tolist() == [s.t_ns for s in expected]
     assert block.values.tobytes() == b"".join(s.values.tobytes() for s in expected)

@@ -100,7 +100,9 @@ def test_a_gateway_rewrites_the_ecus_frames_and_passes_the_others_untouched() ->
     kinds = {(m.arbitration_id, m.is_remote_frame, m.is_fd, m.bitrate_switch) for m in got[5:]}
     assert kinds == {(0x123, True, False, False), (0x124, False, True, True)}
     assert [(m.arbitration_id, bytes(m.data)) for m in back] == [
-        (0x7DF, b"\x02\x01\x0c"), (LAMBDA_ID, frames[0].data)]  # fmt: skip
+        (0x7DF, b"\x02\x01\x0c"),
+        (LAMBDA_ID, frames[0].data),
+    ]
     lines = list(bench.gateway.lines())
     assert lines == [
         "6 frames from the ECU, 6 passed on; rewritten 5",
@@ -216,9 +218,12 @@ class LooseBench:
             can.Bus(interface="virtual", channel=channel) for channel in self.channels.values()
         )
         self.gateway = Gateway(
-            self.side("ecu"), self.side("other"), Injector(OWN, [Injection("gain_low", 0.5)]),
-            self.gave.append, lambda: self.now_s,
-        )  # fmt: skip
+            self.side("ecu"),
+            self.side("other"),
+            Injector(OWN, [Injection("gain_low", 0.5)]),
+            self.gave.append,
+            lambda: self.now_s,
+        )
 
     def side(self, name: str) -> Side:
         def reopen() -> can.BusABC:
@@ -359,8 +364,20 @@ def test_between_two_buses_what_goes_out_is_judged_when_a_signal_ends_it(
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_gateway_ends_cleanly_on_a_signal(number: signal.Signals) -> None:
-    argv = [sys.executable, "-m", "monitor.cli", "inject", "-i", "virtual", "-c", "a",
-            "--to-channel", "b", "--fault", "gain_low"]  # fmt: skip
+    argv = [
+        sys.executable,
+        "-m",
+        "monitor.cli",
+        "inject",
+        "-i",
+        "virtual",
+        "-c",
+        "a",
+        "--to-channel",
+        "b",
+        "--fault",
+        "gain_low",
+    ]
     with subprocess.Popen(
         argv, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=dict(os.environ)
     ) as process:

@@ -35,8 +35,17 @@ readings = st.lists(st.floats(0.7, 1.4), min_size=2, max_size=60)
 # The sensor's faults in frame time
 
 
-IN_PHI = ("slow_rich_to_lean", "slow_symmetric", "delay_lean_to_rich", "delay_symmetric",
-          "transient", "gain_low", "biased_lean", "stuck_rich", "out_of_range")  # fmt: skip
+IN_PHI = (
+    "slow_rich_to_lean",
+    "slow_symmetric",
+    "delay_lean_to_rich",
+    "delay_symmetric",
+    "transient",
+    "gain_low",
+    "biased_lean",
+    "stuck_rich",
+    "out_of_range",
+)
 
 
 @pytest.mark.parametrize("name", IN_PHI)

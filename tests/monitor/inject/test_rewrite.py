@@ -210,8 +210,10 @@ def outside(definition: object, payload: bytes) -> int:
     )
 
 
-@pytest.mark.parametrize(("value", "raw"), [(math.nan, 0xFFFF), (1e9, 0xFFFE), (math.inf, 0xFFFE),
-                                            (-1e9, 0), (-math.inf, 0)])  # fmt: skip
+@pytest.mark.parametrize(
+    ("value", "raw"),
+    [(math.nan, 0xFFFF), (1e9, 0xFFFE), (math.inf, 0xFFFE), (-1e9, 0), (-math.inf, 0)],
+)
 def test_not_available_has_its_own_value_and_what_does_not_fit_saturates_beside_it(
     value: float, raw: int
 ) -> None:

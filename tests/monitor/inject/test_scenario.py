@@ -105,7 +105,7 @@ EXPECT = '[[expect]]\ncode = "P2A00"\n'
         (EXPECT + '[[expect]]\ncode = "none"', "contradict each other or repeat"),
         ("title = ", "not TOML"),
     ],
-)  # fmt: skip
+)
 def test_what_is_wrong_in_a_scenario_is_named_with_its_file_and_key(
     tmp_path: Path, text: str, says: str
 ) -> None:

@@ -160,8 +160,11 @@ def test_a_condition_whose_signal_is_not_provided_is_listed_and_never_blocks(sig
 def test_without_any_context_only_the_models_own_conditions_block() -> None:
     bench = Bench(("air_mass_mg", "lambda_controller", "lambda_measured"))
     assert set(CONDITIONS) - set(bench.subject.unavailable) == {
-        "inputs_valid", "measured_valid", "model_settled", "trained_range",
-    }  # fmt: skip
+        "inputs_valid",
+        "measured_valid",
+        "model_settled",
+        "trained_range",
+    }
     assert blocking(bench.settle()) == set()
 
 

@@ -57,8 +57,10 @@ def heard(names: tuple[str, ...] = NAMES) -> Plausibility:
 def test_a_good_reading_passes_every_test() -> None:
     results = by_test(subject().step(sample(Quality.GOOD)))
     assert {name: r.failed for name, r in results.items()} == {
-        "communication": False, "ready": False, "range": False,
-    }  # fmt: skip
+        "communication": False,
+        "ready": False,
+        "range": False,
+    }
 
 
 @pytest.mark.parametrize("ready", [1.0, 0.0, math.nan])
@@ -171,10 +173,16 @@ def live(n: int, seed: int = 0) -> list[float]:
 
 @pytest.mark.parametrize(
     ("reads", "fault"),
-    [(1.15, "stuck_lean"), (0.85, "stuck_rich"), (1.0, "stuck_at_one"),
-     (1.029, "stuck_at_one"), (1.031, "stuck_lean"), (0.971, "stuck_at_one"),
-     (0.969, "stuck_rich")],
-)  # fmt: skip
+    [
+        (1.15, "stuck_lean"),
+        (0.85, "stuck_rich"),
+        (1.0, "stuck_at_one"),
+        (1.029, "stuck_at_one"),
+        (1.031, "stuck_lean"),
+        (0.971, "stuck_at_one"),
+        (0.969, "stuck_rich"),
+    ],
+)
 def test_a_frozen_signal_is_found_within_its_samples_and_named_by_its_value(
     reads: float, fault: str
 ) -> None:

@@ -70,8 +70,9 @@ def test_every_proposal_says_why_and_what_else_it_could_be() -> None:
     )
     lines = text.splitlines()
     at = lines.index(next(line for line in lines if line.startswith("engine_speed_rpm")))
-    assert re.match(r"# 1\.00: Engine_1\.EngineSpeed; its name says EngineSpeed; its unit is rpm",
-                    lines[at - 1])  # fmt: skip
+    assert re.match(
+        r"# 1\.00: Engine_1\.EngineSpeed; its name says EngineSpeed; its unit is rpm", lines[at - 1]
+    )
     assert lines[at + 1].startswith("#   or ")
     assert "CrankSpeed" in lines[at + 1]
     assert proposals.names == ("engine_speed_rpm",)

@@ -192,14 +192,38 @@ def lambda_signal(name: str) -> str:
 
 @pytest.mark.parametrize(
     "name",
-    ["Lambda_B1S2", "Lambda_B2S1", "Lambda2", "Lam2", "O2S12_Lambda", "HO2S21_Lambda",
-     "O2_S2_Lambda", "LambdaBank2", "LambdaSensor2",
-     "LambdaDownstream", "Lambda_post_cat", "LambdaPostCat",
-     "LambdaNachKat", "LambdaHinterKat", "lamhk", "Lambda_hk", "Lambda_nk", "RearLambda",
-     "LambdaRear", "LambdaBinary", "LambdaRight", "Lambda_links", "LambdaKat", "Lambda_sec",
-     "LSF_Lambda",
-     "Wideband2", "AFR_2", "lamsoni2_w", "LambdaSonde2"],
-)  # fmt: skip
+    [
+        "Lambda_B1S2",
+        "Lambda_B2S1",
+        "Lambda2",
+        "Lam2",
+        "O2S12_Lambda",
+        "HO2S21_Lambda",
+        "O2_S2_Lambda",
+        "LambdaBank2",
+        "LambdaSensor2",
+        "LambdaDownstream",
+        "Lambda_post_cat",
+        "LambdaPostCat",
+        "LambdaNachKat",
+        "LambdaHinterKat",
+        "lamhk",
+        "Lambda_hk",
+        "Lambda_nk",
+        "RearLambda",
+        "LambdaRear",
+        "LambdaBinary",
+        "LambdaRight",
+        "Lambda_links",
+        "LambdaKat",
+        "Lambda_sec",
+        "LSF_Lambda",
+        "Wideband2",
+        "AFR_2",
+        "lamsoni2_w",
+        "LambdaSonde2",
+    ],
+)
 def test_another_sensor_is_never_taken_for_the_upstream_one(name: str) -> None:
     text, proposals = proposed(database_of(lambda_signal(name)))
     assert "lambda_measured" not in proposals.names
@@ -208,11 +232,37 @@ def test_another_sensor_is_never_taken_for_the_upstream_one(name: str) -> None:
     assert with_first["lambda_measured"][0] == "LambdaB1S1"
 
 
-@pytest.mark.parametrize("second", [
-    "Bank2", "B2", "Sensor2", "S2", "2", "02", "B1S2", "B2S1", "Downstream", "PostCat", "Post",
-    "Rear", "NachKat", "HinterKat", "Nk", "Hk", "Behind", "After", "Right", "Links", "Secondary",
-    "Cat", "Kat", "Nernst", "Narrowband", "Ds",
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "second",
+    [
+        "Bank2",
+        "B2",
+        "Sensor2",
+        "S2",
+        "2",
+        "02",
+        "B1S2",
+        "B2S1",
+        "Downstream",
+        "PostCat",
+        "Post",
+        "Rear",
+        "NachKat",
+        "HinterKat",
+        "Nk",
+        "Hk",
+        "Behind",
+        "After",
+        "Right",
+        "Links",
+        "Secondary",
+        "Cat",
+        "Kat",
+        "Nernst",
+        "Narrowband",
+        "Ds",
+    ],
+)
 @pytest.mark.parametrize(
     "sensor", ["Lambda", "Lam", "AFR", "Wideband", "Uego", "O2_Lambda", "Sonde_Lambda"]
 )

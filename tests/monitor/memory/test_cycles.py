@@ -33,9 +33,11 @@ def cycles_of(
 
 
 def moments(
-    *stretches: Stretch, period_s: float = 1.0, names: tuple[str, ...] = NAMES,
+    *stretches: Stretch,
+    period_s: float = 1.0,
+    names: tuple[str, ...] = NAMES,
     profile: config.ProfileConfig = CONFIG.carb,
-) -> list[tuple[str, float]]:  # fmt: skip
+) -> list[tuple[str, float]]:
     cycles = cycles_of(names, profile)
     return [
         (moment, sample.t_ns / 1e9)

@@ -165,8 +165,9 @@ def communication(*stretches: Stretch) -> set[str]:
     tests = Plausibility(CONFIG.plausibility, names, "lambda_measured", 1.0)
     results = [tests.step(sample) for sample in samples(list(stretches), names=names)]
     last = results[-round(stretches[-1].seconds) :]
-    return {r.fault if r.failed else "passed" for of in last for r in of
-            if r.test == "communication"}  # fmt: skip
+    return {
+        r.fault if r.failed else "passed" for of in last for r in of if r.test == "communication"
+    }
 
 
 def test_an_ecu_that_falls_silent_with_the_engine_standing_is_not_missed() -> None:

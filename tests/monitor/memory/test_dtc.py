@@ -148,9 +148,15 @@ def test_a_cycle_without_a_completed_test_does_not_count_towards_healing() -> No
 
 @pytest.mark.parametrize(
     ("fault", "other_test"),
-    [("biased_lean", "activity"), ("stuck_lean", "bias"), ("gain_low", "range"),
-     ("out_of_range", "response"), ("stuck_at_one", "ready"), ("not_ready", "activity")],
-)  # fmt: skip
+    [
+        ("biased_lean", "activity"),
+        ("stuck_lean", "bias"),
+        ("gain_low", "range"),
+        ("out_of_range", "response"),
+        ("stuck_at_one", "ready"),
+        ("not_ready", "activity"),
+    ],
+)
 def test_a_passed_test_of_another_fault_leaves_a_shared_code_alone(
     fault: str, other_test: str
 ) -> None:

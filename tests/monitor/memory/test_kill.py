@@ -73,8 +73,11 @@ def test_no_announced_event_is_lost_by_a_kill_at_any_instant(tmp_path: Path) -> 
     started = Saved()
     with subprocess.Popen(
         [sys.executable, "-m", "tests.driven_memory"],
-        cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
-    ) as starter:  # fmt: skip
+        cwd=ROOT,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as starter:
         assert starter.stdin is not None
         for seed in range(KILLS):
             # GIVEN a process that goes on from what the one before it has left
@@ -134,8 +137,10 @@ def told_by_loop(path: Path, kill_after: int | None, wait_s: float = 0.0) -> lis
     """Return what the loop tells, to its end or until it is killed after so many events."""
     with subprocess.Popen(
         [sys.executable, "-m", "tests.loop_on_memory", path, "3"],
-        cwd=ROOT, stdout=subprocess.PIPE, text=True,
-    ) as loop:  # fmt: skip
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as loop:
         assert loop.stdout is not None
         told_events = (line for line in loop.stdout if line.startswith('{"told"'))
         lines = list(islice(told_events, kill_after))
@@ -151,8 +156,10 @@ def test_a_kill_loses_at_most_a_minute_of_what_was_driven(tmp_path: Path, seed: 
     path, rng = tmp_path / "o2.db", random.Random(seed)
     with subprocess.Popen(
         [sys.executable, "-m", "tests.loop_on_memory", path, "1", "DRIVEN"],
-        cwd=ROOT, stdout=subprocess.PIPE, text=True,
-    ) as loop:  # fmt: skip
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as loop:
         assert loop.stdout is not None
         shown = (line for line in loop.stdout if line.startswith('{"driven_s"'))
         lines = list(islice(shown, rng.randrange(1500, 2500)))
@@ -292,8 +299,12 @@ def test_a_read_only_file_system_is_one_line_and_exit_code_2(tmp_path: Path, is_
     then = f"{'' if is_new else make}mount -o remount,ro {tmp_path}"
     done = subprocess.run(
         mounted(command, tmp_path, then),
-        cwd=ROOT, capture_output=True, text=True, check=False, timeout=120,
-    )  # fmt: skip
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()
     assert line.startswith(f"o2mon: {path}: cannot open the fault memory")

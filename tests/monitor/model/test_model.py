@@ -31,9 +31,7 @@ def network(
 ) -> Network:
     high = np.array([600.0, 2.5, 1.2]) if ratio else HIGH
     y_low, y_high = (0.0, 1.7) if transform == "phi" else (-3.0, 4.0)
-    scaling = Scaling(
-        (LOW + high) / 2, (high - LOW) / 4, LOW, high, 0.9, 0.3, y_low, y_high
-    )  # fmt: skip
+    scaling = Scaling((LOW + high) / 2, (high - LOW) / 4, LOW, high, 0.9, 0.3, y_low, y_high)
     spec = Spec(3, 5, hidden, first_lag, (y_low - 0.9) / 0.3, (y_high - 0.9) / 0.3)
     weights = 1.3 * initial_weights(spec, np.random.default_rng(4))
     transforms = (fuel_air_ratio(),) if ratio else ()
@@ -92,9 +90,14 @@ def test_the_card_survives_the_file(path: Path) -> None:
 def test_every_batch_size_gives_the_bits_of_single_runs(tmp_path: Path) -> None:
     # GIVEN 70 different drives, and networks of several widths, with and without the transform
     for number, net in enumerate(
-        [network(), network(ratio=True), network(first_lag=0), network(hidden=(10,)),
-         network("none", hidden=(5, 3))]
-    ):  # fmt: skip
+        [
+            network(),
+            network(ratio=True),
+            network(first_lag=0),
+            network(hidden=(10,)),
+            network("none", hidden=(5, 3)),
+        ]
+    ):
         file = tmp_path / f"{number}.onnx"
         save(file, net, card(net))
         model = Model.load(file)
@@ -181,8 +184,14 @@ def test_forcing_every_sample_is_the_series_parallel_prediction(path: Path) -> N
         model.force_output(y[t])
         if t >= 5:
             history = scaled[t - 5 : t][::-1][None].copy()
-            one = simulate(net.spec, net.weights, net.scaling.scale_u(u), np.array([t]),
-                           np.array([t + 1]), history)  # fmt: skip
+            one = simulate(
+                net.spec,
+                net.weights,
+                net.scaling.scale_u(u),
+                np.array([t]),
+                np.array([t + 1]),
+                history,
+            )
             expected = from_model_units("phi", net.scaling.unscale_y(one[t]))
             assert predicted == pytest.approx(float(expected), rel=1e-5)
 

@@ -52,8 +52,11 @@ SHORT = replace(
 )
 TIGHT = replace(
     Limits.from_card(Model.load(shipped_model()).card, SHIPPED, "shipped"),
-    j_mu=0.02, j_sigma=0.02, noise=0.02, excitation=0.01,
-)  # fmt: skip
+    j_mu=0.02,
+    j_sigma=0.02,
+    noise=0.02,
+    excitation=0.01,
+)
 
 
 def tiny_model(folder: Path, transform: str, weight: float = 1.3) -> Model:
@@ -68,11 +71,20 @@ def tiny_model(folder: Path, transform: str, weight: float = 1.3) -> Model:
         for name, a, b in zip(INPUTS, low.tolist(), high.tolist(), strict=True)
     )
     card = ModelCard(
-        kind="narx", inputs=channels, output=Channel("lambda_measured", "-", 0.7, 1.2, 0.8, 1.2),
-        transform=transform, output_limits=(y_low, y_high), period_ns=PERIOD_NS,
-        lags=spec.lags, input_lag_start=1, layers=spec.hidden, state=net.state_layout,
-        recordings=(), residual_mean=0.0, residual_std=0.01,
-    )  # fmt: skip
+        kind="narx",
+        inputs=channels,
+        output=Channel("lambda_measured", "-", 0.7, 1.2, 0.8, 1.2),
+        transform=transform,
+        output_limits=(y_low, y_high),
+        period_ns=PERIOD_NS,
+        lags=spec.lags,
+        input_lag_start=1,
+        layers=spec.hidden,
+        state=net.state_layout,
+        recordings=(),
+        residual_mean=0.0,
+        residual_std=0.01,
+    )
     path = folder / f"{transform}.onnx"
     save(path, net, card)
     return Model.load(path)
@@ -162,9 +174,14 @@ def cleared(draw: st.DrawFn, block: SampleBlock) -> list[Clearing]:
     data=st.data(),
 )
 def test_a_batch_gives_what_streaming_gives(
-    tiny: dict[str, Model], blocks: list[SampleBlock], missing: set[str], transform: str, rows: int,
-    learned: Reference | None, data: st.DataObject,
-) -> None:  # fmt: skip
+    tiny: dict[str, Model],
+    blocks: list[SampleBlock],
+    missing: set[str],
+    transform: str,
+    rows: int,
+    learned: Reference | None,
+    data: st.DataObject,
+) -> None:
     model, names = tiny[transform], without(_EMPTY, missing)[1]
     blocks = [without(block, missing)[0] for block in blocks]
     clearings = [data.draw(cleared(block)) for block in blocks]

@@ -85,8 +85,11 @@ SHORT = replace(
         SETTINGS,
         window=replace(SETTINGS.window, n_samples=8),
         enable=replace(
-            SETTINGS.enable, model_settle_samples=2, fuel_cut_recovery_s=0.2,
-            purge_recovery_s=0.1, range_margin=5.0,
+            SETTINGS.enable,
+            model_settle_samples=2,
+            fuel_cut_recovery_s=0.2,
+            purge_recovery_s=0.1,
+            range_margin=5.0,
         ),
         plausibility=replace(
             SETTINGS.plausibility, stuck_s=0.5, start_patience_s=1.0, not_ready_s=1.0
@@ -94,7 +97,7 @@ SHORT = replace(
         debounce=replace(SETTINGS.debounce, tick_fail_s=0.4, tick_pass_s=0.9),
         cycles=replace(SETTINGS.cycles, engine_off_s=5.0, silent_s=2.0, start_s=0.5),
     ),
-)  # fmt: skip
+)
 
 
 def _given(setup: Setup) -> tuple[BusMap, Model, Limits, Config]:

@@ -76,9 +76,19 @@ def fitted(out: Path, recording: Path, columns: Path | None, *names: str) -> Pat
     """Return a small model of the recording."""
     mapped = ["--columns", str(columns)] if columns else []
     code = training_cli.main(
-        ["fit", str(recording), *mapped, "--inputs", *names[:-1], "--output", names[-1],
-         "--out", str(out), *SMALL]
-    )  # fmt: skip
+        [
+            "fit",
+            str(recording),
+            *mapped,
+            "--inputs",
+            *names[:-1],
+            "--output",
+            names[-1],
+            "--out",
+            str(out),
+            *SMALL,
+        ]
+    )
     assert code == 0
     return out
 

@@ -72,20 +72,32 @@ def trace(n: int = 300) -> Trace:
 def window(index: int, verdict: str, fault: str | None = None) -> dict[str, Any]:
     start_s = 5.0 + 5.0 * index
     return {
-        "index": index, "t_start_s": start_s, "t_end_s": start_s + 4.9, "mean": 0.002,
-        "std": 0.0041, "paper_failed": verdict == "failed", "verdict": verdict, "fault": fault,
+        "index": index,
+        "t_start_s": start_s,
+        "t_end_s": start_s + 4.9,
+        "mean": 0.002,
+        "std": 0.0041,
+        "paper_failed": verdict == "failed",
+        "verdict": verdict,
+        "fault": fault,
         "statistics": {"evidence": -3.5, "hypothesis": "healthy", "gain": math.nan, "own_key": 7.0},
-    }  # fmt: skip
+    }
 
 
 def recording(path: str = "drives/healthy.log", **changes: Any) -> dict[str, Any]:
     made: dict[str, Any] = {
-        "path": path, "sha256": SHA256, "samples": 300, "enabled_samples": 230,
-        "windows": [window(0, "passed"), window(1, "inconclusive")], "dtcs": [],
-        "fault_flag": False, "completed": True,
+        "path": path,
+        "sha256": SHA256,
+        "samples": 300,
+        "enabled_samples": 230,
+        "windows": [window(0, "passed"), window(1, "inconclusive")],
+        "dtcs": [],
+        "fault_flag": False,
+        "completed": True,
         "enable": {"inputs_valid": 0.99, "coolant_warm": 0.125, "engine_load": "unavailable"},
-        "limits": {"j_mu": 0.01, "j_sigma": 0.02}, "counters": {"checksum": 4, "late": 0},
-    }  # fmt: skip
+        "limits": {"j_mu": 0.01, "j_sigma": 0.02},
+        "counters": {"checksum": 4, "late": 0},
+    }
     return made | changes
 
 

@@ -133,17 +133,20 @@ def test_log_and_table_of_a_drive_give_the_same_samples_bit_for_bit(
 def test_the_dynamometers_samples_are_those_the_runtime_makes_of_its_frames(
     tmp_path: Path,
 ) -> None:
-    experiment = replace(SHORT, duration_s=45.0, fault=faults.resolve("signal_missing"),
-                         fault_start_s=30.0)  # fmt: skip
+    experiment = replace(
+        SHORT, duration_s=45.0, fault=faults.resolve("signal_missing"), fault_start_s=30.0
+    )
     bus_map = ecu.own_bus()
     path = write(experiment, tmp_path, "log")
     stream = FrameSamples(bus_map, bus_map.names, 100_000_000)
     streamed = [sample for frame in read_frames(path) for sample in stream.push(frame)]
     sent = ecu.broadcast(
-        simulate(experiment), bus_map,
+        simulate(experiment),
+        bus_map,
         np.random.default_rng([0x0_2, 5, experiment.seed, experiment.vehicle]),
-        experiment.fault, experiment.fault_start_s,
-    )  # fmt: skip
+        experiment.fault,
+        experiment.fault_start_s,
+    )
     block = ecu.samples(sent, bus_map, 100_000_000)
     assert [s.t_ns for s in streamed] == block.t_ns.tolist()
     np.testing.assert_array_equal(np.array([s.values for s in streamed]), block.values)

@@ -22,9 +22,15 @@ def plant(experiment: Experiment) -> Mixture:
     piece = vehicle.piece(experiment.vehicle)
     air = drive.run(trace, piece, WARM, Effects(), np.random.default_rng(2))
     return mixture.run(
-        air, piece, WARM, Effects(), experiment.fault, 0.0, np.random.default_rng(3),
+        air,
+        piece,
+        WARM,
+        Effects(),
+        experiment.fault,
+        0.0,
+        np.random.default_rng(3),
         trace.phi_step,
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.parametrize("name", faults.NAMES)
@@ -64,9 +70,9 @@ def test_in_the_loop_a_fault_is_what_it_is_defined_to_be(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "sign"), [("biased_lean", 1.0), ("stuck_lean", 1.0), ("biased_rich", -1.0),
-                       ("stuck_rich", -1.0)],
-)  # fmt: skip
+    ("name", "sign"),
+    [("biased_lean", 1.0), ("stuck_lean", 1.0), ("biased_rich", -1.0), ("stuck_rich", -1.0)],
+)
 def test_the_controller_corrects_against_what_the_sensor_says(name: str, sign: float) -> None:
     healthy = driven(FAULT_DRIVE)["lambda_controller"]
     faulty = driven(replace(FAULT_DRIVE, fault=faults.resolve(name)))["lambda_controller"]

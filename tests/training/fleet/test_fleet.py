@@ -113,8 +113,12 @@ def test_drives_of_a_vehicle_share_its_memory_as_in_a_replay(tmp_path: Path) -> 
         assert_as_replayed(row, windows, found)
     assert first["reference_drives"].to_list() == [0, 1, 2, 2, 2]
     assert [states[:1] for states in first["states"].to_list()] == [
-        [], [], ["pending"], ["confirmed"], ["confirmed"],
-    ]  # fmt: skip
+        [],
+        [],
+        ["pending"],
+        ["confirmed"],
+        ["confirmed"],
+    ]
     assert rows.filter(pl.col("vehicle") == "second")["states"].to_list() == [["pending"]]
 
 
@@ -165,8 +169,10 @@ def test_recordings_are_found_by_folder_pattern_and_manifest(folder: Path, tmp_p
     drives = drives_of([str(tmp_path / "m.csv")])
     assert [(d.vehicle, d.drive) for d in drives] == [("b", 0), ("a", 0), ("3.log", 0), ("b", 1)]
     assert [d.path for d in drives][:3] == [
-        str(tmp_path / "x/1.log"), "memory://far/2.log", "/abs/3.log",
-    ]  # fmt: skip
+        str(tmp_path / "x/1.log"),
+        "memory://far/2.log",
+        "/abs/3.log",
+    ]
     (tmp_path / "q.csv").write_text('"vehicle","path"\n"7, red","x/1, 2.log"\n')
     (quoted,) = drives_of([str(tmp_path / "q.csv")])
     assert (quoted.vehicle, quoted.path) == ("7, red", str(tmp_path / "x/1, 2.log"))

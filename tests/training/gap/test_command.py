@@ -27,9 +27,18 @@ from training.jobs.stages import Stages
 from training.recordings.recording import Recording, load
 
 FIELDS = {
-    "schema", "verdict", "where", "effects", "rmse_before", "rmse_after", "noise_floor",
-    "detection_before", "detection_after", "experiment", "model",
-}  # fmt: skip
+    "schema",
+    "verdict",
+    "where",
+    "effects",
+    "rmse_before",
+    "rmse_after",
+    "noise_floor",
+    "detection_before",
+    "detection_after",
+    "experiment",
+    "model",
+}
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -45,9 +45,15 @@ def predicted(drive: Drive, constants: FloatArray) -> Compared:
     lag_s = max(lag_s, 0.01)
     at_sensor = transported(np.clip(ratio, 0.0, 2.0), dead_time_s, lag_s, PERIOD_S)
     return Compared(
-        drive.name, PERIOD_S, drive.signals, drive.phi_measured, gain * at_sensor + offset,
-        drive.scored, dead_time_s, lag_s,
-    )  # fmt: skip
+        drive.name,
+        PERIOD_S,
+        drive.signals,
+        drive.phi_measured,
+        gain * at_sensor + offset,
+        drive.scored,
+        dead_time_s,
+        lag_s,
+    )
 
 
 @cache

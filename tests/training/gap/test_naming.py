@@ -183,10 +183,12 @@ def test_an_effect_that_explains_too_little_is_said_beside_an_ambiguous_second(
     driven = two_drives(2_200_140, ("wall_film", 4.0))
     film, *others = name(driven, known()).ranking
     small = next(c for c in others if c.kind == "effect")
-    steps = iter([
-        Outcome("named", (small,), None, None, (small, film)),
-        Outcome("ambiguous", (film, *others[:1]), None, None, (film, *others)),
-    ])  # fmt: skip
+    steps = iter(
+        [
+            Outcome("named", (small,), None, None, (small, film)),
+            Outcome("ambiguous", (film, *others[:1]), None, None, (film, *others)),
+        ]
+    )
     monkeypatch.setattr("training.gap.name.naming.step", lambda *_, **__: next(steps))
     # WHEN two steps are asked for
     found = name(driven, known(), steps=2)

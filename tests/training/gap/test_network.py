@@ -51,9 +51,14 @@ def without(recording: Recording, rows: slice, name: str) -> Recording:
     values = recording.values.copy()
     values[rows, recording.names.index(name)] = np.nan
     return Recording(
-        recording.path, recording.sha256, recording.period_ns, recording.t_s, recording.names,
-        values, recording.quality,
-    )  # fmt: skip
+        recording.path,
+        recording.sha256,
+        recording.period_ns,
+        recording.t_s,
+        recording.names,
+        values,
+        recording.quality,
+    )
 
 
 def test_the_free_run_in_phi_is_that_of_evaluate() -> None:
@@ -115,9 +120,14 @@ def extended(base: FitResult, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("added") / "model.onnx"
     chain, film = fitted()
     add(
-        base.path, [film], chain, out, ranges=ranges(*gap_drives()), recordings=FIT,
+        base.path,
+        [film],
+        chain,
+        out,
+        ranges=ranges(*gap_drives()),
+        recordings=FIT,
         drives=[from_recording(gap_drives()[1])],
-    )  # fmt: skip
+    )
     return out
 
 
@@ -126,9 +136,14 @@ def retrained(base: FitResult, tmp_path_factory: pytest.TempPathFactory) -> Path
     out = tmp_path_factory.mktemp("retrained") / "model.onnx"
     chain, film = fitted()
     held_out = retrain(
-        base.path, [film], chain, gap_drives(), out, ranges=ranges(*gap_drives()),
+        base.path,
+        [film],
+        chain,
+        gap_drives(),
+        out,
+        ranges=ranges(*gap_drives()),
         healthy=healthy_drives()[:1],
-    )  # fmt: skip
+    )
     # Limits may be set on blocks of drives with the film alone: on others the model is wrong.
     assert {each.recording for each in held_out} == {0, 1, 2}
     return out
@@ -216,8 +231,14 @@ def test_a_file_that_computes_something_else_is_refused(
     right = ChainDifference.values
     monkeypatch.setattr(ChainDifference, "values", lambda self, s: right(self, s) + 0.002)
     with pytest.raises(ModelError, match=r"differ by 0\.002 \(ONNX\)"):
-        add(base.path, [NOTHING], CHAIN, tmp_path / "model.onnx", ranges=ranges(*gap_drives()),
-            recordings=FIT)  # fmt: skip
+        add(
+            base.path,
+            [NOTHING],
+            CHAIN,
+            tmp_path / "model.onnx",
+            ranges=ranges(*gap_drives()),
+            recordings=FIT,
+        )
     assert not list(tmp_path.iterdir())
 
 
@@ -297,8 +318,9 @@ def test_new_effects_change_nothing_on_healthy_drives_and_older_ones_what_they_d
     seen = ranges(healthy, driven)
     for model in (base.path, extended):
         with pytest.raises(RecordingError, match="enough"):
-            retrain(model, [film], chain, [driven], tmp_path / "m.onnx", ranges=seen,
-                    healthy=[healthy])  # fmt: skip
+            retrain(
+                model, [film], chain, [driven], tmp_path / "m.onnx", ranges=seen, healthy=[healthy]
+            )
         new, known = taken
         older = Model.load(model).card.effects
         difference = ChainDifference.of(

@@ -55,9 +55,15 @@ def before(base: FitResult, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("before") / "model.onnx"
     chain, film = fitted()
     add(
-        base.path, [film], chain, out, ranges=ranges(*gap_drives()), recordings=FIT,
-        drives=[from_recording(gap_drives()[1])], form=BEFORE,
-    )  # fmt: skip
+        base.path,
+        [film],
+        chain,
+        out,
+        ranges=ranges(*gap_drives()),
+        recordings=FIT,
+        drives=[from_recording(gap_drives()[1])],
+        form=BEFORE,
+    )
     return out
 
 
@@ -130,8 +136,15 @@ def test_a_file_that_computes_something_else_is_refused(
         Before, "values", lambda self, s: {k: 1.02 * x for k, x in right(self, s).items()}
     )
     with pytest.raises(ModelError, match="free runs differ"):
-        add(base.path, [NOTHING], CHAIN, tmp_path / "model.onnx", ranges=ranges(*gap_drives()),
-            recordings=FIT, form=BEFORE)  # fmt: skip
+        add(
+            base.path,
+            [NOTHING],
+            CHAIN,
+            tmp_path / "model.onnx",
+            ranges=ranges(*gap_drives()),
+            recordings=FIT,
+            form=BEFORE,
+        )
     assert not list(tmp_path.iterdir())
 
 
@@ -148,9 +161,17 @@ def test_only_what_acts_on_fuel_and_charge_may_stand_before_a_network(base: FitR
         )
     }
     assert may == {
-        "wall_film", "injector_offset", "rail_exponent", "purge", "ethanol", "maf_offset",
-        "maf_pulsation", "scavenging", "charge_temperature", "manifold_filling",
-    }  # fmt: skip
+        "wall_film",
+        "injector_offset",
+        "rail_exponent",
+        "purge",
+        "ethanol",
+        "maf_offset",
+        "maf_pulsation",
+        "scavenging",
+        "charge_temperature",
+        "manifold_filling",
+    }
 
 
 def test_an_effect_of_the_exhaust_takes_what_stood_before_the_network_to_its_output(

@@ -312,10 +312,13 @@ def test_fit_leaves_a_reference_in_the_card(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     files = [
-        write(Experiment(cycle=c, vehicle=VEHICLE, seed=2_314_000 + i, duration_s=300.0), tmp_path,
-              "parquet")
+        write(
+            Experiment(cycle=c, vehicle=VEHICLE, seed=2_314_000 + i, duration_s=300.0),
+            tmp_path,
+            "parquet",
+        )
         for i, c in enumerate(("wltc_3b", "micro_trips", "us06"))
-    ]  # fmt: skip
+    ]
     out = tmp_path / "chain.onnx"
     assert o2train(["fit", *map(str, files), "--kind", "greybox", "--out", str(out)]) == 0
     assert "healthy reference of o2train gap: 3 recordings" in capsys.readouterr().out

@@ -82,9 +82,12 @@ def network(drives: list[Path]) -> Path:
     ],
 )
 def test_options_that_cannot_be_are_refused(
-    options: list[str], words: str, drives: list[Path], tmp_path: Path,
+    options: list[str],
+    words: str,
+    drives: list[Path],
+    tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+) -> None:
     arguments = ["--model", shipped_model(), drives[0], "--out", tmp_path / "gap", *options]
     assert words in refused(capsys, *arguments)
     assert not (tmp_path / "gap").exists()
@@ -121,9 +124,11 @@ def test_recordings_without_excitation_are_refused(
 ) -> None:
     n = 6000
     flat = {
-        "air_mass_mg": np.full(n, 200.0), "fuel_mass_mg": np.full(n, 200.0 / 14.7),
-        "engine_speed_rpm": np.full(n, 2000.0), "maf_kg_h": np.full(n, 48.0),
-    }  # fmt: skip
+        "air_mass_mg": np.full(n, 200.0),
+        "fuel_mass_mg": np.full(n, 200.0 / 14.7),
+        "engine_speed_rpm": np.full(n, 2000.0),
+        "maf_kg_h": np.full(n, 48.0),
+    }
     still = [table(tmp_path, seed, **flat) for seed in (6, 7)]
     line = refused(capsys, "--model", chain, *still, "--out", tmp_path / "gap")
     assert "drive_6.csv, drive_7.csv: no excitation" in line

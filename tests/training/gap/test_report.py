@@ -30,9 +30,18 @@ VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
 NOTHING = np.empty(0)
 NO_FIT = Fit((), Constants(), (), NOTHING, NOTHING, NOTHING, 0.0)
 CONTRACT = {
-    "schema", "verdict", "where", "effects", "rmse_before", "rmse_after", "noise_floor",
-    "detection_before", "detection_after", "experiment", "model",
-}  # fmt: skip
+    "schema",
+    "verdict",
+    "where",
+    "effects",
+    "rmse_before",
+    "rmse_after",
+    "noise_floor",
+    "detection_before",
+    "detection_after",
+    "experiment",
+    "model",
+}
 MODEL = ModelFile(Path("models/base.onnx"), "b" * 64, "greybox")
 
 
@@ -278,14 +287,17 @@ def test_names_and_texts_from_outside_are_escaped(verdict: Verdict) -> None:
 @pytest.mark.parametrize(
     ("verdict", "words"),
     [
-        ("named", "Named: purge (canister purge brings fuel vapour). With it in the model the "
-                  "error on recordings that no fit saw falls, from 0.0210 to 0.0112"),
+        (
+            "named",
+            "Named: purge (canister purge brings fuel vapour). With it in the model the "
+            "error on recordings that no fit saw falls, from 0.0210 to 0.0112",
+        ),
         ("no_gap", "No gap: the error on recordings that no fit saw is 0.0210"),
         ("ambiguous", "Ambiguous: purge (canister purge brings fuel vapour), "),
         ("unknown_effect", "Unknown effect: the error"),
         ("sensor_fault_suspected", "Sensor fault suspected: gain_low;"),
     ],
-)  # fmt: skip
+)
 def test_the_verdict_stands_first_with_its_figures(verdict: Verdict, words: str) -> None:
     page = report.as_page(made(verdict))
     first = page[page.index("<h1>") : page.index("<nav>")]
@@ -297,8 +309,10 @@ def test_the_verdict_stands_first_with_its_figures(verdict: Verdict, words: str)
 def test_a_page_about_simulated_recordings_says_so() -> None:
     some = made("named", recordings=(used("wltc.csv", "simulated"),))
     every = replace(some, healthy=some.recordings, held_out=some.recordings)
-    for one, words in ((some, "Some of the recordings are simulated."),
-                       (every, "All of it is about simulated recordings.")):  # fmt: skip
+    for one, words in (
+        (some, "Some of the recordings are simulated."),
+        (every, "All of it is about simulated recordings."),
+    ):
         page = report.as_page(one)
         assert words in page[page.index("<h1>") : page.index("<nav>")]
         assert as_json(one)["simulated"] is True

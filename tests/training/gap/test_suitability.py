@@ -42,9 +42,14 @@ def recording(seed: int, without: Sequence[str] = (), period_s: float = 0.1) -> 
     columns["lambda_measured"] = np.ones(900)
     values = np.column_stack(list(columns.values()))
     return Recording(
-        Path(f"drive_{seed}.csv"), f"{seed:064x}", round(period_s * 1e9),
-        np.arange(900) * period_s, tuple(columns), values, np.zeros(values.shape, np.uint8),
-    )  # fmt: skip
+        Path(f"drive_{seed}.csv"),
+        f"{seed:064x}",
+        round(period_s * 1e9),
+        np.arange(900) * period_s,
+        tuple(columns),
+        values,
+        np.zeros(values.shape, np.uint8),
+    )
 
 
 def roles(

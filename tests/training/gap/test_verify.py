@@ -76,8 +76,11 @@ def test_a_model_with_what_was_missing_is_better_everywhere_and_still_finds_faul
     assert found.closed is not None
     assert found.closed > 0.99
     assert {e.kind for e in found.regimes} == {
-        "speed and load", "temperature", "after fuel cut", "edge",
-    }  # fmt: skip
+        "speed and load",
+        "temperature",
+        "after fuel cut",
+        "edge",
+    }
     assert all(e.better for e in found.regimes)
     assert found.worse == ()
     # AND the stretch that is shown has both runs

@@ -124,8 +124,12 @@ def test_the_card_says_what_was_added(base: Path, tmp_path: Path) -> None:
     old = Model.load(base).card
     card = add(base, [FILM, PURGE], out, ranges=ranges_of(), recordings=FIT, vehicle=Vehicle(MOVED))
     assert Model.load(out).card == card
-    further = ("coolant_temperature_degc", "manifold_pressure_kpa", "ambient_pressure_kpa",
-               "purge_duty_percent")  # fmt: skip
+    further = (
+        "coolant_temperature_degc",
+        "manifold_pressure_kpa",
+        "ambient_pressure_kpa",
+        "purge_duty_percent",
+    )
     assert card.input_names == (*old.input_names, *further)
     coolant = card.inputs[len(old.inputs)]
     seen = ranges_of()
@@ -168,9 +172,11 @@ def test_a_model_can_be_extended_again(base: Path, tmp_path: Path) -> None:
     assert two.read_bytes() == both.read_bytes()
     constants = Greybox.of(whole).constants
     expected = reading(
-        seen(whole, driven()), constants, [e.effect for e in (FILM, DELAY, TAIL)],
+        seen(whole, driven()),
+        constants,
+        [e.effect for e in (FILM, DELAY, TAIL)],
         [e.values for e in (FILM, DELAY, TAIL)],
-    )  # fmt: skip
+    )
     assert np.abs(run(both, driven()) - expected)[whole.lags :].max() < TOLERANCE
     assert build(Greybox.of(last)) == build(Greybox.of(whole))
 
@@ -197,9 +203,11 @@ def test_the_order_of_effects_is_that_of_their_fit(base: Path, tmp_path: Path) -
         out = tmp_path / f"{i}.onnx"
         card = add(base, order, out, ranges=ranges_of(), recordings=FIT)
         expected = reading(
-            seen(card, plain()), Greybox.of(card).constants, [e.effect for e in order],
+            seen(card, plain()),
+            Greybox.of(card).constants,
+            [e.effect for e in order],
             [e.values for e in order],
-        )  # fmt: skip
+        )
         assert np.abs(run(out, plain()) - expected)[card.lags :].max() < TOLERANCE
     assert np.abs(run(tmp_path / "0.onnx", plain()) - run(out, plain())).max() > 1e-3
 
@@ -252,16 +260,21 @@ def test_effects_act_on_whatever_charge_the_chain_has(
     # GIVEN a chain with a charge of its own, or from the air meter, or a speed from both
     bare, out = tmp_path / "bare.onnx", tmp_path / "m.onnx"
     fit_greybox([recording()], bare, inputs=inputs)
-    effects = [Added.with_values("manifold_filling", [0.05]), Added.with_values("mix_flow", [1.0]),
-               Added.with_values("maf_offset", [1.0, 0.05])]  # fmt: skip
+    effects = [
+        Added.with_values("manifold_filling", [0.05]),
+        Added.with_values("mix_flow", [1.0]),
+        Added.with_values("maf_offset", [1.0, 0.05]),
+    ]
     card = add(bare, effects, out, ranges=ranges_of(), recordings=FIT, drives=[driven()])
     # THEN flow and filling are that charge's, and at that speed
     greybox = Greybox.of(card)
     every = [*greybox.own, *effects]
     expected = reading(
-        seen(card, driven()), greybox.constants,
-        [e.effect for e in every], [e.values for e in every],
-    )  # fmt: skip
+        seen(card, driven()),
+        greybox.constants,
+        [e.effect for e in every],
+        [e.values for e in every],
+    )
     assert np.abs(run(out, driven()) - expected)[card.lags :].max() < TOLERANCE
 
 
@@ -327,16 +340,23 @@ def test_two_chains_can_stand_in_one_graph(base: Path) -> None:
         graph.add("Concat", parts, f"next{i}", axis=1)
         phis.append(phi)
     graph.add("Sub", phis, "difference")
-    sizes = {"u": len(card.inputs), "state0": with_film.state_layout.size,
-             "state1": without.state_layout.size}  # fmt: skip
-    ends = [helper.make_tensor_value_info(n, TensorProto.FLOAT, ["batch", k])
-            for n, k in sizes.items()]  # fmt: skip
-    outs = [helper.make_tensor_value_info(n, TensorProto.FLOAT, ["batch", None])
-            for n in ("difference", "next0", "next1")]  # fmt: skip
+    sizes = {
+        "u": len(card.inputs),
+        "state0": with_film.state_layout.size,
+        "state1": without.state_layout.size,
+    }
+    ends = [
+        helper.make_tensor_value_info(n, TensorProto.FLOAT, ["batch", k]) for n, k in sizes.items()
+    ]
+    outs = [
+        helper.make_tensor_value_info(n, TensorProto.FLOAT, ["batch", None])
+        for n in ("difference", "next0", "next1")
+    ]
     onnx = helper.make_model(
         helper.make_graph(graph.nodes, "two", ends, outs, graph.constants),
-        opset_imports=[helper.make_opsetid("", 17)], ir_version=8,
-    )  # fmt: skip
+        opset_imports=[helper.make_opsetid("", 17)],
+        ir_version=8,
+    )
     # WHEN both run freely
     session = InferenceSession(onnx.SerializeToString())
     u = np.column_stack([plain().signals[n] for n in without.inputs])

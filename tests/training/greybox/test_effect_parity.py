@@ -45,8 +45,13 @@ def test_a_graph_that_computes_something_else_is_not_left_behind(
         monkeypatch.setattr(effect_parity, "_phi", uneven)
     message = "ONNX and numpy differ by" if wrong == "another size" else "runs side by side differ"
     with pytest.raises(ModelError, match=message):
-        add(base, [Added.with_values("ethanol", [0.1])], tmp_path / "m.onnx", ranges=ranges_of(),
-            recordings=FIT)  # fmt: skip
+        add(
+            base,
+            [Added.with_values("ethanol", [0.1])],
+            tmp_path / "m.onnx",
+            ranges=ranges_of(),
+            recordings=FIT,
+        )
     assert list(tmp_path.iterdir()) == []
 
 
@@ -59,9 +64,13 @@ def test_a_graph_that_computes_something_else_is_not_left_behind(
     ],
 )
 def test_single_samples_may_differ_by_a_branch_of_an_effect(
-    base: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, places: slice, by: float,
+    base: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    places: slice,
+    by: float,
     passes: bool,
-) -> None:  # fmt: skip
+) -> None:
     whole = effect_parity._phi
 
     def moved(model: Model, u: FloatArray) -> FloatArray:

@@ -197,9 +197,11 @@ def without(recording: Recording, *names: str) -> Recording:
     kept = tuple(n for n in recording.names if n not in names)
     columns = [recording.names.index(n) for n in kept]
     return replace(
-        recording, names=kept, values=recording.values[:, columns],
+        recording,
+        names=kept,
+        values=recording.values[:, columns],
         quality=recording.quality[:, columns],
-    )  # fmt: skip
+    )
 
 
 def test_where_no_charge_is_broadcast_density_serves_and_else_the_air_meter(

@@ -51,18 +51,35 @@ def calibrated(drives: Path) -> Path:
     """A model calibrated on the first three healthy drives and both faulty ones."""
     model = drives / "model.onnx"
     shutil.copyfile(shipped_model(), model)
-    assert main([*command(drives), "--out", str(drives / "calibrated.onnx"),
-                 "--json", str(drives / "figures.json"),
-                 "--report", str(drives / "page.html")]) == 0  # fmt: skip
+    assert (
+        main(
+            [
+                *command(drives),
+                "--out",
+                str(drives / "calibrated.onnx"),
+                "--json",
+                str(drives / "figures.json"),
+                "--report",
+                str(drives / "page.html"),
+            ]
+        )
+        == 0
+    )
     return drives / "calibrated.onnx"
 
 
 def command(folder: Path, healthy: int = 3, rate: float = RATE) -> list[str]:
     return [
-        "calibrate", "--model", str(folder / "model.onnx"), "--false-alarms", str(rate),
-        "--healthy", *(str(p) for p in sorted(folder.glob("*_healthy.parquet"))[:healthy]),
-        "--faulty", *(str(p) for p in sorted(folder.glob("*_s9106_*.parquet"))),
-    ]  # fmt: skip
+        "calibrate",
+        "--model",
+        str(folder / "model.onnx"),
+        "--false-alarms",
+        str(rate),
+        "--healthy",
+        *(str(p) for p in sorted(folder.glob("*_healthy.parquet"))[:healthy]),
+        "--faulty",
+        *(str(p) for p in sorted(folder.glob("*_s9106_*.parquet"))),
+    ]
 
 
 def test_the_false_alarm_rate_holds_on_drives_that_set_no_limit(

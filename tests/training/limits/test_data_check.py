@@ -25,9 +25,14 @@ def recording(
     quality = np.where(np.isnan(values), Quality.INVALID, Quality.GOOD).astype(np.uint8)
     n = len(values)
     return Recording(
-        Path(f"{name}.csv"), name, round(period_s * 1e9), np.arange(n) * period_s,
-        tuple(columns), values, quality,
-    )  # fmt: skip
+        Path(f"{name}.csv"),
+        name,
+        round(period_s * 1e9),
+        np.arange(n) * period_s,
+        tuple(columns),
+        values,
+        quality,
+    )
 
 
 def walk(rng: np.random.Generator, n: int, memory: float) -> FloatArray:
@@ -42,8 +47,12 @@ def engine(seed: int = 1, n: int = 6000) -> dict[str, FloatArray]:
     rng = np.random.default_rng(seed)
     speed, load, ignition = walk(rng, n, 0.98), walk(rng, n, 0.9), walk(rng, n, 0.8)
     lean = np.tanh(np.roll(load, 3) - 0.5 * np.roll(speed, 2) * np.roll(ignition, 1))
-    return {"speed": speed, "load": load, "ignition": ignition,
-            "lean": lean + 0.05 * rng.standard_normal(n)}  # fmt: skip
+    return {
+        "speed": speed,
+        "load": load,
+        "ignition": ignition,
+        "lean": lean + 0.05 * rng.standard_normal(n),
+    }
 
 
 def levels(result: dict[str, object]) -> Findings:
@@ -140,8 +149,11 @@ def test_a_scaled_and_shifted_copy_of_the_output_is_a_leak(shift: int) -> None:
 def test_the_reciprocal_of_the_measured_lambda_is_a_leak() -> None:
     rng = np.random.default_rng(4)
     lambda_measured = 1.0 / (1.0 + 0.3 * np.tanh(walk(rng, 4000, 0.9)))
-    columns = {"speed": walk(rng, 4000, 0.9), "phi": 1.0 / lambda_measured,
-               "lambda_measured": lambda_measured}  # fmt: skip
+    columns = {
+        "speed": walk(rng, 4000, 0.9),
+        "phi": 1.0 / lambda_measured,
+        "lambda_measured": lambda_measured,
+    }
     result = check([recording(columns)], ("speed", "phi"), "lambda_measured")
     assert "phi follows lambda_measured" in only(result, "leak", "error")
 
@@ -150,8 +162,10 @@ def test_a_neighbouring_slow_sensor_is_a_warning_not_a_leak() -> None:
     # GIVEN two temperatures that drift together, each with its own noise
     rng = np.random.default_rng(5)
     drift = 50.0 * walk(rng, 6000, 0.999)
-    columns = engine() | {"one": drift + rng.standard_normal(6000),
-                          "two": drift + rng.standard_normal(6000)}  # fmt: skip
+    columns = engine() | {
+        "one": drift + rng.standard_normal(6000),
+        "two": drift + rng.standard_normal(6000),
+    }
     result = check([recording(columns)], ("speed", "one"), "two", hidden=(5,))
     # THEN their levels correlate almost fully, their changes do not
     assert "make sure" in only(result, "leak", "warning")
@@ -252,8 +266,22 @@ def test_the_command_prints_writes_and_ends_with_0(
 ) -> None:
     path = write_csv(tmp_path / "a.csv", engine(n=2000))
     page, out = tmp_path / "check.html", tmp_path / "check.json"
-    code = main(["check", str(path), "--inputs", *INPUTS, "--output", "lean", "--hidden", "4",
-                 "--json", str(out), "--html", str(page)])  # fmt: skip
+    code = main(
+        [
+            "check",
+            str(path),
+            "--inputs",
+            *INPUTS,
+            "--output",
+            "lean",
+            "--hidden",
+            "4",
+            "--json",
+            str(out),
+            "--html",
+            str(page),
+        ]
+    )
     text = capsys.readouterr().out
     assert code == 0
     assert text.splitlines()[-1].startswith("usable")

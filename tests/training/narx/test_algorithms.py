@@ -264,8 +264,12 @@ def test_progress_is_told_of_every_epoch_even_the_one_that_validation_ends() -> 
     ):
         told: list[tuple[int, float]] = []
         outcome = method(  # type: ignore[operator]
-            problem, start, None, lambda w: abs(float(w[0]) - 0.5), np.inf,
+            problem,
+            start,
+            None,
+            lambda w: abs(float(w[0]) - 0.5),
+            np.inf,
             lambda epoch, cost, told=told: told.append((epoch, cost)),
-        )  # fmt: skip
+        )
         assert told == list(enumerate(outcome.costs[1:]))
         assert outcome.stop == ("gradient" if method is minimise else "validation")

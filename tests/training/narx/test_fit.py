@@ -40,18 +40,31 @@ def plant(seed: int, n: int = 2500, name: str = "drive") -> Recording:
     values = np.column_stack([air, fuel, measured, cut])
     quality = np.zeros(values.shape, np.uint8)
     return Recording(
-        Path(f"{name}{seed}.csv"), f"{seed:064x}", 100_000_000, np.arange(n) * 0.1, NAMES, values,
+        Path(f"{name}{seed}.csv"),
+        f"{seed:064x}",
+        100_000_000,
+        np.arange(n) * 0.1,
+        NAMES,
+        values,
         quality,
-    )  # fmt: skip
+    )
 
 
 @pytest.fixture(scope="module")
 def fitted(tmp_path_factory: pytest.TempPathFactory) -> FitResult:
     out = tmp_path_factory.mktemp("fit") / "model.onnx"
     return fit(
-        [plant(1), plant(2)], NAMES[:2], NAMES[2], out, lags=3, hidden=(5,), starts=2,
-        transforms=[fuel_air_ratio()], budget_minutes=1.0, seed=3,
-    )  # fmt: skip
+        [plant(1), plant(2)],
+        NAMES[:2],
+        NAMES[2],
+        out,
+        lags=3,
+        hidden=(5,),
+        starts=2,
+        transforms=[fuel_air_ratio()],
+        budget_minutes=1.0,
+        seed=3,
+    )
 
 
 def test_a_small_plant_is_learned_in_free_run(fitted: FitResult) -> None:
@@ -130,10 +143,18 @@ def test_further_starts_are_trained_while_none_forgets(
 
 def test_the_same_seed_gives_the_same_weights(tmp_path: Path) -> None:
     results = [
-        fit([plant(1, 900)], NAMES[:2], NAMES[2], tmp_path / f"{i}.onnx", lags=2, hidden=(2,),
-            starts=1, seed=5)
+        fit(
+            [plant(1, 900)],
+            NAMES[:2],
+            NAMES[2],
+            tmp_path / f"{i}.onnx",
+            lags=2,
+            hidden=(2,),
+            starts=1,
+            seed=5,
+        )
         for i in range(2)
-    ]  # fmt: skip
+    ]
     assert np.array_equal(results[0].network.weights, results[1].network.weights)
 
 
@@ -177,8 +198,15 @@ def test_a_gap_in_the_inputs_restarts_the_free_run(fitted: FitResult) -> None:
 
 def test_enabled_figures_are_null_without_enable_conditions(fitted: FitResult) -> None:
     drive = plant(9)
-    bare = Recording(drive.path, "", drive.period_ns, drive.t_s, NAMES[:3], drive.values[:, :3],
-                     drive.quality[:, :3])  # fmt: skip
+    bare = Recording(
+        drive.path,
+        "",
+        drive.period_ns,
+        drive.t_s,
+        NAMES[:3],
+        drive.values[:, :3],
+        drive.quality[:, :3],
+    )
     assert evaluate(fitted.path, [bare])["recordings"][0]["enabled"] is None
 
 
@@ -218,15 +246,20 @@ def test_the_budget_ends_the_training_with_the_best_so_far(
     for module in ("training.narx.fit", "training.narx.stages", "training.narx.algorithms.lm"):
         monkeypatch.setattr(f"{module}.time", clock)
     result = fit(
-        [plant(1)], NAMES[:2], NAMES[2], tmp_path / "m.onnx", hidden=(4,), starts=2,
-        threads=1, budget_minutes=1.0,
-    )  # fmt: skip
+        [plant(1)],
+        NAMES[:2],
+        NAMES[2],
+        tmp_path / "m.onnx",
+        hidden=(4,),
+        starts=2,
+        threads=1,
+        budget_minutes=1.0,
+    )
     assert clock.now_s < 90  # an epoch reads it once
     assert Model.load(result.path).card.lags == 5
     assert any("budget ended" in w for w in result.warnings)
     with pytest.raises(UsageError, match="ended before the first epoch"):
-        fit([plant(1)], NAMES[:2], NAMES[2], tmp_path / "m.onnx", hidden=(4,),
-            budget_minutes=1e-9)  # fmt: skip
+        fit([plant(1)], NAMES[:2], NAMES[2], tmp_path / "m.onnx", hidden=(4,), budget_minutes=1e-9)
 
 
 def test_the_report_stands_alone(fitted: FitResult, tmp_path: Path) -> None:
@@ -252,13 +285,29 @@ def test_fit_and_evaluate_on_the_command_line(
         save_table(tmp_path / f"drive{seed}.csv", plant(seed, 1500))
     model, figures = str(tmp_path / "m.onnx"), tmp_path / "figures.json"
     # WHEN one is trained on and the other evaluated
-    done = main(["fit", str(tmp_path / "drive1.csv"), "--out", model, "--inputs", *NAMES[:2],
-                 "--lags", "2", "--hidden", "3", "--starts", "1",
-                 "--report", str(tmp_path / "fit.html")])  # fmt: skip
+    done = main(
+        [
+            "fit",
+            str(tmp_path / "drive1.csv"),
+            "--out",
+            model,
+            "--inputs",
+            *NAMES[:2],
+            "--lags",
+            "2",
+            "--hidden",
+            "3",
+            "--starts",
+            "1",
+            "--report",
+            str(tmp_path / "fit.html"),
+        ]
+    )
     assert done == 0
     assert "held-out blocks, enabled samples: free run fit" in capsys.readouterr().out
-    done = main(["evaluate", "--model", model, str(tmp_path / "drive2.csv"),
-                 "--json", str(figures)])  # fmt: skip
+    done = main(
+        ["evaluate", "--model", model, str(tmp_path / "drive2.csv"), "--json", str(figures)]
+    )
     # THEN the figures are there, and a model that is missing is an error of one line
     assert done == 0
     assert json.loads(figures.read_text())["recordings"][0]["correlation"] > 0.9

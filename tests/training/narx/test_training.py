@@ -311,9 +311,14 @@ def test_unusable_recordings_are_refused_with_the_reason() -> None:
     with pytest.raises(RecordingError, match="no stretch of 40 samples"):
         prepare([recording(u[:20], y[:20])], ["u0"], "y")
     slow = Recording(
-        Path("slow.csv"), "", 200_000_000, constant.t_s, constant.names, constant.values,
+        Path("slow.csv"),
+        "",
+        200_000_000,
+        constant.t_s,
+        constant.names,
+        constant.values,
         constant.quality,
-    )  # fmt: skip
+    )
     with pytest.raises(RecordingError, match=r"slow\.csv: sample period 0\.2 s"):
         prepare([constant, slow], ["u0"], "y")
 

@@ -65,8 +65,9 @@ def prepared(simulated: Recording) -> dict[str, object]:
 def test_the_disturbance_line_of_the_simulated_vehicle_is_found(prepared: dict) -> None:  # type: ignore[type-arg]
     low, high = prepared["band_hz"]
     assert 2.3 < low <= 2.43 and 2.45 <= high < 2.6
-    (line,) = [x for x in prepared["lines"] if x["signal"] == "lambda_measured"
-               and x["kind"] == "noise"]  # fmt: skip
+    (line,) = [
+        x for x in prepared["lines"] if x["signal"] == "lambda_measured" and x["kind"] == "noise"
+    ]
     assert line["coherence"]["lambda_controller"] > 0.5 > line["coherence"]["lambda_target"]
 
 
@@ -127,8 +128,10 @@ def test_every_outlier_is_counted_with_its_reason() -> None:
     # THEN each is counted once
     masks = reasons(drive, "engine_speed_rpm")
     assert {reason: int(mask.sum()) for reason, mask in masks.items()} == {
-        "out_of_range": 2, "spike": 3, "missing": 10,
-    }  # fmt: skip
+        "out_of_range": 2,
+        "spike": 3,
+        "missing": 10,
+    }
     result = preparation([drive], ["engine_speed_rpm"], "y")
     assert result["outliers"][0]["longest_gap_s"] == pytest.approx(1.0)
     spikes = [m for m in result["marks"] if m["reason"] == "spike"]
@@ -165,10 +168,15 @@ def test_the_linear_preparation_can_be_undone(
 
 def test_linear_records_are_level_and_of_unit_size() -> None:
     drives = [
-        recording({"u": 5.0 + 0.01 * np.arange(2000) + red_noise(s, 2000),
-                   "y": -3.0 - 0.02 * np.arange(2000) + red_noise(s + 9, 2000)}, f"d{s}")
+        recording(
+            {
+                "u": 5.0 + 0.01 * np.arange(2000) + red_noise(s, 2000),
+                "y": -3.0 - 0.02 * np.arange(2000) + red_noise(s + 9, 2000),
+            },
+            f"d{s}",
+        )
         for s in (1, 2)
-    ]  # fmt: skip
+    ]
     pairs, data = linear_records(drives, ["u"], "y")
     assert [len(y) for _, y in pairs] == [2000, 2000]
     u, y = (np.concatenate([p[i] for p in pairs]) for i in (0, 1))

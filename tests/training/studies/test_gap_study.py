@@ -32,22 +32,58 @@ from training.studies.gap.plan import CASES, SEVERITIES, Study, cases, healthy_p
 from training.studies.gap.report import as_page, as_text
 
 WHOLE = Study()
-TINY = ["gap-study", "--cases", "effect=1", "null=1", "--kinds", "effect,null", "--vehicles", "1",
-        "--drives", "2", "--minutes", "4", "--jobs", "1"]  # fmt: skip
+TINY = [
+    "gap-study",
+    "--cases",
+    "effect=1",
+    "null=1",
+    "--kinds",
+    "effect,null",
+    "--vehicles",
+    "1",
+    "--drives",
+    "2",
+    "--minutes",
+    "4",
+    "--jobs",
+    "1",
+]
 
 
 def row(kind: str = "effect", **changed: Any) -> dict[str, Any]:
     """Return the row of a case in which purge, 3 times the noise, was named rightly."""
     return {
-        "number": 0, "kind": kind, "vehicle": 2100, "hidden": ["purge"], "severities": [4.0],
-        "fault": None, "fault_severity": None, "error": None, "verdict": "named",
-        "names": ["purge"], "among": [], "indistinguishable": [], "noise": 0.007,
-        "gap_over_noise": 3.0, "seconds": 4.0, "added": ["purge"],
-        "faults": {"drives": 20, "before": 15, "before_named": 12, "after": 16,
-                   "after_named": 11, "alike": 2, "alike_named": 2},
+        "number": 0,
+        "kind": kind,
+        "vehicle": 2100,
+        "hidden": ["purge"],
+        "severities": [4.0],
+        "fault": None,
+        "fault_severity": None,
+        "error": None,
+        "verdict": "named",
+        "names": ["purge"],
+        "among": [],
+        "indistinguishable": [],
+        "noise": 0.007,
+        "gap_over_noise": 3.0,
+        "seconds": 4.0,
+        "added": ["purge"],
+        "faults": {
+            "drives": 20,
+            "before": 15,
+            "before_named": 12,
+            "after": 16,
+            "after_named": 11,
+            "alike": 2,
+            "alike_named": 2,
+        },
         "alarms": {"drives": 2, "before": 0, "after": 0},
-        "runner_up": "ethanol", "win": 0.99, "excess_before": 1e-4, "excess_after": 5e-6,
-    } | changed  # fmt: skip
+        "runner_up": "ethanol",
+        "win": 0.99,
+        "excess_before": 1e-4,
+        "excess_after": 5e-6,
+    } | changed
 
 
 def target(found: list[Target], where: str, what: str) -> Target:
@@ -94,9 +130,8 @@ def test_a_fault_with_an_onset_begins_within_one_recording_and_stays() -> None:
     for each in (c for c in cases(WHOLE) if c.kind == "onset"):
         begins = [part.fault_start_s for part in each.parts]
         within = [
-            b is not None and b > part.start_s
-            for b, part in zip(begins, each.parts, strict=True)
-        ]  # fmt: skip
+            b is not None and b > part.start_s for b, part in zip(begins, each.parts, strict=True)
+        ]
         assert sum(within) == 1
         at = within.index(True)
         assert begins[:at] == [None] * at
@@ -152,8 +187,12 @@ def test_right_is_every_hidden_effect_named_and_nothing_else() -> None:
 
 
 def test_an_effect_that_a_suspected_fault_looks_like_is_neither_named_nor_ambiguous() -> None:
-    suspected = row(verdict="sensor_fault_suspected", names=[], hidden=["ethanol"],
-                    indistinguishable=["ethanol"])  # fmt: skip
+    suspected = row(
+        verdict="sensor_fault_suspected",
+        names=[],
+        hidden=["ethanol"],
+        indistinguishable=["ethanol"],
+    )
     assert not right(suspected)
     assert not right_or_among(suspected)
     assert right_or_beside_fault(suspected)
@@ -391,8 +430,13 @@ def test_what_a_study_cannot_hold_is_refused(
 def test_results_depend_on_all_code_that_makes_them_and_on_no_other() -> None:
     root = Path(run.__file__).parents[2]
     used = {p.relative_to(root).as_posix() for p in run_folder.sources(Path(case.__file__), root)}
-    assert {"training/gap/name/naming.py", "training/gap/effects/air.py", "training/chain.py",
-            "training/dyno/mixture.py", "monitor/faults.py"} <= used  # fmt: skip
+    assert {
+        "training/gap/name/naming.py",
+        "training/gap/effects/air.py",
+        "training/chain.py",
+        "training/dyno/mixture.py",
+        "monitor/faults.py",
+    } <= used
     others = {"training/gap_study/report.py", "training/gap/pages/report.py", "tests/plants.py"}
     assert not used & others
 

@@ -123,8 +123,11 @@ def test_only_a_fault_in_the_loop_moves_the_controller() -> None:
     trial = next(t for t in planned if t.placement == "after")
     healthy = replace(trial, kind="healthy", fault="", severity=None, placement="")
     seen = {}
-    for key, each in (("after", trial), ("loop", replace(trial, placement="loop")),
-                      ("healthy", healthy)):  # fmt: skip
+    for key, each in (
+        ("after", trial),
+        ("loop", replace(trial, placement="loop")),
+        ("healthy", healthy),
+    ):
         block = samples(each, bus_map, 100_000_000)
         trim, reading = (
             block.values[:, bus_map.names.index(n)]
@@ -201,17 +204,49 @@ def test_the_command_drives_a_small_matrix_and_reports_it(
     # GIVEN few drives for the literature's rules
     few = calibration(SMALL)
     monkeypatch.setattr(
-        run, "calibration",
-        lambda _: ([replace(t, cycle="hwfet", ambient="mild", conditions=weather("hot", t.seed))
-                    for t in few[0][:3]], few[1][:1]),
-    )  # fmt: skip
+        run,
+        "calibration",
+        lambda _: (
+            [
+                replace(t, cycle="hwfet", ambient="mild", conditions=weather("hot", t.seed))
+                for t in few[0][:3]
+            ],
+            few[1][:1],
+        ),
+    )
     monkeypatch.setattr("training.limits.alarm_rules.FALSE_ALARM_RATE", 0.05)
     # WHEN the matrix is driven
-    args = ["evaluate", "--model", str(shipped_model()), "--matrix", "--out", str(tmp_path / "m"),
-            "--vehicles", "2", "--first-vehicle", str(FIRST), "--seed", str(SEED), "--healthy", "2",
-            "--repetitions", "1", "--reference-drives", "1", "--cycles", "us06", "--jobs", "1",
-            "--ambient", "mild", "--faults", "delay_symmetric=0.4,2", "signal_missing",
-            "--json", str(tmp_path / "figures.json")]  # fmt: skip
+    args = [
+        "evaluate",
+        "--model",
+        str(shipped_model()),
+        "--matrix",
+        "--out",
+        str(tmp_path / "m"),
+        "--vehicles",
+        "2",
+        "--first-vehicle",
+        str(FIRST),
+        "--seed",
+        str(SEED),
+        "--healthy",
+        "2",
+        "--repetitions",
+        "1",
+        "--reference-drives",
+        "1",
+        "--cycles",
+        "us06",
+        "--jobs",
+        "1",
+        "--ambient",
+        "mild",
+        "--faults",
+        "delay_symmetric=0.4,2",
+        "signal_missing",
+        "--json",
+        str(tmp_path / "figures.json"),
+    ]
     assert main(args) == 0
     # THEN both faults are found, and text, JSON and page say so
     result = json.loads((tmp_path / "figures.json").read_text())
@@ -249,8 +284,19 @@ def test_what_cannot_be_driven_is_said_in_one_line(
 ) -> None:
     own = ["--first-vehicle", str(FIRST), "--seed", str(SEED), "--out", str(tmp_path / "m")]
     model = ["--model", str(shipped_model())]
-    assert main(["evaluate", *options[:1][: options[0][0] != "-"], *model, "--matrix", *own,
-                 *(options if options[0][0] == "-" else [])]) == 2  # fmt: skip
+    assert (
+        main(
+            [
+                "evaluate",
+                *options[:1][: options[0][0] != "-"],
+                *model,
+                "--matrix",
+                *own,
+                *(options if options[0][0] == "-" else []),
+            ]
+        )
+        == 2
+    )
     error = capsys.readouterr().err
     assert said in error
     assert len(error.splitlines()) == 1

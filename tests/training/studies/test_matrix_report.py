@@ -32,9 +32,13 @@ def test_rates_times_and_false_alarms_come_with_their_bounds() -> None:
 def test_the_curve_of_a_score_counts_drives_without_one_as_silent() -> None:
     curve = roc([0.0, 1.0, 2.0, None], [3.0, 1.5, None, 4.0])
     assert curve["area"] == pytest.approx(
-        np.mean([[1.0 if f > h else 0.5 if f == h else 0.0 for h in (0, 1, 2, -9)]
-                 for f in (3.0, 1.5, -9, 4.0)])
-    )  # fmt: skip
+        np.mean(
+            [
+                [1.0 if f > h else 0.5 if f == h else 0.0 for h in (0, 1, 2, -9)]
+                for f in (3.0, 1.5, -9, 4.0)
+            ]
+        )
+    )
     assert curve["at_none"] == 0.5
     assert curve["points"][0] == [0.0, 0.0]
     assert curve["points"][-1] == [0.75, 0.75]
@@ -55,18 +59,30 @@ def row(
     found = [fault] if fault else []
     names = (*tables.TITLES, "monitor")
     return {
-        "number": number, "kind": "faulty" if fault else "healthy", "vehicle": FIRST + number % 2,
-        "cycle": "wltc_3b", "ambient": "mild", "fault": fault, "severity": severity,
-        "placement": "loop" if fault else "", "seed": SEED + number, "aged": None,
-        "completed": True, "codes": ["P0133"] if fault else [], "faults": found, "also": [],
+        "number": number,
+        "kind": "faulty" if fault else "healthy",
+        "vehicle": FIRST + number % 2,
+        "cycle": "wltc_3b",
+        "ambient": "mild",
+        "fault": fault,
+        "severity": severity,
+        "placement": "loop" if fault else "",
+        "seed": SEED + number,
+        "aged": None,
+        "completed": True,
+        "codes": ["P0133"] if fault else [],
+        "faults": found,
+        "also": [],
         "first_code_driving_s": 100.0 if fault else None,
         "first_code_enabled_s": 30.0 if fault else None,
-        "driving_s": 1800.0, "enabled_s": 900.0, "windows": 100,
+        "driving_s": 1800.0,
+        "enabled_s": 900.0,
+        "windows": 100,
         "not_held": dict.fromkeys(tables.CONDITIONS, 0.1),
         "scores": dict.fromkeys(names, 1.0 if fault else 0.0),
         "alarms_enabled_s": dict.fromkeys(names, 40.0 if fault else None),
         "failed_windows": dict.fromkeys(names, 50 if fault else 1),
-    } | changes  # fmt: skip
+    } | changes
 
 
 def hand_made() -> list[dict[str, Any]]:

@@ -29,10 +29,34 @@ from training.studies.paper.steady import _steady_parts
 from training.studies.paper.task import Settings, Task, scaled_as
 
 SIGNALS = ["--inputs", "valve", "leak", "--output", "level_m"]
-SMALL = ["--starts", "1", "--iterations", "5", "--models", "1", "6", "--samples", "1500",
-         "--budget", "0.25", "--jobs", "1"]  # fmt: skip
-PARTS = ["check", "preparation", "selection", "linear", "narx", "free", "choice", "shipped",
-         "beside", "sensor", "steady"]  # fmt: skip
+SMALL = [
+    "--starts",
+    "1",
+    "--iterations",
+    "5",
+    "--models",
+    "1",
+    "6",
+    "--samples",
+    "1500",
+    "--budget",
+    "0.25",
+    "--jobs",
+    "1",
+]
+PARTS = [
+    "check",
+    "preparation",
+    "selection",
+    "linear",
+    "narx",
+    "free",
+    "choice",
+    "shipped",
+    "beside",
+    "sensor",
+    "steady",
+]
 
 
 def tank(n: int, seed: int, longest: int = 60) -> FloatArray:
@@ -223,16 +247,22 @@ def test_recordings_that_do_not_fit_together_are_named(
 
 
 def candidate(rmse: float, n_weights: int, *, forgets: bool = True) -> dict[str, Any]:
-    return {"validation_rmse": rmse, "n_weights": n_weights, "forgets": forgets,
-            "name": f"{n_weights}", "structure": ""}  # fmt: skip
+    return {
+        "validation_rmse": rmse,
+        "n_weights": n_weights,
+        "forgets": forgets,
+        "name": f"{n_weights}",
+        "structure": "",
+    }
 
 
 def test_of_models_that_are_not_told_apart_the_smaller_is_chosen() -> None:
     blocks = np.linspace(0.5, 2.0, 30)
     noisy = blocks * np.tile([0.8, 1.24], 15)  # 2 % worse, but not in every block
     worse = 1.5 * blocks
-    rows = [candidate(float(np.sqrt(b.sum())), n)
-            for b, n in ((blocks, 400), (noisy, 80), (worse, 20))]  # fmt: skip
+    rows = [
+        candidate(float(np.sqrt(b.sum())), n) for b, n in ((blocks, 400), (noisy, 80), (worse, 20))
+    ]
     chosen, equal, reason = _decide(rows, [blocks, noisy, worse], strict=True)
     assert chosen == 1 and 2 not in equal and "smaller" in reason
 
@@ -266,8 +296,9 @@ def test_other_drives_are_scaled_as_the_training_was(drives: dict[str, Path]) ->
 
 
 def test_a_late_sensor_reads_what_it_read_before(drives: dict[str, Path]) -> None:
-    data = scaled_as(prepare([load(drives["morning"])], ["valve", "leak"], "level_m"),
-                     [load(drives["test"])])  # fmt: skip
+    data = scaled_as(
+        prepare([load(drives["morning"])], ["valve", "leak"], "level_m"), [load(drives["test"])]
+    )
     late = _put_on("delay_symmetric", data, phi=False)
     delay = round(0.6 / PERIOD_S)
     np.testing.assert_allclose(late[delay:], data.samples.y[:-delay], atol=1e-9)
@@ -279,10 +310,15 @@ def test_a_missing_signal_is_named_and_compared_with_nothing(
     lost = tank(400, 8)
     lost[:, 3] = np.nan
     task = Task(
-        recordings=(load(drives["morning"]),), test=(load(drives["test"]),),
-        faulty=(load(write(tmp_path / "lost.csv", lost)),), steady=(),
-        inputs=("valve", "leak"), output="level_m", out=tmp_path, settings=Settings(),
-    )  # fmt: skip
+        recordings=(load(drives["morning"]),),
+        test=(load(drives["test"]),),
+        faulty=(load(write(tmp_path / "lost.csv", lost)),),
+        steady=(),
+        inputs=("valve", "leak"),
+        output="level_m",
+        out=tmp_path,
+        settings=Settings(),
+    )
     spec = Spec(2, 3, (3,))
     weights = initial_weights(spec, np.random.default_rng(0))
     found = against_sensor(task, spec, weights, {})

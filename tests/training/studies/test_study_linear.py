@@ -77,17 +77,29 @@ def tank_result() -> dict:  # type: ignore[type-arg]
     train, validate, test = ([tank(900, s) for s in r] for r in ((0, 1, 2), (3, 4), (5, 6)))
     regime = Regime("level", "m", [y for _, y in test])
     return linear(
-        train, validate, test, ["pump"], "level", period_s=PERIOD_S, unit="m",
-        regime=regime, max_order=6,
-    )  # fmt: skip
+        train,
+        validate,
+        test,
+        ["pump"],
+        "level",
+        period_s=PERIOD_S,
+        unit="m",
+        regime=regime,
+        max_order=6,
+    )
 
 
 def test_the_study_of_a_tank_is_complete_and_survives_json(tank_result: dict) -> None:  # type: ignore[type-arg]
     stored = json.dumps(tank_result, allow_nan=False)
     models = tank_result["models"]
     assert set(models) == {
-        "arx_sum_of_squares", "arx_mdl", "arx_aic", "arx_free_run", "subspace", "output_error",
-    }  # fmt: skip
+        "arx_sum_of_squares",
+        "arx_mdl",
+        "arx_aic",
+        "arx_free_run",
+        "subspace",
+        "output_error",
+    }
     # a linear model follows most of the tank, chosen on validation it is near the best on test
     fits = {name: m["fit_percent"] for name, m in models.items()}
     assert fits[tank_result["best"]] > 70.0
@@ -121,8 +133,9 @@ def test_the_reference_arx_is_the_best_free_run_of_the_grid(plants: list[Stretch
 
 def test_a_few_hundred_samples_are_enough_for_small_orders() -> None:
     stretch = two_inputs(300, 1)
-    result = linear([stretch], [two_inputs(200, 2)], [two_inputs(200, 3)], ["a", "b"], "y",
-                    period_s=PERIOD_S)  # fmt: skip
+    result = linear(
+        [stretch], [two_inputs(200, 2)], [two_inputs(200, 3)], ["a", "b"], "y", period_s=PERIOD_S
+    )
     assert result["largest_order"] == 10
     assert result["models"][result["best"]]["fit_percent"] > 70.0
 

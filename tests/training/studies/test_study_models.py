@@ -236,10 +236,15 @@ def numbers(train: float, test: float, free: float, weights: int = 400) -> dict[
         return dict(zip(("train", "validate", "test"), values, strict=True))
 
     starts = [
-        {"one_step": parts(k, train, train, test), "free_run": parts(k, free, free, free),
-         "diverged": False, "unfinished": False, "effective_weights": None}
+        {
+            "one_step": parts(k, train, train, test),
+            "free_run": parts(k, free, free, free),
+            "diverged": False,
+            "unfinished": False,
+            "effective_weights": None,
+        }
         for k in (0.99, 1.0, 1.01)
-    ]  # fmt: skip
+    ]
     return {"starts": starts, "n_weights": weights}
 
 

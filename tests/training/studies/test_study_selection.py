@@ -29,9 +29,14 @@ def recording(columns: dict[str, FloatArray], name: str = "drive") -> Recording:
     values = np.column_stack(list(columns.values()))
     quality = np.where(np.isnan(values), Quality.INVALID, Quality.GOOD).astype(np.uint8)
     return Recording(
-        Path(f"{name}.csv"), name, 100_000_000, np.arange(len(values)) * 0.1, tuple(columns),
-        values, quality,
-    )  # fmt: skip
+        Path(f"{name}.csv"),
+        name,
+        100_000_000,
+        np.arange(len(values)) * 0.1,
+        tuple(columns),
+        values,
+        quality,
+    )
 
 
 def closed_loop_drive(seed: int, n: int = 2500) -> Recording:
@@ -72,8 +77,9 @@ def closed_loop_drive(seed: int, n: int = 2500) -> Recording:
 def nonlinear_drive(seed: int, n: int = 2500) -> Recording:
     """Output of two inputs through a static curve and a lag; a third input does nothing."""
     rng = np.random.default_rng(seed)
-    u = np.stack([np.convolve(rng.standard_normal(n + 9), np.ones(10) / 3, "valid")[:n]
-                  for _ in range(3)])  # fmt: skip
+    u = np.stack(
+        [np.convolve(rng.standard_normal(n + 9), np.ones(10) / 3, "valid")[:n] for _ in range(3)]
+    )
     y = np.zeros(n)
     for t in range(2, n):
         y[t] = 0.7 * y[t - 1] + np.tanh(u[0, t - 1]) + 0.2 * u[1, t - 2] ** 2

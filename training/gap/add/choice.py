@@ -46,9 +46,14 @@ WORSE: Final = 1.02  # of the RMSE, up to which a form counts as no worse
 
 
 def add(
-    given: Given, out: Path, choices: Sequence[Sequence[Added]], known: Healthy | None,
-    start: Constants, options: Options, progress: Progress = lambda _: None,
-) -> tuple[Path | None, str, tuple[Added, ...]]:  # fmt: skip
+    given: Given,
+    out: Path,
+    choices: Sequence[Sequence[Added]],
+    known: Healthy | None,
+    start: Constants,
+    options: Options,
+    progress: Progress = lambda _: None,
+) -> tuple[Path | None, str, tuple[Added, ...]]:
     """Write the new model that predicts best; return it, its form and its effects.
 
     choices : the effects, each time with other constants, the ones to prefer first
@@ -66,9 +71,14 @@ def add(
         (added,) = map(tuple, choices)
         vehicle = greybox.Vehicle.of(known, Greybox.of(card), drives) if known else None
         greybox.add(
-            given.model, added, out, ranges=ranges, recordings=tuple(map(as_trained_on, use.fit)),
-            vehicle=vehicle, drives=drives,
-        )  # fmt: skip
+            given.model,
+            added,
+            out,
+            ranges=ranges,
+            recordings=tuple(map(as_trained_on, use.fit)),
+            vehicle=vehicle,
+            drives=drives,
+        )
         best = _Tried(base.GREYBOX, added, out, _rmse(out, use.judges), whole(use.fit))
         says = FORMS[base.GREYBOX]
     else:
@@ -137,9 +147,14 @@ class _Tried:
 
 
 def _beside_network(
-    model: Path, folder: Path, choices: Sequence[Sequence[Added]], chain: Constants, ranges: Ranges,
-    use: _Use, drives: Sequence[Drive],
-) -> list[_Tried]:  # fmt: skip
+    model: Path,
+    folder: Path,
+    choices: Sequence[Sequence[Added]],
+    chain: Constants,
+    ranges: Ranges,
+    use: _Use,
+    drives: Sequence[Drive],
+) -> list[_Tried]:
     """Write the network with effects before it and at its output, with each of the constants."""
     forms = {"output": TO_OUTPUT}
     if network.can_stand_before(model, choices[0], chain, drives[0]):
@@ -151,9 +166,15 @@ def _beside_network(
         path = folder / f"{name}{i}.onnx"
         try:
             network.add(
-                model, added, chain, path, ranges=ranges,
-                recordings=tuple(map(as_trained_on, use.fit)), drives=drives, form=form,
-            )  # fmt: skip
+                model,
+                added,
+                chain,
+                path,
+                ranges=ranges,
+                recordings=tuple(map(as_trained_on, use.fit)),
+                drives=drives,
+                form=form,
+            )
             tried.append(_Tried(name, tuple(added), path, _rmse(path, use.judges), blocks))
         except ParityError as error:
             wrong = error
@@ -164,18 +185,31 @@ def _beside_network(
 
 
 def _or_trained_anew(
-    given: Given, other: _Tried, says: str, chain: Constants, ranges: Ranges, use: _Use,
-    budget_minutes: float, progress: Progress,
-) -> tuple[_Tried, str]:  # fmt: skip
+    given: Given,
+    other: _Tried,
+    says: str,
+    chain: Constants,
+    ranges: Ranges,
+    use: _Use,
+    budget_minutes: float,
+    progress: Progress,
+) -> tuple[_Tried, str]:
     """Return the better of a file and a network trained anew beside it, in words."""
     if not use.unseen:
         return other, f"{says}; not trained anew: no recording is held out to judge it on"
     path = other.path.with_name("retrained.onnx")
     try:
         blocks = network.retrain(
-            given.model, other.added, chain, use.fit, path, ranges=ranges,
-            healthy=given.healthy, budget_minutes=budget_minutes, progress=progress,
-        )  # fmt: skip
+            given.model,
+            other.added,
+            chain,
+            use.fit,
+            path,
+            ranges=ranges,
+            healthy=given.healthy,
+            budget_minutes=budget_minutes,
+            progress=progress,
+        )
     except (ModelError, RecordingError, UsageError) as error:
         return other, f"{says}; not trained anew: {error}"
     anew = _Tried(TRAINED_ANEW, other.added, path, _rmse(path, use.unseen), blocks)

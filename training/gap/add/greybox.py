@@ -72,8 +72,10 @@ def add(
         )
     greybox = _extended(old, added, reads, ranges)
     came_from = [asdict(recording) for recording in recordings]
-    entries = [each.to_card() | {"reads": list(names), "recordings": came_from}
-               for each, names in zip(added, reads, strict=True)]  # fmt: skip
+    entries = [
+        each.to_card() | {"reads": list(names), "recordings": came_from}
+        for each, names in zip(added, reads, strict=True)
+    ]
     card = _card(card, greybox, entries, ranges, recordings)
     if vehicle is not None:
         card = _with_constants(card, vehicle.constants)
@@ -85,8 +87,12 @@ def add(
     except ModelError:
         partial.unlink()
         raise
-    found = {"samples": same.samples, "onnx_numpy": same.onnx_numpy, "tolerance": TOLERANCE,
-             "largest": same.largest}  # fmt: skip
+    found = {
+        "samples": same.samples,
+        "onnx_numpy": same.onnx_numpy,
+        "tolerance": TOLERANCE,
+        "largest": same.largest,
+    }
     card = replace(card, checks={"parity": found})
     save(path, greybox, card)
     partial.unlink()

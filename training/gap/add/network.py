@@ -121,8 +121,12 @@ def retrain(
     data = prepare(
         [with_difference(each, difference) for each in recordings]
         + [with_difference(each, before) for each in healthy],
-        (*network.inputs, DIFFERENCE), card.output.name, card.transforms, lags=card.lags, seed=seed,
-    )  # fmt: skip
+        (*network.inputs, DIFFERENCE),
+        card.output.name,
+        card.transforms,
+        lags=card.lags,
+        seed=seed,
+    )
     best, gap = train_again(data, card, network, seed, deadline_s, progress)
     trained = Network(
         best.spec, best.weights, data.scaling, card.transform, card.transforms, data.names
@@ -155,8 +159,12 @@ def save(
         same = parity(partial, model, drives)
     finally:
         partial.unlink()
-    found = {"samples": same.samples, "onnx_numpy": same.onnx_numpy,
-             "torch_numpy": same.torch_numpy, "tolerance": same.tolerance}  # fmt: skip
+    found = {
+        "samples": same.samples,
+        "onnx_numpy": same.onnx_numpy,
+        "torch_numpy": same.torch_numpy,
+        "tolerance": same.tolerance,
+    }
     card = replace(card, checks=dict(card.checks) | {"parity": found})
     model.save(path, card)
     return card
@@ -227,8 +235,12 @@ def _trained_card(
     predicted = data.scaling.unscale_y(free_run(data, best.spec, best.weights))
     test = own & (data.role == Role.TEST)
     everything, enabled = (measures(data, predicted, rows) for rows in (test, test & data.enabled))
-    contraction = {"gap": gap.gap, "samples": CONTRACTION_SAMPLES, "pairs": gap.pairs,
-                   "limit": gap.limit}  # fmt: skip
+    contraction = {
+        "gap": gap.gap,
+        "samples": CONTRACTION_SAMPLES,
+        "pairs": gap.pairs,
+        "limit": gap.limit,
+    }
     return replace(
         card,
         layers=best.spec.hidden,

@@ -141,8 +141,10 @@ class NetworkWithEffects:
 
 
 def _limited(graph: Graph, network: Network, y: str, name: str) -> str:
-    limits = [graph.constant(f"{name}_low", network.scaling.y_low),
-              graph.constant(f"{name}_high", network.scaling.y_high)]  # fmt: skip
+    limits = [
+        graph.constant(f"{name}_low", network.scaling.y_low),
+        graph.constant(f"{name}_high", network.scaling.y_high),
+    ]
     return graph.add("Clip", [y, *limits], f"{name}_limited")
 
 

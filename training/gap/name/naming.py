@@ -165,8 +165,11 @@ def _answer(
     shift = Constants(*(np.array(alone.base) - np.array(base)).tolist()) if alone else None
     if rounds and verdict == "ambiguous":
         names = " and ".join(r.effect.name for r in rounds)
-        warnings = [*warnings, f"{names} came first and explains too little by itself to be named: "
-                    "the candidates are what may be there beside it"]  # fmt: skip
+        warnings = [
+            *warnings,
+            f"{names} came first and explains too little by itself to be named: "
+            "the candidates are what may be there beside it",
+        ]
     explained = scoring.explained(first.current, first.roof, first.case.blocks)
     return Naming(
         verdict,

@@ -62,8 +62,10 @@ def chain_of(naming: Naming, reference: Constants) -> Chain:
 
 
 def warn(
-    drives: Sequence[Drive], chain: Chain, healthy: Sequence[Drive] = (),
-) -> list[str]:  # fmt: skip
+    drives: Sequence[Drive],
+    chain: Chain,
+    healthy: Sequence[Drive] = (),
+) -> list[str]:
     """Return a warning for each quantity in which drives fall into two groups.
 
     chain : with what was found to be missing, which moves drives in its own way

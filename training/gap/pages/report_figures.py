@@ -23,9 +23,11 @@ def error_figure(errors: Sequence[Error]) -> Figure:
         if e.floor is not None:
             axes.plot(e.floor, at, "|", color=FLOOR, markersize=13, markeredgewidth=1.6, zorder=4)
     for label, mark, colour in (
-        ("before", "o", BEFORE), ("after", "o", AFTER),
-        ("after, worse beyond confidence", "o", WORSE), ("noise floor", "|", FLOOR),
-    ):  # fmt: skip
+        ("before", "o", BEFORE),
+        ("after", "o", AFTER),
+        ("after, worse beyond confidence", "o", WORSE),
+        ("noise floor", "|", FLOOR),
+    ):
         drawn = not label.startswith("after") or any(
             e.after is not None and e.worse == label.startswith("after,") for e in errors
         )
@@ -80,9 +82,14 @@ def ranking_figure(ranking: Sequence[Candidate], chosen: Sequence[str]) -> Figur
         axes.barh(at, c.score, color=colours[c.kind], alpha=1.0 if strong else 0.45, height=0.72)
         words = "" if c.win is None else f"  beaten in {c.win:.0%} of draws"
         axes.annotate(
-            words, (max(c.score, 0.0), at), va="center", fontsize=7, color="0.35",
-            xytext=(2, 0), textcoords="offset points",
-        )  # fmt: skip
+            words,
+            (max(c.score, 0.0), at),
+            va="center",
+            fontsize=7,
+            color="0.35",
+            xytext=(2, 0),
+            textcoords="offset points",
+        )
     for kind, colour in colours.items():
         if any(c.kind == kind for c in ranking):
             axes.barh([0], [0], color=colour, label=kind)

@@ -59,18 +59,31 @@ def detection_table(verified: Verified) -> str:
     after = [f.after for f in verified.faults if f.after is not None]
     alike = [f.alike for f in verified.faults if f.alike is not None]
     rows.append(
-        ("all faults", *(_rates(before, of) for of in ("judged", "found", "named")),
-         *(_rates(alike, of) for of in ("found", "named")),
-         *(_rates(after, of) for of in ("judged", "found", "named")), "")
-    )  # fmt: skip
+        (
+            "all faults",
+            *(_rates(before, of) for of in ("judged", "found", "named")),
+            *(_rates(alike, of) for of in ("found", "named")),
+            *(_rates(after, of) for of in ("judged", "found", "named")),
+            "",
+        )
+    )
     alarms = (
         ("no fault, held-out drives", verified.alarms),
         ("no fault, healthy recordings", verified.healthy_alarms),
     )
     rows += [(words, *_found(f)[1:]) for words, f in alarms if f is not None]
-    head = ("put on the reading", "judged before", "found", "named right",
-            "found with limits set alike", "named right",
-            "judged after", "found", "named right", "")  # fmt: skip
+    head = (
+        "put on the reading",
+        "judged before",
+        "found",
+        "named right",
+        "found with limits set alike",
+        "named right",
+        "judged after",
+        "found",
+        "named right",
+        "",
+    )
     return table(rows, head, chosen=len(verified.faults))
 
 
@@ -112,8 +125,17 @@ def candidates_table(ranking: Sequence[Candidate], chosen: Iterable[str]) -> str
         )
         for c in ranking
     ]
-    head = ("candidate", "kind", "score", "needed", "t", "constants", "adequacy", "beaten in",
-            "same class")  # fmt: skip
+    head = (
+        "candidate",
+        "kind",
+        "score",
+        "needed",
+        "t",
+        "constants",
+        "adequacy",
+        "beaten in",
+        "same class",
+    )
     return table(rows, head)
 
 
@@ -156,10 +178,14 @@ def constants_table(result: Result) -> str:
         for p in KNOWN[c.name]:
             value = source.parameters[p.name]
             rows.append(
-                (f"{c.name}: {p.name}", f"{value:.4g}", f"{source.standard_errors[p.name]:.2g}",
-                 _unit(p.unit), f"{p.low:g} to {p.high:g}" +
-                 (", reached" if at_bound(p, value) else ""))
-            )  # fmt: skip
+                (
+                    f"{c.name}: {p.name}",
+                    f"{value:.4g}",
+                    f"{source.standard_errors[p.name]:.2g}",
+                    _unit(p.unit),
+                    f"{p.low:g} to {p.high:g}" + (", reached" if at_bound(p, value) else ""),
+                )
+            )
     return table(rows, ("constant", "value", "standard error", "unit", "bounds"))
 
 
@@ -170,8 +196,13 @@ def base_table(base: Constants, reference: Constants | None, shift: Constants | 
         known = NONE if reference is None else f"{reference[i]:.4f}"
         moved = NONE if shift is None else f"{shift[i]:+.4f}"
         rows.append((name, known, f"{value:.4f}", moved, _unit(RANGES[name].unit)))
-    head = ("base constant", "healthy reference", "with what was added", "shift if refitted alone",
-            "unit")  # fmt: skip
+    head = (
+        "base constant",
+        "healthy reference",
+        "with what was added",
+        "shift if refitted alone",
+        "unit",
+    )
     return table(rows, head)
 
 

@@ -89,8 +89,9 @@ def curve_figure(regimes: Sequence[Regime]) -> Figure:
     """Draw how the excess depends on each driver that has a curve."""
     with_curve = [r for r in regimes if r.curve is not None]
     figure = Figure(figsize=(9, 2.9), layout="constrained")
-    for axes, r in zip(figure.subplots(1, len(with_curve), squeeze=False)[0], with_curve,
-                       strict=True):  # fmt: skip
+    for axes, r in zip(
+        figure.subplots(1, len(with_curve), squeeze=False)[0], with_curve, strict=True
+    ):
         c = r.curve
         assert c is not None
         axes.fill_between(c.x, c.low, c.high, color="C0", alpha=0.25, linewidth=0)

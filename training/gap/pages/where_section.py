@@ -164,10 +164,9 @@ def _lags(lags: tuple[Lag, ...]) -> str:
         return paragraph("No input moves.")
     shown = lags[:SHOWN_LAGS]
     rows = [
-        (label(lag.input), f"{lag.lag_s:.2f}", f"{lag.correlation:+.3f}",
-         p_text(lag.p_value))
+        (label(lag.input), f"{lag.lag_s:.2f}", f"{lag.correlation:+.3f}", p_text(lag.p_value))
         for lag in shown
-    ]  # fmt: skip
+    ]
     figure = picture(lag_figure(shown), "Correlation of whitened residual and input; grey: chance")
     return figure + table(rows, ("input", "lag, s", "correlation", "p, all lags and inputs"))
 

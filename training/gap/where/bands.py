@@ -110,9 +110,14 @@ def find_bands(
         )
     step = float(new.frequency_hz[0])
     return Bands(
-        tuple(found), new.frequency_hz, new.power.mean(axis=0) / step, reference / step, names,
-        coherence, p,
-    )  # fmt: skip
+        tuple(found),
+        new.frequency_hz,
+        new.power.mean(axis=0) / step,
+        reference / step,
+        names,
+        coherence,
+        p,
+    )
 
 
 def _octaves(frequency_hz: FloatArray) -> list[IntArray]:

@@ -46,15 +46,30 @@ WORDS: Final[Mapping[str, str]] = {
     "phi_predicted": "predicted phi",
 }
 UNITS: Final[Mapping[str, str]] = {
-    "air_mass_mg": "mg", "fuel_mass_mg": "mg", "maf_kg_h": "kg/h", "rail_pressure_mpa": "MPa",
-    "manifold_pressure_kpa": "kPa", "manifold_temperature_degc": "°C", "engine_speed_rpm": "1/min",
-    "engine_torque_nm": "Nm", "vehicle_speed_km_h": "km/h", "throttle_percent": "%",
-    "coolant_temperature_degc": "°C", "ambient_temperature_degc": "°C", "battery_voltage_v": "V",
-    "ambient_pressure_kpa": "kPa", "purge_duty_percent": "%", "inverse_flow_h_kg": "h/kg",
-    "load_times_speed": "mg/min", "after_fuel_cut_s": "s", "fuel_rate_mg_s": "mg/s",
-    "load_rate_mg_s": "mg/s", "phi_slope_1_s": "1/s",
-    "cold_fuel_rate_mg_s": "mg/s", "purge_per_flow": "% h/kg",
-}  # fmt: skip
+    "air_mass_mg": "mg",
+    "fuel_mass_mg": "mg",
+    "maf_kg_h": "kg/h",
+    "rail_pressure_mpa": "MPa",
+    "manifold_pressure_kpa": "kPa",
+    "manifold_temperature_degc": "°C",
+    "engine_speed_rpm": "1/min",
+    "engine_torque_nm": "Nm",
+    "vehicle_speed_km_h": "km/h",
+    "throttle_percent": "%",
+    "coolant_temperature_degc": "°C",
+    "ambient_temperature_degc": "°C",
+    "battery_voltage_v": "V",
+    "ambient_pressure_kpa": "kPa",
+    "purge_duty_percent": "%",
+    "inverse_flow_h_kg": "h/kg",
+    "load_times_speed": "mg/min",
+    "after_fuel_cut_s": "s",
+    "fuel_rate_mg_s": "mg/s",
+    "load_rate_mg_s": "mg/s",
+    "phi_slope_1_s": "1/s",
+    "cold_fuel_rate_mg_s": "mg/s",
+    "purge_per_flow": "% h/kg",
+}
 # States and targets rather than causes, and what the loop is closed through.
 NO_DRIVERS: Final = frozenset({"closed_loop", "fuel_cut", "sensor_ready", "lambda_measured"})
 AT_SENSOR: Final = frozenset({"phi_predicted", "phi_slope_1_s"})  # already behind the transport

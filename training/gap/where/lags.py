@@ -82,9 +82,16 @@ def find_lags(
         rank = np.where(clear, size[:, k], 0.0) if clear.any() else size[:, k] / band[:, k]
         top = int(np.argmax(rank))
         result.append(
-            Lag(name, float(lags[top] * period_s), float(value[top, k]), float(p[top, k]),
-                np.asarray(lags * period_s, dtype=np.float64), value[:, k], band[:, k])
-        )  # fmt: skip
+            Lag(
+                name,
+                float(lags[top] * period_s),
+                float(value[top, k]),
+                float(p[top, k]),
+                np.asarray(lags * period_s, dtype=np.float64),
+                value[:, k],
+                band[:, k],
+            )
+        )
     return tuple(
         sorted(result, key=lambda lag: (not lag.significant, lag.p_value, -abs(lag.correlation)))
     )

@@ -73,10 +73,16 @@ class Findings:
     def where(self) -> list[dict[str, Any]]:
         """Return the entries of ``where`` in the gap report, regimes before boxes before bands."""
         entries = [
-            {**_share("regime", r), "driver": r.driver, "point": r.point, "p_value": r.p_value,
-             "separated": r.separated}
-            for r in (self.offset, *self.regimes) if r.significant
-        ]  # fmt: skip
+            {
+                **_share("regime", r),
+                "driver": r.driver,
+                "point": r.point,
+                "p_value": r.p_value,
+                "separated": r.separated,
+            }
+            for r in (self.offset, *self.regimes)
+            if r.significant
+        ]
         entries += [{**_share("box", b), "time_share": b.time_share} for b in self.boxes]
         if self.bands is not None:
             entries += [

@@ -29,9 +29,14 @@ MOST_SAMPLES: Final = 20_000
 NEIGHBOURS: Final = 12
 EARLIER_S: Final = (0.0, 0.5, 1.0)
 POINT: Final = (
-    "air_mass_mg", "fuel_mass_mg", "engine_speed_rpm", "manifold_pressure_kpa",
-    "rail_pressure_mpa", "coolant_temperature_degc", "purge_duty_percent",
-)  # fmt: skip
+    "air_mass_mg",
+    "fuel_mass_mg",
+    "engine_speed_rpm",
+    "manifold_pressure_kpa",
+    "rail_pressure_mpa",
+    "coolant_temperature_degc",
+    "purge_duty_percent",
+)
 
 
 @dataclass(frozen=True, slots=True)

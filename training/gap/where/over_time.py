@@ -120,10 +120,20 @@ def _shape(r: Compared, quantity: Quantity) -> Change | None:
     shown = values if quantity == "level" else np.exp(values)
     first, last = slice(None, at + 1), slice(at + 1, None)
     return Change(
-        r.name, quantity, "onset" if step <= line else "drift",
-        float((block_s[at] + block_s[at + 1]) / 2), float(shown[first].mean()),
-        float(shown[last].mean()), 1.0, 1.0, False, 0.0, block_s, shown, cumulative,
-    )  # fmt: skip
+        r.name,
+        quantity,
+        "onset" if step <= line else "drift",
+        float((block_s[at] + block_s[at + 1]) / 2),
+        float(shown[first].mean()),
+        float(shown[last].mean()),
+        1.0,
+        1.0,
+        False,
+        0.0,
+        block_s,
+        shown,
+        cumulative,
+    )
 
 
 def _step_beats(r: Compared, rest: FloatArray, t_s: float, quantity: Quantity) -> bool:

@@ -62,9 +62,7 @@ def find_transport(recordings: Sequence[Compared]) -> Transport | None:
     source = (
         f"fuel over air comes closest to the sensor after {dead_s:.2f} s and a lag of {lag_s:g} s"
     )
-    return Transport(
-        tuple(np.full(len(r.residual), dead_s) for r in recordings), lag_s, source
-    )  # fmt: skip
+    return Transport(tuple(np.full(len(r.residual), dead_s) for r in recordings), lag_s, source)
 
 
 def like(transport: Transport | None, recordings: Sequence[Compared]) -> Transport | None:

@@ -37,10 +37,15 @@ class Compared:
     def of(cls, drive: Drive, phi_predicted: FloatArray, path: Path | None = None) -> "Compared":
         """Return a drive with a model's prediction (n,) of its phi, and the path of its chain."""
         return cls(
-            drive.name, drive.period_s, drive.signals, drive.phi_measured, phi_predicted,
-            drive.scored, path.dead_time_s if path else None,
+            drive.name,
+            drive.period_s,
+            drive.signals,
+            drive.phi_measured,
+            phi_predicted,
+            drive.scored,
+            path.dead_time_s if path else None,
             float(np.median(path.mixing_s + path.sensor_rising_s)) if path else None,
-        )  # fmt: skip
+        )
 
     def __post_init__(self) -> None:
         n = len(self.phi_measured)

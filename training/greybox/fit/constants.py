@@ -181,11 +181,14 @@ def described(fitted: Fitted) -> dict[str, Any]:
     errors = fitted.standard_errors
     return {
         "constants": {
-            name: {"value": value, "standard_error": error, "unit": RANGES[name].unit,
-                   "low": RANGES[name].low, "high": RANGES[name].high}
-            for name, value, error in zip(
-                Constants._fields, fitted.constants, errors, strict=True
-            )
+            name: {
+                "value": value,
+                "standard_error": error,
+                "unit": RANGES[name].unit,
+                "low": RANGES[name].low,
+                "high": RANGES[name].high,
+            }
+            for name, value, error in zip(Constants._fields, fitted.constants, errors, strict=True)
         },
         "covariance": fitted.covariance.tolist(),
         "standard_errors": STANDARD_ERRORS,
@@ -199,7 +202,7 @@ def described(fitted: Fitted) -> dict[str, Any]:
         "white_rmse_phi": fitted.white_rmse,
         "noise_model": list(fitted.noise_model),
         "starts_rmse_spread": fitted.spread,
-    }  # fmt: skip
+    }
 
 
 def reference(fitted: Fitted) -> dict[str, Any]:
@@ -209,10 +212,12 @@ def reference(fitted: Fitted) -> dict[str, Any]:
     """
     c, errors = fitted.constants, fitted.standard_errors
     sums = {
-        "dead_time_at_1500_rpm_s": {"dead_time_s": 1.0,
-                                    "dead_time_revolutions": 60.0 / REFERENCE_RPM},
+        "dead_time_at_1500_rpm_s": {
+            "dead_time_s": 1.0,
+            "dead_time_revolutions": 60.0 / REFERENCE_RPM,
+        },
         "lag_s": {"mixing_s": 1.0, "sensor_s": 1.0},
-    }  # fmt: skip
+    }
     sums["late_at_1500_rpm_s"] = sums["dead_time_at_1500_rpm_s"] | sums["lag_s"]
     derived = {}
     for name, parts in sums.items():

@@ -83,9 +83,13 @@ class ChainDifference:
             given = card.structure["chain"]
             low, high = (np.array(given[name]) for name in ("inputs_low", "inputs_high"))
             without = Greybox(
-                Constants(**given["constants"]), tuple(given["inputs"]), low, high,
-                card.period_ns / 1e9, int(given["register_samples"]),
-            )  # fmt: skip
+                Constants(**given["constants"]),
+                tuple(given["inputs"]),
+                low,
+                high,
+                card.period_ns / 1e9,
+                int(given["register_samples"]),
+            )
             return cls(without, tuple(Entry.of(entry) for entry in card.effects))
         except (KeyError, TypeError) as error:
             raise ModelError(f"the card lacks part of its added effects: {error}") from None
@@ -164,8 +168,10 @@ class ChainDifference:
         """Add what limits the inputs to their ranges; return them by name."""
         limited = {}
         for i, name in enumerate(self.inputs):
-            bounds = [graph.constant(f"{name}_low", self.without.u_low[i]),
-                      graph.constant(f"{name}_high", self.without.u_high[i])]  # fmt: skip
+            bounds = [
+                graph.constant(f"{name}_low", self.without.u_low[i]),
+                graph.constant(f"{name}_high", self.without.u_high[i]),
+            ]
             limited[name] = graph.add("Clip", [signals[name], *bounds], f"{name}_clipped")
         return limited
 

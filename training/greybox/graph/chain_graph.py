@@ -91,9 +91,17 @@ class Greybox:
                 f"the card of a greybox lacks part of its structure: {error}"
             ) from None
         return cls(
-            constants, card.input_names, low, high, period_s, register, charge_map, effects,
-            charge_error, volumes,
-        )  # fmt: skip
+            constants,
+            card.input_names,
+            low,
+            high,
+            period_s,
+            register,
+            charge_map,
+            effects,
+            charge_error,
+            volumes,
+        )
 
     def structure(self) -> dict[str, Any]:
         """Return what the card's structure needs beside the constants."""
@@ -175,8 +183,10 @@ def longest_dead_time_s(constants: Constants, inputs: Sequence[str], u_low: Floa
 def build(greybox: Greybox) -> ModelProto:
     """Return the graph ``step``, float32, without a card."""
     graph = Graph()
-    limits = [graph.constant("u_low", greybox.u_low[None]),
-              graph.constant("u_high", greybox.u_high[None])]  # fmt: skip
+    limits = [
+        graph.constant("u_low", greybox.u_low[None]),
+        graph.constant("u_high", greybox.u_high[None]),
+    ]
     raised = graph.add("Max", ["u", limits[0]], "u_raised")
     clipped = graph.add("Min", [raised, limits[1]], "u_clipped")
     signals = {
@@ -234,9 +244,13 @@ def chain_nodes(
 
 
 def effects_nodes(
-    graph: Graph, effects: Sequence[GraphEffect], nodes: Nodes, signals: Mapping[str, str],
-    state: str, first: int,
-) -> tuple[Nodes, list[str]]:  # fmt: skip
+    graph: Graph,
+    effects: Sequence[GraphEffect],
+    nodes: Nodes,
+    signals: Mapping[str, str],
+    state: str,
+    first: int,
+) -> tuple[Nodes, list[str]]:
     """Add effects to a path; return the changed path and their next states.
 
     state : (batch, n), in which theirs stand from ``first`` on

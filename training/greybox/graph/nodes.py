@@ -51,9 +51,7 @@ class GraphEffect:
 
     name: str
     n_states: int
-    add: Callable[
-        [Graph, Nodes, Mapping[str, str], Sequence[str]], tuple[Nodes, Sequence[str]]
-    ]  # fmt: skip
+    add: Callable[[Graph, Nodes, Mapping[str, str], Sequence[str]], tuple[Nodes, Sequence[str]]]
     dead_time_s: float = 0.0  # more than the base's, at most
     lag_s: float = 0.0  # time constants that a start must forget, more than the base's, at most
     slower: float = 0.0  # relative growth of the base's lags, at most
@@ -93,8 +91,10 @@ def speed_nodes(graph: Graph, signals: Mapping[str, str]) -> str:
     scaled = graph.add("Mul", [signals["maf_kg_h"], scale], "speed_flow")
     least = graph.constant("speed_air_least", AIR_LEAST_MG)
     air = graph.add("Max", [signals["air_mass_mg"], least], "speed_air")
-    limits = [graph.constant("speed_low", SPEED_LEAST_RPM),
-              graph.constant("speed_high", SPEED_MOST_RPM)]  # fmt: skip
+    limits = [
+        graph.constant("speed_low", SPEED_LEAST_RPM),
+        graph.constant("speed_high", SPEED_MOST_RPM),
+    ]
     return graph.add("Clip", [graph.add("Div", [scaled, air], "speed_raw"), *limits], "speed")
 
 
@@ -172,10 +172,12 @@ def _hats(graph: Graph, x: str, knots: FloatArray, name: str) -> str:
     """Add the shares (batch, k) of the knots at ``x``: the lower of two ramps, within 0 .. 1."""
     inside = graph.add(
         "Min",
-        [graph.add("Max", [x, graph.constant(f"{name}_first", knots[0])], f"{name}_raised"),
-         graph.constant(f"{name}_last", knots[-1])],
+        [
+            graph.add("Max", [x, graph.constant(f"{name}_first", knots[0])], f"{name}_raised"),
+            graph.constant(f"{name}_last", knots[-1]),
+        ],
         f"{name}_inside",
-    )  # fmt: skip
+    )
     one, zero = graph.constant(f"{name}_one", 1.0), graph.constant(f"{name}_zero", 0.0)
     at = graph.constant(f"{name}_knots", knots[None])
     away = graph.add("Sub", [inside, at], f"{name}_away")
@@ -185,8 +187,9 @@ def _hats(graph: Graph, x: str, knots: FloatArray, name: str) -> str:
     down = graph.add("Div", [away, graph.constant(f"{name}_above", above[None])], f"{name}_down")
     rising = graph.add("Add", [up, one], f"{name}_rising")
     falling = graph.add("Sub", [one, down], f"{name}_falling")
-    return graph.add("Max", [graph.add("Min", [rising, falling], f"{name}_hat"), zero],
-                     f"{name}_shares")  # fmt: skip
+    return graph.add(
+        "Max", [graph.add("Min", [rising, falling], f"{name}_hat"), zero], f"{name}_shares"
+    )
 
 
 def valve_nodes(graph: Graph, nodes: Nodes) -> str:
@@ -194,8 +197,9 @@ def valve_nodes(graph: Graph, nodes: Nodes) -> str:
     air = graph.add("Max", [nodes.air_mg, graph.constant("air_least", AIR_LEAST_MG)], "air_safe")
     ratio = graph.add("Div", [nodes.fuel_mg, air], "fuel_over_air")
     scale = graph.constant("stoichiometric", STOICHIOMETRIC)
-    phi = graph.add("Mul", [graph.add("Mul", [ratio, scale], "phi_unscaled"), nodes.factor],
-                    "phi_free")  # fmt: skip
+    phi = graph.add(
+        "Mul", [graph.add("Mul", [ratio, scale], "phi_unscaled"), nodes.factor], "phi_free"
+    )
     limits = [graph.constant("valve_low", 0.0), graph.constant("valve_high", PHI_VALVE_MOST)]
     return graph.add("Clip", [phi, *limits], "phi_valve")
 
@@ -210,8 +214,9 @@ def late_nodes(graph: Graph, history: str, dead_time_s: str, register: int, peri
     one, zero = graph.constant("one", 1.0), graph.constant("zero", 0.0)
     hat = graph.add("Max", [graph.add("Sub", [one, away], "hat_free"), zero], "hat")
     axis = graph.constant("late_axis", [1], np.int64)
-    return graph.add("ReduceSum", [graph.add("Mul", [history, hat], "shares"), axis], "late",
-                     keepdims=1)  # fmt: skip
+    return graph.add(
+        "ReduceSum", [graph.add("Mul", [history, hat], "shares"), axis], "late", keepdims=1
+    )
 
 
 def lag_weights(graph: Graph, time_s: str, name: str, period_s: float) -> tuple[str, str]:
@@ -235,8 +240,10 @@ def lag_nodes(
     drop, newest = weights
     behind = graph.add("Sub", [last, state], f"{name}_behind")
     change = graph.add("Sub", [new, last], f"{name}_change")
-    parts = [graph.add("Mul", [drop, behind], f"{name}_caught"),
-             graph.add("Mul", [newest, change], f"{name}_led")]  # fmt: skip
+    parts = [
+        graph.add("Mul", [drop, behind], f"{name}_caught"),
+        graph.add("Mul", [newest, change], f"{name}_led"),
+    ]
     step = graph.add("Add", parts, f"{name}_step")
     return graph.add("Add", [state, step], f"{name}_next")
 

@@ -84,8 +84,13 @@ def _excitation_table(result: dict[str, Any]) -> str:
         )
         for e in result["excitation"]
     ]
-    head = ("input", "standard deviation", "samples moving, %", "order of excitation",
-            "95 % of variance below")  # fmt: skip
+    head = (
+        "input",
+        "standard deviation",
+        "samples moving, %",
+        "order of excitation",
+        "95 % of variance below",
+    )
     return table(rows, head)
 
 

@@ -97,12 +97,15 @@ class DifferencesRule:
         deviations = self._deviations(windows)
         sign = statistics(windows.measured)[:, ASYMMETRY] - self.centre[ASYMMETRY]
         return [
-            "" if deviation.max() < self.limit
-            else "symmetric" if deviation[[ASYMMETRY, PEAK]].max() < self.limit
-            else "rich_to_lean" if s > 0.0
+            ""
+            if deviation.max() < self.limit
+            else "symmetric"
+            if deviation[[ASYMMETRY, PEAK]].max() < self.limit
+            else "rich_to_lean"
+            if s > 0.0
             else "lean_to_rich"
             for deviation, s in zip(deviations, sign, strict=True)
-        ]  # fmt: skip
+        ]
 
     def _deviations(self, windows: Windows) -> FloatArray:
         z = (statistics(windows.measured) - self.centre) / self.scale

@@ -41,8 +41,10 @@ def features(windows: Windows) -> FloatArray:
     centred = residual - residual.mean(axis=1, keepdims=True)
     power = (change**2).sum(axis=1)
     floor = max(0.1 * float(np.median(power)), 1e-18)  # no lateness where nothing moves
-    product = ((windows.measured - windows.measured.mean(axis=1, keepdims=True))
-               * (predicted - predicted.mean(axis=1, keepdims=True))).mean(axis=1)  # fmt: skip
+    product = (
+        (windows.measured - windows.measured.mean(axis=1, keepdims=True))
+        * (predicted - predicted.mean(axis=1, keepdims=True))
+    ).mean(axis=1)
     rising = np.sign(change)
     return np.column_stack(
         [

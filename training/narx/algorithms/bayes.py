@@ -64,9 +64,13 @@ def minimise_bayesian(
     """
     cost = objective.cost(weights)
     watch = Watch(
-        weights, cost, options.max_fail, options.min_gradient,
-        deadline_s=deadline_s, progress=progress,
-    )  # fmt: skip
+        weights,
+        cost,
+        options.max_fail,
+        options.min_gradient,
+        deadline_s=deadline_s,
+        progress=progress,
+    )
     # Foresee and Hagan begin with alpha 0 and beta 1; the first step sets both right.
     state = _State(weights.copy(), n_samples * cost, 0.0, 1.0, float(len(weights)), options.mu)
     for _ in range(options.epochs):
@@ -85,9 +89,15 @@ def minimise_bayesian(
         watch.accept(state.weights, state.squared_error / n_samples)
     run = watch.outcome
     return BayesOutcome(
-        state.weights, run.costs[-1], run.stop, run.costs, run.scores,
-        state.alpha, state.beta, state.gamma,
-    )  # fmt: skip
+        state.weights,
+        run.costs[-1],
+        run.stop,
+        run.costs,
+        run.scores,
+        state.alpha,
+        state.beta,
+        state.gamma,
+    )
 
 
 def _step(

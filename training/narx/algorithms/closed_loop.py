@@ -45,9 +45,13 @@ class ClosedLoop:
     """
 
     def __init__(
-        self, spec: Spec, samples: Samples, pieces: Pieces, dtype: type[np.floating] = np.float32,
+        self,
+        spec: Spec,
+        samples: Samples,
+        pieces: Pieces,
+        dtype: type[np.floating] = np.float32,
         decay: float = 0.0,
-    ) -> None:  # fmt: skip
+    ) -> None:
         if len(pieces.start) and (
             pieces.start.min() < spec.memory or pieces.stop.max() > len(samples.y)
         ):
@@ -87,9 +91,19 @@ class ClosedLoop:
         """Return the weighted sum of squared errors of every piece (n_pieces,)."""
         s, p, q = self.spec, self.pieces, self.samples
         total: FloatArray = kernels.cost(
-            weights, s.sizes_array(), self._x, q.y, q.weight, s.lags,
-            s.y_min, s.y_max, p.start, p.stop, p.skip, p.history,
-        )  # fmt: skip
+            weights,
+            s.sizes_array(),
+            self._x,
+            q.y,
+            q.weight,
+            s.lags,
+            s.y_min,
+            s.y_max,
+            p.start,
+            p.stop,
+            p.skip,
+            p.history,
+        )
         return total
 
     def blocks(self, weights: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
@@ -101,10 +115,24 @@ class ClosedLoop:
         past, ring = np.zeros(s.lags), np.zeros((s.lags + 1, s.n_weights))
         while cursor[0] < len(p.start):
             rows = kernels.fill(
-                weights, s.sizes_array(), self._x, q.y, self._root_weight, s.lags,
-                s.y_min, s.y_max, p.start, p.stop, p.skip, p.history, cursor, past, ring,
-                jacobian, error,
-            )  # fmt: skip
+                weights,
+                s.sizes_array(),
+                self._x,
+                q.y,
+                self._root_weight,
+                s.lags,
+                s.y_min,
+                s.y_max,
+                p.start,
+                p.stop,
+                p.skip,
+                p.history,
+                cursor,
+                past,
+                ring,
+                jacobian,
+                error,
+            )
             if rows:
                 yield jacobian[:rows], error[:rows]
 

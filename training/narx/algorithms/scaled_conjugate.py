@@ -45,9 +45,14 @@ def minimise_scaled_conjugate(
     options = options or Options()
     search = _Search(objective, weights, options)
     watch = Watch(
-        search.weights, search.cost, options.max_fail, options.min_gradient,
-        validate, deadline_s, progress,
-    )  # fmt: skip
+        search.weights,
+        search.cost,
+        options.max_fail,
+        options.min_gradient,
+        validate,
+        deadline_s,
+        progress,
+    )
     for epoch in range(options.epochs):
         if watch.over_budget() or watch.at_rest(search.gradient):
             break

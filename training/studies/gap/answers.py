@@ -60,9 +60,11 @@ def alike(hidden: str, answered: str) -> bool:
 
 def right(row: Row) -> bool:
     """Return whether everything hidden was named and nothing else was."""
-    return bool(row["names"]) and not wrong_names(row) and all(
-        any(alike(hidden, name) for name in row["names"]) for hidden in row["hidden"]
-    )  # fmt: skip
+    return (
+        bool(row["names"])
+        and not wrong_names(row)
+        and all(any(alike(hidden, name) for name in row["names"]) for hidden in row["hidden"])
+    )
 
 
 def right_or_among(row: Row) -> bool:

@@ -86,27 +86,58 @@ def assess(rows: Sequence[Row], base: str) -> list[Target]:
         _names(rows),
         _share("right name", wide, 0.90, [right(r) for r in big]),
         _share("right or in the ambiguous set", wide, 0.95, [right_or_among(r) for r in big]),
-        _share("the same, or what the suspected fault is said to look like", wide, 0.95,
-               [right_or_beside_fault(r) for r in big]),
+        _share(
+            "the same, or what the suspected fault is said to look like",
+            wide,
+            0.95,
+            [right_or_beside_fault(r) for r in big],
+        ),
         _share("right name", narrow, 0.85, [right(r) for r in small]),
         _most("an effect named", "nothing hidden", 0.01, [bool(r["names"]) for r in null]),
-        _share("unknown_effect", "outside the library, gap at least twice", 0.90,
-               [r["verdict"] == "unknown_effect" for r in unknown]),
-        _most("a wrong name", "outside the library, gap at least twice", 0.05,
-              [bool(r["names"]) for r in unknown]),
-        _most("taken for an effect", "sensor fault with an onset", 0.01,
-              [bool(r["names"]) for r in onset]),
-        _share("suspected", "sensor fault from the start", 0.95,
-               [r["verdict"] == SUSPECTED for r in fault]),
-        _most("added to the model", "sensor fault from the start", 0.0,
-              [bool(r["added"]) for r in fault]),
+        _share(
+            "unknown_effect",
+            "outside the library, gap at least twice",
+            0.90,
+            [r["verdict"] == "unknown_effect" for r in unknown],
+        ),
+        _most(
+            "a wrong name",
+            "outside the library, gap at least twice",
+            0.05,
+            [bool(r["names"]) for r in unknown],
+        ),
+        _most(
+            "taken for an effect",
+            "sensor fault with an onset",
+            0.01,
+            [bool(r["names"]) for r in onset],
+        ),
+        _share(
+            "suspected",
+            "sensor fault from the start",
+            0.95,
+            [r["verdict"] == SUSPECTED for r in fault],
+        ),
+        _most(
+            "added to the model",
+            "sensor fault from the start",
+            0.0,
+            [bool(r["added"]) for r in fault],
+        ),
         *_closing(named, "rightly named, gap at least twice"),
         *_closing(big, f"all of {wide}"),
         *_closing([r for r in effect if errs(r)], "one effect, excess at least twice the noise"),
         *_detection(named),
-        _quantile("seconds per case, 95 % of them", "all", "s", False, SECONDS_MOST[base],
-                  [r["seconds"] for r in done(rows)], SLOW),
-    ]  # fmt: skip
+        _quantile(
+            "seconds per case, 95 % of them",
+            "all",
+            "s",
+            False,
+            SECONDS_MOST[base],
+            [r["seconds"] for r in done(rows)],
+            SLOW,
+        ),
+    ]
 
 
 def quantile(values: Sequence[float], share: float) -> tuple[float, float | None, float | None]:
@@ -136,14 +167,16 @@ def _names(rows: Sequence[Row]) -> Target:
 
 def _share(what: str, where: str, wanted: float, good: Sequence[bool]) -> Target:
     found = rate(sum(good), len(good))
-    return Target(what, where, "share", True, wanted, found["rate"], found["low"], found["high"],
-                  len(good))  # fmt: skip
+    return Target(
+        what, where, "share", True, wanted, found["rate"], found["low"], found["high"], len(good)
+    )
 
 
 def _most(what: str, where: str, wanted: float, bad: Sequence[bool]) -> Target:
     found = rate(sum(bad), len(bad))
-    return Target(what, where, "share", False, wanted, found["rate"], found["low"], found["high"],
-                  len(bad))  # fmt: skip
+    return Target(
+        what, where, "share", False, wanted, found["rate"], found["low"], found["high"], len(bad)
+    )
 
 
 def _closing(rows: Sequence[Row], where: str) -> list[Target]:
@@ -164,16 +197,33 @@ def _detection(rows: Sequence[Row]) -> list[Target]:
     of_old = "new models, rightly named; wanted is what the old ones do"
     for what, key, after, before, at_least, where in (
         ("faults put on and found", "faults", "after", "before", True, of_old),
-        ("faults put on and found", "faults", "after", "alike", True,
-         f"{of_old} with limits set alike"),
+        (
+            "faults put on and found",
+            "faults",
+            "after",
+            "alike",
+            True,
+            f"{of_old} with limits set alike",
+        ),
         ("faults put on and named right", "faults", "after_named", "before_named", True, of_old),
         ("false alarms", "alarms", "after", "before", False, of_old),
-    ):  # fmt: skip
+    ):
         counts = [r[key] for r in rows if r[key] and {after, before} <= set(r[key])]
         drives, new, old = (sum(c[part] for c in counts) for part in ("drives", after, before))
         share = rate(new, drives)
-        found.append(Target(what, where, "share", at_least, old / drives if drives else 0.0,
-                            share["rate"], share["low"], share["high"], drives))  # fmt: skip
+        found.append(
+            Target(
+                what,
+                where,
+                "share",
+                at_least,
+                old / drives if drives else 0.0,
+                share["rate"],
+                share["low"],
+                share["high"],
+                drives,
+            )
+        )
     return found
 
 

@@ -25,8 +25,16 @@ def fit_base(base: str, recordings: Sequence[Recording], out: Path) -> None:
         held_out = fit_greybox(recordings, out).held_out
     else:
         held_out = fit.fit(
-            recordings, NARX_INPUTS, OUTPUT, out, lags=LAGS, hidden=HIDDEN, input_lag_start=0,
-            starts=1, budget_minutes=BUDGET_MINUTES, threads=1,
-        ).held_out  # fmt: skip
+            recordings,
+            NARX_INPUTS,
+            OUTPUT,
+            out,
+            lags=LAGS,
+            hidden=HIDDEN,
+            input_lag_start=0,
+            starts=1,
+            budget_minutes=BUDGET_MINUTES,
+            threads=1,
+        ).held_out
     with suppress(RecordingError):  # too few windows: the model stands without limits
         set_limits(out, recordings, held_out, config.load())

@@ -21,11 +21,17 @@ FAULTY: Final = ("onset", "fault")  # the kinds in which the sensor has a fault
 BASES: Final = ("greybox", "narx")
 CASES: Final[Mapping[str, Mapping[str, int]]] = MappingProxyType(
     {
-        "greybox": {"effect": 240, "null": 400, "unknown": 60, "two": 60, "onset": 110,
-                    "fault": 110},
+        "greybox": {
+            "effect": 240,
+            "null": 400,
+            "unknown": 60,
+            "two": 60,
+            "onset": 110,
+            "fault": 110,
+        },
         "narx": {"effect": 240, "null": 200, "unknown": 60, "two": 60, "onset": 110, "fault": 110},
     }
-)  # fmt: skip
+)
 USUAL: Final = (0.5, 1.0, 2.0, 4.0, 8.0)  # severities, of which 1 is about the plant's noise
 TWICE: Final = tuple(2.0 * severity for severity in USUAL)
 # So that the strongest moves the base's error by about eight times the noise that the workflow

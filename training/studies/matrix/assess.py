@@ -87,9 +87,13 @@ def _time(what: str, where: str, times: Figures) -> Figures:
 def _healthy(good: Figures) -> list[Figures]:
     drives, vehicles = good["false"]["trials"], good["vehicles"]
     enough = drives >= HEALTHY_DRIVES and vehicles >= HEALTHY_VEHICLES
-    why = "" if enough else (
-        f"{drives} drives of {vehicles} vehicles, {HEALTHY_DRIVES} of {HEALTHY_VEHICLES} are wanted"
-    )  # fmt: skip
+    why = (
+        ""
+        if enough
+        else (
+            f"{drives} drives of {vehicles} vehicles, {HEALTHY_DRIVES} of {HEALTHY_VEHICLES} are wanted"
+        )
+    )
     where = f"healthy drives of {vehicles} vehicles"
     counts = []
     for what, events in (("pending", good["false"]["events"]), ("confirmed", good["confirmed"])):

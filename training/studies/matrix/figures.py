@@ -29,11 +29,27 @@ def severity_figure(detection: Sequence[Figures]) -> Figure:
             share, low, high = (
                 np.array([d["detected"][k] for d in cells]) for k in ("rate", "low", "high")
             )
-            axes.errorbar(x, share, [share - low, high - share], color=colour, marker="o",
-                          markersize=4, capsize=2, label=LABELS[placement])  # fmt: skip
+            axes.errorbar(
+                x,
+                share,
+                [share - low, high - share],
+                color=colour,
+                marker="o",
+                markersize=4,
+                capsize=2,
+                label=LABELS[placement],
+            )
             named = [d["named"]["rate"] for d in cells]
-            axes.plot(x, named, "o", color=colour, markersize=4, markerfacecolor="white",
-                      linestyle=":", linewidth=0.9)  # fmt: skip
+            axes.plot(
+                x,
+                named,
+                "o",
+                color=colour,
+                markersize=4,
+                markerfacecolor="white",
+                linestyle=":",
+                linewidth=0.9,
+            )
         axes.axvline(LIMIT_SEVERITY[fault], color="0.6", linewidth=0.8, linestyle="--")
         axes.axhline(DETECTED, color="0.6", linewidth=0.8, linestyle="--")
         axes.set_xscale("log")
@@ -57,9 +73,14 @@ def roc_figure(curves: Sequence[Figures], placement: str) -> Figure:
         for curve in (c for c in own if c["fault"] == fault):
             x, y = np.array(curve["points"]).reshape(-1, 2).T
             rule = curve["rule"]
-            axes.plot(x, y, color=f"C{list(TITLES).index(rule)}", drawstyle="steps-post",
-                      linewidth=1.6 if rule in ("response", "bias") else 0.9,
-                      label=TITLES[rule])  # fmt: skip
+            axes.plot(
+                x,
+                y,
+                color=f"C{list(TITLES).index(rule)}",
+                drawstyle="steps-post",
+                linewidth=1.6 if rule in ("response", "bias") else 0.9,
+                label=TITLES[rule],
+            )
         axes.set(xlim=(-0.01, 0.5), ylim=(-0.03, 1.03))
         axes.set_title(fault.replace("_", " "), fontsize=9)
     _legend(figure, grid)
@@ -80,8 +101,14 @@ def time_figure(times: Mapping[str, Mapping[str, Sequence[float | None]]]) -> Fi
         for i, (fault, seconds) in enumerate(times[placement].items()):
             x = np.sort([t for t in seconds if t is not None])
             y = np.arange(1, len(x) + 1) / max(len(seconds), 1)
-            axes.plot(np.maximum(x, 1.0), y, color=f"C{i}", drawstyle="steps-post", linewidth=1.2,
-                      label=fault.replace("_", " "))  # fmt: skip
+            axes.plot(
+                np.maximum(x, 1.0),
+                y,
+                color=f"C{i}",
+                drawstyle="steps-post",
+                linewidth=1.2,
+                label=fault.replace("_", " "),
+            )
         axes.axvline(MEDIAN_ENABLED_S, color="0.6", linewidth=0.8, linestyle="--")
         axes.axhline(0.5, color="0.6", linewidth=0.8, linestyle="--")
         axes.set_xscale("log")
@@ -102,15 +129,28 @@ def confusion_figure(table: Mapping[str, Any]) -> Figure:
     axes.imshow(share, cmap="Blues", vmin=0.0, vmax=100.0, aspect="auto")
     for i, j in zip(*np.nonzero(counts), strict=True):
         text = f"{share[i, j]:.0f}" if share[i, j] >= 1.0 else "<1"
-        axes.text(j, i, text, ha="center", va="center", fontsize=7,
-                  color="white" if share[i, j] > 60.0 else "black")  # fmt: skip
+        axes.text(
+            j,
+            i,
+            text,
+            ha="center",
+            va="center",
+            fontsize=7,
+            color="white" if share[i, j] > 60.0 else "black",
+        )
     _names(axes, table["driven"], table["named"])
     return figure
 
 
 def _names(axes: Axes, driven: Sequence[str], named: Sequence[str]) -> None:
-    axes.set_xticks(range(len(named)), [n.replace("_", " ") for n in named], rotation=60,
-                    ha="right", fontsize=8, rotation_mode="anchor")  # fmt: skip
+    axes.set_xticks(
+        range(len(named)),
+        [n.replace("_", " ") for n in named],
+        rotation=60,
+        ha="right",
+        fontsize=8,
+        rotation_mode="anchor",
+    )
     axes.set_yticks(range(len(driven)), [d.replace("_", " ") for d in driven], fontsize=8)
     axes.set(xlabel="name given", ylabel="driven")
 
@@ -127,5 +167,6 @@ def _grid(panels: Sequence[str]) -> tuple[Figure, Sequence[Axes]]:
 def _legend(figure: Figure, grid: Sequence[Axes]) -> None:
     handles, labels = grid[0].get_legend_handles_labels()
     if handles:
-        figure.legend(handles, labels, loc="outside upper center", ncols=4, frameon=False,
-                      fontsize=8)  # fmt: skip
+        figure.legend(
+            handles, labels, loc="outside upper center", ncols=4, frameon=False, fontsize=8
+        )

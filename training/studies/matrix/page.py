@@ -13,8 +13,16 @@ from training.studies.matrix.rows import Row
 from training.studies.matrix.tables import of_kind
 
 HEAD = ("target", "wanted", "found", "95 % bounds", "drives", "")
-FOUND = ("drives", "detected, %", "named rightly, %", "target missed by", "or alike, %",
-         "enabled s", "driving s", "completed, %")  # fmt: skip
+FOUND = (
+    "drives",
+    "detected, %",
+    "named rightly, %",
+    "target missed by",
+    "or alike, %",
+    "enabled s",
+    "driving s",
+    "completed, %",
+)
 
 
 def as_page(found: Figures, rows: Sequence[Row]) -> str:

@@ -14,16 +14,24 @@ from training.studies.matrix.report import NBSP, percent, seconds
 from training.studies.matrix.tables import MONITOR
 
 FALSE_HEAD = (
-    "healthy drives", "drives", "with a code", "%", "per 1,000 h", "at most (95 %)",
-    "confirmed", "test completed, %",
-)  # fmt: skip
+    "healthy drives",
+    "drives",
+    "with a code",
+    "%",
+    "per 1,000 h",
+    "at most (95 %)",
+    "confirmed",
+    "test completed, %",
+)
 
 
 def _false_cells(name: str, own: Figures) -> tuple[str, ...]:
     false, per = own["false"], own["false_1000_h"]
-    rates = ("-", "-") if per["per_1000_h"] is None else (
-        f"{per['per_1000_h']:.2f}", f"{per['high']:.2f}"
-    )  # fmt: skip
+    rates = (
+        ("-", "-")
+        if per["per_1000_h"] is None
+        else (f"{per['per_1000_h']:.2f}", f"{per['high']:.2f}")
+    )
     return (
         name.replace(" ", NBSP),
         str(false["trials"]),
@@ -64,23 +72,47 @@ def healthy(good: Figures) -> str:
         table(why, ("share of the time a condition does not hold", *weather)),
     ]
     if good["codes"]:
-        parts += ["<h3>False codes</h3>", table([_code(c) for c in good["codes"]],
-                  ("drive", "vehicle", "seed", "cycle", "weather", "sensor", "codes", "names",
-                   "driving s"))]  # fmt: skip
+        parts += [
+            "<h3>False codes</h3>",
+            table(
+                [_code(c) for c in good["codes"]],
+                (
+                    "drive",
+                    "vehicle",
+                    "seed",
+                    "cycle",
+                    "weather",
+                    "sensor",
+                    "codes",
+                    "names",
+                    "driving s",
+                ),
+            ),
+        ]
     return "\n".join(parts)
 
 
 def _code(code: dict[str, Any]) -> tuple[str, ...]:
     aged = code["aged"]
-    sensor = "new" if aged is None else (
-        f"lag {aged['lag_s']:.2f} s, dead time {aged['dead_time_s']:.2f} s, "
-        f"gain {aged['gain']:.2f}, offset {aged['offset_lambda']:+.3f}"
-    )  # fmt: skip
+    sensor = (
+        "new"
+        if aged is None
+        else (
+            f"lag {aged['lag_s']:.2f} s, dead time {aged['dead_time_s']:.2f} s, "
+            f"gain {aged['gain']:.2f}, offset {aged['offset_lambda']:+.3f}"
+        )
+    )
     return (
-        str(code["number"]), str(code["vehicle"]), str(code["seed"]), code["cycle"],
-        code["ambient"], sensor, ", ".join(code["codes"]), ", ".join(code["faults"]),
+        str(code["number"]),
+        str(code["vehicle"]),
+        str(code["seed"]),
+        code["cycle"],
+        code["ambient"],
+        sensor,
+        ", ".join(code["codes"]),
+        ", ".join(code["faults"]),
         f"{code['first_code_driving_s']:.0f}",
-    )  # fmt: skip
+    )
 
 
 def rules(found: Figures) -> str:
@@ -136,10 +168,17 @@ def roc(curves: Sequence[Figures]) -> str:
             )
         )
         rows = [
-            (fault, *(f"{at[fault, rule]['area']:.3f} / {100 * at[fault, rule]['at_1_percent']:.0f}"
-                      if at[fault, rule]["area"] is not None else "-" for rule in TITLES))
+            (
+                fault,
+                *(
+                    f"{at[fault, rule]['area']:.3f} / {100 * at[fault, rule]['at_1_percent']:.0f}"
+                    if at[fault, rule]["area"] is not None
+                    else "-"
+                    for rule in TITLES
+                ),
+            )
             for fault in faults
-        ]  # fmt: skip
+        ]
         parts.append(table(rows, (f"area / % found at 1 % false, {place}", *TITLES.values())))
     parts.append(
         paragraph(

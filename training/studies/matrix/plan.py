@@ -27,8 +27,13 @@ AMBIENTS: Final = ("mild", "hot", "cold", "altitude")
 SLOW, DELAY = (0.2, 0.3, 0.5, 0.7, 1.0, 2.0), (0.2, 0.3, 0.4, 0.6, 1.0, 2.0)  # s
 BIAS = (0.02, 0.035, 0.05, 0.07, 0.1, 0.2)  # lambda
 ELECTRICAL: Final = (
-    "stuck_lean", "stuck_rich", "stuck_at_one", "out_of_range", "not_ready", "signal_missing",
-)  # fmt: skip
+    "stuck_lean",
+    "stuck_rich",
+    "stuck_at_one",
+    "out_of_range",
+    "not_ready",
+    "signal_missing",
+)
 NOT_AFTERWARDS: Final = ("not_ready", "signal_missing")  # the ECU itself says so
 SEVERITIES: Final[dict[str, tuple[float, ...]]] = {
     **{name: SLOW for name in faults.NAMES if name.startswith("slow")},
@@ -97,11 +102,15 @@ class Trial:
             "ambient_degc": c.ambient_degc,
             "ambient_kpa": c.ambient_kpa,
             "coolant_start_degc": c.coolant_start_degc,
-            "aged": None if aged is None else {
-                "lag_s": aged.tau_rising_s, "dead_time_s": aged.delay_s,
-                "gain": aged.gain, "offset_lambda": aged.offset_lambda,
+            "aged": None
+            if aged is None
+            else {
+                "lag_s": aged.tau_rising_s,
+                "dead_time_s": aged.delay_s,
+                "gain": aged.gain,
+                "offset_lambda": aged.offset_lambda,
             },
-        }  # fmt: skip
+        }
 
 
 def weather(ambient: str, seed: int) -> Conditions:
@@ -187,18 +196,30 @@ def calibration(matrix: Matrix) -> tuple[list[Trial], list[Trial]]:
     pieces, ambients = CALIBRATION_VEHICLES, matrix.ambients
     good = [
         _trial(
-            i, "calibration", _next(pieces, i), "wltc_3b", _next(ambients, i + i // len(pieces)),
-            CALIBRATION_SEED + i, aged=ageing(CALIBRATION_SEED + i) if i >= len(pieces) else None,
+            i,
+            "calibration",
+            _next(pieces, i),
+            "wltc_3b",
+            _next(ambients, i + i // len(pieces)),
+            CALIBRATION_SEED + i,
+            aged=ageing(CALIBRATION_SEED + i) if i >= len(pieces) else None,
         )
         for i in range(2 * len(pieces))
-    ]  # fmt: skip
+    ]
     bad = [
         _trial(
-            i, "calibration", _next(pieces, i), "wltc_3b", _next(ambients, i // 2),
-            CALIBRATION_SEED + i, fault, severity, ("loop", "after")[i % 2],
+            i,
+            "calibration",
+            _next(pieces, i),
+            "wltc_3b",
+            _next(ambients, i // 2),
+            CALIBRATION_SEED + i,
+            fault,
+            severity,
+            ("loop", "after")[i % 2],
         )
         for i, (fault, severity) in enumerate(2 * list(LIMIT_SEVERITY.items()), len(good))
-    ]  # fmt: skip
+    ]
     return good, bad
 
 
@@ -214,8 +235,9 @@ def refuse_used(planned: Iterable[Trial], recordings: Iterable[str]) -> None:
     set_on = range(CALIBRATION_SEED, CALIBRATION_SEED + 1000)
     for trial in planned:
         if trial.vehicle in pieces:
-            raise UsageError(f"vehicle {trial.vehicle} has trained the model: choose others with "
-                             "--first-vehicle")  # fmt: skip
+            raise UsageError(
+                f"vehicle {trial.vehicle} has trained the model: choose others with --first-vehicle"
+            )
         if trial.seed in seeds:
             raise UsageError(f"seed {trial.seed} has trained the model: choose others with --seed")
         if trial.vehicle in CALIBRATION_VEHICLES or trial.seed in set_on:
@@ -265,10 +287,16 @@ def _cell(
     for r in range(repetitions):
         number = first + r
         yield _trial(
-            number, "faulty", matrix.first_vehicle + int(order[r]),
+            number,
+            "faulty",
+            matrix.first_vehicle + int(order[r]),
             _next(matrix.cycles or FAULTY_CYCLES, r // len(matrix.ambients)),
-            _next(matrix.ambients, r + k), matrix.seed + number, fault, severity, placement,
-        )  # fmt: skip
+            _next(matrix.ambients, r + k),
+            matrix.seed + number,
+            fault,
+            severity,
+            placement,
+        )
 
 
 def _trial(
@@ -285,9 +313,19 @@ def _trial(
 ) -> Trial:
     ethanol = float(np.random.default_rng([0x0_2, 11, seed]).uniform(0.0, MOST_ETHANOL))
     return Trial(
-        number, kind, piece, cycle, ambient, weather(ambient, seed), ethanol, aged,
-        fault, severity, placement, seed,
-    )  # fmt: skip
+        number,
+        kind,
+        piece,
+        cycle,
+        ambient,
+        weather(ambient, seed),
+        ethanol,
+        aged,
+        fault,
+        severity,
+        placement,
+        seed,
+    )
 
 
 def _next(choices: Sequence[T], i: int) -> T:

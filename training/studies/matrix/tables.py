@@ -100,11 +100,24 @@ def healthy(rows: Sequence[Row]) -> Figures:
             for ambient, own in _split(good, "ambient")
         ],
         "codes": [
-            {k: r[k] for k in ("number", "vehicle", "seed", "cycle", "ambient", "aged", "codes",
-                               "faults", "first_code_driving_s")}
-            for r in good if r["codes"]
+            {
+                k: r[k]
+                for k in (
+                    "number",
+                    "vehicle",
+                    "seed",
+                    "cycle",
+                    "ambient",
+                    "aged",
+                    "codes",
+                    "faults",
+                    "first_code_driving_s",
+                )
+            }
+            for r in good
+            if r["codes"]
         ],
-    }  # fmt: skip
+    }
 
 
 def confirmed(rows: Sequence[Row]) -> int:

@@ -56,9 +56,15 @@ def free_structure(task: Task) -> dict[str, Any]:
     settings = task.settings
     starts = None if settings.starts == Settings().starts else settings.starts
     result = fit(
-        task.recordings, task.inputs, task.output, path, starts=starts,
-        budget_minutes=settings.budget_minutes, seed=settings.seed, threads=task.jobs,
-    )  # fmt: skip
+        task.recordings,
+        task.inputs,
+        task.output,
+        path,
+        starts=starts,
+        budget_minutes=settings.budget_minutes,
+        seed=settings.seed,
+        threads=task.jobs,
+    )
     return _free_dict(task, result)
 
 
@@ -72,17 +78,22 @@ def _free_dict(task: Task, result: FitResult) -> dict[str, Any]:
     one_step = train(task.data, one, seed, time.monotonic() + limit, horizons=())
     tries = sorted(result.tries, key=lambda t: t.rmse)
     tables = {
-        "structure": describe(spec), "members": members, "n_weights": spec.n_weights,
+        "structure": describe(spec),
+        "members": members,
+        "n_weights": spec.n_weights,
         "seconds": result.seconds,
-        "warnings": list(result.warnings), "stage": _best_stage(best.stages),
+        "warnings": list(result.warnings),
+        "stage": _best_stage(best.stages),
         "starts": [t.score for t in result.starts],
-        "tries": [{**asdict(t.structure), "n_weights": t.n_weights, "rmse": t.rmse}
-                  for t in tries],
-    }  # fmt: skip
+        "tries": [{**asdict(t.structure), "n_weights": t.n_weights, "rmse": t.rmse} for t in tries],
+    }
     widened = committee(one, members * [one_step.weights])[1]  # the same network, as wide
     first = widened.tolist() if one_step.stages else None
-    weights = {"spec": asdict(spec), "weights": result.network.weights.tolist(),
-               "one_step_weights": first}  # fmt: skip
+    weights = {
+        "spec": asdict(spec),
+        "weights": result.network.weights.tolist(),
+        "one_step_weights": first,
+    }
     return plain(tables) | weights
 
 
@@ -105,9 +116,15 @@ def contenders(task: Task, narx: Mapping[str, Any], free: Mapping[str, Any]) -> 
     if "spec" in free:
         spec = spec_from(free["spec"])
         found.append(
-            Contender("free structure", spec, np.array(free["weights"]),
-                      _array(free["one_step_weights"]), None, free["stage"])
-        )  # fmt: skip
+            Contender(
+                "free structure",
+                spec,
+                np.array(free["weights"]),
+                _array(free["one_step_weights"]),
+                None,
+                free["stage"],
+            )
+        )
     if not found:
         reasons = [part["skipped"] for part in (narx, free) if "skipped" in part]
         raise UsageError(f"no model could be trained: {'; '.join(dict.fromkeys(reasons))}")
@@ -121,8 +138,9 @@ def _array(values: Sequence[float] | None) -> FloatArray | None:
 def _stage_of(tuned: Mapping[str, Any]) -> str:
     if tuned["after"]["validation_score"] == tuned["before"]["validation_score"]:
         return "none"
-    scores = [(s["best_score"], i) for i, s in enumerate(tuned["stages"])
-              if s["best_score"] is not None]  # fmt: skip
+    scores = [
+        (s["best_score"], i) for i, s in enumerate(tuned["stages"]) if s["best_score"] is not None
+    ]
     return str(tuned["stages"][min(scores)[1]]["name"]) if scores else "none"
 
 
@@ -150,18 +168,28 @@ def choose(task: Task, models: Sequence[Contender]) -> dict[str, Any]:
         gap = contraction(data, m.spec, m.weights, task.settings.seed)
         rows.append(
             {
-                "name": m.name, "number": m.number, "structure": describe(m.spec),
-                "n_weights": m.spec.n_weights, "stage": m.stage,
+                "name": m.name,
+                "number": m.number,
+                "structure": describe(m.spec),
+                "n_weights": m.spec.n_weights,
+                "stage": m.stage,
                 "validation_rmse": float(np.sqrt(squares[-1].sum() / total)),
                 "forgets": bool(gap.gap <= gap.limit),
-                "gap": gap.gap, "gap_limit": gap.limit,
+                "gap": gap.gap,
+                "gap_limit": gap.limit,
                 **_before_after(data, held, m),
             }
-        )  # fmt: skip
+        )
     chosen, equal, reason = _decide(rows, squares, strict=data.transform == "phi")
     test = "held-out drives" if task.test else "test blocks"
-    result = {"candidates": rows, "chosen": chosen, "equal": equal, "reason": reason,
-              "test": test, "unit": data.output.unit}  # fmt: skip
+    result = {
+        "candidates": rows,
+        "chosen": chosen,
+        "equal": equal,
+        "reason": reason,
+        "test": test,
+        "unit": data.output.unit,
+    }
     return plain(result)
 
 
@@ -172,8 +200,10 @@ def _before_after(data: Prepared, held: Prepared, model: Contender) -> dict[str,
         if weights is not None:
             run = held.scaling.unscale_y(free_run(held, model.spec, weights))
             test = held.role == Role.TEST
-            found[name] = {"all": measures(held, run, test),
-                           "enabled": measures(held, run, test & held.enabled)}  # fmt: skip
+            found[name] = {
+                "all": measures(held, run, test),
+                "enabled": measures(held, run, test & held.enabled),
+            }
     return found
 
 
@@ -200,9 +230,14 @@ def _decide(
 
 
 def _reason(
-    rows: Sequence[Mapping[str, Any]], chosen: int, best: int, equal: Sequence[int],
-    eligible: Sequence[int], *, strict: bool,
-) -> str:  # fmt: skip
+    rows: Sequence[Mapping[str, Any]],
+    chosen: int,
+    best: int,
+    equal: Sequence[int],
+    eligible: Sequence[int],
+    *,
+    strict: bool,
+) -> str:
     own, first = rows[chosen], rows[best]
     text = (
         f"Chosen: {own['name']} ({own['structure']}, {own['n_weights']} weights), free-run RMSE "
@@ -247,13 +282,16 @@ def ship(
     temporary.replace(path)
     return plain(
         {
-            "path": path.name, "warnings": warnings + more,
-            "limits": {k: {"value": v.value, "unit": v.unit, "origin": v.origin}
-                       for k, v in card.limits.items()},
+            "path": path.name,
+            "warnings": warnings + more,
+            "limits": {
+                k: {"value": v.value, "unit": v.unit, "origin": v.origin}
+                for k, v in card.limits.items()
+            },
             "parity": card.checks["parity"],
             "bounded": bounded(data, chosen.spec, chosen.weights, task.settings.seed),
         }
-    )  # fmt: skip
+    )
 
 
 def _limits(task: Task, path: Path, card: ModelCard) -> tuple[ModelCard, list[str]]:
@@ -283,8 +321,9 @@ def bounded(data: Prepared, spec: Spec, weights: FloatArray, seed: int) -> dict[
         history = rng.uniform(spec.y_min, spec.y_max, (1, spec.lags))
         at, stop = np.array([start]), np.array([start + length])
         part = u[start - spec.memory : start + length]
-        run = simulate(spec, weights, part, at - start + spec.memory, stop - start + spec.memory,
-                       history)[spec.memory :]  # fmt: skip
+        run = simulate(
+            spec, weights, part, at - start + spec.memory, stop - start + spec.memory, history
+        )[spec.memory :]
         y = data.samples.y[start : start + length]
         worst = max(worst, float(np.abs(run[length // 2 :] - y[length // 2 :]).max()))
         tail, own = run[length // 2 :], y[length // 2 :]

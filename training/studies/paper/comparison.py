@@ -35,13 +35,20 @@ def baselines(task: Task, band_hz: Sequence[float] | None) -> dict[str, Any]:
     Raises RecordingError if the samples are too few.
     """
     prepared, parts = _stretches(task, band_hz)
-    pairs = {role: [_pair(task, prepared, p, own) for p in each]
-             for role, (own, each) in parts.items()}  # fmt: skip
+    pairs = {
+        role: [_pair(task, prepared, p, own) for p in each] for role, (own, each) in parts.items()
+    }
     regime = _regime(task, *parts[Role.TEST])
     result = linear(
-        pairs[Role.TRAIN], pairs[Role.VALIDATE], pairs[Role.TEST], task.inputs, task.output,
-        period_s=task.recordings[0].period_ns / 1e9, unit="z-scored", regime=regime,
-    )  # fmt: skip
+        pairs[Role.TRAIN],
+        pairs[Role.VALIDATE],
+        pairs[Role.TEST],
+        task.inputs,
+        task.output,
+        period_s=task.recordings[0].period_ns / 1e9,
+        unit="z-scored",
+        regime=regime,
+    )
     return result | {"band_hz": list(band_hz) if band_hz else None}
 
 
@@ -60,9 +67,10 @@ def _stretches(task: Task, band_hz: Sequence[float] | None) -> tuple[LinearData,
         for role, (_, found) in parts.items():
             for a, b in runs(own == role):
                 found.append(
-                    Stretch(stretch.recording, stretch.first + a, stretch.t_s[a:b],
-                            stretch.values[a:b])
-                )  # fmt: skip
+                    Stretch(
+                        stretch.recording, stretch.first + a, stretch.t_s[a:b], stretch.values[a:b]
+                    )
+                )
     if task.test:
         drives, _ = linear_stretches(task.test, task.inputs, task.output, reference=prepared)
         parts[Role.TEST] = (task.test, drives)
@@ -117,21 +125,34 @@ def beside(
     good = np.isfinite(y_hat)
     where = np.concatenate(speed) if speed else np.zeros(len(y))
     ranges = regime["ranges"] if regime else []
-    masks = [good & (where >= _or(low, -np.inf)) & (where < _or(high, np.inf))
-             for low, high in ranges]  # fmt: skip
+    masks = [
+        good & (where >= _or(low, -np.inf)) & (where < _or(high, np.inf)) for low, high in ranges
+    ]
     models = {
-        name: {"parameters": m["parameters"], "fit_percent": m["fit_percent"],
-               "correlation": m["correlation"], "regime_fit_percent": m["regime_fit_percent"]}
+        name: {
+            "parameters": m["parameters"],
+            "fit_percent": m["fit_percent"],
+            "correlation": m["correlation"],
+            "regime_fit_percent": m["regime_fit_percent"],
+        }
         for name, m in linear_result["models"].items()
-    }  # fmt: skip
+    }
     narx = {
-        "parameters": spec.n_weights, "fit_percent": _fit(y[good], y_hat[good]),
+        "parameters": spec.n_weights,
+        "fit_percent": _fit(y[good], y_hat[good]),
         "correlation": metrics.correlation(y[good], y_hat[good]),
         "regime_fit_percent": [_fit(y[m], y_hat[m]) for m in masks],
-    }  # fmt: skip
-    return plain({"narx": narx, "models": models, "regime": regime, "samples": int(good.sum()),
-                  "best_linear": linear_result["best"],
-                  "filtered": prepared.filter is not None})  # fmt: skip
+    }
+    return plain(
+        {
+            "narx": narx,
+            "models": models,
+            "regime": regime,
+            "samples": int(good.sum()),
+            "best_linear": linear_result["best"],
+            "filtered": prepared.filter is not None,
+        }
+    )
 
 
 def _filtered(prepared: LinearData, run: FloatArray) -> FloatArray:
@@ -157,14 +178,14 @@ def beside_table(result: Mapping[str, Any], name: str) -> str:
     """Return the table of fits, the NARX first."""
     regime = result["regime"]
     ranges = [] if regime is None else [_words(low, high) for low, high in regime["ranges"]]
-    head = ("model", "parameters", "fit, %", "correlation",
-            *(f"{r}, %" for r in ranges))  # fmt: skip
+    head = ("model", "parameters", "fit, %", "correlation", *(f"{r}, %" for r in ranges))
     rows = [(f"NARX: {name}", *_cells(result["narx"]))]
     rows += [(TITLES.get(key, key), *_cells(m)) for key, m in result["models"].items()]
     filtered = (
-        " The noise band is taken out of measurement and predictions alike." if result["filtered"]
+        " The noise band is taken out of measurement and predictions alike."
+        if result["filtered"]
         else ""
-    )  # fmt: skip
+    )
     if regime:
         filtered += f" Columns on the right: fit in ranges of {regime['name']}"
         filtered += f", {regime['unit']}." if regime["unit"] else "."

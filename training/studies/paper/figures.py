@@ -52,8 +52,15 @@ def _excerpt(axes: Axes, view: Mapping[str, Any], sensor: Mapping[str, Any]) -> 
 def _frame(axes: Axes, t_s: FloatArray, judged: np.ndarray, series: Sequence[FloatArray]) -> None:
     """Mark what is not judged in grey and let the judged samples set the axis."""
     if len(judged) and not judged.all():
-        axes.fill_between(t_s, 0, 1, where=~judged, transform=axes.get_xaxis_transform(),
-                          color="0.92", linewidth=0)  # fmt: skip
+        axes.fill_between(
+            t_s,
+            0,
+            1,
+            where=~judged,
+            transform=axes.get_xaxis_transform(),
+            color="0.92",
+            linewidth=0,
+        )
     inside = np.concatenate([each[judged | ~judged.any()] for each in series])
     inside = inside[np.isfinite(inside)]
     if len(inside):
@@ -107,10 +114,23 @@ def window_figure(sensor: Mapping[str, Any]) -> Figure:
     axes = figure.subplots()
     healthy = sensor["healthy"]
     for index, fault in enumerate(sensor["faults"]):
-        axes.plot(fault["window_mean"], fault["window_std"], ".", markersize=4, alpha=0.6,
-                  color=f"C{index}", label=fault["name"].replace("_", " "))  # fmt: skip
-    axes.plot(healthy["window_mean"], healthy["window_std"], "x", markersize=4, color="black",
-              label="healthy")  # fmt: skip
+        axes.plot(
+            fault["window_mean"],
+            fault["window_std"],
+            ".",
+            markersize=4,
+            alpha=0.6,
+            color=f"C{index}",
+            label=fault["name"].replace("_", " "),
+        )
+    axes.plot(
+        healthy["window_mean"],
+        healthy["window_std"],
+        "x",
+        markersize=4,
+        color="black",
+        label="healthy",
+    )
     j = sensor["limits"]
     if "j_mu" in j:
         for sign in (-1, 1):

@@ -30,9 +30,11 @@ def text_table(rows: Sequence[Sequence[str]], head: Sequence[str]) -> str:
 def figures(m: Mapping[str, Any]) -> tuple[str, ...]:
     """Return samples, R, fit and RMSE as cells."""
     return (
-        f"{m['samples']:.0f}", number(m.get("correlation"), ".3f"),
-        number(m.get("fit_percent"), ".1f"), number(m.get("rmse"), ".4g"),
-    )  # fmt: skip
+        f"{m['samples']:.0f}",
+        number(m.get("correlation"), ".3f"),
+        number(m.get("fit_percent"), ".1f"),
+        number(m.get("rmse"), ".4g"),
+    )
 
 
 def number(value: float | None, form: str) -> str:
@@ -43,11 +45,14 @@ def number(value: float | None, form: str) -> str:
 def free(part: Mapping[str, Any]) -> str:
     """Return the section: the structures that were tried."""
     rows = [
-        (f"inputs to lag {t['longest']}, outputs to lag {t['lags']}, "
-         f"layers {'-'.join(map(str, t['hidden'])) or 'none'}",
-         str(t["n_weights"]), f"{t['rmse']:.4f}")
+        (
+            f"inputs to lag {t['longest']}, outputs to lag {t['lags']}, "
+            f"layers {'-'.join(map(str, t['hidden'])) or 'none'}",
+            str(t["n_weights"]),
+            f"{t['rmse']:.4f}",
+        )
         for t in part["tries"][:12]
-    ]  # fmt: skip
+    ]
     text = (
         "The 29 models share the paper's grid of lags and layers. Beside them, memory and size "
         "were chosen by the data as o2train fit does: a walk over structures with boxed input "
@@ -56,9 +61,10 @@ def free(part: Mapping[str, Any]) -> str:
         f"{_starts(part)}."
     )
     return (
-        "<h2>Memory and size chosen by the data</h2>" + paragraph(text)
+        "<h2>Memory and size chosen by the data</h2>"
+        + paragraph(text)
         + table(rows, ("the best that were tried", "weights", "free-run RMSE, short training"), 0)
-    )  # fmt: skip
+    )
 
 
 def choice(parts: Mapping[str, Any]) -> str:
@@ -67,31 +73,48 @@ def choice(parts: Mapping[str, Any]) -> str:
     rows = [
         (
             c["name"] if c["number"] is None else f"{c['number']}  {c['name']}",
-            str(c["n_weights"]), f"{c['validation_rmse']:.4f}",
-            "yes" if i in result["equal"] else "no", "yes" if c["forgets"] else "no",
+            str(c["n_weights"]),
+            f"{c['validation_rmse']:.4f}",
+            "yes" if i in result["equal"] else "no",
+            "yes" if c["forgets"] else "no",
             number(c["after"]["enabled"].get("correlation"), ".3f"),
             number(c["after"]["enabled"].get("rmse"), ".4g"),
             number(c["after"]["all"].get("fit_percent"), ".1f"),
         )
         for i, c in enumerate(result["candidates"])
-    ]  # fmt: skip
-    head = ("candidate", "weights", "validation RMSE", "equal to the best", "forgets",
-            "test R", "test RMSE", "fit, all samples, %")  # fmt: skip
-    limits = [(k, f"{v['value']:.4g} {v['unit']}".strip(" -"), v["origin"])
-              for k, v in shipped["limits"].items()]  # fmt: skip
+    ]
+    head = (
+        "candidate",
+        "weights",
+        "validation RMSE",
+        "equal to the best",
+        "forgets",
+        "test R",
+        "test RMSE",
+        "fit, all samples, %",
+    )
+    limits = [
+        (k, f"{v['value']:.4g} {v['unit']}".strip(" -"), v["origin"])
+        for k, v in shipped["limits"].items()
+    ]
     out = [
-        "<h2>The choice</h2>", paragraph(result["reason"]),
+        "<h2>The choice</h2>",
+        paragraph(result["reason"]),
         small(table(rows, head, result["chosen"])),
         paragraph(
             "Validation RMSE: free run on the validation blocks, scaled units, weighted as in the "
             "training; it alone decides. Equal: within one standard error over the blocks or 1 % "
             f"of the best. Test figures are of {result['test']} and chose nothing; R and RMSE "
             "where the monitor judges. The 29 models see at most the training samples set for the "
-            "study, the free structure all of them.", "note"),
-    ]  # fmt: skip
+            "study, the free structure all of them.",
+            "note",
+        ),
+    ]
     if limits:
-        out += ["<h3>Decision limits in the model card</h3>",
-                small(text_table(limits, ("limit", "value", "from")))]  # fmt: skip
+        out += [
+            "<h3>Decision limits in the model card</h3>",
+            small(text_table(limits, ("limit", "value", "from"))),
+        ]
     return "\n".join(out)
 
 
@@ -106,13 +129,27 @@ def closed_loop(result: Mapping[str, Any]) -> str:
         if before.get("rmse") and after.get("rmse") is not None:
             gain = 100 * (1 - after["rmse"] / before["rmse"])
         rows.append(
-            (c["name"], number(before.get("rmse"), ".4g"), number(after.get("rmse"), ".4g"),
-             number(gain and round(gain) + 0.0, ".0f"),
-             number(before.get("correlation"), ".3f"), number(after.get("correlation"), ".3f"),
-             c["stage"], f"{c['gap']:.2g} ({c['gap_limit']:.2g})")
-        )  # fmt: skip
-    head = ("model", "RMSE one-step only", "after closed loop", "less by, %", "R one-step only",
-            "after", "best stage", "two histories apart (limit)")  # fmt: skip
+            (
+                c["name"],
+                number(before.get("rmse"), ".4g"),
+                number(after.get("rmse"), ".4g"),
+                number(gain and round(gain) + 0.0, ".0f"),
+                number(before.get("correlation"), ".3f"),
+                number(after.get("correlation"), ".3f"),
+                c["stage"],
+                f"{c['gap']:.2g} ({c['gap_limit']:.2g})",
+            )
+        )
+    head = (
+        "model",
+        "RMSE one-step only",
+        "after closed loop",
+        "less by, %",
+        "R one-step only",
+        "after",
+        "best stage",
+        "two histories apart (limit)",
+    )
     text = (
         f"The same start of each model on {result['test']} in free run, before and after training "
         "on the simulation error with exact gradients, horizons growing from 5 to 1,000 samples. "
@@ -149,20 +186,34 @@ def against_sensor(sensor: Mapping[str, Any]) -> str:
         "clipped to that range, so no run can leave it."
     )
     return (
-        "<h2>Model against sensor</h2>" + paragraph(text)
+        "<h2>Model against sensor</h2>"
+        + paragraph(text)
         + picture(sensor_figure(sensor["views"], sensor), f"Free run, {label(sensor)}")
         + paragraph(stable)
-    )  # fmt: skip
+    )
 
 
 def faulty(sensor: Mapping[str, Any]) -> str:
     """Return the section: residuals, healthy and faulty."""
-    rows = [("healthy", f"{sensor['healthy_on']}, {sensor['healthy_source']}",
-             *_residual_cells(sensor["healthy"]))]  # fmt: skip
-    rows += [(f["name"].replace("_", " "), f["how"], *_residual_cells(f))
-             for f in sensor["faults"]]  # fmt: skip
-    head = ("", "how", "samples", "mean", "std", "windows", "|mean| ≥ Jμ, %", "std ≥ Jσ, %",
-            "both, %")  # fmt: skip
+    rows = [
+        (
+            "healthy",
+            f"{sensor['healthy_on']}, {sensor['healthy_source']}",
+            *_residual_cells(sensor["healthy"]),
+        )
+    ]
+    rows += [(f["name"].replace("_", " "), f["how"], *_residual_cells(f)) for f in sensor["faults"]]
+    head = (
+        "",
+        "how",
+        "samples",
+        "mean",
+        "std",
+        "windows",
+        "|mean| ≥ Jμ, %",
+        "std ≥ Jσ, %",
+        "both, %",
+    )
     j = sensor["limits"]
     limit = f"Jμ = {j['j_mu']:.3g} and Jσ = {j['j_sigma']:.3g}" if "j_mu" in j else "no limits"
     afterwards = any(f["how"] == "put on afterwards" for f in sensor["faults"])
@@ -175,17 +226,27 @@ def faulty(sensor: Mapping[str, Any]) -> str:
         "The faults were put on the recorded output afterwards: the control loop did not answer "
         "to them. Recordings with the fault in the loop can be given with --faulty."
     )
-    parts = ["<h2>Healthy and faulty</h2>", paragraph(text), paragraph(note, "note") * afterwards,
-             _unreadable(sensor), small(table(rows, head))]  # fmt: skip
+    parts = [
+        "<h2>Healthy and faulty</h2>",
+        paragraph(text),
+        paragraph(note, "note") * afterwards,
+        _unreadable(sensor),
+        small(table(rows, head)),
+    ]
     if sensor["faults"]:
         shown = [f["view"] for f in sensor["faults"]][:6]
         parts += [
-            picture(residual_figure(sensor), "Residuals, healthy (grey) and faulty; dotted: ± Jμ; "
-                    "what lies beyond is in the last bins"),
-            picture(window_figure(sensor), "Windows of 50 residuals; dotted: the limits Jμ, Jσ; "
-                    "the farthest are cut off"),
+            picture(
+                residual_figure(sensor),
+                "Residuals, healthy (grey) and faulty; dotted: ± Jμ; "
+                "what lies beyond is in the last bins",
+            ),
+            picture(
+                window_figure(sensor),
+                "Windows of 50 residuals; dotted: the limits Jμ, Jσ; the farthest are cut off",
+            ),
             picture(sensor_figure(shown, sensor), "Model against the faulty sensor"),
-        ]  # fmt: skip
+        ]
     return "".join(parts)
 
 
@@ -215,8 +276,13 @@ def _rule(sensor: Mapping[str, Any]) -> str:
 
 def _residual_cells(r: Mapping[str, Any]) -> tuple[str, ...]:
     beyond = [f"{100 * r['beyond'][k]:.1f}" for k in ("mean", "std", "both")]
-    return (str(r["samples"]), number(r["mean"], ".4f"), number(r["std"], ".4f"),
-            str(r["windows"]), *beyond)  # fmt: skip
+    return (
+        str(r["samples"]),
+        number(r["mean"], ".4f"),
+        number(r["std"], ".4f"),
+        str(r["windows"]),
+        *beyond,
+    )
 
 
 def steady(result: Mapping[str, Any]) -> str:
@@ -225,12 +291,25 @@ def steady(result: Mapping[str, Any]) -> str:
     for name, m in result["models"].items():
         on = m["enabled"] if "rmse" in m["enabled"] else m["all"]
         rows.append(
-            (f"{name} training", str(m["samples"]), number(m["own_validation_rmse"], ".4g"),
-             *figures(on)[1:], number(m["all"].get("fit_percent"), ".1f"),
-             f"{100 * m['outside']:.1f} %")
-        )  # fmt: skip
-    head = ("the paper's structure", "training samples", "own validation RMSE", "R", "fit, %",
-            "RMSE", "fit, all samples, %", "outside its range")  # fmt: skip
+            (
+                f"{name} training",
+                str(m["samples"]),
+                number(m["own_validation_rmse"], ".4g"),
+                *figures(on)[1:],
+                number(m["all"].get("fit_percent"), ".1f"),
+                f"{100 * m['outside']:.1f} %",
+            )
+        )
+    head = (
+        "the paper's structure",
+        "training samples",
+        "own validation RMSE",
+        "R",
+        "fit, %",
+        "RMSE",
+        "fit, all samples, %",
+        "outside its range",
+    )
     errors = [result["models"][k]["enabled"].get("rmse") for k in ("steady", "mixed")]
     text = (
         "The paper trains at steady operating points and predicts drive cycles. Here its structure "
@@ -252,7 +331,10 @@ def steady(result: Mapping[str, Any]) -> str:
         "inputs are clipped there."
     )
     return (
-        "<h2>Steady training, transient use</h2>" + paragraph(text) + small(table(rows, head))
-        + paragraph(verdict) + paragraph(note, "note")
+        "<h2>Steady training, transient use</h2>"
+        + paragraph(text)
+        + small(table(rows, head))
+        + paragraph(verdict)
+        + paragraph(note, "note")
         + picture(steady_figure(result), f"Free run on transient driving, {label(result)}")
-    )  # fmt: skip
+    )

@@ -24,12 +24,18 @@ def beside_ours(parts: Mapping[str, Any]) -> list[Row]:
         ("inputs", "7, chosen from 11 with PCA", _inputs(parts)),
         ("disturbance", f"{NOISE_HZ[0]}–{NOISE_HZ[1]} Hz", _band(parts)),
         ("models compared", str(MODELS), _compared(parts)),
-        ("chosen", f"{LAGS} lags, layers {LAYERS[0]}-{LAYERS[1]}, Levenberg–Marquardt, "
-         f"rate {RATE}", f"{chosen['name']}: {chosen['structure']}"),
-        ("how its figures are taken", "not said: one step ahead or free run",
-         "free run, on enabled samples, in the output's unit"),
+        (
+            "chosen",
+            f"{LAGS} lags, layers {LAYERS[0]}-{LAYERS[1]}, Levenberg–Marquardt, rate {RATE}",
+            f"{chosen['name']}: {chosen['structure']}",
+        ),
+        (
+            "how its figures are taken",
+            "not said: one step ahead or free run",
+            "free run, on enabled samples, in the output's unit",
+        ),
         ("MSE", f"{MSE}, unit not said", _mse(sensor)),
-    ]  # fmt: skip
+    ]
     for view in sensor["views"][:3]:
         name = view["title"].split()[0]
         rows.append((f"R, {name}", f"{R[name]:.3f}", _r(view)))
@@ -41,9 +47,12 @@ def beside_ours(parts: Mapping[str, Any]) -> list[Row]:
         for key, paper in (("j_mu", "0.05 and −0.5"), ("j_sigma", "0.25 and 0.85")):
             own, z = limits[key]["value"], limits[f"{key}_z"]["value"]
             rows.append(
-                (f"limit {'Jμ' if key == 'j_mu' else 'Jσ'}",
-                 f"{paper}, z-scored by all appearance", f"{own:.3g}{unit}, z-scored {z:.3g}")
-            )  # fmt: skip
+                (
+                    f"limit {'Jμ' if key == 'j_mu' else 'Jσ'}",
+                    f"{paper}, z-scored by all appearance",
+                    f"{own:.3g}{unit}, z-scored {z:.3g}",
+                )
+            )
     return rows
 
 
@@ -59,8 +68,11 @@ def same_structure(parts: Mapping[str, Any]) -> Row | None:
         values = [start[mode][role]["enabled"]["r"] for role in ("train", "validate", "test")]
         shown = "/".join("–" if r is None else f"{r:.3f}" for r in values)
         text.append(f"{shown} {words}")
-    return ("the paper's structure, trained here one-step only: R training/validation/test",
-            "/".join(f"{r:.3f}" for r in R.values()), "; ".join(text))  # fmt: skip
+    return (
+        "the paper's structure, trained here one-step only: R training/validation/test",
+        "/".join(f"{r:.3f}" for r in R.values()),
+        "; ".join(text),
+    )
 
 
 def _inputs(parts: Mapping[str, Any]) -> str:

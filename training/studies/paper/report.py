@@ -21,10 +21,13 @@ _SECTIONS = {
     "narx": narx_page.section,
 }
 _SKIPPED = {
-    "preparation": "Preparation", "selection": "Input selection", "linear": "Linear baselines",
-    "narx": "NARX study", "free": "Memory and size chosen by the data",
+    "preparation": "Preparation",
+    "selection": "Input selection",
+    "linear": "Linear baselines",
+    "narx": "NARX study",
+    "free": "Memory and size chosen by the data",
     "steady": "Steady training, transient use",
-}  # fmt: skip
+}
 
 
 def report(parts: Mapping[str, Any], warnings: list[str]) -> str:
@@ -64,24 +67,39 @@ def _skipped(name: str, part: Mapping[str, Any]) -> str:
 
 def _summary(parts: Mapping[str, Any], warnings: list[str]) -> str:
     choice, sensor, data = parts["choice"], parts["sensor"], parts["data"]
-    drives = [(d["use"], d["path"], d["source"], str(d["samples"]), d["sha256"][:12])
-              for d in data["recordings"]]  # fmt: skip
+    drives = [
+        (d["use"], d["path"], d["source"], str(d["samples"]), d["sha256"][:12])
+        for d in data["recordings"]
+    ]
     out = [
         "<h2>Summary</h2>",
         *(paragraph(w, "warning") for w in warnings),
         paragraph(_what(data)),
         paragraph(choice["reason"]),
-        table(_views(sensor), ("free run of the chosen model", "source", "samples", "R",
-                               "fit, %", f"RMSE{_unit(sensor)}", "fit, all samples, %")),
+        table(
+            _views(sensor),
+            (
+                "free run of the chosen model",
+                "source",
+                "samples",
+                "R",
+                "fit, %",
+                f"RMSE{_unit(sensor)}",
+                "fit, all samples, %",
+            ),
+        ),
         paragraph(_judged(data, sensor), "note"),
-        paragraph(f"The paper chose {paper_figures.LAGS} lags and two layers of eight with "
-                  f"Levenberg–Marquardt at rate {paper_figures.RATE}: MSE {paper_figures.MSE}, R "
-                  + ", ".join(f"{r:.3f} {k}" for k, r in paper_figures.R.items()) + "."),
+        paragraph(
+            f"The paper chose {paper_figures.LAGS} lags and two layers of eight with "
+            f"Levenberg–Marquardt at rate {paper_figures.RATE}: MSE {paper_figures.MSE}, R "
+            + ", ".join(f"{r:.3f} {k}" for k, r in paper_figures.R.items())
+            + "."
+        ),
         "<h3>The paper's numbers beside ours</h3>",
         _paper(parts),
         "<h3>Recordings</h3>",
         outcome_page.small(table(drives, ("use", "recording", "source", "samples", "sha256"))),
-    ]  # fmt: skip
+    ]
     return "\n".join(out)
 
 

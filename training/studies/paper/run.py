@@ -67,9 +67,13 @@ def study(task: Task, say: Say) -> dict[str, Any]:
         say(f"    left out: {skipped}" if skipped else f"    {how}")
     warnings = _warnings(parts)
     result = {
-        "schema": SCHEMA, "version": __version__, "model": "model.onnx",
-        "warnings": warnings, "seconds": round(time.monotonic() - began, 1), **parts,
-    }  # fmt: skip
+        "schema": SCHEMA,
+        "version": __version__,
+        "model": "model.onnx",
+        "warnings": warnings,
+        "seconds": round(time.monotonic() - began, 1),
+        **parts,
+    }
     result["free"] = {k: v for k, v in parts["free"].items() if k not in PRIVATE}
     _write(task.out / "study.json", json.dumps(result, allow_nan=False) + "\n")
     _write(task.out / "report.html", report(parts, warnings))
@@ -91,8 +95,11 @@ def _done(task: Task, step: Step, parts: Parts) -> tuple[dict[str, Any], bool]:
         result = step.compute(task, parts)
     except step.skips as error:
         result = {"skipped": str(error)}
-    result = {**result, "part_seconds": round(time.monotonic() - began, 1),
-              "part_cpu_s": round(time.process_time() - cpu, 1)}  # fmt: skip
+    result = {
+        **result,
+        "part_seconds": round(time.monotonic() - began, 1),
+        "part_cpu_s": round(time.process_time() - cpu, 1),
+    }
     _write(path, json.dumps({"key": key, "result": result}, allow_nan=False))
     return result, False
 
@@ -116,20 +123,31 @@ def _write(path: Path, text: str) -> None:
 
 
 def _data(task: Task) -> dict[str, Any]:
-    uses = {"train, choose": task.recordings, "held-out drive": task.test,
-            "faulty drive": task.faulty, "steady driving": task.steady}  # fmt: skip
+    uses = {
+        "train, choose": task.recordings,
+        "held-out drive": task.test,
+        "faulty drive": task.faulty,
+        "steady driving": task.steady,
+    }
     return {
-        "inputs": list(task.inputs), "output": task.output,
+        "inputs": list(task.inputs),
+        "output": task.output,
         "period_s": task.recordings[0].period_ns / 1e9,
         "samples": sum(len(r.t_s) for r in task.recordings),
         "source": source(task.recordings),
         "conditions": [n for n in ENABLE_COLUMNS if all(n in r.names for r in task.recordings)],
         "recordings": [
-            {"use": use, "path": Path(r.path).name, "sha256": r.sha256, "samples": len(r.t_s),
-             "source": source([r])}
-            for use, each in uses.items() for r in each
+            {
+                "use": use,
+                "path": Path(r.path).name,
+                "sha256": r.sha256,
+                "samples": len(r.t_s),
+                "source": source([r]),
+            }
+            for use, each in uses.items()
+            for r in each
         ],
-    }  # fmt: skip
+    }
 
 
 def _check(task: Task, _: Parts) -> dict[str, Any]:
@@ -148,9 +166,12 @@ def _preparation(task: Task, _: Parts) -> dict[str, Any]:
 def _selection(task: Task, _: Parts) -> dict[str, Any]:
     settings = task.settings
     return selection(
-        task.recordings, task.inputs, task.output, seed=settings.seed,
+        task.recordings,
+        task.inputs,
+        task.output,
+        seed=settings.seed,
         budget_minutes=SELECTION_SHARE * settings.budget_minutes,
-    )  # fmt: skip
+    )
 
 
 def _linear(task: Task, parts: Parts) -> dict[str, Any]:
@@ -160,10 +181,16 @@ def _linear(task: Task, parts: Parts) -> dict[str, Any]:
 def _narx(task: Task, _: Parts) -> dict[str, Any]:
     settings = task.settings
     return narx_study.narx_study(
-        task.data, task.folder / "narx", starts=settings.starts, iterations=settings.iterations,
-        n_samples=settings.n_samples, seed=settings.seed, jobs=task.jobs,
-        scheduler=task.scheduler, candidates=task.models,
-    )  # fmt: skip
+        task.data,
+        task.folder / "narx",
+        starts=settings.starts,
+        iterations=settings.iterations,
+        n_samples=settings.n_samples,
+        seed=settings.seed,
+        jobs=task.jobs,
+        scheduler=task.scheduler,
+        candidates=task.models,
+    )
 
 
 def _free(task: Task, _: Parts) -> dict[str, Any]:
@@ -254,8 +281,10 @@ def _poor(parts: Mapping[str, Any]) -> list[str]:
         )
     if stuck := parts["sensor"]["bounded"]["stuck"]:
         runs = parts["sensor"]["bounded"]["runs"]
-        found.append(f"{stuck} of {runs} free runs from random histories stay at an end of the "
-                     "output's range")  # fmt: skip
+        found.append(
+            f"{stuck} of {runs} free runs from random histories stay at an end of the "
+            "output's range"
+        )
     beside_linear = parts["beside"]
     if "skipped" not in beside_linear:
         own = beside_linear["narx"]["fit_percent"]

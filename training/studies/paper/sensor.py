@@ -27,8 +27,14 @@ from training.studies.paper.task import Task, as_in_use, plain, scaled_as, sourc
 WINDOW = 50  # samples, Model Based Diagnosis of Oxygen Sensors, section 2
 EXCERPT, SCATTER = 1200, 700  # samples drawn
 BINS = 80
-PUT_ON = ("slow_symmetric", "delay_rich_to_lean", "delay_symmetric", "transient", "gain_low",
-          "biased_lean")  # fmt: skip
+PUT_ON = (
+    "slow_symmetric",
+    "delay_rich_to_lean",
+    "delay_symmetric",
+    "transient",
+    "gain_low",
+    "biased_lean",
+)
 ANY_OUTPUT = ("slow_symmetric", "delay_symmetric")  # where a sensor's zero point is not known
 ROLES = {Role.TRAIN: "training", Role.VALIDATE: "validation", Role.TEST: "test"}
 
@@ -57,16 +63,19 @@ def against_sensor(
     span = _span(*healthy)
     return plain(
         {
-            "output": task.output, "unit": task.data.output.unit,
+            "output": task.output,
+            "unit": task.data.output.unit,
             "period_s": task.data.period_ns / 1e9,
             "healthy_source": source(task.test or task.recordings),
             "healthy_on": "held-out drives" if task.test else "test blocks",
-            "views": views, "limits": j, "edges": np.linspace(-span, span, BINS + 1),
+            "views": views,
+            "limits": j,
+            "edges": np.linspace(-span, span, BINS + 1),
             "healthy": _residuals(*healthy, span, j),
             "unreadable": [Path(r.path).name for r in task.faulty if not _readable(task, r)],
             "faults": _faults(task, spec, weights, healthy[0], span, j),
         }
-    )  # fmt: skip
+    )
 
 
 def _view(
@@ -79,15 +88,21 @@ def _view(
     at = np.flatnonzero(judged)
     first, stop = liveliest(measured, judged, scored)
     return {
-        "title": title, "source": origin,
-        "all": measures(data, predicted, scored), "enabled": measures(data, predicted, judged),
+        "title": title,
+        "source": origin,
+        "all": measures(data, predicted, scored),
+        "enabled": measures(data, predicted, judged),
         "first_s": first * data.period_ns / 1e9,
-        "excerpt": {"measured": np.where(scored, measured, np.nan)[first:stop],
-                    "predicted": np.where(scored, run, np.nan)[first:stop]},
+        "excerpt": {
+            "measured": np.where(scored, measured, np.nan)[first:stop],
+            "predicted": np.where(scored, run, np.nan)[first:stop],
+        },
         "judged": judged[first:stop].astype(int),
-        "scatter": {"measured": thinned(measured[at], SCATTER),
-                    "predicted": thinned(run[at], SCATTER)},
-    }  # fmt: skip
+        "scatter": {
+            "measured": thinned(measured[at], SCATTER),
+            "predicted": thinned(run[at], SCATTER),
+        },
+    }
 
 
 def in_units(data: Prepared, predicted: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -150,19 +165,25 @@ def _residuals(
     std = windows[:, 1] >= j.get("j_sigma", np.inf)
     n = max(len(windows), 1)
     return {
-        "samples": len(known), "share": counts / max(len(known), 1),
+        "samples": len(known),
+        "share": counts / max(len(known), 1),
         "mean": known.mean() if len(known) else None,
         "std": known.std() if len(known) else None,
         "windows": len(windows),
         "beyond": {"mean": mean.sum() / n, "std": std.sum() / n, "both": (mean & std).sum() / n},
-        "window_mean": thinned(windows[:, 0], 200), "window_std": thinned(windows[:, 1], 200),
-    }  # fmt: skip
+        "window_mean": thinned(windows[:, 0], 200),
+        "window_std": thinned(windows[:, 1], 200),
+    }
 
 
 def _faults(
-    task: Task, spec: Spec, weights: FloatArray, healthy: Prepared, span: float,
+    task: Task,
+    spec: Spec,
+    weights: FloatArray,
+    healthy: Prepared,
+    span: float,
     j: Mapping[str, float],
-) -> list[dict[str, Any]]:  # fmt: skip
+) -> list[dict[str, Any]]:
     """Return residuals under faults: recorded ones, else put on afterwards."""
     found = []
     for recording in filter(partial(_readable, task), task.faulty):
@@ -171,8 +192,9 @@ def _faults(
         every = np.ones(len(run), dtype=bool)
         name, how = _named(recording)
         view = _view(one, run, every, name, source([recording]))
-        found.append({"name": name, "how": how, **_residuals(one, run, every, span, j),
-                      "view": view})  # fmt: skip
+        found.append(
+            {"name": name, "how": how, **_residuals(one, run, every, span, j), "view": view}
+        )
     if task.faulty:
         return found
     predicted = healthy.scaling.unscale_y(free_run(healthy, spec, weights))
@@ -186,8 +208,14 @@ def _faults(
         if name.startswith("biased"):
             title = f"{name} {fault.severity:g}"
         view = _view(one, predicted, test, title, source(healthy.recordings))
-        found.append({"name": title, "how": "put on afterwards",
-                      **_residuals(one, predicted, test, span, j), "view": view})  # fmt: skip
+        found.append(
+            {
+                "name": title,
+                "how": "put on afterwards",
+                **_residuals(one, predicted, test, span, j),
+                "view": view,
+            }
+        )
     return found
 
 

@@ -95,13 +95,14 @@ def _result(task: Task, rule: str, n: int, trained: dict[str, Model]) -> dict[st
         scored = test & np.isfinite(measured) & np.isfinite(predicted)
         first, stop = liveliest(measured, scored & held.enabled, scored)
         models[name] = {
-            "all": measures(held, run, test), "enabled": measures(held, run, test & held.enabled),
+            "all": measures(held, run, test),
+            "enabled": measures(held, run, test & held.enabled),
             "own_validation_rmse": best.score * data.scaling.y_std,
             "samples": int((data.role == Role.TRAIN).sum()),
             "source": source(data.recordings),
             "cut": not best.stages or best.stages[-1].stop == "budget",
             "outside": _outside(data, held, test),
-        }  # fmt: skip
+        }
         stop = min(stop, first + SHOWN)
         shown["judged"] = (scored & held.enabled)[first:stop].astype(int)
         shown["measured"] = measured[first:stop]
@@ -109,13 +110,17 @@ def _result(task: Task, rule: str, n: int, trained: dict[str, Model]) -> dict[st
         shown["first_s"] = first * held.period_ns / 1e9
     return plain(
         {
-            "rule": rule, "training_samples": n, "models": models, "example": shown,
-            "period_s": task.data.period_ns / 1e9, "output": task.output,
+            "rule": rule,
+            "training_samples": n,
+            "models": models,
+            "example": shown,
+            "period_s": task.data.period_ns / 1e9,
+            "output": task.output,
             "unit": task.data.output.unit,
             "test": "held-out drives" if task.test else "test blocks of the recordings",
             "test_source": source(task.test or task.recordings),
         }
-    )  # fmt: skip
+    )
 
 
 def _transient(task: Task, data: Prepared) -> Prepared:

@@ -160,9 +160,13 @@ def scaled_as(data: Prepared, recordings: Sequence[Recording]) -> Prepared:
         np.where(on, 1.0, OTHER_WEIGHT) * valid,
     )
     return replace(
-        data, samples=samples, segments=tuple(segments), enabled=on & valid,
-        role=np.full(len(y), Role.TEST, dtype=np.int8), recordings=tuple(recordings),
-    )  # fmt: skip
+        data,
+        samples=samples,
+        segments=tuple(segments),
+        enabled=on & valid,
+        role=np.full(len(y), Role.TEST, dtype=np.int8),
+        recordings=tuple(recordings),
+    )
 
 
 def as_in_use(data: Prepared) -> Prepared:

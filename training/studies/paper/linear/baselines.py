@@ -99,13 +99,17 @@ def linear(
         "output_error": error_result,
         "models": fits,
         "best": best,
-        "regime": None if regime is None else {
-            "name": regime.name, "unit": regime.unit, "ranges": [r["range"] for r in ranges],
+        "regime": None
+        if regime is None
+        else {
+            "name": regime.name,
+            "unit": regime.unit,
+            "ranges": [r["range"] for r in ranges],
             "samples": [int(sum(m.sum() for m in r["rows"])) for r in ranges],
         },
         "residuals": residuals(models, judge, inputs, skip),
         "example": example(models, fits, judge, period_s, skip),
-    }  # fmt: skip
+    }
     stored = plain(result)
     stored["arx"]["free_run_model"] = _exactly(models["arx_free_run"])
     return stored
@@ -235,11 +239,15 @@ def _output_error(
     best, tried = fit_output_error(train, validate, [m for _, m in starts], skip)
     rows = [
         {
-            "start": name, "nf": len(m.a), "nb": m.b.shape[1], "nk": m.delays,
-            "training_rmse": np.sqrt(cost), "validation_rmse": np.sqrt(error),
+            "start": name,
+            "nf": len(m.a),
+            "nb": m.b.shape[1],
+            "nk": m.delays,
+            "training_rmse": np.sqrt(cost),
+            "validation_rmse": np.sqrt(error),
         }
         for (name, _), (m, cost, error) in zip(starts, tried, strict=True)
-    ]  # fmt: skip
+    ]
     chosen = {"nf": len(best.transfer.a), "nb": best.transfer.b.shape[1]}
     return best, {**chosen, "nk": best.transfer.delays, "starts": rows}
 

@@ -148,10 +148,15 @@ def _delays(delays: Sequence[int]) -> str:
 def _arx(result: Result) -> str:
     found = result["arx"]
     rows = [
-        (TITLES[name], str(c["na"]), str(c["nb"]), _delays(c["nk"]),
-         str(result["models"][name]["parameters"]))
+        (
+            TITLES[name],
+            str(c["na"]),
+            str(c["nb"]),
+            _delays(c["nk"]),
+            str(result["models"][name]["parameters"]),
+        )
         for name, c in found["choices"].items()
-    ]  # fmt: skip
+    ]
     edge = [
         TITLES[n]
         for n, c in found["choices"].items()
@@ -186,10 +191,16 @@ def _states(result: Result) -> str:
     )
     starts = sorted(error["starts"], key=lambda s: _last(s["validation_rmse"]))
     rows = [
-        (s["start"], str(s["nf"]), str(s["nb"]), _delays(s["nk"]),
-         _number(s["training_rmse"], ".4g"), _number(s["validation_rmse"], ".4g"))
+        (
+            s["start"],
+            str(s["nf"]),
+            str(s["nb"]),
+            _delays(s["nk"]),
+            _number(s["training_rmse"], ".4g"),
+            _number(s["validation_rmse"], ".4g"),
+        )
         for s in starts[:8]
-    ]  # fmt: skip
+    ]
     head = ("output error started from", "nf", "nb", "nk", "RMSE, training", "RMSE, validation")
     figure = picture(
         singular_values(result), "Singular values; free-run error over the number of states"

@@ -49,9 +49,15 @@ def _draw_correlations(axis: Axes, models: Sequence[Mapping[str, Any]], mode: st
         middle = np.array([np.median(v) for v in below])
         bars = np.array([[m - v.min(), v.max() - m] for m, v in zip(middle, below, strict=True)])
         axis.errorbar(
-            np.arange(len(models)) + shift, middle, bars.T, fmt=MARKS[role], ms=4, lw=1,
-            color=ROLE_COLOURS[role], label=ROLES[role],
-        )  # fmt: skip
+            np.arange(len(models)) + shift,
+            middle,
+            bars.T,
+            fmt=MARKS[role],
+            ms=4,
+            lw=1,
+            color=ROLE_COLOURS[role],
+            label=ROLES[role],
+        )
         smallest = min(smallest, float(min(v.min() for v in below)))
     axis.set(yscale="log", ylim=(1.1 * (1 - R_FLOOR), 0.7 * smallest), ylabel="R")
     ticks = [t for t in R_TICKS if 1 - t > 0.7 * smallest]
@@ -95,8 +101,12 @@ def free_run_figure(result: Mapping[str, Any]) -> str:
     every = np.concatenate([errors(m, "one_step", "validate") for m in models])
     ends = [every[np.isfinite(every)].min(), every[np.isfinite(every)].max()]
     axis.plot(ends, ends, ":", color="#888888", label="equal")
-    axis.set(xscale="log", yscale="log", xlabel="one-step RMSE on validation blocks, scaled",
-             ylabel="free-run RMSE on validation blocks, scaled")  # fmt: skip
+    axis.set(
+        xscale="log",
+        yscale="log",
+        xlabel="one-step RMSE on validation blocks, scaled",
+        ylabel="free-run RMSE on validation blocks, scaled",
+    )
     for each in (axis.xaxis, axis.yaxis):
         each.set_major_locator(LogLocator(subs=(1, 2, 5)))
         each.set_major_formatter("{x:g}")

@@ -79,9 +79,13 @@ def spec_of(data: Prepared, candidate: Candidate, input_lag_start: int = 1) -> S
     """Return the shape of a candidate on these data, its feedback clipped to the output's range."""
     scale = data.scaling
     return Spec(
-        data.samples.u.shape[1], candidate.lags, candidate.hidden, input_lag_start,
-        float(scale.scale_y(scale.y_low)), float(scale.scale_y(scale.y_high)),
-    )  # fmt: skip
+        data.samples.u.shape[1],
+        candidate.lags,
+        candidate.hidden,
+        input_lag_start,
+        float(scale.scale_y(scale.y_low)),
+        float(scale.scale_y(scale.y_high)),
+    )
 
 
 def rows(data: Prepared, spec: Spec, role: Role | None = None) -> IntArray:
@@ -135,13 +139,18 @@ def tune_one(data: Prepared, job: Job) -> Done:
         "before": figures(data, spec, before) | _forgets(data, spec, before),
         "after": figures(data, spec, trained.weights) | _forgets(data, spec, trained.weights),
         "stages": [
-            {"name": s.name, "iterations": len(s.costs) - 1, "stop": s.stop,
-             "best_score": _round(min(s.scores)), "seconds": _round(s.seconds)}
+            {
+                "name": s.name,
+                "iterations": len(s.costs) - 1,
+                "stop": s.stop,
+                "best_score": _round(min(s.scores)),
+                "seconds": _round(s.seconds),
+            }
             for s in trained.stages
         ],
         "seconds": _round(time.monotonic() - began),
         "cpu_s": _round(time.process_time() - began_cpu),
-    }  # fmt: skip
+    }
     return result, arrays(spec, trained.weights)
 
 
@@ -217,8 +226,10 @@ def _by_role(data: Prepared, spec: Spec, predicted: FloatArray) -> dict[str, dic
     for role in Role:
         every = rows(data, spec, role)
         on = every[data.enabled[every]]
-        result[role.name.lower()] = {"all": _measure(data, predicted, every),
-                                     "enabled": _measure(data, predicted, on)}  # fmt: skip
+        result[role.name.lower()] = {
+            "all": _measure(data, predicted, every),
+            "enabled": _measure(data, predicted, on),
+        }
     return result
 
 
@@ -226,8 +237,11 @@ def _measure(data: Prepared, predicted: FloatArray, at: IntArray) -> dict[str, A
     a, b = data.samples.y[at], predicted[at]
     if len(at) < 2 or not np.isfinite(b).all():
         return {"samples": len(at), "r": None, "mse": None}
-    return {"samples": len(at), "r": _round(correlation(a, b)),
-            "mse": _round(float(np.mean((a - b) ** 2)))}  # fmt: skip
+    return {
+        "samples": len(at),
+        "r": _round(correlation(a, b)),
+        "mse": _round(float(np.mean((a - b) ** 2))),
+    }
 
 
 def _forgets(data: Prepared, spec: Spec, weights: FloatArray) -> dict[str, Any]:

@@ -79,8 +79,19 @@ def _introduction(result: Mapping[str, Any]) -> list[str]:
 
 
 def _table(result: Mapping[str, Any]) -> str:
-    head = ("model", "weights", "R one-step", "MSE", "R free run", "MSE", "verdict",
-            "spread", "iterations", "stop", "s")  # fmt: skip
+    head = (
+        "model",
+        "weights",
+        "R one-step",
+        "MSE",
+        "R free run",
+        "MSE",
+        "verdict",
+        "spread",
+        "iterations",
+        "stop",
+        "s",
+    )
     chosen = next(
         (i for i, m in enumerate(result["models"]) if m["number"] == result["best"]["number"]), None
     )
@@ -159,12 +170,24 @@ def _tuned(result: Mapping[str, Any]) -> list[str]:
         "run; test blocks chose nothing. Forgets: predictions from any two histories agree after "
         f"{CONTRACTION_SAMPLES} samples; a model that does not is used only if none does."
     )
-    head = ("model", "R validation", "R test", "RMSE validation", "RMSE test", "forgets",
-            "best stage", "s")  # fmt: skip
+    head = (
+        "model",
+        "R validation",
+        "R test",
+        "RMSE validation",
+        "RMSE test",
+        "forgets",
+        "best stage",
+        "s",
+    )
     chosen = next(
-        (i for i, t in enumerate(result["tuned"])
-         if t["number"] == result["best"]["number"] and result["best"]["tuned"]), None,
-    )  # fmt: skip
+        (
+            i
+            for i, t in enumerate(result["tuned"])
+            if t["number"] == result["best"]["number"] and result["best"]["tuned"]
+        ),
+        None,
+    )
     rows = [_tuned_row(t) for t in result["tuned"]]
     return [
         "<h3>The best models, tuned in closed loop</h3>",

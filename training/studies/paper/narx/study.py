@@ -140,10 +140,16 @@ def _models(
         best = min(range(len(starts)), key=lambda i: _or_inf(scores[i]))
         spec = spec_of(data, c, trainings[keys[0]].input_lag_start)
         models.append(
-            {**asdict(c), "hidden": list(c.hidden), "name": c.name,
-             "same_as": same.get(c.number), "n_weights": spec.n_weights,
-             "starts": starts, "best_start": best}
-        )  # fmt: skip
+            {
+                **asdict(c),
+                "hidden": list(c.hidden),
+                "name": c.name,
+                "same_as": same.get(c.number),
+                "n_weights": spec.n_weights,
+                "starts": starts,
+                "best_start": best,
+            }
+        )
     for model, verdict in zip(models, judge(models, iterations), strict=True):
         model["verdict"] = verdict
     return models
@@ -172,9 +178,13 @@ def _tunings(
         job = trainings[key]
         _, weights = from_arrays(parallel.arrays_of(directory, key))
         result[key.replace("train", "tune")] = Job(
-            job.candidate, job.start, job.seed, job.iterations, job.input_lag_start,
+            job.candidate,
+            job.start,
+            job.seed,
+            job.iterations,
+            job.input_lag_start,
             tuple(weights.tolist()),
-        )  # fmt: skip
+        )
     return result
 
 
@@ -188,10 +198,14 @@ def _result(
     done: Mapping[str, dict[str, Any]],
 ) -> dict[str, Any]:
     tuned = [
-        {"number": job.candidate.number, "name": job.candidate.name, **done[key],
-         "weights_key": key}
+        {
+            "number": job.candidate.number,
+            "name": job.candidate.name,
+            **done[key],
+            "weights_key": key,
+        }
         for key, job in tunings.items()
-    ]  # fmt: skip
+    ]
     counted = {s["weights_key"]: s["cpu_s"] for m in models for s in m["starts"]}
     result = {
         "source": _source(data),
@@ -229,15 +243,27 @@ def _best(
         model = next(m for m in models if m["number"] == t["number"])
         keys = {"before": model["starts"][t["start"]]["weights_key"], "after": t["weights_key"]}
         found += [
-            {"number": t["number"], "name": t["name"], "tuned": when == "after",
-             "weights_key": key, "figures": t[when]}
+            {
+                "number": t["number"],
+                "name": t["name"],
+                "tuned": when == "after",
+                "weights_key": key,
+                "figures": t[when],
+            }
             for when, key in keys.items()
-        ]  # fmt: skip
+        ]
     if not found:  # nothing was tuned
         first = next(m for m in models if m["number"] == ranking[0])
         start = first["starts"][first["best_start"]]
-        found = [{"number": first["number"], "name": first["name"], "tuned": False,
-                  "weights_key": start["weights_key"], "figures": start}]  # fmt: skip
+        found = [
+            {
+                "number": first["number"],
+                "name": first["name"],
+                "tuned": False,
+                "weights_key": start["weights_key"],
+                "figures": start,
+            }
+        ]
 
     def order(model: Mapping[str, Any]) -> tuple[bool, float]:
         figures = model["figures"]

@@ -140,9 +140,10 @@ def _spectral(
 ) -> tuple[list[float] | None, dict[str, Any]]:
     """Return the noise band in Hz, None if there is none, and spectra with their lines."""
     also = [
-        n for n in (COMMAND, CONTROLLER)
+        n
+        for n in (COMMAND, CONTROLLER)
         if n not in inputs and all(n in r.names for r in recordings)
-    ]  # fmt: skip
+    ]
     names = [*inputs, *also, output]
     found, rows = None, "enabled"
     for rows in ("enabled", "all"):

@@ -189,5 +189,10 @@ def difference(one: Tried, other: Tried, rows: np.ndarray, seed: int) -> Mapping
     rmse = np.sqrt(total[drawn].sum(axis=1) / n[drawn].sum(axis=1)[:, np.newaxis])
     low, high = np.percentile(rmse[:, 0] - rmse[:, 1], [2.5, 97.5])
     a, b = np.sqrt(total.sum(axis=0) / n.sum())
-    return {"difference": float(a - b), "low": float(low), "high": float(high), "rmse": float(b),
-            "blocks": float(len(n))}  # fmt: skip
+    return {
+        "difference": float(a - b),
+        "low": float(low),
+        "high": float(high),
+        "rmse": float(b),
+        "blocks": float(len(n)),
+    }

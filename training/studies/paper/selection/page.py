@@ -82,8 +82,14 @@ def _choice(result: dict[str, Any]) -> list[str]:
         words = _reason(v)
         rows.append(f"<tr{mark}><td>{escape(v['name'])}</td>{numbers}</tr>")
         rows.append(f'<tr><td class="note" colspan="6">{escape(words)}</td></tr>')
-    head = ("variable", "correlation at lag", "inflation, all", "inflation, chosen",
-            "largest loading", "chosen")  # fmt: skip
+    head = (
+        "variable",
+        "correlation at lag",
+        "inflation, all",
+        "inflation, chosen",
+        "largest loading",
+        "chosen",
+    )
     cells_head = "".join(f"<th>{h}</th>" for h in head)
     note = (
         "Correlation: with the output, the input so many samples before, where it is largest. "
@@ -141,8 +147,14 @@ def _sets(result: dict[str, Any]) -> list[str]:
                 change,
             )
         )
-    head = ("set (inputs)", f"RMSE, {unit}", "of each start", "correlation", "fit, %",
-            "RMSE against chosen, % (95 %)")  # fmt: skip
+    head = (
+        "set (inputs)",
+        f"RMSE, {unit}",
+        "of each start",
+        "correlation",
+        "fit, %",
+        "RMSE against chosen, % (95 %)",
+    )
     parts = [paragraph(text), table(rows, head, chosen=0)]
     parts += [paragraph(_verdict(c)) for c in result["comparisons"]]
     short = sum(s["stopped_by_budget"] for s in result["sets"])
@@ -194,8 +206,13 @@ def _transparency(result: dict[str, Any]) -> list[str]:
         )
         for r in own["reach"]
     ]
-    head = ("fault put on the reading", "set", "gain", "reaches the prediction, % RMS",
-            "left in the residual, % RMS")  # fmt: skip
+    head = (
+        "fault put on the reading",
+        "set",
+        "gain",
+        "reaches the prediction, % RMS",
+        "left in the residual, % RMS",
+    )
     return [
         paragraph(text),
         table(rows, head),
