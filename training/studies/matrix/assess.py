@@ -87,13 +87,8 @@ def _time(what: str, where: str, times: Figures) -> Figures:
 def _healthy(good: Figures) -> list[Figures]:
     drives, vehicles = good["false"]["trials"], good["vehicles"]
     enough = drives >= HEALTHY_DRIVES and vehicles >= HEALTHY_VEHICLES
-    why = (
-        ""
-        if enough
-        else (
-            f"{drives} drives of {vehicles} vehicles, {HEALTHY_DRIVES} of {HEALTHY_VEHICLES} are wanted"
-        )
-    )
+    wanted = f"{HEALTHY_DRIVES} of {HEALTHY_VEHICLES} are wanted"
+    why = "" if enough else f"{drives} drives of {vehicles} vehicles, {wanted}"
     where = f"healthy drives of {vehicles} vehicles"
     counts = []
     for what, events in (("pending", good["false"]["events"]), ("confirmed", good["confirmed"])):
