@@ -28,7 +28,7 @@ from training.gap.result import ModelFile, Result, Step
 from training.gap.verify.verification import verify
 from training.gap.where.localise import Findings, localise
 from training.greybox.chain import Constants
-from training.greybox.effects.model_effect import Added, uncertain
+from training.greybox.effects.model_effect import ModelEffect, uncertain
 from training.greybox.fit.comparison import Compared
 from training.greybox.fit.drive import Drive
 from training.greybox.graph.chain_graph import Greybox
@@ -209,7 +209,7 @@ def _localise(given: Given, progress: Progress) -> Findings:
 
 def _add(
     given: Given, out: Path, options: Options, naming: Naming, on: Yardstick, progress: Progress
-) -> tuple[Path | None, str, tuple[Added, ...], list[str]]:
+) -> tuple[Path | None, str, tuple[ModelEffect, ...], list[str]]:
     """Return the new model, its form, what it has more, and what to say of that."""
     wanted, warnings = _to_add(naming, options)
     if not wanted:

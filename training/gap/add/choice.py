@@ -20,7 +20,7 @@ from training.gap.healthy.behaviour import Healthy
 from training.gap.inputs import base
 from training.gap.inputs.roles import ACCEPTED, Given, Options, split
 from training.greybox.chain import Constants
-from training.greybox.effects.model_effect import Added
+from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.drive import Drive
 from training.greybox.graph.chain_graph import Greybox
 from training.greybox.graph.effect_inputs import Ranges
@@ -48,12 +48,12 @@ WORSE: Final = 1.02  # of the RMSE, up to which a form counts as no worse
 def add(
     given: Given,
     out: Path,
-    choices: Sequence[Sequence[Added]],
+    choices: Sequence[Sequence[ModelEffect]],
     known: Healthy | None,
     start: Constants,
     options: Options,
     progress: Progress = lambda _: None,
-) -> tuple[Path | None, str, tuple[Added, ...]]:
+) -> tuple[Path | None, str, tuple[ModelEffect, ...]]:
     """Write the new model that predicts best; return it, its form and its effects.
 
     choices : the effects, each time with other constants, the ones to prefer first
@@ -140,7 +140,7 @@ class _Tried:
     """A file with effects in one form, and what it misses."""
 
     form: str
-    added: tuple[Added, ...]
+    added: tuple[ModelEffect, ...]
     path: Path
     rmse: float  # phi
     blocks: Sequence[HeldOut]  # of the recordings of the fit, to set its limits on
@@ -149,7 +149,7 @@ class _Tried:
 def _beside_network(
     model: Path,
     folder: Path,
-    choices: Sequence[Sequence[Added]],
+    choices: Sequence[Sequence[ModelEffect]],
     chain: Constants,
     ranges: Ranges,
     use: _Use,

@@ -14,8 +14,8 @@ from numba import njit
 
 from monitor.base.types import FloatArray
 from training.greybox.chain import Path
-from training.greybox.effects.dynamics import charged, lag, slope
-from training.greybox.effects.effect import flow_kg_h, injecting
+from training.greybox.effects.form.dynamics import charged, lag, slope
+from training.greybox.effects.form.quantities import flow_kg_h, injecting
 from training.greybox.fit.drive import Drive
 
 WARM_DEGC: Final = 80.0
