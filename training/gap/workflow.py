@@ -29,7 +29,7 @@ from training.gap.verify.verification import verify
 from training.gap.where.localise import Findings, localise
 from training.greybox.chain import Constants
 from training.greybox.effects.model_effect import ModelEffect, uncertain
-from training.greybox.fit.comparison import Compared
+from training.greybox.fit.comparison import Comparison
 from training.greybox.fit.drive import Drive
 from training.greybox.graph.chain_graph import Greybox
 from training.jobs.stages import Progress, Stages
@@ -197,7 +197,7 @@ def _localise(given: Given, progress: Progress) -> Findings:
     chain = Greybox.of(card) if card.kind == base.GREYBOX else None
     new, known = (
         [
-            Compared.of(drive, phi, chain.path(drive.signals) if chain else None)
+            Comparison.of(drive, phi, chain.path(drive.signals) if chain else None)
             for drive, phi in zip(
                 base.plain_drives_of(card, each), predicted_phi(given.model, each), strict=True
             )

@@ -12,7 +12,7 @@ from training.gap.where.bootstrap import Share, draw_counts, share_of
 from training.gap.where.drivers import WORDS
 from training.gap.where.segments import Segments, input_names, transform
 from training.gap.where.surrogates import Sums, p_of_largest, slope
-from training.greybox.fit.comparison import Compared
+from training.greybox.fit.comparison import Comparison
 
 ALPHA: Final = 0.01  # false bands per localisation, all bands and inputs together
 LEAST_COHERENCE: Final = 0.05  # less explains nothing worth a sentence
@@ -74,8 +74,8 @@ class Bands:
 
 
 def find_bands(
-    recordings: Sequence[Compared],
-    healthy: Sequence[Compared],
+    recordings: Sequence[Comparison],
+    healthy: Sequence[Comparison],
     white_rms: float,
     rng: np.random.Generator,
 ) -> Bands | None:

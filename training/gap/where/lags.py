@@ -17,7 +17,7 @@ from monitor.base.types import FloatArray, IntArray
 from training.gap.where.drivers import WORDS
 from training.gap.where.segments import input_names
 from training.gap.where.surrogates import Sums, p_of_largest, slope
-from training.greybox.fit.comparison import BLOCK_S, Compared
+from training.greybox.fit.comparison import BLOCK_S, Comparison
 from training.recordings.preparation import hold
 
 ALPHA: Final = 0.01  # false lags per localisation, all lags and inputs together
@@ -57,7 +57,7 @@ class Lag:
 
 
 def find_lags(
-    recordings: Sequence[Compared], healthy: Sequence[Compared], rng: np.random.Generator
+    recordings: Sequence[Comparison], healthy: Sequence[Comparison], rng: np.random.Generator
 ) -> tuple[Lag, ...]:
     """Return each input's strongest lag, the clearest first."""
     names = input_names([recordings, healthy] if healthy else [recordings])
@@ -97,14 +97,14 @@ def find_lags(
     )
 
 
-def _filters(recordings: Sequence[Compared], names: Sequence[str]) -> list[FloatArray]:
+def _filters(recordings: Sequence[Comparison], names: Sequence[str]) -> list[FloatArray]:
     """Return the whitening filters of the residual and of each input."""
     series = [[r.residual for r in recordings]]
     series += [[_moving(r, n) for r in recordings] for n in names]
     return [_whitening(each) for each in series]
 
 
-def _moving(r: Compared, name: str) -> FloatArray:
+def _moving(r: Comparison, name: str) -> FloatArray:
     values = hold(r.signals[name])
     return values - values.mean()
 
@@ -122,7 +122,7 @@ def _whitening(series: Sequence[FloatArray]) -> FloatArray:
 
 
 def _sums(
-    recordings: Sequence[Compared],
+    recordings: Sequence[Comparison],
     names: Sequence[str],
     lags: IntArray,
     filters: Sequence[FloatArray],

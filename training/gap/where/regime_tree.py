@@ -15,7 +15,7 @@ import numpy as np
 from monitor.base.types import BoolArray, FloatArray
 from training.gap.where.bootstrap import Excess, Share
 from training.gap.where.drivers import Driver, find_drivers
-from training.greybox.fit.comparison import Compared, Stack, gather
+from training.greybox.fit.comparison import Comparison, Stack, gather
 
 DEPTH: Final = 3
 LEAST_SHARE: Final = 0.03  # of the samples in a box
@@ -48,10 +48,10 @@ def _limit(words: str, low: float, high: float) -> str:
 
 
 def find_boxes(
-    recordings: Sequence[Compared],
+    recordings: Sequence[Comparison],
     blocks: Stack,
     excess: Excess,
-    healthy: tuple[Sequence[Compared], Stack] | None,
+    healthy: tuple[Sequence[Comparison], Stack] | None,
 ) -> tuple[Box, ...]:
     """Return boxes that cover the operating range, the largest share of the excess first."""
     drivers = [d for d in find_drivers(recordings) if d.name not in NOT_SPLIT]
@@ -75,7 +75,7 @@ def find_boxes(
 
 
 def _healthy_columns(
-    drivers: Sequence[Driver], recordings: Sequence[Compared], blocks: Stack
+    drivers: Sequence[Driver], recordings: Sequence[Comparison], blocks: Stack
 ) -> tuple[dict[str, FloatArray], FloatArray]:
     own = {d.name: gather(d.values, blocks) for d in find_drivers(recordings)}
     constant = np.zeros(len(blocks.residual))
