@@ -17,7 +17,6 @@ from training.greybox.graph.effect import FUEL, graph_effect
 from training.greybox.graph.effect_parity import TOLERANCE, Entry, reading
 
 CONSTANTS = Constants(1.01, 0.17, 1.6, 0.05, 0.12, 0.96)
-N = min(len(driven()), len(plain()))
 over_library = pytest.mark.parametrize("effect", LIBRARY.values(), ids=LIBRARY)
 
 
@@ -59,14 +58,14 @@ def run(greybox: Greybox, u: FloatArray) -> FloatArray:
 
 @over_library
 def test_the_arrays_and_the_graph_of_an_effect_agree(effect: Effect) -> None:
-    reads = effect.signals_of(plain().signals)
+    reads, n = effect.signals_of(plain().signals), min(len(driven()), len(plain()))
     for values in values_of(effect):
         # GIVEN a chain with the effect, and two drives, of a simulated vehicle and of formulas
         added = ModelEffect.with_values(effect.name, values)
         greybox = chain_with(added, reads)
         u = np.stack(
             [
-                np.column_stack([drive.signals[name][:N] for name in greybox.inputs])
+                np.column_stack([drive.signals[name][:n] for name in greybox.inputs])
                 for drive in (driven(), plain())
             ]
         ).astype(np.float32)

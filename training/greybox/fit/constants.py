@@ -18,7 +18,7 @@ from monitor.base.types import BoolArray, FloatArray, IntArray
 from training.greybox.chain import RANGES, Constants
 from training.greybox.effects import Own
 from training.greybox.fit.drive import Drive
-from training.greybox.fit.joint import HIGH, LOW, WHITE, Case, Fit, fit, predict
+from training.greybox.fit.joint import HIGH, LOW, WHITE, Case, Fit, Search, fit, predict
 
 BLOCK_S = 45.0  # samples further apart than this count as independent in a standard error
 SAMPLES_LEAST = 500
@@ -31,6 +31,8 @@ STARTS = (
 REFERENCE_RPM = 1500.0  # at which the whole dead time is given
 NOISE_ORDER = 2  # of the residual's autoregression, as in ``joint.Case``
 ROUNDS = 4  # of constants and autoregression in turn
+FROM_AFAR = Search(Constants(), 1e-8, 200)  # shorter steps end in the worse of two minima, and
+# with a tolerance of 1e-5 a fit that starts at the bound of ``mixing_s`` ends there
 STANDARD_ERRORS = (
     f"from the Jacobian of the residual whitened by an AR({NOISE_ORDER}), whose remaining "
     f"correlation within blocks of {BLOCK_S:g} s is allowed for (sandwich over blocks)"
@@ -112,12 +114,12 @@ def _whitened(drive: Drive, at: IntArray, start: Constants) -> tuple[Case, Fit]:
     """
     past = at[:, None] - np.arange(1, NOISE_ORDER + 1)
     case = Case((drive,), (np.zeros(len(drive)),), WHITE)
-    found = fit(case, (), [start])
+    found = fit(case, (), [start], FROM_AFAR)
     for _ in range(ROUNDS - 1):
         e = predict(case, found.base, (), ())[0] - drive.phi_measured
         newest, older = np.linalg.lstsq(e[past], e[at])[0].tolist()
         case = replace(case, ar=(newest, older))
-        found = fit(case, (), [found.base])
+        found = fit(case, (), [found.base], FROM_AFAR)
     return case, found
 
 

@@ -19,14 +19,21 @@ from training.greybox.fit.variation import Shrink
 Term = Effect | SensorFault
 LOW: Final = np.array([RANGES[name].low for name in Constants._fields])
 HIGH: Final = np.array([RANGES[name].high for name in Constants._fields])
-SCALE: Final = Constants(  # typical step of a fit
-    gain=0.01, dead_time_s=0.02, dead_time_revolutions=0.2, mixing_s=0.02, sensor_s=0.02, span=0.02
-)
-STEP: Final = 1e-4  # relative to the scale, for derivatives
+STEP: Final = 1e-4  # of a scale, for derivatives
 WHITE: Final = (0.9, 0.0)  # nearly differences: slow errors are left to the correction
 INSIDE: Final = 1e-6  # of the range: distance from a bound at which a fit starts
-TOLERANCE: Final = 1e-5  # relative, of cost and constants, at which a fit ends
-STEPS_MOST: Final = 40
+
+
+@dataclass(frozen=True, slots=True)
+class Search:
+    """How far a fit looks for the base constants, and when it ends."""
+
+    scale: Constants  # typical step
+    tolerance: float  # relative, of cost and constants, at which a fit ends
+    steps_most: int
+
+
+NEARBY: Final = Search(Constants(0.01, 0.02, 0.2, 0.02, 0.02, 0.02), 1e-5, 40)
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +157,12 @@ def plain_errors(case: Case, phi: Sequence[FloatArray]) -> FloatArray:
     return errors(replace(case, ar=(0.0, 0.0), sigma=1.0, shrinks=(), scales=()), phi)
 
 
-def fit(case: Case, terms: Sequence[Term], starts: Sequence[Fit | Constants]) -> Fit:
+def fit(
+    case: Case,
+    terms: Sequence[Term],
+    starts: Sequence[Fit | Constants],
+    search: Search = NEARBY,
+) -> Fit:
     """Return the best fit over all starts.
 
     starts : base constants, or a fit of some of the terms, the first ones. The parameters of the
@@ -159,7 +171,7 @@ def fit(case: Case, terms: Sequence[Term], starts: Sequence[Fit | Constants]) ->
     best: Fit | None = None
     for start in starts:
         for values in _starting_points(terms, start):
-            found = _descend(case, tuple(terms), values)
+            found = _descend(case, tuple(terms), values, search)
             if best is None or found.cost < best.cost:
                 best = found
     assert best is not None
@@ -212,10 +224,12 @@ class _Layout:
         return np.concatenate([e, _prior_rows(self.case, base), _term_rows(self.terms, own)])
 
 
-def _descend(case: Case, terms: tuple[Term, ...], start: FloatArray) -> Fit:
+def _descend(case: Case, terms: tuple[Term, ...], start: FloatArray, search: Search) -> Fit:
     layout = _Layout(case, terms)
     low, high = layout.limits
-    scale = layout.join(SCALE, [[_scale(p.start) for p in term.parameters] for term in terms])
+    scale = layout.join(
+        search.scale, [[_scale(p.start) for p in term.parameters] for term in terms]
+    )
     x = start[len(start) - len(low) :]
     if len(x) == 0:
         e = layout.errors(x)
@@ -246,9 +260,9 @@ def _descend(case: Case, terms: tuple[Term, ...], start: FloatArray) -> Fit:
         slope,
         (low, high),
         x_scale=scale,
-        ftol=TOLERANCE,
-        xtol=TOLERANCE,
-        max_nfev=STEPS_MOST,
+        ftol=search.tolerance,
+        xtol=search.tolerance,
+        max_nfev=search.steps_most,
     )
     base, own = layout.split(found.x)
     jacobian = np.asarray(found.jac, dtype=np.float64)
