@@ -31,8 +31,9 @@ STARTS = (
 REFERENCE_RPM = 1500.0  # at which the whole dead time is given
 NOISE_ORDER = 2  # of the residual's autoregression, as in ``joint.Case``
 ROUNDS = 4  # of constants and autoregression in turn
-FROM_AFAR = Search(Constants(), 1e-8, 200)  # shorter steps end in the worse of two minima, and
-# with a tolerance of 1e-5 a fit that starts at the bound of ``mixing_s`` ends there
+# Shorter steps end in the worse of two minima. With a tolerance of 1e-5 a fit that starts at the
+# bound of ``mixing_s`` stays there.
+FROM_AFAR = Search(Constants(), 1e-8, 200)
 STANDARD_ERRORS = (
     f"from the Jacobian of the residual whitened by an AR({NOISE_ORDER}), whose remaining "
     f"correlation within blocks of {BLOCK_S:g} s is allowed for (sandwich over blocks)"
