@@ -1,4 +1,4 @@
-"""Localising: which driver, point, band, lag and time hold the excess of a made residual."""
+"""Localising: which driver, point, band and time hold the excess of a made residual."""
 
 from functools import cache
 
@@ -77,15 +77,6 @@ def test_the_curve_gives_the_size_of_the_effect() -> None:
     np.testing.assert_allclose(curve.y[middle], 0.006 * (curve.x[middle] / 100 - 1), atol=0.0015)
 
 
-def test_the_lag_of_an_input_is_found_in_seconds() -> None:
-    lag = found(wall_film).lags[0]
-    assert lag.significant
-    assert lag.input in {"fuel_mass_mg", "air_mass_mg"}
-    assert lag.lag_s == pytest.approx(0.3)  # the dead time
-    assert lag.correlation < 0
-    assert "leaner" in lag.sentence
-
-
 def test_the_band_and_the_input_it_moves_with_are_found() -> None:
     bands = found(at_sensor).bands
     assert bands is not None
@@ -129,17 +120,13 @@ def test_what_follows_the_coolant_is_no_onset() -> None:
     assert not any(c.significant for c in result.changes)
 
 
-def test_the_map_and_the_boxes_show_where_it_is_largest() -> None:
+def test_the_map_shows_where_it_is_largest() -> None:
     result = found(at_sensor)
     assert result.map is not None
     excess = np.where(np.isfinite(result.map.excess), result.map.excess, -1.0)
     row, column = np.unravel_index(np.argmax(excess), excess.shape)
     assert row >= 6  # high load
     assert column >= 6  # high speed
-    densest = max(result.boxes, key=lambda box: box.share.value / box.time_share)
-    assert densest.share.value > 3 * densest.time_share
-    assert "above" in densest.sentence
-    assert sum(b.time_share for b in result.boxes) == pytest.approx(1.0)
 
 
 def test_errors_that_the_model_makes_on_healthy_drives_are_no_finding() -> None:
@@ -231,7 +218,7 @@ def test_the_page_says_what_was_found_and_the_same_findings_give_the_same_page()
     text = section(result)
     for sentence in result.significant:
         assert sentence.split(":")[0] in text
-    assert text.count("<figure>") == 7
+    assert text.count("<figure>") == 6
     again = localise([drive(seed, purge, n=4000) for seed in (1, 2, 3)])
     assert section(again) == text
 
@@ -239,6 +226,6 @@ def test_the_page_says_what_was_found_and_the_same_findings_give_the_same_page()
 def test_the_entries_of_the_report_are_shares_between_0_and_1() -> None:
     entries = found(purge).where()
     assert entries[0]["driver"] == "purge_per_flow"
-    assert {e["kind"] for e in entries} >= {"regime", "box"}
+    assert {e["kind"] for e in entries} >= {"regime", "band"}
     for entry in entries:
         assert 0.0 <= entry["share_low"] <= entry["share_of_excess"] <= entry["share_high"] <= 1.0

@@ -95,13 +95,6 @@ def test_a_hidden_effect_is_found_where_its_physics_says(
     assert result.excess.low > 0.0
 
 
-def test_the_wall_film_is_seen_the_transport_after_a_step_of_fuel() -> None:
-    lag = localised("wall_film").lags[0]
-    dead_s = float(np.median(np.concatenate([np.asarray(r.dead_time_s) for r in healthy()[0]])))
-    assert lag.significant
-    assert dead_s - 0.15 <= lag.lag_s <= dead_s + 0.35
-
-
 def test_the_same_vehicle_without_an_effect_has_no_finding() -> None:
     for first_seed in (2_000_200, 2_000_300):
         result = localised("", first_seed)

@@ -1,4 +1,4 @@
-"""Where a model and a healthy vehicle disagree: in which regime, band, at which lag, since when.
+"""Where a model and a healthy vehicle disagree: in which regime and band, and since when.
 
 With healthy recordings on which the model was accepted, everything is what comes on top of the
 errors that the model already makes there; without them, what comes on top of the noise.
@@ -15,11 +15,9 @@ from monitor.base.types import FloatArray
 from training.gap.where.bands import Bands, find_bands
 from training.gap.where.bootstrap import Excess, excess
 from training.gap.where.candidates import Side
-from training.gap.where.lags import Lag, find_lags
 from training.gap.where.noise_floor import NoiseFloor, noise_floor
 from training.gap.where.operating_map import Excerpt, OperatingMap, excerpt, operating_map
 from training.gap.where.over_time import Change, find_changes
-from training.gap.where.regime_tree import Box, find_boxes
 from training.gap.where.regimes import (
     MANY,
     Regime,
@@ -44,9 +42,7 @@ class Findings:
     offset: Regime  # what a constant explains; the regimes come on top of it
     regimes: tuple[Regime, ...]  # every driver and point, what explains most first
     rivals: tuple[Regime, ...]  # not told from the first
-    boxes: tuple[Box, ...]
     bands: Bands | None  # None where unbroken stretches are too short
-    lags: tuple[Lag, ...]
     changes: tuple[Change, ...]
     map: OperatingMap | None  # None where no signal of speed or load moves
     excerpt: Excerpt
@@ -60,7 +56,6 @@ class Findings:
             found.append(self.regimes[0].sentence + self._not_told())
         if self.bands is not None and self.bands.strongest is not None:
             found.append(self.bands.strongest.sentence)
-        found += [lag.sentence for lag in self.lags[:1] if lag.significant]
         return (*found, *(change.sentence for change in self.changes if change.significant))
 
     def _not_told(self) -> str:
@@ -71,7 +66,7 @@ class Findings:
         return f" These recordings do not tell it from: {'; '.join(names[:MOST_NAMED])}{more}."
 
     def where(self) -> list[dict[str, Any]]:
-        """Return the entries of ``where`` in the gap report, regimes before boxes before bands."""
+        """Return the entries of ``where`` in the gap report, regimes before bands."""
         entries = [
             {
                 **_share("regime", r),
@@ -83,7 +78,6 @@ class Findings:
             for r in (self.offset, *self.regimes)
             if r.significant
         ]
-        entries += [{**_share("box", b), "time_share": b.time_share} for b in self.boxes]
         if self.bands is not None:
             entries += [
                 {**_share("band", b), "band_hz": [b.low_hz, b.high_hz]}
@@ -134,9 +128,7 @@ def localise(
         offset,
         regimes,
         rivals(regimes, over),
-        find_boxes(recordings, blocks, over, pair),
         find_bands(recordings, healthy, floor.white_rms, rng),
-        find_lags(recordings, healthy, rng),
         find_changes(recordings, healthy, explained, rng),
         operating_map(recordings, blocks, pair, over.reference),
         excerpt(recordings, explained),
