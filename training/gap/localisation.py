@@ -18,7 +18,7 @@ from monitor.model.card import ModelCard
 from training.gap.inputs import suitability
 from training.gap.name.verdict import Naming, Verdict
 from training.gap.result import ModelFile, Result
-from training.gap.where.localise import Findings, localise
+from training.gap.where.findings import Findings, localise
 from training.greybox.effects import ALL
 from training.greybox.fit.comparison import Compared
 from training.greybox.fit.drive import AFTER_CUT_S, OUTPUT, Drive, make

@@ -15,8 +15,8 @@ from monitor.model.step import Model
 from training.gap.inputs.roles import MOST_EFFECTS
 from training.gap.name.ranking import RIVAL_SCORE, WIN
 from training.gap.name.verdict import Candidate, Naming, Verdict
-from training.gap.verify.findings import Verified
-from training.gap.where.localise import Findings
+from training.gap.verify.evidence import Verification
+from training.gap.where.findings import Findings
 from training.greybox.chain import Constants
 from training.greybox.effects.model_effect import Added
 from training.recordings.recording import sha256
@@ -62,7 +62,7 @@ class Result:
     naming: Naming
     added: tuple[Added, ...] = ()  # as in the new model
     form: str = ""  # how it was added, a sentence
-    verified: Verified | None = None
+    verified: Verification | None = None
     new_model: Path | None = None
     steps: tuple[Step, ...] = ()
     unknown: str | None = None  # description of an effect that is not in the library, sentences

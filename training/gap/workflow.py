@@ -18,15 +18,15 @@ from training.gap.healthy import card as reference_card
 from training.gap.healthy import coverage
 from training.gap.healthy.behaviour import Healthy
 from training.gap.inputs import base, suitability
-from training.gap.inputs.roles import Given, Options, split
+from training.gap.inputs.roles import Material, Options, split
 from training.gap.name import vehicle_mix, yardstick
 from training.gap.name.description import describe
 from training.gap.name.naming import name
-from training.gap.name.start import begin
+from training.gap.name.base_state import base_state
 from training.gap.name.verdict import Naming
 from training.gap.result import ModelFile, Result, Step
 from training.gap.verify.verification import verify
-from training.gap.where.localise import Findings, localise
+from training.gap.where.findings import Findings, localise
 from training.greybox.chain import Constants
 from training.greybox.effects.model_effect import Added, uncertain
 from training.greybox.fit.comparison import Compared
@@ -48,7 +48,7 @@ VARIES: Final = (
 
 
 def investigate(
-    given: Given,
+    material: Material,
     out: Path,
     options: Options,
     *,
@@ -64,56 +64,56 @@ def investigate(
     Raises RecordingError or ModelError if recordings or model cannot be used.
     """
     began_s, stages = time.monotonic(), stages or Stages()
-    card = base.check(given.model)
-    missing = suitability.check_files(given.roles, card, given.model.name)
+    card = base.check(material.model)
+    missing = suitability.check_files(material.roles, card, material.model.name)
     if missing:
         return localisation.investigate(
-            given.model,
+            material.model,
             card,
-            (*given.recordings, *given.verify),
-            given.healthy,
+            (*material.recordings, *material.verify),
+            material.healthy,
             missing,
             sensor_known_good=options.sensor_known_good,
             progress=progress,
         )
-    drives = _drives(given)
-    on = _yardstick(given, card, known, stages, progress)
-    found = stages.done("where", lambda: _localise(given, progress)) if options.localise else None
+    drives = _drives(material)
+    on = _yardstick(material, card, known, stages, progress)
+    found = stages.done("where", lambda: _localise(material, progress)) if options.localise else None
     naming = stages.done("name", lambda: _name(drives, card, on, options, progress))
     if on.known is None and naming.base is not None and card.kind != base.GREYBOX:
         on = replace(on, start=naming.base)  # nothing said what the vehicle's chain is
     mixing = vehicle_mix.warn(
         _with_own(drives, on.known),
         vehicle_mix.chain_of(naming, on.base),
-        _with_own(base.plain_drives_of(card, given.healthy, given.healthy), on.known),
+        _with_own(base.plain_drives_of(card, material.healthy, material.healthy), on.known),
     )
-    new, form, added, warnings = _add(given, out, options, naming, on, progress)
-    fitted_to, held_out = split(given)
+    new, form, added, warnings = _add(material, out, options, naming, on, progress)
+    fitted_to, held_out = split(material)
     checked = None
     if held_out:
         checked = stages.done(
             "verify",
             lambda: verify(
-                given.model,
+                material.model,
                 new,
                 held_out,
-                given.healthy,
+                material.healthy,
                 chain=on.plain,
-                accepted=[given.recordings[i] for i in fitted_to] if new else (),
+                accepted=[material.recordings[i] for i in fitted_to] if new else (),
                 faults=options.faults,
                 progress=progress,
             ),
         )
     doubts = [
-        *suitability.unlearned(given.recordings, given.healthy),
+        *suitability.unlearned(material.recordings, material.healthy),
         *coverage.unvisited(drives, on.known),
         *on.doubts,
         *suitability.poor(card),
     ]
     return Result(
-        ModelFile.of(given.model),
-        tuple(map(as_trained_on, given.recordings)),
-        tuple(map(as_trained_on, given.healthy)),
+        ModelFile.of(material.model),
+        tuple(map(as_trained_on, material.recordings)),
+        tuple(map(as_trained_on, material.healthy)),
         tuple(map(as_trained_on, held_out)),
         found,
         naming,
@@ -148,24 +148,24 @@ class Yardstick:
         return self.known.plain if self.known else self.start
 
 
-def _drives(given: Given) -> list[Drive]:
-    drives = base.drives_of(given.model, given.recordings, given.healthy)
+def _drives(material: Material) -> list[Drive]:
+    drives = base.drives_of(material.model, material.recordings, material.healthy)
     suitability.check_long(drives, "new")
     suitability.check_moving(drives)
     return drives
 
 
 def _yardstick(
-    given: Given, card: ModelCard, known: Healthy | None, stages: Stages, progress: Progress
+    material: Material, card: ModelCard, known: Healthy | None, stages: Stages, progress: Progress
 ) -> Yardstick:
     """Return what is given, else what healthy recordings teach, else what the card says."""
     start = base.constants_of(card)
     if known is not None:
         return Yardstick(start, known)
-    if given.healthy:
-        return Yardstick(start, stages.done("healthy", lambda: _learn(given, start, progress)))
+    if material.healthy:
+        return Yardstick(start, stages.done("healthy", lambda: _learn(material, start, progress)))
     known, doubts = reference_card.known_of(card)
-    return Yardstick(start, known, [*doubts, *suitability.fitted_to(card, given.recordings)])
+    return Yardstick(start, known, [*doubts, *suitability.fitted_to(card, material.recordings)])
 
 
 def _name(
@@ -181,8 +181,8 @@ def _name(
     )
 
 
-def _learn(given: Given, start: Constants, progress: Progress) -> Healthy:
-    drives = base.drives_of(given.model, given.healthy, given.healthy)
+def _learn(material: Material, start: Constants, progress: Progress) -> Healthy:
+    drives = base.drives_of(material.model, material.healthy, material.healthy)
     suitability.check_long(drives, "healthy")
     return yardstick.learn(drives, start, progress)
 
@@ -191,43 +191,43 @@ def _with_own(drives: Sequence[Drive], known: Healthy | None) -> list[Drive]:
     return [known.with_own(drive) if known else drive for drive in drives]
 
 
-def _localise(given: Given, progress: Progress) -> Findings:
+def _localise(material: Material, progress: Progress) -> Findings:
     progress("localising")
-    card = base.check(given.model)
+    card = base.check(material.model)
     chain = Greybox.of(card) if card.kind == base.GREYBOX else None
     new, known = (
         [
             Compared.of(drive, phi, chain.path(drive.signals) if chain else None)
             for drive, phi in zip(
-                base.plain_drives_of(card, each), predicted_phi(given.model, each), strict=True
+                base.plain_drives_of(card, each), predicted_phi(material.model, each), strict=True
             )
         ]
-        for each in (given.recordings, given.healthy)
+        for each in (material.recordings, material.healthy)
     )
     return localise(new, known)
 
 
 def _add(
-    given: Given, out: Path, options: Options, naming: Naming, on: Yardstick, progress: Progress
+    material: Material, out: Path, options: Options, naming: Naming, on: Yardstick, progress: Progress
 ) -> tuple[Path | None, str, tuple[Added, ...], list[str]]:
     """Return the new model, its form, what it has more, and what to say of that."""
     wanted, warnings = _to_add(naming, options)
     if not wanted:
         return None, "", (), warnings
     progress("adding")
-    choices = constants.refitted(given, naming, on.known, on.start)
+    choices = constants.refitted(material, naming, on.known, on.start)
     if not choices:
         return None, "", (), [*warnings, VARIES]
     try:
         new, form, added = choice.add(
-            given, out / NEW_MODEL, choices, on.known, on.start, options, progress
+            material, out / NEW_MODEL, choices, on.known, on.start, options, progress
         )
     except ModelError as error:  # ParityError is one
         return None, "", (), [*warnings, f"what was named is not added: {error}"]
     if new is None:
         return None, "", (), [*warnings, NO_USE]
-    if on.known is not None and given.healthy and base.check(given.model).kind == base.GREYBOX:
-        reference.store(new, on.known, given.healthy)  # with which its constants go
+    if on.known is not None and material.healthy and base.check(material.model).kind == base.GREYBOX:
+        reference.store(new, on.known, material.healthy)  # with which its constants go
     return new, form, added, warnings
 
 
@@ -258,4 +258,4 @@ def _steps(naming: Naming) -> tuple[Step, ...]:
 def _unknown(naming: Naming, drives: Sequence[Drive], on: Yardstick) -> str | None:
     if naming.verdict != "unknown_effect":
         return None
-    return describe(begin(drives, on.known, on.base)).sentence
+    return describe(base_state(drives, on.known, on.base)).sentence

@@ -18,7 +18,7 @@ from training.gap.add import greybox, network
 from training.gap.add.network_graph import BEFORE, TO_OUTPUT
 from training.gap.healthy.behaviour import Healthy
 from training.gap.inputs import base
-from training.gap.inputs.roles import ACCEPTED, Given, Options, split
+from training.gap.inputs.roles import ACCEPTED, Material, Options, split
 from training.greybox.chain import Constants
 from training.greybox.effects.model_effect import Added
 from training.greybox.fit.drive import Drive
@@ -46,7 +46,7 @@ WORSE: Final = 1.02  # of the RMSE, up to which a form counts as no worse
 
 
 def add(
-    given: Given,
+    material: Material,
     out: Path,
     choices: Sequence[Sequence[Added]],
     known: Healthy | None,
@@ -62,16 +62,16 @@ def add(
     because those of the old model go with its errors; ``_set_limits`` may keep them.
     Raises ParityError if no form computes the same in ONNX and numpy, ModelError as ``add_narx``.
     """
-    card = base.check(given.model)
+    card = base.check(material.model)
     out.parent.mkdir(parents=True, exist_ok=True)
-    use = _Use.of(given, card)
-    drives = base.drives_of(given.model, use.fit, given.healthy)
+    use = _Use.of(material, card)
+    drives = base.drives_of(material.model, use.fit, material.healthy)
     ranges = _ranges(use.fit, drives)
     if card.kind == base.GREYBOX:
         (added,) = map(tuple, choices)
         vehicle = greybox.Vehicle.of(known, Greybox.of(card), drives) if known else None
         greybox.add(
-            given.model,
+            material.model,
             added,
             out,
             ranges=ranges,
@@ -84,15 +84,15 @@ def add(
     else:
         chain = known.plain if known else start
         with TemporaryDirectory(dir=out.parent) as folder:
-            beside = _beside_network(given.model, Path(folder), choices, chain, ranges, use, drives)
+            beside = _beside_network(material.model, Path(folder), choices, chain, ranges, use, drives)
             best, says = _best(beside)
             if options.retrain_minutes > 0.0:
                 best, says = _or_trained_anew(
-                    given, best, says, chain, ranges, use, options.retrain_minutes, progress
+                    material, best, says, chain, ranges, use, options.retrain_minutes, progress
                 )
             best.path.replace(out)
     judges = use.unseen if best.form == TRAINED_ANEW else use.judges
-    if not best.rmse < _rmse(given.model, judges):
+    if not best.rmse < _rmse(material.model, judges):
         out.unlink()
         return None, "", ()
     origin = HELD_OUT_BLOCKS if best.form == TRAINED_ANEW else ACCEPTED
@@ -109,10 +109,10 @@ class _Use:
     known: bool  # the old model was trained on some of ``fit``
 
     @classmethod
-    def of(cls, given: Given, card: ModelCard) -> "_Use":
-        fitted_to, held_out = split(given)
+    def of(cls, material: Material, card: ModelCard) -> "_Use":
+        fitted_to, held_out = split(material)
         trained_on = {each.sha256 for each in card.recordings}
-        fit = [given.recordings[i] for i in fitted_to]
+        fit = [material.recordings[i] for i in fitted_to]
         unseen = [each for each in held_out if each.sha256 not in trained_on]
         return cls(fit, unseen or held_out, any(each.sha256 in trained_on for each in fit))
 
@@ -185,7 +185,7 @@ def _beside_network(
 
 
 def _or_trained_anew(
-    given: Given,
+    material: Material,
     other: _Tried,
     says: str,
     chain: Constants,
@@ -200,13 +200,13 @@ def _or_trained_anew(
     path = other.path.with_name("retrained.onnx")
     try:
         blocks = network.retrain(
-            given.model,
+            material.model,
             other.added,
             chain,
             use.fit,
             path,
             ranges=ranges,
-            healthy=given.healthy,
+            healthy=material.healthy,
             budget_minutes=budget_minutes,
             progress=progress,
         )

@@ -35,7 +35,7 @@ class Options:
 
 
 @dataclass(frozen=True, slots=True)
-class Given:
+class Material:
     """What the workflow works on."""
 
     model: Path
@@ -49,14 +49,14 @@ class Given:
         return {"RECORDING": self.recordings, "--healthy": self.healthy, "--verify": self.verify}
 
 
-def split(given: Given) -> tuple[list[int], list[Recording]]:
+def split(material: Material) -> tuple[list[int], list[Recording]]:
     """Return which recordings the constants come from, and the recordings held out."""
-    n = len(given.recordings)
-    out = set() if given.verify else set(range(HELD_OUT_EVERY - 1, n, HELD_OUT_EVERY))
-    if n == HELD_OUT_EVERY - 1 and not given.verify:
+    n = len(material.recordings)
+    out = set() if material.verify else set(range(HELD_OUT_EVERY - 1, n, HELD_OUT_EVERY))
+    if n == HELD_OUT_EVERY - 1 and not material.verify:
         out = {n - 1}
     fitted_to = [i for i in range(n) if i not in out]
-    return fitted_to, [*given.verify, *(given.recordings[i] for i in sorted(out))]
+    return fitted_to, [*material.verify, *(material.recordings[i] for i in sorted(out))]
 
 
 def options_of(

@@ -21,7 +21,7 @@ from training.gap.name.ranking import (
     matters,
     rank,
 )
-from training.gap.name.start import FREE
+from training.gap.name.base_state import FREE
 from training.gap.name.verdict import Candidate, Verdict
 from training.greybox.effects.fuel import GAIN_OF_ETHANOL
 from training.greybox.fit.joint import Fit, Prior, Term, fit

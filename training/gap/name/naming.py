@@ -18,7 +18,7 @@ from training.gap.healthy.behaviour import Healthy
 from training.gap.name import scoring, yardstick
 from training.gap.name.decision import Outcome, step
 from training.gap.name.ranking import ADEQUATE, State, adequacy_of
-from training.gap.name.start import FREE, begin
+from training.gap.name.base_state import FREE, base_state
 from training.gap.name.verdict import Candidate, Naming, Round, Verdict
 from training.greybox.chain import Constants
 from training.greybox.effects import ALL
@@ -57,7 +57,7 @@ def name(
         raise RecordingError("the gap workflow wants drives of one sample period, at least one")
     progress("base")
     known = _known(healthy, reference, progress)
-    state = begin(drives, known, known.base if known else reference)
+    state = base_state(drives, known, known.base if known else reference)
     skipped = {
         e.name: missing
         for e in ALL

@@ -44,7 +44,7 @@ class Chain:
 
 
 @dataclass(frozen=True, slots=True)
-class Parted:
+class Partition:
     """Two groups of drives and how far apart they are in one quantity."""
 
     quantity: str
@@ -73,16 +73,16 @@ def warn(
     """
     if len(drives) < DRIVES_LEAST:
         return []
-    usual = {p.quantity: p.difference for p in parted(healthy, Chain(chain.base))}
+    usual = {p.quantity: p.difference for p in partitions(healthy, Chain(chain.base))}
     found = []
-    for p in parted(drives, chain):
+    for p in partitions(drives, chain):
         most = OVER_HEALTHY * usual.get(p.quantity, 0.0)
         if p.t >= T_LEAST[p.quantity] and p.difference > most:
             found.append(_sentence(p, drives, usual.get(p.quantity)))
     return found
 
 
-def parted(drives: Sequence[Drive], chain: Chain) -> list[Parted]:
+def partitions(drives: Sequence[Drive], chain: Chain) -> list[Partition]:
     """Return of each quantity the two groups of drives that differ most, by t."""
     if len(drives) < 2:
         return []
@@ -96,15 +96,15 @@ def parted(drives: Sequence[Drive], chain: Chain) -> list[Parted]:
     return found
 
 
-def _part(quantity: str, values: FloatArray, weights: FloatArray) -> Parted:
+def _part(quantity: str, values: FloatArray, weights: FloatArray) -> Partition:
     order = np.argsort(values)
     x, w = values[order], weights[order]
-    best = Parted(quantity, (), 0.0, 0.0)
+    best = Partition(quantity, (), 0.0, 0.0)
     for k in range(1, len(x)):
         difference = float(np.average(x[k:], weights=w[k:]) - np.average(x[:k], weights=w[:k]))
         t = difference / float(np.sqrt(1.0 / w[:k].sum() + 1.0 / w[k:].sum()))
         if t > best.t:
-            best = Parted(quantity, tuple(sorted(order[:k].tolist())), difference, t)
+            best = Partition(quantity, tuple(sorted(order[:k].tolist())), difference, t)
     return best
 
 
@@ -134,7 +134,7 @@ def _by_block(rows: FloatArray, block: IntArray) -> FloatArray:
     return sums
 
 
-def _sentence(p: Parted, drives: Sequence[Drive], usual: float | None) -> str:
+def _sentence(p: Partition, drives: Sequence[Drive], usual: float | None) -> str:
     few = (
         p.low
         if 2 * len(p.low) <= len(drives)

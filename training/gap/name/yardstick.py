@@ -18,7 +18,7 @@ from monitor.base.errors import RecordingError
 from training.gap.healthy import behaviour
 from training.gap.healthy.behaviour import CONSTANT, Healthy
 from training.gap.name.ranking import State
-from training.gap.name.start import begin
+from training.gap.name.base_state import base_state
 from training.greybox.chain import Constants, simulate
 from training.greybox.fit.drive import Drive, path_of
 from training.greybox.fit.joint import Term, fit, held_out_rmse
@@ -51,7 +51,7 @@ def learn(
     for own, others in held_out:
         with suppress(RecordingError):  # of driving that the others do not know
             alike = replace(others, spread=known.spread_of(others.names))
-            states.append(begin(own, alike, alike.base))
+            states.append(base_state(own, alike, alike.base))
     left = [_left_out(state) for state in states]
     names = set[str]().union(*left)
     surplus = {name: _typical([ratio[name] for ratio in left if name in ratio]) for name in names}

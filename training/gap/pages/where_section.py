@@ -12,7 +12,7 @@ from training.gap.pages.where_figures import (
     time_figure,
 )
 from training.gap.where.bands import Bands
-from training.gap.where.localise import Findings
+from training.gap.where.findings import Findings
 from training.gap.where.over_time import Change
 from training.gap.where.regimes import Regime
 from training.pages.page import paragraph, picture, table

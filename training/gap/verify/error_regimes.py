@@ -14,7 +14,7 @@ from scipy.stats import norm as normal
 from scipy.stats import t as student
 
 from monitor.base.types import BoolArray, FloatArray
-from training.gap.verify.findings import Error
+from training.gap.verify.evidence import Error
 from training.gap.where.bootstrap import draw_counts
 from training.gap.where.drivers import DERIVED
 from training.greybox.fit.comparison import BLOCK_S, Compared

@@ -17,7 +17,7 @@ from training.gap.inputs.roles import FAULTS
 from training.gap.verify import detection
 from training.gap.verify.detection import Monitors, monitor_of
 from training.gap.verify.error_regimes import compare, rms, scored
-from training.gap.verify.findings import Error, Found, Trace, Verified
+from training.gap.verify.evidence import Error, Detection, Trace, Verification
 from training.gap.where.operating_map import excerpt
 from training.greybox.chain import Constants
 from training.greybox.fit import ridge
@@ -50,7 +50,7 @@ def verify(
     accepted: Sequence[Recording] = (),
     faults: Sequence[Fault] = FAULTS,
     progress: Progress = lambda _: None,
-) -> Verified:
+) -> Verification:
     """Return errors and detection of the old and the new model.
 
     recordings : of the vehicle with the gap, not used by any fit of either model
@@ -65,18 +65,18 @@ def verify(
     overall, regimes, trace = _errors(old, new, recordings, chain)
     on_healthy = _plain(old, new, healthy) if healthy else None
     if not faults:
-        return Verified(overall, regimes, on_healthy, (), None, None, (), trace)
+        return Verification(overall, regimes, on_healthy, (), None, None, (), trace)
     progress("faults put on held-out recordings")
     try:
         monitors = _monitors(old, new, accepted)
     except (ModelError, ConfigError) as error:
         note = f"The monitor was not asked: {error}."
-        return Verified(overall, regimes, on_healthy, (), None, None, (note,), trace)
+        return Verification(overall, regimes, on_healthy, (), None, None, (note,), trace)
     alarms, *found = detection.detect(recordings, (None, *faults), monitors)
     healthy_alarms = detection.detect(healthy, (None,), monitors)[0] if healthy else None
     told = () if monitors.alike is None else (ALIKE,)
     notes = (AFTERWARDS, *told, *_undecided(alarms, found), *_alarmed(alarms))
-    return Verified(
+    return Verification(
         overall, regimes, on_healthy, tuple(found), alarms, healthy_alarms, notes, trace
     )
 
@@ -167,7 +167,7 @@ def _folds(compared: Sequence[Compared]) -> IntArray:
     return np.asarray(np.concatenate(own) % FOLDS)
 
 
-def _undecided(alarms: Found, found: Sequence[Found]) -> tuple[str, ...]:
+def _undecided(alarms: Detection, found: Sequence[Detection]) -> tuple[str, ...]:
     """Return notes if drives are too short or calm for the monitor to reach a decision."""
     notes = []
     for words, each in (("held-out drives", [alarms]), ("drives with a fault put on", found)):
@@ -181,7 +181,7 @@ def _undecided(alarms: Found, found: Sequence[Found]) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _alarmed(alarms: Found) -> tuple[str, ...]:
+def _alarmed(alarms: Detection) -> tuple[str, ...]:
     """Return a note if the old model raises codes without any fault, because of the gap."""
     if not alarms.before.found:
         return ()

@@ -17,7 +17,7 @@ from training.gap import workflow
 from training.gap.add import choice, greybox
 from training.gap.healthy.behaviour import Healthy
 from training.gap.inputs import base
-from training.gap.inputs.roles import Given, Options
+from training.gap.inputs.roles import Material, Options
 from training.gap.name import yardstick
 from training.gap.workflow import investigate
 from training.greybox.chain import Constants
@@ -230,12 +230,12 @@ def test_a_leak_is_named_and_added_only_if_it_is_known_to_be_no_fault(
     chain: Path, healthy: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     leaking = drives(tmp_path, 2_800_031, ("exhaust_leak", 4.0))
-    given = Given(chain, [load(p) for p in leaking], [load(p) for p in healthy])
+    material = Material(chain, [load(p) for p in leaking], [load(p) for p in healthy])
     kept = Stages(tmp_path / "stages", "leak")  # named once, decided on three times
 
     def found(**options: Any) -> Any:
         chosen = Options(localise=False, faults=(), **options)
-        return investigate(given, tmp_path / "out", chosen, stages=kept)
+        return investigate(material, tmp_path / "out", chosen, stages=kept)
 
     withheld = found()
     assert withheld.verdict == "named"
@@ -284,11 +284,11 @@ def test_a_model_that_predicts_no_better_with_the_effect_is_not_written(
 ) -> None:
     # GIVEN healthy drives, which lack the effect
     recordings = [load(path) for path in healthy[:2]]
-    given = Given(chain, recordings, verify=recordings[:1])
+    material = Material(chain, recordings, verify=recordings[:1])
     lag = Added.with_values("mix_flow", [4.0])
     # WHEN it is to be added all the same
     new, form, added = choice.add(
-        given, tmp_path / "m.onnx", [[lag]], None, base.constants_of(base.check(chain)), Options()
+        material, tmp_path / "m.onnx", [[lag]], None, base.constants_of(base.check(chain)), Options()
     )
     # THEN the error grows, and no file is left
     assert (new, form, added) == (None, "", ())

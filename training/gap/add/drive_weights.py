@@ -16,7 +16,7 @@ from training.greybox.fit.joint import Case, Fit, fit, plain_errors, predict
 ROUNDS: Final = 4
 
 
-def fit_alike(case: Case, found: Fit) -> tuple[Case, Fit]:
+def fit_weighted(case: Case, found: Fit) -> tuple[Case, Fit]:
     """Return the fit in which every drive counts by its own variance, and the case with these.
 
     found : a fit of the same terms, with which to begin
@@ -30,7 +30,7 @@ def fit_alike(case: Case, found: Fit) -> tuple[Case, Fit]:
     return case, found
 
 
-def on_others(case: Case, judge: Case, before: Fit, found: Fit) -> float:
+def left_out_ratio(case: Case, judge: Case, before: Fit, found: Fit) -> float:
     """Return the RMSE of drives by a fit to the others over that ``before``, geometric mean.
 
     judge : the same drives, with the corrections that count

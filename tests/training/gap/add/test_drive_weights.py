@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from tests.helpers.gap_drives import BASE, case_of, noisy_drive
-from training.gap.add.typical_drive import fit_alike, on_others
-from training.gap.name.start import SPREAD_CARD
+from training.gap.add.drive_weights import fit_weighted, left_out_ratio
+from training.gap.name.base_state import SPREAD_CARD
 from training.greybox.effects import LIBRARY
 from training.greybox.fit.joint import Case, Fit, Prior, fit
 
@@ -27,7 +27,7 @@ def _plain(case: Case) -> tuple[Fit, Fit]:
 def test_drives_that_agree_are_fitted_as_by_least_squares() -> None:
     case = _case(0.3, 0.3, 0.3)
     _, plain = _plain(case)
-    weighed, alike = fit_alike(case, plain)
+    weighed, alike = fit_weighted(case, plain)
     assert alike.parameters[0][0] == pytest.approx(plain.parameters[0][0], rel=1e-2)
     assert max(weighed.scales) < 1.1
 
@@ -37,7 +37,7 @@ def test_a_drive_in_which_the_effect_is_many_times_as_strong_spoils_the_others_l
     case = _case(0.3, 0.3, 3.0, 0.3)
     _, plain = _plain(case)
     # WHEN every drive counts by its own variance
-    weighed, alike = fit_alike(case, plain)
+    weighed, alike = fit_weighted(case, plain)
     # THEN the constant is near that of the three, and the fourth has the large errors
     assert plain.parameters[0][0] > 0.6
     assert alike.parameters[0][0] == pytest.approx(0.3, abs=0.1)
@@ -58,5 +58,5 @@ def test_an_effect_is_kept_if_drives_left_out_are_predicted_better_with_it(
 ) -> None:
     case = _case(*offsets_mg)
     before, plain = _plain(case)
-    weighed, alike = fit_alike(case, plain)
-    assert (on_others(weighed, weighed, before, alike) < 1.0) is holds
+    weighed, alike = fit_weighted(case, plain)
+    assert (left_out_ratio(weighed, weighed, before, alike) < 1.0) is holds

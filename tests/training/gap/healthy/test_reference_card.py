@@ -22,7 +22,7 @@ from training.gap.inputs import base, suitability
 from training.gap.name import yardstick
 from training.gap.reference import set_reference, store
 from training.gap.result import Result
-from training.gap.workflow import Given, Options, investigate
+from training.gap.workflow import Material, Options, investigate
 from training.greybox.chain import Constants
 from training.greybox.effects import LIBRARY
 from training.greybox.fit.drive import from_recording
@@ -86,7 +86,7 @@ def alone(chain: Path, tmp_path_factory: pytest.TempPathFactory) -> Result:
 def asked(model: Path, seen: tuple[Recording, ...], out: Path, **healthy: Any) -> Result:
     """Return what the workflow says, quickly."""
     options = Options(faults=(), localise=False)
-    given = Given(model, seen, healthy.get("healthy", ()))
+    given = Material(model, seen, healthy.get("healthy", ()))
     return investigate(given, out, options, known=healthy.get("known"))
 
 

@@ -11,7 +11,7 @@ from monitor.base.types import FloatArray
 from tests.helpers.simulated_drives import driven, to_grid
 from training.dyno.effects import from_severities
 from training.dyno.simulation import Experiment
-from training.gap.where.localise import Findings, localise
+from training.gap.where.findings import Findings, localise
 from training.gap.where.transport import transported
 from training.greybox.fit.comparison import Compared
 from training.greybox.fit.drive import Drive, make

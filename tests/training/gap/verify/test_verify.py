@@ -16,7 +16,7 @@ from tests.helpers.gap_drives import PERIOD_S, plain_signals
 from training.gap.inputs.roles import FAULTS
 from training.gap.verify.detection import put_on
 from training.gap.verify.error_regimes import compare
-from training.gap.verify.findings import Count, Found, rate
+from training.gap.verify.evidence import Count, Detection, rate
 from training.gap.verify.verification import verify
 from training.greybox.chain import Constants, base_path, simulate
 from training.greybox.fit.comparison import Compared
@@ -223,5 +223,5 @@ def test_rates_count_all_drives() -> None:
     assert rate(counts) == 0.75
     assert rate(counts, "named") == 0.25
     assert rate([]) is None
-    assert Found("gain_low", 0.6, *counts).lost
-    assert not Found("gain_low", 0.6, *reversed(counts)).lost
+    assert Detection("gain_low", 0.6, *counts).lost
+    assert not Detection("gain_low", 0.6, *reversed(counts)).lost

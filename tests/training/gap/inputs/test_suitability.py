@@ -17,7 +17,7 @@ from training.gap.healthy import coverage
 from training.gap.healthy.operating_points import Visited
 from training.gap.inputs import suitability
 from training.gap.name import yardstick
-from training.gap.name.vehicle_mix import Chain, parted, warn
+from training.gap.name.vehicle_mix import Chain, partitions, warn
 from training.greybox.chain import Constants, base_path, simulate
 from training.greybox.effects import LIBRARY
 from training.greybox.effects.model_effect import Added, uncertain
@@ -167,7 +167,7 @@ def test_what_is_missing_in_all_drives_does_not_part_them() -> None:
         phi = np.maximum(simulate(path, PERIOD_S) + noise, 0.07)
         made.append(make(f"drive_{seed}", PERIOD_S, signals, 1.0 / phi))
     # THEN it parts the drives only as long as it is not known
-    assert max(p.t for p in parted(made, Chain(USUAL))) > 10.0
+    assert max(p.t for p in partitions(made, Chain(USUAL))) > 10.0
     assert warn(made, Chain(USUAL, (effect,), (size,))) == []
 
 

@@ -16,7 +16,7 @@ from training.gap.healthy.features import features
 from training.gap.name.description import ANSWERS, TERMS_MOST, Description, describe
 from training.gap.name.feature_words import _WORDS, words_of
 from training.gap.name.signal_functions import functions_of
-from training.gap.name.start import begin
+from training.gap.name.base_state import base_state
 from training.greybox.chain import Constants, Path, base_path, simulate
 from training.greybox.fit.drive import Drive, make
 
@@ -38,7 +38,7 @@ def made(change: Change, seed: int, noise: float = 0.003) -> Drive:
 
 
 def described(change: Change) -> Description:
-    return describe(begin([made(change, seed) for seed in (1, 2)], None, BASE))
+    return describe(base_state([made(change, seed) for seed in (1, 2)], None, BASE))
 
 
 def unchanged(path: Path, signals: dict[str, FloatArray]) -> Path:
@@ -69,7 +69,7 @@ def known() -> Healthy:
 
 
 def simulated(effect: str) -> Description:
-    return describe(begin(two_drives(2_200_300, (effect, 4.0)), known(), known().base))
+    return describe(base_state(two_drives(2_200_300, (effect, 4.0)), known(), known().base))
 
 
 def test_noise_alone_has_no_formula() -> None:
@@ -138,7 +138,7 @@ def test_vapour_from_the_oil_is_described_as_what_it_cannot_be_told_from() -> No
 
 
 def test_drives_without_an_effect_are_not_described() -> None:
-    assert describe(begin(two_drives(2_201_006), known(), known().base)).terms == ()
+    assert describe(base_state(two_drives(2_201_006), known(), known().base)).terms == ()
 
 
 def test_every_plain_function_has_its_words_and_no_words_lie_idle() -> None:

@@ -19,7 +19,7 @@ from tests.helpers.gap_residuals import (
     wall_film,
 )
 from training.gap.pages.where_section import section
-from training.gap.where.localise import Findings, localise
+from training.gap.where.findings import Findings, localise
 from training.greybox.fit.comparison import Compared
 
 FLOW = {"maf_kg_h", "inverse_flow_h_kg", "load_times_speed"}

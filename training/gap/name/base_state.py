@@ -35,7 +35,7 @@ PHASE_MOST_S: Final = 0.02  # in the mean of all drives, of the charge's message
 SIGMA_PHI: Final = 0.004  # of the first fit; the noise is worked out of it
 
 
-def begin(drives: Sequence[Drive], known: Healthy | None, base: Constants | None) -> State:
+def base_state(drives: Sequence[Drive], known: Healthy | None, base: Constants | None) -> State:
     """Return the base fitted to the drives in whitened errors, and the ceiling.
 
     Raises RecordingError if too little lies where healthy drives have been.

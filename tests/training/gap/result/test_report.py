@@ -18,8 +18,8 @@ from training.gap.name.verdict import Candidate, Naming, Verdict
 from training.gap.pages import report
 from training.gap.pages.report_words import verdict_sentence
 from training.gap.result import ModelFile, Result, Step, as_json
-from training.gap.verify.findings import Count, Error, Found, Trace, Verified
-from training.gap.where.localise import Findings, localise
+from training.gap.verify.evidence import Count, Error, Detection, Trace, Verification
+from training.gap.where.findings import Findings, localise
 from training.greybox.chain import Constants
 from training.greybox.effects import LIBRARY
 from training.greybox.effects.model_effect import Added
@@ -108,21 +108,21 @@ def error(kind: str, regime: str, after: float | None, worse: bool = False) -> E
     return Error(kind, regime, 1000, 20, 0.0210, after, 0.0102, low, high)
 
 
-def verified(after: float | None = 0.0112, worse: bool = False, lost: bool = False) -> Verified:
+def verified(after: float | None = 0.0112, worse: bool = False, lost: bool = False) -> Verification:
     now = None if after is None else Count(4, 4, 1 if lost else 4, 1, ("gain_low",))
     alarm = None if after is None else Count(4, 4, 0, 0, ())
     t_s = np.arange(50) * 0.1
     wave = 1.0 + 0.02 * np.sin(t_s)
     trace = Trace("held.csv", t_s, wave, wave - 0.02, wave - 0.005, t_s > 1.0)
-    return Verified(
+    return Verification(
         error("all", "all scored samples", after),
         (
             error("temperature", "coolant below 70 °C", after),
             error("edge", "from lean to rich", None if after is None else 0.0230, worse),
         ),
         None,
-        (Found("gain_low", 0.6, Count(4, 4, 3, 3, ("gain_low",)), now),),
-        Found("", None, Count(4, 4, 0, 0, ()), alarm),
+        (Detection("gain_low", 0.6, Count(4, 4, 3, 3, ("gain_low",)), now),),
+        Detection("", None, Count(4, 4, 0, 0, ()), alarm),
         None,
         ("The control loop has not seen them.",),
         None if after is None else trace,
@@ -390,7 +390,7 @@ def test_worse_regimes_and_lost_faults_are_warned_of() -> None:
 
 def test_fewer_false_alarms_are_no_loss() -> None:
     before, after = Count(4, 4, 4, 0, ("gain_low",)), Count(4, 4, 0, 0, ())
-    quieter = replace(verified(), alarms=Found("", None, before, after))
+    quieter = replace(verified(), alarms=Detection("", None, before, after))
     assert ">lost<" not in report.as_page(made("named", verified=quieter))
 
 
@@ -402,7 +402,7 @@ def test_a_bias_that_the_gap_itself_had_helped_to_find_is_told_apart() -> None:
         ("biased_rich", "the gap itself read 0.0160 in phi to that side and is gone."),
         ("biased_lean", "in 1 with the new one."),
     ):
-        lost = replace(own, overall=whole, faults=(Found(fault, 0.1, *counts),))
+        lost = replace(own, overall=whole, faults=(Detection(fault, 0.1, *counts),))
         assert words in report.as_page(made("named", verified=lost))
 
 

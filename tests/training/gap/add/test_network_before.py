@@ -29,7 +29,7 @@ from training.gap.add import choice, network
 from training.gap.add.network import add, can_stand_before
 from training.gap.add.network_before import CORRECTED, Before
 from training.gap.add.network_graph import BEFORE, TO_OUTPUT, NetworkWithEffects
-from training.gap.inputs.roles import Given, Options
+from training.gap.inputs.roles import Material, Options
 from training.greybox.effects import ALL
 from training.greybox.effects.model_effect import Added
 from training.greybox.fit.drive import Drive, from_recording
@@ -194,7 +194,7 @@ def test_a_form_that_fails_its_proof_is_left_out(
 ) -> None:
     # GIVEN a form in which ONNX and numpy differ, as they may where a network amplifies roundings
     chain, film = fitted()
-    given = Given(base.path, gap_drives(), verify=gap_drives()[:1])
+    material = Material(base.path, gap_drives(), verify=gap_drives()[:1])
     right = network.parity
 
     def parity(path: Path, model: NetworkWithEffects, drives: Sequence[Drive]) -> Parity:
@@ -205,7 +205,7 @@ def test_a_form_that_fails_its_proof_is_left_out(
     monkeypatch.setattr(network, "parity", parity)
     # WHEN the film is added THEN the other form is taken, and no other file is left
     target = tmp_path / "model.onnx"
-    new, form, added = choice.add(given, target, [[film]], None, chain, Options())
+    new, form, added = choice.add(material, target, [[film]], None, chain, Options())
     assert new is not None
     assert added == (film,)
     assert form.startswith("beside the network" if wrong == BEFORE else "before the network")
@@ -214,7 +214,7 @@ def test_a_form_that_fails_its_proof_is_left_out(
     monkeypatch.setattr(choice.add_narx, "can_stand_before", lambda *_: wrong == BEFORE)
     monkeypatch.setattr(network, "parity", _differ)
     with pytest.raises(ParityError, match="they differ"):
-        choice.add(given, tmp_path / "other.onnx", [[film]], None, chain, Options())
+        choice.add(material, tmp_path / "other.onnx", [[film]], None, chain, Options())
     assert list(tmp_path.iterdir()) == [new]
 
 
@@ -224,10 +224,10 @@ def test_of_several_constants_those_that_predict_best_are_taken(
     # GIVEN a film with constants that were fitted, and with others
     chain, film = fitted()
     far = Added.with_values("wall_film", [2.0 * film.values[0], *film.values[1:].tolist()])
-    given = Given(base.path, gap_drives(), verify=gap_drives()[:1])
+    material = Material(base.path, gap_drives(), verify=gap_drives()[:1])
     for choices in ([[far], [film]], [[film], [far]]):
         # WHEN it is added THEN the better ones are taken, whichever come first
-        _, _, added = choice.add(given, tmp_path / "m.onnx", choices, None, chain, Options())
+        _, _, added = choice.add(material, tmp_path / "m.onnx", choices, None, chain, Options())
         assert added == (film,)
     assert [each.name for each in tmp_path.iterdir()] == ["m.onnx"]
 
@@ -242,7 +242,7 @@ def test_a_network_trained_anew_is_kept_only_if_it_predicts_better(
     # GIVEN training that ends in a network that is worse or better than the effect before the old
     chain, film = fitted()
     drives = gap_drives()
-    given, target = Given(base.path, drives, verify=drives[:1]), tmp_path / "m.onnx"
+    material, target = Material(base.path, drives, verify=drives[:1]), tmp_path / "m.onnx"
     far, further = (
         Added.with_values("wall_film", [size * film.values[0], *film.values[1:].tolist()])
         for size in (1.2, 1.5)
@@ -251,7 +251,7 @@ def test_a_network_trained_anew_is_kept_only_if_it_predicts_better(
     def retrain(*given_as: Any, **__: object) -> tuple[HeldOut, ...]:
         values = film if trained == "near" else further
         beside, _, _ = choice.add(
-            given, tmp_path / "r" / "m.onnx", [[values]], None, chain, Options()
+            material, tmp_path / "r" / "m.onnx", [[values]], None, chain, Options()
         )
         assert beside is not None
         beside.replace(given_as[4])
@@ -261,14 +261,14 @@ def test_a_network_trained_anew_is_kept_only_if_it_predicts_better(
     monkeypatch.setattr(network, "retrain", retrain)
     # WHEN either may be taken
     options = Options(retrain_minutes=1.0)
-    new, form, _ = choice.add(given, target, [[far]], None, chain, options)
+    new, form, _ = choice.add(material, target, [[far]], None, chain, options)
     # THEN it is the better one, and the other's file is gone
     assert new == target
     assert form.startswith(begins)
     assert list(tmp_path.iterdir()) == [target]
     # and of one that fails its proof it is said
     monkeypatch.setattr(network, "retrain", _differ)
-    _, form, _ = choice.add(given, target, [[far]], None, chain, options)
+    _, form, _ = choice.add(material, target, [[far]], None, chain, options)
     assert form.startswith("beside the network")
     assert form.endswith("; not trained anew: they differ")
 
@@ -291,10 +291,10 @@ def test_a_network_that_follows_the_film_is_trained_anew_with_healthy_drives(
     follows = trained_on(gap_drives()[:2], tmp_path)
     own = Model.load(shipped_model()).card.limits
     update_card(follows.path, replace(follows.card, limits=own))
-    given = Given(follows.path, gap_drives()[:2], healthy_drives(), verify=gap_drives()[2:])
+    material = Material(follows.path, gap_drives()[:2], healthy_drives(), verify=gap_drives()[2:])
     out = tmp_path / "m.onnx"
     # WHEN it may be trained anew, on healthy drives too, on which the film changes nothing
-    new, form, _ = choice.add(given, out, [[film]], None, chain, Options(retrain_minutes=1.0))
+    new, form, _ = choice.add(material, out, [[film]], None, chain, Options(retrain_minutes=1.0))
     # THEN it predicts far better what no fit saw
     assert new == out
     assert form.startswith("as one more input of the network, trained anew")
@@ -318,7 +318,7 @@ def test_the_old_model_is_judged_on_recordings_that_it_does_not_know(
     chain, film = fitted()
     fitted_to = (healthy_drives() if knows else gap_drives())[:2]
     unseen, seen = gap_drives()[2], healthy_drives()[2]
-    given = Given(base.path, fitted_to, verify=[unseen, seen])
+    material = Material(base.path, fitted_to, verify=[unseen, seen])
     judged = list[tuple[Recording, ...]]()
 
     def error(_: Path, recordings: Sequence[Recording]) -> float:
@@ -327,7 +327,7 @@ def test_the_old_model_is_judged_on_recordings_that_it_does_not_know(
 
     monkeypatch.setattr(choice, "_rmse", error)
     # WHEN old and new model are held against each other THEN it is on those that it does not know
-    choice.add(given, tmp_path / "m.onnx", [[film]], None, chain, Options())
+    choice.add(material, tmp_path / "m.onnx", [[film]], None, chain, Options())
     assert judged == len(judged) * [(unseen,) if knows else fitted_to]
     assert len(judged) >= 2
 

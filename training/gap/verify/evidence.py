@@ -46,7 +46,7 @@ class Count:
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class Detection:
     """One fault put on the measured lambda of the held-out drives, before both models."""
 
     fault: str  # "" is none: whatever is found is a false alarm
@@ -74,15 +74,15 @@ class Trace:
 
 
 @dataclass(frozen=True, slots=True)
-class Verified:
+class Verification:
     """Old and new model on recordings that no fit saw."""
 
     overall: Error
     regimes: tuple[Error, ...]
     healthy: Error | None  # on recordings on which the old model was accepted
-    faults: tuple[Found, ...]  # empty if the monitor could not be asked
-    alarms: Found | None  # without a fault, on the held-out drives
-    healthy_alarms: Found | None  # without a fault, on healthy recordings
+    faults: tuple[Detection, ...]  # empty if the monitor could not be asked
+    alarms: Detection | None  # without a fault, on the held-out drives
+    healthy_alarms: Detection | None  # without a fault, on healthy recordings
     notes: tuple[str, ...]
     trace: Trace | None = None  # where the new model helps most; None without one
 
