@@ -171,7 +171,7 @@ def _identity(material: "Material", options: "Options") -> dict[str, Any]:
     return {
         "model": sha256(material.model),
         "options": repr(options),
-        "code": code_sha256([*root.rglob("*.py")], root),
+        "code": code_sha256([*root.rglob("*.py"), *root.rglob("*.toml")], root),
         **{
             each: [(r.path.name, r.read_sha256) for r in getattr(material, each)]
             for each in ("recordings", "healthy", "verify")

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from monitor.model.card import TrainingRecording
 from monitor.model.step import Model
-from training.gap.inputs.roles import MOST_EFFECTS
+from training.gap.config import CONFIG
 from training.gap.name.ranking import RIVAL_SCORE, WIN
 from training.gap.name.verdict import Candidate, Naming, Verdict
 from training.gap.verify.evidence import Verification
@@ -79,7 +79,7 @@ class Result:
     def effects(self) -> tuple[Candidate, ...]:
         """Return what was named, or the ambiguous set, at most three."""
         found = self.naming.effects if self.verdict in ("named", "ambiguous") else ()
-        return found[:MOST_EFFECTS]
+        return found[: CONFIG.inputs.effects_max]
 
     @property
     def tried(self) -> bool:

@@ -20,9 +20,9 @@ from training.gap.healthy.behaviour import Healthy
 from training.gap.inputs import base, suitability
 from training.gap.inputs.roles import Material, Options, split
 from training.gap.name import vehicle_mix, yardstick
+from training.gap.name.base_state import base_state
 from training.gap.name.description import describe
 from training.gap.name.naming import name
-from training.gap.name.base_state import base_state
 from training.gap.name.verdict import Naming
 from training.gap.result import ModelFile, Result, Step
 from training.gap.verify.verification import verify
@@ -78,7 +78,9 @@ def investigate(
         )
     drives = _drives(material)
     on = _yardstick(material, card, known, stages, progress)
-    found = stages.done("where", lambda: _localise(material, progress)) if options.localise else None
+    found = (
+        stages.done("where", lambda: _localise(material, progress)) if options.localise else None
+    )
     naming = stages.done("name", lambda: _name(drives, card, on, options, progress))
     if on.known is None and naming.base is not None and card.kind != base.GREYBOX:
         on = replace(on, start=naming.base)  # nothing said what the vehicle's chain is
@@ -87,7 +89,9 @@ def investigate(
         vehicle_mix.chain_of(naming, on.base),
         _with_own(base.plain_drives_of(card, material.healthy, material.healthy), on.known),
     )
-    new, form, added, warnings = _add(material, out, options, naming, on, progress)
+    new, form, added, warnings = _add(
+        material=material, out=out, options=options, naming=naming, on=on, progress=progress
+    )
     fitted_to, held_out = split(material)
     checked = None
     if held_out:
@@ -111,21 +115,27 @@ def investigate(
         *suitability.poor(card),
     ]
     return Result(
-        ModelFile.of(material.model),
-        tuple(map(as_trained_on, material.recordings)),
-        tuple(map(as_trained_on, material.healthy)),
-        tuple(map(as_trained_on, held_out)),
-        found,
-        naming,
-        added,
-        form,
-        checked,
-        new,
-        _steps(naming),
-        _unknown(naming, drives, on),
-        (*doubts, *mixing, *warnings, *uncertain(added), *suitability.held_out(card, held_out)),
-        options.sensor_known_good,
-        time.monotonic() - began_s,
+        model=ModelFile.of(material.model),
+        recordings=tuple(map(as_trained_on, material.recordings)),
+        healthy=tuple(map(as_trained_on, material.healthy)),
+        held_out=tuple(map(as_trained_on, held_out)),
+        findings=found,
+        naming=naming,
+        added=added,
+        form=form,
+        verified=checked,
+        new_model=new,
+        steps=_steps(naming),
+        unknown=_unknown(naming, drives, on),
+        warnings=(
+            *doubts,
+            *mixing,
+            *warnings,
+            *uncertain(added),
+            *suitability.held_out(card, held_out),
+        ),
+        sensor_known_good=options.sensor_known_good,
+        seconds=time.monotonic() - began_s,
     )
 
 
@@ -208,7 +218,12 @@ def _localise(material: Material, progress: Progress) -> Findings:
 
 
 def _add(
-    material: Material, out: Path, options: Options, naming: Naming, on: Yardstick, progress: Progress
+    material: Material,
+    out: Path,
+    options: Options,
+    naming: Naming,
+    on: Yardstick,
+    progress: Progress,
 ) -> tuple[Path | None, str, tuple[Added, ...], list[str]]:
     """Return the new model, its form, what it has more, and what to say of that."""
     wanted, warnings = _to_add(naming, options)
@@ -226,7 +241,11 @@ def _add(
         return None, "", (), [*warnings, f"what was named is not added: {error}"]
     if new is None:
         return None, "", (), [*warnings, NO_USE]
-    if on.known is not None and material.healthy and base.check(material.model).kind == base.GREYBOX:
+    if (
+        on.known is not None
+        and material.healthy
+        and base.check(material.model).kind == base.GREYBOX
+    ):
         reference.store(new, on.known, material.healthy)  # with which its constants go
     return new, form, added, warnings
 

@@ -16,6 +16,7 @@ from monitor.model.card import ModelCard
 from monitor.model.step import Model
 from training.gap.add import greybox, network
 from training.gap.add.network_graph import BEFORE, TO_OUTPUT
+from training.gap.config import CONFIG
 from training.gap.healthy.behaviour import Healthy
 from training.gap.inputs import base
 from training.gap.inputs.roles import ACCEPTED, Material, Options, split
@@ -42,7 +43,6 @@ FORMS: Final = {
 TRAINED_ANEW: Final = "input"
 AGAINST: Final = {"before": "before it", "output": "beside its output", "input": "trained anew"}
 HELD_OUT_BLOCKS: Final = "blocks of the recordings of the fit held out of the training anew"
-WORSE: Final = 1.02  # of the RMSE, up to which a form counts as no worse
 
 
 def add(
@@ -79,16 +79,37 @@ def add(
             vehicle=vehicle,
             drives=drives,
         )
-        best = _Tried(base.GREYBOX, added, out, _rmse(out, use.judges), whole(use.fit))
+        best = _Tried(
+            form=base.GREYBOX,
+            added=added,
+            path=out,
+            rmse=_rmse(out, use.judges),
+            blocks=whole(use.fit),
+        )
         says = FORMS[base.GREYBOX]
     else:
         chain = known.plain if known else start
         with TemporaryDirectory(dir=out.parent) as folder:
-            beside = _beside_network(material.model, Path(folder), choices, chain, ranges, use, drives)
+            beside = _beside_network(
+                model=material.model,
+                folder=Path(folder),
+                choices=choices,
+                chain=chain,
+                ranges=ranges,
+                use=use,
+                drives=drives,
+            )
             best, says = _best(beside)
             if options.retrain_minutes > 0.0:
                 best, says = _or_trained_anew(
-                    material, best, says, chain, ranges, use, options.retrain_minutes, progress
+                    material=material,
+                    other=best,
+                    says=says,
+                    chain=chain,
+                    ranges=ranges,
+                    use=use,
+                    budget_minutes=options.retrain_minutes,
+                    progress=progress,
                 )
             best.path.replace(out)
     judges = use.unseen if best.form == TRAINED_ANEW else use.judges
@@ -175,7 +196,15 @@ def _beside_network(
                 drives=drives,
                 form=form,
             )
-            tried.append(_Tried(name, tuple(added), path, _rmse(path, use.judges), blocks))
+            tried.append(
+                _Tried(
+                    form=name,
+                    added=tuple(added),
+                    path=path,
+                    rmse=_rmse(path, use.judges),
+                    blocks=blocks,
+                )
+            )
         except ParityError as error:
             wrong = error
     if not tried:
@@ -212,7 +241,9 @@ def _or_trained_anew(
         )
     except (ModelError, RecordingError, UsageError) as error:
         return other, f"{says}; not trained anew: {error}"
-    anew = _Tried(TRAINED_ANEW, other.added, path, _rmse(path, use.unseen), blocks)
+    anew = _Tried(
+        form=TRAINED_ANEW, added=other.added, path=path, rmse=_rmse(path, use.unseen), blocks=blocks
+    )
     best, says = _best([replace(other, rmse=_rmse(other.path, use.unseen)), anew])
     return (best if best is anew else other), says
 
@@ -220,7 +251,7 @@ def _or_trained_anew(
 def _best(tried: Sequence[_Tried]) -> tuple[_Tried, str]:
     """Return the first that is about as good as the best, and in words what it is."""
     least = min(each.rmse for each in tried)
-    best = next((each for each in tried if each.rmse <= WORSE * least), tried[0])
+    best = next((each for each in tried if each.rmse <= CONFIG.add.as_good * least), tried[0])
     rivals = [each for each in tried if each.form != best.form]
     if not rivals:
         return best, FORMS[best.form]

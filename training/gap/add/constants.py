@@ -17,8 +17,8 @@ from training.gap.healthy.behaviour import Healthy
 from training.gap.inputs import base
 from training.gap.inputs.roles import Material, split
 from training.gap.name import scoring
-from training.gap.name.ranking import State
 from training.gap.name.base_state import base_state
+from training.gap.name.ranking import State
 from training.gap.name.verdict import Naming
 from training.greybox.chain import Constants
 from training.greybox.effects.model_effect import Added

@@ -154,14 +154,14 @@ def _with_constants(card: ModelCard, constants: Constants) -> ModelCard:
     """Return the card with other constants; what is known of their errors is the old fit's."""
     given = card.structure
     fitted = Fitted(
-        constants,
-        np.array(given["covariance"]),
-        tuple(given["noise_model"]),
-        given["rmse_phi"],
-        given["white_rmse_phi"],
-        given["samples"],
-        given["starts_rmse_spread"],
-        tuple(given["at_bound"]),
+        constants=constants,
+        covariance=np.array(given["covariance"]),
+        noise_model=tuple(given["noise_model"]),
+        rmse=given["rmse_phi"],
+        white_rmse=given["white_rmse_phi"],
+        samples=given["samples"],
+        spread=given["starts_rmse_spread"],
+        at_bound=tuple(given["at_bound"]),
     )
     note = {"standard_errors": str(given["standard_errors"]).removesuffix(BEFORE_EFFECTS)}
     note["standard_errors"] += BEFORE_EFFECTS

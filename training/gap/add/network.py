@@ -129,7 +129,12 @@ def retrain(
     )
     best, gap = train_again(data, card, network, seed, deadline_s, progress)
     trained = Network(
-        best.spec, best.weights, data.scaling, card.transform, card.transforms, data.names
+        spec=best.spec,
+        weights=best.weights,
+        scaling=data.scaling,
+        transform=card.transform,
+        transforms=card.transforms,
+        inputs=data.names,
     )
     inputs = tuple(dict.fromkeys((*network.inputs, *difference.inputs)))
     extended = NetworkWithEffects(AS_INPUT, trained, difference, inputs)

@@ -3,11 +3,13 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise, product
+from typing import Final
 
 import numpy as np
 from scipy.signal import lfilter
 
 from monitor.base.types import BoolArray, FloatArray, IntArray
+from training.gap.config import CONFIG
 from training.gap.healthy.features import features
 from training.gap.healthy.operating_points import Visited
 from training.greybox.chain import Constants, Path, simulate
@@ -22,23 +24,17 @@ from training.greybox.fit.ridge import Ridge
 from training.greybox.fit.sensor_faults import FAULTS
 from training.greybox.fit.vehicle_effects import own_of, with_more
 
-LARGER_PENALTIES = (1e-4, 1e-3, 1e-2, 1e-1, 1.0)
-SCALE_MIN = 1e-3  # of a column, below which it is not taken for better known
-# Spread of the coefficients from drive to drive, of a column's own size: plain functions,
-# signatures. On nulls of three simulated vehicles larger values hide effects, smaller ones let
-# drives that differ in weather and bus timing look like an effect.
-VARIATION_PHI = (8e-5, 5e-5)
+LIMITS: Final = CONFIG.healthy
 SKEW_S = 0.01
 OWN = ("delay_flow", "mix_flow")  # that every exhaust has
 SKEW = "skew"  # what a charge that is late changes, per second
 COOLANT = "coolant "  # functions of ``features`` in the order of temperature
-COOLANT_STEP_PHI = 0.002  # by which what is missed differs from one of their knots to the next
 CONSTANT = "constant"  # among the functions of ``features``
-KNOWN_VARIATION = {
-    CONSTANT: 0.0008,  # phi: gain with weather and fuel
-    "above": 0.008,  # span
-    "rate": 0.005,  # s: phase of the sensor's message
-    SKEW: 0.008,  # s: phase of the charge's message against the fuel's, both every 20 ms
+COLUMN_SPREAD = {
+    CONSTANT: LIMITS.gain_spread_phi,
+    "above": LIMITS.span_spread,
+    "rate": LIMITS.sensor_phase_spread_s,
+    SKEW: LIMITS.charge_phase_spread_s,
 }
 
 
@@ -125,14 +121,24 @@ def learn(drives: Sequence[Drive], start: Constants, like: Healthy | None = None
     prior = _smooth(names)
     found = ridge.fit(x_all, e_all, fold, limits, prior=prior)
     whole = _no_worse(stacked, y, found, (x_all, e_all, fold), prior)
-    scale = np.maximum(np.sqrt((stacked**2).mean(axis=0)), SCALE_MIN)
+    scale = np.maximum(np.sqrt((stacked**2).mean(axis=0)), LIMITS.column_size_min)
     group = np.array([int(name.endswith(")")) for name in names])  # signatures apart
-    spread = np.array(VARIATION_PHI)[group] / scale
-    for column, value in KNOWN_VARIATION.items():
+    usual = np.array([LIMITS.function_spread_phi, LIMITS.signature_spread_phi])
+    spread = usual[group] / scale
+    for column, value in COLUMN_SPREAD.items():
         if column in names:
             spread[names.index(column)] = value
     visited = Visited.of(drives)
-    return Healthy(base, plain, own, names, whole, spread, visited, charge=charge)
+    return Healthy(
+        base=base,
+        plain=plain,
+        own=own,
+        names=names,
+        ridge=whole,
+        spread=spread,
+        visited=visited,
+        charge=charge,
+    )
 
 
 def _smooth(names: Sequence[str]) -> FloatArray:
@@ -145,7 +151,9 @@ def _smooth(names: Sequence[str]) -> FloatArray:
     precision = np.zeros((len(names), len(names)))
     at = [i for i, name in enumerate(names) if name.startswith(COOLANT)]
     for pair in pairwise(at):
-        precision[np.ix_(pair, pair)] += np.array([[1.0, -1.0], [-1.0, 1.0]]) / COOLANT_STEP_PHI**2
+        precision[np.ix_(pair, pair)] += (
+            np.array([[1.0, -1.0], [-1.0, 1.0]]) / LIMITS.coolant_step_phi**2
+        )
     return precision
 
 
@@ -161,7 +169,7 @@ def _no_worse(
     plain, y : columns (m, k) and errors (m,) as they are; white : both whitened, and the folds
     Smooth functions, as the time after a fuel cut, hardly show in whitened errors.
     """
-    for penalty in LARGER_PENALTIES:
+    for penalty in LIMITS.correction_penalties:
         if ((y - plain @ found.weights) ** 2).sum() <= (y**2).sum():
             break
         if penalty > found.penalty:

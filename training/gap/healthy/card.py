@@ -13,6 +13,7 @@ import numpy as np
 
 from monitor.base.types import BoolArray, FloatArray
 from monitor.model.card import ModelCard
+from training.gap.config import CONFIG
 from training.gap.healthy.behaviour import Healthy, columns
 from training.gap.healthy.operating_points import Visited
 from training.greybox.chain import STOICHIOMETRIC, Constants
@@ -26,7 +27,6 @@ KEY: Final = "gap"
 SCHEMA: Final = "o2train.gap_reference/2"
 DIGITS: Final = 7
 PROBE_DIGITS: Final = 4
-SAME: Final = 2e-3  # relative difference of a column's size, up to which it is the same
 PROBE_SAMPLES, PROBE_PERIOD_S = 1200, 0.1
 
 
@@ -104,7 +104,11 @@ def _strange(stored: Mapping[str, Any]) -> list[str]:
     """Return the columns that this code does not make, or makes otherwise."""
     sizes = _sizes()
     pairs = zip(stored["columns"], stored["size"], strict=True)
-    return [n for n, size in pairs if not np.isclose(sizes.get(n, np.nan), size, rtol=SAME)]
+    return [
+        n
+        for n, size in pairs
+        if not np.isclose(sizes.get(n, np.nan), size, rtol=CONFIG.healthy.column_size_tolerance)
+    ]
 
 
 def _known(stored: Mapping[str, Any]) -> Healthy:
@@ -119,19 +123,25 @@ def _known(stored: Mapping[str, Any]) -> Healthy:
     if [visited.cells.shape, visited.coolants.shape] != [each.shape for each in _nowhere()]:
         raise ValueError("its operating points are others")
     return Healthy(
-        _constants(stored["base"]),
-        _constants(stored["plain"]),
-        tuple(
+        base=_constants(stored["base"]),
+        plain=_constants(stored["plain"]),
+        own=tuple(
             (LIBRARY[name], _array(values, len(LIBRARY[name].parameters)))
             for name, values in stored["own"].items()
         ),
-        names,
-        Ridge(weight, low, high, np.empty(0), float(stored["penalty"])),
-        spread,
-        visited,
-        {str(name): float(value) for name, value in stored["surplus"].items()},
-        None if stored.get("charge") is None else ChargeError.from_card(stored["charge"]),
-        None if stored.get("rmse_usual") is None else float(stored["rmse_usual"]),
+        names=names,
+        ridge=Ridge(
+            weights=weight,
+            low=low,
+            high=high,
+            held_out=np.empty(0),
+            penalty=float(stored["penalty"]),
+        ),
+        spread=spread,
+        visited=visited,
+        surplus={str(name): float(value) for name, value in stored["surplus"].items()},
+        charge=None if stored.get("charge") is None else ChargeError.from_card(stored["charge"]),
+        rmse_usual=None if stored.get("rmse_usual") is None else float(stored["rmse_usual"]),
     )
 
 

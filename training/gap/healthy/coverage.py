@@ -4,11 +4,11 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Final
 
+from training.gap.config import CONFIG
 from training.gap.healthy.behaviour import Healthy
 from training.greybox.fit.drive import MIN_SCORED_S, Drive
 
-UNVISITED_MOST: Final = 0.25  # of all samples, where no healthy recording has been
-MAIN_REASON: Final = 0.2  # of the samples away by another quantity, from which one is named
+LIMITS: Final = CONFIG.healthy
 
 
 def unvisited(drives: Sequence[Drive], known: Healthy | None) -> list[str]:
@@ -23,7 +23,7 @@ def unvisited(drives: Sequence[Drive], known: Healthy | None) -> list[str]:
         if n * d.period_s < MIN_SCORED_S
     ]
     share = 1.0 - sum(left) / max(sum(there), 1)
-    if share >= UNVISITED_MOST:
+    if share >= LIMITS.unvisited_max:
         warnings.append(f"{share:.0%} of the samples lie {_away(drives, known)} and name nothing")
     return warnings
 
@@ -35,5 +35,7 @@ def _away(drives: Sequence[Drive], known: Healthy) -> str:
         for what, within in known.visited.parts(known.with_own(drive)).items():
             outside[what] += int((~within[drive.kept]).sum())
     most = max(outside.values())
-    where = " and ".join(what for what, n in outside.items() if n >= MAIN_REASON * most)
+    where = " and ".join(
+        what for what, n in outside.items() if n >= LIMITS.unvisited_reason_min * most
+    )
     return f"at {where} that no healthy recording has visited"

@@ -7,15 +7,13 @@ from typing import Final
 
 from monitor.base.errors import UsageError
 from monitor.base.faults import Fault, resolve
+from training.gap.config import CONFIG
 from training.limits.targets import LIMIT_SEVERITY
 from training.recordings.recording import Recording
 
-MOST_EFFECTS: Final = 3  # that are added, and of an ambiguous set
-HELD_OUT_EVERY: Final = 3  # recordings, of which the last is held out
-
-BIAS_LAMBDA: Final = 0.1  # found without the vehicle's own reference; the limit of 0.05 needs one
+LIMITS: Final = CONFIG.inputs
 FAULTS: Final = tuple(
-    resolve(name, BIAS_LAMBDA if name.startswith("biased") else severity)
+    resolve(name, LIMITS.bias_lambda if name.startswith("biased") else severity)
     for name, severity in LIMIT_SEVERITY.items()
     if name != "transient"  # lag and gain together: both are there by themselves
 )
@@ -52,8 +50,12 @@ class Material:
 def split(material: Material) -> tuple[list[int], list[Recording]]:
     """Return which recordings the constants come from, and the recordings held out."""
     n = len(material.recordings)
-    out = set() if material.verify else set(range(HELD_OUT_EVERY - 1, n, HELD_OUT_EVERY))
-    if n == HELD_OUT_EVERY - 1 and not material.verify:
+    out = (
+        set()
+        if material.verify
+        else set(range(LIMITS.held_out_every - 1, n, LIMITS.held_out_every))
+    )
+    if n == LIMITS.held_out_every - 1 and not material.verify:
         out = {n - 1}
     fitted_to = [i for i in range(n) if i not in out]
     return fitted_to, [*material.verify, *(material.recordings[i] for i in sorted(out))]
@@ -63,8 +65,8 @@ def options_of(
     steps: int, sensor_known_good: bool, add: Sequence[str], retrain_minutes: float
 ) -> Options:
     """Return the options; raises UsageError if they make no sense."""
-    if not 1 <= steps <= MOST_EFFECTS:
-        raise UsageError(f"--steps is 1 to {MOST_EFFECTS}")
+    if not 1 <= steps <= LIMITS.effects_max:
+        raise UsageError(f"--steps is 1 to {LIMITS.effects_max}")
     if not 0.0 <= retrain_minutes < float("inf"):
         raise UsageError("--retrain takes minutes, 0 or more")
     return Options(steps, sensor_known_good, tuple(add), retrain_minutes)

@@ -8,16 +8,14 @@ import numpy as np
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard
+from training.gap.config import CONFIG
 from training.gap.inputs import base
 from training.greybox.chain import Constants, base_path, valve_phi
 from training.greybox.effects import ALL
 from training.greybox.fit.drive import NEEDED, Drive
 from training.recordings.recording import Recording
 
-SCORED_LEAST_S: Final = 300.0  # in all drives together: ten blocks to hold out in turn
-MOVES_LEAST: Final = 0.1  # of the median, of load or engine speed
-QUANTILES: Final = (0.05, 0.95)  # between which a signal moves
-CORRELATION_LEAST: Final = 0.6
+LIMITS: Final = CONFIG.inputs
 CHARGE: Final = ("maf_kg_h", "engine_speed_rpm")  # instead of the air per stroke
 SPEED: Final = ("engine_speed_rpm", "maf_kg_h")  # either, with the charge
 
@@ -103,10 +101,10 @@ def check_healthy(recordings: Sequence[Recording], own_charge: bool = False) -> 
 def check_long(drives: Sequence[Drive], role: str) -> None:
     """Raise RecordingError if all drives together are too short to hold blocks out."""
     seconds = sum(float(d.scored.sum()) * d.period_s for d in drives)
-    if seconds < SCORED_LEAST_S:
+    if seconds < LIMITS.scored_min_s:
         raise RecordingError(
             f"{_names(drives)}: {seconds:.0f} s of {role} recordings can be scored in all, "
-            f"{SCORED_LEAST_S:.0f} s are wanted, better several recordings of ten minutes"
+            f"{LIMITS.scored_min_s:.0f} s are wanted, better several recordings of ten minutes"
         )
 
 
@@ -118,7 +116,7 @@ def check_moving(drives: Sequence[Drive]) -> None:
     """
     load, load_moves = _moves([d.signals["air_mass_mg"][d.scored] for d in drives])
     speed, speed_moves = _moves([d.signals["engine_speed_rpm"][d.scored] for d in drives])
-    if max(load_moves, speed_moves) >= MOVES_LEAST:
+    if max(load_moves, speed_moves) >= LIMITS.moves_min:
         return
     valve = [valve_phi(base_path(Constants(), d.signals))[d.scored] for d in drives]
     phi, phi_moves = _moves(valve)
@@ -126,7 +124,7 @@ def check_moving(drives: Sequence[Drive]) -> None:
         f"{_names(drives)}: no excitation, 90 % of the samples lie within {load_moves:.1%} of "
         f"{load:.0f} mg of air per stroke, {speed_moves:.1%} of {speed:.0f} rpm and "
         f"{phi_moves:.1%} of phi {phi:.2f} at the valve; load or speed must move by "
-        f"{MOVES_LEAST:.0%}, better mixed driving"
+        f"{LIMITS.moves_min:.0%}, better mixed driving"
     )
 
 
@@ -134,7 +132,7 @@ def poor(card: ModelCard) -> list[str]:
     """Return a warning if the model hardly follows its own vehicle: then little is told by it."""
     figures = card.fit.get("test_enabled") or card.fit.get("test") or {}
     found = figures.get("correlation", 1.0)
-    if found >= CORRELATION_LEAST:
+    if found >= LIMITS.correlation_min:
         return []
     return [
         f"the model follows blocks held out of its own training poorly (correlation {found:.2f}): "
@@ -185,7 +183,8 @@ def unlearned(recordings: Sequence[Recording], healthy: Sequence[Recording]) -> 
 
 def _moves(values: Sequence[FloatArray]) -> tuple[float, float]:
     """Return the median and the width of 90 % of the values, of the median."""
-    low, middle, high = np.quantile(np.concatenate(values), (QUANTILES[0], 0.5, QUANTILES[1]))
+    least, most = LIMITS.moves_quantiles
+    low, middle, high = np.quantile(np.concatenate(values), (least, 0.5, most))
     return float(middle), float((high - low) / max(abs(middle), 1e-9))
 
 

@@ -49,12 +49,12 @@ def base_state(drives: Sequence[Drive], known: Healthy | None, base: Constants |
     nothing = tuple(np.zeros(len(d)) for d in drives)
     corrections = tuple(known.correction(d) for d in drives) if known else nothing
     case = Case(
-        tuple(drives),
-        corrections,
-        WHITE,
-        SIGMA_PHI,
-        prior,
-        known.base if known else None,
+        drives=tuple(drives),
+        corrections=corrections,
+        ar=WHITE,
+        sigma=SIGMA_PHI,
+        prior=prior,
+        fixed=known.base if known else None,
     )
     current = fit(case, (), starts)
     plain = scoring.plain_columns(case, current)
@@ -63,12 +63,12 @@ def base_state(drives: Sequence[Drive], known: Healthy | None, base: Constants |
         case = replace(case, shrinks=_shrinks(case, known))
     current = fit(case, (), [current, *starts])
     return State(
-        case,
-        current,
-        scoring.ceiling(case, plain),
-        scoring.deviance(current, case.blocks),
-        known.surplus if known else {},
-        known.offset_phi if known else 0.0,
+        case=case,
+        current=current,
+        roof=scoring.ceiling(case, plain),
+        deviance=scoring.deviance(current, case.blocks),
+        surplus=known.surplus if known else {},
+        offset_phi=known.offset_phi if known else 0.0,
     )
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from monitor.base.types import FloatArray
 from training.gap.name import guards, scoring
+from training.gap.name.base_state import FREE
 from training.gap.name.description import Plain, plainest
 from training.gap.name.manoeuvres import Experiment, separate
 from training.gap.name.ranking import (
@@ -21,7 +22,6 @@ from training.gap.name.ranking import (
     matters,
     rank,
 )
-from training.gap.name.base_state import FREE
 from training.gap.name.verdict import Candidate, Verdict
 from training.greybox.effects.fuel import GAIN_OF_ETHANOL
 from training.greybox.fit.joint import Fit, Prior, Term, fit
@@ -86,7 +86,13 @@ def step(
         (None if no_rival else _of_the_gain(state, ranking, sensor_known_good))
         or _at_fault(state, strong, ranking, sensor_known_good)
         or _of_effects(strong, ranking, more)
-        or Outcome(_nothing(added, strange, plain), (), None, None, ranking)
+        or Outcome(
+            verdict=_nothing(added, strange, plain),
+            best=(),
+            suspected=None,
+            experiment=None,
+            ranking=ranking,
+        )
     )
 
 
@@ -138,10 +144,20 @@ def _of_effects(
     best, among = strong[0], tuple(c for c in strong if c.kind == "effect")[:AMBIGUOUS_MOST]
     parts = all((c.adequacy or 0.0) < ADEQUATE for c in among)
     if len(among) == 1 or (parts and more):
-        return Outcome("named", (best,), None, None, ranking)
+        return Outcome(
+            verdict="named", best=(best,), suspected=None, experiment=None, ranking=ranking
+        )
     if parts:
-        return Outcome("unknown_effect", (), None, None, ranking)
-    return Outcome("ambiguous", among, None, separate(best.fit, among[1].fit), ranking)
+        return Outcome(
+            verdict="unknown_effect", best=(), suspected=None, experiment=None, ranking=ranking
+        )
+    return Outcome(
+        verdict="ambiguous",
+        best=among,
+        suspected=None,
+        experiment=separate(best.fit, among[1].fit),
+        ranking=ranking,
+    )
 
 
 def _nothing(
@@ -181,7 +197,13 @@ def _at_fault(
         return None
     if strong and strong[0].name == GAIN_CLASS[0]:
         factor = (strong[0],)
-        return Outcome("sensor_fault_suspected", factor, GAIN_SUSPECTED, None, ranking)
+        return Outcome(
+            verdict="sensor_fault_suspected",
+            best=factor,
+            suspected=GAIN_SUSPECTED,
+            experiment=None,
+            ranking=ranking,
+        )
     near = [c for c in ranking if strong and _is_near_bias(c, strong[0])]
     at_fault = [c for c in (*strong, *near) if c.kind == "sensor fault" and _is_felt(state, c)]
     words = at_fault[0].name if at_fault else None
@@ -200,7 +222,13 @@ def _at_fault(
         words = f"{shift} left its healthy reference"
     if words is None:
         return None
-    return Outcome("sensor_fault_suspected", as_good[:AMBIGUOUS_MOST], words, None, ranking)
+    return Outcome(
+        verdict="sensor_fault_suspected",
+        best=as_good[:AMBIGUOUS_MOST],
+        suspected=words,
+        experiment=None,
+        ranking=ranking,
+    )
 
 
 def _as_good(
@@ -240,8 +268,16 @@ def _of_the_gain(
         return None
     effect = tuple(c for c in ranking if c.name == GAIN_CLASS[0])
     if sensor_known_good and effect:
-        return Outcome("named", effect, None, None, ranking)
-    return Outcome("sensor_fault_suspected", effect, GAIN_SUSPECTED, None, ranking)
+        return Outcome(
+            verdict="named", best=effect, suspected=None, experiment=None, ranking=ranking
+        )
+    return Outcome(
+        verdict="sensor_fault_suspected",
+        best=effect,
+        suspected=GAIN_SUSPECTED,
+        experiment=None,
+        ranking=ranking,
+    )
 
 
 def _is_of_the_gain(state: State, ranking: Sequence[Candidate]) -> bool:

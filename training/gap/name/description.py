@@ -120,7 +120,17 @@ def describe(state: State) -> Description:
         best, *others = (told[i] for i in step.columns)
         or_else = tuple(other.words for other in others)
         share = step.score.gain / explainable
-        terms.append(Term(best.name, best.words, weight, error, best.unit, share, or_else))
+        terms.append(
+            Term(
+                name=best.name,
+                words=best.words,
+                coefficient=weight,
+                standard_error=error,
+                unit=best.unit,
+                share=share,
+                or_else=or_else,
+            )
+        )
     return Description(tuple(terms))
 
 

@@ -72,21 +72,21 @@ def _candidate(
     names = [p.name for p in term.parameters]
     effect = term if isinstance(term, Effect) else None
     return Candidate(
-        term.name,
-        "effect" if effect else "sensor fault",
-        term.says,
-        effect.tag if effect else "sensor",
-        effect.like if effect else (),
-        dict(zip(names, values.tolist(), strict=True)),
-        dict(zip(names, errors.tolist(), strict=True)),
-        {p.name: p.unit for p in term.parameters},
-        score.gain,
-        needed,
-        score.t,
-        is_physical(term, values),
-        adequacy,
-        win,
-        fitted,
+        name=term.name,
+        kind="effect" if effect else "sensor fault",
+        says=term.says,
+        tag=effect.tag if effect else "sensor",
+        like=effect.like if effect else (),
+        parameters=dict(zip(names, values.tolist(), strict=True)),
+        standard_errors=dict(zip(names, errors.tolist(), strict=True)),
+        units={p.name: p.unit for p in term.parameters},
+        score=score.gain,
+        needed=needed,
+        t=score.t,
+        physical=is_physical(term, values),
+        adequacy=adequacy,
+        win=win,
+        fit=fitted,
     )
 
 

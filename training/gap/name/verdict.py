@@ -35,13 +35,13 @@ class Candidate:
     def model_effect(self) -> Added:
         """Return the effect as a part of a model; raises ModelError for a sensor fault."""
         return Added(
-            self.name,
-            self.says,
-            self.tag,
-            self.like,
-            self.parameters,
-            self.standard_errors,
-            self.units,
+            name=self.name,
+            says=self.says,
+            tag=self.tag,
+            like=self.like,
+            parameters=self.parameters,
+            standard_errors=self.standard_errors,
+            units=self.units,
         )
 
 

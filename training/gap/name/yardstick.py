@@ -17,8 +17,8 @@ import numpy as np
 from monitor.base.errors import RecordingError
 from training.gap.healthy import behaviour
 from training.gap.healthy.behaviour import CONSTANT, Healthy
-from training.gap.name.ranking import State
 from training.gap.name.base_state import base_state
+from training.gap.name.ranking import State
 from training.greybox.chain import Constants, simulate
 from training.greybox.fit.drive import Drive, path_of
 from training.greybox.fit.joint import Term, fit, held_out_rmse

@@ -6,7 +6,7 @@ from typing import Final
 from monitor.model.card import TrainingRecording
 from training.gap.name.verdict import Candidate
 from training.gap.result import Result
-from training.gap.verify.evidence import Count, Error, Detection, Verification, rate
+from training.gap.verify.evidence import Count, Detection, Error, Verification, rate
 from training.greybox.chain import RANGES, Constants
 from training.greybox.effects import LIBRARY
 from training.greybox.effects.effect import Parameter

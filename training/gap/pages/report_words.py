@@ -5,7 +5,7 @@ from training.gap.name.naming import ADEQUATE_ALONE
 from training.gap.name.ranking import ADEQUATE
 from training.gap.pages.report_tables import percent, phi
 from training.gap.result import Result
-from training.gap.verify.evidence import Count, Error, Detection
+from training.gap.verify.evidence import Count, Detection, Error
 
 
 def verdict_sentence(result: Result) -> str:

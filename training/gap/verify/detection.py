@@ -81,9 +81,9 @@ def detect(
 def _count(judged: Sequence[Judged], fault: str) -> Count:
     names = [{dtc.fault for dtc in each.dtcs} for each in judged]
     return Count(
-        len(judged),
-        sum(each.completed or bool(each.dtcs) for each in judged),
-        sum(bool(own) for own in names),
-        sum(own == {fault} for own in names),
-        tuple(sorted(name for own in names for name in own)),
+        drives=len(judged),
+        judged=sum(each.completed or bool(each.dtcs) for each in judged),
+        found=sum(bool(own) for own in names),
+        named=sum(own == {fault} for own in names),
+        codes=tuple(sorted(name for own in names for name in own)),
     )

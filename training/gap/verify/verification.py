@@ -17,7 +17,7 @@ from training.gap.inputs.roles import FAULTS
 from training.gap.verify import detection
 from training.gap.verify.detection import Monitors, monitor_of
 from training.gap.verify.error_regimes import compare, rms, scored
-from training.gap.verify.evidence import Error, Detection, Trace, Verification
+from training.gap.verify.evidence import Detection, Error, Trace, Verification
 from training.gap.where.operating_map import excerpt
 from training.greybox.chain import Constants
 from training.greybox.fit import ridge
@@ -65,19 +65,44 @@ def verify(
     overall, regimes, trace = _errors(old, new, recordings, chain)
     on_healthy = _plain(old, new, healthy) if healthy else None
     if not faults:
-        return Verification(overall, regimes, on_healthy, (), None, None, (), trace)
+        return Verification(
+            overall=overall,
+            regimes=regimes,
+            healthy=on_healthy,
+            faults=(),
+            alarms=None,
+            healthy_alarms=None,
+            notes=(),
+            trace=trace,
+        )
     progress("faults put on held-out recordings")
     try:
         monitors = _monitors(old, new, accepted)
     except (ModelError, ConfigError) as error:
         note = f"The monitor was not asked: {error}."
-        return Verification(overall, regimes, on_healthy, (), None, None, (note,), trace)
+        return Verification(
+            overall=overall,
+            regimes=regimes,
+            healthy=on_healthy,
+            faults=(),
+            alarms=None,
+            healthy_alarms=None,
+            notes=(note,),
+            trace=trace,
+        )
     alarms, *found = detection.detect(recordings, (None, *faults), monitors)
     healthy_alarms = detection.detect(healthy, (None,), monitors)[0] if healthy else None
     told = () if monitors.alike is None else (ALIKE,)
     notes = (AFTERWARDS, *told, *_undecided(alarms, found), *_alarmed(alarms))
     return Verification(
-        overall, regimes, on_healthy, tuple(found), alarms, healthy_alarms, notes, trace
+        overall=overall,
+        regimes=regimes,
+        healthy=on_healthy,
+        faults=tuple(found),
+        alarms=alarms,
+        healthy_alarms=healthy_alarms,
+        notes=notes,
+        trace=trace,
     )
 
 
@@ -135,7 +160,14 @@ def _trace(before: Sequence[Compared], after: Sequence[Compared]) -> Trace:
     drive = after[int(shown.recording)]
     first = round(float(shown.t_s[0]) / drive.period_s)
     new = drive.phi_predicted[first : first + len(shown.t_s)]
-    return Trace(drive.name, shown.t_s, shown.measured, shown.predicted, new, shown.scored)
+    return Trace(
+        recording=drive.name,
+        t_s=shown.t_s,
+        measured=shown.measured,
+        before=shown.predicted,
+        after=new,
+        scored=shown.scored,
+    )
 
 
 def left_over(

@@ -104,7 +104,15 @@ def excess(
     if low <= 0.0:
         whole, wholes = mean_square - least, drawn - least
     return Excess(
-        mean_square, value, low, high, relative, counts, whole, np.asarray(wholes), samples
+        mean_square=mean_square,
+        reference=value,
+        low=low,
+        high=high,
+        relative=relative,
+        counts=counts,
+        whole=whole,
+        wholes=np.asarray(wholes),
+        samples=samples,
     )
 
 

@@ -121,14 +121,14 @@ def evaluate(new: Side, healthy: Side | None, name: str, point: Point) -> Candid
     after = own.error(held_out(own, fold))
     tested = own.error(common) - after
     return Candidate(
-        driver,
-        point,
-        basis,
-        float(np.median(values)),
-        own,
-        known,
-        own.error(reference) - after,
-        tested,
+        driver=driver,
+        point=point,
+        basis=basis,
+        median=float(np.median(values)),
+        new=own,
+        healthy=known,
+        gains=own.error(reference) - after,
+        tested=tested,
     )
 
 
@@ -163,4 +163,4 @@ def curve_of(c: Candidate, excess: Excess) -> Curve:
     curves = (drawn - known)[:, :k] @ functions.T
     low, high = np.percentile(curves, [5, 95], axis=0)
     y = functions @ best[:k]
-    return Curve(x, y, low, high, float(np.interp(c.median, x, y)))
+    return Curve(x=x, y=y, low=low, high=high, typical=float(np.interp(c.median, x, y)))

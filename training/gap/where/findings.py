@@ -19,7 +19,7 @@ from training.gap.where.noise_floor import NoiseFloor, noise_floor
 from training.gap.where.operating_map import Excerpt, OperatingMap, excerpt, operating_map
 from training.gap.where.over_time import Change, find_changes
 from training.gap.where.regimes import (
-    MANY,
+    LIMITS,
     Regime,
     between_recordings,
     explained_by,
@@ -122,17 +122,17 @@ def localise(
     pair = None if known is None else (healthy, known)
     explained = None if best is None else explained_by(best, new)
     return Findings(
-        len(blocks.residual),
-        floor,
-        over,
-        offset,
-        regimes,
-        rivals(regimes, over),
-        find_bands(recordings, healthy, floor.white_rms, rng),
-        find_changes(recordings, healthy, explained, rng),
-        operating_map(recordings, blocks, pair, over.reference),
-        excerpt(recordings, explained),
-        _notes(new, other),
+        samples=len(blocks.residual),
+        floor=floor,
+        excess=over,
+        offset=offset,
+        regimes=regimes,
+        rivals=rivals(regimes, over),
+        bands=find_bands(recordings, healthy, floor.white_rms, rng),
+        changes=find_changes(recordings, healthy, explained, rng),
+        map=operating_map(recordings, blocks, pair, over.reference),
+        excerpt=excerpt(recordings, explained),
+        notes=_notes(new, other),
     )
 
 
@@ -165,8 +165,8 @@ def _notes(new: Side, healthy: Side | None) -> tuple[str, ...]:
         names = ", ".join(new.drivers[name].words for name in few)
         notes.append(
             f"Not looked at, because they differ between these few recordings more than within "
-            f"them: {names}. With {FOLDS} recordings or more they are, with {MANY} also what is "
-            "constant in each."
+            f"them: {names}. With {FOLDS} recordings or more they are, with "
+            f"{LIMITS.recordings_many} also what is constant in each."
         )
     if new.transport is None:
         notes.append(

@@ -7,11 +7,10 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from monitor.base.types import FloatArray, IntArray
+from training.gap.config import CONFIG
 from training.greybox.fit.comparison import Stack
 
-KNOTS: Final = 5  # inner intervals of a cubic spline, at equal shares of the samples
-SMOOTHING: Final = 1e-3  # weight of the second differences beside the mean diagonal
-MOST_WEIGHT: Final = 2.0  # of a healthy sample beside a new one, where the former are few
+LIMITS: Final = CONFIG.splines
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,9 +24,11 @@ class Basis:
         """Return the basis for a variable of these values (m,)."""
         low, high = (float(v) for v in np.percentile(values, [0.5, 99.5]))
         inside = values[(values >= low) & (values <= high)]
-        inner = np.unique(np.quantile(inside, np.linspace(0.0, 1.0, KNOTS + 1)))
+        inner = np.unique(np.quantile(inside, np.linspace(0.0, 1.0, LIMITS.knots + 1)))
         if len(inner) < 4:  # a variable that mostly rests has its quantiles at one value
-            inner = np.unique(np.quantile(np.unique(inside), np.linspace(0.0, 1.0, KNOTS + 1)))
+            inner = np.unique(
+                np.quantile(np.unique(inside), np.linspace(0.0, 1.0, LIMITS.knots + 1))
+            )
         if len(inner) < 3:
             return cls(np.array([float(values.min()), float(values.max())]))
         return cls(np.concatenate([np.repeat(inner[0], 3), inner, np.repeat(inner[-1], 3)]))
@@ -78,7 +79,7 @@ def solve(gram: FloatArray, right: FloatArray) -> FloatArray:
     k = gram.shape[-1]
     level = np.trace(gram, axis1=-2, axis2=-1)[..., np.newaxis, np.newaxis] / k + 1e-30
     bend = np.diff(np.eye(k), 2, axis=0) if k > 2 else np.zeros((1, k))
-    ridge = level * (SMOOTHING * bend.T @ bend + 1e-8 * np.eye(k))
+    ridge = level * (LIMITS.smoothing * bend.T @ bend + 1e-8 * np.eye(k))
     return np.linalg.solve(gram + ridge, right[..., np.newaxis])[..., 0]
 
 
@@ -99,12 +100,12 @@ def healthy_coefficients(healthy: Normal) -> FloatArray:
 def common_coefficients(new: Normal, healthy: Normal, fold: IntArray) -> FloatArray:
     """Return coefficients (n_blocks, k) from healthy and new blocks of other folds together.
 
-    Where the new recordings are longer, healthy samples weigh up to ``MOST_WEIGHT`` times as much.
-    Beside these coefficients, those of the new blocks alone lose on held-out blocks unless the
-    dependence has changed: they come from less data.
+    Where the new recordings are longer, a healthy sample weighs up to ``healthy_weight_max`` new
+    ones. Beside these coefficients, those of the new blocks alone lose on held-out blocks unless
+    the dependence has changed: they come from less data.
     """
     ratio = float(np.trace(new.gram.sum(0)) / max(np.trace(healthy.gram.sum(0)), 1e-30))
-    weight = float(np.clip(ratio, 1.0, MOST_WEIGHT))
+    weight = float(np.clip(ratio, 1.0, LIMITS.healthy_weight_max))
     both = Normal(
         np.concatenate([new.gram, weight * healthy.gram]),
         np.concatenate([new.right, weight * healthy.right]),

@@ -68,7 +68,9 @@ def prepare(study: Study, number: int, model: Path) -> Vehicle:
     known = yardstick.learn(drives, base.constants_of(base.check(model)))
     state = base_state(drives, known, known.base)
     noise_phi = scoring.floor_phi(state.case, state.current)
-    return Vehicle(number, model, tuple(made), known, noise_phi)
+    return Vehicle(
+        number=number, model=model, healthy=tuple(made), known=known, noise_phi=noise_phi
+    )
 
 
 def ask(

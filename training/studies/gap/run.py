@@ -9,6 +9,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 import monitor
+from training import gap
 from training.jobs import parallel, run_folder
 from training.studies.gap import case
 from training.studies.gap.case import Row, Vehicle
@@ -17,6 +18,7 @@ from training.studies.gap.plan import Case, Study, cases
 CASES: Final = "cases"
 VEHICLES: Final = "vehicles"
 MODEL: Final = "base.onnx"
+NUMBERS: Final = "default.toml"  # of the gap workflow, part of what the rows depend on
 Item = tuple[Case, Vehicle | str, bytes]  # a case, its vehicle, and the file of the vehicle's base
 Progress = Callable[[int], None]  # takes how many cases are done more
 
@@ -65,7 +67,7 @@ def rows(study: Study, folder: Path) -> list[Row]:
 def identity(study: Study) -> dict[str, Any]:
     """Return what the rows depend on."""
     root = Path(monitor.__file__).parent.parent
-    paths = run_folder.sources(Path(case.__file__), root)
+    paths = {*run_folder.sources(Path(case.__file__), root), Path(gap.__file__).parent / NUMBERS}
     return {
         "study": json.loads(json.dumps(asdict(study))),
         "code_sha256": run_folder.code_sha256(paths, root),

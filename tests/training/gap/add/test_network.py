@@ -312,7 +312,7 @@ def test_new_effects_change_nothing_on_healthy_drives_and_older_ones_what_they_d
         raise RecordingError("enough")
 
     taken: list[FloatArray] = []
-    monkeypatch.setattr("training.gap.add.network.prepare", material)
+    monkeypatch.setattr("training.gap.add.network.prepare", given)
     chain, film = fitted()
     healthy, driven = healthy_drives()[0], gap_drives()[0]
     seen = ranges(healthy, driven)

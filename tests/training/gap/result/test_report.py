@@ -18,7 +18,7 @@ from training.gap.name.verdict import Candidate, Naming, Verdict
 from training.gap.pages import report
 from training.gap.pages.report_words import verdict_sentence
 from training.gap.result import ModelFile, Result, Step, as_json
-from training.gap.verify.evidence import Count, Error, Detection, Trace, Verification
+from training.gap.verify.evidence import Count, Detection, Error, Trace, Verification
 from training.gap.where.findings import Findings, localise
 from training.greybox.chain import Constants
 from training.greybox.effects import LIBRARY

@@ -288,7 +288,12 @@ def test_a_model_that_predicts_no_better_with_the_effect_is_not_written(
     lag = Added.with_values("mix_flow", [4.0])
     # WHEN it is to be added all the same
     new, form, added = choice.add(
-        material, tmp_path / "m.onnx", [[lag]], None, base.constants_of(base.check(chain)), Options()
+        material,
+        tmp_path / "m.onnx",
+        [[lag]],
+        None,
+        base.constants_of(base.check(chain)),
+        Options(),
     )
     # THEN the error grows, and no file is left
     assert (new, form, added) == (None, "", ())
