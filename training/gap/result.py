@@ -120,6 +120,12 @@ class Result:
         return chosen or self.naming.ranking
 
 
+def steps_of(naming: Naming) -> tuple[Step, ...]:
+    """Return the model as it came, then each round of a naming."""
+    first = Step("", naming.rmse_before)
+    return (first, *(Step(r.effect.name, r.rmse, r.ranking) for r in naming.rounds))
+
+
 def runner_up(result: Result, effect: Candidate) -> Candidate | None:
     """Return the best other candidate of the ranking out of which an effect was chosen."""
     others = [c for c in result.ranking_of(effect.name) if c.name != effect.name]

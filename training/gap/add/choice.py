@@ -19,7 +19,7 @@ from training.gap.add.network_graph import BEFORE, TO_OUTPUT
 from training.gap.config import CONFIG
 from training.gap.healthy.behaviour import Healthy
 from training.gap.inputs import base
-from training.gap.inputs.roles import ACCEPTED, Material, Options, split
+from training.gap.inputs.roles import ACCEPTED, Material, Options
 from training.greybox.chain import Constants
 from training.greybox.effects.model_effect import Added
 from training.greybox.fit.drive import Drive
@@ -131,9 +131,8 @@ class _Use:
 
     @classmethod
     def of(cls, material: Material, card: ModelCard) -> "_Use":
-        fitted_to, held_out = split(material)
+        fit, held_out = material.fit, material.held_out
         trained_on = {each.sha256 for each in card.recordings}
-        fit = [material.recordings[i] for i in fitted_to]
         unseen = [each for each in held_out if each.sha256 not in trained_on]
         return cls(fit, unseen or held_out, any(each.sha256 in trained_on for each in fit))
 

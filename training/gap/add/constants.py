@@ -15,7 +15,7 @@ from training.gap.add.drive_weights import fit_weighted, left_out_ratio
 from training.gap.healthy import behaviour
 from training.gap.healthy.behaviour import Healthy
 from training.gap.inputs import base
-from training.gap.inputs.roles import Material, split
+from training.gap.inputs.roles import Material
 from training.gap.name import scoring
 from training.gap.name.base_state import base_state
 from training.gap.name.ranking import State
@@ -34,7 +34,7 @@ def refitted(
     left out. A grey-box model takes over the base of the naming, and gets those constants alone
     that predict best. Beside a network there is the plain chain.
     """
-    recordings = [material.recordings[i] for i in split(material)[0]]
+    recordings = material.fit
     drives = base.drives_of(material.model, recordings, material.healthy)
     state, last = base_state(drives, known, known.base if known else start), naming.effects[-1].fit
     alone = _alone(state)

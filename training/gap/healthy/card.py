@@ -6,13 +6,16 @@ columns is told.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from monitor.base.types import BoolArray, FloatArray
 from monitor.model.card import ModelCard
+from monitor.model.step import Model
 from training.gap.config import CONFIG
 from training.gap.healthy.behaviour import Healthy, columns
 from training.gap.healthy.operating_points import Visited
@@ -21,6 +24,7 @@ from training.greybox.charge.error import ChargeError
 from training.greybox.effects import LIBRARY
 from training.greybox.fit.drive import Drive, make
 from training.greybox.fit.ridge import Ridge
+from training.narx.export import update_card
 from training.recordings.recording import Recording
 
 KEY: Final = "gap"
@@ -57,6 +61,14 @@ def to_card(known: Healthy, recordings: Sequence[Recording]) -> dict[str, Any]:
         "charge": None if known.charge is None else known.charge.to_card(),
         "rmse_usual": known.rmse_usual,
     }
+
+
+def store(path: Path, known: Healthy, recordings: Sequence[Recording]) -> ModelCard:
+    """Put ``known``, learned from ``recordings``, into the card of the model in ``path``."""
+    card = Model.load(path).card
+    card = replace(card, reference=dict(card.reference) | {KEY: to_card(known, recordings)})
+    update_card(path, card)
+    return card
 
 
 def from_card(card: ModelCard) -> tuple[Healthy | None, str | None]:

@@ -1,4 +1,4 @@
-"""What the gap workflow is given: a model, recordings in their roles, and the user's choices."""
+"""A model, recordings in their roles, and the user's choices."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ ACCEPTED: Final = "the recordings of the fit"
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """What the user chose."""
+    """The user's choices."""
 
     steps: int = 1
     sensor_known_good: bool = False
@@ -34,7 +34,7 @@ class Options:
 
 @dataclass(frozen=True, slots=True)
 class Material:
-    """What the workflow works on."""
+    """The model under study and its recordings by role."""
 
     model: Path
     recordings: Sequence[Recording]
@@ -46,19 +46,27 @@ class Material:
         """Return the recordings by what the command calls them."""
         return {"RECORDING": self.recordings, "--healthy": self.healthy, "--verify": self.verify}
 
+    @property
+    def fit(self) -> list[Recording]:
+        """Return the recordings that the new model's constants come from."""
+        return [self.recordings[i] for i in self.fit_numbers]
 
-def split(material: Material) -> tuple[list[int], list[Recording]]:
-    """Return which recordings the constants come from, and the recordings held out."""
-    n = len(material.recordings)
-    out = (
-        set()
-        if material.verify
-        else set(range(LIMITS.held_out_every - 1, n, LIMITS.held_out_every))
-    )
-    if n == LIMITS.held_out_every - 1 and not material.verify:
-        out = {n - 1}
-    fitted_to = [i for i in range(n) if i not in out]
-    return fitted_to, [*material.verify, *(material.recordings[i] for i in sorted(out))]
+    @property
+    def fit_numbers(self) -> list[int]:
+        """Return the places of ``fit`` among the recordings."""
+        return [i for i in range(len(self.recordings)) if i not in self._held_out_numbers]
+
+    @property
+    def held_out(self) -> list[Recording]:
+        """Return the recordings that no fit sees: those for verifying, else every third."""
+        return [*self.verify, *(self.recordings[i] for i in sorted(self._held_out_numbers))]
+
+    @property
+    def _held_out_numbers(self) -> set[int]:
+        n, every = len(self.recordings), LIMITS.held_out_every
+        if self.verify:
+            return set()
+        return {n - 1} if n == every - 1 else set(range(every - 1, n, every))
 
 
 def options_of(

@@ -23,7 +23,7 @@ from monitor.base.faults import Fault
 from monitor.base.types import FloatArray
 from training.gap.healthy.behaviour import Healthy
 from training.gap.inputs import base
-from training.gap.inputs.roles import FAULTS, Material, Options, split
+from training.gap.inputs.roles import FAULTS, Material, Options
 from training.gap.name import scoring, yardstick
 from training.gap.name.base_state import base_state
 from training.gap.result import Result
@@ -112,7 +112,7 @@ def _answered(case: Case, study: Study, vehicle: Vehicle) -> Row:
         model = reference = vehicle.model
         if study.fitted_with_effect:
             model, reference = Path(folder) / "base.onnx", Path(folder) / "reference.onnx"
-            seen, _ = split(Material(model, recordings, vehicle.healthy))
+            seen = Material(model, recordings, vehicle.healthy).fit_numbers
             fit_base(study.base, [recordings[i] for i in seen], model)
             fit_base(study.base, [nothing[i] for i in seen], reference)
         began_s = time.perf_counter()

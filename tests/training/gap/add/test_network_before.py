@@ -211,7 +211,7 @@ def test_a_form_that_fails_its_proof_is_left_out(
     assert form.startswith("beside the network" if wrong == BEFORE else "before the network")
     assert list(tmp_path.iterdir()) == [new]
     # and with none that agrees nothing is
-    monkeypatch.setattr(choice.add_narx, "can_stand_before", lambda *_: wrong == BEFORE)
+    monkeypatch.setattr(choice.network, "can_stand_before", lambda *_: wrong == BEFORE)
     monkeypatch.setattr(network, "parity", _differ)
     with pytest.raises(ParityError, match="they differ"):
         choice.add(material, tmp_path / "other.onnx", [[film]], None, chain, Options())

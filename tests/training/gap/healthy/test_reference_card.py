@@ -17,10 +17,10 @@ from training.cli import main as o2train
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
 from training.gap.healthy.behaviour import Healthy, as_shown, columns
-from training.gap.healthy.card import KEY, from_card, known_of, to_card
+from training.gap.healthy.card import KEY, from_card, known_of, store, to_card
 from training.gap.inputs import base, suitability
 from training.gap.name import yardstick
-from training.gap.reference import set_reference, store
+from training.gap.reference import set_reference
 from training.gap.result import Result
 from training.gap.workflow import Material, Options, investigate
 from training.greybox.chain import Constants
@@ -86,8 +86,8 @@ def alone(chain: Path, tmp_path_factory: pytest.TempPathFactory) -> Result:
 def asked(model: Path, seen: tuple[Recording, ...], out: Path, **healthy: Any) -> Result:
     """Return what the workflow says, quickly."""
     options = Options(faults=(), localise=False)
-    given = Material(model, seen, healthy.get("healthy", ()))
-    return investigate(given, out, options, known=healthy.get("known"))
+    material = Material(model, seen, healthy.get("healthy", ()))
+    return investigate(material, out, options, known=healthy.get("known"))
 
 
 def test_the_reference_in_a_model_file_corrects_drives_as_what_was_learned(chain: Path) -> None:

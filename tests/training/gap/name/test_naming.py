@@ -43,15 +43,18 @@ def test_a_hidden_effect_is_named_and_the_gap_shrinks(effect: str, severity: flo
     assert found.ranking[1].win > 0.95
 
 
-def test_a_leak_is_named_with_a_warning_that_it_may_be_a_fault() -> None:
+def test_a_large_leak_is_named_with_a_warning_that_it_may_be_a_fault() -> None:
+    found = name(two_drives(2_200_160, ("exhaust_leak", 8.0)), known())
+    assert (found.verdict, [e.name for e in found.effects]) == ("named", ["exhaust_leak"])
+    assert any("exhaust_leak may be a fault" in text for text in found.warnings)
+
+
+def test_a_small_leak_that_looks_like_a_rail_exponent_is_ambiguous_with_an_experiment() -> None:
     found = name(two_drives(2_200_160, ("exhaust_leak", 4.0)), known())
-    assert "exhaust_leak" in [effect.name for effect in found.effects]
-    if found.verdict == "named":
-        assert any("exhaust_leak may be a fault" in text for text in found.warnings)
-    else:
-        assert found.verdict == "ambiguous"
-        assert found.experiment is not None
-        assert found.experiment.rms_phi > 0.001
+    assert found.verdict == "ambiguous"
+    assert [e.name for e in found.effects] == ["exhaust_leak", "rail_exponent"]
+    assert found.experiment is not None
+    assert found.experiment.rms_phi > 0.001
 
 
 def test_two_effects_at_once_are_named_one_after_the_other() -> None:

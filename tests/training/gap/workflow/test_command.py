@@ -15,6 +15,7 @@ from tests.helpers.gap_files import drives, run
 from training import cli
 from training.gap import workflow
 from training.gap.add import choice, greybox
+from training.gap.add.addition import withheld_effects
 from training.gap.healthy.behaviour import Healthy
 from training.gap.inputs import base
 from training.gap.inputs.roles import Material, Options
@@ -113,13 +114,13 @@ def named(chain: Path, healthy: list[Path], film: list[Path]) -> Iterator[Stoppe
         return call
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(workflow.adding, "add", stop)
+        patch.setattr(choice, "add", stop)
         stopped.codes.append(run(*arguments))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(workflow.accepted, "learn", again("other options"))
+        patch.setattr(yardstick, "learn", again("other options"))
         stopped.codes.append(run(*arguments, "--steps", "2"))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(workflow.accepted, "learn", again("learn"))
+        patch.setattr(yardstick, "learn", again("learn"))
         patch.setattr(workflow, "localise", again("localise"))
         patch.setattr(workflow, "name", again("name"))
         stopped.codes.append(run(*arguments))
@@ -248,16 +249,15 @@ def test_a_leak_is_named_and_added_only_if_it_is_known_to_be_no_fault(
     assert [each.name for each in told.added] == ["exhaust_leak"]
     assert told.rmse[1] is not None
     assert told.rmse[1] < 0.8 * told.rmse[0]
-    known_good = workflow._to_add(told.naming, Options(sensor_known_good=True))
-    assert known_good == (True, [])
+    assert withheld_effects(told.naming, Options(sensor_known_good=True)) is None
     # and a model that takes no effect, such as a network retrained with one, leaves a result too
-    monkeypatch.setattr(workflow.adding, "add", _takes_none)
+    monkeypatch.setattr(choice, "add", _takes_none)
     without = found(add=("exhaust_leak",))
     assert (without.verdict, without.new_model) == ("named", None)
     assert "what was named is not added: was retrained with effects" in without.all_warnings
 
 
-def _takes_none(*_: Any) -> NoReturn:
+def _takes_none(**_: Any) -> NoReturn:
     raise ModelError("was retrained with effects")
 
 
