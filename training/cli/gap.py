@@ -19,7 +19,7 @@ _EXAMPLES = """examples:
   o2train gap --model chain.onnx new*.csv --healthy old*.csv --columns channels.toml --out gap
 
 needed are fuel_mass_mg, lambda_measured and air_mass_mg (or maf_kg_h with engine_speed_rpm);
-names and units of all signals: docs/signals.md
+names and units of all signals: docs/reference/signals.md
 """
 
 

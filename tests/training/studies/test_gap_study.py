@@ -11,6 +11,7 @@ import pytest
 
 from monitor.base.errors import UsageError
 from monitor.model.step import Model
+from tests.conftest import ROOT
 from training.cli import main
 from training.gap.inputs.roles import Options
 from training.greybox.effects import LIBRARY
@@ -428,16 +429,20 @@ def test_what_a_study_cannot_hold_is_refused(
 
 
 def test_results_depend_on_all_code_that_makes_them_and_on_no_other() -> None:
-    root = Path(run.__file__).parents[2]
+    root = ROOT
     used = {p.relative_to(root).as_posix() for p in run_folder.sources(Path(case.__file__), root)}
     assert {
         "training/gap/name/naming.py",
-        "training/gap/effects/air.py",
-        "training/chain.py",
+        "training/greybox/effects/air.py",
+        "training/greybox/chain.py",
         "training/dyno/mixture.py",
-        "monitor/faults.py",
+        "monitor/base/faults.py",
     } <= used
-    others = {"training/gap_study/report.py", "training/gap/pages/report.py", "tests/plants.py"}
+    others = {
+        "training/studies/gap/report.py",
+        "training/gap/pages/report.py",
+        "tests/helpers/plants.py",
+    }
     assert not used & others
 
 

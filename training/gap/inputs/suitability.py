@@ -38,8 +38,8 @@ def check_files(
         names = sorted({name for group in missing.values() for name in group})
         raise RecordingError(
             f"{', '.join(names)}: no column or no good value of {' and '.join(missing)}, without "
-            "which the chain does not run (docs/signals.md has the names, --columns maps others); "
-            "a network on other inputs (o2train fit --inputs) can be localised"
+            "which the chain does not run (docs/reference/signals.md has the names, --columns maps "
+            "others); a network on other inputs (o2train fit --inputs) can be localised"
         )
     if not missing:
         check_healthy(roles["--healthy"], own_charge)

@@ -19,7 +19,7 @@ EDGE: Final = 1e-3  # of a constant's range
 USUAL_SHARE: Final = 0.09  # of the deviance, left to explain by an effect in another form
 RANKED_CLOSELY: Final = 4  # candidates whose adequacy is worked out
 SCORE_LEAST: Final = 160.0
-OVER_HEALTHY: Final = 80.0  # times what healthy drives give; see docs/gap.md
+OVER_HEALTHY: Final = 80.0  # times what healthy drives give; see docs/how_it_works/gap.md
 
 
 @dataclass(frozen=True, slots=True)
