@@ -129,7 +129,7 @@ def _naming(
 def _verdict(
     found: Findings, optimism: float, sensor_known_good: bool
 ) -> tuple[Verdict, str | None]:
-    """Return the verdict and what the sensor is suspected of."""
+    """Return the verdict and, if the sensor is suspected, the reason."""
     if found.excess.low <= optimism or not found.significant:
         return "no_gap", None
     change = next((c for c in found.changes if c.significant), None)

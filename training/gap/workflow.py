@@ -36,11 +36,11 @@ def investigate(
     stages: Stages | None = None,
     progress: Progress = lambda _: None,
 ) -> Result:
-    """Return what was found; a new model, if there is one, is ``out``/model.onnx.
+    """Return the result of all steps; a new model, if there is one, is ``out``/model.onnx.
 
-    known : what ``yardstick.learn`` made of the healthy recordings, if it is there already; without
-        healthy recordings it is what the model's card says
-    stages : where results of a run that was stopped are kept
+    known : the healthy behaviour, if ``yardstick.learn`` has learned it before; else it is learned
+        from the healthy recordings, or read from the model's card
+    stages : folder in which a run that was stopped keeps its results
     Raises RecordingError or ModelError if recordings or model cannot be used.
     """
     began_s, stages = time.monotonic(), stages or Stages()

@@ -1,4 +1,4 @@
-"""What was named becomes part of the model: the form and constants that predict best, the file."""
+"""The new model's file: named effects in the form and with the constants that predict best."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -123,7 +123,7 @@ def add(
 
 @dataclass(frozen=True, slots=True)
 class _Use:
-    """What recordings serve for."""
+    """The recordings of the fit, and the recordings that no fit saw."""
 
     fit: list[Recording]  # constants and networks are fitted to them
     unseen: list[Recording]  # no fit saw them, if there are such, not even the old model's
@@ -157,7 +157,7 @@ def _ranges(recordings: Sequence[Recording], drives: Sequence[Drive]) -> Ranges:
 
 @dataclass(frozen=True, slots=True)
 class _Tried:
-    """A file with effects in one form, and what it misses."""
+    """A file with effects in one form, and its error."""
 
     form: str
     added: tuple[Added, ...]
@@ -248,7 +248,7 @@ def _or_trained_anew(
 
 
 def _best(tried: Sequence[_Tried]) -> tuple[_Tried, str]:
-    """Return the first that is about as good as the best, and in words what it is."""
+    """Return the first file about as good as the best, and its form in words."""
     least = min(each.rmse for each in tried)
     best = next((each for each in tried if each.rmse <= CONFIG.add.as_good * least), tried[0])
     rivals = [each for each in tried if each.form != best.form]

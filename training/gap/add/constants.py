@@ -1,4 +1,4 @@
-"""Constants of what was named, from the recordings that are not held out.
+"""Constants of the named effects, from the recordings that are not held out.
 
 Naming corrects the chain by what it misses on healthy drives and whitens its errors: that tells
 effects from each other, but takes part of an effect's size, because the corrections follow signals
@@ -28,7 +28,7 @@ from training.greybox.fit.joint import Case, Fit, fit
 def refitted(
     material: Material, naming: Naming, known: Healthy | None, start: Constants
 ) -> list[tuple[Added, ...]]:
-    """Return what was named, with each of its possible constants, those of the naming first.
+    """Return the named effects with every possible set of constants, the naming's first.
 
     Constants that, fitted to some of the recordings, predict the others no better than none are
     left out. A grey-box model takes over the base of the naming, and gets those constants alone
@@ -71,7 +71,7 @@ def _ratio(found: tuple[Fit, float]) -> float:
 
 
 def _added(naming: Naming, found: Fit) -> tuple[Added, ...]:
-    """Return what was named with the constants of a fit."""
+    """Return the named effects with the constants of a fit."""
     added = []
     for candidate, values, errors in zip(
         naming.effects, found.parameters, found.standard_errors, strict=True

@@ -1,4 +1,4 @@
-"""Effects become part of a grey-box model's file, with proof that it computes what the fit did."""
+"""Effects become part of a grey-box model's file, with proof that file and fit agree."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -35,7 +35,7 @@ class Vehicle:
 
     @classmethod
     def of(cls, known: Healthy, model: Greybox, drives: Sequence[Drive]) -> "Vehicle":
-        """Return what healthy drives taught; if ``drives`` have the model's charge, with that."""
+        """Return the vehicle, with the model's charge if ``drives`` have it."""
         own = tuple(Added.with_values(e.name, values.tolist()) for e, values in known.own)
         charged = any(drive.charged for drive in drives)
         return cls(known.base, own, model.charge_error if charged else known.charge)
@@ -151,7 +151,7 @@ def _card(
 
 
 def _with_constants(card: ModelCard, constants: Constants) -> ModelCard:
-    """Return the card with other constants; what is known of their errors is the old fit's."""
+    """Return the card with other constants; their errors stay those of the old fit."""
     given = card.structure
     fitted = Fitted(
         constants=constants,

@@ -99,7 +99,7 @@ def retrain(
     seed: int = 0,
     progress: Progress = lambda _: None,
 ) -> tuple[HeldOut, ...]:
-    """Train ``model`` again with what the effects change as an input; write it to ``out``.
+    """Train ``model`` again with the effects' change of phi as an input; write it to ``out``.
 
     added, chain, ranges : see ``add``
     recordings : to train on, with ``healthy``; blocks of both are held out to choose and to measure

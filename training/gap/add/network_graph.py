@@ -134,7 +134,7 @@ class NetworkWithEffects:
         return np.column_stack([signals[name] for name in self.network.inputs]), difference
 
     def whole(self, own: FloatArray, difference: FloatArray) -> FloatArray:
-        """Return the output (n,) in model units for what the network itself says (n,)."""
+        """Return the model's output (n,) in model units for the network's output (n,)."""
         if self.form != TO_OUTPUT:
             return own
         return np.clip(own + difference, self.network.scaling.y_low, self.network.scaling.y_high)

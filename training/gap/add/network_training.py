@@ -1,4 +1,4 @@
-"""A network trained again in its own shape, with what effects change as one more input.
+"""A network trained again in its old shape, with the effects' change of phi as one more input.
 
 The first start is the old network, to which the new input means nothing yet; others are random.
 """

@@ -1,4 +1,4 @@
-"""What the base misses on healthy drives: learned there, taken as known on the others."""
+"""Healthy behaviour: the base's error on healthy drives, which corrects it on new drives."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -40,7 +40,7 @@ COLUMN_SPREAD = {
 
 @dataclass(frozen=True, slots=True)
 class Healthy:
-    """Base constants of healthy drives, what these leave, and how drives differ.
+    """Base constants of healthy drives, the error beside them, and the spread between drives.
 
     A chain whose dead time and mixing do not follow the exhaust's flow is too sharp at low flow,
     and every fault or effect of the response fits it badly. So the healthy vehicle's volumes are
@@ -66,11 +66,11 @@ class Healthy:
 
     @property
     def offset_phi(self) -> float:
-        """Return by how much drives lie off each other on the whole."""
+        """Return the spread of the mean phi from drive to drive."""
         return float(self.spread_of([CONSTANT])[0])
 
     def spread_of(self, names: Sequence[str]) -> FloatArray:
-        """Return the spread of columns (k,) by their names; it is 0 of one that is not known."""
+        """Return the spread of columns (k,) by name, 0 for a name that is not there."""
         known = dict(zip(self.names, self.spread.tolist(), strict=True))
         return np.array([known.get(name, 0.0) for name in names])
 
@@ -84,7 +84,7 @@ class Healthy:
         return replace(own, scored=own.scored & self.visited.on(own))
 
     def correction(self, drive: Drive) -> FloatArray:
-        """Return what the chain misses on ``drive`` by what was missed when healthy, (n,) in phi.
+        """Return the chain's expected error on ``drive`` if the vehicle is healthy, (n,) in phi.
 
         With another model than the chain, what that model reads instead is part of it.
         """
@@ -179,7 +179,7 @@ def _no_worse(
 
 
 def as_shown(drives: Sequence[Drive], start: Constants) -> Sequence[Drive]:
-    """Return healthy drives without what effects in the model move, if they do not show these.
+    """Return healthy drives, without the effects in the model if the drives do not show them.
 
     Whoever extends a model and looks at it again may give the healthy drives from before the effect
     was there, or new ones.
@@ -216,7 +216,7 @@ def _charge_error(drives: Sequence[Drive]) -> ChargeError | None:
 def _chain(
     drives: Sequence[Drive], start: Constants, like: Healthy | None
 ) -> tuple[Constants, Constants, Own]:
-    """Return the constants of the chain alone, those beside its own effects, and these."""
+    """Return constants of the chain alone, constants beside the vehicle's effects, the effects."""
     if like is not None:
         found = _fit([like.with_own(drive) for drive in drives], (), [like.base])
         return like.plain, found.base, like.own
@@ -241,7 +241,7 @@ def _case(drives: Sequence[Drive]) -> Case:
 
 
 def _left(drive: Drive, base: Constants) -> FloatArray:
-    """Return what the model leaves unexplained, (n,) in phi."""
+    """Return the model's error, (n,) in phi."""
     phi = drive.phi_of_model
     if phi is None:
         phi = simulate(path_of(drive, base), drive.period_s) + drive.moved_phi
@@ -269,7 +269,7 @@ def noise(kept: Sequence[BoolArray], rest: FloatArray) -> tuple[tuple[float, flo
 
 
 def columns(drive: Drive, base: Constants) -> dict[str, FloatArray]:
-    """Return all that may be missing on a drive: plain functions and every effect's signature."""
+    """Return the columns of a drive: plain functions and every effect's signature."""
     path = path_of(drive, base)
     phi = simulate(path, drive.period_s)
     found = features(drive, path, phi)

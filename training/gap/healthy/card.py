@@ -1,4 +1,4 @@
-"""What healthy drives taught, as a part of the model card: the workflow then works without them.
+"""The healthy behaviour as a part of the model card: the workflow then needs no healthy drives.
 
 It stands under ``reference["gap"]`` and is as good as the columns that it weighs. They are compared
 by name and by their size on a drive made of formulas, so that a card written by code with other
@@ -72,7 +72,7 @@ def store(path: Path, known: Healthy, recordings: Sequence[Recording]) -> ModelC
 
 
 def from_card(card: ModelCard) -> tuple[Healthy | None, str | None]:
-    """Return what healthy drives taught and, where a reference cannot be used, why."""
+    """Return the healthy behaviour in a card, or None and the reason why it cannot be used."""
     stored = card.reference.get(KEY)
     if stored is None:
         return None, None
@@ -89,7 +89,7 @@ def from_card(card: ModelCard) -> tuple[Healthy | None, str | None]:
 
 
 def known_of(card: ModelCard) -> tuple[Healthy | None, list[str]]:
-    """Return what serves where no healthy recordings are given, and what it cannot tell."""
+    """Return the healthy behaviour in a card and the doubts that come with it."""
     known, why = from_card(card)
     if known is None:
         return None, [why] if why else []

@@ -12,7 +12,7 @@ LIMITS: Final = CONFIG.healthy
 
 
 def unvisited(drives: Sequence[Drive], known: Healthy | None) -> list[str]:
-    """Return warnings of what lies where no healthy recording has been, which names nothing."""
+    """Return warnings of samples that name nothing: no healthy recording has been there."""
     if known is None:
         return []
     there = [int(d.kept.sum()) for d in drives]
@@ -29,7 +29,7 @@ def unvisited(drives: Sequence[Drive], known: Healthy | None) -> list[str]:
 
 
 def _away(drives: Sequence[Drive], known: Healthy) -> str:
-    """Return in which quantity drives are where no healthy recording has been."""
+    """Return the quantity, in words, in which the drives left the healthy recordings' range."""
     outside = Counter[str]()
     for drive in drives:
         for what, within in known.visited.parts(known.with_own(drive)).items():

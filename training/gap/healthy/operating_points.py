@@ -29,7 +29,7 @@ class Visited:
 
     @classmethod
     def of(cls, drives: Sequence[Drive]) -> "Visited":
-        """Return what scored samples of the drives visited.
+        """Return the operating points that scored samples of the drives visited.
 
         If one of them does not say its coolant temperature, every temperature counts as visited.
         """

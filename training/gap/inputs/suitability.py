@@ -1,4 +1,4 @@
-"""What recordings must be before anything is fitted to them: each once, on one grid, and moving."""
+"""Conditions of recordings before a fit: no bytes twice, one grid, long enough, moving."""
 
 from collections.abc import Mapping, Sequence
 from typing import Final
@@ -90,7 +90,7 @@ def lacking(recordings: Sequence[Recording], own_charge: bool = False) -> dict[s
 
 
 def check_healthy(recordings: Sequence[Recording], own_charge: bool = False) -> None:
-    """Raise RecordingError if healthy recordings lack what the chain needs and others have."""
+    """Raise RecordingError if healthy recordings lack a signal that the chain needs."""
     for signal, names in lacking(recordings, own_charge).items():
         raise RecordingError(
             f"{', '.join(names)}: healthy, without a good value of {signal}, which the recordings "
@@ -129,7 +129,7 @@ def check_moving(drives: Sequence[Drive]) -> None:
 
 
 def poor(card: ModelCard) -> list[str]:
-    """Return a warning if the model hardly follows its own vehicle: then little is told by it."""
+    """Return a warning if the model hardly follows its own vehicle: any verdict means little."""
     figures = card.fit.get("test_enabled") or card.fit.get("test") or {}
     found = figures.get("correlation", 1.0)
     if found >= LIMITS.correlation_min:
@@ -141,7 +141,7 @@ def poor(card: ModelCard) -> list[str]:
 
 
 def fitted_to(card: ModelCard, recordings: Sequence[Recording]) -> list[str]:
-    """Return a warning if the model, with its own reference, was fitted to what is looked at."""
+    """Return a warning if the model was fitted to the recordings in which the gap is sought."""
     return [
         f"{names}: the model was fitted to them, so a gap that they have counts as "
         "healthy; give recordings of the vehicle without it as --healthy"
@@ -168,7 +168,7 @@ def _fitted_to(card: ModelCard, recordings: Sequence[Recording]) -> list[str]:
 
 
 def unlearned(recordings: Sequence[Recording], healthy: Sequence[Recording]) -> list[str]:
-    """Return warnings of effects whose signals healthy recordings lack and the others have."""
+    """Return warnings of effects whose signals only the new recordings have."""
     if not healthy:
         return []
     here, there = (frozenset.intersection(*(r.known for r in g)) for g in (recordings, healthy))

@@ -61,7 +61,7 @@ class Monitors:
 def detect(
     recordings: Sequence[Recording], faults: Sequence[Fault | None], monitors: Monitors
 ) -> tuple[Detection, ...]:
-    """Return how often each fault is found, put on each of the recordings.
+    """Return how often the monitor finds every fault, put on all of the recordings.
 
     faults : None leaves the recordings as they are, and whatever is found is a false alarm
     """

@@ -1,4 +1,4 @@
-"""What verifying says: errors before and after on drives no fit saw, and faults still found."""
+"""Errors of the old and the new model on drives no fit saw, and faults that are still found."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -36,7 +36,7 @@ class Error:
 
 @dataclass(frozen=True, slots=True)
 class Count:
-    """What the monitor made of some drives."""
+    """Drives by the monitor's answer."""
 
     drives: int
     judged: int  # the response test reached a decision, or a code stands

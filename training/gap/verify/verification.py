@@ -1,4 +1,4 @@
-"""Is the gap smaller on drives that no fit saw, is no regime worse, are faults still found?"""
+"""The check of a new model: a smaller gap on unseen drives, no regime worse, faults still found."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -176,7 +176,7 @@ def left_over(
     residuals: Sequence[FloatArray],
     chain: Constants,
 ) -> FloatArray:
-    """Return what a flexible model leaves of the scored residuals (m,), the noise floor in phi.
+    """Return the scored residuals (m,) that a flexible model leaves, the noise floor in phi.
 
     A ridge on plain functions and every effect's signature, each block by the fit without it. Where
     it helps nothing on the whole the residual itself is left.

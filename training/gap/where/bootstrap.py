@@ -49,7 +49,7 @@ class Excess:
     def share(self, explained: FloatArray) -> Share:
         """Return the share of ``explained`` (n_blocks,), a sum of squares in each block.
 
-        What is explained belongs to the excess: the whole is never less than the part.
+        The explained part belongs to the excess: the whole is never less than it.
         """
         part = float(explained.sum() / self.samples.sum())
         parts = (self.counts @ explained) / (self.counts @ self.samples)

@@ -1,4 +1,4 @@
-"""Candidates for what an excess depends on: a smooth function of one driver at one point.
+"""Candidates for the cause of an excess: a smooth function of one driver at one point.
 
 The function enters at one of four points:
 
@@ -38,7 +38,7 @@ EVERYWHERE: Final = "everywhere"
 
 @dataclass(frozen=True, slots=True)
 class Side:
-    """Recordings with what every candidate needs of them."""
+    """Recordings with blocks, drivers and transport, which every candidate needs."""
 
     recordings: Sequence[Compared]
     blocks: Stack
@@ -74,7 +74,7 @@ class Side:
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A driver and point with what it explains."""
+    """A driver and point, and the squared error that they take away."""
 
     driver: Driver | None
     point: Point
@@ -149,7 +149,7 @@ class Curve:
 
 
 def curve_of(c: Candidate, excess: Excess) -> Curve:
-    """Return what the new recordings show beyond the healthy ones, over the driver's range."""
+    """Return the dependence beyond that of healthy recordings, over the driver's range."""
     assert c.basis is not None
     x = np.linspace(*c.basis.ends, 60)
     functions = c.basis(x)

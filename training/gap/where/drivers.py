@@ -82,12 +82,12 @@ class Driver:
 
     @property
     def words(self) -> str:
-        """Return what a reader calls it."""
+        """Return the driver's name for a reader."""
         return WORDS.get(self.name, self.name.replace("_", " "))
 
     @property
     def unit(self) -> str:
-        """Return its unit, empty if it has none or it is not known."""
+        """Return the driver's unit, empty if it has none."""
         return UNITS.get(self.name, "")
 
 

@@ -34,7 +34,7 @@ MOST_NAMED: Final = 4  # rivals in a sentence; the page shows them all
 
 @dataclass(frozen=True, slots=True)
 class Findings:
-    """What localising found, each part with its ranking."""
+    """Regimes, bands and changes in which the residual exceeds the reference."""
 
     samples: int  # scored
     floor: NoiseFloor
@@ -50,7 +50,7 @@ class Findings:
 
     @property
     def significant(self) -> tuple[str, ...]:
-        """Return a sentence for each kind of finding that is beyond chance, the best of each."""
+        """Return one sentence per kind of finding, the best of it, if that is beyond chance."""
         found = [self.offset.sentence] if self.offset.significant else []
         if self.regimes and self.regimes[0].significant:
             found.append(self.regimes[0].sentence + self._not_told())

@@ -1,4 +1,4 @@
-"""The noise floor of a residual: what no model of the present inputs could predict.
+"""The noise floor of a residual: the part that no model of the present inputs could predict.
 
 Two estimates. What is left of the third differences is noise that is white; it misses noise that
 mixing and sensor have smoothed, so it is the least the floor can be. Pairs of samples at nearly

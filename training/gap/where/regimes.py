@@ -32,7 +32,7 @@ CURVES: Final = 4  # of the best regimes are drawn
 
 @dataclass(frozen=True, slots=True)
 class Regime:
-    """What one driver explains at one point."""
+    """The share of the excess that one driver explains at one point."""
 
     driver: str
     words: str
@@ -165,7 +165,7 @@ def rivals(regimes: Sequence[Regime], excess: Excess) -> tuple[Regime, ...]:
 
 
 def explained_by(regime: Regime, new: Side) -> list[FloatArray]:
-    """Return what a regime explains of each recording's residual, (n,) per recording.
+    """Return the part of the residual that a regime explains, (n,) per recording.
 
     From blocks that did not fit it; 0 where not scored.
     """

@@ -1,4 +1,4 @@
-"""Cross-fitted functions of one variable: what they explain of blocks that did not fit them."""
+"""Cross-fitted functions of one variable: each block is judged by a fit to the other blocks."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -50,14 +50,14 @@ class Basis:
 
 @dataclass(frozen=True, slots=True)
 class Normal:
-    """Normal equations of each block: what least squares needs to know of it."""
+    """Normal equations of every block: the sums that least squares needs."""
 
     gram: FloatArray  # (n_blocks, k, k)
     right: FloatArray  # (n_blocks, k)
     squares: FloatArray  # (n_blocks,)
 
     def error(self, coefficients: FloatArray) -> FloatArray:
-        """Return the sum of squares that coefficients (n_blocks, k) leave in each block."""
+        """Return the sum of squares that coefficients (n_blocks, k) leave, block by block."""
         fitted = np.einsum("bi,bij,bj->b", coefficients, self.gram, coefficients)
         cross = np.einsum("bi,bi->b", coefficients, self.right)
         return np.asarray(self.squares - 2.0 * cross + fitted)
@@ -84,7 +84,7 @@ def solve(gram: FloatArray, right: FloatArray) -> FloatArray:
 
 
 def held_out(equations: Normal, fold: IntArray) -> FloatArray:
-    """Return coefficients (n_blocks, k) for each block from the blocks of other folds."""
+    """Return coefficients (n_blocks, k), every block's from the blocks of other folds."""
     found = np.empty(equations.right.shape)
     for one in np.unique(fold):
         others = fold != one
@@ -93,7 +93,7 @@ def held_out(equations: Normal, fold: IntArray) -> FloatArray:
 
 
 def healthy_coefficients(healthy: Normal) -> FloatArray:
-    """Return coefficients (k,) of what the model already errs on healthy recordings."""
+    """Return coefficients (k,) of the model's error on healthy recordings."""
     return solve(healthy.gram.sum(0), healthy.right.sum(0))
 
 

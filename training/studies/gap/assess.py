@@ -1,4 +1,4 @@
-"""Every target of the study beside what was found: its bounds, met or missed.
+"""Every target of the study beside its figure and bounds: met or missed.
 
 A target is met by what was found, and proved where the 95 % bound on the bad side meets it, too.
 """
@@ -220,7 +220,7 @@ def _closing(rows: Sequence[Row], where: str) -> list[Target]:
 
 
 def _detection(rows: Sequence[Row]) -> list[Target]:
-    """Return what the new models find of faults put on, held against what the old ones find.
+    """Return the new models' share of faults found beside that of the old models.
 
     An old model that takes the gap itself for a fault finds every fault put on, too; so it is held
     against by the names that it gives, and with limits on which it is as quiet as the new one.

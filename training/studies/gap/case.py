@@ -47,7 +47,7 @@ ADD: Final = tuple(effect.name for effect in ALL if effect.tag == "fault-like")
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
-    """What all cases of one vehicle share."""
+    """Base model, healthy recordings and noise of one vehicle, for all its cases."""
 
     number: int
     model: Path  # the base, fitted to the healthy recordings
@@ -57,7 +57,7 @@ class Vehicle:
 
 
 def prepare(study: Study, number: int, model: Path) -> Vehicle:
-    """Return what a vehicle's healthy recordings teach; the base goes to the file ``model``.
+    """Return a vehicle with its healthy behaviour; the base goes to the file ``model``.
 
     Where bases are fitted to the cases' own recordings it is taught without this base's charge.
     """
@@ -90,7 +90,7 @@ def ask(
 
 
 def run(case: Case, study: Study, vehicle: Vehicle | str) -> Row:
-    """Return the case's row; an error of it, or of its vehicle, is part of the row."""
+    """Return the case's row; an error of the case or its vehicle is part of the row."""
     if isinstance(vehicle, str):
         return case.as_row() | {"noise": None, "error": vehicle}
     row = case.as_row() | {"noise": vehicle.noise_phi, "error": None}

@@ -20,7 +20,7 @@ PERIOD_NS: Final = 100_000_000
 
 
 def recordings(case: Case, duration_s: float, *, hidden: bool = True) -> list[Recording]:
-    """Return the case's recordings; without what is hidden they are the same drives healthy."""
+    """Return the case's recordings, or the same drives with nothing hidden."""
     effects = dict(case.hidden) if hidden else {}
     fault = case.fault if hidden else None
     return [recording(p, case.vehicle, duration_s, effects, fault) for p in case.parts]

@@ -24,7 +24,7 @@ Progress = Callable[[int], None]  # takes how many cases are done more
 
 
 def begin(study: Study, folder: Path) -> dict[str, Any]:
-    """Take the folder for a study; return what its rows depend on.
+    """Take the folder for a study; return the identity of its rows.
 
     Raises UsageError if the folder holds another study.
     """
@@ -65,7 +65,7 @@ def rows(study: Study, folder: Path) -> list[Row]:
 
 
 def identity(study: Study) -> dict[str, Any]:
-    """Return what the rows depend on."""
+    """Return the study and the hash of all code and numbers that make its rows."""
     root = Path(monitor.__file__).parent.parent
     paths = {*run_folder.sources(Path(case.__file__), root), Path(gap.__file__).parent / NUMBERS}
     return {

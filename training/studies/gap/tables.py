@@ -41,7 +41,7 @@ class Cell:
 
 
 def confusion(rows: Sequence[Row]) -> dict[str, Any]:
-    """Return how often each thing hidden got each answer: ``driven``, ``named``, ``counts``."""
+    """Return the confusion matrix: hidden by answer, as ``driven``, ``named``, ``counts``."""
     counts = Counter((hidden(r), answer(r)) for r in rows)
     order = ["nothing", *LIBRARY, *UNKNOWN, "two effects"]
     there = {what for what, _ in counts}
@@ -74,7 +74,7 @@ def wrong(rows: Sequence[Row]) -> list[Row]:
 
 
 def two(rows: Sequence[Row]) -> dict[str, int]:
-    """Return what became of the cases with two effects."""
+    """Return the outcomes of the cases with two effects."""
     own = done(rows, "two")
     found = Counter(_of_two(r) for r in own)
     order = ("both right", "one right, nothing wrong", "a wrong name")
