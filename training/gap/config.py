@@ -54,6 +54,13 @@ class SplinesConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class ExcessConfig:
+    """When the error of the recordings exceeds its reference."""
+
+    confidence: float
+
+
+@dataclass(frozen=True, slots=True)
 class NoiseFloorConfig:
     """Pairs of samples at the same operating point."""
 
@@ -147,6 +154,7 @@ class GapConfig:
     error_alone: ErrorAloneConfig
     drivers: DriversConfig
     splines: SplinesConfig
+    excess: ExcessConfig
     noise_floor: NoiseFloorConfig
     regimes: RegimesConfig
     bands: BandsConfig

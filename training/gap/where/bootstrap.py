@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor.base.types import FloatArray, IntArray
+from training.gap.config import CONFIG
 
 DRAWS = 500
 SIGNS = 1999
-CONFIDENCE = 0.9
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +59,7 @@ class Excess:
 def share_of(part: float, whole: float, parts: FloatArray, wholes: FloatArray) -> Share:
     """Return part over whole with the bounds that the draws (DRAWS,) of both give."""
     ratios = _ratio(parts, wholes)
-    tail = 50.0 * (1.0 - CONFIDENCE)
+    tail = 50.0 * (1.0 - CONFIG.excess.confidence)
     low, high = np.percentile(ratios, [tail, 100.0 - tail])
     value = float(_ratio(np.array([part]), np.array([whole]))[0])
     return Share(value, float(min(low, value)), float(max(high, value)))
@@ -96,7 +96,7 @@ def excess(
         own = draw_counts(len(reference[0]), rng)
         references = (own @ reference[0]) / (own @ reference[1])
         value = float(reference[0].sum() / reference[1].sum())
-    tail = 50.0 * (1.0 - CONFIDENCE)
+    tail = 50.0 * (1.0 - CONFIG.excess.confidence)
     low, high = (float(v) for v in np.percentile(drawn - references, [tail, 100.0 - tail]))
     mean_square = float(squares.sum() / samples.sum())
     relative = not isinstance(reference, float)
