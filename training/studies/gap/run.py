@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 import monitor
-from training import gap
+from training.gap import config
 from training.jobs import parallel, run_folder
 from training.studies.gap import case
 from training.studies.gap.case import Row, Vehicle
@@ -18,7 +18,7 @@ from training.studies.gap.plan import Case, Study, cases
 CASES: Final = "cases"
 VEHICLES: Final = "vehicles"
 MODEL: Final = "base.onnx"
-NUMBERS: Final = "default.toml"  # of the gap workflow, part of what the rows depend on
+ROOT: Final = Path(monitor.__file__).parent.parent
 Item = tuple[Case, Vehicle | str, bytes]  # a case, its vehicle, and the file of the vehicle's base
 Progress = Callable[[int], None]  # takes how many cases are done more
 
@@ -66,12 +66,16 @@ def rows(study: Study, folder: Path) -> list[Row]:
 
 def identity(study: Study) -> dict[str, Any]:
     """Return the study and the hash of all code and numbers that make its rows."""
-    root = Path(monitor.__file__).parent.parent
-    paths = {*run_folder.sources(Path(case.__file__), root), Path(gap.__file__).parent / NUMBERS}
     return {
         "study": json.loads(json.dumps(asdict(study))),
-        "code_sha256": run_folder.code_sha256(paths, root),
+        "code_sha256": run_folder.code_sha256(sources(), ROOT),
     }
+
+
+def sources() -> set[Path]:
+    """Return the files of all code that makes the rows, and of the numbers that it reads."""
+    numbers = Path(config.__file__).with_name("default.toml")
+    return {*run_folder.sources(Path(case.__file__), ROOT), numbers}
 
 
 def _path(folder: Path, asked: Case) -> Path:
