@@ -66,7 +66,7 @@ def investigate(
         findings=found,
         naming=answer,
         unknown=unknown,
-        warnings=tuple(suitability.poor(card)),
+        warnings=tuple(suitability.poor_model_warnings(card)),
         sensor_known_good=sensor_known_good,
         seconds=time.monotonic() - began_s,
     )

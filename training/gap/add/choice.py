@@ -54,13 +54,15 @@ def add(
     options: Options,
     progress: Progress = lambda _: None,
 ) -> tuple[Path | None, str, tuple[Added, ...]]:
-    """Write the new model that predicts best; return it, its form and its effects.
+    """Write the new model that predicts best to ``out``; return it, its form and its effects.
 
-    choices : the effects, each time with other constants, the ones to prefer first
-    There is none if it predicts no better than the old one: the recordings of the fit, or, where
-    either of the two was trained on some of these, those held out. Decision limits are set anew,
-    because those of the old model go with its errors; ``_set_limits`` may keep them.
-    Raises ParityError if no form computes the same in ONNX and numpy, ModelError as ``add_narx``.
+    choices : the effects, once for every set of constants, the preferred set first
+    Returns None and no file if the new model predicts no better than the old one. They are held
+    against each other on the recordings of the fit; if either was trained on some of these, on the
+    recordings held out. Decision limits are set anew, because the old ones belong to the old
+    model's errors; ``_set_limits`` may keep them.
+    Raises ParityError if no form computes the same in ONNX and numpy, ModelError as
+    ``network.add``.
     """
     card = base.check(material.model)
     out.parent.mkdir(parents=True, exist_ok=True)
@@ -68,23 +70,8 @@ def add(
     drives = base.drives_of(material.model, use.fit, material.healthy)
     ranges = _ranges(use.fit, drives)
     if card.kind == base.GREYBOX:
-        (added,) = map(tuple, choices)
-        vehicle = greybox.Vehicle.of(known, Greybox.of(card), drives) if known else None
-        greybox.add(
-            material.model,
-            added,
-            out,
-            ranges=ranges,
-            recordings=tuple(map(as_trained_on, use.fit)),
-            vehicle=vehicle,
-            drives=drives,
-        )
-        best = _Tried(
-            form=base.GREYBOX,
-            added=added,
-            path=out,
-            rmse=_rmse(out, use.judges),
-            blocks=whole(use.fit),
+        best = _inside_chain(
+            material, card, choices, known, ranges=ranges, use=use, drives=drives, out=out
         )
         says = FORMS[base.GREYBOX]
     else:
@@ -164,6 +151,38 @@ class _Tried:
     path: Path
     rmse: float  # phi
     blocks: Sequence[HeldOut]  # of the recordings of the fit, to set its limits on
+
+
+def _inside_chain(
+    material: Material,
+    card: ModelCard,
+    choices: Sequence[Sequence[Added]],
+    known: Healthy | None,
+    *,
+    ranges: Ranges,
+    use: _Use,
+    drives: Sequence[Drive],
+    out: Path,
+) -> _Tried:
+    """Write the chain with the effects in it; there is one set of constants."""
+    (added,) = map(tuple, choices)
+    vehicle = greybox.Vehicle.of(known, Greybox.of(card), drives) if known else None
+    greybox.add(
+        material.model,
+        added,
+        out,
+        ranges=ranges,
+        recordings=tuple(map(as_trained_on, use.fit)),
+        vehicle=vehicle,
+        drives=drives,
+    )
+    return _Tried(
+        form=base.GREYBOX,
+        added=added,
+        path=out,
+        rmse=_rmse(out, use.judges),
+        blocks=whole(use.fit),
+    )
 
 
 def _beside_network(

@@ -1,6 +1,6 @@
 """Effects become part of a network's file: before it, added to its output, or as one more input.
 
-Before it they change what the network reads (``add_narx_before``). The chain with the effects minus
+Before it they change what the network reads (``network_before``). The chain with the effects minus
 the chain without is what they change at the sensor: added to the output it leaves the network as it
 is; as an input the network is trained anew and may weigh it by regime.
 """

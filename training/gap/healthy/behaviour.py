@@ -54,7 +54,7 @@ class Healthy:
     ridge: Ridge
     spread: FloatArray  # (k,) of the columns' coefficients over drives
     visited: Visited
-    surplus: Mapping[str, float] = field(default_factory=dict)  # see ``accepted``
+    surplus: Mapping[str, float] = field(default_factory=dict)  # see ``yardstick``
     charge: ChargeError | None = None  # of drives with the air per stroke as broadcast
     rmse_usual: float | None = None  # phi, of healthy drives judged by others; of a chain only
 

@@ -11,7 +11,7 @@ from training.greybox.fit.drive import MIN_SCORED_S, Drive
 LIMITS: Final = CONFIG.healthy
 
 
-def unvisited(drives: Sequence[Drive], known: Healthy | None) -> list[str]:
+def coverage_warnings(drives: Sequence[Drive], known: Healthy | None) -> list[str]:
     """Return warnings of samples that name nothing: no healthy recording has been there."""
     if known is None:
         return []

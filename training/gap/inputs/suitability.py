@@ -128,7 +128,7 @@ def check_moving(drives: Sequence[Drive]) -> None:
     )
 
 
-def poor(card: ModelCard) -> list[str]:
+def poor_model_warnings(card: ModelCard) -> list[str]:
     """Return a warning if the model hardly follows its own vehicle: any verdict means little."""
     figures = card.fit.get("test_enabled") or card.fit.get("test") or {}
     found = figures.get("correlation", 1.0)
@@ -140,7 +140,7 @@ def poor(card: ModelCard) -> list[str]:
     ]
 
 
-def fitted_to(card: ModelCard, recordings: Sequence[Recording]) -> list[str]:
+def seen_in_fit_warnings(card: ModelCard, recordings: Sequence[Recording]) -> list[str]:
     """Return a warning if the model was fitted to the recordings in which the gap is sought."""
     return [
         f"{names}: the model was fitted to them, so a gap that they have counts as "
@@ -149,7 +149,7 @@ def fitted_to(card: ModelCard, recordings: Sequence[Recording]) -> list[str]:
     ]
 
 
-def held_out(card: ModelCard, recordings: Sequence[Recording]) -> list[str]:
+def held_out_warnings(card: ModelCard, recordings: Sequence[Recording]) -> list[str]:
     """Return a warning if nothing is held out of the new model's fit, or was in the old one's."""
     if not recordings:
         return ["one recording: nothing could be held out, the figures are of held-out blocks"]
@@ -167,7 +167,9 @@ def _fitted_to(card: ModelCard, recordings: Sequence[Recording]) -> list[str]:
     return [", ".join(own)] if own else []
 
 
-def unlearned(recordings: Sequence[Recording], healthy: Sequence[Recording]) -> list[str]:
+def unlearned_effect_warnings(
+    recordings: Sequence[Recording], healthy: Sequence[Recording]
+) -> list[str]:
     """Return warnings of effects whose signals only the new recordings have."""
     if not healthy:
         return []

@@ -46,7 +46,7 @@ class Knowledge:
                 ),
             )
         known, doubts = reference_card.known_of(subject.card)
-        fitted_to = suitability.fitted_to(subject.card, subject.material.recordings)
+        fitted_to = suitability.seen_in_fit_warnings(subject.card, subject.material.recordings)
         return cls(start, known, [*doubts, *fitted_to])
 
     @property
@@ -67,7 +67,7 @@ class Knowledge:
 
     def coverage_warnings(self, drives: Sequence[Drive]) -> list[str]:
         """Return warnings of drives where no healthy recording has been."""
-        return coverage.unvisited(drives, self.known)
+        return coverage.coverage_warnings(drives, self.known)
 
     def mix_warnings(self, subject: Subject, naming: Naming) -> list[str]:
         """Return warnings if the recordings seem to be of several vehicles."""

@@ -30,7 +30,7 @@ class State:
     current: Fit
     roof: scoring.Ceiling
     deviance: FloatArray  # (n_blocks,)
-    surplus: Mapping[str, float]  # of candidates on healthy drives, see ``accepted``
+    surplus: Mapping[str, float]  # of candidates on healthy drives, see ``yardstick``
     offset_phi: float  # by which healthy drives lie off each other
 
     def needed(self, name: str) -> float:

@@ -171,12 +171,12 @@ def test_walls_that_a_model_has_taken_in_are_named_and_not_added_again(tmp_path:
 def test_recordings_that_the_model_was_fitted_to_are_told_from_others(chain: Path) -> None:
     card = Model.load(chain).card
     driven, healthy = recordings(2_311_000, **FILM), recordings(2_310_000, HEALTHY)
-    assert suitability.fitted_to(card, driven) == []
-    (warning,) = suitability.fitted_to(card, (*driven, healthy[1]))
+    assert suitability.seen_in_fit_warnings(card, driven) == []
+    (warning,) = suitability.seen_in_fit_warnings(card, (*driven, healthy[1]))
     assert warning.startswith(f"{healthy[1].path.name}: the model was fitted to them")
     # and what is held out should be none of them
-    assert suitability.held_out(card, driven) == []
-    (warning,) = suitability.held_out(card, (*driven, healthy[1]))
+    assert suitability.held_out_warnings(card, driven) == []
+    (warning,) = suitability.held_out_warnings(card, (*driven, healthy[1]))
     assert warning.startswith(f"{healthy[1].path.name}: the model was fitted to what is held out")
 
 

@@ -100,11 +100,18 @@ def test_healthy_recordings_without_what_the_others_have_are_refused() -> None:
 
 
 def test_an_effect_whose_signal_healthy_recordings_lack_is_warned_of() -> None:
-    (text,) = suitability.unlearned([recording(1)], [recording(2, without=["rail_pressure_mpa"])])
+    (text,) = suitability.unlearned_effect_warnings(
+        [recording(1)], [recording(2, without=["rail_pressure_mpa"])]
+    )
     assert text.startswith("rail_exponent: healthy recordings lack rail_pressure_mpa")
-    assert suitability.unlearned([recording(1)], [recording(2)]) == []
+    assert suitability.unlearned_effect_warnings([recording(1)], [recording(2)]) == []
     # and the air meter tells the speed
-    assert suitability.unlearned([recording(1)], [recording(2, without=["engine_speed_rpm"])]) == []
+    assert (
+        suitability.unlearned_effect_warnings(
+            [recording(1)], [recording(2, without=["engine_speed_rpm"])]
+        )
+        == []
+    )
 
 
 def test_too_short_drives_are_refused_with_what_came_and_what_was_wanted() -> None:
@@ -126,9 +133,9 @@ def test_drives_at_one_operating_point_are_refused() -> None:
 
 
 def test_a_model_that_hardly_follows_its_own_vehicle_is_warned_of() -> None:
-    assert suitability.poor(CARD) == []
+    assert suitability.poor_model_warnings(CARD) == []
     weak = replace(CARD, fit={"test": {}, "test_enabled": {"correlation": 0.2}})
-    assert "0.20" in suitability.poor(weak)[0]
+    assert "0.20" in suitability.poor_model_warnings(weak)[0]
 
 
 def test_drives_of_one_vehicle_are_not_warned_of() -> None:
@@ -220,8 +227,8 @@ def test_drives_where_no_healthy_one_has_been_are_warned_of() -> None:
     known = yardstick.learn([drive(seed) for seed in (1, 2, 3)], USUAL, lambda _: None)
     cold = drive(5, coolant_temperature_degc=np.full(6000, 10.0))
     # WHEN they are to be named
-    assert coverage.unvisited([drive(4)], known) == []
-    left_out, share = coverage.unvisited([drive(4), cold], known)
+    assert coverage.coverage_warnings([drive(4)], known) == []
+    left_out, share = coverage.coverage_warnings([drive(4), cold], known)
     # THEN the cold one is said to be left out
     assert left_out.startswith("drive_5: left out of the naming")
     assert left_out.endswith("at coolant temperatures that no healthy recording has visited")
