@@ -73,7 +73,7 @@ def base_state(drives: Sequence[Drive], known: Healthy | None, base: Constants |
 
 
 def _where_known(drives: Sequence[Drive], known: Healthy) -> list[Drive]:
-    """Return the drives that can be judged, with what of them can."""
+    """Return the drives with enough samples where healthy drives have been, cut to these."""
     made = [known.known_of(drive) for drive in drives]
     left = [drive for drive in made if drive.kept.sum() * drive.period_s >= MIN_SCORED_S]
     if not left:
@@ -85,7 +85,7 @@ def _where_known(drives: Sequence[Drive], known: Healthy) -> list[Drive]:
 
 
 def _shrinks(case: Case, known: Healthy) -> tuple[Shrink, ...]:
-    """Return what differs from healthy drive to drive, of each drive."""
+    """Return for every drive the columns that differ between healthy drives, to integrate out."""
     columns = [
         white(known.columns(drive), case.ar)[drive.kept] / case.sigma for drive in case.drives
     ]
@@ -98,7 +98,7 @@ def _shrinks(case: Case, known: Healthy) -> tuple[Shrink, ...]:
 
 
 def _is_no_phase(case: Case, skews: Sequence[FloatArray]) -> bool:
-    """Whether every drive's charge is late, or early, by more than phases of messages make it.
+    """Return whether the charge of all drives is later, or earlier, than message phases explain.
 
     skews : (m,) of each drive, what a charge that is late by 1 s changes
     """

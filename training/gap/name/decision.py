@@ -1,4 +1,4 @@
-"""What one step concludes: a name, several, none that explains enough, nothing, or the sensor."""
+"""The conclusion of one step: a name, several, an unknown effect, no gap, or the sensor."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -44,7 +44,7 @@ GAIN_SUSPECTED: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What a step concludes and what it looked at."""
+    """The conclusion of a step and its ranking."""
 
     verdict: Verdict
     best: tuple[Candidate, ...]  # the named one, the ambiguous set, or what looks like the fault
@@ -97,12 +97,12 @@ def step(
 
 
 def _holds(candidate: Candidate, t_least: float = T_LEAST) -> bool:
-    """Whether a candidate's gain is more than chance and even over the blocks that it moves."""
+    """Return whether a gain is more than chance and even over the blocks that it moves."""
     return candidate.score >= candidate.needed and candidate.t >= t_least
 
 
 def _rules_out(state: State, strange: Candidate, best: Candidate) -> bool:
-    """Whether what is too small explains more than the best, or what cannot be as much."""
+    """Return whether an implausible candidate (too small, or wrong sign) beats the best."""
     if strange.physical:
         return best.score < EQUAL * strange.score
     blocks = state.case.blocks
@@ -111,7 +111,7 @@ def _rules_out(state: State, strange: Candidate, best: Candidate) -> bool:
 
 
 def _is_confirmed(state: State, best: Candidate) -> bool:
-    """Whether functions with far more freedom than an effect explain anything of held-out blocks.
+    """Return whether functions with far more freedom than an effect explain held-out blocks.
 
     An effect that gains where they lose has met what differs from drive to drive.
     """
@@ -121,14 +121,14 @@ def _is_confirmed(state: State, best: Candidate) -> bool:
 
 
 def _is_no_rival(state: State, best: Candidate, plain: Plain) -> bool:
-    """Whether one plain function of a signal explains far more than the best candidate does."""
+    """Return whether one plain function of a signal explains far more than the best candidate."""
     own = scoring.deviance(best.fit, state.case.blocks)
     far = best.score < RIVAL_SCORE * plain.score.gain
     return far and scoring.win(plain.deviance, own) >= WIN
 
 
 def _is_large(candidate: Candidate) -> bool:
-    """Whether the gain is far more than healthy drives give, if only in some blocks."""
+    """Return whether the gain is far more than healthy drives give, if only in some blocks."""
     return candidate.score > LARGE * candidate.needed
 
 
@@ -174,7 +174,7 @@ def _nothing(
 
 
 def _is_felt(state: State, fault: Candidate) -> bool:
-    """Whether a sensor fault is more than chance and explains half of what can be explained."""
+    """Return whether a sensor fault is beyond chance and explains half of the ceiling."""
     if not (_is_large(fault) or _holds(fault)):
         return False
     share = fault.adequacy
@@ -242,7 +242,7 @@ def _as_good(
 
 
 def _is_near_bias(candidate: Candidate, best: Candidate) -> bool:
-    """Whether a candidate is a biased sensor that explains nearly as much as the best."""
+    """Return whether a candidate is a biased sensor that explains nearly as much as the best."""
     near = candidate.score >= BIAS_NEAR * best.score
     return candidate.name == GAIN_CLASS[1] and near and matters(candidate)
 
@@ -281,7 +281,7 @@ def _of_the_gain(
 
 
 def _is_of_the_gain(state: State, ranking: Sequence[Candidate]) -> bool:
-    """Whether a factor or offset explains most, and more than the best, of drives as they are.
+    """Return whether a factor or offset explains most of the drives as they are.
 
     Healthy drives differ in fuel and weather, so an offset is integrated out of every drive. One
     of all drives then shows in its traces only, or not at all; here it is left in.

@@ -1,4 +1,4 @@
-"""What is known of the vehicle before anything is named: the chain to hold the recordings against.
+"""The healthy vehicle before anything is named: behaviour and chain that recordings are held to.
 
 First choice is a ``Healthy`` that the caller brings, then the healthy recordings, then the healthy
 reference in the model's card, last the card's constants alone.

@@ -134,13 +134,13 @@ def _kept(
 
 
 def _is_alone(ranking: Sequence[Candidate]) -> bool:
-    """Whether no other candidate comes near the best."""
+    """Return whether no other candidate comes near the best."""
     best, *others = ranking
     return all(each.score < FAR * best.score for each in others)
 
 
 def _is_larger(rmse: float, drives: Sequence[Drive], known: Healthy | None) -> bool:
-    """Whether the chain's error is more than on healthy drives, whatever the reason.
+    """Return whether the chain's error is larger than on healthy drives, whatever the reason.
 
     Slow errors hardly show in whitened ones, so there may be a gap that no candidate scores on.
     """

@@ -1,4 +1,4 @@
-"""Whether recordings are of one vehicle: gain and time to the sensor of every drive by itself.
+"""A mix of vehicles among recordings: gain and time to the sensor, fitted drive by drive.
 
 What an effect or the weather does to the mixture comes and goes within a drive; another vehicle, or
 another fuel, stays for all of it. Each drive's own gain and its own dead time and lag together are
@@ -54,7 +54,7 @@ class Partition:
 
 
 def chain_of(naming: Naming, reference: Constants) -> Chain:
-    """Return the chain with what explains most of the gap, if there is one."""
+    """Return the chain with the candidate that explains most of the gap, if there is one."""
     if naming.verdict == "no_gap" or not naming.ranking:
         return Chain(reference)
     most = naming.effects[-1] if naming.verdict == "named" else naming.ranking[0]
@@ -66,10 +66,10 @@ def warn(
     chain: Chain,
     healthy: Sequence[Drive] = (),
 ) -> list[str]:
-    """Return a warning for each quantity in which drives fall into two groups.
+    """Return warnings of quantities in which drives fall into two groups.
 
-    chain : with what was found to be missing, which moves drives in its own way
-    healthy : drives of one vehicle without that, which show what is usual
+    chain : with the missing effect, which moves drives, too
+    healthy : drives of one vehicle without the effect, which show the usual difference
     """
     if len(drives) < DRIVES_LEAST:
         return []
@@ -83,7 +83,7 @@ def warn(
 
 
 def partitions(drives: Sequence[Drive], chain: Chain) -> list[Partition]:
-    """Return of each quantity the two groups of drives that differ most, by t."""
+    """Return for every quantity the two groups of drives that differ most, by t."""
     if len(drives) < 2:
         return []
     steps = [_step(drive, chain) for drive in drives]
@@ -109,7 +109,7 @@ def _part(quantity: str, values: FloatArray, weights: FloatArray) -> Partition:
 
 
 def _step(drive: Drive, chain: Chain) -> tuple[FloatArray, FloatArray]:
-    """Return how far a drive's own constants are from the chain's (3,), and the covariance."""
+    """Return a drive's constants less the chain's (3,), and their covariance."""
     case = Case((drive,), (np.zeros(len(drive)),), WHITE)
 
     def error(base: Constants) -> FloatArray:

@@ -1,4 +1,4 @@
-"""What the naming says: verdict, effects with their constants, ranking, warnings."""
+"""The result of naming: verdict, effects with their constants, ranking, warnings."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -47,7 +47,7 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True)
 class Round:
-    """One effect that was added and what it was chosen from."""
+    """One named effect and the ranking it was chosen from."""
 
     effect: Candidate
     rmse: float  # phi, on held-out blocks, with it
