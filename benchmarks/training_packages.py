@@ -16,9 +16,9 @@ from types import ModuleType
 import numpy as np
 from scipy.optimize import least_squares
 
-from training.narx.algorithms.closed_loop import ClosedLoop, Pieces, Samples
-from training.narx.algorithms.lm import Objective, OneStep, Options, minimise
+from training.narx.algorithms.lm import Objective, Options, minimise
 from training.narx.network import Spec, forward, jacobian, layers, regressors
+from training.narx.objectives import ClosedLoop, OneStep, Pieces, Samples
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,4 @@
-"""Levenberg–Marquardt as the reference toolbox runs it, and the series-parallel objective.
-
-``Watch`` keeps the books of a run for the other methods too.
+"""Levenberg–Marquardt as the reference toolbox runs it, and ``Watch``, the record of any run.
 
 Source: Hagan and Menhaj, Training feedforward networks with the Marquardt algorithm, IEEE TNN 5
 (1994); the defaults are those of the reference toolbox (1,000 epochs, six validation failures,
@@ -13,12 +11,9 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor, cho_solve, get_blas_funcs
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from monitor.base.types import FloatArray
-from training.narx.network import Spec, forward, jacobian
-
-CHUNK = 1500
 
 
 class Objective(Protocol):
@@ -115,52 +110,6 @@ class Watch:
         if ends:
             self.outcome.stop = stop
         return ends
-
-
-class OneStep:
-    """Series-parallel objective: every sample predicted from measured outputs.
-
-    regressors, target, weight : shapes (n, n_regressors), (n,), (n,); weight defaults to one
-    dtype : of the Jacobian, as in ``ClosedLoop``: float32 rounds its entries to 1e-7 at half the
-    time, errors and sums stay float64; float64 is exact
-    """
-
-    def __init__(
-        self,
-        spec: Spec,
-        regressors: FloatArray,
-        target: FloatArray,
-        weight: FloatArray | None = None,
-        dtype: type[np.floating] = np.float32,
-    ) -> None:
-        self.spec, self.target, self.dtype = spec, target, dtype
-        self.regressors = np.asfortranarray(regressors)  # samples side by side, as in the Jacobian
-        self.weight = np.ones(len(target)) if weight is None else weight
-        self._root = np.sqrt(self.weight)
-        self._total = float(self.weight.sum())
-        if self._total <= 0:
-            raise ValueError("no sample is scored")
-
-    def cost(self, weights: FloatArray) -> float:
-        """Return the weighted mean squared one-step error."""
-        error = forward(self.spec, weights, self.regressors) - self.target
-        return float(self.weight @ error**2) / self._total
-
-    def normal(self, weights: FloatArray) -> tuple[float, FloatArray, FloatArray]:
-        """Return the cost, J'J and J'e, all divided by the total weight."""
-        n = self.spec.n_weights
-        hessian, gradient, total = np.zeros((n, n)), np.zeros(n), 0.0
-        syrk = get_blas_funcs("syrk", dtype=self.dtype)
-        for at in range(0, len(self.target), CHUNK):
-            rows = slice(at, at + CHUNK)
-            root = self._root[rows]
-            predicted, J = jacobian(self.spec, weights, self.regressors[rows], root, self.dtype)
-            error = (predicted - self.target[rows]) * root
-            hessian += syrk(1.0, J, trans=True).T  # in C order, hence the lower triangle
-            gradient += J.T @ error.astype(self.dtype)
-            total += float(error @ error)
-        hessian += np.tril(hessian, -1).T
-        return total / self._total, hessian / self._total, gradient / self._total
 
 
 def minimise(
