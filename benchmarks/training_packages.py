@@ -17,8 +17,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from training.narx.algorithms.lm import Objective, Options, minimise
+from training.narx.algorithms.objectives import ClosedLoop, OneStep, Pieces, Samples
 from training.narx.network import Spec, forward, jacobian, layers, regressors
-from training.narx.objectives import ClosedLoop, OneStep, Pieces, Samples
 
 
 @dataclass(frozen=True)

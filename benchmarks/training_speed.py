@@ -28,8 +28,8 @@ from training_packages import Case, MissingError, Run
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
 from training.narx.algorithms.lm import Options, minimise
+from training.narx.algorithms.objectives import CHUNK, ClosedLoop, OneStep, Pieces, Samples
 from training.narx.network import Spec, forward, initial_weights, regressors, simulate
-from training.narx.objectives import CHUNK, ClosedLoop, OneStep, Pieces, Samples
 from training.recordings.metrics import rmse
 from training.recordings.preparation import runs
 from training.recordings.recording import Recording, load

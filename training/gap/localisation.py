@@ -22,9 +22,9 @@ from training.gap.where.localise import Findings, localise
 from training.greybox.effects import ALL
 from training.greybox.fit.comparison import Compared
 from training.greybox.fit.drive import AFTER_CUT_S, OUTPUT, Drive, make
-from training.jobs.stages import Progress
+from training.jobs.checkpoints import Progress
 from training.recordings.prediction import predicted_phi
-from training.recordings.recording import Recording, as_trained_on
+from training.recordings.recording import Recording, training_recording
 
 SAME: Final = 0.9999  # correlation from which a signal is the reading by another name
 LEAN_PHI: Final = 0.75  # leaner than an engine runs: fuel cut, where no signal says so
@@ -61,8 +61,8 @@ def investigate(
     unknown = " ".join(found.significant) if answer.verdict == "unknown_effect" else None
     return Result(
         ModelFile.of(model),
-        tuple(map(as_trained_on, recordings)),
-        tuple(map(as_trained_on, healthy)),
+        tuple(map(training_recording, recordings)),
+        tuple(map(training_recording, healthy)),
         (),
         found,
         answer,

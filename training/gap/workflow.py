@@ -32,9 +32,9 @@ from training.greybox.effects.model_effect import Added, uncertain
 from training.greybox.fit.comparison import Compared
 from training.greybox.fit.drive import Drive
 from training.greybox.graph.chain_graph import Greybox
-from training.jobs.stages import Progress, Stages
+from training.jobs.checkpoints import Checkpoints, Progress
 from training.recordings.prediction import predicted_phi
-from training.recordings.recording import as_trained_on
+from training.recordings.recording import training_recording
 
 NEW_MODEL: Final = "model.onnx"
 NO_USE: Final = (
@@ -53,7 +53,7 @@ def investigate(
     options: Options,
     *,
     known: Healthy | None = None,
-    stages: Stages | None = None,
+    stages: Checkpoints | None = None,
     progress: Progress = lambda _: None,
 ) -> Result:
     """Return what was found; a new model, if there is one, is ``out``/model.onnx.
@@ -63,7 +63,7 @@ def investigate(
     stages : where results of a run that was stopped are kept
     Raises RecordingError or ModelError if recordings or model cannot be used.
     """
-    began_s, stages = time.monotonic(), stages or Stages()
+    began_s, stages = time.monotonic(), stages or Checkpoints()
     card = base.check(given.model)
     missing = suitability.check_files(given.roles, card, given.model.name)
     if missing:
@@ -112,9 +112,9 @@ def investigate(
     ]
     return Result(
         ModelFile.of(given.model),
-        tuple(map(as_trained_on, given.recordings)),
-        tuple(map(as_trained_on, given.healthy)),
-        tuple(map(as_trained_on, held_out)),
+        tuple(map(training_recording, given.recordings)),
+        tuple(map(training_recording, given.healthy)),
+        tuple(map(training_recording, held_out)),
         found,
         naming,
         added,
@@ -156,7 +156,7 @@ def _drives(given: Given) -> list[Drive]:
 
 
 def _yardstick(
-    given: Given, card: ModelCard, known: Healthy | None, stages: Stages, progress: Progress
+    given: Given, card: ModelCard, known: Healthy | None, stages: Checkpoints, progress: Progress
 ) -> Yardstick:
     """Return what is given, else what healthy recordings teach, else what the card says."""
     start = base.constants_of(card)

@@ -17,8 +17,8 @@ import numpy as np
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray, IntArray
 from training.narx.algorithms.lm import Options, Outcome, minimise
+from training.narx.algorithms.objectives import ClosedLoop, Pieces
 from training.narx.network import Spec, initial_weights, layers, linear_path, simulate
-from training.narx.objectives import ClosedLoop, Pieces
 from training.narx.stability import contraction
 from training.recordings.preparation import Prepared, Role
 

@@ -188,8 +188,11 @@ def sha256(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def as_trained_on(recording: Recording) -> TrainingRecording:
-    """Return a recording's name, sha256 and where it comes from."""
-    path = recording.path
+def training_recording(recording: Recording, n_samples: int | None = None) -> TrainingRecording:
+    """Return a recording as model cards and results name it, with its source.
+
+    n_samples : samples that were used; default all of them
+    """
+    path, used = recording.path, len(recording.values) if n_samples is None else n_samples
     source = source_of(path, recording.sha256) or ""
-    return TrainingRecording(path.name, recording.sha256, len(recording.values), source)
+    return TrainingRecording(path.name, recording.sha256, used, source)

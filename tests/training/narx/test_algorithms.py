@@ -14,10 +14,10 @@ from training.narx.algorithms.bayes import minimise_bayesian
 from training.narx.algorithms.gradient import Differentiable, descend
 from training.narx.algorithms.gradient import Options as Descent
 from training.narx.algorithms.lm import Options, minimise
+from training.narx.algorithms.objectives import OneStep
 from training.narx.algorithms.scaled_conjugate import Options as Conjugate
 from training.narx.algorithms.scaled_conjugate import minimise_scaled_conjugate
 from training.narx.network import Spec, forward, initial_weights
-from training.narx.objectives import OneStep
 
 
 @dataclass

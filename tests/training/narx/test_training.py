@@ -9,8 +9,8 @@ import torch
 from monitor.base.errors import RecordingError, UsageError
 from monitor.base.types import FloatArray
 from training.narx.algorithms.lm import Options, minimise
+from training.narx.algorithms.objectives import ClosedLoop, OneStep, Pieces, Samples
 from training.narx.network import Spec, forward, initial_weights, jacobian, regressors, simulate
-from training.narx.objectives import ClosedLoop, OneStep, Pieces, Samples
 from training.recordings import metrics
 from training.recordings.outliers import outlier_mask
 from training.recordings.preparation import Role, prepare

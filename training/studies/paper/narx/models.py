@@ -17,8 +17,8 @@ from training.narx import stages
 from training.narx.algorithms import gradient, lm, scaled_conjugate
 from training.narx.algorithms.bayes import DEFAULTS as BAYES_DEFAULTS
 from training.narx.algorithms.bayes import BayesOutcome, minimise_bayesian
+from training.narx.algorithms.objectives import OneStep
 from training.narx.network import Spec, forward, initial_weights
-from training.narx.objectives import OneStep
 from training.narx.stability import contraction
 from training.recordings.metrics import correlation
 from training.recordings.preparation import Prepared, Role, Samples
