@@ -21,12 +21,12 @@ class Checkpoints:
 
     @classmethod
     def of(cls, folder: Path, identity: Any) -> "Checkpoints":
-        """Return the checkpoints of a run; ``identity`` is a JSON tree of all that its results use."""
+        """Return the checkpoints of a run; ``identity`` is a JSON tree of all its settings."""
         text = json.dumps(identity, sort_keys=True)
         return cls(folder, hashlib.sha256(text.encode()).hexdigest()[:16])
 
     def done(self, name: str, make: Callable[[], T]) -> T:
-        """Return the result of a stage: the stored one of the same run, or else that of ``make``."""
+        """Return a stage's result: the stored one of the same run, else that of ``make``."""
         if self.folder is None:
             return make()
         path = self.folder / f"{name}_{self.key}.pickle"

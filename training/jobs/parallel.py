@@ -1,7 +1,7 @@
 """Jobs side by side on this machine's cores or on a Dask cluster.
 
-A job is a module-level function of shared data and its own item. Jobs return, the caller writes: a
-cluster needs no common file system. ``training.jobs.cluster`` says what a cluster needs.
+A job is a module-level function of the shared data and one item. Jobs return their results and the
+caller writes them, so that a cluster needs no common file system; see ``training.jobs.cluster``.
 """
 
 import os
@@ -24,7 +24,7 @@ WATCH_S = 1.0  # how often a worker looks whether its coordinator still lives
 
 
 class WorkerDiedError(Exception):
-    """A worker was killed or has crashed, by one of the jobs ``keys`` or beside them."""
+    """A worker was killed or has crashed while the jobs ``keys`` ran."""
 
     def __init__(self, keys: Iterable[str]) -> None:
         self.keys = tuple(keys)
@@ -47,8 +47,8 @@ def run(
     function : module-level, takes ``shared`` and an item
     items : with a key each; long jobs should come first
     scheduler : address of a Dask scheduler, ``tcp://host:port``; None uses ``jobs`` processes here
-    Raises what a job raises, UsageError if the scheduler cannot be used, and WorkerDiedError; a
-    cluster does the jobs of a dead worker again and raises it only for one that has met several.
+    Raises the error of a job, UsageError if the scheduler cannot be used, and WorkerDiedError. A
+    cluster repeats the jobs of a dead worker and raises it only if a job has killed several.
     """
     if scheduler is not None:
         from training.jobs import cluster  # noqa: PLC0415 - an extra that few need

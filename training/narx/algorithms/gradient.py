@@ -48,7 +48,7 @@ def descend(
     deadline_s: float = np.inf,
     progress: Callable[[int, float], None] | None = None,
 ) -> Outcome:
-    """Return the best weights found from ``weights`` on by gradient descent with momentum.
+    """Return the best weights that gradient descent with momentum reaches from ``weights``.
 
     validate, deadline_s, progress : as in ``lm.minimise``
     Raises ValueError if the objective is not finite at the start.

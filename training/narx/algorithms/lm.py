@@ -31,7 +31,7 @@ class Options:
     """Settings of the minimiser."""
 
     epochs: int = 1000
-    max_fail: int = 6  # epochs in a row in which the validation score does not improve
+    max_fail: int = 6  # epochs in a row without a better validation score
     min_gradient: float = 1e-7
     mu: float = 1e-3
     mu_down: float = 0.1
@@ -41,7 +41,7 @@ class Options:
 
 @dataclass(slots=True)
 class Outcome:
-    """What a run of the minimiser returned."""
+    """The result of a run of a minimiser."""
 
     weights: FloatArray  # best by validation, or the last ones without validation
     score: float  # validation score of these weights, or their cost
@@ -51,10 +51,10 @@ class Outcome:
 
 
 class Watch:
-    """Keeps the best weights by validation (or by cost) and says when and why a run ends.
+    """Keeps the best weights by validation, or by cost, and decides when a run ends and why.
 
-    max_fail : accepted steps in a row in which the validation score does not improve
-    min_gradient : shorter gradients count as none
+    max_fail : accepted steps in a row without a better validation score, which end the run
+    min_gradient : a shorter gradient ends the run
     validate, deadline_s, progress : as in ``minimise``
     Raises ValueError if the cost at the start is not finite.
     """
@@ -77,15 +77,15 @@ class Watch:
         self._validate, self._deadline_s, self._progress = validate, deadline_s, progress
 
     def over_budget(self) -> bool:
-        """Return whether the deadline has passed; if so, that is why the run ends."""
+        """Return whether the deadline has passed, and note it as the reason of the end."""
         return self._ends(time.monotonic() > self._deadline_s, "budget")
 
     def at_rest(self, gradient: FloatArray) -> bool:
-        """Return whether the gradient is too short to go on; if so, that is why the run ends."""
+        """Return whether the gradient is too short, and note it as the reason of the end."""
         return self._ends(float(np.linalg.norm(gradient)) < self._min_gradient, "gradient")
 
     def accept(self, weights: FloatArray, cost: float) -> bool:
-        """Take note of an accepted step; True if validation ends the run."""
+        """Record an accepted step; return whether validation ends the run."""
         outcome = self.outcome
         score = self._validate(weights) if self._validate else cost
         self._note(cost, score)
@@ -97,7 +97,7 @@ class Watch:
         return self._ends(failed, "validation")
 
     def repeat(self) -> None:
-        """Take note of an epoch whose step was taken back."""
+        """Record an epoch whose step was taken back."""
         self._note(self.outcome.costs[-1], self.outcome.scores[-1])
 
     def _note(self, cost: float, score: float) -> None:
@@ -120,9 +120,9 @@ def minimise(
     deadline_s: float = np.inf,
     progress: Callable[[int, float], None] | None = None,
 ) -> Outcome:
-    """Return the best weights found from ``weights`` on; the cost never rises.
+    """Return the best weights that the method reaches from ``weights``; the cost never rises.
 
-    validate : score of weights, lower is better; the best by it is kept
+    validate : score of weights, lower is better; the weights with the best score are returned
     deadline_s : ``time.monotonic()`` after which no further epoch begins
     progress : called with the epoch and the cost after every epoch
     Raises ValueError if the objective is not finite at the start.
