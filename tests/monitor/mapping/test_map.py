@@ -213,7 +213,7 @@ def taken_for_another(message: str, signal: str) -> Database:
 
 @settings(max_examples=100, deadline=None, suppress_health_check=list(HealthCheck))
 @example(database=taken_for_another("Motor\x1fSpeed", "lambda"))
-@example(database=taken_for_another("Motor\x7f_Speed", "lambda\r\n[signals]"))
+@example(database=taken_for_another("Motor\x7f_Speed", "lambda\r\nsig"))
 @given(database=databases())
 def test_no_database_upsets_it_and_what_it_writes_is_a_map(
     database: Database, tmp_path_factory: pytest.TempPathFactory
