@@ -31,7 +31,7 @@ from training.gap.workflow import investigate
 from training.greybox.chain import Constants
 from training.greybox.fit.drive import from_recording
 from training.greybox.model import fit_greybox
-from training.jobs.stages import Stages
+from training.jobs.checkpoints import Checkpoints
 from training.limits.decision_limits import set_limits
 from training.recordings.recording import Recording, load
 
@@ -51,8 +51,8 @@ WORDS: Final = {
 
 
 @dataclass(frozen=True, slots=True)
-class Clock(Stages):
-    """Stages that are not kept, but timed: wall and processor seconds."""
+class Clock(Checkpoints):
+    """Checkpoints that are timed, not kept: wall and processor seconds."""
 
     seconds: dict[str, tuple[float, float]] = field(default_factory=dict)
 

@@ -12,7 +12,7 @@ from training.gap.inputs.subject import Subject
 from training.gap.name.knowledge import Knowledge
 from training.gap.name.verdict import Naming
 from training.greybox.effects.model_effect import ModelEffect
-from training.jobs.stages import Progress
+from training.jobs.checkpoints import Progress
 
 NO_BETTER: Final = (
     "what was named is not added: with it the model predicts no better, it follows the effect "

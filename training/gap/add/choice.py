@@ -26,13 +26,13 @@ from training.greybox.fit.drive import Drive
 from training.greybox.graph.chain_graph import Greybox
 from training.greybox.graph.effect_inputs import Ranges
 from training.greybox.graph.effect_parity import ParityError
-from training.jobs.stages import Progress
+from training.jobs.checkpoints import Progress
 from training.limits.decision_limits import whole, with_limits
 from training.limits.judging import judge_recordings
 from training.narx.export import update_card
-from training.narx.fit import HeldOut
+from training.narx.model_file import HeldOut
 from training.recordings.prediction import predicted_phi
-from training.recordings.recording import Recording, as_trained_on
+from training.recordings.recording import Recording, training_recording
 
 FORMS: Final = {
     "greybox": "inside the chain, where it acts on the mixture's way",
@@ -172,7 +172,7 @@ def _inside_chain(
         added,
         out,
         ranges=ranges,
-        recordings=tuple(map(as_trained_on, use.fit)),
+        recordings=tuple(map(training_recording, use.fit)),
         vehicle=vehicle,
         drives=drives,
     )
@@ -210,7 +210,7 @@ def _beside_network(
                 chain,
                 path,
                 ranges=ranges,
-                recordings=tuple(map(as_trained_on, use.fit)),
+                recordings=tuple(map(training_recording, use.fit)),
                 drives=drives,
                 form=form,
             )

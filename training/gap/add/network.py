@@ -33,9 +33,9 @@ from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.drive import Drive, from_recording, path_of
 from training.greybox.graph.chain_difference import ChainDifference
 from training.greybox.graph.effect_inputs import Ranges, channel_of
-from training.jobs.stages import Progress
+from training.jobs.checkpoints import Progress
 from training.narx.export import Network
-from training.narx.fit import HeldOut, held_out, measures, recordings_of
+from training.narx.model_file import HeldOut, held_out, measures, recordings_of
 from training.narx.stability import CONTRACTION_SAMPLES, Contraction
 from training.narx.stages import Trained, free_run
 from training.recordings.preparation import Prepared, Role, prepare

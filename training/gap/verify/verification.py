@@ -23,7 +23,7 @@ from training.greybox.chain import Constants
 from training.greybox.fit import ridge
 from training.greybox.fit.comparison import BLOCK_S, FOLDS, Comparison
 from training.greybox.fit.drive import Drive
-from training.jobs.stages import Progress
+from training.jobs.checkpoints import Progress
 from training.recordings.prediction import predicted_phi
 from training.recordings.recording import Recording
 

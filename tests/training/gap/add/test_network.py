@@ -33,11 +33,11 @@ from training.gap.add.network_training import old_weights, spec_of, with_differe
 from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.drive import from_recording
 from training.greybox.graph.chain_difference import ChainDifference
-from training.narx.committee import committee
 from training.narx.export import Network, save
 from training.narx.fit import FitResult
 from training.narx.network import Spec
 from training.narx.network import simulate as run_network
+from training.narx.starts import committee
 from training.recordings.prediction import predicted_phi
 from training.recordings.preparation import Prepared, prepare
 from training.recordings.recording import Recording

@@ -35,7 +35,8 @@ from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.drive import Drive, from_recording
 from training.greybox.graph.effect_parity import ParityError
 from training.narx.export import update_card
-from training.narx.fit import FitResult, HeldOut
+from training.narx.fit import FitResult
+from training.narx.model_file import HeldOut
 from training.narx.parity import Parity
 from training.recordings.prediction import predicted_phi
 from training.recordings.recording import Recording

@@ -24,7 +24,7 @@ from training.gap.workflow import investigate
 from training.greybox.chain import Constants
 from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.drive import Drive
-from training.jobs.stages import Stages
+from training.jobs.checkpoints import Checkpoints
 from training.recordings.recording import Recording, load
 
 FIELDS = {
@@ -232,7 +232,7 @@ def test_a_leak_is_named_and_added_only_if_it_is_known_to_be_no_fault(
 ) -> None:
     leaking = drives(tmp_path, 2_800_031, ("exhaust_leak", 4.0))
     material = Material(chain, [load(p) for p in leaking], [load(p) for p in healthy])
-    kept = Stages(tmp_path / "stages", "leak")  # named once, decided on three times
+    kept = Checkpoints(tmp_path / "stages", "leak")  # named once, decided on three times
 
     def found(**options: Any) -> Any:
         chosen = Options(localise=False, faults=(), **options)
