@@ -1,4 +1,4 @@
-"""What ``o2mon run`` prints while it runs: a status line, plain lines, or lines of JSON."""
+"""Output of ``o2mon run`` while it runs: a status line, text lines, or JSON lines."""
 
 import json
 import math
@@ -26,47 +26,47 @@ from monitor.report.sinks import Collector, event_line, rounded
 
 SCHEMA: Final = "o2mon.run/1"
 REDRAW_S: Final = 0.25
-HEALTH_S: Final = 10.0  # between two lines of JSON about the bus
-WAITING_LINES: Final = 1000  # kept for a reader that hangs
+HEALTH_S: Final = 10.0  # between two JSON lines about the bus
+WAITING_LINES: Final = 1000  # most lines kept for a slow reader
 _ERASE: Final = "\r\x1b[K"
 _STATE_WIDTH: Final = len("waits: ") + max(map(len, CONDITIONS))
 
 
 class Out:
-    """Prints lines, and never waits for a reader that hangs: what it does not take is dropped.
+    """Prints lines without ever waiting for a slow reader; lines beyond the buffer are dropped.
 
-    A terminal or pipe is written through a file of its own that does not block; the stream's own
-    is shared with the shell.
+    A terminal or pipe is opened again without blocking, because the stream's file is shared with
+    the shell.
     """
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
         self._number = _not_blocking(stream)
         self._waiting: deque[str] = deque(maxlen=WAITING_LINES)
-        self._rest = b""  # of what was begun
+        self._rest = b""  # unwritten part of the output
         self._drawn = ""
         self.dropped = 0
 
     def say(self, line: str) -> None:
-        """Print a line, above the one that is drawn."""
+        """Print a line above the status line."""
         self.dropped += len(self._waiting) == WAITING_LINES
         self._waiting.append(line)
         self.flush()
 
     def draw(self, line: str) -> None:
-        """Put a line in the place of the one drawn before."""
+        """Replace the status line."""
         if line != self._drawn and self._is_free():
             self._write(_ERASE + line)
             self._drawn = line
 
     def flush(self) -> None:
-        """Print what waits, as far as the reader takes it."""
+        """Print the waiting lines as far as the reader takes them."""
         while self._waiting and self._is_free():
             line = self._waiting.popleft()
             self._write(f"{_ERASE}{line}\n{self._drawn}" if self._drawn else f"{line}\n")
 
     def close(self) -> None:
-        """Leave a clean line behind; what the reader does not take now is lost."""
+        """Erase the status line and print the waiting lines; lines not taken now are lost."""
         if self._drawn and self._is_free():
             self._write(_ERASE)
         self._drawn = ""
@@ -76,7 +76,7 @@ class Out:
             self._number = None
 
     def _is_free(self) -> bool:
-        """Return whether all that was written was taken."""
+        """Return whether the reader has taken all output."""
         if self._rest:
             self._write("")
         return not self._rest
@@ -91,12 +91,12 @@ class Out:
             self._rest = self._rest[os.write(self._number, self._rest) :]
         except BlockingIOError:
             pass
-        except OSError:  # nobody reads any more; the verdict still counts
+        except OSError:  # the reader is gone; the verdict still counts
             self._rest = b""
 
 
 def _not_blocking(stream: TextIO) -> int | None:
-    """Return a file of its own onto a terminal or pipe, None where there is no need or way."""
+    """Return a new non-blocking file for a terminal or pipe, None for other streams."""
     try:
         mode = os.fstat(stream.fileno()).st_mode
         if not (stat.S_ISFIFO(mode) or stream.isatty()):
@@ -108,7 +108,7 @@ def _not_blocking(stream: TextIO) -> int | None:
 
 
 class Status:
-    """The loop's state in one line: an attachment that only listens."""
+    """The loop's state in one line, for the watchdog; it prints nothing."""
 
     identifiers: tuple[tuple[int, bool], ...] = ()
     due_s = math.inf
@@ -120,11 +120,11 @@ class Status:
         self._windows = self._failed = 0
 
     def receive(self, frame: Frame) -> tuple[Frame, ...]:
-        """Return nothing: no frame is wanted."""
+        """Return nothing: it makes no frames."""
         return ()
 
     def push(self, event: Event) -> None:
-        """Note the latest sample and count the windows."""
+        """Keep the latest sample and count the windows."""
         if isinstance(event, Tick):
             self._tick = event
         elif isinstance(event, WindowJudged):
@@ -132,14 +132,14 @@ class Status:
             self._failed += event.outcome == "failed"
 
     def work(self, now_s: float) -> tuple[Frame, ...]:
-        """Return nothing: no frame is sent."""
+        """Return nothing: it sends no frames."""
         return ()
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Do nothing: it holds no resources."""
 
     def line(self) -> str:
-        """Return what the monitor does now; the parts keep their places."""
+        """Return the state of the monitor; the parts keep their places."""
         windows = f"windows {self._windows}" + (f", {self._failed} failed" * (self._failed > 0))
         return "  ".join((self._signals(), windows, self._codes(), self._bus()))
 
@@ -171,35 +171,35 @@ class Status:
 
 
 class Lines(Status):
-    """One line for every window and every changed code: what a service's journal wants."""
+    """One line per window and changed code, for a service's journal."""
 
     def __init__(self, monitor: Monitor, health: BusHealth, collector: Collector, out: Out) -> None:
         super().__init__(monitor, health)
         self._collector, self._out = collector, out
 
     def push(self, event: Event) -> None:
-        """Print an event that is no tick."""
+        """Print every event but ticks."""
         super().push(event)
         if not isinstance(event, Tick):
             self._out.say(event_line(event, self._collector))
 
     def work(self, now_s: float) -> tuple[Frame, ...]:
-        """Print what a slow reader did not take before."""
+        """Print the lines that a slow reader has left waiting."""
         self._out.flush()
         return ()
 
     def close(self) -> None:
-        """Print what is left."""
+        """Print the remaining lines."""
         self._out.close()
 
 
 class Screen(Lines):
-    """The lines, and under them the state, drawn anew four times a second at most."""
+    """The lines of ``Lines``, with a status line below, redrawn at most four times a second."""
 
     due_s = -math.inf
 
     def work(self, now_s: float) -> tuple[Frame, ...]:
-        """Draw the state if it is time."""
+        """Redraw the status line if it is due."""
         if now_s >= self.due_s:
             self.due_s = now_s + REDRAW_S
             self._out.flush()
@@ -209,7 +209,7 @@ class Screen(Lines):
 
 
 class JsonLines(Status):
-    """Every event but ticks, and the bus health from time to time, as one line of JSON each."""
+    """Events but ticks, and from time to time the bus health, as one line of JSON each."""
 
     due_s = -math.inf
 
@@ -220,7 +220,7 @@ class JsonLines(Status):
         self._out, self._wall_s = out, wall_s
 
     def push(self, event: Event) -> None:
-        """Print an event that is no tick."""
+        """Print every event but ticks."""
         super().push(event)
         if isinstance(event, WindowJudged):
             window = event.window
@@ -255,7 +255,7 @@ class JsonLines(Status):
             self._print("counted", t_ns=event.t_ns, what=event.what)
 
     def work(self, now_s: float) -> tuple[Frame, ...]:
-        """Print the bus health if it is time."""
+        """Print the bus health if it is due."""
         if now_s >= self.due_s:
             self.due_s = now_s + HEALTH_S
             self._health_line()
@@ -263,7 +263,7 @@ class JsonLines(Status):
         return ()
 
     def close(self) -> None:
-        """Print the health once more and what is left."""
+        """Print the bus health again, and the remaining lines."""
         self._health_line()
         self._out.close()
 
@@ -282,6 +282,6 @@ class JsonLines(Status):
 
 
 def json_line(kind: str, wall_s: float, fields: Mapping[str, Any]) -> str:
-    """Return one line of ``o2mon.run/1``; docs/service.md has the fields of each kind."""
+    """Return one line of ``o2mon.run/1``; docs/service.md lists the fields of each kind."""
     line = {"schema": SCHEMA, "type": kind, "wall_s": round(wall_s, 3), **fields}
     return json.dumps(rounded(line), allow_nan=False)

@@ -1,4 +1,4 @@
-"""Tells systemd that the loop is ready, alive and ending; see sd_notify(3) and docs/service.md."""
+"""Reports to systemd that the loop is ready, alive or ending; see sd_notify(3)."""
 
 import math
 import os
@@ -9,14 +9,14 @@ from contextlib import suppress
 from monitor.base.types import Frame
 from monitor.pipeline.stream import Event
 
-STATUS_S = 10.0  # between two status lines
+STATUS_S = 10.0  # between two status reports
 
 
 class Watchdog:
-    """Notifies the service manager, while the loop goes round.
+    """Notifies the service manager while the loop runs.
 
-    address : the manager's socket, a path or "@" and an abstract name
-    watchdog_s : silence after which the manager restarts the service, None if it does not watch
+    address : the manager's socket: a path, or "@" and an abstract name
+    watchdog_s : silence after which the manager restarts the service; None if it does not watch
     status : returns one line about the loop
     """
 
@@ -25,7 +25,7 @@ class Watchdog:
     def __init__(self, address: str, watchdog_s: float | None, status: Callable[[], str]) -> None:
         self._address = "\0" + address[1:] if address.startswith("@") else address
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
-        self._socket.setblocking(False)  # a manager that hangs does not hold up the loop
+        self._socket.setblocking(False)  # a hanging manager must not stop the loop
         self._watchdog_s = math.inf if watchdog_s is None else watchdog_s / 2.0
         self._status = status
         self._is_ready = False
@@ -35,7 +35,7 @@ class Watchdog:
     def of(
         cls, status: Callable[[], str], environment: Mapping[str, str] = os.environ
     ) -> "Watchdog | None":
-        """Return the notifier that the environment asks for, None outside a service."""
+        """Return the notifier for the environment's socket, None outside a service."""
         address = environment.get("NOTIFY_SOCKET", "")
         if not address.startswith(("/", "@")):
             return None
@@ -46,38 +46,38 @@ class Watchdog:
 
     @property
     def due_s(self) -> float:
-        """Return when the next notification is due."""
+        """Return the monotonic time of the next notification."""
         return min(self._alive_s, self._status_s)
 
     def receive(self, frame: Frame) -> tuple[Frame, ...]:
-        """Return nothing: no frame is wanted."""
+        """Return nothing: it makes no frames."""
         return ()
 
     def push(self, event: Event) -> None:
-        """Events say nothing to the service manager."""
+        """Do nothing: events do not concern the service manager."""
 
     def work(self, now_s: float) -> tuple[Frame, ...]:
-        """Notify what is due; no frame is sent."""
-        said = []
+        """Send the notifications that are due; return no frames."""
+        lines = []
         if not self._is_ready:
             self._is_ready = True
-            said.append("READY=1")
+            lines.append("READY=1")
         if now_s >= self._alive_s:
             self._alive_s = now_s + self._watchdog_s
             if self._watchdog_s < math.inf:
-                said.append("WATCHDOG=1")
+                lines.append("WATCHDOG=1")
         if now_s >= self._status_s:
             self._status_s = now_s + STATUS_S
-            said.append(f"STATUS={self._status()}")
-        self._tell(said)
+            lines.append(f"STATUS={self._status()}")
+        self._notify(lines)
         return ()
 
     def close(self) -> None:
-        """Say that the service ends."""
-        self._tell(["STOPPING=1"])
+        """Report that the service ends."""
+        self._notify(["STOPPING=1"])
         self._socket.close()
 
-    def _tell(self, said: list[str]) -> None:
-        if said:
-            with suppress(OSError):  # nobody listens
-                self._socket.sendto("\n".join(said).encode(), self._address)
+    def _notify(self, lines: list[str]) -> None:
+        if lines:
+            with suppress(OSError):  # the manager does not listen
+                self._socket.sendto("\n".join(lines).encode(), self._address)
