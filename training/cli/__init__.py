@@ -1,4 +1,4 @@
-"""The command ``o2train``."""
+"""The command ``o2train``: one module per subcommand or pair of subcommands."""
 
 import argparse
 import os
@@ -13,7 +13,7 @@ USAGE_ERROR, INTERNAL_ERROR, INTERRUPTED, BROKEN_PIPE = 2, 4, 130, 141
 def main(argv: Sequence[str] | None = None) -> int:
     """Run ``o2train``; return the exit code."""
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(name, "1")  # two BLAS threads are slower than one here
+        os.environ.setdefault(name, "1")  # the arrays are small: two BLAS threads are slower
     try:
         args = _parser().parse_args(argv)
         return int(args.func(args))
@@ -32,7 +32,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _users_part(error: Exception) -> str | None:
-    """Return what the user can do about an error, None for a bug of ours."""
+    """Return the message for an error that the user can mend; None for a bug."""
     if isinstance(error, O2Error):
         return str(error)
     if isinstance(error, ModuleNotFoundError):

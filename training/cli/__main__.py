@@ -1,4 +1,4 @@
-"""``python -m training.cli``."""
+"""Run ``o2train`` by ``python -m training.cli``."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""Subcommand ``o2train calibrate``: the decision limits of a model."""
+"""Subcommand ``o2train calibrate``: set the decision limits of a model."""
 
 import argparse
 import json
@@ -14,18 +14,18 @@ _EXAMPLES = """examples:
   o2train calibrate --model model.onnx --healthy good/*.log --faulty limit/*.log \\
       --false-alarms 0.005 --out calibrated.onnx --report calibration.html
 
-The rate is that of the paper's rule per window of 50 samples, not per drive: the limits keep it
-with 95 % confidence, both counting windows as independent and drawing whole drives. A rate of 0.01
-needs 299 healthy windows, 517 with --faulty, since the pair of limits is chosen among nine."""
+RATE is the false-alarm rate of the paper's rule per window of 50 samples, not per drive. The limits
+keep it with 95 % confidence, for independent windows and for resampled whole drives alike. A rate
+of 0.01 needs 299 healthy windows, with --faulty 517, because one of nine limit pairs is chosen."""
 
 
 def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
-    """Add the subcommand ``calibrate``; it sets ``func``."""
+    """Add the subcommand ``calibrate``."""
     parser = subparsers.add_parser(
         "calibrate",
         help="set a model's decision limits for a false-alarm rate",
-        description="Set the decision limits of a model from healthy recordings and, where given, "
-        "recordings of sensors at the limit severity, and write them into its card.",
+        description="Set a model's decision limits from healthy recordings and, if there are any, "
+        "from recordings of sensors at the limit severity. The limits are stored in its card.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -36,7 +36,7 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         nargs="+",
         required=True,
         metavar="RECORDING",
-        help="the model should not have been trained on them",
+        help="healthy recordings, if possible not used in training",
     )
     parser.add_argument(
         "--faulty",
@@ -44,27 +44,27 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         nargs="+",
         default=[],
         metavar="RECORDING",
-        help="sensors at the limit severity",
+        help="recordings of sensors at the limit severity",
     )
     parser.add_argument(
         "--false-alarms",
         type=float,
         default=0.01,
         metavar="RATE",
-        help="most false alarms of the paper's rule per healthy window (default 0.01)",
+        help="most false alarms of the paper's rule per healthy window (default: 0.01)",
     )
     parser.add_argument(
-        "--out", type=Path, metavar="MODEL.onnx", help="file to write (default: --model itself)"
+        "--out", type=Path, metavar="MODEL.onnx", help="model to write (default: change --model)"
     )
-    parser.add_argument("--config", type=Path, help="TOML that changes shipped settings")
+    parser.add_argument("--config", type=Path, help="TOML file that changes the shipped settings")
     add_bus_options(parser)
-    parser.add_argument("--json", type=Path, metavar="OUT", help="write limits and figures")
-    parser.add_argument("--report", type=Path, metavar="HTML", help="write a page")
+    parser.add_argument("--json", type=Path, metavar="OUT", help="write limits and figures as JSON")
+    parser.add_argument("--report", type=Path, metavar="HTML", help="write a report")
     parser.set_defaults(func=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Calibrate and write the card; returns the exit code."""
+    """Calibrate and write the card; return the exit code."""
     from monitor.base import config
     from monitor.base.errors import UsageError
     from monitor.model.step import Model

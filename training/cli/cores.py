@@ -1,4 +1,4 @@
-"""Options that say where jobs are done: on this machine's cores or on a Dask cluster."""
+"""Options that choose where jobs run: on this machine's cores or on a Dask cluster."""
 
 import argparse
 import os
@@ -12,12 +12,14 @@ def add_cores_options(parser: "argparse._ActionsContainer") -> None:
         "--jobs", type=int, metavar="N", help="processes on this machine (default: one per core)"
     )
     parser.add_argument(
-        "--scheduler", metavar="URL", help="Dask scheduler to use instead, tcp://host:port"
+        "--scheduler",
+        metavar="URL",
+        help="Dask scheduler to use instead, for example tcp://host:8786",
     )
 
 
 def jobs_of(args: argparse.Namespace) -> int:
-    """Return how many processes are wanted; raises UsageError if it is less than one."""
+    """Return the number of processes; raises UsageError if it is less than one."""
     if args.jobs is not None and args.jobs < 1:
         raise UsageError(f"--jobs is at least 1, not {args.jobs}")
     return args.jobs or os.cpu_count() or 1

@@ -1,4 +1,4 @@
-"""Subcommand ``o2train fleet``: a fleet's recordings judged, one row for each."""
+"""Subcommand ``o2train fleet``: judge the recordings of a fleet."""
 
 import argparse
 from pathlib import Path
@@ -13,20 +13,21 @@ _EXAMPLES = """examples:
       --scheduler tcp://scheduler:8786
   o2train fleet manifest.csv --model model.onnx --out results.parquet
 
-A manifest is a .csv with the columns path and vehicle; the drives of a vehicle, in their order,
-share its fault memory and its reference, as with o2mon replay --memory. Writes results.parquet
-(a row for each recording), results.windows.parquet (a row for each window), results.html and
-results.json. A run that was killed goes on where it was when the same command is given again.
-Without manifest and --vehicle every recording is judged by itself."""
+A manifest is a .csv with the columns path and vehicle. The drives of a vehicle share its fault
+memory and reference, in the manifest's order, as with o2mon replay --memory. Without a manifest or
+--vehicle every recording is judged alone.
+
+Output: results.parquet (one row per recording), results.windows.parquet (one row per window),
+results.html and results.json. To continue a stopped run, give the same command again."""
 
 
 def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
-    """Add the subcommand ``fleet``; it sets ``func``."""
+    """Add the subcommand ``fleet``."""
     fleet = subparsers.add_parser(
         "fleet",
-        help="judge all recordings of a fleet, here or on a Dask cluster",
-        description="Every recording judged: a table with a row for each, one with a row for each "
-        "window, and a report over the fleet.",
+        help="judge the recordings of a fleet, here or on a Dask cluster",
+        description="Judge every recording of a fleet. Write a table with one row per recording, a "
+        "table with one row per window, and a report.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -34,37 +35,39 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         "recordings",
         nargs="+",
         metavar="DIR|GLOB|MANIFEST",
-        help="folders (with those below), patterns, manifests, single recordings; paths or URLs "
-        "that fsspec knows",
+        help="folders (with their subfolders), patterns, manifests or recordings, as paths or "
+        "fsspec URLs",
     )
     fleet.add_argument(
         "--model", type=Path, required=True, metavar="FILE", help="model with its limits, .onnx"
     )
     fleet.add_argument(
-        "--out", type=Path, required=True, metavar="FILE", help="table to write, .parquet"
+        "--out", type=Path, required=True, metavar="FILE", help="table of recordings, .parquet"
     )
     fleet.add_argument(
         "--vehicle",
         metavar="REGEX",
-        help="expression whose first group names the vehicle in a path, unless a manifest does",
+        help="regular expression; its first group is the vehicle's name in a path "
+        "(default: the manifest names it)",
     )
     fleet.add_argument(
         "--false-alarms",
         type=float,
         default=0.001,
         metavar="RATE",
-        help="wished rate per window, or drive, for which limits are proposed (default 0.001)",
+        help="false-alarm rate per window, or per drive, for which limits are proposed "
+        "(default: 0.001)",
     )
     add_cores_options(fleet)
-    fleet.add_argument("--config", type=Path, help="TOML that changes shipped settings")
+    fleet.add_argument("--config", type=Path, help="TOML file that changes the shipped settings")
     add_bus_options(fleet)
     fleet.set_defaults(func=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Judge the fleet and write tables and report; returns 0, or 3 if nothing could be judged.
+    """Judge the fleet and write tables and report; return 0, or 3 if no recording was judged.
 
-    Raises UsageError, ModelError, ConfigError or SignalMapError, which end with exit code 2.
+    Raises UsageError, ModelError, ConfigError or SignalMapError (exit code 2).
     """
     from tqdm import tqdm
 

@@ -1,4 +1,4 @@
-"""``o2train gap``: what the model lacks, its name, a model that has it, and a report."""
+"""Subcommand ``o2train gap``: find, name and add the effect that a model lacks."""
 
 import argparse
 import sys
@@ -18,20 +18,20 @@ _EXAMPLES = """examples:
   o2train gap --model chain.onnx new*.log --healthy old*.log --out gap --add exhaust_leak
   o2train gap --model chain.onnx new*.csv --healthy old*.csv --columns channels.toml --out gap
 
-needed are fuel_mass_mg, lambda_measured and air_mass_mg (or maf_kg_h with engine_speed_rpm);
-names and units of all signals: docs/signals.md
+Needed signals: fuel_mass_mg, lambda_measured, and air_mass_mg (or maf_kg_h with engine_speed_rpm).
+docs/signals.md lists the names and units of all signals.
 """
 
 
 def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
-    """Add the subcommand ``gap``; it sets ``func``."""
+    """Add the subcommand ``gap``."""
     gap = subparsers.add_parser(
         "gap",
-        help="find what a model lacks on a healthy vehicle, name it and add it",
-        description="Where the model and the recordings disagree, which effect explains it, and "
-        "a new model that has the effect, verified on recordings that no fit saw. Several "
-        "recordings of ten minutes each, of mixed driving, are wanted on either side. A run that "
-        "was stopped goes on when it is begun again.",
+        help="find the effect that a model lacks on a healthy vehicle, and add it",
+        description="Find where model and recordings disagree, name the effect that explains it, "
+        "and add the effect to a new model. The new model is verified on recordings that no fit "
+        "used. Give several recordings of ten minutes each, of mixed driving, with the gap and "
+        "without. To continue a stopped run, give the same command again.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -40,7 +40,7 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         nargs="+",
         type=Path,
         metavar="RECORDING",
-        help="of a healthy vehicle on which the model disagrees",
+        help="recording of a healthy vehicle on which the model is wrong",
     )
     gap.add_argument("--model", type=Path, required=True, metavar="MODEL.onnx")
     gap.add_argument(
@@ -49,10 +49,9 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         type=Path,
         default=[],
         metavar="RECORDING",
-        help="of the same vehicle without the gap, as a rule those on which the "
-        "model was accepted: without them the reference that fit left in the model "
-        "serves; if it has none, a weakness of the model itself cannot be told from "
-        "an effect",
+        help="recordings of the same vehicle without the gap, usually those on which the model was "
+        "accepted (default: the reference that o2train fit stored in the model; without any "
+        "reference, a weakness of the model cannot be told from an effect)",
     )
     gap.add_argument(
         "--verify",
@@ -60,45 +59,43 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         type=Path,
         default=[],
         metavar="RECORDING",
-        help="on which the new model is verified and which no fit sees; they also "
-        "say what is better where a network is trained anew or the model knows the "
-        "others (default: every third RECORDING, which the naming sees, "
-        "too)",
+        help="recordings that verify the new model and are used by no fit; they also choose "
+        "between models when a network is retrained, or when the model was trained on the "
+        "RECORDINGs (default: every third RECORDING, which the naming uses, too)",
     )
     gap.add_argument(
         "--out",
         type=Path,
         required=True,
         metavar="DIR",
-        help="folder of report.html, gap.json and model.onnx",
+        help="folder for report.html, gap.json and model.onnx",
     )
     gap.add_argument(
         "--steps",
         type=int,
         default=1,
         metavar="N",
-        help="effects to add at most, one after the other: 1 (default) to 3",
+        help="most effects to add, one after the other: 1 to 3 (default: 1)",
     )
     gap.add_argument(
         "--sensor-known-good",
         action="store_true",
-        help="the sensor was checked: explain nothing by its faults",
+        help="the sensor was checked: do not consider sensor faults",
     )
     gap.add_argument(
         "--add",
         nargs="+",
         default=[],
         metavar="EFFECT",
-        help="effects that may be faults and are known to be none, such as exhaust_leak",
+        help="effects, such as exhaust_leak, that may be faults but are known to be none here",
     )
     gap.add_argument(
         "--retrain",
         type=float,
         default=3.0,
         metavar="MIN",
-        help="minutes to train a network anew with the effect as an input, on the "
-        "healthy recordings, too; the better of both ways is kept (default 3, 0 is "
-        "none)",
+        help="minutes for retraining a network with the effect as an input, also on the "
+        "healthy recordings; the better model is kept (default: 3; 0 does not retrain)",
     )
     add_period_option(gap)
     add_bus_options(gap)
@@ -106,7 +103,7 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Look for the gap and write what was found; returns the exit code."""
+    """Run the gap workflow and write its result; return the exit code."""
     from tqdm import tqdm
 
     from monitor.base.outputs import check
@@ -162,7 +159,7 @@ def _effects(names: list[str]) -> list[str]:
 
 
 def _identity(given: "Given", options: "Options") -> dict[str, Any]:
-    """Return what the results depend on."""
+    """Return everything that the results depend on, to recognise a run that can be continued."""
     from training import __file__ as package
     from training.jobs.run_folder import code_sha256
     from training.recordings.recording import sha256

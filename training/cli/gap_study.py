@@ -1,4 +1,4 @@
-"""``o2train gap-study``: the gap workflow on many simulated cases, and its report."""
+"""Subcommand ``o2train gap-study``: the gap workflow on many simulated cases, with a report."""
 
 import argparse
 from pathlib import Path
@@ -14,57 +14,76 @@ REPORT, RESULT = "report.html", "gap_study.json"
 
 
 def add_parsers(commands: "argparse._SubParsersAction[Any]") -> None:
-    """Add ``gap-study``."""
+    """Add the subcommand ``gap-study``."""
     study = commands.add_parser(
-        "gap-study", help="hide effects and faults in simulated vehicles and count the answers"
+        "gap-study",
+        help="hide effects and faults in simulated vehicles and count the right answers",
     )
     study.add_argument(
         "--base",
         default="greybox",
         metavar="NAME",
-        help="greybox (default) or narx, fitted to healthy recordings",
+        help="model to start from: greybox (default) or narx, fitted to healthy recordings",
     )
     study.add_argument(
         "--out",
         type=Path,
         required=True,
         metavar="DIR",
-        help="folder of the cases and of report.html; a run that was stopped goes on there",
+        help="folder for the cases and report.html; a stopped run continues there",
     )
     study.add_argument(
-        "--kinds", metavar="NAME,…", help="effect, null, unknown, two, onset, fault; default: all"
+        "--kinds",
+        metavar="NAME,…",
+        help="kinds of cases: effect, null, unknown, two, onset, fault (default: all)",
     )
     study.add_argument(
-        "--cases", nargs="+", default=[], metavar="[KIND=]N", help="cases of each kind, or of one"
+        "--cases",
+        nargs="+",
+        default=[],
+        metavar="[KIND=]N",
+        help="number of cases of every kind, or of KIND",
     )
-    study.add_argument("--vehicles", type=int, default=20, metavar="N")
-    study.add_argument("--first-vehicle", type=int, default=2100, metavar="N")
+    study.add_argument(
+        "--vehicles", type=int, default=20, metavar="N", help="number of vehicles (default: 20)"
+    )
+    study.add_argument(
+        "--first-vehicle",
+        type=int,
+        default=2100,
+        metavar="N",
+        help="number of the first vehicle (default: 2100)",
+    )
     study.add_argument(
         "--seed",
         type=int,
         default=2_000_000,
         metavar="N",
-        help="of the first drive, the others count up",
+        help="seed of the first drive; later drives count up (default: 2000000)",
     )
-    study.add_argument("--drives", type=int, default=6, metavar="N", help="recordings of a case")
-    study.add_argument("--minutes", type=float, default=10.0, help="of a recording")
+    study.add_argument(
+        "--drives", type=int, default=6, metavar="N", help="recordings per case (default: 6)"
+    )
+    study.add_argument(
+        "--minutes", type=float, default=10.0, help="minutes per recording (default: 10)"
+    )
     study.add_argument(
         "--fitted-with-effect",
         action="store_true",
-        help="fit the base to the case's own recordings not held out; a "
-        "network may be trained anew then",
+        help="fit the base to the case's recordings that are not held out; a network may then "
+        "be retrained",
     )
     study.add_argument(
         "--sensor-known-good",
         action="store_true",
-        help="tell the workflow so; leaves onset and fault out",
+        help="pass this option to the workflow and leave out the kinds onset and fault",
     )
     add_cores_options(study)
     study.set_defaults(func=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Do the cases and write the report, also of a run that is interrupted; returns 0."""
+    """Run the cases and write the report, also if interrupted; return 0."""
     from tqdm import tqdm
 
     from training.jobs import run_folder

@@ -1,4 +1,4 @@
-"""The grey-box half of ``o2train fit``."""
+"""``o2train fit --kind greybox``: check of the options, fit and output."""
 
 import argparse
 from collections.abc import Mapping
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def check(args: argparse.Namespace) -> None:
-    """Raise UsageError for options that shape a NARX."""
+    """Raise UsageError if an option of the NARX is given."""
     from monitor.base.errors import UsageError
 
     given = {
@@ -28,7 +28,7 @@ def check(args: argparse.Namespace) -> None:
 
 
 def fit(args: argparse.Namespace, recordings: "list[Recording]") -> "GreyboxResult":
-    """Fit the chain and write the model file."""
+    """Fit the chain and write the model file; return the result."""
     from monitor.base.signals import OUTPUT
     from training.greybox.model import fit_greybox
 
@@ -53,7 +53,7 @@ def print_fit(result: "GreyboxResult") -> None:
 
 
 def constant_line(name: str, constant: Mapping[str, Any]) -> str:
-    """Return a constant of a card in words."""
+    """Return one constant of a card as a line of text."""
     value, error, unit = (constant[key] for key in ("value", "standard_error", "unit"))
     if error > abs(value):
         return f"constant {name}: {value:.4f} {unit} (the recordings hardly hold it)"

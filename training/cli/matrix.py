@@ -1,4 +1,4 @@
-"""``o2train evaluate --matrix``: many simulated drives through the monitor, and their report."""
+"""``o2train evaluate --matrix``: judge many simulated drives and write a report."""
 
 import argparse
 from pathlib import Path
@@ -17,60 +17,77 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of the matrix to ``evaluate``."""
     group = parser.add_argument_group(
         "matrix",
-        "simulated vehicles × cycles × ambient × fault × severity × placement × repetitions",
+        "simulated drives: vehicles × cycles × ambient × fault × severity × placement × repetition",
     )
-    group.add_argument("--matrix", action="store_true", help="drive the matrix, no RECORDING")
+    group.add_argument(
+        "--matrix", action="store_true", help="judge simulated drives instead of RECORDINGs"
+    )
     group.add_argument(
         "--out",
         type=Path,
         metavar="DIR",
-        help="folder of the rows and of report.html; a run that was stopped goes on there",
+        help="folder for the rows and report.html; a stopped run continues there",
     )
-    group.add_argument("--vehicles", type=int, default=60, metavar="N")
-    group.add_argument("--first-vehicle", type=int, default=5000, metavar="N")
+    group.add_argument(
+        "--vehicles", type=int, default=60, metavar="N", help="number of vehicles (default: 60)"
+    )
+    group.add_argument(
+        "--first-vehicle",
+        type=int,
+        default=5000,
+        metavar="N",
+        help="number of the first vehicle (default: 5000)",
+    )
     group.add_argument(
         "--seed",
         type=int,
         default=5_000_000,
         metavar="N",
-        help="of the first drive, the others count up",
+        help="seed of the first drive; later drives count up (default: 5000000)",
     )
     group.add_argument(
         "--repetitions",
         type=int,
         default=100,
         metavar="N",
-        help="drives of each fault and placement at its limit severity, a quarter "
-        "of it at other severities",
+        help="drives per fault and placement at the limit severity; other severities get a "
+        "quarter of it (default: 100)",
     )
-    group.add_argument("--healthy", type=int, default=600, metavar="N", help="healthy drives")
+    group.add_argument(
+        "--healthy", type=int, default=600, metavar="N", help="healthy drives (default: 600)"
+    )
     group.add_argument(
         "--reference-drives",
         type=int,
         default=40,
         metavar="N",
-        help="healthy drives of each vehicle before all others",
+        help="healthy drives per vehicle before all others (default: 40)",
     )
     group.add_argument(
         "--cycles",
         nargs="+",
         default=[],
         metavar="CYCLE",
-        help="default: WLTC, for some healthy drives others, too",
+        help="drive cycles (default: WLTC; other cycles for some healthy drives)",
     )
     group.add_argument(
         "--faults",
         nargs="+",
         metavar="NAME[=SEVERITY,…]",
-        help="default: all, below, at and above their limit severities",
+        help="faults (default: all, below, at and above their limit severities)",
     )
-    group.add_argument("--ambient", nargs="+", metavar="NAME", help="mild, hot, cold, altitude")
+    group.add_argument(
+        "--ambient",
+        nargs="+",
+        metavar="NAME",
+        help="ambient conditions: mild, hot, cold, altitude (default: all)",
+    )
     add_cores_options(group)
-    group.add_argument("--config", type=Path, help="TOML that changes shipped settings")
+    group.add_argument("--config", type=Path, help="TOML file that changes the shipped settings")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Drive the matrix and write its report; returns the exit code."""
+    """Judge the simulated drives and write the report; return the exit code."""
     import json
 
     from tqdm import tqdm

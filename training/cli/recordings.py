@@ -1,4 +1,4 @@
-"""Subcommands ``o2train table`` and ``o2train log``: logs to tables and tables to logs."""
+"""Subcommands ``o2train table`` and ``o2train log``: convert logs to tables and back."""
 
 import argparse
 import sys
@@ -20,7 +20,7 @@ _LOG_EXAMPLES = """examples:
 
 
 def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
-    """Add the subcommands ``table`` and ``log``; each sets ``func``."""
+    """Add the subcommands ``table`` and ``log``."""
     table = subparsers.add_parser(
         "table",
         help="write a CAN log or measurement file as a table",
@@ -34,15 +34,17 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         "--out", type=Path, required=True, help="table to write: .csv, .csv.gz or .parquet"
     )
     add_period_option(table)
-    table.add_argument("--signals", nargs="+", metavar="NAME", help="only these (default all)")
+    table.add_argument(
+        "--signals", nargs="+", metavar="NAME", help="signals to write (default: all)"
+    )
     add_bus_options(table)
     table.set_defaults(func=run_table)
 
     log = subparsers.add_parser(
         "log",
         help="write a table as a CAN log",
-        description="Send a table's signals as an ECU would, each message on its cycle time with "
-        "the last row's values. Signals that the table lacks are sent as not available.",
+        description="Send a table's signals as an ECU would: each message at its cycle time, with "
+        "the values of the last row. Signals that the table lacks are sent as not available.",
         epilog=_LOG_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -51,40 +53,42 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         "--out",
         type=Path,
         required=True,
-        help="log to write: .log .asc .blf .csv .trc .mf4, text formats also with .gz",
+        help="log to write: .log .asc .blf .csv .trc .mf4; text formats also with .gz",
     )
     log.add_argument(
         "--start",
         type=float,
         metavar="S",
-        help="time of the first row in the log (default its own)",
+        help="time of the first row in the log, in s (default: as in the table)",
     )
     add_bus_options(log)
     log.set_defaults(func=run_log)
 
 
 def add_period_option(parser: argparse.ArgumentParser) -> None:
-    """Add the option that says on which grid recordings are read."""
+    """Add the option of the sample period."""
     parser.add_argument(
-        "--period", type=float, metavar="S", help="grid period in seconds (default 0.1 for logs)"
+        "--period", type=float, metavar="S", help="sample period in s (default: 0.1 for logs)"
     )
 
 
 def add_signal_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options that say what a model predicts from what."""
-    parser.add_argument("--inputs", nargs="+", metavar="NAME", help="default: the paper's seven")
-    parser.add_argument("--output", metavar="NAME", help="default: lambda_measured")
+    """Add the options of a model's inputs and output."""
+    parser.add_argument(
+        "--inputs", nargs="+", metavar="NAME", help="inputs (default: the seven of the paper)"
+    )
+    parser.add_argument("--output", metavar="NAME", help="output (default: lambda_measured)")
 
 
 def add_bus_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options that say how a log or table is read."""
+    """Add the options that say how to read a log or table."""
     parser.add_argument(
         "--dbc",
         type=Path,
         action="append",
         default=[],
         metavar="FILE",
-        help="CAN database, repeat together with --map (default: the project's own ECU)",
+        help="CAN database; may repeat with --map (default: the project's own ECU)",
     )
     parser.add_argument(
         "--map",
@@ -92,17 +96,20 @@ def add_bus_options(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="FILE",
-        help="signal map of the database before it",
+        help="signal map of the --dbc before it",
     )
     parser.add_argument(
-        "--columns", type=Path, metavar="FILE", help="TOML file that renames a table's columns"
+        "--columns",
+        type=Path,
+        metavar="FILE",
+        help="TOML file for tables: canonical name = column",
     )
 
 
 def pairs_of(args: argparse.Namespace) -> list[tuple[Path, Path]] | None:
     """Return the pairs of --dbc and --map, None if there are none.
 
-    Raises UsageError if there are not as many of one as of the other.
+    Raises UsageError if their numbers differ.
     """
     from monitor.base.errors import UsageError
 
@@ -117,9 +124,10 @@ def pairs_of(args: argparse.Namespace) -> list[tuple[Path, Path]] | None:
 def load_all(
     args: argparse.Namespace, paths: list[Path], period_s: float | None
 ) -> "list[Recording]":
-    """Return the recordings in ``paths``, read as the bus options say.
+    """Return the recordings of ``paths``, read as the bus options say.
 
-    Raises RecordingError or UsageError naming the file and what is wrong.
+    period_s : sample period, None for the default
+    Raises RecordingError or UsageError with file and reason.
     """
     from training.recordings.recording import load
 
@@ -129,7 +137,7 @@ def load_all(
 
 
 def run_table(args: argparse.Namespace) -> int:
-    """Write a recording as a table; returns the exit code."""
+    """Write a recording as a table; return the exit code."""
     from monitor.base.outputs import check
     from training.recordings.recording import load, write_table
 
@@ -151,7 +159,7 @@ def run_table(args: argparse.Namespace) -> int:
 
 
 def run_log(args: argparse.Namespace) -> int:
-    """Write a table as a CAN log; returns the exit code."""
+    """Write a table as a CAN log; return the exit code."""
     from monitor.base.errors import UsageError
     from monitor.base.outputs import check
     from monitor.decode.bus_map import load_pairs

@@ -1,4 +1,4 @@
-"""``o2train simulate``: drives of the simulated vehicle as logs or tables."""
+"""Subcommand ``o2train simulate``: drives of the simulated vehicle as logs or tables."""
 
 import argparse
 from pathlib import Path
@@ -12,13 +12,13 @@ _EXAMPLES = """examples:
   o2train simulate --out drives --fault delay_rich_to_lean=0.6 --vehicle 12
   o2train simulate --out drives --effect wall_film=4 --effect purge=2 --count 20
 
-Everything it writes is synthetic. The vehicle number fixes the piece, the seed driver, noise and
-weather; the same call gives the same bytes, but for the clock's time in .asc, the path in .trc."""
+All output is synthetic. The vehicle number chooses the piece; the seed chooses driver, noise and
+weather. The same call gives the same bytes, except the clock time in .asc and the path in .trc."""
 FORMATS = ("log", "blf", "asc", "trc", "mf4", "parquet", "csv", "csv.gz")
 
 
 def add_parsers(commands: Any) -> None:
-    """Register the subcommand."""
+    """Add the subcommand ``simulate``."""
     from monitor.base import faults
     from training.dyno import effects
 
@@ -29,37 +29,51 @@ def add_parsers(commands: Any) -> None:
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
-    parser.add_argument("--vehicle", type=int, default=1, help="which piece (default 1)")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write")
+    parser.add_argument("--vehicle", type=int, default=1, help="number of the piece (default: 1)")
     parser.add_argument(
-        "--cycle", default="wltc_3b", help="wltc_3b, udds, us06, hwfet, micro_trips or steady"
+        "--cycle",
+        default="wltc_3b",
+        help="wltc_3b (default), udds, us06, hwfet, micro_trips or steady",
     )
     parser.add_argument(
         "--fault",
         action="append",
         default=[],
         metavar="NAME[=SEVERITY]",
-        help=f"sensor fault in the control loop: {', '.join(faults.NAMES)}; "
-        "severity in s, as gain or in lambda",
+        help=f"sensor fault inside the control loop: {', '.join(faults.NAMES)}; severity in s, "
+        "as a gain, or in lambda; may repeat",
     )
-    parser.add_argument("--fault-start", type=float, default=0.0, metavar="S")
+    parser.add_argument(
+        "--fault-start",
+        type=float,
+        default=0.0,
+        metavar="S",
+        help="start of the fault in s (default: 0)",
+    )
     parser.add_argument(
         "--effect",
         action="append",
         default=[],
         metavar="NAME=SEVERITY",
-        help=f"1 is about the noise: {', '.join(effects.NAMES)}",
+        help=f"effect; severity 1 is about the noise; may repeat: {', '.join(effects.NAMES)}",
     )
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--count", type=int, default=1, help="so many drives, seeds counting up")
-    parser.add_argument("--duration", type=float, metavar="S", help="only so much of the cycle")
-    parser.add_argument("--period", type=float, default=0.1, metavar="S", help="grid of a table")
-    parser.add_argument("--format", choices=FORMATS, default="log")
+    parser.add_argument("--seed", type=int, default=1, help="seed of the first drive (default: 1)")
+    parser.add_argument(
+        "--count", type=int, default=1, help="number of drives; seeds count up (default: 1)"
+    )
+    parser.add_argument(
+        "--duration", type=float, metavar="S", help="length in s (default: the whole cycle)"
+    )
+    parser.add_argument(
+        "--period", type=float, default=0.1, metavar="S", help="grid of a table in s (default: 0.1)"
+    )
+    parser.add_argument("--format", choices=FORMATS, default="log", help="format (default: log)")
     parser.set_defaults(func=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Simulate and write; print the paths."""
+    """Simulate and write the drives; print their paths; return the exit code."""
     from tqdm import tqdm
 
     from monitor.base import faults

@@ -12,45 +12,48 @@ _EXAMPLES = """examples:
   o2train study run_1*.csv.gz run_3*.csv.gz --test run_000053.csv.gz --out study \\
       --inputs speed_z load_z ignition_angle_z fuel_cutoff_z --output lambda_z
 
-Writes DIR/report.html, DIR/study.json and DIR/model.onnx. Finished parts lie in DIR/parts: a study
-that was killed goes on where it was when the same command is given again."""
+Writes DIR/report.html, DIR/study.json and DIR/model.onnx; finished parts are kept in DIR/parts. To
+continue a stopped study, give the same command again."""
 
 
 def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
-    """Add the subcommand ``study``; it sets ``func``."""
+    """Add the subcommand ``study``."""
     study = subparsers.add_parser(
         "study",
-        help="the whole study of the paper on recordings, as one report",
-        description="Check, preparation, input selection, linear baselines, 29 NARX models, "
-        "closed-loop training, choice, residuals healthy and faulty, steady against mixed.",
+        help="run the paper's whole study on recordings and write one report",
+        description="Data check, preparation, input selection, linear baselines, 29 NARX models, "
+        "closed-loop training, choice of a model, healthy and faulty residuals, and training on "
+        "steady against mixed driving.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     study.add_argument("recordings", nargs="+", type=Path, metavar="RECORDING")
     study.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write")
     for name, text in (
-        ("test", "held-out drives of the healthy vehicle, which only judge"),
-        ("faulty", "drives with sensor faults (default: faults are put on afterwards)"),
+        ("test", "held-out drives of the healthy vehicle, used only for scores"),
+        ("faulty", "drives with sensor faults (default: faults are added to the healthy drives)"),
         ("steady", "steady operating points (default: steady stretches of the recordings)"),
     ):
         study.add_argument(
             f"--{name}", nargs="+", type=Path, default=[], metavar="RECORDING", help=text
         )
     add_signal_options(study)
-    study.add_argument("--starts", type=int, default=3, metavar="N", help="per model (default 3)")
+    study.add_argument(
+        "--starts", type=int, default=3, metavar="N", help="trainings per model (default: 3)"
+    )
     study.add_argument(
         "--iterations",
         type=int,
         default=200,
         metavar="N",
-        help="at most, of a series-parallel training of the 29 models (default 200)",
+        help="most iterations of a series-parallel training of the 29 models (default: 200)",
     )
     study.add_argument(
         "--samples",
         type=int,
         default=20_000,
         metavar="N",
-        help="most training samples of the 29 models (default 20000)",
+        help="most training samples of the 29 models (default: 20000)",
     )
     study.add_argument(
         "--models",
@@ -58,18 +61,22 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         nargs="+",
         default=[],
         metavar="N",
-        help="train only these of the 29 (default: all)",
+        help="numbers of the models to train, of the 29 (default: all)",
     )
     study.add_argument(
         "--budget",
         type=float,
         default=10.0,
         metavar="MIN",
-        help="minutes for the model whose memory and size the data choose, as in fit (default 10); "
-        "input selection takes at most 0.4 of it more, steady against mixed 0.6 over --jobs",
+        help="minutes for the model whose lags and size the data choose, as in fit (default: 10); "
+        "input selection takes up to 0.4 of it more, steady against mixed up to 0.6 over --jobs",
     )
-    study.add_argument("--seed", type=int, default=0, metavar="N", help="of weights and blocks")
-    study.add_argument("--jobs", type=int, default=2, metavar="N", help="processes (default 2)")
+    study.add_argument(
+        "--seed", type=int, default=0, metavar="N", help="seed of weights and blocks (default: 0)"
+    )
+    study.add_argument(
+        "--jobs", type=int, default=2, metavar="N", help="number of processes (default: 2)"
+    )
     study.add_argument("--scheduler", metavar="URL", help="Dask scheduler, tcp://host:port")
     add_period_option(study)
     add_bus_options(study)
@@ -77,9 +84,9 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the study; returns the exit code.
+    """Run the study; return the exit code.
 
-    Raises RecordingError or UsageError, which end with exit code 2.
+    Raises RecordingError or UsageError (exit code 2).
     """
     from monitor.base.errors import UsageError
     from monitor.base.signals import NARX_INPUTS, OUTPUT
