@@ -1,1 +1,1 @@
-"""A simulated vehicle on a chassis dynamometer; every number it makes is synthetic."""
+"""A simulated vehicle on a chassis dynamometer; all its signals are synthetic."""

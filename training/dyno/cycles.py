@@ -1,4 +1,4 @@
-"""Speed traces for the chassis dynamometer: legislated cycles, micro-trips, steady points.
+"""Drive cycles for the chassis dynamometer: legislated cycles, micro-trips, steady points.
 
 The legislated traces (1 Hz) are those of NREL fastsim; see NOTICE.
 """
@@ -18,25 +18,26 @@ LEGISLATED = ("wltc_3b", "udds", "us06", "hwfet")
 NAMES = (*LEGISLATED, "micro_trips", "steady")
 
 KM_H = 1.0 / 3.6
-TOTAL_RATIO = np.array([13.5, 7.6, 5.05, 3.75, 2.98, 2.45])  # gearbox times final drive
+TOTAL_RATIO = np.array([13.5, 7.6, 5.05, 3.75, 2.98, 2.45])  # per gear, with final drive
 WHEEL_RADIUS_M = 0.31
 UPSHIFT_RPM, DOWNSHIFT_RPM = 2350.0, 1250.0
 MINIMUM_GEAR_HOLD_S = 2.0
 
 
 class Trace(NamedTuple):
-    """What the dynamometer asks of driver and vehicle, on a 10 ms grid."""
+    """Demands of a drive cycle on driver and vehicle, on a 10 ms grid."""
 
     speed_m_s: FloatArray  # (n,)
     gear: np.ndarray  # (n,) int64, 0 is neutral
-    brake_force_n: FloatArray  # (n,) additional load of the dynamometer
-    phi_step: FloatArray  # (n,) added to the commanded mixture, as a test bench does
+    brake_force_n: FloatArray  # (n,) load of the dynamometer beyond the road load
+    phi_step: FloatArray  # (n,) change of the commanded mixture, as on a test bench
 
 
 def load(name: str, rng: np.random.Generator, duration_s: float | None = None) -> Trace:
-    """Return the trace of a cycle; ``rng`` makes the micro-trips and the order of steady points.
+    """Return the trace of a cycle.
 
-    Raises UsageError for an unknown cycle or a duration that is not positive.
+    rng : draws micro-trips, the order of steady points, and the driver's gear habit
+    Raises UsageError if the cycle is unknown or the duration not positive.
     """
     if duration_s is not None and duration_s <= 0:
         raise UsageError(f"duration {duration_s} s: must be positive")
@@ -61,7 +62,7 @@ def _resample(time_s: FloatArray, speed_m_s: FloatArray) -> FloatArray:
 
 
 def _micro_trips(rng: np.random.Generator, duration_s: float) -> FloatArray:
-    """Random stop-to-stop trips: a mix of urban, rural and motorway stretches."""
+    """Return random stop-to-stop trips: urban, rural and motorway stretches, m/s at 100 Hz."""
     time_s, speed = [0.0, 6.0], [0.0, 0.0]
     while time_s[-1] < duration_s + 60.0:
         top = rng.choice([35.0, 50.0, 70.0, 100.0, 130.0], p=[0.25, 0.3, 0.2, 0.15, 0.1]) * KM_H
@@ -83,9 +84,9 @@ def _append(time_s: list[float], speed: list[float], target: float, slope_m_s2: 
 
 
 def _with_gears(speed_m_s: FloatArray, rng: np.random.Generator) -> Trace:
-    """Choose gears by engine speed with hysteresis; the driver's habit varies by 8 percent."""
+    """Choose gears by engine speed with hysteresis; the driver's habit varies by 8 % (std)."""
     habit = 1.0 + 0.08 * rng.standard_normal()
-    every = 10  # gears are chosen at 10 Hz
+    every = 10  # one choice of gear per 10 steps, 10 Hz
     gear, hold = 1, 0
     gears = np.empty(len(speed_m_s) // every + 1, dtype=np.int64)
     for i, v in enumerate(speed_m_s[::every]):
@@ -103,7 +104,7 @@ def _with_gears(speed_m_s: FloatArray, rng: np.random.Generator) -> Trace:
 
 
 def _steady_points(rng: np.random.Generator) -> Trace:
-    """Hold 25 s at each point of a grid over engine speed and torque, in random order.
+    """Hold each point of a grid of engine speed and torque for 25 s, in random order.
 
     At each point the commanded mixture steps to rich and to lean, as on a test bench.
     """
@@ -116,7 +117,7 @@ def _steady_points(rng: np.random.Generator) -> Trace:
     gear = 4
     ratio = TOTAL_RATIO[gear - 1]
     time_s, speed, force = [0.0, 10.0], [0.0, 0.0], [0.0, 0.0]
-    steps: list[tuple[float, float]] = []  # when, to which commanded change of phi
+    steps: list[tuple[float, float]] = []  # time in s, commanded change of phi from then on
     for rpm, torque in points:
         v = rpm * np.pi / 30.0 / ratio * WHEEL_RADIUS_M
         f = torque * ratio * 0.92 / WHEEL_RADIUS_M - road_load_n(v)
@@ -136,5 +137,5 @@ def _steady_points(rng: np.random.Generator) -> Trace:
 
 
 def road_load_n(speed_m_s: float) -> float:
-    """Return rolling and air drag of the vehicle in N."""
+    """Return rolling resistance and air drag of the vehicle in N."""
     return 130.0 + 1.2 * speed_m_s + 0.42 * speed_m_s**2

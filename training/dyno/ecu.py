@@ -1,7 +1,7 @@
-"""The simulated ECU on the bus: messages at their own cycle times, with jitter and quantisation.
+"""The simulated ECU on the bus: messages at their cycle times, with jitter and quantisation.
 
-Log and table of a drive come from the same values: what the table holds is what the runtime's
-grid makes of the frames.
+Log and table of a drive come from the same values: the table equals the runtime's sample grid of
+the frames.
 """
 
 from collections.abc import Mapping
@@ -26,10 +26,10 @@ LAMBDA_MESSAGE: Final = "ECU_Lambda"
 
 @dataclass(frozen=True, slots=True)
 class Broadcast:
-    """One message over a whole drive."""
+    """One message over a whole drive, with the times and values of its frames."""
 
     outgoing: Outgoing
-    times_ns: IntArray  # (n,) rising, whole microseconds
+    times_ns: IntArray  # (n,) increasing, in whole microseconds
     values: dict[str, FloatArray]  # canonical name → (n,) before quantisation
 
 
@@ -45,28 +45,28 @@ def broadcast(
     fault: Fault | None = None,
     fault_start_s: float = 0.0,
 ) -> list[Broadcast]:
-    """Return every message of the drive.
+    """Return all messages of the drive.
 
     signals : canonical name → (n,) at 100 Hz
-    fault : ``signal_missing`` stops the message that carries lambda
+    fault : ``signal_missing`` stops the message with lambda from ``fault_start_s`` on
     """
     n = len(next(iter(signals.values())))
     sent = []
-    for each in outgoing(bus_map):
-        start_ns = int(rng.integers(0, each.cycle_ns // 1000)) * 1000
-        times_ns = np.arange(start_ns, (n - 1) * STEP_NS, each.cycle_ns)
+    for message in outgoing(bus_map):
+        start_ns = int(rng.integers(0, message.cycle_ns // 1000)) * 1000
+        times_ns = np.arange(start_ns, (n - 1) * STEP_NS, message.cycle_ns)
         jitter_ns = np.clip(rng.standard_normal(len(times_ns)), -5.0, 5.0) * JITTER_NS
         times_ns = np.maximum(times_ns + np.rint(jitter_ns / 1000).astype(np.int64) * 1000, 0)
-        if fault is not None and fault.missing and each.message.name == LAMBDA_MESSAGE:
+        if fault is not None and fault.missing and message.message.name == LAMBDA_MESSAGE:
             times_ns = times_ns[times_ns < fault_start_s * 1e9]
-        names = [channel.mapped.name for channel in each.channels]
+        names = [channel.mapped.name for channel in message.channels]
         values = {name: signals[name][times_ns // STEP_NS] for name in names}
-        sent.append(Broadcast(each, times_ns, values))
+        sent.append(Broadcast(message, times_ns, values))
     return sent
 
 
 def frames(sent: list[Broadcast]) -> FrameBlock:
-    """Return the drive's frames in the order of time."""
+    """Return the drive's frames in order of time."""
     return merge(
         [
             block_of(b.outgoing.message, b.times_ns, b.outgoing.encode(b.values, len(b.times_ns)))
@@ -76,9 +76,9 @@ def frames(sent: list[Broadcast]) -> FrameBlock:
 
 
 def samples(sent: list[Broadcast], bus_map: BusMap, period_ns: int) -> SampleBlock:
-    """Return the drive on the sample grid, as the runtime makes it of the frames.
+    """Return the drive on the sample grid, as the runtime computes it from the frames.
 
-    The columns stand in the order of ``bus_map.names``.
+    The columns are in the order of ``bus_map.names``.
     """
     names = bus_map.names
     series = {
@@ -97,7 +97,7 @@ def samples(sent: list[Broadcast], bus_map: BusMap, period_ns: int) -> SampleBlo
 
 
 def _as_read(channel: Channel, values: FloatArray) -> FloatArray:
-    """Return values after quantisation; infinite where the decoder finds them implausible."""
+    """Return the quantised values; infinite where the decoder finds them implausible."""
     scale, offset = float(channel.signal.scale), float(channel.signal.offset)
     read = np.rint((values - offset) / scale) * scale + offset
     low, high = plausible_range(channel.mapped.name)

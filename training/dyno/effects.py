@@ -1,8 +1,8 @@
-"""Effects that a vehicle may have and its model may lack, each switched on by a severity.
+"""Effects that a vehicle may have and its model may lack, each with a severity.
 
-An effect of severity 1 moves the sensor's phi by about the noise (0.004 RMS outside fuel cut, see
-``tests/test_dyno_effects.py``). The forms are the plant's own: maps over the operating point and
-continuous dynamics, in ``drive`` and ``mixture``.
+Severity 1 moves the sensor's phi by about the noise (0.004 RMS outside fuel cut, see
+``tests/training/dyno``). The forms are those of the plant in ``drive`` and ``mixture``: maps over
+the operating point and continuous dynamics. They are independent of the gap workflow's library.
 """
 
 import math
@@ -13,9 +13,9 @@ from monitor.base.errors import UsageError
 
 
 class Effects(NamedTuple):
-    """Severity times the scale that makes severity 1 about the noise; 0 is absent."""
+    """Strength of every effect: severity times ``SCALE``; 0 means absent."""
 
-    wall_film: float = 0.0  # fraction of the fuel that lands on the wall when warm
+    wall_film: float = 0.0  # fraction of the fuel that lands on the warm wall
     delay_flow: float = 0.0  # litres of exhaust volume between valve and sensor
     mix_flow: float = 0.0  # litres of well-mixed volume
     sensor_asymmetry: float = 0.0  # relative difference of the time constants
@@ -30,7 +30,7 @@ class Effects(NamedTuple):
     fuel_cut_tail: float = 0.0  # phi
     charge_temperature: float = 0.0  # fraction of the wall's excess temperature
     manifold_filling: float = 0.0  # s, lag of the runner pressure at 1,500 rpm
-    ethanol: float = 0.0  # fraction of ethanol
+    ethanol: float = 0.0  # fraction of the fuel
     oil_dilution: float = 0.0  # fuel vapour from the oil, mg/s
     battery_voltage: float = 0.0  # mg per stroke and volt
     intake_resonance: float = 0.0  # relative charge error on the resonance
@@ -61,9 +61,9 @@ NAMES = Effects._fields
 
 
 def from_severities(severities: Mapping[str, float]) -> Effects:
-    """Return the effects of these severities.
+    """Return the effects for severities by name.
 
-    Raises UsageError for an unknown name or an impossible severity.
+    Raises UsageError if a name is unknown or a severity impossible.
     """
     for name, severity in severities.items():
         if name not in NAMES:

@@ -1,4 +1,4 @@
-"""Simulated drives as files, named after what was driven."""
+"""Simulated drives as files, named after cycle, vehicle, seed, fault and effects."""
 
 from pathlib import Path
 from typing import Any
@@ -15,11 +15,11 @@ TABLES = ("parquet", "csv", "csv.gz")
 
 
 def write(experiment: Experiment, folder: Path, suffix: str, period_s: float = 0.1) -> Path:
-    """Simulate one drive and write it into ``folder``; return the path.
+    """Simulate a drive and write it into ``folder``; return the path.
 
-    suffix : "log", "blf", "asc", "trc" or "mf4" for a CAN log of the project's own ECU, or
-        "parquet", "csv", "csv.gz" for a table on a grid of ``period_s``
-    Raises UsageError for an unknown cycle, RecordingError if the file cannot be written.
+    suffix : "log", "blf", "asc", "trc" or "mf4" for a CAN log of the project's own ECU;
+        "parquet", "csv" or "csv.gz" for a table on a grid of ``period_s``
+    Raises UsageError if the cycle is unknown, RecordingError if the file cannot be written.
     """
     path = folder / f"{experiment.name}.{suffix}"
     bus_map = ecu.own_bus()
@@ -38,7 +38,7 @@ def write(experiment: Experiment, folder: Path, suffix: str, period_s: float = 0
 
 
 def describe(experiment: Experiment, path: Path) -> dict[str, Any]:
-    """Return the manifest's entry of a simulated drive."""
+    """Return the manifest entry of a simulated drive."""
     fault = experiment.fault
     return {
         "file": path.name,

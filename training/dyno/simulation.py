@@ -1,4 +1,4 @@
-"""One simulated drive: the canonical signals as the ECU knows them, on a 10 ms grid."""
+"""One simulated drive: the canonical signals of the ECU on a 10 ms grid."""
 
 from dataclasses import dataclass, field
 
@@ -16,7 +16,7 @@ from training.dyno.vehicle import Conditions
 
 @dataclass(frozen=True, slots=True)
 class Experiment:
-    """What is to be driven; equal experiments give equal bytes."""
+    """One drive to simulate; equal experiments give equal bytes."""
 
     cycle: str = "wltc_3b"
     vehicle: int = 1
@@ -24,22 +24,22 @@ class Experiment:
     fault: Fault | None = None
     fault_start_s: float = 0.0
     effects: Effects = field(default_factory=Effects)
-    duration_s: float | None = None  # None is the whole cycle
-    conditions: Conditions | None = None  # None is what the seed draws
-    forced_trim: FloatArray | None = None  # lambda controller to follow instead of the own one
+    duration_s: float | None = None  # None: the whole cycle
+    conditions: Conditions | None = None  # None: drawn by the seed
+    forced_trim: FloatArray | None = None  # replaces the computed lambda controller
 
     @property
     def name(self) -> str:
-        """Return the file name's stem: cycle, vehicle, seed, fault and effects, or healthy."""
+        """Return the file name's stem: cycle, vehicle, seed, fault and effects or healthy."""
         effects = [name for name, scale in self.effects._asdict().items() if scale]
         what = [*([self.fault.name] if self.fault else []), *effects] or ["healthy"]
         return "_".join([self.cycle, f"v{self.vehicle}", f"s{self.seed}", *what])
 
 
 def simulate(experiment: Experiment) -> dict[str, FloatArray]:
-    """Return every canonical signal of the drive, each (n,) at 100 Hz, NaN where not available.
+    """Return every canonical signal of the drive, (n,) at 100 Hz, NaN where not available.
 
-    Raises UsageError for an unknown cycle.
+    Raises UsageError if the cycle is unknown.
     """
     key = [0x0_2, 3, experiment.seed, experiment.vehicle]
     trace = cycles.load(experiment.cycle, np.random.default_rng(key), experiment.duration_s)
