@@ -1,1 +1,1 @@
-"""Decision limits, calibration, rules of the literature, data check."""
+"""Decision limits, calibration, rules of the literature, data check, and targets."""

@@ -1,7 +1,7 @@
-"""Rules beside each other on whole drives: the monitor's two scores and those of the literature.
+"""Compares decision rules on whole drives: the monitor's two scores and the literature's rules.
 
-A drive's score is the largest that two windows in a row both reach, as the monitor's own debounce
-wants two; a drive alarms where two windows in a row do.
+The monitor's debounce needs two failed windows, so a drive's score is the largest value that two
+consecutive windows both reach, and a drive alarms if two consecutive windows alarm.
 """
 
 from collections.abc import Sequence
@@ -31,15 +31,15 @@ TITLES: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Scored:
-    """What a rule says of one drive."""
+    """Score and alarm of one rule on one drive."""
 
-    score: float | None  # None without two windows
-    alarm: int | None  # second of the first two windows in a row that alarm
-    failed: int  # windows that alarm
+    score: float | None  # None if there are fewer than two windows
+    alarm: int | None  # index of the second of the first two consecutive windows that alarm
+    failed: int  # number of windows that alarm
 
     @classmethod
     def of(cls, scores: FloatArray, failed: np.ndarray) -> "Scored":
-        """Return what is said of a drive from its windows' scores and verdicts, each (n,)."""
+        """Return score and alarm from the scores and verdicts of windows, shape (n,) each."""
         best = np.minimum(scores[1:], scores[:-1]).max(initial=-np.inf)
         twice = np.flatnonzero(failed[1:] & failed[:-1])
         return cls(
@@ -52,7 +52,7 @@ class Scored:
 def fitted(
     good: Sequence[Sequence[WindowJudged]], bad: Sequence[Sequence[WindowJudged]], limits: Limits
 ) -> dict[str, Rule]:
-    """Return the literature's rules set on calibration drives, and the paper's with given limits.
+    """Return the literature's rules, fitted on calibration drives, and the paper's with ``limits``.
 
     Raises RecordingError if the drives hold too few windows.
     """
@@ -62,23 +62,23 @@ def fitted(
 
 
 def drive_scores(windows: Sequence[WindowJudged], rules: dict[str, Rule]) -> dict[str, Scored]:
-    """Return what every rule of the literature says of one drive."""
+    """Return score and alarm of every rule of the literature on one drive."""
     if not windows:
         return dict.fromkeys(rules, Scored(None, None, 0))
-    own = Windows.of([windows])
-    return {name: Scored.of(rule.score(own), rule.faulty(own)) for name, rule in rules.items()}
+    drive = Windows.of([windows])
+    return {name: Scored.of(rule.score(drive), rule.faulty(drive)) for name, rule in rules.items()}
 
 
 def own_scores(windows: Sequence[WindowJudged]) -> dict[str, float | None]:
-    """Return the drive's scores of the monitor's response rule and of its bias rule.
+    """Return the drive's scores of the monitor's response rule and bias rule.
 
-    The one is the evidence for a faulty sensor, the other how far the offset lies beyond the
-    vehicle's range, in standard deviations; negative inside.
+    The response score is the evidence for a faulty sensor. The bias score is the distance of the
+    offset from the vehicle's range in standard deviations, negative inside the range.
     """
     nothing = np.zeros(len(windows), dtype=np.bool_)
-    found = {}
+    scores_by_rule = {}
     for name, key in (("response", "evidence"), ("bias", "offset_beyond")):
         values = [w.statistics[key] for w in windows]
         scores = np.array([-np.inf if v is None else v for v in values], dtype=np.float64)
-        found[name] = Scored.of(scores, nothing).score
-    return found
+        scores_by_rule[name] = Scored.of(scores, nothing).score
+    return scores_by_rule

@@ -1,7 +1,7 @@
-"""Decision limits of a model from healthy drives and drives with sensors at the limit severity.
+"""Decision limits from healthy drives and from drives with sensors at the limit severity.
 
-The limits are those of the model card: the paper's two for a chosen false-alarm rate with its
-bounds, noise, excitation and offset as after training.
+The paper's two limits are set for a given false-alarm rate, with bounds; noise, excitation and
+offset are set as after training.
 """
 
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ from training.limits.tolerance import CONFIDENCE, rate_bounds
 from training.recordings.recording import Recording, check_each_once, sha256
 
 SCHEMA = "o2train.calibrate/1"
-FEW_DRIVES = 5  # drawing fewer drives says little of the spread between drives
+FEW_DRIVES = 5  # fewer drives say little about the spread between drives
 
 Drives = list[list[WindowJudged]]
 
@@ -37,12 +37,12 @@ def calibrate(
     rate: float,
     config: Config,
 ) -> tuple[ModelCard, dict[str, Any]]:
-    """Return the model's card with new limits, and all that a report says, as JSON-able values.
+    """Return the model's card with new limits, and the figures of the report as JSON values.
 
-    faulty : with sensors at the limit severity; may be empty
+    faulty : drives with sensors at the limit severity; may be empty
     rate : false alarms of the paper's rule per healthy window, 0 to 0.5
-    Nothing is written. Raises RecordingError if there are too few healthy windows, UsageError for a
-    recording that cannot be what it is given as, ConfigError for windows of another length.
+    Nothing is written. Raises RecordingError if there are too few healthy windows, UsageError if a
+    manifest contradicts healthy or faulty, ConfigError for windows of another length.
     """
     if not 0.0 < rate < 0.5:
         raise UsageError(f"--false-alarms {rate:g}: wanted more than 0 and less than 0.5")
@@ -94,7 +94,7 @@ def _check(healthy: Sequence[Recording], faulty: Sequence[Recording]) -> None:
 
 
 def _entry(recording: Recording) -> dict[str, Any]:
-    """Return what a manifest says of this very file, {} if nothing."""
+    """Return the manifest entry of this file, {} if there is none with its sha256."""
     entry = manifest.load(Path(recording.path).parent).get(Path(recording.path).name, {})
     return entry if entry.get("sha256") == recording.sha256 else {}
 
@@ -166,7 +166,7 @@ def _false_alarms(chosen: PaperLimits, n_drives: int) -> dict[str, Any]:
 def _rows(
     recordings: Sequence[Recording], drives: Drives, model: Model, limits: Limits, config: Config
 ) -> list[dict[str, Any]]:
-    """Return what both rules say of each drive with the new limits."""
+    """Return the verdicts of both rules on each drive with the new limits."""
     judged = judge_recordings(recordings, model, limits, config)
     return [_row(*each, limits) for each in zip(recordings, drives, judged, strict=True)]
 
@@ -199,12 +199,12 @@ def _row(
 
 
 def _evidence(window: WindowJudged) -> float:
-    """Return by how much the likeliest fault led the likeliest sound sensor."""
+    """Return the log likelihood of the best fault over that of the best sound sensor."""
     return float(window.statistics["evidence"] or 0.0)
 
 
 def _codes(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Return how many drives have a code, bounds of that share and the largest evidence."""
+    """Return the number of drives with a code, bounds of their share, and the largest evidence."""
     n, coded = len(rows), sum(bool(row["codes"]) for row in rows)
     low, high = rate_bounds(coded, n) if n else (0.0, 1.0)
     seen = [row["evidence"] for row in rows if row["evidence"] is not None]
@@ -223,7 +223,7 @@ def _short(value: float) -> float:
 
 
 def _detection(bad: Drives, limits: Limits, found: int | None) -> dict[str, Any] | None:
-    """Return what the paper's rule finds of all faulty windows, None if there are none."""
+    """Return the paper rule's detections in all faulty windows, None if there are no windows."""
     seen = _residuals(bad)
     n = len(seen.mean)
     if n == 0:

@@ -1,4 +1,4 @@
-"""Decision limits from blocks of healthy recordings that neither trained nor chose the model."""
+"""Decision limits from held-out blocks of healthy recordings (used in no training or choice)."""
 
 import math
 from collections.abc import Sequence
@@ -22,10 +22,10 @@ from training.narx.fit import HeldOut
 from training.recordings.recording import Recording
 
 MINIMUM_WINDOWS = 10
-MANY_WINDOWS = 100  # with fewer the 0.99 quantiles are the largest values seen
+MANY_WINDOWS = 100  # with fewer windows a 0.99 quantile is the largest value
 PAPER_QUANTILE = 0.99
 HELD_OUT = "test blocks held out of the training recordings"
-MEMORY_MOST = 0.95  # of the noise; above it nothing would be left of a window
+MEMORY_MOST = 0.95  # highest noise memory; above it no information would be left in a window
 EXCITATION_STEP = 1.25
 NO_LIMITS = Limits(
     j_mu=np.inf,
@@ -42,7 +42,7 @@ NO_LIMITS = Limits(
 def held_out_windows(
     model: Model, recordings: Sequence[Recording], held_out: Sequence[HeldOut], config: Config
 ) -> list[list[WindowJudged]]:
-    """Return each recording's windows in blocks that neither trained nor chose the model."""
+    """Return each recording's windows inside its test blocks."""
     judged = judge_recordings(recordings, model, NO_LIMITS, config)
     found = []
     for number, (recording, each) in enumerate(zip(recordings, judged, strict=True)):
@@ -61,7 +61,7 @@ def limits_of(
 ) -> dict[str, Limit]:
     """Return every decision limit from the windows of healthy drives.
 
-    origin : what the drives are, for the card
+    origin : description of the drives, for the card
     Raises RecordingError if there are too few windows.
     """
     windows = [window for drive in drives for window in drive]
@@ -114,7 +114,7 @@ def limits_of(
 
 
 def _noise(within: Sequence[FloatArray]) -> tuple[float, float]:
-    """Return the spread of the residual within windows, and how much a sample keeps of the last."""
+    """Return the residual's spread within windows, and its correlation from sample to sample."""
     x = np.array(within)
     x -= x.mean(axis=1, keepdims=True)
     power = float((x**2).sum())
@@ -133,7 +133,7 @@ def set_limits(
     config: Config,
     origin: str = HELD_OUT,
 ) -> tuple[ModelCard, int]:
-    """Put ``with_limits`` into the model file ``path``; return the card and the windows."""
+    """Store the limits of ``with_limits`` in a model file; return card and number of windows."""
     card, windows = with_limits(Model.load(path), recordings, held_out, config, origin)
     update_card(path, card)
     return card, windows
@@ -146,9 +146,9 @@ def with_limits(
     config: Config,
     origin: str = HELD_OUT,
 ) -> tuple[ModelCard, int]:
-    """Return the model's card with limits from held-out blocks, and how many windows they have.
+    """Return the model's card with limits from held-out blocks, and the number of windows.
 
-    A window needs so much movement that the response rule fails none of the recordings, which are
+    The excitation limit is raised until the response rule fails none of the recordings, which are
     healthy. Raises RecordingError if there are too few windows.
     """
     drives = held_out_windows(model, recordings, held_out, config)
@@ -163,16 +163,16 @@ def with_limits(
 
 
 def whole(recordings: Sequence[Recording]) -> list[HeldOut]:
-    """Return all of the recordings as held out: a few constants fitted to them hardly matter."""
+    """Return all of the recordings as held out, for a model with only a few fitted constants."""
     return [HeldOut(i, 0, len(each.values), "test") for i, each in enumerate(recordings)]
 
 
 def _sound_excitation(
     model: Model, recordings: Sequence[Recording], limits: Limits, config: Config
 ) -> float:
-    """Return the least excitation at which the response rule fails no healthy recording.
+    """Return the lowest excitation limit at which the response rule fails no healthy recording.
 
-    A model that follows its vehicle poorly makes a sound sensor look weak or late.
+    A model that fits its vehicle poorly makes a sound sensor look weak or late.
     """
     while any(
         window.outcome == "failed" and window.fault not in TESTS["bias"]

@@ -1,4 +1,4 @@
-"""Recordings through the monitor's own steps, without files or frames."""
+"""Judges recordings with the monitor's own steps, without files or frames."""
 
 from collections.abc import Sequence
 
@@ -18,14 +18,14 @@ __all__ = ["Judged", "enabled_samples", "judge", "judge_recordings"]
 
 
 def enabled_samples(recording: Recording, card: ModelCard, config: Config) -> BoolArray:
-    """Return (n,) bool: samples on which all of the monitor's enable conditions hold."""
+    """Return the samples on which all enable conditions hold, (n,) bool."""
     names = _names(recording, card)
     conditions = Enable.of(config.enable, names, card).block(_block(recording, names).values)
     return np.asarray(conditions.all(axis=1))
 
 
 def judge(recording: Recording, model: Model, limits: Limits, config: Config) -> Judged:
-    """Return the monitor's verdict on one driving cycle with empty memory.
+    """Return the monitor's verdict on one driving cycle that begins with an empty memory.
 
     Raises RecordingError if the model needs a signal that the recording lacks.
     """
@@ -35,7 +35,7 @@ def judge(recording: Recording, model: Model, limits: Limits, config: Config) ->
 def judge_recordings(
     recordings: Sequence[Recording], model: Model, limits: Limits, config: Config
 ) -> list[Judged]:
-    """Return the monitor's verdict on each driving cycle with empty memory; many are faster.
+    """Return the monitor's verdict per driving cycle, each with an empty memory, side by side.
 
     Raises RecordingError if the model needs a signal that a recording lacks.
     """

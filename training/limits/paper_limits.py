@@ -12,46 +12,46 @@ from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray, IntArray
 from training.limits.tolerance import CONFIDENCE, cluster_bound, tolerance_limit, upper_bound
 
-# How far the two limits stand apart, in medians of the faulty windows; fixed before any window is
-# seen, so that the confidence pays for choosing among so many (Bonferroni) and for nothing else.
+# Ratios of the two limits, in medians of the faulty windows. They are fixed in advance, so the
+# confidence pays for the choice among them (Bonferroni) and for nothing else.
 RATIOS = tuple(2.0**power for power in range(-4, 5))
 
 
 @dataclass(frozen=True, slots=True)
 class Residuals:
-    """What the paper's rule sees of windows."""
+    """Mean and spread of the residual in windows."""
 
-    mean: FloatArray  # (n,) output's unit
-    std: FloatArray  # (n,) output's unit
-    drive: IntArray  # (n,) number of the drive that a window is from
+    mean: FloatArray  # (n,) in the output's unit
+    std: FloatArray  # (n,) in the output's unit
+    drive: IntArray  # (n,) number of the window's drive
 
     def failed(self, j_mu: float, j_sigma: float) -> np.ndarray:
         """Return the paper's verdict on each window, (n,) bool."""
         return (np.abs(self.mean) >= j_mu) & (self.std >= j_sigma)
 
     def of(self, chosen: np.ndarray) -> "Residuals":
-        """Return some of the windows; ``chosen`` is (n,) bool."""
+        """Return the windows where ``chosen`` (n,) bool is true."""
         return Residuals(self.mean[chosen], self.std[chosen], self.drive[chosen])
 
 
 @dataclass(frozen=True, slots=True)
 class PaperLimits:
-    """Both limits with the false alarms behind them."""
+    """Both limits, with their false alarms on the calibration drives."""
 
-    j_mu: float  # output's unit
+    j_mu: float  # in the output's unit
     j_sigma: float
-    alarms: int  # healthy windows that reach both
+    alarms: int  # healthy windows that reach both limits
     windows: int
     confidence: float  # of the bound for independent windows, after paying for the choice
-    bound: float  # upper bound of the false-alarm rate, windows taken as independent
-    bound_drives: float  # the same from drawing whole drives
+    bound: float  # upper bound of the false-alarm rate, for independent windows
+    bound_drives: float  # upper bound from resampling whole drives
 
 
 def choose(healthy: Residuals, faulty: Residuals | None, rate: float) -> PaperLimits:
     """Return the limits for a false-alarm rate of at most ``rate`` per window.
 
-    Without faulty windows each limit alone keeps the rate; with them the pair, of those that keep
-    it, that misses the fewest.
+    Without faulty windows, each limit alone keeps the rate. With them, the result is the pair that
+    keeps the rate and misses the fewest faulty windows.
     Raises RecordingError if there are too few healthy windows.
     """
     if faulty is None or len(faulty.mean) == 0:
@@ -67,9 +67,9 @@ def choose(healthy: Residuals, faulty: Residuals | None, rate: float) -> PaperLi
 def held_out(
     healthy: Residuals, faulty: Residuals | None, rate: float
 ) -> tuple[int | None, int | None]:
-    """Return how many healthy and how many faulty windows fail limits set without their drive.
+    """Return how many healthy and faulty windows fail limits that were set without their drive.
 
-    None where the other drives are too few to set limits.
+    A number is None if the other drives are too few to set limits.
     """
     alarms = _failed_by_others(healthy, lambda others: choose(others, faulty, rate))
     if faulty is None:
@@ -85,19 +85,19 @@ def _failed_by_others(
         return None
     failed = 0
     for number in numbers:
-        own = residuals.drive == number
+        left_out = residuals.drive == number
         try:
-            limits = limits_from(residuals.of(~own))
+            limits = limits_from(residuals.of(~left_out))
         except RecordingError:
             return None
-        failed += int(residuals.of(own).failed(limits.j_mu, limits.j_sigma).sum())
+        failed += int(residuals.of(left_out).failed(limits.j_mu, limits.j_sigma).sum())
     return failed
 
 
 def boundary(
     healthy: Residuals, faulty: Residuals, rate: float, confidence: float
 ) -> list[tuple[float, float]]:
-    """Return one pair of limits, each keeping the rate, for each of ``RATIOS``."""
+    """Return for every ratio of ``RATIOS`` the lowest pair of limits that keeps the rate."""
     mu = max(float(np.median(np.abs(faulty.mean))), 1e-12)
     sigma = max(float(np.median(faulty.std)), 1e-12)
     pairs = []

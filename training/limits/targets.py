@@ -1,4 +1,4 @@
-"""What the monitor must reach, and from which severity on a fault must be found."""
+"""Targets of the monitor, and the severity from which it must find a fault."""
 
 from typing import Final
 
@@ -10,24 +10,24 @@ LIMIT_SEVERITY: Final = {
     "delay_lean_to_rich": 0.4,
     "delay_symmetric": 0.4,
     "transient": 0.5,  # s, with reduced amplitude
-    "gain_low": 0.6,  # of the amplitude is left
+    "gain_low": 0.6,  # remaining amplitude, -
     "biased_lean": 0.05,  # lambda
     "biased_rich": 0.05,
 }
-DETECTED: Final = 0.99  # of trials within one WLTC
-NAMED: Final = 0.95  # of trials, by exactly their name
+DETECTED: Final = 0.99  # share of trials, within one WLTC
+NAMED: Final = 0.95  # share of trials with exactly the right name
 MEDIAN_ENABLED_S: Final = 60.0
-COMPLETED: Final = 0.95  # of healthy WLTCs
-HEALTHY_DRIVES, HEALTHY_VEHICLES = 500, 50  # at least, for no false code at all
+COMPLETED: Final = 0.95  # share of healthy WLTCs
+HEALTHY_DRIVES, HEALTHY_VEHICLES = 500, 50  # fewest, without any false code
 
 
 def at_limit(fault: str, severity: float) -> bool:
-    """Return whether a fault is just severe enough that it must be found."""
+    """Return whether a fault has exactly its limit severity."""
     return LIMIT_SEVERITY.get(fault) == severity
 
 
 def beyond_limit(fault: str, severity: float) -> bool:
-    """Return whether a fault is so severe that it must be found; electrical ones have no limit.
+    """Return whether a fault must be found; False for faults without a limit severity.
 
     >>> beyond_limit("gain_low", 0.5), beyond_limit("slow_symmetric", 0.3)
     (True, False)

@@ -1,1 +1,1 @@
-"""Is the data enough? Said before any training."""
+"""Checks before training whether recordings are enough for a model."""

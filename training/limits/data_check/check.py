@@ -1,7 +1,7 @@
-"""Is the data enough? What recordings can teach a model, said before any training.
+"""Checks before training whether recordings are enough for a model.
 
-Every finding is ok, a warning (training works, the model suffers) or an error (training is
-impossible or worthless), with one sentence that says what came and what is wanted.
+A finding is ok, a warning (training works, the model suffers) or an error (training is impossible
+or worthless), with one sentence about the measured and the wanted value.
 """
 
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ def check(
 ) -> dict[str, Any]:
     """Return findings and figures as plain values; ``usable`` is False if there is an error.
 
-    unreadable : what was wrong with recordings that could not be read at all
+    unreadable : errors of recordings that could not be read
     """
     findings = [Finding("error", "file", text) for text in unreadable]
     figures: dict[str, Any] = {"coverage": None, "excitation": [], "condition_number": None}
@@ -68,7 +68,7 @@ def _recording(r: Recording) -> dict[str, Any]:
 
 
 def _setup(recordings: Sequence[Recording], inputs: Sequence[str], output: str) -> list[Finding]:
-    """Return what is wrong with names, periods and files; nothing else can be said before."""
+    """Return findings on names, periods and files; an error here stops the other checks."""
     found = []
     if not recordings:
         return [Finding("error", "file", "no recording can be read, at least one is wanted")]
@@ -91,10 +91,10 @@ def _setup(recordings: Sequence[Recording], inputs: Sequence[str], output: str) 
                 f"{first.period_ns / 1e9:g} s; one grid is wanted (--period)"
             )
             found.append(Finding("error", "sample period", text))
-    known: dict[str, Recording] = {}
+    first_of: dict[str, Recording] = {}
     for r in recordings:
-        if r.sha256 in known:
-            text = f"{r.path} and {known[r.sha256].path} are the same file: held-out blocks leak"
+        if r.sha256 in first_of:
+            text = f"{r.path} and {first_of[r.sha256].path} are the same file: held-out blocks leak"
             found.append(Finding("warning", "repeated file", text))
-        known.setdefault(r.sha256, r)
+        first_of.setdefault(r.sha256, r)
     return found

@@ -1,4 +1,4 @@
-"""What the inputs can teach: coverage, excitation, collinearity, copies of the output."""
+"""Checks of the inputs: coverage, excitation, collinearity, copies of the output."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -13,16 +13,16 @@ from training.limits.data_check.samples import Finding, Usable
 from training.recordings.linear_data import output_transform
 from training.recordings.recording import Recording
 
-MOVES = 20  # an input that changes less often shows its effect in a few places only
-COVERED = 0.5  # of the cells of speed and load; the regulatory cycles each visit 0.7 and more
-FULLEST = 0.5  # of all samples in one cell: mostly one operating point
-COPY_LAGS = 20  # samples by which a copy of the output may be shifted
+MOVES = 20  # an input with fewer changes shows its effect in a few places only
+COVERED = 0.5  # least share of visited cells of speed and load; regulatory cycles visit 0.7
+FULLEST = 0.5  # most samples in one cell; more means mostly one operating point
+COPY_LAGS = 20  # most samples by which a copy of the output may be shifted
 SPEED = ("engine_speed_rpm", "speed_z", "rpm", "engine_speed", "speed")
 LOAD = ("manifold_pressure_kpa", "air_mass_mg", "load_z", "map_kpa", "load", "engine_torque_nm")
 
 
 def covered(recordings: Sequence[Recording], figures: dict[str, Any]) -> list[Finding]:
-    """Return the finding on speed and load, and put the histogram into ``figures``."""
+    """Return the finding on speed and load; add the histogram to ``figures``."""
     names = [
         next((n for n in choice if all(n in r.names for r in recordings)), None)
         for choice in (SPEED, LOAD)
@@ -67,36 +67,36 @@ def excited(
     lags: int,
     figures: dict[str, Any],
 ) -> list[Finding]:
-    """Return findings on each input and on their collinearity; measures go into ``figures``."""
+    """Return findings on each input and on collinearity; add the measures to ``figures``."""
     found = []
     period_s = recordings[0].period_ns / 1e9
     for i, name in enumerate(inputs):
-        own = measures.excitation([u[:, i] for u in data.u], period_s, 2 * lags)
+        seen = measures.excitation([u[:, i] for u in data.u], period_s, 2 * lags)
         figures["excitation"].append(
             {
                 "input": name,
-                "std": own.std,
-                "moving": own.moving,
-                "moves": own.moves,
-                "order": own.order,
+                "std": seen.std,
+                "moving": seen.moving,
+                "moves": seen.moves,
+                "order": seen.order,
                 "order_tested": 2 * lags,
-                "bandwidth_hz": own.bandwidth_hz,
+                "bandwidth_hz": seen.bandwidth_hz,
             }
         )
-        if own.moves == 0:
+        if seen.moves == 0:
             values = np.concatenate([r.column(name) for r in recordings])
-            if np.ptp(values[np.isfinite(values)]) > 0.0:  # else said already
+            if np.ptp(values[np.isfinite(values)]) > 0.0:  # otherwise another finding says it
                 text = f"{name} is constant where all inputs are valid: leave it out"
                 found.append(Finding("error", "constant", text))
-        elif own.order < lags:
+        elif seen.order < lags:
             text = (
-                f"{name} is persistently exciting of order {own.order} only, {lags} is wanted for "
+                f"{name} is persistently exciting of order {seen.order} only, {lags} is wanted for "
                 f"{lags} lags: its lags cannot be told apart"
             )
             found.append(Finding("warning", "excitation", text))
-        elif own.moves < MOVES:
+        elif seen.moves < MOVES:
             text = (
-                f"{name} changes {own.moves} times, {MOVES} times are wanted: its effect is seen "
+                f"{name} changes {seen.moves} times, {MOVES} times are wanted: its effect is seen "
                 "in a few places only"
             )
             found.append(Finding("warning", "excitation", text))
@@ -108,7 +108,7 @@ def excited(
 
 def _collinear(u: FloatArray, inputs: Sequence[str], figures: dict[str, Any]) -> list[Finding]:
     if (u.std(axis=0) <= 1e-12 * np.maximum(1.0, np.abs(u).max(axis=0))).any():
-        return []  # said already, or constant in the usable stretches
+        return []  # another finding says it, or the input is constant in the usable stretches
     condition, groups = measures.collinear(u, inputs)
     figures["condition_number"] = condition
     text = f"condition number of the inputs {condition:.3g}"
@@ -123,7 +123,7 @@ def _collinear(u: FloatArray, inputs: Sequence[str], figures: dict[str, Any]) ->
 
 
 def copies(data: Usable, inputs: Sequence[str], output: str) -> list[Finding]:
-    """Return the findings on inputs that are the output itself, shifted or scaled."""
+    """Return findings on inputs that are a shifted or scaled copy of the output."""
     found = []
     transform = output_transform(output)
     rows = [np.isfinite(y) for y in data.y]
@@ -131,9 +131,10 @@ def copies(data: Usable, inputs: Sequence[str], output: str) -> list[Finding]:
     if transform != "none":
         forms.append([to_model_units(transform, y) for y in forms[0]])
     for i, name in enumerate(inputs):
-        own = [u[r, i] for u, r in zip(data.u, rows, strict=True)]
+        samples = [u[r, i] for u, r in zip(data.u, rows, strict=True)]
         level, change, lag = max(
-            (measures.copy_of(own, form, COPY_LAGS) for form in forms), key=lambda c: abs(c[0])
+            (measures.copy_of(samples, form, COPY_LAGS) for form in forms),
+            key=lambda c: abs(c[0]),
         )
         if abs(level) <= measures.COPY:
             continue

@@ -1,4 +1,4 @@
-"""Measures of how much recordings can teach: excitation, copies, collinearity, coverage."""
+"""Measures of recordings for training: excitation, copies, collinearity, coverage."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,33 +9,34 @@ from scipy import linalg
 from monitor.base.types import FloatArray
 from training.recordings.spectrum import welch
 
-MOVING = 0.001  # of the span: a sample that differs so much from the one before moves
-PE_CONDITION = 1e10  # directions weaker by this in power (1e5 in size) drown in 16-bit rounding
-COPY = 0.999  # correlation beyond which one signal is a copy of the other
-CONDITION_INDEX = 30.0  # Belsley, Kuh and Welsch: beyond it coefficients are degraded
-PROPORTION = 0.5  # of a coefficient's variance that lies in one such direction
+MOVING = 0.001  # least change from sample to sample that counts as moving, as part of the span
+PE_CONDITION = 1e10  # in power (1e5 in size); weaker directions drown in 16-bit rounding
+COPY = 0.999  # correlation above which a signal is a copy of another
+CONDITION_INDEX = 30.0  # Belsley, Kuh and Welsch: above it coefficients are degraded
+PROPORTION = 0.5  # of a coefficient's variance in one such direction
 CELLS = 8  # of the histogram, per axis
-VISITED_S = 1.0  # a cell counts as visited from so many seconds on,
-VISITED_SHARE = 0.1  # or in short recordings from this share of an even spread on
-BANDWIDTH = 0.95  # of the variance lies below it
+VISITED_S = 1.0  # a cell counts as visited from this time on,
+VISITED_SHARE = 0.1  # or in short recordings from this part of an even spread on
+BANDWIDTH = 0.95  # part of the variance below the bandwidth
 
 
 @dataclass(frozen=True, slots=True)
 class Excitation:
-    """How one input moves."""
+    """Excitation of one input."""
 
     std: float
-    moves: int  # samples that differ at all from the one before
-    moving: float  # share of samples that differ by a thousandth of the span and more
-    order: int  # of persistent excitation, at most the one asked for
-    bandwidth_hz: float | None  # below which 95 % of the variance lies; None if too short
+    moves: int  # samples that differ from the sample before
+    moving: float  # share of samples that differ by ``MOVING`` of the span or more
+    order: int  # of persistent excitation, at most the tested order
+    bandwidth_hz: float | None  # 95 % of the variance lies below; None if too short
 
 
 def excitation(stretches: Sequence[FloatArray], period_s: float, order: int) -> Excitation:
-    """Return how the signal in ``stretches`` (n_i,) excites a model with ``order`` lags.
+    """Return how the signal in ``stretches``, shape (n_i,) each, excites a model.
 
-    The order of persistent excitation is the largest L for which the L × L autocovariance matrix,
-    the Hankel matrix of the samples times its transpose, is not singular.
+    order : highest order of persistent excitation to test
+    The order of persistent excitation is the largest L whose L × L autocovariance matrix (the
+    Hankel matrix of the samples times its transpose) is regular.
     Source: Ljung, System Identification, 2nd ed., section 13.2.
     """
     values = np.concatenate(stretches)
@@ -75,9 +76,10 @@ def _bandwidth(frequency_hz: FloatArray, density: FloatArray) -> float:
 def copy_of(
     u: Sequence[FloatArray], y: Sequence[FloatArray], most: int
 ) -> tuple[float, float, int]:
-    """Return correlation of levels, of changes, and the lag, where ``u`` follows ``y`` best.
+    """Return the correlation of levels and of changes at the lag where ``u`` follows ``y`` best.
 
-    u, y : stretches (n_i,); the lag in samples is positive where ``u`` is later
+    u, y : stretches, shape (n_i,) each
+    The third result is the lag in samples, positive if ``u`` is later.
     """
     best = (0.0, 0.0, 0)
     for lag in range(-most, most + 1):
@@ -105,8 +107,8 @@ def _correlation(a: FloatArray, b: FloatArray) -> float:
 def collinear(u: FloatArray, names: Sequence[str]) -> tuple[float, list[list[str]]]:
     """Return the condition number of the inputs (n, k), and the groups that make it large.
 
-    A group is one direction with a condition index above 30 that holds more than half of the
-    variance of at least two coefficients.
+    A group is a direction with a condition index above 30 that holds more than half of the variance
+    of at least two coefficients.
     Source: Belsley, Kuh and Welsch, Regression Diagnostics (1980), chapter 3.
     """
     z = (u - u.mean(axis=0)) / u.std(axis=0)
@@ -137,9 +139,9 @@ def variance_inflation(u: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class Coverage:
-    """Where the drives were in speed and load."""
+    """Coverage of the plane of speed and load."""
 
-    share: float  # of the cells between the extremes that were visited
+    share: float  # of the cells between the extremes that are visited
     fullest: float  # share of the samples in the fullest cell
     speed: FloatArray  # (CELLS + 1,) edges
     load: FloatArray  # (CELLS + 1,) edges
@@ -147,7 +149,7 @@ class Coverage:
 
 
 def coverage(speed: FloatArray, load: FloatArray, period_s: float) -> Coverage:
-    """Return how the samples (n,) fill the plane of speed and load between their extremes."""
+    """Return the coverage by samples, (n,) each, of the plane between their extremes."""
     across = np.linspace(*_extremes(speed), CELLS + 1)
     up = np.linspace(*_extremes(load), CELLS + 1)
     counts, *_ = np.histogram2d(speed, load, bins=[across, up])

@@ -1,4 +1,4 @@
-"""Are there enough samples? Gaps, outliers, constants, weights, windows of the enabled region."""
+"""Checks of the samples: number, gaps, outliers, constants, weights, enabled windows."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,18 +13,18 @@ from training.recordings.outliers import outlier_mask
 from training.recordings.preparation import BLOCK_S, ENABLE_COLUMNS, GROUP, enabled_rows, runs
 from training.recordings.recording import Recording
 
-SHORTEST_STRETCH = 8  # times the lags: what training.recordings.preparation uses at all
-SAMPLES_PER_WEIGHT = 10  # fewer and the network overfits
-SMALLEST = (2,)  # the smallest network worth training
+SHORTEST_STRETCH = 8  # in lags; training.recordings.preparation uses no shorter stretch
+SAMPLES_PER_WEIGHT = 10  # with fewer samples the network overfits
+SMALLEST = (2,)  # hidden layers of the smallest useful network
 WINDOW = 50  # samples of a window, Model Based Diagnosis of Oxygen Sensors, section 2
-LOST = 0.05  # share of samples without valid values from which it is worth asking why
-OUTLIERS = 0.001  # share of outliers from which a sensor or the decoding is suspect
-CLOSED_LOOP = 0.5  # share in the enabled region; warm drives are there in 0.7 and more
+LOST = 0.05  # share of invalid samples that deserves a warning
+OUTLIERS = 0.001  # share of outliers that makes a sensor or the decoding suspect
+CLOSED_LOOP = 0.5  # least share of enabled samples; warm drives have 0.7 and more
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing looked at."""
+    """One checked topic: level and text."""
 
     level: str  # ok, warning or error
     topic: str
@@ -33,23 +33,23 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class Usable:
-    """The samples that a training could use, in unbroken stretches."""
+    """The samples that training could use, in unbroken stretches."""
 
     u: list[FloatArray]  # (n_i, k)
-    y: list[FloatArray]  # (n_i,) output as recorded, NaN where invalid
+    y: list[FloatArray]  # (n_i,) recorded output, NaN where invalid
     enabled: int  # samples
     total: int  # samples of all recordings
 
     @property
     def samples(self) -> int:
-        """Number of samples with inputs and output valid."""
+        """Return the number of samples with valid inputs and output."""
         return int(sum(np.isfinite(y).sum() for y in self.y))
 
 
 def usable(
     recordings: Sequence[Recording], inputs: Sequence[str], output: str, lags: int
 ) -> tuple[Usable, list[Finding]]:
-    """Return the samples that ``preparation`` would use, and gaps, outliers, constants."""
+    """Return the samples that training would use; findings on gaps, outliers and constants."""
     names = (*inputs, output)
     columns = [np.column_stack([r.column(n) for n in names]) for r in recordings]
     found, outliers = [], dict.fromkeys(names, 0)

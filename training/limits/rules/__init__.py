@@ -1,7 +1,7 @@
-"""Decision rules from the literature, for comparison with the monitor's own.
+"""Decision rules from the literature, to compare with the monitor's rules.
 
-Every rule is fitted with ``fit(healthy, faulty, false_alarm_rate)`` and then gives
-``score(windows)``, larger is more faulty, for ROC curves, and ``faulty(windows)``, (n,) bool.
+A rule is fitted with ``fit(healthy, faulty, false_alarm_rate)``. Then ``score(windows)`` returns
+scores for ROC curves, larger for more faulty, and ``faulty(windows)`` verdicts, both (n,).
 """
 
 from training.limits.rules.adaptive import AdaptiveThreshold

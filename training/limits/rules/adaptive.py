@@ -1,4 +1,4 @@
-"""A limit that follows the activity of the input: where much moves, the model may err more."""
+"""A limit that grows with the activity of the input, because model errors do, too."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -11,29 +11,29 @@ from monitor.base.types import FloatArray
 from training.limits.rules.windows import Windows, limit_for
 
 ACTIVITY_SAMPLES = 5.0  # time constant of the activity's filter
-QUANTILE = 0.95  # of healthy |residual| that the line over activity follows
-MOST_SAMPLES = 4000  # for the fit; evenly thinned above
+QUANTILE = 0.95  # quantile of healthy |residual| fitted as a line over activity
+MOST_SAMPLES = 4000  # samples in that fit; more are thinned evenly
 
 
 @dataclass(frozen=True, slots=True)
 class AdaptiveThreshold:
-    """Faulty where the residual exceeds ``level * (base + slope * activity)``.
+    """Faulty if the residual exceeds ``level * (base + slope * activity)`` at a sample.
 
-    The activity is the filtered change per sample of the predicted output, which stands for the
-    inputs. Base and slope are the regression quantile of healthy |residual|, the level keeps the
-    false-alarm rate of whole windows. Faulty windows are not used.
+    Activity is the filtered change per sample of the predicted output, which stands for the inputs.
+    Base and slope are a regression quantile of healthy |residual|. The level keeps the false-alarm
+    rate of whole windows. Faulty windows are not used.
     Sources: Emami-Naeini, Akhter and Rock, Effect of model uncertainty on failure detection: the
     threshold selector, IEEE Trans. Automatic Control 33, 1988; Koenker and Bassett, Regression
     quantiles, Econometrica 46, 1978.
     """
 
-    base: float  # output's unit
+    base: float  # in the output's unit
     slope: float  # samples
     level: float  # -
 
     @classmethod
     def fit(cls, healthy: Windows, faulty: Windows | None, false_alarm_rate: float) -> Self:
-        """Return the rule set on healthy windows."""
+        """Return the rule fitted to healthy windows."""
         x, r = _activity(healthy.predicted).ravel(), np.abs(healthy.residual).ravel()
         step = max(1, len(x) // MOST_SAMPLES)
         base, slope = _regression_quantile(x[::step], r[::step], QUANTILE)
@@ -42,11 +42,11 @@ class AdaptiveThreshold:
         return cls(base, slope, limit_for(rule.score(healthy), false_alarm_rate))
 
     def threshold(self, predicted: FloatArray) -> FloatArray:
-        """Return the limit of |residual| at each sample, (n, n_samples), output's unit."""
+        """Return the limit of |residual| at each sample, (n, n_samples), in the output's unit."""
         return self.level * (self.base + self.slope * _activity(predicted))
 
     def score(self, windows: Windows) -> FloatArray:
-        """Return the largest |residual| over base and slope, (n,), in parts of the line."""
+        """Return each window's largest ratio of |residual| to base + slope * activity, (n,)."""
         line = self.base + self.slope * _activity(windows.predicted)
         return np.asarray((np.abs(windows.residual) / line).max(axis=1))
 
@@ -56,7 +56,7 @@ class AdaptiveThreshold:
 
 
 def _activity(predicted: FloatArray) -> FloatArray:
-    """Return the filtered |change| per sample, (n, n_samples); it begins at its first value."""
+    """Return the filtered |change| per sample, (n, n_samples), started at the first change."""
     change = np.abs(np.diff(predicted, axis=1))
     change = np.concatenate([change[:, :1], change], axis=1)
     keep = float(np.exp(-1.0 / ACTIVITY_SAMPLES))
@@ -65,13 +65,13 @@ def _activity(predicted: FloatArray) -> FloatArray:
 
 
 def _regression_quantile(x: FloatArray, y: FloatArray, q: float) -> tuple[float, float]:
-    """Return base and slope, neither negative, of the q-quantile of y over x.
+    """Return base and slope of the q-quantile of y over x, both at least 0.
 
-    The dual of Koenker and Bassett's programme has bounded weights and two rows.
+    It solves the dual of Koenker and Bassett's linear programme: bounded weights, two rows.
     """
     scale = max(float(x.max()), 1e-12)
     rows = np.stack([np.ones_like(x), x / scale])
     wanted = (1.0 - q) * rows.sum(axis=1)
-    found = linprog(-y, A_ub=rows, b_ub=wanted, bounds=(0.0, 1.0))
-    base, slope = -found.ineqlin.marginals
+    solution = linprog(-y, A_ub=rows, b_ub=wanted, bounds=(0.0, 1.0))
+    base, slope = -solution.ineqlin.marginals
     return max(float(base), 0.0), max(float(slope), 0.0) / scale

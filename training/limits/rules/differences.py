@@ -1,11 +1,11 @@
-"""The distribution of differences between consecutive samples of the measured signal alone.
+"""Differences between consecutive samples of the measured signal, judged without a model.
 
-After Jammoussi and Makki: the extreme values of sets of differences follow a generalised extreme
-value distribution. A sensor late or slow in one direction makes its two sides unlike or piles up
-differences in the middle, which is looked for first; then a sensor weak or late both ways, which
-makes both sides small. No model is needed, so what the engine does is in the score, too.
+After Jammoussi and Makki: the extremes of sets of differences follow a generalised extreme value
+distribution. A sensor that is late or slow in one direction makes the two sides unlike, or piles up
+small differences; the rule looks for this first. A sensor that is weak, or late in both directions,
+makes both sides small. The engine's operation is in the score, too, because there is no model.
 Sources: Makki, Kumar, Kerns and Jammoussi, US patent 9 074 513, 2015; Jammoussi, Makki, Banker and
-Casedy, US patent 9 500 151, 2016. They judge sets collected over minutes; here one window.
+Casedy, US patent 9 500 151, 2016. They judge sets collected over minutes, this rule a window.
 """
 
 from dataclasses import dataclass
@@ -17,14 +17,14 @@ from scipy.special import gamma
 from monitor.base.types import FloatArray
 from training.limits.rules.windows import Windows, limit_for
 
-SET = 5  # differences of which the extreme is taken; nine sets in a window of 50 samples
+SET = 5  # differences per set; a window of 50 samples has nine sets
 LEVEL, ASYMMETRY, PEAK = range(3)
 
 
 def extreme_value_fit(extremes: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return location, scale and shape of the distribution of maxima, each (n,).
+    """Return location, scale and shape of the distribution of maxima, (n,) each.
 
-    extremes : (n, n_sets) maxima; location and scale in their unit; shape k as Hosking's, 0 is
+    extremes : (n, n_sets) maxima; location and scale have their unit; shape is Hosking's k, 0 is
         Gumbel
     Source: Hosking, Wallis and Wood, Estimation of the generalized extreme-value distribution by
     the method of probability-weighted moments, Technometrics 27, 1985.
@@ -46,9 +46,10 @@ def extreme_value_fit(extremes: FloatArray) -> tuple[FloatArray, FloatArray, Flo
 def statistics(measured: FloatArray) -> FloatArray:
     """Return level, asymmetry and peak of each window's differences, (n, 3).
 
-    measured : (n, n_samples); level is the logarithm of the typical extreme in the output's unit,
-    asymmetry the upper against the lower extreme, -1 to 1, peak the logarithm of root mean square
-    over mean magnitude: large where most differences are small and few are large (the moment that
+    measured : (n, n_samples)
+    Level is the logarithm of the typical extreme, in the output's unit. Asymmetry compares the
+    upper with the lower extreme, -1 to 1. Peak is the logarithm of root mean square over mean
+    magnitude; it is large if most differences are small and a few large (the moment ratio that
     gives a generalised Gaussian its shape: Mallat, IEEE Trans. PAMI 11, 1989).
     """
     d = np.diff(measured, axis=1)
@@ -63,25 +64,25 @@ def statistics(measured: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class DifferencesRule:
-    """Faulty where the differences are too unlike up and down, too peaked or too small.
+    """Faulty if the differences are too asymmetric, too peaked or too small.
 
-    Set on healthy windows; faulty ones are not used.
+    The rule is fitted to healthy windows; faulty windows are not used.
     """
 
     centre: FloatArray  # (3,) medians of healthy windows
-    scale: FloatArray  # (3,) their spread
-    limit: float  # in spreads
+    scale: FloatArray  # (3,) spreads of healthy windows
+    limit: float  # in these spreads
 
     @classmethod
     def fit(cls, healthy: Windows, faulty: Windows | None, false_alarm_rate: float) -> Self:
-        """Return the rule set on healthy windows."""
+        """Return the rule fitted to healthy windows."""
         low, centre, high = np.quantile(statistics(healthy.measured), [0.25, 0.5, 0.75], axis=0)
         rule = cls(centre, np.maximum((high - low) / 1.349, 1e-9), np.inf)
         limit = limit_for(rule.score(healthy), false_alarm_rate)
         return cls(rule.centre, rule.scale, limit)
 
     def score(self, windows: Windows) -> FloatArray:
-        """Return the largest deviation, (n,), in spreads of healthy windows."""
+        """Return each window's largest deviation, (n,), in spreads of healthy windows."""
         return np.asarray(self._deviations(windows).max(axis=1))
 
     def faulty(self, windows: Windows) -> np.ndarray:
@@ -89,10 +90,10 @@ class DifferencesRule:
         return self.score(windows) >= self.limit
 
     def pattern(self, windows: Windows) -> list[str]:
-        """Return what each window shows, one-sided first; "" where it is not faulty.
+        """Return the pattern of each window: one-sided, "symmetric", or "" if it is not faulty.
 
-        A sensor slow on one side is on its way there most of the time, so that nearly every set
-        has an extreme to that side: on a slow rise of lambda, rich to lean, the upper are larger.
+        A sensor slow on one side moves that way most of the time, so nearly every set has an
+        extreme on that side: with a slow rise of lambda (rich to lean) the upper ones are larger.
         """
         deviations = self._deviations(windows)
         sign = statistics(windows.measured)[:, ASYMMETRY] - self.centre[ASYMMETRY]

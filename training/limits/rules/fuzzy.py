@@ -1,7 +1,7 @@
-"""Fuzzy clusters of window features: how much a window belongs to the faulty ones.
+"""Fuzzy clusters of window features: a window's membership in the faulty clusters.
 
-The further work that *Model Based Diagnosis of Oxygen Sensors* proposes. The clustering is
-written here, since scikit-fuzzy brings no more of it than these lines.
+*Model Based Diagnosis of Oxygen Sensors* proposes this as further work. The clustering is written
+out here, because scikit-fuzzy offers no more than these lines.
 """
 
 from dataclasses import dataclass
@@ -28,11 +28,11 @@ TOLERANCE = 1e-6
 
 
 def features(windows: Windows) -> FloatArray:
-    """Return what describes each window, (n, 7), in the order of ``FEATURES``.
+    """Return the features of each window, (n, 7), in the order of ``FEATURES``.
 
-    Output's unit for the first three and the last; logarithm of the ratio of spreads; correlation
-    of measured and predicted; lateness in samples, the least-squares slope of the residual on
-    minus the predicted change per sample.
+    The first three and the last have the output's unit. The fourth is the logarithm of the ratio of
+    spreads, the fifth a correlation. Lateness is in samples: the least-squares slope of the
+    residual on the negative predicted change per sample.
     """
     residual, predicted = windows.residual, windows.predicted
     spread, of_predicted = windows.measured.std(axis=1), predicted.std(axis=1)
@@ -60,7 +60,7 @@ def features(windows: Windows) -> FloatArray:
 
 
 def memberships(x: FloatArray, centres: FloatArray) -> FloatArray:
-    """Return how much each point belongs to each centre, (n, n_clusters), rows sum to 1.
+    """Return the membership of each point in each cluster, (n, n_clusters); rows sum to 1.
 
     Source: Bezdek, Pattern Recognition with Fuzzy Objective Function Algorithms, 1981, (11.3a).
     """
@@ -71,8 +71,9 @@ def memberships(x: FloatArray, centres: FloatArray) -> FloatArray:
 def cluster(x: FloatArray, n_clusters: int, weight: FloatArray) -> FloatArray:
     """Return the centres of fuzzy c-means, (n_clusters, n_features).
 
-    x : (n, n_features); weight : (n,) of the points
-    It begins with points far from each other, so that the same points give the same centres.
+    x : (n, n_features)
+    weight : (n,) weights of the points
+    It begins with points far from each other, so the same points give the same centres.
     Source: Bezdek, 1981, algorithm A11.1.
     """
     centres = x[[int(_distances(x, x.mean(axis=0)[np.newaxis]).argmin())]]
@@ -91,27 +92,27 @@ def cluster(x: FloatArray, n_clusters: int, weight: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class FuzzyRule:
-    """Faulty where the membership in faulty clusters reaches its limit.
+    """Faulty if the membership in faulty clusters reaches its limit.
 
-    With limit-fault windows the clusters are those of both kinds, each with the share of its
-    members that is faulty. Without, they are healthy clusters and a window belongs to none of them
-    as far as it lies from all (noise cluster: Davé, Characterization and detection of noise in
-    clustering, Pattern Recognition Letters 12, 1991).
+    With limit-fault windows, clusters are found in both kinds together, each with the faulty share
+    of its members. Without, the clusters are healthy, and a window is faulty if it is far from all
+    of them (noise cluster: Davé, Characterization and detection of noise in clustering, Pattern
+    Recognition Letters 12, 1991).
     """
 
     centre: FloatArray  # (n_features,) of healthy features
     scale: FloatArray  # (n_features,)
     centres: FloatArray  # (n_clusters, n_features), scaled
-    share: FloatArray | None  # (n_clusters,) faulty share of each, None without faulty windows
+    share: FloatArray | None  # (n_clusters,) faulty share of a cluster; None without faulty windows
     limit: float
 
     @classmethod
     def fit(cls, healthy: Windows, faulty: Windows | None, false_alarm_rate: float) -> Self:
-        """Return the rule; both kinds count alike, however many windows there are of each."""
-        own = features(healthy)
-        low, centre, high = np.quantile(own, [0.25, 0.5, 0.75], axis=0)
+        """Return the fitted rule; healthy and faulty windows have equal total weight."""
+        healthy_features = features(healthy)
+        low, centre, high = np.quantile(healthy_features, [0.25, 0.5, 0.75], axis=0)
         scale = np.maximum((high - low) / 1.349, 1e-9)  # of a normal distribution
-        x = np.arcsinh((own - centre) / scale)
+        x = np.arcsinh((healthy_features - centre) / scale)
         share = None
         if faulty is None or len(faulty) == 0:
             centres = cluster(x, min(CLUSTERS // 2, len(x)), np.ones(len(x)))
@@ -128,7 +129,7 @@ class FuzzyRule:
         return cls(centre, scale, centres, share, limit)
 
     def score(self, windows: Windows) -> FloatArray:
-        """Return the membership in what is faulty, (n,), 0 to 1."""
+        """Return the membership in faulty clusters, (n,), 0 to 1."""
         x = np.arcsinh((features(windows) - self.centre) / self.scale)
         if self.share is not None:
             return np.asarray(memberships(x, self.centres) @ self.share)
@@ -141,6 +142,6 @@ class FuzzyRule:
 
 
 def _distances(x: FloatArray, centres: FloatArray) -> FloatArray:
-    """Return the squared distances, (n, n_clusters), none of them 0."""
+    """Return squared distances, (n, n_clusters), bounded away from 0."""
     square = ((x[:, np.newaxis, :] - centres[np.newaxis]) ** 2).sum(axis=2)
     return np.asarray(np.maximum(square, 1e-12))

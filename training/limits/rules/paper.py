@@ -1,4 +1,4 @@
-"""The paper's own rule as baseline, with the interface of the others."""
+"""The paper's rule as the baseline, with the interface of the other rules."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -12,18 +12,18 @@ from training.limits.rules.windows import Windows, limit_for
 
 @dataclass(frozen=True, slots=True)
 class PaperRule:
-    """Faulty where the residual's |mean| and std both reach their limits.
+    """Faulty if |mean| and std of the residual both reach their limits.
 
-    Source: Model Based Diagnosis of Oxygen Sensors, section 2. With limit-fault windows the pair,
-    of those with the wanted false-alarm rate, that misses the fewest of them.
+    Source: Model Based Diagnosis of Oxygen Sensors, section 2. With limit-fault windows, the limits
+    are the pair that keeps the false-alarm rate and misses the fewest of them.
     """
 
-    j_mu: float  # output's unit
+    j_mu: float  # in the output's unit
     j_sigma: float
 
     @classmethod
     def fit(cls, healthy: Windows, faulty: Windows | None, false_alarm_rate: float) -> Self:
-        """Return the rule with both limits; without faulty windows both are healthy quantiles."""
+        """Return the fitted rule; without faulty windows both limits are healthy quantiles."""
         if faulty is None or len(faulty) == 0:
             mean, std = _mean_std(healthy)
             return cls(limit_for(mean, false_alarm_rate), limit_for(std, false_alarm_rate))
@@ -36,7 +36,7 @@ class PaperRule:
         return max(rules, key=lambda rule: int(rule.faulty(faulty).sum()))
 
     def score(self, windows: Windows) -> FloatArray:
-        """Return the smaller of |mean| and std, each over its limit, (n,); 1 is at the limits."""
+        """Return the smaller ratio of |mean| and std to their limits, (n,); 1 is at the limit."""
         mean, std = _mean_std(windows)
         return np.minimum(mean / self.j_mu, std / self.j_sigma)
 

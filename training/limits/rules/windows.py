@@ -1,4 +1,4 @@
-"""What the rules judge, and the limit that all of them set alike."""
+"""The windows that rules judge, and the limit for a false-alarm rate."""
 
 import math
 from collections.abc import Sequence
@@ -17,9 +17,9 @@ from training.limits.tolerance import just_above
 class Windows:
     """Windows of measured and predicted output, side by side."""
 
-    measured: FloatArray  # (n, n_samples) output's unit
+    measured: FloatArray  # (n, n_samples) in the output's unit
     predicted: FloatArray  # (n, n_samples)
-    drive: IntArray  # (n,) number of the drive that a window is from
+    drive: IntArray  # (n,) number of the window's drive
 
     def __len__(self) -> int:
         return len(self.measured)
@@ -31,9 +31,9 @@ class Windows:
 
     @classmethod
     def of(cls, drives: Sequence[Sequence[WindowJudged]]) -> Self:
-        """Return the windows of several drives in their order.
+        """Return the windows of several drives, in order.
 
-        Raises RecordingError if there is none.
+        Raises RecordingError if there is no window.
         """
         windows = [w.window for drive in drives for w in drive]
         if not windows:
@@ -51,7 +51,7 @@ class Rule(Protocol):
 
     @classmethod
     def fit(cls, healthy: Windows, faulty: Windows | None, false_alarm_rate: float) -> Self:
-        """Return the rule set on healthy windows and, where it uses them, limit-fault windows.
+        """Return the rule fitted to healthy windows and, if it uses them, limit-fault windows.
 
         false_alarm_rate : per window
         Raises RecordingError if there are too few healthy windows.
@@ -59,7 +59,7 @@ class Rule(Protocol):
         ...
 
     def score(self, windows: Windows) -> FloatArray:
-        """Return how faulty each window looks, (n,)."""
+        """Return a score per window, (n,), larger for more faulty."""
         ...
 
     def faulty(self, windows: Windows) -> np.ndarray:
@@ -68,12 +68,13 @@ class Rule(Protocol):
 
 
 def limit_for(scores: FloatArray, false_alarm_rate: float) -> float:
-    """Return the limit that a further healthy window reaches with at most that probability.
+    """Return the limit that a new healthy window reaches with at most ``false_alarm_rate``.
 
-    scores : (n,) of healthy windows; the limit lies just above the order statistic
-        ceil((n + 1) (1 - rate)), which holds for exchangeable windows of any distribution;
-        drives that differ from each other give other rates, so a comparison states the rate found
-    Raises RecordingError if there are too few.
+    scores : (n,) of healthy windows
+    The limit is just above the order statistic ceil((n + 1) (1 - rate)), which holds for
+    exchangeable windows of any distribution. Drives differ from each other, so a comparison must
+    state the rate that it measures.
+    Raises RecordingError if there are too few windows.
     Source: Vovk, Gammerman and Shafer, Algorithmic Learning in a Random World, section 2.2.
 
     >>> limit_for(np.arange(19.0), 0.05) > 18.0
