@@ -1,1 +1,1 @@
-"""A fleet's recordings, judged on this machine's cores or on a cluster."""
+"""A fleet's recordings, judged on this machine's cores or on a Dask cluster."""

@@ -1,6 +1,6 @@
-"""Lines of candump text, compiled: as ``frames.candump_blocks.parse_lines``, but faster.
+"""Compiled parser of candump text: ``frames.candump_blocks.parse_lines``, but faster.
 
-A line is read once, eight characters at a time in the steps of ``monitor.frames.swar``.
+It reads a line once, eight characters at a time, with the steps of ``monitor.frames.swar``.
 """
 # mypy: disable-error-code="no-untyped-def"
 
@@ -18,13 +18,13 @@ _SIX = np.uint64(0x06) * _EACH
 _LOW_HALF, _HIGH_HALF = np.uint64(0x0F) * _EACH, np.uint64(0xF0) * _EACH
 _TOP_BIT, _REST = np.uint64(0x80) * _EACH, np.uint64(0x7F) * _EACH
 _LAST_THREE = np.uint64(0xFFFFFF0000000000)
-_KEPT = np.array([(1 << 8 * n) - 1 for n in range(9)], dtype=np.uint64)  # the first n bytes
+_KEPT = np.array([(1 << 8 * n) - 1 for n in range(9)], dtype=np.uint64)  # mask of the first n bytes
 _LATEST_S = candump_blocks.LATEST_S
-_PLAIN, _DATA, _FD = 1, 2, 4  # of a line: understood; a data frame; perhaps CAN FD
+_PLAIN, _DATA, _FD = 1, 2, 4  # bits of a line: parsed; a data frame; perhaps CAN FD
 
 
 def parse_lines(text: Bytes) -> candump_blocks.Lines:
-    """Return the frames of lines as ``parse_lines`` does; it also parses chunks with CAN FD."""
+    """Return the frames of lines; a chunk with CAN FD goes to ``candump_blocks.parse_lines``."""
     n = int(np.count_nonzero(text[MARGIN:-MARGIN] == ord("\n")))
     begin = np.empty(n + 1, dtype=np.int64)
     state = np.empty(n, dtype=np.uint8)
@@ -40,7 +40,7 @@ def parse_lines(text: Bytes) -> candump_blocks.Lines:
 
 @njit(inline="always")
 def _word(text, at):  # pragma: no cover
-    """Return eight characters; the compiler makes it one load."""
+    """Return eight characters as a word; the compiler turns it into one load."""
     place = np.uint64(at)
     word = np.uint64(text[place])
     for i in range(1, 8):
@@ -50,7 +50,7 @@ def _word(text, at):  # pragma: no cover
 
 @njit(inline="always")
 def _decimal(word):  # pragma: no cover
-    """Return the number that eight digits say, and bits that are set where they are none."""
+    """Return the number of eight decimal digits, and bits that mark other characters."""
     value = word ^ _ZEROS
     wrong = (value | (value + _SIX)) & _HIGH_HALF
     value = (value * np.uint64(10) + (value >> np.uint64(8))) & np.uint64(0x00FF00FF00FF00FF)
@@ -61,20 +61,20 @@ def _decimal(word):  # pragma: no cover
 
 @njit(inline="always")
 def _hexadecimal(word):  # pragma: no cover
-    """Return the four bytes that eight digits say, and bits that are set where they are none."""
+    """Return the four bytes of eight hexadecimal digits, and bits that mark other characters."""
     letter = (word >> np.uint64(6)) & _EACH
     nibbles = (word & _LOW_HALF) + letter * np.uint64(9)
     text = (((nibbles + _SIX) >> np.uint64(4)) & _EACH) * np.uint64(39) + nibbles + _ZEROS
     wrong = (text ^ (word | (letter << np.uint64(5)))) | (nibbles & _HIGH_HALF)
-    found = ((nibbles << np.uint64(4)) | (nibbles >> np.uint64(8))) & np.uint64(0x00FF00FF00FF00FF)
-    found = (found | (found >> np.uint64(8))) & np.uint64(0x0000FFFF0000FFFF)
-    found = (found | (found >> np.uint64(16))) & np.uint64(0xFFFFFFFF)
-    return found, wrong
+    value = ((nibbles << np.uint64(4)) | (nibbles >> np.uint64(8))) & np.uint64(0x00FF00FF00FF00FF)
+    value = (value | (value >> np.uint64(8))) & np.uint64(0x0000FFFF0000FFFF)
+    value = (value | (value >> np.uint64(16))) & np.uint64(0xFFFFFFFF)
+    return value, wrong
 
 
 @njit(inline="always")
 def _n_right(wrong):  # pragma: no cover
-    """Return how many of eight characters come before the first wrong one."""
+    """Return how many of eight characters precede the first wrong one."""
     tops = (((wrong & _REST) + _REST) | wrong) & _TOP_BIT
     lowest = tops & (~tops + np.uint64(1))
     before = ((lowest - np.uint64(1)) >> np.uint64(7)) & _EACH
@@ -83,7 +83,7 @@ def _n_right(wrong):  # pragma: no cover
 
 @njit(inline="always")
 def _time(text, at):  # pragma: no cover
-    """Return the time in microseconds, negative if it is odd, and where its line goes on."""
+    """Return the time in microseconds and the place after it; negative if not plain."""
     if text[at] != 40:  # (
         return -1, at
     n_digits = 10
@@ -112,29 +112,29 @@ def _time(text, at):  # pragma: no cover
 
 @njit(inline="always")
 def _identifier(text, at):  # pragma: no cover
-    """Return the number before the # and its digits, 0 if there are neither 3 nor 8."""
+    """Return the number before the # and its count of digits, 0 unless they are 3 or 8."""
     if text[at + 3] == 35:
         word = (_word(text, at - 5) & _LAST_THREE) | (_ZEROS & ~_LAST_THREE)
         n_digits = 3
     else:
         word = _word(text, at)
         n_digits = 8
-    found, wrong = _hexadecimal(word)
+    value, wrong = _hexadecimal(word)
     if wrong != 0 or text[at + n_digits] != 35:
         n_digits = 0
-    number = ((found & np.uint64(0xFF)) << np.uint64(24)) | (found >> np.uint64(24))
-    number |= (found & np.uint64(0xFF00)) << np.uint64(8)
-    number |= (found >> np.uint64(8)) & np.uint64(0xFF00)
+    number = ((value & np.uint64(0xFF)) << np.uint64(24)) | (value >> np.uint64(24))
+    number |= (value & np.uint64(0xFF00)) << np.uint64(8)
+    number |= (value >> np.uint64(8)) & np.uint64(0xFF00)
     return np.int64(number), n_digits
 
 
 @njit(cache=True, error_model="numpy")
 def _parse(text, first, end, begin, state, t_ns, key, length, data):  # pragma: no cover
-    """Fill in the lines from ``first`` to ``end``; return whether one may be CAN FD."""
+    """Fill in the lines from ``first`` to ``end``; stop and return True at a possible CAN FD."""
     at = first
     for row in range(len(state)):
         begin[row] = at - first
-        found = 0
+        bits = 0
         time_us, at = _time(text, at)
         if time_us >= 0:
             channel = at
@@ -152,16 +152,16 @@ def _parse(text, first, end, begin, state, t_ns, key, length, data):  # pragma: 
                     n += _n_right(wrong)
                 is_end = text[at + n] == 10 or text[at + n] == 32
                 if is_end and n & 1 == 0:
-                    found = _PLAIN if number & ERROR_FLAG else _PLAIN | _DATA
+                    bits = _PLAIN if number & ERROR_FLAG else _PLAIN | _DATA
                     extended = 0x80000000 if n_digits == 8 else 0
                     t_ns[row] = time_us * 1000
                     key[row] = (number & 0x1FFFFFFF) | extended
                     length[row] = n >> 1
                     data[row] = (low | (high << np.uint64(32))) & _KEPT[n >> 1]
                     at += n
-        while text[at] != 10:  # a comment, or the rest of an odd line
+        while text[at] != 10:  # a comment, or the rest of a line that is not plain
             at += 1
         at += 1
-        state[row] = found
+        state[row] = bits
     begin[len(state)] = end - first
     return False

@@ -1,4 +1,4 @@
-"""What a worker returns of a chunk: its rows as parquet files, and what they cost."""
+"""A worker's result for a chunk: rows as parquet files, and the processor time."""
 
 import io
 import time
@@ -14,25 +14,25 @@ from training.fleet.rows import Row, failed_row
 
 @dataclass(frozen=True, slots=True)
 class Done:
-    """A chunk's rows, as parquet files, and what they cost."""
+    """A chunk's rows as parquet files, its counts and its processor time."""
 
     recordings: bytes
     windows: bytes
     drives: int
     errors: int
     faults: int  # drives with a code
-    seconds: dict[str, float]  # of the processor: read, judge, rows
+    seconds: dict[str, float]  # processor time of the steps read, judge, rows
     driving_s: float
     size_bytes: int
 
 
 def failed(drives: Sequence[Drive], reason: str) -> Done:
-    """Return the rows of recordings none of which could be judged, for the same reason."""
+    """Return the rows of recordings that could not be judged, all for the same reason."""
     return of_rows([failed_row(drive, f"{drive.path}: {reason}") for drive in drives], [], {})
 
 
 def joined(parts: Sequence[Done]) -> Done:
-    """Return several parts as one."""
+    """Return several results joined to one."""
     steps = dict.fromkeys(step for part in parts for step in part.seconds)
     return Done(
         recordings=_concatenated([part.recordings for part in parts]),
@@ -47,11 +47,11 @@ def joined(parts: Sequence[Done]) -> Done:
 
 
 def of_rows(rows: Sequence[Row], windows: Sequence[Row], seconds: dict[str, float]) -> Done:
-    """Return the rows of a chunk, of which making the tables takes some seconds, too."""
+    """Return the result of a chunk; the time to make its tables is added to ``seconds``."""
     began_s = time.process_time()
     tables = [
-        _parquet(pl.DataFrame(each, schema=columns.schema(wanted)))
-        for each, wanted in ((rows, columns.RECORDINGS), (windows, columns.WINDOWS))
+        _parquet(pl.DataFrame(part, schema=columns.schema(wanted)))
+        for part, wanted in ((rows, columns.RECORDINGS), (windows, columns.WINDOWS))
     ]
     return Done(
         recordings=tables[0],

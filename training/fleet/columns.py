@@ -1,4 +1,4 @@
-"""The two tables of a fleet: their columns, with units."""
+"""The two tables of a fleet: their columns with types and units."""
 
 from typing import Final
 
@@ -109,7 +109,7 @@ WINDOWS: Final[Columns] = {
 }
 
 
-# name of a counter of ``o2mon.replay/1`` by column
+# Counter of ``o2mon.replay/1`` by column.
 COUNTERS: Final = {
     "frames_unmapped": "unmapped",
     "frames_skipped": "skipped",

@@ -1,12 +1,12 @@
-"""Vehicles that stand out of their fleet, with a stated chance of calling a sound one so.
+"""Vehicles that differ from their fleet, with a given chance of naming a sound one.
 
-A vehicle's value is the median over its drives. It is compared with the fleet's median, in units of
+A vehicle's value is the median over its drives. Its distance from the fleet's median is measured in
 the fleet's spread (1.4826 times the median absolute deviation, which a few faulty vehicles do not
-widen). The limit is the distance that the farthest of so many normally distributed values exceeds
-with the chance given, divided by the number of statistics (Bonferroni): in a fleet of sound
-vehicles whose values are normally distributed, that is the chance that any vehicle at all is named.
+widen). The limit is the distance that the farthest of n normally distributed values exceeds with
+the given chance, divided by the number of statistics (Bonferroni). In a fleet of sound vehicles
+with normally distributed values, this is the chance that any vehicle is named.
 Sources: Hampel, The influence curve and its role in robust estimation, JASA 69, 1974 (median and
-MAD); the limit is found by simulation, since for small fleets the MAD itself varies.
+MAD). The limit is simulated, because the MAD of a small fleet varies.
 """
 
 import math
@@ -21,22 +21,22 @@ from scipy import stats
 
 from monitor.base.types import FloatArray
 
-RATE: Final = 0.05  # chance that a fleet of sound vehicles has one that stands out
+RATE: Final = 0.05  # chance that one vehicle is named in a fleet of sound vehicles
 LEAST_VEHICLES: Final = 10
-LEAST_WINDOWS: Final = 10  # of a drive that counts
-MANY: Final = 1000  # vehicles from which on the spread is as good as known
+LEAST_WINDOWS: Final = 10  # a drive with fewer windows does not count
+MANY: Final = 1000  # from so many vehicles on the spread is practically exact
 DRAWS: Final = 8000
 MAD_TO_STD: Final = 1.4826
 
 
 @dataclass(frozen=True, slots=True)
 class Statistic:
-    """What vehicles are compared by."""
+    """A quantity by which vehicles are compared."""
 
-    column: str  # of the table of recordings
+    column: str  # in the table of recordings
     title: str
     unit: str
-    is_log: bool = False  # compared by its logarithm: a spread, which is never negative
+    is_log: bool = False  # compare the logarithm, for a spread, which is never negative
 
 
 STATISTICS: Final = (
@@ -48,17 +48,17 @@ STATISTICS: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """One statistic over a fleet."""
+    """The values of one statistic over a fleet, and their distances from the median."""
 
     statistic: Statistic
     vehicles: tuple[str, ...]
-    values: FloatArray  # (n,) of each vehicle, statistic's unit
+    values: FloatArray  # (n,) per vehicle, in the statistic's unit
     distance: FloatArray  # (n,) robust standard deviations from the fleet's median, signed
-    limit: float  # of the distance
+    limit: float  # of |distance|
 
     @property
     def out(self) -> tuple[int, ...]:
-        """Return which vehicles stand out, the farthest first."""
+        """Return the indices of the vehicles beyond the limit, the farthest first."""
         order = np.argsort(-np.abs(self.distance), kind="stable")
         return tuple(int(i) for i in order if abs(self.distance[i]) > self.limit)
 
@@ -66,16 +66,16 @@ class Standing:
 def standings(recordings: pl.DataFrame, rate: float = RATE) -> list[Standing]:
     """Return every statistic for which enough vehicles were judged.
 
-    recordings : the table of recordings
-    rate : chance that a fleet of sound vehicles has one that stands out
+    recordings : table of recordings
+    rate : chance that one vehicle is named in a fleet of sound vehicles
     """
     counted = recordings.filter(pl.col("windows") >= LEAST_WINDOWS)
-    own = counted.group_by("vehicle", maintain_order=True).agg(
-        pl.col(each.column).median() for each in STATISTICS
+    by_vehicle = counted.group_by("vehicle", maintain_order=True).agg(
+        pl.col(statistic.column).median() for statistic in STATISTICS
     )
     found = []
     for statistic in STATISTICS:
-        part = own.select("vehicle", statistic.column).drop_nulls()
+        part = by_vehicle.select("vehicle", statistic.column).drop_nulls()
         if len(part) >= LEAST_VEHICLES:
             values = part[statistic.column].to_numpy()
             found.append((statistic, tuple(part["vehicle"]), values))
@@ -94,7 +94,7 @@ def standings(recordings: pl.DataFrame, rate: float = RATE) -> list[Standing]:
 def robust(values: FloatArray) -> FloatArray:
     """Return distances from the median in robust standard deviations, along the last axis.
 
-    Values that are all alike, but for some, are infinitely far from those.
+    If more than half of the values are equal, the distance of the others is infinite.
     """
     centred = values - np.median(values, axis=-1, keepdims=True)
     spread = MAD_TO_STD * np.median(np.abs(centred), axis=-1, keepdims=True)
@@ -104,9 +104,9 @@ def robust(values: FloatArray) -> FloatArray:
 
 @lru_cache(maxsize=32)
 def limit_of(n: int, rate: float = RATE, statistics: int = 1) -> float:
-    """Return the distance that the farthest of ``n`` sound vehicles exceeds with the chance given.
+    """Return the distance that the farthest of ``n`` sound vehicles exceeds with chance ``rate``.
 
-    statistics : how many are looked at, among which the chance is shared
+    statistics : number of statistics that share the chance
 
     >>> 4.4 < limit_of(10_000) < 4.7
     True
@@ -127,7 +127,7 @@ def _compared(statistic: Statistic, values: FloatArray) -> FloatArray:
 
 
 def named(found: Sequence[Standing]) -> dict[str, list[tuple[Standing, int]]]:
-    """Return the vehicles that stand out by any statistic, the farthest first."""
+    """Return the vehicles beyond a limit with their statistics, the farthest first."""
     every = [(each, i) for each in found for i in each.out]
     every.sort(key=lambda pair: -abs(float(pair[0].distance[pair[1]])))
     vehicles: dict[str, list[tuple[Standing, int]]] = {}

@@ -1,4 +1,4 @@
-"""Recordings wherever fsspec reaches: found by folder or pattern, brought to a local file."""
+"""Recordings on any file system of fsspec: found by folder or pattern, fetched as local files."""
 
 import hashlib
 import shutil
@@ -18,21 +18,21 @@ _WEB: Final = ("http://", "https://")
 
 
 def is_local(url: str) -> bool:
-    """Return whether a recording lies in this machine's file system."""
+    """Return whether a path is in this machine's file system."""
     return "://" not in url
 
 
 def is_pattern(url: str) -> bool:
-    """Return whether a place is a pattern: not what is there under this very name, nor a query."""
+    """Return whether a path is a pattern; an existing file or a web address is not."""
     if url.startswith(_WEB) or not any(sign in url for sign in _MAGIC):
         return False
     return not (is_local(url) and Path(url).exists())
 
 
 def find(url: str) -> list[str]:
-    """Return the recordings that a file, a folder (with those below it) or a pattern stands for.
+    """Return the recordings of a file, a folder with its subfolders, or a pattern.
 
-    Raises UsageError if there is none, or the place cannot be reached.
+    Raises UsageError if there is no recording or the place cannot be reached.
     """
     try:
         system, path = fsspec.core.url_to_fs(url)
@@ -43,10 +43,10 @@ def find(url: str) -> list[str]:
         elif is_local(url) and not system.exists(path):
             raise UsageError(f"{url}: no such file or folder")
         else:
-            return [url]  # whether it is there is known when it is read
+            return [url]  # reading it will show whether it exists
     except UsageError:
         raise
-    except Exception as error:  # file systems raise whatever their libraries raise
+    except Exception as error:  # file systems have no common base for their errors
         raise UsageError(f"{url}: {_reason(error)}") from error
     if not found:
         raise UsageError(f"{url}: no recording there; wanted {' '.join(SUFFIXES)}, also with .gz")
@@ -60,7 +60,7 @@ def is_recording(name: str) -> bool:
 
 
 def folder_of(url: str) -> str:
-    """Return the folder in which a recording lies."""
+    """Return the folder of a recording."""
     return str(Path(url).parent) if is_local(url) else _without_query(url).rpartition("/")[0]
 
 
@@ -70,14 +70,14 @@ def name_of(url: str) -> str:
 
 
 def joined(folder: str, path: str) -> str:
-    """Return ``path`` as it is meant from a folder."""
+    """Return ``path`` relative to a folder; absolute paths and URLs stay."""
     if "://" in path or path.startswith("/"):
         return path
     return str(Path(folder) / path) if is_local(folder) else f"{folder}/{path}"
 
 
 def read_text(url: str) -> str:
-    """Return a text file's content.
+    """Return the content of a text file.
 
     Raises UsageError if it cannot be read.
     """
@@ -90,10 +90,10 @@ def read_text(url: str) -> str:
 
 @contextmanager
 def fetched(url: str, root: Path | None = None) -> Iterator[Path]:
-    """Give a local file with the recording; a copy, removed at the end, if it lies elsewhere.
+    """Yield a local file of the recording; a remote one is copied and the copy removed at the end.
 
-    root : folder that a relative path is meant from; None is the current one
-    Raises RecordingError naming the recording if it cannot be reached.
+    root : folder to which a relative path refers; None is the current one
+    Raises RecordingError with the URL if the recording cannot be reached.
     """
     if is_local(url):
         yield (root or Path()) / url
@@ -119,7 +119,7 @@ def _without_query(url: str) -> str:
 
 
 def _as_given(url: str, path: str, found: str) -> str:
-    """Return a local path as the user would have written it, relative where ``url`` is."""
+    """Return a local path in the form of ``url``: relative if that is relative."""
     if Path(url).is_absolute():
         return found
     rest = Path(found)

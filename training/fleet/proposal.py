@@ -1,8 +1,8 @@
-"""Limits that a fleet's own vehicles propose for a wished false-alarm rate, with their bounds.
+"""Proposes limits from a fleet's vehicles for a wanted false-alarm rate, with bounds.
 
-Vehicles without a code are taken as sound. A limit is an order statistic that keeps the rate with
-95 % confidence by two bounds: Clopper and Pearson's, as if all values were independent, and one
-from drawing whole vehicles, whose own values are alike. Nothing is assumed about distributions.
+Vehicles without a code count as sound. A limit is an order statistic that keeps the rate with 95 %
+confidence by two bounds: Clopper and Pearson's for independent values, and one from resampling
+whole vehicles, because values of one vehicle are alike. No distribution is assumed.
 """
 
 from collections.abc import Callable, Mapping
@@ -18,16 +18,16 @@ from monitor.base.types import FloatArray, IntArray
 from training.limits.rates import Figures, rate
 from training.limits.tolerance import CONFIDENCE, tolerance_limit, windows_needed
 
-GROUPS: Final = 500  # of vehicles that are drawn together where there are more
+GROUPS: Final = 500  # most groups of vehicles in the resampling
 
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """What a limit is set on."""
+    """A quantity for which a limit is proposed."""
 
     name: str  # of the limit in the model card
     title: str
-    of: str  # window or drive
+    of: str  # "window" or "drive"
     column: str
     score: Callable[[FloatArray], FloatArray]
     why: str
@@ -52,11 +52,11 @@ def proposals(
 ) -> list[Figures]:
     """Return a proposal for every quantity.
 
-    windows : the table of windows
-    wished : false-alarm rate per window or drive
+    windows : table of windows
+    wished : wanted false-alarm rate per window or drive
     now : the model's present limits by name
-    Each has ``now`` with its rate and bounds, ``quantile`` with its bounds (None where the values
-    do not reach so far), ``proposed`` (None with too few values) and ``needed``, how many it takes.
+    A proposal has ``now`` with its rate and bounds, ``quantile`` with its bounds (None beyond the
+    values), ``proposed`` (None with too few values) and ``needed``, the fewest values.
     """
     faulty = recordings.filter(pl.col("fault_flag"))["vehicle"].unique()
     sound = recordings.filter(
@@ -64,15 +64,15 @@ def proposals(
     )
     places = sound.select("recording", pl.col("vehicle").rank("dense").alias("place") - 1)
     found = []
-    for each in QUANTITIES:
-        if each.of == "window":
-            part = pl.scan_parquet(windows).select("recording", each.column).collect()
+    for quantity in QUANTITIES:
+        if quantity.of == "window":
+            part = pl.scan_parquet(windows).select("recording", quantity.column).collect()
         else:
-            part = sound.select("recording", each.column)
+            part = sound.select("recording", quantity.column)
         part = part.join(places, on="recording", maintain_order="left").drop_nulls()
-        scores = np.asarray(each.score(part[each.column].to_numpy()))
+        scores = np.asarray(quantity.score(part[quantity.column].to_numpy()))
         groups = part["place"].to_numpy().astype(np.int64) % GROUPS
-        found.append(_proposal(each, scores, groups, wished, now[each.name]))
+        found.append(_proposal(quantity, scores, groups, wished, now[quantity.name]))
     return found
 
 
@@ -101,7 +101,7 @@ def _proposal(
 def quantile_bounds(
     values: FloatArray, probability: float, confidence: float = CONFIDENCE
 ) -> tuple[float | None, float | None, float | None]:
-    """Return a quantile and its two-sided bounds, order statistics; None beyond the values.
+    """Return a quantile and its two-sided bounds as order statistics; None beyond the values.
 
     Source: Conover, Practical Nonparametric Statistics, 3rd ed., section 3.2.
 

@@ -1,4 +1,4 @@
-"""A recording of any kind on the model's grid, as the monitor reads it."""
+"""Reads a recording of any kind onto the model's grid, as the monitor does."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -26,13 +26,13 @@ class Read:
     block: SampleBlock
     clearings: tuple[Clearing, ...]
     counters: Mapping[str, int]
-    unavailable: tuple[str, ...]  # enable conditions whose signals it does not have
+    unavailable: tuple[str, ...]  # enable conditions whose signals the recording lacks
     sha256: str
     size_bytes: int
 
 
 class FleetReader:
-    """Reads what ``o2mon replay`` reads, and parquet tables and measurement files."""
+    """Reads all that ``o2mon replay`` reads, and also parquet tables and measurement files."""
 
     def __init__(
         self, reader: RecordingReader, card: ModelCard, config: Config, columns: Path | None
@@ -43,7 +43,7 @@ class FleetReader:
     def read(self, path: Path) -> Read:
         """Return a recording's samples.
 
-        Raises RecordingError naming the file, or ConfigError for the columns map.
+        Raises RecordingError with the file, or ConfigError for the columns map.
         """
         counters: Mapping[str, int] = {}
         clearings: tuple[Clearing, ...] = ()

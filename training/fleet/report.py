@@ -1,4 +1,4 @@
-"""The report of a fleet: a page and the same figures as JSON."""
+"""The report of a fleet: a page, and the same figures as JSON."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,8 +15,8 @@ from training.jobs import run_folder
 def write(out: Path, bench: Bench, run: Mapping[str, Any], wished: float) -> tuple[Path, Path]:
     """Write the page and the JSON beside the table ``out``; return their paths.
 
-    run : what ``run.run`` returned
-    wished : false-alarm rate for the limits to propose, per window or drive
+    run : result of ``run.run``
+    wished : wanted false-alarm rate per window or drive, for the proposed limits
     """
     recordings, windows = pl.read_parquet(out), windows_path(out)
     limits = tools_of(bench).limits

@@ -1,4 +1,4 @@
-"""What the monitor says of one recording, as rows of the two tables."""
+"""The monitor's verdict on one recording, as rows of the two tables."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -27,7 +27,7 @@ def failed_row(drive: Drive, reason: str) -> Row:
 def recording_row(drive: Drive, read: Read, judged: Judged, card: ModelCard, known: int) -> Row:
     """Return the row of a judged recording.
 
-    known : drives that the vehicle's reference had learned before
+    known : earlier drives in the vehicle's reference
     """
     period_s = card.period_ns * 1e-9
     windows = judged.windows
@@ -102,7 +102,7 @@ def _which(drive: Drive) -> Row:
 
 
 def _first_code(block: SampleBlock, judged: Judged, period_s: float) -> Row:
-    """Return when the first code was set; those remembered from earlier drives have no time."""
+    """Return the time of the first code; a code from an earlier drive has no time."""
     at_ns = min((d.t_ns for d in judged.dtcs if d.t_ns), default=None)
     if at_ns is None:
         return {"first_code_s": None, "first_code_enabled_s": None}
@@ -119,7 +119,7 @@ def _scores(windows: Sequence[WindowJudged]) -> Row:
 
 
 def _quality(read: Read, card: ModelCard) -> Row:
-    """Return at how many samples a signal that the model needs was not good, by reason."""
+    """Return the number of samples with a bad signal that the model needs, by reason."""
     needed = [read.names.index(name) for name in (*card.input_names, card.output.name)]
     found = read.block.quality[:, needed]
     kinds = {
@@ -131,12 +131,12 @@ def _quality(read: Read, card: ModelCard) -> Row:
 
 
 def _counters(counters: Mapping[str, int]) -> Row:
-    """Return what became of frames, or of a table's cells."""
+    """Return the counters of frames, or of a table's cells."""
     if not counters:
         return {}
     never = "never_received_"
     found: Row = {column: counters.get(name) for column, name in COUNTERS.items()}
-    if found["values_out_of_range"] is None:  # a table has one counter for each column
+    if found["values_out_of_range"] is None:  # a table has one counter per column
         found["values_out_of_range"] = sum(counters.values())
         return found
     names = [name.removeprefix(never) for name in counters if name.startswith(never)]

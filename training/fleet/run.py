@@ -1,7 +1,7 @@
-"""All chunks of a fleet, each stored as it is done; then the tables of all of them.
+"""Judges all chunks of a fleet, stores each when it is done, and joins them to the tables.
 
-Workers return, this process writes. A chunk's files are renamed into place, the one that says what
-it cost last: a run that was killed finds every finished chunk and judges only the others.
+Workers return results, this process writes. A chunk's files are renamed into place, the file with
+its cost last. A run that was killed thus finds every finished chunk and judges only the others.
 """
 
 import json
@@ -21,23 +21,23 @@ from training.fleet.drives import Chunk, Drive
 from training.fleet.judging import judge_chunk
 from training.jobs import parallel, run_folder
 
-Progress = Callable[[dict[str, Any]], None]  # takes what a chunk cost and found
+Progress = Callable[[dict[str, Any]], None]  # takes the cost and counts of a chunk
 TABLES: Final = ("recordings", "windows")
 DIED: Final = "the process that judged this vehicle died: out of memory, or a crash in a library"
 
 
 def work_folder(out: Path) -> Path:
-    """Return the folder in which the finished chunks of a run lie until all are."""
+    """Return the folder of finished chunks; it exists until the run is complete."""
     return out.with_name(f"{out.name}.work")
 
 
 def written_paths(out: Path) -> tuple[Path, ...]:
-    """Return what a run writes that might be taken for recordings."""
+    """Return the paths a run writes that could be taken for recordings."""
     return out, windows_path(out), work_folder(out), _old_folder(out)
 
 
 def windows_path(out: Path) -> Path:
-    """Return the table of windows that belongs to a table of recordings."""
+    """Return the path of the table of windows beside a table of recordings."""
     return out.with_name(f"{out.stem}.windows{out.suffix}")
 
 
@@ -50,10 +50,10 @@ def run(
     jobs: int = 1,
     scheduler: str | None = None,
 ) -> dict[str, Any]:
-    """Judge all drives, write both tables and return what the run rests on and what it cost.
+    """Judge all drives, write both tables, and return the run's identity and cost.
 
-    Chunks that an earlier run of the same has finished are taken up.
-    Raises UsageError if the work folder holds another run, or the scheduler cannot be used.
+    Chunks that an earlier run with the same identity has finished are reused.
+    Raises UsageError if the work folder holds another run, or the scheduler is unusable.
     """
     if out.suffix != ".parquet" or out.is_dir():
         raise UsageError(f"--out {out}: a table .parquet is wanted")
@@ -90,7 +90,7 @@ def run(
 def finish(out: Path) -> None:
     """Remove the chunks of a run whose tables and report are written.
 
-    Under another name first: a folder that is half removed must not be taken for a run.
+    The folder is renamed first: a half-removed folder must not be taken for a run.
     """
     old = _old_folder(out)
     shutil.rmtree(old, ignore_errors=True)
@@ -103,11 +103,11 @@ def _old_folder(out: Path) -> Path:
 
 
 def _apart(chunk: Chunk, bench: Bench, scheduler: str | None) -> Done:
-    """Return a chunk that may kill its worker; its halves are tried when it does.
+    """Return the result of a chunk that may kill its worker; if it does, try its halves.
 
-    A vehicle whose worker dies although it is judged alone has failed.
+    A vehicle that kills its worker when judged alone has failed.
     """
-    try:  # with two jobs it is another process, which may die
+    try:  # two jobs make it another process, which may die
         only = [(chunk.name, chunk)]
         run = parallel.run(judge_chunk, bench, only, jobs=2, scheduler=scheduler)
         return dict(run)[chunk.name]
@@ -138,7 +138,7 @@ def _store(folder: Path, name: str, result: Done) -> dict[str, Any]:
 
 
 def _join(folder: Path, table: str, chunks: Sequence[Chunk], path: Path) -> None:
-    """Write one table of all chunks, some of them at a time."""
+    """Write one table from the parts of all chunks, streaming."""
     begun = folder / f"{table}.begun"
     parts = [folder / f"{chunk.name}.{table}.parquet" for chunk in chunks]
     pl.scan_parquet(parts).sink_parquet(begun)

@@ -1,4 +1,4 @@
-"""A fleet's tables as figures: what was found, what was not judged and why, what it cost."""
+"""The figures of a fleet: codes, outliers, proposed limits, failures with reasons, cost."""
 
 import re
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ from training.fleet.outliers import Standing
 from training.limits.rates import Figures, per_1000_h, rate
 
 SCHEMA: Final = "o2train.fleet/1"
-EXAMPLES: Final = 3  # files named for each reason, vehicles for each code
+EXAMPLES: Final = 3  # most files named per reason, and vehicles per code
 
 
 def summary(
@@ -25,12 +25,12 @@ def summary(
     wished: float,
     found: list[Standing],
 ) -> Figures:
-    """Return the whole result of a fleet.
+    """Return the figures of a fleet.
 
-    recordings, windows : the tables
-    run : what the run rests on and what it cost, as ``run.run`` returns it
+    recordings, windows : the two tables
+    run : identity and cost of the run, from ``run.run``
     limits : the model's present limits by name
-    wished : false-alarm rate for the limits to propose
+    wished : wanted false-alarm rate, for the proposed limits
     """
     judged = recordings.filter(pl.col("error").is_null())
     return {
@@ -58,7 +58,7 @@ def summary(
 
 
 def codes(judged: pl.DataFrame) -> list[Figures]:
-    """Return every code that is set, the most frequent first, with some of its vehicles."""
+    """Return every set code with some of its vehicles, the most frequent first."""
     if not judged["fault_flag"].any():
         return []
     every = judged.select("vehicle", "recording", "codes", "faults", "states").explode(
@@ -84,7 +84,7 @@ def codes(judged: pl.DataFrame) -> list[Figures]:
 
 
 def reasons(recordings: pl.DataFrame) -> list[Figures]:
-    """Return why recordings could not be judged, the most frequent first, with examples."""
+    """Return the reasons of recordings that could not be judged, the most frequent first."""
     alike: dict[str, list[str]] = {}
     bad = recordings.filter(pl.col("error").is_not_null())
     for path, error in bad.select("path", "error").iter_rows():
@@ -94,23 +94,23 @@ def reasons(recordings: pl.DataFrame) -> list[Figures]:
         {"reason": reason, "recordings": len(paths), "examples": paths[:EXAMPLES]}
         for reason, paths in alike.items()
     ]
-    return sorted(found, key=lambda each: -int(str(each["recordings"])))
+    return sorted(found, key=lambda reason: -int(str(reason["recordings"])))
 
 
 def not_completed(judged: pl.DataFrame) -> Figures:
-    """Return how many drives reached no decision, and how often each condition held in them."""
-    own = judged.filter(~pl.col("completed"))
-    held = own.select(pl.col(f"held_{name}").mean() for name in CONDITIONS).to_dicts()
+    """Return the number of drives without a decision, and each condition's share in them."""
+    undecided = judged.filter(~pl.col("completed"))
+    held = undecided.select(pl.col(f"held_{name}").mean() for name in CONDITIONS).to_dicts()
     shares = held[0] if held else {}
     return {
-        "drives": len(own),
-        "without_window": int((own["windows"] == 0).sum()),
+        "drives": len(undecided),
+        "without_window": int((undecided["windows"] == 0).sum()),
         "held": {name: shares.get(f"held_{name}") for name in CONDITIONS},
     }
 
 
 def cost(run: Mapping[str, Any]) -> Figures | None:
-    """Return processor seconds, by step, and bytes for 1,000 hours of driving; None without any."""
+    """Return processor seconds by step, and bytes, per 1,000 hours of driving; None without any."""
     hours = float(run["driving_s"]) / 3600.0
     if hours <= 0.0:
         return None
@@ -141,7 +141,7 @@ def _standing(each: Standing) -> Figures:
 
 
 def _finite(value: float) -> float:
-    return max(min(value, 1e9), -1e9)  # JSON knows no infinity
+    return max(min(value, 1e9), -1e9)  # JSON has no infinity
 
 
 def _sum(table: pl.DataFrame, column: str) -> float:
