@@ -1,1 +1,1 @@
-"""Studies: the paper, the detection matrix, the gap study."""
+"""Studies on many recordings: the paper's study, the detection matrix, the gap study."""

@@ -1,4 +1,4 @@
-"""How well a model predicts recordings: free run, one step, and the enabled samples alone."""
+"""Scores of a model's prediction: free run and one step, on all and on the enabled samples."""
 
 import hashlib
 import json
@@ -25,11 +25,11 @@ SCHEMA = "o2train.evaluate/1"
 def evaluate(
     path: Path | str, recordings: Sequence[Recording], washout: int | None = None
 ) -> dict[str, Any]:
-    """Return the figures of the model file on ``recordings``, in the output's unit.
+    """Return the figures of a model file on recordings, in the output's unit.
 
-    washout : samples at the beginning of every unbroken stretch that drive the state with the
-        measured output and are not scored; default the longest lag
-    Raises RecordingError if a recording lacks a signal, has another period or nothing to score.
+    washout : first samples of every unbroken stretch, in which the measured output drives the
+        state; they are not scored; default the longest lag
+    Raises RecordingError if a recording lacks a signal, has another period or no sample to score.
     """
     model = Model.load(path)
     washout = model.card.lags if washout is None else washout
@@ -53,10 +53,10 @@ def save(result: dict[str, Any], path: Path | str) -> None:
 def predict(
     model: Model, recording: Recording, washout: int
 ) -> tuple[FloatArray, FloatArray, FloatArray, np.ndarray]:
-    """Return measured, free-run and one-step output (n,) and which rows are scored (n,) bool.
+    """Return measured, free-run and one-step output (n,), and the scored rows (n,) bool.
 
-    A stretch begins where all inputs and the output are valid and ends at an invalid input.
-    Measured values are brought to the range that the model can express (lambda at most 16).
+    A stretch begins where all inputs and the output are valid, and ends at an invalid input.
+    Measured values are limited to the range of the model (lambda at most 16).
     """
     card = model.card
     if recording.period_ns != card.period_ns:

@@ -1,1 +1,1 @@
-"""The study of the gap workflow: what it answers on simulated vehicles with something hidden."""
+"""The study of the gap workflow: answers on simulated vehicles with a hidden effect or fault."""

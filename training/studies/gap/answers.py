@@ -1,4 +1,4 @@
-"""What an answer is worth: right, in the ambiguous set, wrong; and how strong the gap was."""
+"""Judges the answers: right, in the ambiguous set or wrong, by the size of the gap."""
 
 from collections.abc import Iterable, Sequence
 from typing import Final
@@ -14,12 +14,12 @@ ERROR: Final = "error"
 
 
 def done(rows: Iterable[Row], kind: str | None = None) -> list[Row]:
-    """Return the rows that hold an answer, all of them or those of a kind."""
+    """Return the rows with an answer, of one kind or of all."""
     return [r for r in rows if r["error"] is None and kind in (None, r["kind"])]
 
 
 def size(row: Row) -> str:
-    """Return the class of a case's measured gap.
+    """Return the size class of a case's measured gap.
 
     >>> size({"gap_over_noise": 1.5})
     '1 to 2 times the noise'
@@ -34,9 +34,9 @@ def large(rows: Iterable[Row]) -> list[Row]:
 
 
 def errs(row: Row) -> bool:
-    """Return whether the base itself errs by an excess of at least twice the noise.
+    """Return whether the base's excess error is at least that of a gap of twice the noise.
 
-    One that was fitted to what is hidden follows part of it, and may have little left to close.
+    A base that was fitted to the hidden effect follows part of it and leaves less to close.
 
     >>> errs({"excess_before": 4e-4, "noise": 0.01}), errs({"excess_before": -1e-5, "noise": 0.01})
     (True, False)
@@ -45,7 +45,7 @@ def errs(row: Row) -> bool:
 
 
 def alike(hidden: str, answered: str) -> bool:
-    """Return whether a name is right: the same, or of the same declared gain class.
+    """Return whether a name is right: the hidden one, or one of the same gain class.
 
     >>> alike("ethanol", "ethanol"), alike("purge", "ethanol")
     (True, False)
@@ -59,7 +59,7 @@ def alike(hidden: str, answered: str) -> bool:
 
 
 def right(row: Row) -> bool:
-    """Return whether everything hidden was named and nothing else was."""
+    """Return whether the answer names every hidden effect and nothing else."""
     return (
         bool(row["names"])
         and not wrong_names(row)
@@ -68,18 +68,18 @@ def right(row: Row) -> bool:
 
 
 def right_or_among(row: Row) -> bool:
-    """Return whether the name is right, or the hidden effect stands in the ambiguous set."""
+    """Return whether the name is right, or the hidden effect is in the ambiguous set."""
     return right(row) or any(alike(h, n) for h in row["hidden"] for n in row["among"])
 
 
 def right_or_beside_fault(row: Row) -> bool:
-    """Return whether it is right or among, or what a suspected fault is said to look like."""
+    """Return whether the answer is right or among, or a suspected fault resembles the hidden."""
     like = row["indistinguishable"]
     return right_or_among(row) or any(alike(h, n) for h in row["hidden"] for n in like)
 
 
 def wrong_names(row: Row) -> list[str]:
-    """Return the names given that nothing hidden deserves."""
+    """Return the names in the answer that match no hidden effect."""
     return [n for n in row["names"] if not any(alike(h, n) for h in row["hidden"])]
 
 
@@ -96,7 +96,7 @@ def answer(row: Row) -> str:
 
 
 def hidden(row: Row) -> str:
-    """Return what was hidden as a row of the confusion matrix."""
+    """Return the hidden effect or fault as a row of the confusion matrix."""
     names = {
         "null": "nothing",
         "two": "two effects",
@@ -107,9 +107,9 @@ def hidden(row: Row) -> str:
 
 
 def closed(row: Row) -> float | None:
-    """Return the share of the gap that the answer closes, 0 if nothing was added.
+    """Return the share of the gap that the answer closes, 0 if it adds no effect.
 
-    None where there was no gap to close.
+    None if there was no gap to close.
     """
     if row["excess_before"] <= 0.0:
         return None

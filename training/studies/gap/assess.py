@@ -1,6 +1,6 @@
-"""Every target of the study beside what was found: its bounds, met or missed.
+"""The targets of the study, with the measured figures, their bounds, and met or missed.
 
-A target is met by what was found, and proved where the 95 % bound on the bad side meets it, too.
+A target is met if the figure reaches it. It is proved if the figure's 95 % bound reaches it, too.
 """
 
 from collections.abc import Sequence
@@ -28,36 +28,36 @@ from training.studies.gap.answers import (
 from training.studies.gap.case import Row
 
 SECONDS_MOST: Final = {"greybox": 15.0, "narx": 60.0}
-SLOW: Final = 0.95  # quantile of the seconds that is held against the target
+SLOW: Final = 0.95  # quantile of the seconds per case that has a target
 
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """One figure and what it must reach."""
+    """One figure and its target."""
 
     what: str
     where: str
     unit: Literal["share", "s"]
     at_least: bool  # or at most
     wanted: float
-    found: float | None  # None without a case
+    found: float | None  # measured figure, None without a case
     low: float | None
     high: float | None
     cases: int
 
     @property
     def met(self) -> bool | None:
-        """Whether what was found meets it, None without a case."""
+        """Return whether the figure meets the target, None without a case."""
         return self._holds(self.found)
 
     @property
     def proved(self) -> bool | None:
-        """Whether the bound on the bad side meets it, too."""
+        """Return whether the unfavourable bound meets the target, too."""
         return self._holds(self.low if self.at_least else self.high)
 
     @property
     def verdict(self) -> str:
-        """Return met or missed in words."""
+        """Return "met" or "missed", in words for the report."""
         if self.met is None or self.found is None:
             return "no such case"
         if self.met:
@@ -74,7 +74,7 @@ class Target:
 
 
 def assess(rows: Sequence[Row], base: str) -> list[Target]:
-    """Return the targets in the order of the report; rows with an error answer nothing."""
+    """Return the targets in the order of the report; rows with an error do not count."""
     effect = done(rows, "effect")
     big = large(effect)
     small = [r for r in effect if size(r) == CLASSES[1]]
@@ -141,9 +141,9 @@ def assess(rows: Sequence[Row], base: str) -> list[Target]:
 
 
 def quantile(values: Sequence[float], share: float) -> tuple[float, float | None, float | None]:
-    """Return a quantile and its two-sided 95 % bounds, None where the cases are too few.
+    """Return a quantile and its two-sided 95 % bounds, None if there are too few cases.
 
-    The bounds are order statistics, whatever the distribution.
+    The bounds are order statistics, which hold for any distribution.
     Source: Conover, Practical Nonparametric Statistics, 3rd ed., section 3.2.
 
     >>> quantile([float(i) for i in range(101)], 0.5)
@@ -159,7 +159,7 @@ def quantile(values: Sequence[float], share: float) -> tuple[float, float | None
 
 
 def _names(rows: Sequence[Row]) -> Target:
-    """Return how many of all names given, on whatever was hidden, are right."""
+    """Return the share of right names among all names given."""
     given = [(r, name) for r in done(rows) for name in r["names"]]
     good = [name not in wrong_names(r) for r, name in given]
     return _share("right of all names given", "everything hidden", 0.98, good)
@@ -188,10 +188,10 @@ def _closing(rows: Sequence[Row], where: str) -> list[Target]:
 
 
 def _detection(rows: Sequence[Row]) -> list[Target]:
-    """Return what the new models find of faults put on, held against what the old ones find.
+    """Return the share of injected faults that new models find, compared with the old models.
 
-    An old model that takes the gap itself for a fault finds every fault put on, too; so it is held
-    against by the names that it gives, and with limits on which it is as quiet as the new one.
+    An old model that takes the gap for a fault finds every injected fault, too. It is therefore
+    compared by the names it gives, and with limits that make it as quiet as the new model.
     """
     found = []
     of_old = "new models, rightly named; wanted is what the old ones do"

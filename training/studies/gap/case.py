@@ -1,12 +1,12 @@
-"""One case: its recordings made, the workflow asked, the answer as a row.
+"""One case of the study: make its recordings, run the workflow, return the answer as a row.
 
-The gap of a case is how far what is hidden moves the error of the base that was fitted to the
-vehicle's healthy recordings: the RMS, in phi over samples scored in both, of the difference between
-its error on the drives and on the same drives and seeds with nothing hidden. The noise is what the
-naming's ceiling leaves of the residual of the healthy recordings (``scoring.floor_phi``). The
-excess, of which a new model takes a share away, is the mean squared error on the recordings that
-the workflow holds out, less that of the same base, fitted alike, on the same drives with nothing
-hidden. A base of the case's own recordings is fitted to those that are not held out.
+Gap: the effect of the hidden cause on the error of the base that was fitted to the vehicle's
+healthy recordings. It is the RMS, in phi over samples scored in both, of the difference between the
+base's errors on the drives with and without the hidden cause, with equal seeds. Noise: the
+remainder of the healthy residual after the naming's ceiling (``scoring.floor_phi``). Excess: the
+mean squared error on the workflow's held-out recordings, less that of the same base, fitted alike,
+on the same drives without the hidden cause; a new model removes a share of it. A base of the case's
+recordings is fitted to those that are not held out.
 """
 
 import time
@@ -38,28 +38,28 @@ from training.studies.gap.base import fit_base
 from training.studies.gap.plan import Case, Study, healthy_parts
 
 Row = dict[str, Any]
-# A network that was trained on the effect has to be trained anew; the command takes three minutes.
+# A network trained on the effect must be retrained; the command does so for three minutes.
 RETRAIN_MINUTES: Final = 0.5
-RANKED: Final = 5  # candidates of the last step that a row keeps
-# The workflow adds what may be a fault only if told to, and is told so in every case.
+RANKED: Final = 5  # candidates of the last step stored in a row
+# The workflow adds fault-like effects only on request; every case requests them.
 ADD: Final = tuple(effect.name for effect in ALL if effect.tag == "fault-like")
 
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
-    """What all cases of one vehicle share."""
+    """The data that all cases of one vehicle share."""
 
     number: int
-    model: Path  # the base, fitted to the healthy recordings
+    model: Path  # base model, fitted to the healthy recordings
     healthy: tuple[Recording, ...]
     known: Healthy
     noise_phi: float
 
 
 def prepare(study: Study, number: int, model: Path) -> Vehicle:
-    """Return what a vehicle's healthy recordings teach; the base goes to the file ``model``.
+    """Return the healthy reference of a vehicle; the base is written to the file ``model``.
 
-    Where bases are fitted to the cases' own recordings it is taught without this base's charge.
+    If bases are fitted to the cases' recordings, the reference leaves out this base's charge.
     """
     made = drive.healthy(healthy_parts(study, number), number, study.duration_s)
     fit_base(study.base, made, model)
@@ -79,7 +79,7 @@ def ask(
     sensor_known_good: bool = False,
     retrain_minutes: float = 0.0,
 ) -> Result:
-    """Return the workflow's answer; ``faults`` are put on to see that they are still found."""
+    """Return the workflow's answer; ``faults`` are injected to test that they are still found."""
     with TemporaryDirectory() as out:
         options = Options(
             steps, sensor_known_good, ADD, retrain_minutes, faults=faults, localise=False
@@ -88,7 +88,7 @@ def ask(
 
 
 def run(case: Case, study: Study, vehicle: Vehicle | str) -> Row:
-    """Return the case's row; an error of it, or of its vehicle, is part of the row."""
+    """Return the case's row; it holds the error if the case or its vehicle fails."""
     if isinstance(vehicle, str):
         return case.as_row() | {"noise": None, "error": vehicle}
     row = case.as_row() | {"noise": vehicle.noise_phi, "error": None}
@@ -97,7 +97,7 @@ def run(case: Case, study: Study, vehicle: Vehicle | str) -> Row:
         if wrong := [k for k, v in answered.items() if isinstance(v, float) and not isfinite(v)]:
             raise ValueError(f"{', '.join(wrong)} not finite")
         return row | answered
-    except Exception as error:  # one case must not end a study of many hours
+    except Exception as error:  # a failing case must not end a study of many hours
         return row | {"error": f"{type(error).__name__}: {error}"}
 
 
@@ -154,7 +154,7 @@ def _said(found: Result) -> Row:
 
 
 def _closed(verified: Verified | None, without: float) -> Row:
-    """Return errors on the held-out recordings, beside the reference ``without`` in phi."""
+    """Return errors on the held-out recordings; ``without`` is the reference in phi."""
     if verified is None:
         raise ValueError("nothing was held out")
     before, after = verified.overall.before, verified.overall.after
@@ -170,9 +170,9 @@ def _closed(verified: Verified | None, without: float) -> Row:
 
 
 def _counts(found: Sequence[Found]) -> dict[str, int] | None:
-    """Return drives and how many of them each model finds faulty, None without a new model.
+    """Return numbers of drives, and of those each model finds faulty; None without a new model.
 
-    alike : the old model with its limits set as the new one's
+    alike : the old model with limits set in the same way as the new model's
     """
     if not any(each.after for each in found):
         return None
@@ -188,7 +188,7 @@ def _counts(found: Sequence[Found]) -> dict[str, int] | None:
 
 
 def moved_phi(model: Path, hidden: Sequence[Recording], nothing: Sequence[Recording]) -> float:
-    """Return how far a model's error differs between two series of the same drives, RMS in phi."""
+    """Return the RMS difference in phi of a model's errors on two series of the same drives."""
     errors = _errors(model, [*hidden, *nothing])  # side by side
     pairs = zip(errors[: len(hidden)], errors[len(hidden) :], strict=True)
     moved = np.concatenate([x - y for x, y in pairs])
@@ -201,7 +201,7 @@ def rms_phi(model: Path, recordings: Sequence[Recording]) -> float:
 
 
 def _errors(model: Path, recordings: Sequence[Recording]) -> list[FloatArray]:
-    """Return the model's error over each recording, (n,) in phi, NaN where not scored."""
+    """Return the model's error on each recording, (n,) in phi, NaN where not scored."""
     run = predicted_phi(model, recordings)
     made = [from_recording(each) for each in recordings]
     return [

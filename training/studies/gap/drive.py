@@ -1,4 +1,4 @@
-"""The recordings of a case: simulated drives as decoded from the vehicle's bus."""
+"""The recordings of a case: simulated drives, decoded from the vehicle's bus."""
 
 import hashlib
 from collections.abc import Mapping, Sequence
@@ -20,14 +20,14 @@ PERIOD_NS: Final = 100_000_000
 
 
 def recordings(case: Case, duration_s: float, *, hidden: bool = True) -> list[Recording]:
-    """Return the case's recordings; without what is hidden they are the same drives healthy."""
+    """Return the case's recordings; with ``hidden=False`` the same drives without the cause."""
     effects = dict(case.hidden) if hidden else {}
     fault = case.fault if hidden else None
     return [recording(p, case.vehicle, duration_s, effects, fault) for p in case.parts]
 
 
 def healthy(parts: Sequence[Part], vehicle: int, duration_s: float) -> list[Recording]:
-    """Return recordings of the vehicle with nothing hidden."""
+    """Return recordings of the vehicle without effect or fault."""
     return [recording(p, vehicle, duration_s, {}, None) for p in parts]
 
 
@@ -40,7 +40,7 @@ def recording(
 ) -> Recording:
     """Return one recording on the monitor's grid, quantised and timed as on the bus.
 
-    effects : name → severity in noises
+    effects : name → severity; 1 is about the noise
     """
     fails = resolve(*fault) if fault and part.fault_start_s is not None else None
     experiment = Experiment(

@@ -1,4 +1,4 @@
-"""The rows of a study as tables: who was taken for whom, by effect and severity, wrong names."""
+"""The rows of a study as tables: confusion matrix, figures by effect and size, wrong names."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -37,11 +37,11 @@ class Cell:
     right: int
     among: int  # right, or in the ambiguous set
     wrong: int
-    verdicts: str  # of the others, counted
+    verdicts: str  # of the remaining cases, with counts
 
 
 def confusion(rows: Sequence[Row]) -> dict[str, Any]:
-    """Return how often each thing hidden got each answer: ``driven``, ``named``, ``counts``."""
+    """Return how often each hidden cause got each answer: ``driven``, ``named``, ``counts``."""
     counts = Counter((hidden(r), answer(r)) for r in rows)
     order = ["nothing", *LIBRARY, *UNKNOWN, "two effects"]
     there = {what for what, _ in counts}
@@ -57,7 +57,7 @@ def confusion(rows: Sequence[Row]) -> dict[str, Any]:
 
 
 def by_size(rows: Sequence[Row]) -> list[Cell]:
-    """Return the effects, each class of the gap apart, and all effects together."""
+    """Return the cells of every effect and size class, and of all effects together."""
     effect = done(rows, "effect")
     found = []
     for name in (*LIBRARY, None):
@@ -69,12 +69,12 @@ def by_size(rows: Sequence[Row]) -> list[Cell]:
 
 
 def wrong(rows: Sequence[Row]) -> list[Row]:
-    """Return the cases in which a name is wrong."""
+    """Return the cases with a wrong name."""
     return [r for r in done(rows) if wrong_names(r)]
 
 
 def two(rows: Sequence[Row]) -> dict[str, int]:
-    """Return what became of the cases with two effects."""
+    """Return the answers to the cases with two effects, as counts."""
     own = done(rows, "two")
     found = Counter(_of_two(r) for r in own)
     order = ("both right", "one right, nothing wrong", "a wrong name")

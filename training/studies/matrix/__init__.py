@@ -1,1 +1,1 @@
-"""The matrix: many simulated drives, healthy and faulty, judged by the monitor, and the rates."""
+"""The detection matrix: rates of the monitor on many simulated drives, healthy and faulty."""

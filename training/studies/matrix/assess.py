@@ -1,6 +1,6 @@
-"""Every target beside what was found: its bounds, met or not, and missed by how much.
+"""The targets with the measured figures: bounds, met or missed, and by how much.
 
-A target is met by what was found, and proved where the 95 % bound on the bad side meets it, too.
+A target is met if the figure reaches it. It is proved if the figure's 95 % bound reaches it, too.
 """
 
 from collections.abc import Sequence
@@ -24,8 +24,9 @@ PLACES = {"loop": "fault in the loop", "after": "fault put on afterwards"}
 def assess(rows: Sequence[Row]) -> list[Figures]:
     """Return the targets in the order of the report.
 
-    Each has ``what``, ``where``, ``wanted``, ``found``, ``low``, ``high``, ``trials``, ``unit``,
-    ``met`` and ``proved`` (None without enough drives), ``missed_by`` and ``why`` it is not judged.
+    A target has ``what``, ``where``, ``wanted``, ``found``, ``low``, ``high``, ``trials``,
+    ``unit``, ``met`` and ``proved`` (None without enough drives), ``missed_by``, and ``why`` it is
+    not judged.
     """
     found = []
     for placement, place in PLACES.items():
@@ -37,7 +38,7 @@ def assess(rows: Sequence[Row]) -> list[Figures]:
 
 
 def of_faults(figures: Figures, where: str) -> list[Figures]:
-    """Return the targets of drives with faults beside their figures."""
+    """Return the targets of faulty drives, with their figures."""
     return [
         _share("detected within one drive", where, DETECTED, figures["detected"]),
         _share("named rightly", where, NAMED, figures["named"]),
@@ -46,7 +47,7 @@ def of_faults(figures: Figures, where: str) -> list[Figures]:
 
 
 def _share(what: str, where: str, wanted: float, share: Figures) -> Figures:
-    """Return a target that a share is at least so large."""
+    """Return a target for the least value of a share."""
     found, low = share["rate"], share["low"]
     return {
         "what": what,
@@ -65,7 +66,7 @@ def _share(what: str, where: str, wanted: float, share: Figures) -> Figures:
 
 
 def _time(what: str, where: str, times: Figures) -> Figures:
-    """Return the target of the median; None as a time stands for never."""
+    """Return the target of the median time; a time of None means never."""
     found, high, none = times["median"], times["high"], times["trials"] == 0
     met = found is not None and found <= MEDIAN_ENABLED_S
     return {

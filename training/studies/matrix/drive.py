@@ -1,4 +1,4 @@
-"""A trial as the samples that the monitor would see."""
+"""A trial as samples on the monitor's grid."""
 
 import math
 
@@ -22,9 +22,9 @@ _one_sided = numba.njit(cache=True)(faults.one_sided)
 
 
 def samples(trial: Trial, bus_map: BusMap, period_ns: int) -> SampleBlock:
-    """Return the drive on the sample grid, columns as in ``bus_map.names``.
+    """Return the drive on the sample grid, with the columns of ``bus_map.names``.
 
-    Raises UsageError for an unknown cycle or fault.
+    Raises UsageError if the cycle or fault is unknown.
     """
     fault = faults.resolve(trial.fault, trial.severity) if trial.fault else None
     inside = fault if trial.placement == "loop" else trial.aged
@@ -45,10 +45,10 @@ def samples(trial: Trial, bus_map: BusMap, period_ns: int) -> SampleBlock:
 
 
 def put_on(lambda_healthy: FloatArray, fault: Fault) -> FloatArray:
-    """Return what ``faults.SensorFault`` makes of readings at 100 Hz, as the plant's ECU sends it.
+    """Return readings with ``faults.SensorFault`` at 100 Hz, limited as the plant's ECU sends them.
 
     lambda_healthy : (n,) NaN where not available
-    Raises UsageError for a fault of the communication.
+    Raises UsageError for a communication fault.
     """
     if fault.not_ready or fault.missing:
         raise UsageError(f"fault {fault.name}: cannot be put on a reading")
@@ -77,7 +77,7 @@ def _put_on(
     offset_lambda: float,
 ) -> FloatArray:
     out = np.full(len(healthy), np.nan)
-    seen = np.empty(len(healthy))  # phi of what could be read, oldest first
+    seen = np.empty(len(healthy))  # phi of the available readings, oldest first
     n_seen, x = 0, math.nan
     for k in range(len(healthy)):
         if not math.isfinite(healthy[k]):

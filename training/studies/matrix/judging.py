@@ -1,4 +1,4 @@
-"""Drives through the monitor, and what a vehicle's reference learns of them."""
+"""Judges drives with the monitor, and learns the references of their vehicles."""
 
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -20,25 +20,25 @@ def judge_drives(
     config: Config,
     references: Sequence[Reference | None] | None = None,
 ) -> list[Judged]:
-    """Return the verdict on each drive, judged with its vehicle's reference and empty memory.
+    """Return the verdict on each drive, with its vehicle's reference and an empty memory.
 
-    references : of each drive's vehicle, None where nothing is known of it
+    references : reference of each drive's vehicle, None if it has none
     """
     known = [reference or Reference() for reference in references or [None] * len(blocks)]
     return judge_all(blocks, names, model, limits, config, references=known)
 
 
 def learn(reference: Reference | None, judged: Judged, config: Config) -> Reference:
-    """Return the reference after one more drive, as the monitor learns it."""
+    """Return the reference after one more drive, learned as in the monitor."""
     known = reference or Reference()
     return known if judged.seen is None else known.learn(judged.seen, config.bias)
 
 
 def to_json(reference: Reference) -> dict[str, Any]:
-    """Return the reference as JSON has it."""
+    """Return the reference as JSON values."""
     return asdict(reference)
 
 
 def from_json(tree: dict[str, Any] | None) -> Reference | None:
-    """Return the reference that ``to_json`` wrote."""
+    """Return the reference from the JSON of ``to_json``."""
     return None if tree is None else Reference(**tree)

@@ -1,7 +1,7 @@
-"""Which drives a matrix holds: every trial with its own seed, all of them from one.
+"""The drives of a matrix; every trial has a seed of its own, counted up from one number.
 
-A vehicle is drawn by its number, driver, noise and weather by the trial's seed. The trials of one
-fault, severity and placement go through the vehicles in random order and through all weather.
+The vehicle number draws the vehicle; the trial's seed draws driver, noise and weather. The trials
+of one fault, severity and placement go through all vehicles in random order and all weather.
 """
 
 import re
@@ -34,7 +34,7 @@ ELECTRICAL: Final = (
     "not_ready",
     "signal_missing",
 )
-NOT_AFTERWARDS: Final = ("not_ready", "signal_missing")  # the ECU itself says so
+NOT_AFTERWARDS: Final = ("not_ready", "signal_missing")  # the ECU sends these itself
 SEVERITIES: Final[dict[str, tuple[float, ...]]] = {
     **{name: SLOW for name in faults.NAMES if name.startswith("slow")},
     **{name: DELAY for name in faults.NAMES if name.startswith("delay")},
@@ -49,24 +49,24 @@ HEALTHY_CYCLES: Final = (*("wltc_3b",) * 9, "udds", "us06", "hwfet", "micro_trip
 FAULTY_CYCLES: Final = ("wltc_3b",)
 CALIBRATION_VEHICLES: Final = range(3000, 3020)
 CALIBRATION_SEED: Final = 3_000_000
-REFERENCE_SEEDS: Final = 500_000  # so far above the seeds of the trials
+REFERENCE_SEEDS: Final = 500_000  # offset of the reference drives' seeds from those of the trials
 MOST_ETHANOL: Final = 0.10
-OTHER_SHARE: Final = 4  # beside the limit severity a trial is repeated so many times less
+OTHER_SHARE: Final = 4  # other severities are repeated this many times less than the limit one
 
 _TRAINED = re.compile(r"_v(\d+)_s(\d+)_")
 
 
 @dataclass(frozen=True, slots=True)
 class Matrix:
-    """What is asked for."""
+    """The settings of a matrix."""
 
     vehicles: int = 60
     first_vehicle: int = 5000
     seed: int = 5_000_000
-    repetitions: int = 100  # of each fault and placement at its limit severity
+    repetitions: int = 100  # per fault and placement at the limit severity
     healthy: int = 600
-    reference_drives: int = 40  # of each vehicle, before its trials
-    cycles: tuple[str, ...] = ()  # () is the plan's own choice
+    reference_drives: int = 40  # per vehicle, before its trials
+    cycles: tuple[str, ...] = ()  # () lets the plan choose
     ambients: tuple[str, ...] = AMBIENTS
     faults: tuple[tuple[str, tuple[float, ...]], ...] = tuple(SEVERITIES.items())
 
@@ -82,20 +82,20 @@ class Trial:
     ambient: str
     conditions: Conditions
     ethanol: float  # fraction of the fuel
-    aged: Fault | None  # of a healthy sensor, within its specification
-    fault: str  # "" is healthy
+    aged: Fault | None  # ageing of a healthy sensor, within its specification
+    fault: str  # "" for a healthy sensor
     severity: float | None
-    placement: Placement  # "after" is put on the readings, the control loop does not see it
+    placement: Placement  # "after": on the readings, so the control loop does not see it
     seed: int
 
     @property
     def name(self) -> str:
-        """Return what was driven, in words."""
+        """Return a description of the drive."""
         what = f"{self.fault} {self.severity:g} {self.placement}" if self.fault else self.kind
         return f"trial {self.number} ({self.cycle}, vehicle {self.vehicle}, {what})"
 
     def as_row(self) -> dict[str, Any]:
-        """Return the trial as JSON has it."""
+        """Return the trial as JSON values."""
         c, aged = self.conditions, self.aged
         row = {k: v for k, v in asdict(self).items() if k not in ("conditions", "aged")}
         return row | {
@@ -114,9 +114,9 @@ class Trial:
 
 
 def weather(ambient: str, seed: int) -> Conditions:
-    """Return the conditions of a seed in one kind of weather.
+    """Return the conditions for a seed in one kind of weather.
 
-    Raises UsageError for an unknown kind.
+    Raises UsageError if the kind is unknown.
     """
     rng = np.random.default_rng([0x0_2, 7, seed])
     degc, kpa = rng.uniform(5.0, 30.0), rng.uniform(94.0, 103.0)
@@ -137,10 +137,10 @@ def weather(ambient: str, seed: int) -> Conditions:
 
 
 def ageing(seed: int) -> Fault:
-    """Return what a healthy sensor may have lost by age, within its specification.
+    """Return a random ageing of a healthy sensor, within its specification.
 
-    Lag up to 0.15 s and dead time up to 0.1 s, together at most 0.2 s, since a specification limits
-    the response as a whole; 0.85 or more of the gain; an offset within 0.008 lambda.
+    Lag is at most 0.15 s and dead time 0.1 s, together at most 0.2 s, because a specification
+    limits the whole response. Gain is at least 0.85; the offset is within 0.008 lambda.
     """
     rng = np.random.default_rng([0x0_2, 8, seed])
     lag_s = float(rng.uniform(0.0, 0.15))
@@ -156,7 +156,7 @@ def ageing(seed: int) -> Fault:
 
 
 def reference_drives(matrix: Matrix) -> list[list[Trial]]:
-    """Return the drives from which each vehicle's reference is learned, vehicle by vehicle."""
+    """Return the drives that teach each vehicle's reference, vehicle by vehicle."""
     drives = []
     for i in range(matrix.vehicles):
         own = []
@@ -171,9 +171,9 @@ def reference_drives(matrix: Matrix) -> list[list[Trial]]:
 
 
 def trials(matrix: Matrix) -> list[Trial]:
-    """Return the healthy and the faulty drives in the order of their numbers.
+    """Return the healthy and faulty drives in the order of their numbers.
 
-    Raises UsageError for what the simulation does not know.
+    Raises UsageError if the simulation does not know a name.
     """
     _check(matrix)
     found = [_healthy(matrix, i) for i in range(matrix.healthy)]
@@ -189,7 +189,7 @@ def trials(matrix: Matrix) -> list[Trial]:
 
 
 def calibration(matrix: Matrix) -> tuple[list[Trial], list[Trial]]:
-    """Return healthy drives and drives at the limit severities, on which rules are set.
+    """Return healthy drives and drives at the limit severities, on which rules are fitted.
 
     Every vehicle drives once with a new sensor and once with an aged one.
     """
@@ -224,9 +224,9 @@ def calibration(matrix: Matrix) -> tuple[list[Trial], list[Trial]]:
 
 
 def refuse_used(planned: Iterable[Trial], recordings: Iterable[str]) -> None:
-    """Raise UsageError if a vehicle or seed has served to train the model or to set the rules.
+    """Raise UsageError if a vehicle or seed was used to train the model or to fit the rules.
 
-    recordings : file names of the model's training
+    recordings : file names of the model's training recordings
     """
     used = [
         tuple(map(int, found.groups())) for name in recordings if (found := _TRAINED.search(name))

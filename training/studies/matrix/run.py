@@ -1,4 +1,4 @@
-"""All drives of a matrix in parallel, in chunks that a run begun again finds done."""
+"""Runs the drives of a matrix in parallel, in stored chunks, so a run can be continued."""
 
 import dataclasses
 import hashlib
@@ -36,19 +36,19 @@ from training.studies.matrix.plan import (
 )
 from training.studies.matrix.rows import Row, row
 
-CHUNK: Final = 32  # trials side by side; their windows take some megabytes each
-VEHICLES: Final = 10  # whose reference drives run side by side
+CHUNK: Final = 32  # trials side by side; each takes some megabytes of windows
+VEHICLES: Final = 10  # vehicles whose reference drives run side by side
 DRIVES: Final = ("plan", "drive", "judging", "rows", "run")  # modules of this package
-References = dict[str, Any]  # vehicle → its reference, as JSON has it
-Progress = Callable[[int], None]  # takes how many drives are done more
+References = dict[str, Any]  # vehicle → its reference as JSON values
+Progress = Callable[[int], None]  # takes the number of newly finished drives
 
 
 @dataclass(frozen=True, slots=True)
 class Bench:
-    """What judges the drives, as it travels to a worker."""
+    """Model, settings and rules that judge the drives, as sent to a worker."""
 
     model_name: str
-    model: bytes  # the file
+    model: bytes  # content of the file
     config: Config
     rules: dict[str, Rule] = field(default_factory=dict)
     learned: References = field(default_factory=dict)
@@ -56,7 +56,7 @@ class Bench:
 
 @dataclass(frozen=True, slots=True)
 class Cores:
-    """Where the drives are done: processes here, or a Dask cluster."""
+    """The place of the work: processes here, or a Dask cluster."""
 
     jobs: int = 1
     scheduler: str | None = None
@@ -64,7 +64,7 @@ class Cores:
 
 @dataclass(frozen=True, slots=True)
 class Chunk:
-    """Drives that are done together; a vehicle's reference drives are, one after the other."""
+    """Drives done together; reference drives of a vehicle are done one after another."""
 
     name: str
     drives: tuple[Trial, ...]
@@ -78,10 +78,10 @@ def run(
     done: Progress,
     cores: Cores = Cores(),
 ) -> list[Row]:
-    """Return a row for every drive, references first; results of the same run are taken up.
+    """Return a row per drive, reference drives first; stored results of the same run are reused.
 
-    Raises UsageError if the folder holds another run, if a vehicle or seed was used before, or if
-    the scheduler cannot be used.
+    Raises UsageError if the folder holds another run, a vehicle or seed was used before, or the
+    scheduler cannot be used.
     """
     planned, references = trials(matrix), reference_drives(matrix)
     card = Model.load(model_path).card
@@ -102,12 +102,12 @@ def run(
 
 
 def count(matrix: Matrix) -> int:
-    """Return how many drives a run takes, without those that set the literature's rules."""
+    """Return the number of drives of a run, without those that fit the literature's rules."""
     return len(trials(matrix)) + matrix.vehicles * matrix.reference_drives
 
 
 def identity(matrix: Matrix, model_path: Path, config: Config) -> dict[str, Any]:
-    """Return what a run's results depend on."""
+    """Return everything that a run's results depend on."""
     tree = {"matrix": dataclasses.asdict(matrix), "config": dataclasses.asdict(config)}
     return {
         "matrix": json.loads(json.dumps(tree["matrix"])),
@@ -118,7 +118,7 @@ def identity(matrix: Matrix, model_path: Path, config: Config) -> dict[str, Any]
 
 
 def _code_sha256() -> str:
-    """Return the digest of all that drives and judges, not of what makes tables of it."""
+    """Return the sha256 of the code that drives and judges, without that of the tables."""
     at, matrix = Path(monitor.__file__).parent, Path(__file__).parent
     offline = matrix.parents[1]
     paths = [*at.rglob("*.py"), *at.rglob("*.toml")]
@@ -146,14 +146,14 @@ def _windows(bench: Bench, drives: Sequence[Trial]) -> list[list[WindowJudged]]:
 def _all(
     chunks: Sequence[Chunk], bench: Bench, folder: Path, cores: Cores, done: Progress
 ) -> tuple[list[Row], References]:
-    """Return rows in the order of the chunks, and the references that they learn."""
+    """Return the rows in the order of the chunks, and the learned references."""
     missing = {}
     for chunk in chunks:
         if (folder / f"{chunk.name}.json").exists():
             done(len(chunk.drives))
         else:
             missing[chunk.name] = chunk
-    # Workers return, this process writes: a cluster needs no common file system.
+    # Workers return results, this process writes: a cluster needs no common file system.
     for name, result in parallel.run(_do, bench, missing.items(), **dataclasses.asdict(cores)):
         run_folder.write_json(folder / f"{name}.json", result)
         done(len(missing[name].drives))
@@ -167,7 +167,7 @@ def _all(
 
 
 def _do(bench: Bench, chunk: Chunk) -> dict[str, Any]:
-    """Do a chunk; return its rows, and the references of its vehicles if they learn."""
+    """Run a chunk; return its rows, and the references of its vehicles if they learn."""
     rows: list[Row] = []
     references: dict[str, Reference | None] = {
         key: from_json(tree) for key, tree in bench.learned.items()
@@ -185,7 +185,7 @@ def _do(bench: Bench, chunk: Chunk) -> dict[str, Any]:
 
 
 def _rounds(chunk: Chunk) -> Iterator[tuple[Trial, ...]]:
-    """Yield the first drive of every vehicle, then the second."""
+    """Yield the first drives of all vehicles, then the second ones, and so on."""
     vehicles = dict.fromkeys(trial.vehicle for trial in chunk.drives)
     own = [[t for t in chunk.drives if t.vehicle == vehicle] for vehicle in vehicles]
     yield from zip(*own, strict=True)
@@ -194,7 +194,7 @@ def _rounds(chunk: Chunk) -> Iterator[tuple[Trial, ...]]:
 def _judge(
     drives: Sequence[Trial], bench: Bench, references: Sequence[Reference | None] | None = None
 ) -> list[tuple[SampleBlock, Judged]]:
-    """Return what the monitor saw and said of each drive; an error names the drive."""
+    """Return samples and verdict of each drive; an error names the drive."""
     model, bus_map = model_of(bench.model_name, bench.model), ecu.own_bus()
     blocks = []
     for trial in drives:
@@ -205,7 +205,7 @@ def _judge(
     limits = _limits(model, bench)
     try:
         judged = judge_drives(blocks, bus_map.names, model, limits, bench.config, references)
-    except O2Error:  # a model that cannot judge these drives
+    except O2Error:  # the model cannot judge these drives
         raise
     except Exception as error:
         between = f"{drives[0].name} to {drives[-1].name}"

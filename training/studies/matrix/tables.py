@@ -1,7 +1,7 @@
-"""The rows of a matrix as tables: what was found, how it was named, and what was false.
+"""The rows of a matrix as tables: detections, names and false codes.
 
-Detected is a drive in which any code is set at its end; named rightly is one in which every code
-set carries exactly the fault's name.
+A drive is detected if a code is set at its end. It is named rightly if every set code carries
+exactly the fault's name.
 """
 
 from collections import Counter
@@ -21,17 +21,17 @@ MONITOR: Final = "monitor"
 
 
 def of_kind(rows: Iterable[Row], kind: str) -> list[Row]:
-    """Return the healthy, faulty or reference rows."""
+    """Return the rows of one kind: healthy, faulty or reference."""
     return [r for r in rows if r["kind"] == kind]
 
 
 def named_rightly(row: Row) -> bool:
-    """Return whether the drive's codes carry exactly the name of its fault."""
+    """Return whether every code of the drive carries exactly the fault's name."""
     return bool(row["faults"] == [row["fault"]])
 
 
 def figures(rows: Sequence[Row]) -> Figures:
-    """Return what was found of some faulty drives, and when."""
+    """Return detections, names and times of faulty drives."""
     return {
         "detected": rate(sum(bool(r["codes"]) for r in rows), len(rows)),
         "named": rate(sum(map(named_rightly, rows)), len(rows)),
@@ -45,7 +45,7 @@ def figures(rows: Sequence[Row]) -> Figures:
 
 
 def detection(rows: Sequence[Row]) -> list[Figures]:
-    """Return the figures of every fault, severity and placement."""
+    """Return the figures by fault, severity and placement."""
     key = lambda r: (r["placement"], r["fault"], r["severity"])  # noqa: E731
     faulty = sorted(of_kind(rows, "faulty"), key=key)
     return [
@@ -71,7 +71,7 @@ def wanted(rows: Sequence[Row], placement: str) -> list[Row]:
 
 
 def by_ambient(rows: Sequence[Row]) -> list[Figures]:
-    """Return the figures of the faults that must be found, in each kind of weather."""
+    """Return the figures of the faults that must be found, by weather."""
     return [
         {"placement": placement, "ambient": ambient, **figures(cell)}
         for placement in PLACEMENTS
@@ -80,7 +80,7 @@ def by_ambient(rows: Sequence[Row]) -> list[Figures]:
 
 
 def healthy(rows: Sequence[Row]) -> Figures:
-    """Return false codes, completion and why drives were not judged."""
+    """Return false codes, completion, and the reasons of drives that were not judged."""
     good, first = of_kind(rows, "healthy"), of_kind(rows, "reference")
     cells = [
         {"ambient": ambient, "cycle": cycle, **_false(each)}
@@ -121,10 +121,10 @@ def healthy(rows: Sequence[Row]) -> Figures:
 
 
 def confirmed(rows: Sequence[Row]) -> int:
-    """Return how many codes would be confirmed had each vehicle kept its fault memory.
+    """Return how many codes would be confirmed if every vehicle kept its fault memory.
 
-    That is how often a code is set in a drive and was set in the vehicle's last drive before it in
-    which the test completed or a code was set.
+    A code counts if it is set in a drive and in the vehicle's last earlier drive in which the test
+    completed or a code was set.
     """
     before: dict[int, set[str]] = {}
     count = 0
@@ -137,7 +137,7 @@ def confirmed(rows: Sequence[Row]) -> int:
 
 
 def confusion(rows: Sequence[Row], placement: str) -> Figures:
-    """Return how often each fault that must be found was given each name, and healthy drives."""
+    """Return how often each fault that must be found got each name, also for healthy drives."""
     chosen = wanted(rows, placement) + [
         r
         for r in of_kind(rows, "faulty")
@@ -165,7 +165,7 @@ def confusion(rows: Sequence[Row], placement: str) -> Figures:
 
 
 def curves(rows: Sequence[Row]) -> list[Figures]:
-    """Return the ROC of every rule for every fault at its limit severity, against healthy drives.
+    """Return the ROC of every rule for every fault at its limit severity.
 
     The healthy drives are those of the same cycles.
     """
@@ -183,7 +183,7 @@ def curves(rows: Sequence[Row]) -> list[Figures]:
 
 
 def side_by_side(rows: Sequence[Row]) -> list[Figures]:
-    """Return false alarms and detections of the monitor and of every rule on the same drives."""
+    """Return false alarms and detections of the monitor and every rule on the same drives."""
     good = of_kind(rows, "healthy")
     found = []
     for rule in (MONITOR, *(name for name in TITLES if name not in OWN)):
@@ -207,7 +207,7 @@ def side_by_side(rows: Sequence[Row]) -> list[Figures]:
 
 
 def _alarm_s(row: Row, rule: str) -> float | None:
-    """Return after how many enabled seconds a rule alarms in a drive."""
+    """Return the enabled time in s until a rule alarms in a drive."""
     at: float | None = (
         row["first_code_enabled_s"] if rule == MONITOR else row["alarms_enabled_s"][rule]
     )
@@ -236,7 +236,7 @@ def _given(row: Row) -> str:
 
 
 def _split(rows: Iterable[Row], key: str) -> list[tuple[Any, list[Row]]]:
-    """Return the rows of each value of a key, in the order in which the values come."""
+    """Return the rows by the values of a key, in order of first appearance."""
     found: dict[Any, list[Row]] = {}
     for r in rows:
         found.setdefault(r[key], []).append(r)

@@ -1,4 +1,4 @@
-"""ARX models: least squares over a grid of orders, the field's criteria, dead times, free run.
+"""ARX models: least squares over a grid of orders, the usual criteria, dead times, free run.
 
 ``y(t) + a1 y(t-1) + .. = offset + sum_i (b_i0 u_i(t-nk_i) + b_i1 u_i(t-nk_i-1) + ..) + e(t)``
 """
@@ -16,8 +16,8 @@ from training.studies.paper.linear.free_run import free_run_error
 from training.studies.paper.linear.lagged import Stretch, Triangle, largest_order, triangle
 
 MAX_ORDER = 20
-MAX_DELAY = 20  # DESIGN: dead times 0 to 20
-GRID_DELAYS = 10  # dead times of the grid that are the same for every input
+MAX_DELAY = 20  # largest dead time, in samples
+GRID_DELAYS = 10  # largest dead time of the grid, which is common to all inputs
 FREE_RUN_ORDERS = (0, 1, 2, 3, 4, 5, 6, 8, 10, 13, 16, 20, 30, 40)
 FREE_RUN_DELAYS = 4
 
@@ -26,19 +26,19 @@ FREE_RUN_DELAYS = 4
 class Arx:
     """One ARX model in the units of its samples."""
 
-    a: FloatArray  # (na,) of y(t-1) .. y(t-na), on the left side
+    a: FloatArray  # (na,) coefficients of y(t-1) .. y(t-na), on the left side
     b: FloatArray  # (k, nb)
     delays: tuple[int, ...]  # (k,) dead time of each input in samples
     offset: float
 
     @property
     def lags(self) -> int:
-        """Number of past samples that the model needs."""
+        """Return the number of past samples that the model needs."""
         return max(len(self.a), max(self.delays) + self.b.shape[1] - 1)
 
     @property
     def n_parameters(self) -> int:
-        """Number of estimated coefficients."""
+        """Return the number of estimated coefficients."""
         return len(self.a) + self.b.size + 1
 
     @property
@@ -48,20 +48,20 @@ class Arx:
 
     @property
     def stable(self) -> bool:
-        """Whether the free run forgets its start."""
+        """Return whether the free run forgets its start."""
         return bool(np.all(np.abs(np.roots(self.poly)) < 1.0))
 
     def drive(self, u: FloatArray) -> FloatArray:
-        """Return offset + B u (n,); right from sample ``lags`` on."""
+        """Return offset + B u (n,); valid from sample ``lags`` on."""
         total = np.full(len(u), self.offset)
         for i, (delay, b) in enumerate(zip(self.delays, self.b, strict=True)):
             total += lfilter(np.concatenate([np.zeros(delay), b]), [1.0], u[:, i])
         return total
 
     def simulate(self, u: FloatArray, y0: FloatArray) -> FloatArray:
-        """Return the free run (n,) over inputs (n, k), begun with measured outputs ``y0``.
+        """Return the free run (n,) over inputs (n, k), started with measured outputs ``y0``.
 
-        y0 : (m,), m at least ``lags``; they are returned as they are, the model runs from m on
+        y0 : (m,), m at least ``lags``; returned unchanged, the model runs from sample m on
         Raises ValueError if y0 is too short.
         """
         m = len(y0)
@@ -73,7 +73,7 @@ class Arx:
         return np.concatenate([y0, free])[: len(u)]
 
     def predict(self, u: FloatArray, y: FloatArray) -> FloatArray:
-        """Return the one-step predictions (n,); the first ``lags`` are the measurement itself."""
+        """Return the one-step predictions (n,); the first ``lags`` equal the measurement."""
         predicted = self.drive(u) - lfilter(np.concatenate([[0.0], self.a]), [1.0], y)
         predicted[: self.lags] = y[: self.lags]
         return np.asarray(predicted)
@@ -91,7 +91,7 @@ def fit_arx(records: Sequence[Stretch], na: int, nb: int, nk: int | Sequence[int
 
 
 def solve_arx(data: Triangle, na: int, nb: int, delays: Sequence[int]) -> Arx:
-    """Return the ARX from samples condensed with lags enough."""
+    """Return the ARX from condensed samples with enough lags."""
     theta = data.solve(_columns(data, na, nb, delays))
     n_b = nb * data.n_inputs
     b = theta[1 : 1 + n_b].reshape(data.n_inputs, nb)
@@ -105,7 +105,7 @@ def _columns(data: Triangle, na: int, nb: int, delays: Sequence[int]) -> list[in
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """One point of the grid of orders."""
+    """One point in the grid of orders."""
 
     na: int
     nb: int
@@ -151,8 +151,8 @@ def order_grid(
 def arx_delays(data: Triangle, max_delay: int = MAX_DELAY) -> tuple[int, ...]:
     """Return each input's dead time: the best ARX of order 2 over dead times 0 to ``max_delay``.
 
-    With several inputs one dead time after the other is improved until none changes, from the best
-    common one. Source: DESIGN.md section 8, the reference toolbox's delay estimation.
+    With several inputs, the search starts from the best common dead time and improves one after
+    the other until none changes. It follows the delay estimation of the reference toolbox.
     """
     largest = min(max_delay, data.u_lags - 1)
 
@@ -173,7 +173,7 @@ def arx_delays(data: Triangle, max_delay: int = MAX_DELAY) -> tuple[int, ...]:
 
 
 def common_delays(n_inputs: int, largest: int, *others: tuple[int, ...]) -> list[tuple[int, ...]]:
-    """Return dead times 0 .. ``largest`` common to all inputs, then the others."""
+    """Return dead times 0 .. ``largest`` common to all inputs, then ``others``."""
     choices = [(d,) * n_inputs for d in range(largest + 1)]
     return choices + [other for other in others if other not in choices]
 
@@ -181,10 +181,10 @@ def common_delays(n_inputs: int, largest: int, *others: tuple[int, ...]) -> list
 def best_in_free_run(
     data: Triangle, validate: Sequence[Stretch], max_order: int, delays: Sequence[tuple[int, ...]]
 ) -> Arx:
-    """Return the ARX that runs freely best on ``validate``.
+    """Return the ARX with the best free run on ``validate``.
 
-    na to ``max_order``, nb to twice that: a coarse grid (na = 0 is the impulse response model,
-    always stable), then the neighbours of the best until none is better.
+    na goes to ``max_order``, nb to twice that: first a coarse grid (na = 0 is the impulse response
+    model, always stable), then the neighbours of the best until none is better.
     """
     skip = max(data.y_lags, data.u_lags)
     known: dict[tuple[int, int, tuple[int, ...]], tuple[float, Arx]] = {}
@@ -214,10 +214,10 @@ def best_in_free_run(
 def choose_arx(
     train: Sequence[Stretch], validate: Sequence[Stretch], max_order: int = MAX_ORDER
 ) -> Arx:
-    """Return the ARX fitted on ``train`` that runs freely best on ``validate``.
+    """Return the ARX fitted on ``train`` with the best free run on ``validate``.
 
-    It is the reference beside every nonlinear model's free-run figure. na up to ``max_order`` or
-    what the data allow, nb up to twice that; dead times common to all inputs or those of
+    It is the reference for the free run of every nonlinear model. na goes to ``max_order`` or to
+    the data's limit, nb to twice that. Dead times are common to all inputs, or those of
     ``arx_delays``.
     Raises RecordingError if there are too few samples.
     """

@@ -1,4 +1,4 @@
-"""Linear baselines: impulse response, ARX, state space, output error, and what they leave over."""
+"""Linear baselines: impulse response, ARX, state space, output error, and residual tests."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -37,12 +37,12 @@ IMPULSE_LAGS = 50
 
 @dataclass(frozen=True, slots=True)
 class Regime:
-    """A signal by whose ranges the fits on the test stretches are split, engine speed mostly."""
+    """A signal whose ranges split the fits on the test stretches, usually engine speed."""
 
     name: str
     unit: str
-    values: Sequence[FloatArray]  # (n,) of each test stretch
-    edges: Sequence[float] | None = None  # inner edges; None: those of equal thirds
+    values: Sequence[FloatArray]  # (n,) per test stretch
+    edges: Sequence[float] | None = None  # inner edges; None for equal thirds
 
 
 def linear(
@@ -59,11 +59,11 @@ def linear(
 ) -> dict[str, Any]:
     """Return the linear study of one output, ready for JSON and ``section``.
 
-    train, validate, test : stretches (u (n, k), y (n,)) without gaps; orders are chosen on
-        ``validate`` and every fit in percent is on ``test``
+    train, validate, test : stretches (u (n, k), y (n,)) without gaps; ``validate`` chooses the
+        orders, and every fit in percent is on ``test``
     unit : of the output, for the axes
     Every model runs freely after the same first samples of each stretch (``skip``), which set its
-    initial conditions and are not scored; stretches shorter than twice that are left out.
+    initial state and are not scored. Stretches shorter than twice that are left out.
     Raises RecordingError for values that are not finite, wrong shapes or too few samples,
     UsageError for a regime that does not fit the test stretches.
     """
@@ -116,7 +116,7 @@ def linear(
 
 
 def _exactly(model: LinearModel) -> dict[str, Any]:
-    """Return the coefficients of an ARX with all their digits, which its free run needs."""
+    """Return the coefficients of an ARX with all digits; its free run needs them."""
     assert isinstance(model, Arx)
     return {
         "a": model.a.tolist(),
@@ -129,7 +129,7 @@ def _exactly(model: LinearModel) -> dict[str, Any]:
 def _usable(
     stretches: Sequence[Stretch], inputs: Sequence[str], role: str, skip: int
 ) -> list[tuple[int, Stretch]]:
-    """Return the stretches that are long enough and their indices."""
+    """Return the stretches that are long enough, with their indices."""
     every = checked(stretches, inputs, role)
     kept = [(i, s) for i, s in enumerate(every) if len(s[1]) >= 2 * skip]
     if kept and np.ptp(np.concatenate([y for _, (_, y) in kept])) == 0.0:
@@ -145,7 +145,7 @@ def _usable(
 def _ranges(
     regime: Regime | None, test: Sequence[Stretch], indices: Sequence[int], skip: int
 ) -> list[dict[str, Any]]:
-    """Return the regime's ranges, each with the scored rows of each usable test stretch."""
+    """Return the regime's ranges, each with its scored rows in each usable test stretch."""
     if regime is None:
         return []
     for index, (values, (_, y)) in enumerate(zip(regime.values, test, strict=False)):
@@ -173,7 +173,7 @@ def _arx_models(
     order: int,
     delays: tuple[int, ...],
 ) -> tuple[dict[str, LinearModel], dict[str, Any]]:
-    """Return the four choices of the grid and what the report shows of it."""
+    """Return the four choices from the grid, and their figures for the report."""
     grid = order_grid(
         data, held_out, order, common_delays(data.n_inputs, min(GRID_DELAYS, order), delays)
     )
@@ -227,7 +227,7 @@ def _output_error(
     free: LinearModel,
     skip: int,
 ) -> tuple[LinearModel, dict[str, Any]]:
-    """Return the output error model from many starts: subspace and ARX models of many orders."""
+    """Return the best output error model from many starts: subspace and ARX models."""
     none = (0,) * data.n_inputs
     starts = [("subspace", m.transfer()) for m in states.models[:8]]
     wide = min(12, order)

@@ -1,4 +1,4 @@
-"""How every linear model is run and scored: free run after the same first samples."""
+"""Free run and score of every linear model, after the same first samples."""
 
 from collections.abc import Sequence
 from typing import Protocol
@@ -10,25 +10,25 @@ from training.studies.paper.linear.lagged import Stretch
 
 
 class LinearModel(Protocol):
-    """What ARX, state space and output error models have in common."""
+    """The common interface of ARX, state space and output error models."""
 
     @property
     def n_parameters(self) -> int:
-        """Number of estimated coefficients."""
+        """Return the number of estimated coefficients."""
 
     @property
     def stable(self) -> bool:
-        """Whether the free run forgets its start."""
+        """Return whether the free run forgets its start."""
 
     def simulate(self, u: FloatArray, y0: FloatArray) -> FloatArray:
-        """Return the free run (n,) that begins after the measured outputs ``y0``."""
+        """Return the free run (n,), started with the measured outputs ``y0``."""
 
     def predict(self, u: FloatArray, y: FloatArray) -> FloatArray:
         """Return the one-step predictions (n,)."""
 
 
 def free_runs(model: LinearModel, records: Sequence[Stretch], skip: int) -> list[FloatArray]:
-    """Return each stretch's free run (n,); the first ``skip`` outputs are the measured ones."""
+    """Return each stretch's free run (n,); the first ``skip`` outputs are measured ones."""
     return [model.simulate(u, y[:skip]) for u, y in records]
 
 

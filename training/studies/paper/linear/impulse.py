@@ -1,4 +1,4 @@
-"""Impulse responses with confidence bands, and the dead time read from them."""
+"""Impulse responses with confidence bands, and the dead time that follows from them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,37 +11,37 @@ from monitor.base.types import FloatArray
 from training.studies.paper.linear.lagged import Stretch, triangle
 from training.studies.paper.linear.residual_tests import autocorrelation, effective_samples
 
-LEVEL = 0.01  # bands hold 99 %
+LEVEL = 0.01  # of the tests; bands hold 99 %
 NOISE_ORDER = 10
 PASSES = 3
-VISIBLE = 0.1  # of the peak
+VISIBLE = 0.1  # part of the peak from which a lag counts as dead time's end
 
 
 @dataclass(frozen=True, slots=True)
 class ImpulseResponse:
-    """Responses of the output to one unit of each input for one sample."""
+    """Responses of the output to one unit of each input during one sample."""
 
-    response: FloatArray  # (k, lags), output's unit per input's unit
+    response: FloatArray  # (k, lags) in the output's unit per the input's unit
     standard_error: FloatArray  # (k, lags)
-    noise: FloatArray  # (11,) the AR polynomial of the disturbance
+    noise: FloatArray  # (11,) AR polynomial of the disturbance
     white: FloatArray  # (21,) autocorrelation of the residuals after the noise filter
-    effective_samples: FloatArray  # (k,) independent pairs of residual and input after it
+    effective_samples: FloatArray  # (k,) independent pairs of filtered residual and input
 
     @property
     def band(self) -> float:
-        """Half width of the band in standard errors, 99 %."""
+        """Return the half width of the 99 % band in standard errors."""
         return float(norm.ppf(1.0 - LEVEL / 2.0))
 
     @property
     def joint_band(self) -> float:
-        """Half width that all lags of an input leave together by chance in 1 % (Bonferroni)."""
+        """Return the half width that any lag of an input leaves by chance in 1 % (Bonferroni)."""
         return float(norm.ppf(1.0 - LEVEL / 2.0 / self.response.shape[1]))
 
     def delays(self) -> list[int | None]:
         """Return each input's dead time in samples; None if no lag leaves the joint band.
 
-        It is the first lag that does and has a tenth of the response's peak: on long recordings
-        the finest leakage between neighbouring samples is outside the band.
+        It is the first lag that leaves the band and has a tenth of the peak: on long recordings
+        even fine leakage between neighbouring samples leaves the band.
         """
         size = np.abs(self.response)
         outside = size > self.joint_band * self.standard_error
@@ -50,12 +50,12 @@ class ImpulseResponse:
 
 
 def impulse_response(stretches: Sequence[Stretch], lags: int = 50) -> ImpulseResponse:
-    """Return the impulse responses of all inputs together, by generalised least squares.
+    """Return the impulse responses to all inputs together, by generalised least squares.
 
-    The residuals of one pass give the disturbance's AR(10); inputs and output are filtered by it,
-    so that the next pass sees nearly white noise (three passes). What autocorrelation is left then
-    widens the standard errors by Bartlett's effective number of samples, so that the bands never
-    take neighbouring samples for independent ones.
+    The residuals of a pass give an AR(10) of the disturbance. It filters inputs and output, so
+    that the next of three passes sees nearly white noise. The remaining autocorrelation widens the
+    standard errors by Bartlett's effective number of samples, so that the bands never take
+    neighbouring samples for independent ones.
     Raises RecordingError if there are too few samples.
     Source: Ljung, System Identification, 2nd ed., sections 6.1 and 9.3; the order of the noise
     filter is the reference toolbox's default.

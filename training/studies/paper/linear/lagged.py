@@ -1,9 +1,9 @@
 """Lagged regressors of several unbroken stretches, condensed into one triangular factor.
 
 A stretch is ``(u, y)`` of shapes (n, k) and (n,) on one sample grid. No regressor reaches across
-the end of a stretch. All linear models of the study are solved from the triangular factor R of
-``[1, y(t) .. y(t-Ly), u1(t) .. u1(t-Lu), u2(t) ..]``: least squares on any choice of its columns is
-least squares on the samples, and R has as few rows as columns.
+the end of a stretch. R is the triangular factor of ``[1, y(t) .. y(t-Ly), u1(t) .. u1(t-Lu),
+u2(t) ..]``. All linear models of the study are solved from it: least squares on columns of R equals
+least squares on the samples, and R has only as many rows as columns.
 """
 
 from collections.abc import Iterator, Sequence
@@ -16,11 +16,11 @@ from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
 
 Stretch = tuple[FloatArray, FloatArray]
-CHUNK = 4000  # rows that are condensed at a time
+CHUNK = 4000  # rows condensed at a time
 
 
 def checked(stretches: Sequence[Stretch], inputs: Sequence[str], role: str) -> list[Stretch]:
-    """Return the stretches as float64; raises RecordingError naming role, stretch and signal."""
+    """Return the stretches as float64; raises RecordingError with role, stretch and signal."""
     if not stretches:
         raise RecordingError(f"{role}: no stretch of samples, at least one is wanted")
     result = []
@@ -42,7 +42,7 @@ def checked(stretches: Sequence[Stretch], inputs: Sequence[str], role: str) -> l
 def largest_order(stretches: Sequence[Stretch], wanted: int) -> int:
     """Return the largest order that the data allow: ten samples per parameter, short lags.
 
-    Raises RecordingError if not even order 2 is possible.
+    Raises RecordingError if they do not allow order 2.
     """
     lengths = np.array([len(y) for _, y in stretches])
     signals = stretches[0][0].shape[1] + 1
@@ -60,7 +60,7 @@ class Triangle:
     """The factor R (m, m) of all lagged regressors; its Gram matrix is R.T @ R."""
 
     factor: FloatArray
-    rows: int  # samples condensed
+    rows: int  # number of condensed samples
     n_inputs: int
     y_lags: int
     u_lags: int
@@ -100,7 +100,7 @@ def lagged_rows(stretch: Stretch, y_lags: int, u_lags: int) -> Iterator[FloatArr
 
 
 def triangle(stretches: Sequence[Stretch], y_lags: int, u_lags: int) -> Triangle:
-    """Condense the stretches; those without a full history are left out.
+    """Condense the stretches; stretches without a full history are left out.
 
     Source: sequential QR, Golub and Van Loan, Matrix Computations, section 5.3.
     """

@@ -1,11 +1,11 @@
-"""Output error models: polynomials fitted on the simulation error itself.
+"""Output error models: polynomials fitted to the simulation error.
 
-``y(t) = sum_i B_i(q) u_i(t) / F(q) + e(t)``, one denominator for all inputs: they share poles, as
-the states of one state space model do. Gauss-Newton with Levenberg's damping on gradients filtered
-by 1/F; the free response of each stretch is projected out, so that no initial condition is guessed.
-A step that leaves the stable region is refused like one that raises the error: nothing diverges.
+``y(t) = sum_i B_i(q) u_i(t) / F(q) + e(t)`` with one denominator for all inputs: they share poles,
+as the states of a state space model do. The fit is Gauss-Newton with Levenberg's damping on
+gradients filtered by 1/F. The free response of each stretch is projected out, so no initial
+condition is guessed. A step into the unstable region is refused like one that raises the error.
 Source: Ljung, System Identification, 2nd ed., sections 10.2 and 10.5; variable projection in
-Kaufman's form, BIT 15 (1975) 49-57; the start is Steiglitz and McBride, IEEE TAC 10 (1965) 461-464.
+Kaufman's form, BIT 15 (1975) 49-57; start by Steiglitz and McBride, IEEE TAC 10 (1965) 461-464.
 """
 
 from collections.abc import Iterator, Sequence
@@ -21,27 +21,27 @@ from training.studies.paper.linear.free_run import free_run_error
 from training.studies.paper.linear.lagged import Stretch
 
 LARGEST_POLE = 0.9999
-SEARCH_SAMPLES = 30_000  # of the training samples while orders and starts are compared
+SEARCH_SAMPLES = 30_000  # training samples used while orders and starts are compared
 
 
 @dataclass(frozen=True, slots=True)
 class OutputError:
-    """An output error model; ``transfer`` holds F as its ``a``, B, dead times and offset."""
+    """An output error model; ``transfer`` holds F as ``a``, and B, dead times and offset."""
 
     transfer: Arx
 
     @property
     def n_parameters(self) -> int:
-        """Number of estimated coefficients."""
+        """Return the number of estimated coefficients."""
         return self.transfer.n_parameters
 
     @property
     def stable(self) -> bool:
-        """Always true of a fitted one."""
+        """Return True: a fitted output error model is always stable."""
         return self.transfer.stable
 
     def simulate(self, u: FloatArray, y0: FloatArray) -> FloatArray:
-        """Return the free run (n,); the free response is fitted to the first outputs ``y0``."""
+        """Return the free run (n,); its free response is fitted to the first outputs ``y0``."""
         start = min(self.transfer.lags, len(y0) - 1)
         forced, free = _responses(self.transfer, u, start)
         run = forced + free @ (
@@ -50,7 +50,7 @@ class OutputError:
         return np.concatenate([y0, run[len(y0) - start :]])
 
     def predict(self, u: FloatArray, y: FloatArray) -> FloatArray:
-        """Return the one-step predictions (n,): the simulation, for the model's noise is white."""
+        """Return the one-step predictions (n,): the simulation, because the noise is white."""
         return self.simulate(u, y[: min(len(y), 2 * self.transfer.lags)])
 
 
@@ -58,15 +58,15 @@ def _responses(model: Arx, u: FloatArray, start: int) -> tuple[FloatArray, Float
     """Return forced (n - start,) and an orthonormal basis (n - start, nf) of free responses."""
     n, order = len(u) - start, len(model.a)
     forced = lfilter([1.0], model.poly, model.drive(u)[start:])
-    pulses = np.eye(n, order) + 1e-60  # without it the responses decay to slow denormal numbers
+    pulses = np.eye(n, order) + 1e-60  # otherwise responses decay to slow denormal numbers
     free = lfilter([1.0], model.poly, pulses, axis=0)
     return forced, np.asarray(np.linalg.qr(free)[0])
 
 
 def _initial(free: FloatArray, known: int) -> FloatArray:
-    """Return the (nf, known) map from first errors to weights of the free responses.
+    """Return the (nf, known) map from the first errors to weights of the free responses.
 
-    What the first errors say little about is left out.
+    Directions that the first errors hardly determine are left out.
     """
     return np.asarray(np.linalg.pinv(free[:known], rcond=0.1))
 
@@ -74,7 +74,7 @@ def _initial(free: FloatArray, known: int) -> FloatArray:
 def _errors(
     model: Arx, stretch: Stretch, skip: int
 ) -> tuple[FloatArray, FloatArray, FloatArray, int]:
-    """Return simulation errors (n - start,), free responses, the map of the first, and start."""
+    """Return simulation errors (n - start,), free responses, the map of ``_initial``, and start."""
     u, y = stretch
     start = model.lags
     forced, free = _responses(model, u, start)
@@ -111,7 +111,7 @@ def _cost(model: Arx, records: Sequence[Stretch], skip: int) -> float:
 
 
 def stabilised(model: Arx) -> Arx:
-    """Return the model with poles outside the unit circle mirrored into it."""
+    """Return the model with unstable poles mirrored into the unit circle."""
     poles = np.roots(model.poly)
     size = np.abs(poles)
     mirrored = np.where(size > 1.0, poles / np.maximum(size, 1e-12) ** 2, poles)
@@ -127,7 +127,7 @@ def stabilised(model: Arx) -> Arx:
 def refine(
     start: Arx, records: Sequence[Stretch], skip: int, steps: int
 ) -> tuple[OutputError, float]:
-    """Return the model after at most ``steps`` Gauss-Newton steps and its sum of squared errors."""
+    """Return the model after at most ``steps`` Gauss-Newton steps, and its squared error."""
     model, damping = stabilised(start), 1e-3
     cost = _cost(model, records, skip)
     for _ in range(steps):
@@ -165,7 +165,7 @@ def _inside(model: Arx) -> bool:
 def steiglitz_mcbride(
     start: Arx, records: Sequence[Stretch], skip: int, iterations: int = 8
 ) -> Arx:
-    """Return the ARX fitted on samples filtered by 1/A of the one before, from ``start``.
+    """Return the best ARX of an iteration: each is fitted to samples filtered by the last 1/A.
 
     Every iterate is stabilised; the one with the least simulation error is returned.
     """
@@ -176,14 +176,14 @@ def steiglitz_mcbride(
             for u, y in records
         ]
         fitted = fit_arx(filtered, len(model.a), model.b.shape[1], model.delays)
-        gain = float(np.sum(model.poly))  # the column of ones was not filtered
+        gain = float(np.sum(model.poly))  # because the column of ones was not filtered
         model = stabilised(replace(fitted, offset=fitted.offset * gain))
         best = min(best, (_cost(model, records, skip), model), key=lambda pair: pair[0])
     return best[1]
 
 
 def thinned(records: Sequence[Stretch], samples: int = SEARCH_SAMPLES) -> list[Stretch]:
-    """Return evenly spread pieces of 3,000 samples, about ``samples`` in all."""
+    """Return pieces of 3,000 samples, evenly spread, about ``samples`` in total."""
     total = sum(len(y) for _, y in records)
     if total <= samples:
         return list(records)
@@ -203,11 +203,11 @@ def fit_output_error(
     skip: int,
     steps: int = 15,
 ) -> tuple[OutputError, list[tuple[Arx, float, float]]]:
-    """Return the output error model that runs freely best on ``validate``.
+    """Return the output error model with the best free run on ``validate``.
 
-    starts : models of any order; each is refined from itself and from Steiglitz-McBride's
-        iterates, whichever simulates ``train`` better
-    Returns also each start's refined transfer, its training and its validation mean squared error.
+    starts : models of any order; each is refined from itself or from its Steiglitz-McBride
+        iterate, whichever simulates ``train`` better
+    Also returns each start's refined transfer, with its training and validation mean squared error.
     """
     some = thinned(train)
     count = sum(len(y) - skip for _, y in some)

@@ -18,9 +18,9 @@ LEVEL = 0.01  # of every test; bands hold 99 %
 def cross_covariance(
     a: Sequence[FloatArray], b: Sequence[FloatArray], lags: Sequence[int]
 ) -> FloatArray:
-    """Return the mean of a(t) b(t - lag) over all samples, (n_lags,); means are removed first.
+    """Return the mean of a(t) b(t - lag) over all samples, (n_lags,), after removing the means.
 
-    a, b : series of the same lengths; no product reaches across the end of a series
+    a, b : series of equal lengths; no product reaches across the end of a series
     """
     mean_a, mean_b = np.concatenate(a).mean(), np.concatenate(b).mean()
     total, count = np.zeros(len(lags)), sum(len(x) for x in a)
@@ -34,16 +34,16 @@ def cross_covariance(
 
 
 def autocorrelation(series: Sequence[FloatArray], lags: int) -> FloatArray:
-    """Return the autocorrelation (lags + 1,) pooled over the series; 0 of a constant."""
+    """Return the autocorrelation (lags + 1,) pooled over the series; 0 for a constant."""
     covariance = cross_covariance(series, series, range(lags + 1))
     return covariance / covariance[0] if covariance[0] > 0 else covariance
 
 
 def effective_samples(a: Sequence[FloatArray], b: Sequence[FloatArray], lags: int) -> float:
-    """Return how many independent pairs tell as much of the correlation of ``a`` and ``b``.
+    """Return the number of independent pairs that determine the correlation of ``a`` and ``b``.
 
-    n / sum of the products of both autocorrelations, Bartlett's formula, summed over ``lags``
-    either way with a triangular taper.
+    Bartlett's formula: n over the sum of the products of both autocorrelations, over ``lags``
+    on both sides with a triangular taper.
     """
     product = autocorrelation(a, lags) * autocorrelation(b, lags)
     taper = 1.0 - np.arange(1, lags + 1) / (lags + 1)
@@ -53,10 +53,10 @@ def effective_samples(a: Sequence[FloatArray], b: Sequence[FloatArray], lags: in
 
 
 def whiteness(residuals: Sequence[FloatArray], lags: int = 25) -> dict[str, Any]:
-    """Return the test that the residuals are white: Ljung-Box and the autocorrelation's bands.
+    """Return the whiteness test of residuals: Ljung-Box, and the autocorrelation with its bands.
 
-    residuals : of held-out samples, since no degree of freedom is taken off
-    The series are joined for Ljung-Box; ``lags`` products per joint are foreign to the model.
+    residuals : of held-out samples, because no degree of freedom is subtracted
+    The series are joined for Ljung-Box; ``lags`` products at each joint are unrelated.
     """
     joined = np.concatenate([r - np.mean(np.concatenate(residuals)) for r in residuals])
     band = float(norm.ppf(1.0 - LEVEL / 2.0) / np.sqrt(len(joined)))
@@ -83,12 +83,12 @@ def independence(
     names: Sequence[str],
     lags: int = 25,
 ) -> list[dict[str, Any]]:
-    """Return for each input the test that the residuals do not depend on it.
+    """Return for each input the test that the residuals are independent of it.
 
-    inputs : shapes (n, k), rows as those of the residuals
-    The correlation of e(t) with u(t - lag); the standard deviation allows for the autocorrelation
-    of both. Rejected if a lag of 0 and above leaves the band that all of them together leave by
-    chance in 1 % of cases (Bonferroni); below 0 it speaks of feedback, not of the model.
+    inputs : shapes (n, k), with the rows of the residuals
+    It correlates e(t) with u(t - lag); the standard deviation accounts for the autocorrelation of
+    both. The test rejects if a lag of 0 or above leaves the joint 99 % band (Bonferroni). Negative
+    lags show feedback, not a defect of the model.
     """
     span = range(-lags, lags + 1)
     memory = max(4 * lags, 50)

@@ -1,4 +1,4 @@
-"""What the linear study stores of each model: fits, residual tests, a part of the free run."""
+"""Figures of each linear model: fits, residual tests, an excerpt of the free run."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -21,7 +21,7 @@ def scores(
     ranges: Sequence[Mapping[str, Any]],
     skip: int,
 ) -> dict[str, Any]:
-    """Return fits of free run and one-step predictions; None for free runs of unstable models.
+    """Return fits of free run and one-step prediction; None for free runs of unstable models.
 
     ranges : of the regime, each with the scored ``rows`` of every test stretch
     skip : first samples of each stretch, which set the state and are not scored
@@ -64,13 +64,13 @@ def residuals(
     inputs: Sequence[str],
     skip: int,
 ) -> dict[str, Any]:
-    """Return the tests on held-out residuals: one-step ones, for output error the simulation's."""
+    """Return tests on held-out residuals: of one step, for output error of the simulation."""
     driven = [u[skip:] for u, _ in test]
     result = {}
     for name, model in models.items():
         left = [y[skip:] - model.predict(u, y)[skip:] for u, y in test]
         if not np.isfinite(np.concatenate(left)).all():
-            continue  # a state space model whose filter is unstable
+            continue  # a state space model with an unstable filter
         result[name] = {
             "whiteness": whiteness(left),
             "independence": independence(left, driven, inputs),
@@ -85,7 +85,7 @@ def example(
     period_s: float,
     skip: int,
 ) -> dict[str, Any]:
-    """Return the liveliest part of the test stretches with the free runs there."""
+    """Return the excerpt of the test stretches that varies most, with the free runs."""
     length = min(FIGURE_SAMPLES, min(len(y) for _, y in test) - skip)
     places = [
         (float(np.std(y[at : at + length])), i, at)

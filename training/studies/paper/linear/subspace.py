@@ -7,8 +7,8 @@ Source: Chiuso, The role of vector autoregressive modeling in predictor-based su
 identification, Automatica 43 (2007) 1034-1048.
 
 No library is used: nfoursid 1.0.2 (MIT) and sippy_unipi 1.0.1 (LGPL) take a single unbroken record,
-the first in loops over samples, the second with CasADi; python-control has none for inputs and
-noise. Here everything is computed from the triangular factor of the lagged samples.
+the first in loops over samples, the second with CasADi; python-control has no method for inputs
+with noise. This module works from the triangular factor of the lagged samples.
 """
 
 from collections.abc import Sequence
@@ -36,22 +36,22 @@ class StateSpace:
 
     @property
     def order(self) -> int:
-        """Number of states."""
+        """Return the number of states."""
         return len(self.C)
 
     @property
     def n_parameters(self) -> int:
-        """Number of free coefficients, those of a change of the states' basis not counted."""
+        """Return the number of free coefficients, without those of a change of basis."""
         return self.order * (self.B.shape[1] + 2) + len(self.D)
 
     @property
     def stable(self) -> bool:
-        """Whether the free run and the Kalman filter forget their start."""
+        """Return whether the free run and the Kalman filter forget their start."""
         filtered = self.A - np.outer(self.K, self.C)
         return bool(np.abs(np.linalg.eigvals([self.A, filtered])).max() < 1.0)
 
     def simulate(self, u: FloatArray, y0: FloatArray) -> FloatArray:
-        """Return the free run (n,); the Kalman filter over the first outputs gives the state."""
+        """Return the free run (n,); a Kalman filter over the first outputs gives the state."""
         result = self._filtered(u, y0)
         result[: len(y0)] = y0
         return result
@@ -61,7 +61,7 @@ class StateSpace:
         return self._filtered(u, y)
 
     def _filtered(self, u: FloatArray, y: FloatArray) -> FloatArray:
-        """Return the filter's predictions, from the steady state of the first sample on."""
+        """Return the filter's predictions, started from the steady state of the first sample."""
         v = np.column_stack([u, np.ones(len(u))])
         inflow = self.B @ v[0] + self.K * (y[0] - self.D @ v[0])
         filtered = self.A - np.outer(self.K, self.C)
@@ -70,7 +70,7 @@ class StateSpace:
         return np.asarray(_run(*matrices, start, v, np.ascontiguousarray(y)))
 
     def transfer(self) -> Arx:
-        """Return the same input-output behaviour as polynomials; its ``a`` is the denominator."""
+        """Return the same transfer behaviour as polynomials; ``a`` is the denominator."""
         n_inputs = len(self.D) - 1
         a = np.asarray(np.poly(self.A).real, dtype=np.float64)
         b = np.zeros((n_inputs, self.order + 1))
@@ -84,7 +84,7 @@ class StateSpace:
 
 @njit(nogil=True, cache=True)
 def _run(A, B, C, D, K, start, v, y):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Return the predictions; as long as there is a y the innovation corrects the state."""
+    """Return the predictions; while there is a measurement, the innovation corrects the state."""
     n = len(C)
     x, after, out = start.copy(), np.empty(n), np.empty(len(v))
     for t in range(len(v)):
@@ -110,12 +110,12 @@ def _run(A, B, C, D, K, start, v, y):  # type: ignore[no-untyped-def]  # pragma:
 class Subspace:
     """State space models of every order from one decomposition."""
 
-    singular_values: FloatArray  # (past,) of the predicted futures
+    singular_values: FloatArray  # (past,) of the predicted future
     models: tuple[StateSpace, ...]  # order 1 upward
 
     @property
     def order_by_gap(self) -> int:
-        """Return the order after which the singular values fall most, in logarithms."""
+        """Return the order with the largest drop of the logarithmic singular values after it."""
         s = np.log(np.maximum(self.singular_values, 1e-12 * self.singular_values[0]))
         return int(np.argmax(s[: len(self.models)] - s[1 : len(self.models) + 1])) + 1
 
@@ -124,13 +124,13 @@ def subspace(data: Triangle, past: int, max_order: int) -> Subspace:
     """Return the state space models of order 1 to ``max_order``.
 
     data : samples condensed with at least ``past`` lags of inputs and output
-    past : samples of the past that the states are made from, above ``max_order``
+    past : past samples that form the states, more than ``max_order``
     """
     inputs, k = range(data.n_inputs), data.n_inputs
     lags = [[*data.y_at(j), *(c for i in inputs for c in data.u_at(i, j))] for j in range(past + 1)]
     feed = [c for i in inputs for c in data.u_at(i, 0)] + [0]
     long_arx = data.solve([*feed, *(c for lag in lags[1:] for c in lag)])
-    markov = long_arx[k + 1 :].reshape(past, k + 1)  # of lag 1 .. past
+    markov = long_arx[k + 1 :].reshape(past, k + 1)  # for lags 1 .. past
     hankel = np.zeros((past, past, k + 1))
     for row in range(past):
         hankel[row, : past - row] = markov[row:]
@@ -157,7 +157,7 @@ def _realise(x: FloatArray, x_next: FloatArray, factor: FloatArray, feed: list[i
 def best_state_space(
     found: Subspace, validate: Sequence[Stretch], skip: int
 ) -> tuple[StateSpace, list[float]]:
-    """Return the model that runs freely best on ``validate`` and each order's mean squared error.
+    """Return the model with the best free run on ``validate``, and each order's squared error.
 
     Unstable orders have an infinite error. The first ``skip`` samples set the state.
     """

@@ -1,1 +1,1 @@
-"""The NARX study: 29 models, four algorithms, the best tuned in closed loop."""
+"""The NARX study: 29 models, four algorithms; the best are tuned in closed loop."""

@@ -1,8 +1,8 @@
-"""Jobs of the study side by side, each stored at once.
+"""Runs the jobs of the study side by side and stores each at once.
 
-A job is a function of shared data and its own settings. What it returns is written to two files
-named by its key, both renamed into place, the JSON last: a study that was killed finds every
-finished job and runs only the others.
+A job is a function of shared data and its settings. Its result goes into two files named by its
+key. Both are renamed into place, the JSON last, so a killed study finds every finished job and runs
+only the others.
 """
 
 import json
@@ -32,9 +32,9 @@ def run(
     scheduler: str | None = None,
     label: str = "",
 ) -> dict[str, dict[str, Any]]:
-    """Return the results by key, in the order of ``items``; those already stored are read.
+    """Return the results by key, in the order of ``items``; stored results are read.
 
-    function : module-level, takes ``shared`` and an item; returns a JSON-able dict and arrays
+    function : module-level; takes ``shared`` and an item; returns a dict for JSON, and arrays
     items : by key, which names the files in ``directory``; long jobs should come first
     scheduler : address of a Dask scheduler, ``tcp://host:port``; None uses ``jobs`` processes here
     Raises UsageError if the scheduler cannot be used.
@@ -55,7 +55,7 @@ def run(
 
 
 def stored(directory: Path, key: str) -> dict[str, Any] | None:
-    """Return the result of a finished job, or None."""
+    """Return the result of a finished job, otherwise None."""
     try:
         result = json.loads((directory / f"{key}.json").read_text())
     except (OSError, ValueError):

@@ -1,7 +1,7 @@
-"""The NARX study: 29 models from several starts each, the best ones tuned in closed loop.
+"""The NARX study: 29 models from several starts each; the best are tuned in closed loop.
 
-Everything is chosen by validation blocks; test blocks are only reported. A killed study resumes
-from the jobs stored in its directory.
+Validation blocks make every choice; test blocks are only reported. A killed study continues from
+the jobs stored in its directory.
 """
 
 import hashlib
@@ -31,13 +31,13 @@ from training.studies.paper.narx.models import (
 )
 from training.studies.paper.narx.verdicts import findings, judge, rules, warnings
 
-VERSION = 1  # of what a job does; stored jobs of another version are not reused
+VERSION = 1  # of a job's code; stored jobs of another version are not reused
 SEED_STEP = 1000  # between starts, as in ``fit``
 
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """What is the same for every model."""
+    """Settings that all models share."""
 
     starts: int
     iterations: int
@@ -61,13 +61,13 @@ def narx_study(
     input_lag_start: int = 1,
     candidates: Sequence[Candidate] = CANDIDATES,
 ) -> dict[str, Any]:
-    """Return the figures of every model and start, and of the best ones after closed-loop tuning.
+    """Return the figures of every model and start, and of the best models after tuning.
 
-    directory : where finished jobs are stored, two files each
+    directory : folder of finished jobs, two files each
     iterations : most epochs of a series-parallel training
-    n_samples : most training samples, whole blocks spread evenly over the recordings
+    n_samples : most training samples, as whole blocks spread evenly over the recordings
     jobs, scheduler : see ``parallel.run``
-    Raises RecordingError if the samples are too few, UsageError for impossible settings.
+    Raises RecordingError if there are too few samples, UsageError for impossible settings.
     """
     settings = Settings(starts, iterations, n_samples, tune_best, seed, input_lag_start)
     began = time.monotonic()
@@ -87,7 +87,7 @@ def narx_study(
 
 
 def best_model(result: Mapping[str, Any], directory: Path) -> tuple[Spec, FloatArray]:
-    """Return shape and weights of the model that validates best in free run."""
+    """Return spec and weights of the model with the best free run on the validation blocks."""
     return from_arrays(parallel.arrays_of(directory, result["best"]["weights_key"]))
 
 
@@ -102,7 +102,7 @@ def _check(settings: Settings, candidates: Sequence[Candidate]) -> None:
 def _trainings(
     data: Prepared, settings: Settings, candidates: Sequence[Candidate], digest: str
 ) -> dict[str, Job]:
-    """Return the jobs by key, the long ones first; models that coincide share theirs."""
+    """Return the jobs by key, long ones first; coinciding models share a job."""
     n = int(((data.role == Role.TRAIN) & (data.samples.weight > 0)).sum())
     smallest = min(spec_of(data, c, settings.input_lag_start).n_weights for c in candidates)
     if n < smallest:
@@ -156,7 +156,7 @@ def _models(
 
 
 def _ranking(models: Sequence[Mapping[str, Any]]) -> list[int]:
-    """Return model numbers by free-run validation of their best start, each training once."""
+    """Return model numbers by the free-run validation of their best start, each training once."""
     once = [m for m in models if m["same_as"] is None]
     once.sort(key=lambda m: _or_inf(m["starts"][m["best_start"]]["validation_score"]))
     return [m["number"] for m in once]
@@ -234,9 +234,9 @@ def _result(
 def _best(
     models: Sequence[Mapping[str, Any]], ranking: Sequence[int], tuned: Sequence[dict[str, Any]]
 ) -> dict[str, Any]:
-    """Return the weights to use, before or after tuning: those that forget their history first.
+    """Return the weights to use, before or after tuning.
 
-    Among them the lowest free-run validation error decides.
+    Models that forget their history come first; then the free-run validation error decides.
     """
     found = []
     for t in tuned:
@@ -252,7 +252,7 @@ def _best(
             }
             for when, key in keys.items()
         ]
-    if not found:  # nothing was tuned
+    if not found:  # no model was tuned
         first = next(m for m in models if m["number"] == ranking[0])
         start = first["starts"][first["best_start"]]
         found = [
@@ -273,7 +273,7 @@ def _best(
 
 
 def _source(data: Prepared) -> str:
-    """Return whether the recordings are simulated, as their manifests say."""
+    """Return whether the manifests call the recordings simulated."""
     simulated = [source_of(r.path, r.sha256) == "simulated" for r in data.recordings]
     if all(simulated):
         return "simulated" if simulated else "unknown"
@@ -281,7 +281,7 @@ def _source(data: Prepared) -> str:
 
 
 def _digest(data: Prepared, settings: Settings) -> str:
-    """Return a hash of all that a job sees of the data."""
+    """Return a hash of all data that a job uses."""
     digest = hashlib.sha256(f"{VERSION} {settings.input_lag_start}".encode())
     for array in (data.samples.u, data.samples.y, data.samples.weight, data.role, data.enabled):
         digest.update(np.ascontiguousarray(array).tobytes())

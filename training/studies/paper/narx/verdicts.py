@@ -1,4 +1,4 @@
-"""Over- and underfitting in words, from the numbers of the NARX study and by stated rules.
+"""Over- and underfitting in words, from the figures of the NARX study and by stated rules.
 
 Errors are RMSE on enabled samples in scaled units, means over the starts; a model's spread is the
 standard deviation over its starts.
@@ -14,12 +14,12 @@ from monitor.base.types import FloatArray
 from training.recordings.preparation import Prepared, Role
 from training.studies.paper.narx.candidates import ALGORITHMS
 
-UNDER = 1.25  # times the lowest training error
-OVER = 1.1  # times the held-out to training ratio of the model with the fewest weights
-DECEIVES = 1.5  # times the lowest free-run error at a one-step error within UNDER of the lowest
-SAMPLES_PER_WEIGHT = 10  # fewer than this and a network overfits, whatever one does
+UNDER = 1.25  # underfitting: training error over the lowest one
+OVER = 1.1  # overfitting: ratio of held-out to training error over that of the smallest model
+DECEIVES = 1.5  # free-run error over the lowest one, at a one-step error within UNDER of the lowest
+SAMPLES_PER_WEIGHT = 10  # with fewer samples a network overfits
 SPREADS = 2.0
-HARD = 1.5  # ratio of held-out to training error that even the smallest model should not have
+HARD = 1.5  # ratio of held-out to training error that even the smallest model should stay below
 
 Model = Mapping[str, Any]
 
@@ -43,22 +43,23 @@ def rules(iterations: int) -> list[str]:
 
 
 def errors(model: Model, mode: str, role: str) -> FloatArray:
-    """Return the RMSE of every start, inf where there is none.
+    """Return the RMSE of every start, inf if there is none.
 
-    mode : one_step or free_run; role : train, validate or test
+    mode : one_step or free_run
+    role : train, validate or test
     """
     values = [s[mode][role]["enabled"]["mse"] for s in model["starts"]]
     return np.array([np.inf if v is None else np.sqrt(v) for v in values])
 
 
 def correlations(model: Model, mode: str, role: str) -> FloatArray:
-    """Return R of every start, nan where there is none."""
+    """Return R of every start, nan if there is none."""
     values = [s[mode][role]["enabled"]["r"] for s in model["starts"]]
     return np.array([np.nan if v is None else v for v in values])
 
 
 def judge(models: Sequence[Model], iterations: int) -> list[dict[str, Any]]:
-    """Return for every model its labels and a sentence with the numbers behind them."""
+    """Return for every model its labels, and a sentence with the figures behind them."""
     train = np.array([errors(m, "one_step", "train").mean() for m in models])
     test = np.array([errors(m, "one_step", "test").mean() for m in models])
     smallest = int(np.argmin([m["n_weights"] for m in models]))
@@ -99,7 +100,7 @@ def judge(models: Sequence[Model], iterations: int) -> list[dict[str, Any]]:
 
 
 def findings(result: Mapping[str, Any]) -> list[str]:
-    """Return what the numbers say, in sentences."""
+    """Return the findings from the figures, in sentences."""
     once = [m for m in result["models"] if m["same_as"] is None]
     return [
         *_fitting(once),
@@ -111,9 +112,9 @@ def findings(result: Mapping[str, Any]) -> list[str]:
 
 
 def warnings(given: Prepared, data: Prepared, models: Sequence[Model]) -> list[str]:
-    """Return what the reader must know before believing the table.
+    """Return warnings about the table.
 
-    given, data : all the samples, and those the study used
+    given, data : all the samples, and the samples of the study
     """
     n = int(((data.role == Role.TRAIN) & (data.samples.weight > 0)).sum())
     large = [m for m in models if n < SAMPLES_PER_WEIGHT * m["n_weights"]]

@@ -1,4 +1,4 @@
-"""Part 1 of the study: outliers, spectrum, noise lines, and what linear baselines are given."""
+"""Part 1 of the study: outliers, spectrum, noise lines, and the data of linear baselines."""
 
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -34,18 +34,18 @@ from training.studies.paper.preparation.page import section
 __all__ = ["Filter", "LinearData", "linear_records", "linear_stretches", "preparation", "section"]
 
 COMMAND, CONTROLLER = "lambda_target", "lambda_controller"
-COHERENT = 0.5  # half of a line's power in one signal is explained by the other
-MOST_MARKS = 1500  # stretches of missing or implausible samples kept for the figure
+COHERENT = 0.5  # coherence from which another signal carries the same line
+MOST_MARKS = 1500  # most stretches of unusable samples kept for the figure
 
 
 def preparation(
     recordings: Sequence[Recording], inputs: Sequence[str], output: str
 ) -> dict[str, Any]:
-    """Return outliers, spectra, noise lines, the filter and the linear preparation as plain values.
+    """Return outliers, spectra, noise lines, the filter and the linear preparation, for JSON.
 
-    Raises RecordingError if a signal is missing or nothing is left to look at.
+    Raises RecordingError if a signal is missing or no sample is left.
     """
-    linear_stretches(recordings, inputs, output)  # says what is wrong with names and periods
+    linear_stretches(recordings, inputs, output)  # raises if names or periods are wrong
     band, spectral = _spectral(recordings, inputs, output)
     parts, linear = linear_stretches(recordings, inputs, output, band)
     return {
@@ -75,11 +75,11 @@ def _recording(recording: Recording) -> dict[str, Any]:
 
 
 def reasons(recording: Recording, name: str) -> dict[str, np.ndarray]:
-    """Return (n,) bool for each reason a sample of ``name`` cannot be used.
+    """Return (n,) bool for each reason why a sample of ``name`` cannot be used.
 
-    out_of_range : implausible by the signal's range, also where the reader found it so
-    spike : a lone sample far off its neighbours
-    missing : never received, too old, blank, or marked as not available
+    out_of_range : outside the signal's plausible range
+    spike : a single sample far from its neighbours
+    missing : not received, too old, blank, or marked as not available
     """
     values = recording.column(name)
     quality = recording.quality[:, list(recording.names).index(name)]
@@ -87,7 +87,7 @@ def reasons(recording: Recording, name: str) -> dict[str, np.ndarray]:
     with np.errstate(invalid="ignore"):
         outside = (quality == Quality.OUT_OF_RANGE) | (values < low) | np.isinf(values)
         bad = outlier_mask(name, values)
-        # what the mask takes beyond the range is a spike; lean air above the range is neither
+        # an outlier within the range is a spike; lean air above the range is no outlier
         spike = bad & ~outside & ~(values > high)
     return {
         "out_of_range": np.asarray(outside | (bad & ~spike)),
@@ -114,7 +114,7 @@ def _outliers(recordings: Sequence[Recording], name: str) -> dict[str, Any]:
 
 
 def _marks(recordings: Sequence[Recording], names: Sequence[str]) -> list[dict[str, Any]]:
-    """Return where samples cannot be used: signal, reason, start and stop, drives end to end."""
+    """Return the unusable stretches: signal, reason, start and stop, with drives end to end."""
     found: list[dict[str, Any]] = []
     begin_s = 0.0
     for recording in recordings:
@@ -138,7 +138,7 @@ def _marks(recordings: Sequence[Recording], names: Sequence[str]) -> list[dict[s
 def _spectral(
     recordings: Sequence[Recording], inputs: Sequence[str], output: str
 ) -> tuple[list[float] | None, dict[str, Any]]:
-    """Return the noise band in Hz, None if there is none, and spectra with their lines."""
+    """Return the noise band in Hz, None if there is none, and the spectra with their lines."""
     also = [
         n
         for n in (COMMAND, CONTROLLER)
@@ -178,7 +178,7 @@ def _stretches(
 
 
 def _line(line: Line, found: Spectrum, names: Sequence[str], column: int) -> dict[str, Any]:
-    """Return a line as plain values, with who else carries it and what it therefore is."""
+    """Return a line as plain values, with the other signals that carry it, and its origin."""
     at = int(np.argmin(np.abs(found.frequency_hz - line.peak_hz)))
     coherence = {n: float(c) for n, c in zip(names, found.coherence[at], strict=True)}
     others = {n: round(c, 3) for n, c in coherence.items() if n != names[-1]}
@@ -198,7 +198,7 @@ def _line(line: Line, found: Spectrum, names: Sequence[str], column: int) -> dic
 
 
 def _origin(coherence: dict[str, float]) -> tuple[str, str]:
-    """Return what a line of the output is: commanded, driven or noise; and the reason in words."""
+    """Return the origin of a line of the output (commanded, driven or noise), and the reason."""
     carriers = {name for name, value in coherence.items() if value >= COHERENT}
     if COMMAND in carriers:
         return "commanded", (

@@ -1,4 +1,4 @@
-"""The same small NARX on different sets of inputs, compared in free run on the same samples."""
+"""Compares sets of inputs: the same small NARX, its free run on the same samples."""
 
 import time
 from collections.abc import Mapping, Sequence
@@ -17,16 +17,16 @@ from training.recordings.preparation import CONTROLLER, Prepared, Role, Samples,
 from training.recordings.recording import Recording
 
 LAGS, HIDDEN, HORIZONS, STARTS = 5, (8,), (5, 20, 100), 2
-MOST_TRAINING = 24_000  # samples, enough for a few hundred weights; the rest tests
-WINDOW = 1800  # samples that are trained on or test as a whole, where there are more
-BOOTSTRAP_BLOCK = 100  # samples drawn together: longer than a residual remembers
+MOST_TRAINING = 24_000  # samples, enough for a few hundred weights; the rest is for tests
+WINDOW = 1800  # samples that train or test as a whole, if there are enough
+BOOTSTRAP_BLOCK = 100  # samples resampled together; residuals forget within fewer
 DRAWS = 2000
-NEGLIGIBLE = 0.1  # of the RMSE: less is not worth an input
+NEGLIGIBLE = 0.1  # part of the RMSE; a smaller gain does not justify an input
 
 
 @dataclass(frozen=True, slots=True)
 class InputSet:
-    """Inputs to try; ``exact`` leaves lambda_controller as it is instead of blurring it."""
+    """A set of inputs; ``exact`` gives lambda_controller without the training's noise."""
 
     name: str
     inputs: tuple[str, ...]
@@ -35,21 +35,21 @@ class InputSet:
 
 @dataclass(frozen=True, slots=True)
 class Tried:
-    """What one set gave."""
+    """The result of one set."""
 
     set: InputSet
     data: Prepared
     spec: Spec
     starts: tuple[Trained, ...]
     best: int
-    predicted: tuple[FloatArray, ...]  # (n,) model units, free run of each start
+    predicted: tuple[FloatArray, ...]  # (n,) per start: free run in model units
     seconds: float
 
 
 def aligned(recordings: Sequence[Recording], names: Sequence[str]) -> list[Recording]:
     """Return recordings in which a sample is valid in all ``names`` or in none.
 
-    So every set of inputs gets the same stretches and the same held-out blocks.
+    Every set of inputs then gets the same stretches and the same held-out blocks.
     """
     result = []
     for recording in recordings:
@@ -65,7 +65,7 @@ def aligned(recordings: Sequence[Recording], names: Sequence[str]) -> list[Recor
 
 
 def exact_inputs(data: Prepared) -> FloatArray:
-    """Return the scaled inputs (n, k) without the noise that training puts on the controller."""
+    """Return the scaled inputs (n, k) without the noise that training adds to the controller."""
     names = [c.name for c in data.inputs]
     parts = []
     for s in data.segments:
@@ -84,7 +84,7 @@ def try_sets(
     budget_minutes: float,
     threads: int = 2,
 ) -> list[Tried]:
-    """Train every set from the same number of starts with the same recipe; the budget is shared.
+    """Train every set with the same recipe from equally many starts; they share the budget.
 
     recordings : from ``aligned``
     """
@@ -125,7 +125,7 @@ def _prepared(
 
 
 def _roles(data: Prepared) -> np.ndarray:
-    """Return the roles (n,), where windows beyond what the training needs test, too."""
+    """Return the roles (n,); windows that training does not need become test windows."""
     role = data.role.copy()
     keep = min(1.0, MOST_TRAINING / len(role))
     for s in data.segments:
@@ -136,9 +136,9 @@ def _roles(data: Prepared) -> np.ndarray:
 
 
 def scored_rows(tried: Sequence[Tried]) -> np.ndarray:
-    """Return (n,) bool: test samples in the enabled region that every set predicts.
+    """Return (n,) bool: enabled test samples that every set predicts.
 
-    Where no sample is enabled all test samples count.
+    If no sample is enabled, all test samples count.
     """
     data = tried[0].data
     valid = (data.role == Role.TEST) & (data.samples.weight > 0)
@@ -173,8 +173,8 @@ def figures(tried: Tried, rows: np.ndarray) -> dict[str, Any]:
 def difference(one: Tried, other: Tried, rows: np.ndarray, seed: int) -> Mapping[str, float]:
     """Return RMSE of ``one`` minus that of ``other`` with a 95 % interval, in model units.
 
-    Source: moving blocks of residuals, drawn together, Künsch, Annals of Statistics 17 (1989);
-    here the blocks do not overlap.
+    Source: moving-block bootstrap, Künsch, Annals of Statistics 17 (1989); the blocks here do not
+    overlap.
     """
     target = one.data.scaling.unscale_y(one.data.samples.y)
     squares = np.column_stack([(t.predicted[t.best] - target) ** 2 for t in (one, other)])

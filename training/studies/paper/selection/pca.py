@@ -11,10 +11,10 @@ from scipy import linalg, stats
 
 from monitor.base.types import FloatArray
 
-ENOUGH = 0.9  # share of the variance that the kept components explain
+ENOUGH = 0.9  # least share of the variance that the kept components explain
 ALPHA = 0.01  # share of ordinary samples beyond the limits
-BINS = 700  # of the plots over time; each keeps its largest value
-POINTS = 500  # scores kept for the biplot
+BINS = 700  # of the plots over time; a bin shows its largest value
+POINTS = 500  # scores in the biplot
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +33,7 @@ class Components:
         return np.asarray((values - self.mean) / self.std @ self.loadings)
 
     def q(self, values: FloatArray) -> FloatArray:
-        """Return the squared residual (n,) beside the kept components."""
+        """Return the squared residual (n,) outside the kept components."""
         return np.asarray((self.scores(values)[:, self.kept :] ** 2).sum(axis=1))
 
     def t_squared(self, values: FloatArray) -> FloatArray:
@@ -42,7 +42,7 @@ class Components:
         return np.asarray((kept**2 / self.variances[: self.kept]).sum(axis=1))
 
     def q_limit(self, alpha: float = ALPHA) -> float:
-        """Return what Q stays below but for a share ``alpha``, for normal residuals.
+        """Return the limit that Q exceeds with probability ``alpha``, for normal residuals.
 
         Source: Jackson and Mudholkar, Technometrics 21 (1979).
         """
@@ -56,7 +56,7 @@ class Components:
         return float(one * inner ** (1.0 / h))
 
     def t_squared_limit(self, alpha: float = ALPHA) -> float:
-        """Return what T² stays below but for a share ``alpha``, for normal scores.
+        """Return the limit that T² exceeds with probability ``alpha``, for normal scores.
 
         Source: Jackson, A User's Guide to Principal Components (1991), section 1.7.
         """
@@ -68,15 +68,15 @@ class Components:
 def components(values: FloatArray, share: float = ENOUGH) -> Components:
     """Return the components of ``values`` (n, k), n above k and no column constant.
 
-    share : of the variance that the kept components explain at least; one is always left out,
-        so that there is a residual, unless there is only one
+    share : least share of the variance that the kept components explain; one component is always
+        left out, so that there is a residual, unless there is only one
     """
     mean, std = values.mean(axis=0), values.std(axis=0, ddof=1)
     _, sizes, rows = linalg.svd((values - mean) / std, full_matrices=False)
     variances = sizes**2 / (len(values) - 1.0)
     kept = int(np.searchsorted(np.cumsum(variances) / variances.sum(), share) + 1)
     signs = np.sign(rows[np.arange(len(rows)), np.abs(rows).argmax(axis=1)])
-    loadings = (rows * signs[:, np.newaxis]).T  # the largest loading of each is positive
+    loadings = (rows * signs[:, np.newaxis]).T  # each component's largest loading is positive
     kept = max(1, min(kept, len(variances) - 1))
     return Components(mean, std, variances, loadings, kept, len(values))
 
@@ -84,7 +84,7 @@ def components(values: FloatArray, share: float = ENOUGH) -> Components:
 def pca(stretches: Sequence[tuple[FloatArray, FloatArray]], names: Sequence[str]) -> dict[str, Any]:
     """Return the analysis as plain values.
 
-    stretches : (time in s (n_i,), values (n_i, k)) one after another, time counting through
+    stretches : (time in s (n_i,), values (n_i, k)); time continues from stretch to stretch
     """
     t_s = np.concatenate([t for t, _ in stretches])
     values = np.concatenate([v for _, v in stretches])
@@ -111,7 +111,7 @@ def pca(stretches: Sequence[tuple[FloatArray, FloatArray]], names: Sequence[str]
 
 
 def _peaks(t_s: FloatArray, values: FloatArray) -> dict[str, list[float]]:
-    """Return the largest value of each of so many equal parts of the time."""
+    """Return the largest value in each of ``BINS`` equal parts of the time."""
     edges = np.linspace(0, len(values), min(BINS, len(values)) + 1).astype(int)
     return {
         "t_s": _short(t_s[edges[:-1]]),
@@ -124,7 +124,7 @@ def _short(values: FloatArray) -> list[float]:
 
 
 def scree_figure(result: dict[str, Any]) -> Figure:
-    """Return variances of the components and what they explain together, and the loadings."""
+    """Return the figure of variances, explained shares and loadings."""
     figure = Figure(figsize=(10, 4.2), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(2, 3))
     number = np.arange(1, len(result["variances"]) + 1)
@@ -151,7 +151,7 @@ def scree_figure(result: dict[str, Any]) -> Figure:
 
 
 def biplot_figure(result: dict[str, Any]) -> Figure:
-    """Return scores and loadings of the first two components in one plane."""
+    """Return the figure of scores and loadings of the first two components."""
     figure = Figure(figsize=(7, 6), layout="constrained")
     axes = figure.subplots()
     for_scale = [np.percentile(np.abs(each), 99) or 1.0 for each in result["scores"]]
@@ -174,7 +174,7 @@ def biplot_figure(result: dict[str, Any]) -> Figure:
 
 
 def _apart(loadings: FloatArray) -> FloatArray:
-    """Return where the names (k, 2) stand: beyond the arrows, on each side one below the other."""
+    """Return places (k, 2) of the names: beyond the arrows, one below the other on each side."""
     places = loadings * 1.1
     step = 0.07 * float(np.abs(loadings).max())
     for right in (True, False):
@@ -186,7 +186,7 @@ def _apart(loadings: FloatArray) -> FloatArray:
 
 
 def control_figure(result: dict[str, Any]) -> Figure:
-    """Return Q residuals and Hotelling's T² over time with their limits."""
+    """Return the figure of Q and Hotelling's T² over time, with their limits."""
     figure = Figure(figsize=(10, 5), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True)
     for axes, key, label in ((upper, "q", "Q residual"), (lower, "t_squared", "Hotelling's T²")):

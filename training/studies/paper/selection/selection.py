@@ -1,4 +1,4 @@
-"""Part 2 of the study: which inputs the model gets, why, and what each choice costs."""
+"""Part 2 of the study: the choice of inputs, its reasons, and the cost of each choice."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -43,8 +43,8 @@ REASONS = {
     CONTROLLER: "the correction in the mixture; but it is made from the measured lambda",
 }
 CANDIDATES = tuple(REASONS)
-MOST_LEFT_OUT = 8  # inputs each left out in turn where there are no canonical candidates
-LAG_SPAN = 20  # samples over which an input's correlation with the output is searched
+MOST_LEFT_OUT = 8  # most inputs left out in turn if there are no canonical candidates
+LAG_SPAN = 20  # largest lag in samples at which inputs are correlated with the output
 CHOSEN, ALL, WITHOUT, EXACT = (
     "chosen",
     "all candidates",
@@ -56,10 +56,10 @@ CHOSEN, ALL, WITHOUT, EXACT = (
 def candidates(
     recordings: Sequence[Recording], inputs: Sequence[str], output: str
 ) -> tuple[str, ...]:
-    """Return the paper's eleven with the given inputs where recorded, else the given inputs.
+    """Return the paper's eleven recorded candidates with ``inputs``, otherwise ``inputs``.
 
-    Given no inputs, all columns but the output are candidates.
-    Raises UsageError if nothing is left.
+    Without ``inputs``, all columns but the output are candidates.
+    Raises UsageError if there is no candidate.
     """
     common = [n for n in recordings[0].names if all(n in r.names for r in recordings)]
     if not inputs:
@@ -83,8 +83,8 @@ def selection(
 ) -> dict[str, Any]:
     """Return principal components, a reason for each variable, and free runs of input sets.
 
-    budget_minutes : of all trainings together
-    Raises RecordingError or UsageError if signals are missing or the data is too short.
+    budget_minutes : for all trainings together
+    Raises RecordingError or UsageError if signals are missing or the data are too short.
     """
     names = candidates(recordings, inputs, output)
     chosen = tuple(inputs) or names
@@ -129,7 +129,7 @@ def _sets(names: tuple[str, ...], chosen: tuple[str, ...], transform: str) -> li
 def _stretches(
     recordings: Sequence[Recording], names: Sequence[str], output: str
 ) -> list[tuple[FloatArray, FloatArray]]:
-    """Return (time through all drives, candidates and output) where all are valid."""
+    """Return time through all drives, candidates and output, where all are valid."""
     parts, begin_s = [], 0.0
     for recording in recordings:
         values = cleaned(recording, (*names, output), output_transform(output))
@@ -153,7 +153,7 @@ def _variables(
     chosen: Sequence[str],
     components: dict[str, Any],
 ) -> list[dict[str, Any]]:
-    """Return correlation with the output, redundancy, loading and the reason of each variable."""
+    """Return each variable's correlation with the output, redundancy, loading and reason."""
     values = np.concatenate([v for _, v in parts])
     among_all = variance_inflation(values[:, :-1])
     own = [i for i, n in enumerate(names) if n in chosen]
@@ -180,7 +180,7 @@ def _variables(
 
 
 def _correlation(u: Sequence[FloatArray], y: Sequence[FloatArray]) -> tuple[float, int]:
-    """Return the correlation of the output with the input ``lag`` samples before, where largest."""
+    """Return the largest correlation of the output with the earlier input, and its lag."""
     best = (0.0, 0)
     for lag in range(LAG_SPAN + 1):
         pairs = [(a[: len(a) - lag], b[lag:]) for a, b in zip(u, y, strict=True) if len(a) > lag]
@@ -193,7 +193,7 @@ def _correlation(u: Sequence[FloatArray], y: Sequence[FloatArray]) -> tuple[floa
 
 
 def _comparisons(tried: Sequence[Tried], rows: np.ndarray, seed: int) -> list[dict[str, Any]]:
-    """Return how every other set compares with the chosen one, with the verdict in words."""
+    """Return the comparison of every other set with the chosen one, with a verdict in words."""
     ours = figures(tried[0], rows)["rmse_of_starts"]
     result = []
     for other in tried[1:]:

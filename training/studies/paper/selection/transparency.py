@@ -1,11 +1,11 @@
-"""How much of a sensor fault reaches the prediction through lambda_controller.
+"""Transparency: the part of a sensor fault that reaches the prediction via lambda_controller.
 
-The controller makes its output from the measured lambda. A network that sees it may predict the
-faulty reading: the fault then hides itself. A drive with the fault in the loop cannot tell how
-much, since its mixture changes, too. So the controller's law is estimated from the recordings: its
-increment from the mixture measured and commanded, present and past. What it adds for a faulty
-reading, while the loop answers with the dead time found, is put on the network's input; every
-other input stays as if the true mixture were unchanged.
+The controller computes its output from the measured lambda. A network with this input may predict
+the faulty reading, so the fault hides itself. A drive with the fault in the loop cannot show how
+much, because its mixture changes, too. So the controller's law is estimated from the recordings:
+its increment as a function of the measured and commanded mixture, present and past. The change that
+a faulty reading makes in the controller, with the loop closed over the estimated dead time, is
+added to the network's input. All other inputs stay, as if the true mixture were unchanged.
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,10 +26,10 @@ from training.recordings.recording import Recording
 from training.studies.paper.selection.input_sets import Tried, exact_inputs
 
 COMMAND = "lambda_target"
-TAPS = 5  # past samples of the mixture that the controller's law may use
+TAPS = 5  # past samples of the mixture in the controller's law
 MOST_DEAD_TIME = 20  # samples
 LIMIT_PERCENTILE = 99.0  # of the readings' distance from their median, see Controller.limit
-SHORTEST = 100  # samples of a closed-loop stretch that is used
+SHORTEST = 100  # least samples of a closed-loop stretch
 FAULTS = (("slow_symmetric", 0.6), ("delay_symmetric", 0.6), ("gain_low", 0.5))
 
 
@@ -40,12 +40,12 @@ class Controller:
     own: float
     measured: FloatArray  # (TAPS + 1,)
     dead_time: int  # samples from the command to the reading
-    limit: float  # phi; what readings in closed loop leave their middle by, larger is not answered
-    explained: float  # correlation of the increments with what the law says, on the last third
+    limit: float  # phi; largest usual distance from the median in closed loop
+    explained: float  # correlation of increments with the law's, on the last third
 
     @property
     def loop(self) -> FloatArray:
-        """Denominator of the loop in which the reading follows the controller, gain 1."""
+        """Return the denominator of the loop; the reading follows the controller with gain 1."""
         law = np.convolve([1.0, -1.0], [1.0, -self.own])
         answer = np.concatenate([np.zeros(self.dead_time), self.measured])
         size = max(len(law), len(answer))
@@ -53,11 +53,11 @@ class Controller:
 
     @property
     def stable(self) -> bool:
-        """Whether the estimated loop forgets, as a real one does."""
+        """Return whether the estimated loop is stable, as a real one is."""
         return bool(np.abs(np.roots(self.loop)).max() < 1.0)
 
     def response(self, change: FloatArray, closed: np.ndarray) -> FloatArray:
-        """Return what the controller adds (n,) for a ``change`` of the reading in phi (n,)."""
+        """Return the controller's change (n,) for a ``change`` of the reading in phi (n,)."""
         added = np.zeros(len(change))
         for a, b in runs(closed):
             seen = np.clip(change[a:b], -self.limit, self.limit)
@@ -68,7 +68,7 @@ class Controller:
 def estimate_controller(recordings: Sequence[Recording], output: str) -> Controller | None:
     """Return the controller's law by least squares.
 
-    None if there is too little closed loop, or the law found does not close a stable loop.
+    None if there is too little closed loop, or the law does not give a stable loop.
     """
     parts = []
     for r in recordings:
@@ -94,7 +94,7 @@ def estimate_controller(recordings: Sequence[Recording], output: str) -> Control
 
 
 def _dead_time(parts: Sequence[FloatArray]) -> int:
-    """Return the lag of the reading behind the command at which they correlate best."""
+    """Return the lag with the highest correlation of reading and command."""
     if parts[0].shape[1] < 3:
         return TAPS
     found = [
@@ -108,7 +108,7 @@ def _dead_time(parts: Sequence[FloatArray]) -> int:
 
 
 def _regression(values: FloatArray) -> FloatArray:
-    """Return rows of increment, the one before, taps of the mixture, and a constant."""
+    """Return rows of increment, previous increment, taps of the mixture, and a constant."""
     increment = np.diff(values[:, 0])
     n = len(increment)
     taps = [values[TAPS + 1 - j : len(values) - j, 1:] for j in range(TAPS + 1)]
@@ -121,14 +121,14 @@ def _regression(values: FloatArray) -> FloatArray:
 def transparency(
     recordings: Sequence[Recording], tried: Sequence[Tried], output: str
 ) -> dict[str, Any]:
-    """Return what reaches the prediction of each set, per fault.
+    """Return the part of each fault that reaches the prediction of each set.
 
-    Scored are enabled test samples at which the fault is within what closed loop knows.
+    Scored are enabled test samples at which the fault stays within the usual closed-loop range.
 
-    gain : least-squares slope of the prediction's change over the reading's change; 0 is a
-        prediction that knows nothing of the fault, 1 one that follows it
-    share : RMS of the prediction's change over that of the reading's
-    seen : RMS of the residual's change over that of the reading's, 1 without the input
+    gain : least-squares slope of the prediction's change over the reading's change; 0 means that
+        the prediction ignores the fault, 1 that it follows it
+    share : RMS of the prediction's change over that of the reading
+    seen : RMS of the residual's change over that of the reading; 1 without the input
     """
     law = estimate_controller(recordings, output)
     if law is None:
@@ -169,7 +169,7 @@ def _reach(tried: Tried, law: Controller, fault: str, severity: float) -> Mappin
     runs_of = [simulate(spec, weights, each, start, stop, history) for each in (u, moved)]
     answer = (runs_of[1] - runs_of[0]) * data.scaling.y_std
     rows = (data.role == Role.TEST) & data.enabled & np.isfinite(answer)
-    rows &= np.abs(change) <= law.limit  # after a fuel cut a slow sensor is off by more
+    rows &= np.abs(change) <= law.limit  # after a fuel cut a slow sensor exceeds it
     c, a = change[rows], answer[rows]
     size = float(np.sqrt(np.mean(c**2)))
     return {
