@@ -31,7 +31,9 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--model", type=Path, required=True, metavar="MODEL.onnx")
+    parser.add_argument(
+        "--model", type=Path, required=True, metavar="MODEL.onnx", help="model file to calibrate"
+    )
     parser.add_argument(
         "--healthy",
         type=Path,

@@ -30,7 +30,13 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    check.add_argument("recordings", nargs="+", type=Path, metavar="RECORDING")
+    check.add_argument(
+        "recordings",
+        nargs="+",
+        type=Path,
+        metavar="RECORDING",
+        help="CAN logs, tables or measurement files",
+    )
     add_signal_options(check)
     check.add_argument(
         "--lags",

@@ -48,7 +48,13 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         metavar="RECORDING",
         help="recordings of a healthy vehicle on which the model disagrees",
     )
-    gap.add_argument("--model", type=Path, required=True, metavar="MODEL.onnx")
+    gap.add_argument(
+        "--model",
+        type=Path,
+        required=True,
+        metavar="MODEL.onnx",
+        help="model file of a grey-box chain or a network from o2train fit",
+    )
     gap.add_argument(
         "--healthy",
         nargs="+",

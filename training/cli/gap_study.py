@@ -53,7 +53,8 @@ def add_parsers(commands: "argparse._SubParsersAction[Any]") -> None:
         nargs="+",
         default=[],
         metavar="[KIND=]N",
-        help="number of cases of every kind (40) or of one kind (effect=80)",
+        help="number of cases of every kind (40) or of one kind (effect=80); default: 60 to 400 "
+        "per kind",
     )
     study.add_argument(
         "--vehicles",

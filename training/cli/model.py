@@ -123,13 +123,15 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
     evaluate = subparsers.add_parser(
         "evaluate",
         help="predict recordings with a model and report the errors",
-        description="Run a model freely over every recording and report its errors in the unit of\n"
-        "the output. With --matrix, the monitor judges many simulated drives instead, healthy\n"
-        "drives and drives with sensor faults.",
+        description="Predict every recording by free run of a model and report the errors in the\n"
+        "unit of the output. With --matrix, the monitor judges many simulated drives instead,\n"
+        "healthy drives and drives with sensor faults.",
         epilog=_EVALUATE_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    evaluate.add_argument("--model", type=Path, required=True, metavar="MODEL.onnx")
+    evaluate.add_argument(
+        "--model", type=Path, required=True, metavar="MODEL.onnx", help="model file to evaluate"
+    )
     _add_recordings(evaluate, "*")
     evaluate.add_argument(
         "--washout",
@@ -144,7 +146,13 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
 
 
 def _add_recordings(parser: argparse.ArgumentParser, number: str = "+") -> None:
-    parser.add_argument("recordings", nargs=number, type=Path, metavar="RECORDING")
+    parser.add_argument(
+        "recordings",
+        nargs=number,
+        type=Path,
+        metavar="RECORDING",
+        help="CAN logs, tables or measurement files",
+    )
     add_period_option(parser)
     add_bus_options(parser)
 

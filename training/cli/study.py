@@ -27,7 +27,13 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    study.add_argument("recordings", nargs="+", type=Path, metavar="RECORDING")
+    study.add_argument(
+        "recordings",
+        nargs="+",
+        type=Path,
+        metavar="RECORDING",
+        help="drives of a healthy vehicle, for training",
+    )
     study.add_argument(
         "--out", type=Path, required=True, metavar="DIR", help="folder for report and model"
     )

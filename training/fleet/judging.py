@@ -56,7 +56,7 @@ def judge_chunk(bench: Bench, chunk: Chunk) -> Done:
             read = _read(work, drive)
             if read is not None:
                 held.append((drive, read))
-            if sum(len(recording.block.t_ns) for _, recording in held) >= SAMPLES:
+            if sum(len(samples.block.t_ns) for _, samples in held) >= SAMPLES:
                 _judge(work, held)
                 held = []
         _judge(work, held)

@@ -63,7 +63,7 @@ def calibrate(
     )
     seen, seen_bad = _residuals(good), _residuals(bad) if any(bad) else None
     chosen = choose(seen, seen_bad, rate)
-    alarms, found = held_out(seen, seen_bad, rate)
+    alarms, detected = held_out(seen, seen_bad, rate)
     card = _with_limits(model.card, good, bad, chosen, rate, config)
     limits = Limits.from_card(card, config, str(path))
     healthy_rows = _rows(healthy, good, model, limits, config)
@@ -80,7 +80,7 @@ def calibrate(
         "healthy": healthy_rows,
         "faulty": faulty_rows,
         "monitor": {"healthy": _codes(healthy_rows), "faulty": _codes(faulty_rows)},
-        "detection": _detection(bad, limits, found),
+        "detection": _detection(bad, limits, detected),
         "warnings": _warnings(model.card, healthy, good, faulty, bad),
     }
 
@@ -226,10 +226,10 @@ def _short(value: float) -> float:
     return float(f"{value:.5g}")
 
 
-def _detection(bad: Drives, limits: Limits, found: int | None) -> dict[str, Any] | None:
+def _detection(bad: Drives, limits: Limits, detected: int | None) -> dict[str, Any] | None:
     """Return the detection rate of the paper's rule over all faulty windows, None without any.
 
-    found : faulty windows that fail with limits set without their drive
+    detected : number of faulty windows that fail limits set without their drive
     """
     seen = _residuals(bad)
     n = len(seen.mean)
@@ -238,7 +238,7 @@ def _detection(bad: Drives, limits: Limits, found: int | None) -> dict[str, Any]
     failed = int(seen.failed(limits.j_mu, limits.j_sigma).sum())
     low, high = rate_bounds(failed, n)
     shares = {"failed": failed, "share": failed / n, "low": low, "high": high}
-    return {"windows": n, **shares, "held_out": found}
+    return {"windows": n, **shares, "held_out": detected}
 
 
 def _warnings(

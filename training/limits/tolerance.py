@@ -80,7 +80,7 @@ def cluster_bound(alarms: np.ndarray, drives: IntArray, confidence: float = CONF
 
 @lru_cache(maxsize=4)
 def _drawn(n: int) -> FloatArray:
-    """Return the number of times that each resample draws each of ``n`` drives, (RESAMPLES, n)."""
+    """Return how often every resample draws every one of ``n`` drives, (RESAMPLES, n)."""
     drawn = np.random.default_rng(SEED).multinomial(n, np.full(n, 1.0 / n), RESAMPLES)
     return drawn.astype(np.float64)
 

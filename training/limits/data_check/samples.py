@@ -88,13 +88,13 @@ def usable(
 
 
 def _one_signal(name: str, values: FloatArray, outliers: int) -> list[Finding]:
-    found = []
+    findings = []
     valid = values[np.isfinite(values)]
     if not len(valid):
         return [Finding("error", "missing channels", f"{name} is never valid")]
     if np.ptp(valid) <= 1e-9 * max(1.0, float(np.abs(valid).max())):
         text = f"{name} is constant ({valid[0]:g}): it teaches nothing, leave it out"
-        found.append(Finding("error", "constant", text))
+        findings.append(Finding("error", "constant", text))
     lost = 1.0 - (len(valid) + outliers) / len(values)
     if lost > LOST:
         longest = max(b - a for a, b in runs(np.isnan(values)))
@@ -102,14 +102,14 @@ def _one_signal(name: str, values: FloatArray, outliers: int) -> list[Finding]:
             f"{name} is not valid in {100 * lost:.1f} % of the samples, longest gap {longest} "
             f"samples; below {100 * LOST:g} % is wanted"
         )
-        found.append(Finding("warning", "gaps", text))
+        findings.append(Finding("warning", "gaps", text))
     if outliers > OUTLIERS * len(values):
         text = (
             f"{name} has {outliers} outliers, {100 * outliers / len(values):.2f} %; below "
             f"{100 * OUTLIERS:g} % is usual: look at sensor, unit and decoding"
         )
-        found.append(Finding("warning", "outliers", text))
-    return found
+        findings.append(Finding("warning", "outliers", text))
+    return findings
 
 
 def enough(
@@ -130,31 +130,31 @@ def enough(
     text = f"{n_train} training samples for the {weights} weights of layers {shape}"
     if n_train < least:
         text += f"; even {SMALLEST[0]} neurons have {least} weights: record more or take fewer lags"
-        found = [Finding("error", "samples", text)]
+        findings = [Finding("error", "samples", text)]
     elif n_train < SAMPLES_PER_WEIGHT * weights:
         text += (
             f", {SAMPLES_PER_WEIGHT * weights} are wanted: expect overfitting, take fewer neurons "
             "or lags"
         )
-        found = [Finding("warning", "samples", text)]
+        findings = [Finding("warning", "samples", text)]
     else:
-        found = [Finding("ok", "samples", text)]
+        findings = [Finding("ok", "samples", text)]
     wanted_s = GROUP * MANY_WINDOWS * WINDOW * period_s
     text = f"{seconds:.4g} s usable"
     if output_transform(output) != "phi":
-        found.append(Finding("ok", "duration", text))
+        findings.append(Finding("ok", "duration", text))
     elif seconds < GROUP * BLOCK_S:
         text += f", at least {GROUP * BLOCK_S:g} s are wanted to hold out whole blocks"
-        found.append(Finding("warning", "duration", text))
+        findings.append(Finding("warning", "duration", text))
     elif data.enabled * period_s < wanted_s:
         text += (
             f", {data.enabled * period_s:.0f} s in the enabled region; {wanted_s:.0f} s are wanted "
             f"for limits that rest on {MANY_WINDOWS} held-out windows"
         )
-        found.append(Finding("warning", "duration", text))
+        findings.append(Finding("warning", "duration", text))
     else:
-        found.append(Finding("ok", "duration", text))
-    return found
+        findings.append(Finding("ok", "duration", text))
+    return findings
 
 
 def closed_loop(recordings: Sequence[Recording], data: Usable) -> list[Finding]:
