@@ -128,7 +128,12 @@ def run(args: argparse.Namespace) -> int:
     if args.out.exists() and not args.out.is_dir():
         raise UsageError(f"--out {args.out}: is a file, a folder is wanted")
     settings = Settings(
-        args.starts, args.iterations, args.samples, args.budget, args.seed, tuple(args.models)
+        starts=args.starts,
+        iterations=args.iterations,
+        n_samples=args.samples,
+        budget_minutes=args.budget,
+        seed=args.seed,
+        models=tuple(args.models),
     )
     task = Task(
         recordings=tuple(load_all(args, args.recordings, args.period)),

@@ -115,11 +115,11 @@ def _with_bounds(healthy: Residuals, j_mu: float, j_sigma: float, confidence: fl
     alarms = healthy.failed(j_mu, j_sigma)
     n = len(alarms)
     return PaperLimits(
-        j_mu,
-        j_sigma,
-        int(alarms.sum()),
-        n,
-        confidence,
-        upper_bound(int(alarms.sum()), n, confidence),
-        cluster_bound(alarms, healthy.drive),
+        j_mu=j_mu,
+        j_sigma=j_sigma,
+        alarms=int(alarms.sum()),
+        windows=n,
+        confidence=confidence,
+        bound=upper_bound(int(alarms.sum()), n, confidence),
+        bound_drives=cluster_bound(alarms, healthy.drive),
     )
