@@ -177,7 +177,9 @@ def _of_kind(study: Study, kind: str, number: int) -> Iterator[Case]:
             _part(study, seed + k, k + first + i, begins[k] if fault else None)
             for k in range(study.drives)
         )
-        yield Case(first + i, kind, vehicle, effects, fault, parts)
+        yield Case(
+            number=first + i, kind=kind, vehicle=vehicle, hidden=effects, fault=fault, parts=parts
+        )
 
 
 def _first(study: Study, kind: str) -> int:

@@ -93,11 +93,11 @@ def _cell(effect: str, size_: str, rows: Sequence[Row]) -> Cell:
     bad = [r for r in rows if wrong_names(r)]
     others = Counter(r["verdict"] for r in rows if r["verdict"] != "named")
     return Cell(
-        effect,
-        size_,
-        len(rows),
-        sum(map(right, rows)),
-        sum(map(right_or_among, rows)),
-        len(bad),
-        ", ".join(f"{n} {verdict}" for verdict, n in others.most_common()),
+        effect=effect,
+        size=size_,
+        cases=len(rows),
+        right=sum(map(right, rows)),
+        among=sum(map(right_or_among, rows)),
+        wrong=len(bad),
+        verdicts=", ".join(f"{n} {verdict}" for verdict, n in others.most_common()),
     )

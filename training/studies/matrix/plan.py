@@ -165,7 +165,16 @@ def reference_drives(matrix: Matrix) -> list[list[Trial]]:
             cycle = _next(matrix.cycles or REFERENCE_CYCLES, i + k)
             ambient = _next(matrix.ambients, i + k // 2)
             seed = matrix.seed + REFERENCE_SEEDS + number
-            own.append(_trial(number, "reference", matrix.first_vehicle + i, cycle, ambient, seed))
+            own.append(
+                _trial(
+                    number=number,
+                    kind="reference",
+                    piece=matrix.first_vehicle + i,
+                    cycle=cycle,
+                    ambient=ambient,
+                    seed=seed,
+                )
+            )
         drives.append(own)
     return drives
 
@@ -196,27 +205,27 @@ def calibration(matrix: Matrix) -> tuple[list[Trial], list[Trial]]:
     pieces, ambients = CALIBRATION_VEHICLES, matrix.ambients
     good = [
         _trial(
-            i,
-            "calibration",
-            _next(pieces, i),
-            "wltc_3b",
-            _next(ambients, i + i // len(pieces)),
-            CALIBRATION_SEED + i,
+            number=i,
+            kind="calibration",
+            piece=_next(pieces, i),
+            cycle="wltc_3b",
+            ambient=_next(ambients, i + i // len(pieces)),
+            seed=CALIBRATION_SEED + i,
             aged=ageing(CALIBRATION_SEED + i) if i >= len(pieces) else None,
         )
         for i in range(2 * len(pieces))
     ]
     bad = [
         _trial(
-            i,
-            "calibration",
-            _next(pieces, i),
-            "wltc_3b",
-            _next(ambients, i // 2),
-            CALIBRATION_SEED + i,
-            fault,
-            severity,
-            ("loop", "after")[i % 2],
+            number=i,
+            kind="calibration",
+            piece=_next(pieces, i),
+            cycle="wltc_3b",
+            ambient=_next(ambients, i // 2),
+            seed=CALIBRATION_SEED + i,
+            fault=fault,
+            severity=severity,
+            placement=("loop", "after")[i % 2],
         )
         for i, (fault, severity) in enumerate(2 * list(LIMIT_SEVERITY.items()), len(good))
     ]
@@ -270,7 +279,15 @@ def _healthy(matrix: Matrix, i: int) -> Trial:
     cycle = str(rng.choice(matrix.cycles or HEALTHY_CYCLES))
     aged = ageing(seed) if rng.random() < 0.5 else None
     ambient = _next(matrix.ambients, round_ + piece)
-    return _trial(i, "healthy", matrix.first_vehicle + piece, cycle, ambient, seed, aged=aged)
+    return _trial(
+        number=i,
+        kind="healthy",
+        piece=matrix.first_vehicle + piece,
+        cycle=cycle,
+        ambient=ambient,
+        seed=seed,
+        aged=aged,
+    )
 
 
 def _cell(
@@ -287,19 +304,20 @@ def _cell(
     for r in range(repetitions):
         number = first + r
         yield _trial(
-            number,
-            "faulty",
-            matrix.first_vehicle + int(order[r]),
-            _next(matrix.cycles or FAULTY_CYCLES, r // len(matrix.ambients)),
-            _next(matrix.ambients, r + k),
-            matrix.seed + number,
-            fault,
-            severity,
-            placement,
+            number=number,
+            kind="faulty",
+            piece=matrix.first_vehicle + int(order[r]),
+            cycle=_next(matrix.cycles or FAULTY_CYCLES, r // len(matrix.ambients)),
+            ambient=_next(matrix.ambients, r + k),
+            seed=matrix.seed + number,
+            fault=fault,
+            severity=severity,
+            placement=placement,
         )
 
 
 def _trial(
+    *,
     number: int,
     kind: Kind,
     piece: int,
@@ -313,18 +331,18 @@ def _trial(
 ) -> Trial:
     ethanol = float(np.random.default_rng([0x0_2, 11, seed]).uniform(0.0, MOST_ETHANOL))
     return Trial(
-        number,
-        kind,
-        piece,
-        cycle,
-        ambient,
-        weather(ambient, seed),
-        ethanol,
-        aged,
-        fault,
-        severity,
-        placement,
-        seed,
+        number=number,
+        kind=kind,
+        vehicle=piece,
+        cycle=cycle,
+        ambient=ambient,
+        conditions=weather(ambient, seed),
+        ethanol=ethanol,
+        aged=aged,
+        fault=fault,
+        severity=severity,
+        placement=placement,
+        seed=seed,
     )
 
 

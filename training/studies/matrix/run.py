@@ -25,7 +25,6 @@ from training.limits.alarm_rules import fitted
 from training.limits.rules.windows import Rule
 from training.recordings.recording import sha256
 from training.studies.matrix.drive import samples
-from training.studies.matrix.judging import from_json, judge_drives, learn, to_json
 from training.studies.matrix.plan import (
     Matrix,
     Trial,
@@ -35,10 +34,11 @@ from training.studies.matrix.plan import (
     trials,
 )
 from training.studies.matrix.rows import Row, row
+from training.studies.matrix.verdicts import from_json, judge_drives, learn, to_json
 
 CHUNK: Final = 32  # trials side by side; their windows take some megabytes each
 VEHICLES: Final = 10  # whose reference drives run side by side
-DRIVES: Final = ("plan", "drive", "judging", "rows", "run")  # modules of this package
+DRIVES: Final = ("plan", "drive", "verdicts", "rows", "run")  # modules of this package
 References = dict[str, Any]  # vehicle → its reference, as JSON has it
 Progress = Callable[[int], None]  # takes how many drives are done more
 

@@ -13,7 +13,7 @@ from scipy.signal import lfilter, lfiltic
 
 from monitor.base.types import FloatArray
 from training.studies.paper.linear.free_run import free_run_error
-from training.studies.paper.linear.lagged import Stretch, Triangle, largest_order, triangle
+from training.studies.paper.linear.regressors import Stretch, Triangle, largest_order, triangle
 
 MAX_ORDER = 20
 MAX_DELAY = 20  # DESIGN: dead times 0 to 20
@@ -144,7 +144,18 @@ def order_grid(
             loss = max(1.0 - float(explained[d]), 1e-15) * scale[1] ** 2 / n
             held_out_loss = float(error @ error) * scale[1] ** 2 / validate.rows
             aic, mdl = np.log(loss) + 2 * d / n, loss * (1 + d * np.log(n) / n)
-            found.append(Candidate(na, nb, choice, d, loss, held_out_loss, float(aic), float(mdl)))
+            found.append(
+                Candidate(
+                    na=na,
+                    nb=nb,
+                    delays=choice,
+                    n_parameters=d,
+                    loss=loss,
+                    validation_loss=held_out_loss,
+                    aic=float(aic),
+                    mdl=float(mdl),
+                )
+            )
     return found
 
 

@@ -23,9 +23,15 @@ from training.studies.paper.linear.arx import (
 )
 from training.studies.paper.linear.free_run import LinearModel
 from training.studies.paper.linear.impulse import impulse_response
-from training.studies.paper.linear.lagged import Stretch, Triangle, checked, largest_order, triangle
 from training.studies.paper.linear.output_error import fit_output_error
 from training.studies.paper.linear.page import section
+from training.studies.paper.linear.regressors import (
+    Stretch,
+    Triangle,
+    checked,
+    largest_order,
+    triangle,
+)
 from training.studies.paper.linear.scores import example, plain, residuals, scores
 from training.studies.paper.linear.subspace import Subspace, best_state_space, subspace
 
@@ -79,7 +85,14 @@ def linear(
     states, state_result = _state_space(data, choose, order, skip)
     models["subspace"] = states.models[state_result["order"] - 1]
     models["output_error"], error_result = _output_error(
-        data, learn, choose, order, delays, states, models["arx_free_run"], skip
+        data=data,
+        train=learn,
+        validate=choose,
+        order=order,
+        delays=delays,
+        states=states,
+        free=models["arx_free_run"],
+        skip=skip,
     )
     fits = {name: scores(m, choose, judge, ranges, skip) for name, m in models.items()}
     best = min((n for n in fits if fits[n]["stable"]), key=lambda n: fits[n]["validation_rmse"])
@@ -218,6 +231,7 @@ def _state_space(
 
 
 def _output_error(
+    *,
     data: Triangle,
     train: Sequence[Stretch],
     validate: Sequence[Stretch],

@@ -18,7 +18,7 @@ from scipy.signal import lfilter
 from monitor.base.types import FloatArray
 from training.studies.paper.linear.arx import Arx, fit_arx
 from training.studies.paper.linear.free_run import free_run_error
-from training.studies.paper.linear.lagged import Stretch
+from training.studies.paper.linear.regressors import Stretch
 
 LARGEST_POLE = 0.9999
 SEARCH_SAMPLES = 30_000  # of the training samples while orders and starts are compared

@@ -21,7 +21,7 @@ from scipy.signal import ss2tf
 from monitor.base.types import FloatArray
 from training.studies.paper.linear.arx import Arx
 from training.studies.paper.linear.free_run import free_run_error
-from training.studies.paper.linear.lagged import Stretch, Triangle
+from training.studies.paper.linear.regressors import Stretch, Triangle
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ from the jobs stored in its directory.
 import hashlib
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -81,9 +81,16 @@ def narx_study(
     ranking = _ranking(models)
     tunings = _tunings(models, ranking, trainings, settings, directory)
     tuned = parallel.run(tune_one, thinned, tunings, directory, label="closed loop", **where)
-    return _result(data, thinned, settings, models, ranking, tunings, tuned) | {
-        "seconds": round(time.monotonic() - began, 1)
-    }
+    result = _result(
+        data=data,
+        thinned=thinned,
+        settings=settings,
+        models=models,
+        ranking=ranking,
+        tunings=tunings,
+        done=tuned,
+    )
+    return result | {"seconds": round(time.monotonic() - began, 1)}
 
 
 def best_model(result: Mapping[str, Any], directory: Path) -> tuple[Spec, FloatArray]:
@@ -177,18 +184,12 @@ def _tunings(
         key = model["starts"][model["best_start"]]["weights_key"]
         job = trainings[key]
         _, weights = from_arrays(parallel.arrays_of(directory, key))
-        result[key.replace("train", "tune")] = Job(
-            job.candidate,
-            job.start,
-            job.seed,
-            job.iterations,
-            job.input_lag_start,
-            tuple(weights.tolist()),
-        )
+        result[key.replace("train", "tune")] = replace(job, weights=tuple(weights.tolist()))
     return result
 
 
 def _result(
+    *,
     data: Prepared,
     thinned: Prepared,
     settings: Settings,

@@ -107,7 +107,17 @@ def try_sets(
         starts = tuple(t for t, _ in own)
         best = int(np.argmin([t.score for t in starts]))
         predicted = tuple(data.scaling.unscale_y(free_run(data, spec, t.weights)) for t in starts)
-        tried.append(Tried(each, data, spec, starts, best, predicted, sum(s for _, s in own)))
+        tried.append(
+            Tried(
+                set=each,
+                data=data,
+                spec=spec,
+                starts=starts,
+                best=best,
+                predicted=predicted,
+                seconds=sum(s for _, s in own),
+            )
+        )
     return tried
 
 

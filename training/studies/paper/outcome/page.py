@@ -5,8 +5,8 @@ from html import escape
 from typing import Any
 
 from training.pages.page import paragraph, picture, table
-from training.studies.paper.comparison import beside_table
-from training.studies.paper.figures import (
+from training.studies.paper.outcome.comparison import beside_table
+from training.studies.paper.outcome.figures import (
     label,
     residual_figure,
     sensor_figure,

@@ -14,7 +14,7 @@ from training.recordings import metrics
 from training.recordings.linear_data import LinearData, Stretch, linear_stretches
 from training.recordings.preparation import Role, runs
 from training.studies.paper.linear.baselines import Regime, linear
-from training.studies.paper.linear.lagged import Stretch as Pair
+from training.studies.paper.linear.regressors import Stretch as Pair
 from training.studies.paper.task import Task, judged_on, plain
 
 SPEEDS = ("engine_speed_rpm", "speed_z")

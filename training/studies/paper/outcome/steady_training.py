@@ -20,7 +20,7 @@ from training.narx.stages import Trained, free_run, train
 from training.recordings.preparation import Prepared, Role, prepare
 from training.recordings.recording import Recording
 from training.studies.paper.narx.models import thin
-from training.studies.paper.sensor import in_units, liveliest
+from training.studies.paper.outcome.sensor import in_units, liveliest
 from training.studies.paper.task import LAGS, Task, as_in_use, plain, scaled_as, source
 
 HIDDEN = (8, 8)  # of the paper
