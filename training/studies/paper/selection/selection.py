@@ -182,7 +182,7 @@ def _variables(
 
 
 def _correlation(u: Sequence[FloatArray], y: Sequence[FloatArray]) -> tuple[float, int]:
-    """Return the largest correlation of the output with the earlier input and its lag in samples."""
+    """Return the largest correlation of the output with the earlier input and the lag."""
     best = (0.0, 0)
     for lag in range(LAG_SPAN + 1):
         pairs = [(a[: len(a) - lag], b[lag:]) for a, b in zip(u, y, strict=True) if len(a) > lag]
