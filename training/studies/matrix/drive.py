@@ -57,12 +57,12 @@ def put_on(lambda_healthy: FloatArray, fault: Fault) -> FloatArray:
         return np.where(np.isfinite(lambda_healthy), fault.stuck_lambda, np.nan)
     read = _put_on(
         lambda_healthy,
-        fault.tau_rising_s,
-        fault.tau_falling_s,
-        round(fault.delay_s / STEP_S),
-        fault.delay_direction,
-        fault.gain,
-        fault.offset_lambda,
+        tau_rising_s=fault.tau_rising_s,
+        tau_falling_s=fault.tau_falling_s,
+        delay_steps=round(fault.delay_s / STEP_S),
+        direction=fault.delay_direction,
+        gain=fault.gain,
+        offset_lambda=fault.offset_lambda,
     )
     return np.asarray(np.minimum(read, LAMBDA_MAX))
 

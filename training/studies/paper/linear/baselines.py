@@ -43,7 +43,7 @@ IMPULSE_LAGS = 50  # samples
 
 @dataclass(frozen=True, slots=True)
 class Regime:
-    """A signal, usually engine speed; fits on the test stretches are given per range of it."""
+    """A signal, usually engine speed; fits on the test stretches are split by its ranges."""
 
     name: str
     unit: str

@@ -79,12 +79,12 @@ def spec_of(data: Prepared, candidate: Candidate, input_lag_start: int = 1) -> S
     """Return the shape of a candidate for ``data``; feedback is clipped to the output's range."""
     scale = data.scaling
     return Spec(
-        data.samples.u.shape[1],
-        candidate.lags,
-        candidate.hidden,
-        input_lag_start,
-        float(scale.scale_y(scale.y_low)),
-        float(scale.scale_y(scale.y_high)),
+        n_inputs=data.samples.u.shape[1],
+        lags=candidate.lags,
+        hidden=candidate.hidden,
+        input_lag_start=input_lag_start,
+        y_min=float(scale.scale_y(scale.y_low)),
+        y_max=float(scale.scale_y(scale.y_high)),
     )
 
 
@@ -171,7 +171,15 @@ def from_arrays(stored: Arrays) -> tuple[Spec, FloatArray]:
     """Return shape and weights from the arrays of ``arrays``."""
     n_inputs, lags, first, *hidden = (int(v) for v in stored["shape"])
     low, high = (float(v) for v in stored["y_range"])
-    return Spec(n_inputs, lags, tuple(hidden), first, low, high), stored["weights"]
+    spec = Spec(
+        n_inputs=n_inputs,
+        lags=lags,
+        hidden=tuple(hidden),
+        input_lag_start=first,
+        y_min=low,
+        y_max=high,
+    )
+    return spec, stored["weights"]
 
 
 def figures(data: Prepared, spec: Spec, weights: FloatArray) -> dict[str, Any]:

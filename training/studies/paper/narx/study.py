@@ -71,7 +71,14 @@ def narx_study(
     input_lag_start : smallest lag of the inputs, 0 or 1 samples
     Raises RecordingError if the samples are too few, UsageError for impossible settings.
     """
-    settings = Settings(starts, iterations, n_samples, tune_best, seed, input_lag_start)
+    settings = Settings(
+        starts=starts,
+        iterations=iterations,
+        n_samples=n_samples,
+        tune_best=tune_best,
+        seed=seed,
+        input_lag_start=input_lag_start,
+    )
     began = time.monotonic()
     _check(settings, candidates)
     thinned = thin(data, n_samples)
@@ -128,7 +135,13 @@ def _trainings(
     for c in sorted(candidates, key=effort, reverse=True):
         for start in range(settings.starts if c.number not in same else 0):
             seed = settings.seed + SEED_STEP * start
-            job = Job(c, start, seed, settings.iterations, settings.input_lag_start)
+            job = Job(
+                candidate=c,
+                start=start,
+                seed=seed,
+                iterations=settings.iterations,
+                input_lag_start=settings.input_lag_start,
+            )
             result[_key("train", digest, job)] = job
     return result
 

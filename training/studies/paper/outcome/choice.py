@@ -115,17 +115,25 @@ def contenders(task: Task, narx: Mapping[str, Any], free: Mapping[str, Any]) -> 
         )[1]
         spec, weights = from_arrays(parallel.arrays_of(folder, t["weights_key"]))
         stage = _stage_of(t)
-        found.append(Contender(t["name"], spec, weights, before, t["number"], stage))
+        found.append(
+            Contender(
+                name=t["name"],
+                spec=spec,
+                weights=weights,
+                before=before,
+                number=t["number"],
+                stage=stage,
+            )
+        )
     if "spec" in free:
         spec = spec_from(free["spec"])
         found.append(
             Contender(
-                "free structure",
-                spec,
-                np.array(free["weights"]),
-                _array(free["one_step_weights"]),
-                None,
-                free["stage"],
+                name="free structure",
+                spec=spec,
+                weights=np.array(free["weights"]),
+                before=_array(free["one_step_weights"]),
+                stage=free["stage"],
             )
         )
     if not found:

@@ -132,7 +132,15 @@ def _prepared(
     data = replace(data, role=_roles(data))
     scale = data.scaling
     low, high = float(scale.scale_y(scale.y_low)), float(scale.scale_y(scale.y_high))
-    return data, Spec(len(each.inputs), LAGS, HIDDEN, 1, low, high)
+    spec = Spec(
+        n_inputs=len(each.inputs),
+        lags=LAGS,
+        hidden=HIDDEN,
+        input_lag_start=1,
+        y_min=low,
+        y_max=high,
+    )
+    return data, spec
 
 
 def _roles(data: Prepared) -> np.ndarray:

@@ -78,7 +78,14 @@ def components(values: FloatArray, share: float = ENOUGH) -> Components:
     signs = np.sign(rows[np.arange(len(rows)), np.abs(rows).argmax(axis=1)])
     loadings = (rows * signs[:, np.newaxis]).T  # the largest loading of a component is positive
     kept = max(1, min(kept, len(variances) - 1))
-    return Components(mean, std, variances, loadings, kept, len(values))
+    return Components(
+        mean=mean,
+        std=std,
+        variances=variances,
+        loadings=loadings,
+        kept=kept,
+        samples=len(values),
+    )
 
 
 def pca(stretches: Sequence[tuple[FloatArray, FloatArray]], names: Sequence[str]) -> dict[str, Any]:
