@@ -1,4 +1,4 @@
-"""What the naming says: verdict, effects with their constants, ranking, warnings."""
+"""The result of naming: verdict, effects with their constants, ranking, warnings."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -35,19 +35,19 @@ class Candidate:
     def model_effect(self) -> Added:
         """Return the effect as a part of a model; raises ModelError for a sensor fault."""
         return Added(
-            self.name,
-            self.says,
-            self.tag,
-            self.like,
-            self.parameters,
-            self.standard_errors,
-            self.units,
+            name=self.name,
+            says=self.says,
+            tag=self.tag,
+            like=self.like,
+            parameters=self.parameters,
+            standard_errors=self.standard_errors,
+            units=self.units,
         )
 
 
 @dataclass(frozen=True, slots=True)
 class Round:
-    """One effect that was added and what it was chosen from."""
+    """One named effect and the ranking it was chosen from."""
 
     effect: Candidate
     rmse: float  # phi, on held-out blocks, with it

@@ -9,6 +9,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 import monitor
+from training.gap import config
 from training.jobs import parallel, run_folder
 from training.studies.gap import case
 from training.studies.gap.case import Row, Vehicle
@@ -17,6 +18,7 @@ from training.studies.gap.plan import Case, Study, cases
 CASES: Final = "cases"
 VEHICLES: Final = "vehicles"
 MODEL: Final = "base.onnx"
+ROOT: Final = Path(monitor.__file__).parent.parent
 Item = tuple[Case, Vehicle | str, bytes]  # a case, its vehicle, and the file of the vehicle's base
 Progress = Callable[[int], None]  # called with the number of newly finished cases
 
@@ -64,13 +66,17 @@ def rows(study: Study, folder: Path) -> list[Row]:
 
 
 def identity(study: Study) -> dict[str, Any]:
-    """Return the study's settings and the digest of all code that the rows depend on."""
-    root = Path(monitor.__file__).parent.parent
-    paths = run_folder.sources(Path(case.__file__), root)
+    """Return the study's settings and the digest of all code and numbers behind the rows."""
     return {
         "study": json.loads(json.dumps(asdict(study))),
-        "code_sha256": run_folder.code_sha256(paths, root),
+        "code_sha256": run_folder.code_sha256(sources(), ROOT),
     }
+
+
+def sources() -> set[Path]:
+    """Return the files of all code that makes the rows, and of the numbers that it reads."""
+    numbers = Path(config.__file__).with_name("default.toml")
+    return {*run_folder.sources(Path(case.__file__), ROOT), numbers}
 
 
 def _path(folder: Path, asked: Case) -> Path:
