@@ -1,1 +1,1 @@
-"""The chosen model: choice, sensor, linear models beside it, steady training, the paper."""
+"""Outcome: choice of the model, sensor, linear models, steady training, the paper's figures."""

@@ -5,14 +5,14 @@ from html import escape
 from typing import Any
 
 from training.pages.page import paragraph, picture, table
-from training.studies.paper.outcome.comparison import beside_table
-from training.studies.paper.outcome.figures import (
+from training.studies.paper.figures import (
     label,
     residual_figure,
     sensor_figure,
     steady_figure,
     window_figure,
 )
+from training.studies.paper.outcome.comparison import beside_table
 
 
 def small(table_html: str) -> str:
