@@ -115,7 +115,7 @@ def run(args: argparse.Namespace) -> int:
     from training.gap.pages.report_words import cautions
     from training.gap.result import save
     from training.gap.workflow import NEW_MODEL, investigate
-    from training.jobs.stages import Stages
+    from training.jobs.checkpoints import Checkpoints
 
     check((args.out / NEW_MODEL,) if args.out.is_dir() else (), (args.model,))
     options = options_of(args.steps, args.sensor_known_good, _effects(args.add), args.retrain)
@@ -125,7 +125,7 @@ def run(args: argparse.Namespace) -> int:
         *(load_all(args, each, period_s) for each in (args.recordings, args.healthy, args.verify)),
     )
     args.out.mkdir(parents=True, exist_ok=True)
-    stages = Stages.of(args.out / STAGES, _identity(material, options))
+    stages = Checkpoints.of(args.out / STAGES, _identity(material, options))
     with tqdm(unit="step", leave=False, disable=None) as bar:
 
         def progress(text: str) -> None:

@@ -21,11 +21,11 @@ from training.gap.name.verdict import Naming, Verdict
 from training.gap.result import ModelFile, Result
 from training.gap.where.findings import Findings, localise
 from training.greybox.effects import ALL
-from training.greybox.fit.comparison import Compared
+from training.greybox.fit.comparison import Comparison
 from training.greybox.fit.drive import AFTER_CUT_S, OUTPUT, Drive, make
-from training.jobs.stages import Progress
+from training.jobs.checkpoints import Progress
 from training.recordings.prediction import predicted_phi
-from training.recordings.recording import Recording, as_trained_on
+from training.recordings.recording import Recording, training_recording
 
 LIMITS: Final = CONFIG.error_alone
 
@@ -49,7 +49,7 @@ def investigate(
     progress("localising")
     new, known = (
         [
-            Compared.of(_drive(recording, card), phi)
+            Comparison.of(_drive(recording, card), phi)
             for recording, phi in zip(each, predicted_phi(model, each), strict=True)
         ]
         for each in (recordings, healthy)
@@ -60,8 +60,8 @@ def investigate(
     unknown = " ".join(found.significant) if answer.verdict == "unknown_effect" else None
     return Result(
         model=ModelFile.of(model),
-        recordings=tuple(map(as_trained_on, recordings)),
-        healthy=tuple(map(as_trained_on, healthy)),
+        recordings=tuple(map(training_recording, recordings)),
+        healthy=tuple(map(training_recording, healthy)),
         held_out=(),
         findings=found,
         naming=answer,

@@ -19,7 +19,7 @@ from training.gap.inputs import base
 from training.gap.name import yardstick
 from training.gap.name.yardstick import GROUPS_LEAST
 from training.greybox.fit.drive import Drive
-from training.jobs.stages import Progress
+from training.jobs.checkpoints import Progress
 from training.recordings.recording import Recording
 
 

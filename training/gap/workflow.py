@@ -21,8 +21,8 @@ from training.gap.verify.evidence import Verification
 from training.gap.verify.verification import verify
 from training.gap.where.findings import Findings, localise
 from training.greybox.effects.model_effect import uncertain
-from training.jobs.stages import Progress, Stages
-from training.recordings.recording import as_trained_on
+from training.jobs.checkpoints import Checkpoints, Progress
+from training.recordings.recording import training_recording
 
 NEW_MODEL: Final = "model.onnx"
 
@@ -33,7 +33,7 @@ def investigate(
     options: Options,
     *,
     known: Healthy | None = None,
-    stages: Stages | None = None,
+    stages: Checkpoints | None = None,
     progress: Progress = lambda _: None,
 ) -> Result:
     """Return the result of all steps; a new model, if there is one, is ``out``/model.onnx.
@@ -43,7 +43,7 @@ def investigate(
     stages : folder in which a run that was stopped keeps its results
     Raises RecordingError or ModelError if recordings or model cannot be used.
     """
-    began_s, stages = time.monotonic(), stages or Stages()
+    began_s, stages = time.monotonic(), stages or Checkpoints()
     card = base.check(material.model)
     missing = suitability.check_files(material.roles, card, material.model.name)
     if missing:
@@ -87,9 +87,9 @@ def investigate(
         )
     return Result(
         model=ModelFile.of(material.model),
-        recordings=tuple(map(as_trained_on, material.recordings)),
-        healthy=tuple(map(as_trained_on, material.healthy)),
-        held_out=tuple(map(as_trained_on, material.held_out)),
+        recordings=tuple(map(training_recording, material.recordings)),
+        healthy=tuple(map(training_recording, material.healthy)),
+        held_out=tuple(map(training_recording, material.held_out)),
         findings=where,
         naming=naming,
         added=addition.effects,

@@ -11,8 +11,8 @@ from training.gap.inputs.roles import Options
 from training.gap.inputs.subject import Subject
 from training.gap.name.knowledge import Knowledge
 from training.gap.name.verdict import Naming
-from training.greybox.effects.model_effect import Added
-from training.jobs.stages import Progress
+from training.greybox.effects.model_effect import ModelEffect
+from training.jobs.checkpoints import Progress
 
 NO_BETTER: Final = (
     "what was named is not added: with it the model predicts no better, it follows the effect "
@@ -30,7 +30,7 @@ class Addition:
 
     path: Path | None = None
     form: str = ""  # a sentence
-    effects: tuple[Added, ...] = ()
+    effects: tuple[ModelEffect, ...] = ()
     warnings: tuple[str, ...] = ()
 
 

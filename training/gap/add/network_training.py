@@ -14,12 +14,12 @@ from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard
 from training.gap.add.network_graph import DIFFERENCE
 from training.greybox.graph.chain_difference import ChainDifference
-from training.jobs.stages import Progress
+from training.jobs.checkpoints import Progress
 from training.narx.export import Network
-from training.narx.fit import choose, committees
 from training.narx.network import Layers, Spec, layers, linear_path
 from training.narx.stability import Contraction
 from training.narx.stages import Trained, train
+from training.narx.starts import choose, committees
 from training.narx.structure import FIRST_DECAY
 from training.recordings.preparation import Prepared, Scaling, hold
 from training.recordings.recording import Recording

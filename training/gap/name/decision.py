@@ -23,9 +23,9 @@ from training.gap.name.ranking import (
     rank,
 )
 from training.gap.name.verdict import Candidate, Verdict
-from training.greybox.effects.fuel import GAIN_OF_ETHANOL
+from training.greybox.effects.ethanol import GAIN_OF_ETHANOL
 from training.greybox.fit.joint import Fit, Prior, Term, fit
-from training.jobs.stages import Progress
+from training.jobs.checkpoints import Progress
 
 T_LEAST: Final = 3.0
 T_STRANGE: Final = 2.0  # from which a constant of the wrong sign speaks against the best

@@ -18,7 +18,7 @@ from training.gap.name.description import describe
 from training.gap.name.verdict import Naming
 from training.greybox.chain import Constants
 from training.greybox.fit.drive import Drive
-from training.jobs.stages import Progress, Stages
+from training.jobs.checkpoints import Checkpoints, Progress
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +31,7 @@ class Knowledge:
 
     @classmethod
     def of(
-        cls, subject: Subject, known: Healthy | None, stages: Stages, progress: Progress
+        cls, subject: Subject, known: Healthy | None, stages: Checkpoints, progress: Progress
     ) -> "Knowledge":
         """Return the knowledge from the best source that there is."""
         start = subject.start

@@ -25,7 +25,7 @@ from training.greybox.effects import ALL
 from training.greybox.fit.drive import Drive
 from training.greybox.fit.joint import Case, Prior, Term, fit, held_out_rmse
 from training.greybox.fit.sensor_faults import FAULTS
-from training.jobs.stages import Progress
+from training.jobs.checkpoints import Progress
 
 ADEQUATE_ALONE: Final = 0.5  # of what can be explained, where no other candidate comes near
 FAR: Final = 1.0 / 3.0  # of the best score, below which another is far from it

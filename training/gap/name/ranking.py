@@ -10,7 +10,7 @@ from training.gap.name.verdict import Candidate
 from training.greybox.effects import Effect
 from training.greybox.fit.joint import Case, Fit, Term, fit, has_its_signs
 from training.greybox.fit.sensor_faults import SensorFault
-from training.jobs.stages import Progress
+from training.jobs.checkpoints import Progress
 
 WIN: Final = 0.95  # of resampled blocks
 ADEQUATE: Final = 0.85  # of what can be explained at all; DESIGN, "what a prototype taught"

@@ -23,7 +23,7 @@ from training.greybox.chain import Constants, simulate
 from training.greybox.fit.drive import Drive, path_of
 from training.greybox.fit.joint import Term, fit, held_out_rmse
 from training.greybox.fit.sensor_faults import FAULTS
-from training.jobs.stages import Progress
+from training.jobs.checkpoints import Progress
 
 GROUPS_MOST: Final = 6  # of drives that are left out together
 GROUPS_LEAST: Final = 3  # fewer say nothing of how drives differ

@@ -20,9 +20,9 @@ from training.gap.name import yardstick
 from training.gap.name.vehicle_mix import Chain, partitions, warn
 from training.greybox.chain import Constants, base_path, simulate
 from training.greybox.effects import LIBRARY
-from training.greybox.effects.model_effect import Added, uncertain
+from training.greybox.effects.model_effect import ModelEffect, uncertain
 from training.greybox.fit.drive import Drive, make
-from training.jobs.stages import Stages
+from training.jobs.checkpoints import Checkpoints
 from training.recordings.recording import Recording
 
 USUAL = Constants()
@@ -179,7 +179,7 @@ def test_what_is_missing_in_all_drives_does_not_part_them() -> None:
 
 
 def test_a_constant_smaller_than_its_standard_error_is_warned_of() -> None:
-    sure = Added.with_values("injector_offset", [0.2])
+    sure = ModelEffect.with_values("injector_offset", [0.2])
     name = next(iter(sure.parameters))
     doubtful = replace(sure, standard_errors={name: 0.3})
     assert uncertain([replace(sure, standard_errors={name: 0.1})]) == []
@@ -191,7 +191,7 @@ def test_a_constant_smaller_than_its_standard_error_is_warned_of() -> None:
 def test_a_share_of_about_none_is_known_as_well_as_any_other_and_warned_of_only_if_it_is_not() -> (
     None
 ):
-    leak = Added.with_values("exhaust_leak", [0.05, 30.0, 0.0], [0.002, 2.0, 0.1])
+    leak = ModelEffect.with_values("exhaust_leak", [0.05, 30.0, 0.0], [0.002, 2.0, 0.1])
     assert uncertain([leak]) == []
     unknown = replace(leak, standard_errors=dict(leak.standard_errors) | {"place": 0.45})
     (warning,) = uncertain([unknown])
@@ -243,10 +243,10 @@ def test_a_stage_is_made_once_for_a_run_and_again_for_another(tmp_path: Path) ->
         made.append(len(made))
         return made[-1]
 
-    run = Stages.of(tmp_path / "stages", {"options": "a"})
+    run = Checkpoints.of(tmp_path / "stages", {"options": "a"})
     assert [run.done("name", make_one), run.done("name", make_one)] == [0, 0]
-    assert Stages.of(tmp_path / "stages", {"options": "a"}).done("name", make_one) == 0
-    assert Stages.of(tmp_path / "stages", {"options": "b"}).done("name", make_one) == 1
+    assert Checkpoints.of(tmp_path / "stages", {"options": "a"}).done("name", make_one) == 0
+    assert Checkpoints.of(tmp_path / "stages", {"options": "b"}).done("name", make_one) == 1
     assert run.done("verify", make_one) == 2
     run.clear()
     assert not (tmp_path / "stages").exists()
@@ -257,7 +257,7 @@ def test_a_stage_that_was_stopped_leaves_nothing_to_take_up(tmp_path: Path) -> N
     def stopped() -> int:
         raise KeyboardInterrupt
 
-    run = Stages.of(tmp_path / "stages", 1)
+    run = Checkpoints.of(tmp_path / "stages", 1)
     with pytest.raises(KeyboardInterrupt):
         run.done("name", stopped)
     assert run.done("name", lambda: 5) == 5
@@ -265,5 +265,5 @@ def test_a_stage_that_was_stopped_leaves_nothing_to_take_up(tmp_path: Path) -> N
 
 def test_without_a_folder_every_stage_is_made_anew() -> None:
     made = iter(range(3))
-    assert [Stages().done("name", lambda: next(made)) for _ in range(2)] == [0, 1]
-    Stages().clear()
+    assert [Checkpoints().done("name", lambda: next(made)) for _ in range(2)] == [0, 1]
+    Checkpoints().clear()

@@ -22,7 +22,7 @@ from training.gap.verify.evidence import Count, Detection, Error, Trace, Verific
 from training.gap.where.findings import Findings, localise
 from training.greybox.chain import Constants
 from training.greybox.effects import LIBRARY
-from training.greybox.effects.model_effect import Added
+from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.joint import Fit
 from training.greybox.fit.sensor_faults import FAULTS
 
@@ -185,7 +185,7 @@ def test_the_json_of_every_verdict_keeps_the_contract(verdict: Verdict, tmp_path
 
 
 def test_an_effect_carries_the_constants_that_stand_in_the_model() -> None:
-    refitted = Added.with_values("purge", [0.77], [0.05])
+    refitted = ModelEffect.with_values("purge", [0.77], [0.05])
     effect = as_json(made("named", added=(refitted,)))["effects"][0]
     assert effect["parameters"] == {"concentration": 0.77}
     assert effect["standard_errors"] == {"concentration": 0.05}
@@ -226,7 +226,8 @@ def test_the_runner_up_is_of_the_step_in_which_the_effect_was_chosen() -> None:
     steps = (Step("", 0.02), Step("purge", 0.015, first), Step("wall_film", 0.011, second))
     last = (candidate("ethanol", 1.0, None),)
     named = naming("named", effects=RANKING[:2], ranking=last)
-    both = made("named", naming=named, added=tuple(map(Added.of, RANKING[:2])), steps=steps)
+    added = tuple(each.model_effect() for each in RANKING[:2])
+    both = made("named", naming=named, added=added, steps=steps)
     tree = as_json(both)
     assert [e["runner_up"] for e in tree["effects"]] == ["delay_flow", "rail_exponent"]
     assert [e["separated"] for e in tree["effects"]] == [True, True]
@@ -434,7 +435,7 @@ def test_candidates_that_were_skipped_stand_with_what_they_lack() -> None:
 
 def test_a_constant_at_its_bound_says_so() -> None:
     at_most = LIBRARY["purge"].parameters[0].high
-    page = report.as_page(made("named", added=(Added.with_values("purge", [at_most]),)))
+    page = report.as_page(made("named", added=(ModelEffect.with_values("purge", [at_most]),)))
     assert "-2 to 8, reached" in page
 
 

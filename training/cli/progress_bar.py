@@ -1,4 +1,4 @@
-"""The progress bar of the training, on stderr and safe for several starts at once."""
+"""The progress bar of a training with several starts at once, on the standard error."""
 
 from threading import Lock
 from types import TracebackType
@@ -10,7 +10,7 @@ from training.narx.structure import Try
 
 
 class Bar:
-    """Epochs of all starts; closes full, because a stage may end before its last epoch."""
+    """Epochs of all starts; a stage that ends early counts with all its epochs."""
 
     def __init__(self) -> None:
         self._bar = tqdm(unit="epoch", leave=False, disable=None)
@@ -31,14 +31,14 @@ class Bar:
         self._bar.close()
 
     def tried(self, candidate: Try) -> None:
-        """Take note of a structure that was tried."""
+        """Show a structure that was tried."""
         with self._lock:
             self._tries += 1
             text = f"{self._tries} structures tried, free run {candidate.rmse:.3f}"
             self._bar.set_postfix_str(text)
 
     def update(self, start: int, horizon: int, epoch: int, best: float) -> None:
-        """Take note of one epoch of one start and its best validation RMSE (scaled)."""
+        """Show one epoch of one start and its best validation RMSE (scaled)."""
         with self._lock:
             at = self._before.get(horizon, 0) + epoch + 1
             self._bar.update(at - self._at.get(start, 0))

@@ -1,4 +1,4 @@
-"""Results of a long run, stage by stage, so that the same run begun again goes on where it was."""
+"""Checkpoints of a long run: the result of each stage, from which a repeated run goes on."""
 
 import hashlib
 import json
@@ -9,24 +9,24 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 T = TypeVar("T")
-Progress = Callable[[str], None]  # is told what goes on
+Progress = Callable[[str], None]  # called with a line of text
 
 
 @dataclass(frozen=True, slots=True)
-class Stages:
-    """A folder of results, or none; results of another run are not taken up."""
+class Checkpoints:
+    """A folder with the results of stages, or no folder; results of another run are ignored."""
 
     folder: Path | None = None
     key: str = ""
 
     @classmethod
-    def of(cls, folder: Path, identity: Any) -> "Stages":
-        """Return the stages of the run that ``identity``, a tree as JSON has it, stands for."""
+    def of(cls, folder: Path, identity: Any) -> "Checkpoints":
+        """Return the checkpoints of a run; ``identity`` is a JSON tree of all its settings."""
         text = json.dumps(identity, sort_keys=True)
         return cls(folder, hashlib.sha256(text.encode()).hexdigest()[:16])
 
     def done(self, name: str, make: Callable[[], T]) -> T:
-        """Return a stage's result, made now unless the same run made it before."""
+        """Return a stage's result: the stored one of the same run, else that of ``make``."""
         if self.folder is None:
             return make()
         path = self.folder / f"{name}_{self.key}.pickle"
@@ -41,7 +41,7 @@ class Stages:
         return result
 
     def clear(self) -> None:
-        """Remove what is kept, all runs'."""
+        """Remove the results of all runs in the folder."""
         if self.folder is not None and self.folder.exists():
             for path in [*self.folder.glob("*.pickle"), *self.folder.glob("*.begun")]:
                 path.unlink()
