@@ -39,7 +39,7 @@ AT_BOUND = 1e-3  # of the range: a constant so near to its bound ended at it
 SWAPPED = (0, 1, 2, 4, 3, 5)  # mixing_s and sensor_s
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Fitted:
     """Constants and how well the data determine them."""
 
@@ -73,7 +73,9 @@ def fit_constants(
     own : effects of the healthy vehicle, with values that hold
     Raises RecordingError if too few samples count.
     """
-    drive = Drive("", period_s, signals, phi, scored, own=own)
+    drive = Drive(
+        name="", period_s=period_s, signals=signals, phi_measured=phi, scored=scored, own=own
+    )
     at = np.flatnonzero(drive.kept)
     if len(at) < SAMPLES_LEAST:
         raise RecordingError(
