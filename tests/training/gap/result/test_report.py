@@ -226,7 +226,8 @@ def test_the_runner_up_is_of_the_step_in_which_the_effect_was_chosen() -> None:
     steps = (Step("", 0.02), Step("purge", 0.015, first), Step("wall_film", 0.011, second))
     last = (candidate("ethanol", 1.0, None),)
     named = naming("named", effects=RANKING[:2], ranking=last)
-    both = made("named", naming=named, added=tuple(map(Added.of, RANKING[:2])), steps=steps)
+    added = tuple(each.model_effect() for each in RANKING[:2])
+    both = made("named", naming=named, added=added, steps=steps)
     tree = as_json(both)
     assert [e["runner_up"] for e in tree["effects"]] == ["delay_flow", "rail_exponent"]
     assert [e["separated"] for e in tree["effects"]] == [True, True]
