@@ -21,7 +21,7 @@ from training.gap.name.verdict import Naming, Verdict
 from training.gap.result import ModelFile, Result
 from training.gap.where.findings import Findings, localise
 from training.greybox.effects import ALL
-from training.greybox.fit.comparison import Compared
+from training.greybox.fit.comparison import Comparison
 from training.greybox.fit.drive import AFTER_CUT_S, OUTPUT, Drive, make
 from training.jobs.stages import Progress
 from training.recordings.prediction import predicted_phi
@@ -49,7 +49,7 @@ def investigate(
     progress("localising")
     new, known = (
         [
-            Compared.of(_drive(recording, card), phi)
+            Comparison.of(_drive(recording, card), phi)
             for recording, phi in zip(each, predicted_phi(model, each), strict=True)
         ]
         for each in (recordings, healthy)

@@ -18,7 +18,7 @@ from training.gap.name.verdict import Candidate, Naming, Verdict
 from training.gap.verify.evidence import Verification
 from training.gap.where.findings import Findings
 from training.greybox.chain import Constants
-from training.greybox.effects.model_effect import Added
+from training.greybox.effects.model_effect import ModelEffect
 from training.recordings.recording import sha256
 
 SCHEMA: Final = "o2train.gap/1"
@@ -60,7 +60,7 @@ class Result:
     held_out: tuple[TrainingRecording, ...]  # for verifying; no parameter of the new model saw them
     findings: Findings | None
     naming: Naming
-    added: tuple[Added, ...] = ()  # as in the new model
+    added: tuple[ModelEffect, ...] = ()  # as in the new model
     form: str = ""  # how it was added, a sentence
     verified: Verification | None = None
     new_model: Path | None = None

@@ -11,7 +11,7 @@ from training.gap.inputs.roles import Options
 from training.gap.inputs.subject import Subject
 from training.gap.name.knowledge import Knowledge
 from training.gap.name.verdict import Naming
-from training.greybox.effects.model_effect import Added
+from training.greybox.effects.model_effect import ModelEffect
 from training.jobs.stages import Progress
 
 NO_BETTER: Final = (
@@ -30,7 +30,7 @@ class Addition:
 
     path: Path | None = None
     form: str = ""  # a sentence
-    effects: tuple[Added, ...] = ()
+    effects: tuple[ModelEffect, ...] = ()
     warnings: tuple[str, ...] = ()
 
 

@@ -21,7 +21,7 @@ from training.gap.healthy.behaviour import Healthy
 from training.gap.inputs import base
 from training.gap.inputs.roles import ACCEPTED, Material, Options
 from training.greybox.chain import Constants
-from training.greybox.effects.model_effect import Added
+from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.drive import Drive
 from training.greybox.graph.chain_graph import Greybox
 from training.greybox.graph.effect_inputs import Ranges
@@ -48,12 +48,12 @@ HELD_OUT_BLOCKS: Final = "blocks of the recordings of the fit held out of the tr
 def add(
     material: Material,
     out: Path,
-    choices: Sequence[Sequence[Added]],
+    choices: Sequence[Sequence[ModelEffect]],
     known: Healthy | None,
     start: Constants,
     options: Options,
     progress: Progress = lambda _: None,
-) -> tuple[Path | None, str, tuple[Added, ...]]:
+) -> tuple[Path | None, str, tuple[ModelEffect, ...]]:
     """Write the new model that predicts best to ``out``; return it, its form and its effects.
 
     choices : the effects, once for every set of constants, the preferred set first
@@ -147,7 +147,7 @@ class _Tried:
     """A file with effects in one form, and its error."""
 
     form: str
-    added: tuple[Added, ...]
+    added: tuple[ModelEffect, ...]
     path: Path
     rmse: float  # phi
     blocks: Sequence[HeldOut]  # of the recordings of the fit, to set its limits on
@@ -156,7 +156,7 @@ class _Tried:
 def _inside_chain(
     material: Material,
     card: ModelCard,
-    choices: Sequence[Sequence[Added]],
+    choices: Sequence[Sequence[ModelEffect]],
     known: Healthy | None,
     *,
     ranges: Ranges,
@@ -188,7 +188,7 @@ def _inside_chain(
 def _beside_network(
     model: Path,
     folder: Path,
-    choices: Sequence[Sequence[Added]],
+    choices: Sequence[Sequence[ModelEffect]],
     chain: Constants,
     ranges: Ranges,
     use: _Use,

@@ -21,13 +21,13 @@ from training.gap.name.base_state import base_state
 from training.gap.name.ranking import State
 from training.gap.name.verdict import Naming
 from training.greybox.chain import Constants
-from training.greybox.effects.model_effect import Added
+from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.joint import Case, Fit, fit
 
 
 def refitted(
     material: Material, naming: Naming, known: Healthy | None, start: Constants
-) -> list[tuple[Added, ...]]:
+) -> list[tuple[ModelEffect, ...]]:
     """Return the named effects with every possible set of constants, the naming's first.
 
     Constants that, fitted to some of the recordings, predict the others no better than none are
@@ -70,7 +70,7 @@ def _ratio(found: tuple[Fit, float]) -> float:
     return found[1]
 
 
-def _added(naming: Naming, found: Fit) -> tuple[Added, ...]:
+def _added(naming: Naming, found: Fit) -> tuple[ModelEffect, ...]:
     """Return the named effects with the constants of a fit."""
     added = []
     for candidate, values, errors in zip(

@@ -29,7 +29,7 @@ from training.gap.add.network_graph import (
 from training.gap.add.network_parity import parity
 from training.gap.add.network_training import train_again, with_difference
 from training.greybox.chain import Constants
-from training.greybox.effects.model_effect import Added
+from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.drive import Drive, from_recording, path_of
 from training.greybox.graph.chain_difference import ChainDifference
 from training.greybox.graph.effect_inputs import Ranges, channel_of
@@ -44,7 +44,7 @@ from training.recordings.recording import Recording
 
 def add(
     model: Path | str,
-    added: Sequence[Added],
+    added: Sequence[ModelEffect],
     chain: Constants,
     out: Path | str,
     *,
@@ -75,7 +75,7 @@ def add(
 
 
 def can_stand_before(
-    model: Path | str, added: Sequence[Added], chain: Constants, drive: Drive
+    model: Path | str, added: Sequence[ModelEffect], chain: Constants, drive: Drive
 ) -> bool:
     """Whether effects, and those that the model has, may stand before the network.
 
@@ -88,7 +88,7 @@ def can_stand_before(
 
 def retrain(
     model: Path | str,
-    added: Sequence[Added],
+    added: Sequence[ModelEffect],
     chain: Constants,
     recordings: Sequence[Recording],
     out: Path | str,
@@ -180,7 +180,7 @@ def _check(card: ModelCard, path: str) -> None:
         raise ModelError(f"{path}: predicts {card.output.name}, effects are added to lambda alone")
 
 
-def _older(card: ModelCard) -> list[Added]:
+def _older(card: ModelCard) -> list[ModelEffect]:
     return (
         [entry.added for entry in ChainDifference.from_card(card).entries] if card.effects else []
     )

@@ -15,10 +15,11 @@ import numpy as np
 from monitor.base.types import FloatArray
 from training.gap.config import CONFIG
 from training.greybox.chain import AIR_LEAST_MG, STOICHIOMETRIC, Path, valve_phi
-from training.greybox.effects.model_effect import Added
-from training.greybox.effects.nodes.value import Value, clip, maximum, where
+from training.greybox.effects.form.value import Value, clip, maximum, where
+from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.graph.chain_difference import ChainDifference
-from training.greybox.graph.chain_graph import FORGOTTEN, Greybox, effects_nodes
+from training.greybox.graph.chain_graph import FORGOTTEN, Greybox
+from training.greybox.graph.effect import effects_nodes
 from training.greybox.graph.effect_parity import path_with
 from training.greybox.graph.nodes import base_nodes, speed_nodes, valve_nodes
 from training.narx.export import Graph
@@ -32,7 +33,9 @@ LEAST_MG: Final = LIMITS.controller_fuel_min_mg
 UP_TO_THE_VALVE: Final = ("fuel_mg", "air_mg", "factor")  # fields of a path
 
 
-def acts_before(added: Sequence[Added], path: Path, signals: Mapping[str, FloatArray]) -> bool:
+def acts_before(
+    added: Sequence[ModelEffect], path: Path, signals: Mapping[str, FloatArray]
+) -> bool:
     """Return whether effects change fuel and charge only, nothing from the valve to the reading.
 
     path, signals : of any drive, (n,) each

@@ -15,7 +15,7 @@ from training.gap.healthy.operating_points import Visited
 from training.greybox.chain import Constants, Path, simulate
 from training.greybox.charge.error import ChargeError, fit_with_charge_error
 from training.greybox.effects import LIBRARY, Effect, Own
-from training.greybox.effects.dynamics import ramp_lag
+from training.greybox.effects.form.dynamics import ramp_lag
 from training.greybox.fit import ridge
 from training.greybox.fit.comparison import BLOCK_S, FOLDS
 from training.greybox.fit.drive import Drive, path_of

@@ -15,8 +15,8 @@ from numba import njit
 from monitor.base.types import FloatArray
 from training.gap.config import CONFIG
 from training.greybox.chain import Path
-from training.greybox.effects.dynamics import charged, lag, slope
-from training.greybox.effects.effect import flow_kg_h, injecting
+from training.greybox.effects.form.dynamics import charged, lag, slope
+from training.greybox.effects.form.quantities import flow_kg_h, injecting
 from training.greybox.fit.drive import Drive
 
 SPEED_KNOTS_RPM: Final = (800.0, 1300.0, 1800.0, 2400.0, 3200.0)

@@ -8,7 +8,7 @@ from monitor.model.card import ModelCard
 from training.gap.inputs import base, suitability
 from training.gap.inputs.roles import Material
 from training.greybox.chain import Constants
-from training.greybox.fit.comparison import Compared
+from training.greybox.fit.comparison import Comparison
 from training.greybox.fit.drive import Drive
 from training.greybox.graph.chain_graph import Greybox
 from training.recordings.prediction import predicted_phi
@@ -56,15 +56,15 @@ class Subject:
         """Return the healthy recordings as drives, without the effects that the model has."""
         return base.plain_drives_of(self.card, self.material.healthy, self.material.healthy)
 
-    def compared(self) -> tuple[list[Compared], list[Compared]]:
+    def compared(self) -> tuple[list[Comparison], list[Comparison]]:
         """Return the recordings and the healthy ones, each beside the model's free run."""
         chain = Greybox.of(self.card) if self.is_greybox else None
 
-        def beside(recordings: Sequence[Recording]) -> list[Compared]:
+        def beside(recordings: Sequence[Recording]) -> list[Comparison]:
             drives = base.plain_drives_of(self.card, recordings)
             runs = predicted_phi(self.model, recordings)
             return [
-                Compared.of(drive, phi, chain.path(drive.signals) if chain else None)
+                Comparison.of(drive, phi, chain.path(drive.signals) if chain else None)
                 for drive, phi in zip(drives, runs, strict=True)
             ]
 

@@ -23,7 +23,7 @@ from training.gap.name.ranking import (
     rank,
 )
 from training.gap.name.verdict import Candidate, Verdict
-from training.greybox.effects.fuel import GAIN_OF_ETHANOL
+from training.greybox.effects.ethanol import GAIN_OF_ETHANOL
 from training.greybox.fit.joint import Fit, Prior, Term, fit
 from training.jobs.stages import Progress
 

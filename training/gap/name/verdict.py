@@ -6,7 +6,7 @@ from typing import Literal
 
 from training.gap.name.manoeuvres import Experiment
 from training.greybox.chain import Constants
-from training.greybox.effects.model_effect import Added
+from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.joint import Fit
 
 Verdict = Literal["named", "no_gap", "ambiguous", "unknown_effect", "sensor_fault_suspected"]
@@ -32,9 +32,9 @@ class Candidate:
     win: float | None  # how often resampled blocks prefer the best to this; None for the best
     fit: Fit
 
-    def model_effect(self) -> Added:
+    def model_effect(self) -> ModelEffect:
         """Return the effect as a part of a model; raises ModelError for a sensor fault."""
-        return Added(
+        return ModelEffect(
             name=self.name,
             says=self.says,
             tag=self.tag,

@@ -9,7 +9,7 @@ from training.gap.result import Result
 from training.gap.verify.evidence import Count, Detection, Error, Verification, rate
 from training.greybox.chain import RANGES, Constants
 from training.greybox.effects import LIBRARY
-from training.greybox.effects.effect import Parameter
+from training.greybox.effects.form.effect import Parameter
 from training.greybox.fit.sensor_faults import FAULTS
 from training.pages.page import table
 

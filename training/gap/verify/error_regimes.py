@@ -18,7 +18,7 @@ from training.gap.config import CONFIG
 from training.gap.verify.evidence import Error
 from training.gap.where.bootstrap import draw_counts
 from training.gap.where.drivers import DERIVED
-from training.greybox.fit.comparison import BLOCK_S, Compared
+from training.greybox.fit.comparison import BLOCK_S, Comparison
 from training.recordings.preparation import hold
 
 LIMITS: Final = CONFIG.verify
@@ -34,12 +34,12 @@ class Regime:
     rows: BoolArray  # (m,) of the scored samples of all drives, one after the other
 
 
-def scored(recordings: Sequence[Compared], arrays: Sequence[FloatArray]) -> FloatArray:
+def scored(recordings: Sequence[Comparison], arrays: Sequence[FloatArray]) -> FloatArray:
     """Return the scored samples (m,) of one array (n,) per recording."""
     return np.concatenate([a[r.scored] for r, a in zip(recordings, arrays, strict=True)])
 
 
-def find(recordings: Sequence[Compared]) -> list[Regime]:
+def find(recordings: Sequence[Comparison]) -> list[Regime]:
     """Return speed by load, cold and warm, after fuel cut, and edges: where the signals exist."""
     regimes = _speed_and_load(recordings)
     coolant = [r.signals.get("coolant_temperature_degc") for r in recordings]
@@ -58,7 +58,7 @@ def find(recordings: Sequence[Compared]) -> list[Regime]:
     return regimes + _edges(recordings)
 
 
-def _speed_and_load(recordings: Sequence[Compared]) -> list[Regime]:
+def _speed_and_load(recordings: Sequence[Comparison]) -> list[Regime]:
     speed, load = (
         scored(recordings, [hold(r.signals[name]) for r in recordings])
         for name in ("engine_speed_rpm", "air_mass_mg")
@@ -81,7 +81,7 @@ def _between(edges: FloatArray, i: int, unit: str) -> str:
     return f"{edges[i]:.0f} to {edges[i + 1]:.0f} {unit}"
 
 
-def _edges(recordings: Sequence[Compared]) -> list[Regime]:
+def _edges(recordings: Sequence[Comparison]) -> list[Regime]:
     """Return edges of the old model's phi: the same samples for both models."""
     slopes = [s for r in recordings if (s := DERIVED["phi_slope_1_s"](r)) is not None]
     slope = scored(recordings, slopes)
@@ -94,7 +94,7 @@ def _edges(recordings: Sequence[Compared]) -> list[Regime]:
 
 
 def compare(
-    recordings: Sequence[Compared],
+    recordings: Sequence[Comparison],
     after: Sequence[FloatArray] | None,
     floor: FloatArray | None,
     seed: int = 0,
@@ -145,7 +145,7 @@ def rms(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def _blocks(recordings: Sequence[Compared]) -> FloatArray:
+def _blocks(recordings: Sequence[Comparison]) -> FloatArray:
     """Return the number of each scored sample's block, (m,)."""
     numbers, first = [], 0
     for r in recordings:

@@ -21,7 +21,7 @@ from training.gap.verify.evidence import Detection, Error, Trace, Verification
 from training.gap.where.operating_map import excerpt
 from training.greybox.chain import Constants
 from training.greybox.fit import ridge
-from training.greybox.fit.comparison import BLOCK_S, FOLDS, Compared
+from training.greybox.fit.comparison import BLOCK_S, FOLDS, Comparison
 from training.greybox.fit.drive import Drive
 from training.jobs.stages import Progress
 from training.recordings.prediction import predicted_phi
@@ -119,7 +119,7 @@ def _plain(old: Path, new: Path | None, recordings: Sequence[Recording]) -> Erro
 
 def _compared(
     old: Path, new: Path | None, recordings: Sequence[Recording], drives: Sequence[Drive]
-) -> tuple[list[Compared], list[Compared] | None]:
+) -> tuple[list[Comparison], list[Comparison] | None]:
     """Return the drives with each model's prediction, scored on the same samples."""
     before = predicted_phi(old, recordings)
     after = before if new is None else predicted_phi(new, recordings)
@@ -128,13 +128,13 @@ def _compared(
         for d, b, a in zip(drives, before, after, strict=True)
     ]
     old_run, new_run = (
-        [Compared.of(d, phi) for d, phi in zip(drives, each, strict=True)]
+        [Comparison.of(d, phi) for d, phi in zip(drives, each, strict=True)]
         for each in (before, after)
     )
     return old_run, None if new is None else new_run
 
 
-def _trace(before: Sequence[Compared], after: Sequence[Compared]) -> Trace:
+def _trace(before: Sequence[Comparison], after: Sequence[Comparison]) -> Trace:
     """Return the stretch in which the new model takes away most of the squared error."""
     numbered = [replace(r, name=str(i)) for i, r in enumerate(before)]
     gained = [b.residual - a.residual for b, a in zip(before, after, strict=True)]
@@ -154,7 +154,7 @@ def _trace(before: Sequence[Compared], after: Sequence[Compared]) -> Trace:
 
 def left_over(
     drives: Sequence[Drive],
-    compared: Sequence[Compared],
+    compared: Sequence[Comparison],
     residuals: Sequence[FloatArray],
     chain: Constants,
 ) -> FloatArray:
@@ -172,7 +172,7 @@ def left_over(
     return rest if rms(rest) < rms(e) else e
 
 
-def _folds(compared: Sequence[Compared]) -> IntArray:
+def _folds(compared: Sequence[Comparison]) -> IntArray:
     """Return which samples (m,) are held out together: every fifth block of every recording."""
     own = [
         (np.flatnonzero(r.scored) * r.period_s // BLOCK_S).astype(np.int64) + i

@@ -13,7 +13,7 @@ from training.gap.where.bootstrap import Share, draw_counts, share_of
 from training.gap.where.drivers import WORDS
 from training.gap.where.segments import Segments, input_names, transform
 from training.gap.where.surrogates import Sums, p_of_largest, slope
-from training.greybox.fit.comparison import Compared
+from training.greybox.fit.comparison import Comparison
 
 LIMITS: Final = CONFIG.bands
 EDGE: Final = 2.0  # a band is an octave
@@ -73,8 +73,8 @@ class Bands:
 
 
 def find_bands(
-    recordings: Sequence[Compared],
-    healthy: Sequence[Compared],
+    recordings: Sequence[Comparison],
+    healthy: Sequence[Comparison],
     white_rms: float,
     rng: np.random.Generator,
 ) -> Bands | None:

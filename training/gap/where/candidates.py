@@ -28,7 +28,7 @@ from training.gap.where.splines import (
     solve,
 )
 from training.gap.where.transport import Transport
-from training.greybox.fit.comparison import Compared, Stack, gather
+from training.greybox.fit.comparison import Comparison, Stack, gather
 from training.recordings.preparation import hold
 
 Point = Literal["before the transport", "at the sensor", "timing", "sensitivity"]
@@ -40,14 +40,14 @@ EVERYWHERE: Final = "everywhere"
 class Side:
     """Recordings with blocks, drivers and transport, which every candidate needs."""
 
-    recordings: Sequence[Compared]
+    recordings: Sequence[Comparison]
     blocks: Stack
     drivers: dict[str, Driver]
     transport: Transport | None
 
     @classmethod
     def of(
-        cls, recordings: Sequence[Compared], blocks: Stack, transport: Transport | None
+        cls, recordings: Sequence[Comparison], blocks: Stack, transport: Transport | None
     ) -> "Side":
         """Return the side with all its drivers."""
         drivers = {d.name: d for d in find_drivers(recordings)}

@@ -27,7 +27,7 @@ from training.gap.where.regimes import (
     rivals,
 )
 from training.gap.where.transport import find_transport, like
-from training.greybox.fit.comparison import FOLDS, Compared, Stack, stack
+from training.greybox.fit.comparison import FOLDS, Comparison, Stack, stack
 
 MOST_NAMED: Final = 4  # rivals in a sentence; the page shows them all
 
@@ -99,7 +99,7 @@ def _share(kind: str, finding: Any) -> dict[str, Any]:
 
 
 def localise(
-    recordings: Sequence[Compared], healthy: Sequence[Compared] = (), seed: int = 0
+    recordings: Sequence[Comparison], healthy: Sequence[Comparison] = (), seed: int = 0
 ) -> Findings:
     """Return where the recordings' residuals exceed the noise, or those of healthy recordings.
 

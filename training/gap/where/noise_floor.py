@@ -19,7 +19,7 @@ from monitor.base.types import FloatArray
 from training.gap.config import CONFIG
 from training.gap.where.bootstrap import draw_counts
 from training.gap.where.drivers import find_drivers
-from training.greybox.fit.comparison import Compared, Stack, gather
+from training.greybox.fit.comparison import Comparison, Stack, gather
 from training.recordings.preparation import hold
 
 WEIGHTS: Final = (1.0, -3.0, 3.0, -1.0)  # third difference
@@ -50,7 +50,7 @@ class NoiseFloor:
 
 
 def noise_floor(
-    recordings: Sequence[Compared], blocks: Stack, rng: np.random.Generator
+    recordings: Sequence[Comparison], blocks: Stack, rng: np.random.Generator
 ) -> NoiseFloor:
     """Return the noise floor of the recordings' residuals.
 
@@ -80,7 +80,7 @@ def noise_floor(
 
 
 def _white(
-    recordings: Sequence[Compared], blocks: Stack, rng: np.random.Generator
+    recordings: Sequence[Comparison], blocks: Stack, rng: np.random.Generator
 ) -> tuple[float, FloatArray]:
     """Return the white noise's standard deviation and draws of it."""
     squares, whole = [], []
@@ -101,7 +101,7 @@ def _white(
 
 
 def _repeated(
-    recordings: Sequence[Compared], blocks: Stack, rng: np.random.Generator
+    recordings: Sequence[Comparison], blocks: Stack, rng: np.random.Generator
 ) -> FloatArray:
     """Return half the squared differences of the closest pairs."""
     points, time_s = _points(recordings, blocks)
@@ -123,7 +123,7 @@ def _repeated(
     return np.asarray((residual[rows] - residual[other[rows, first[rows]]]) ** 2 / 2.0)
 
 
-def _points(recordings: Sequence[Compared], blocks: Stack) -> tuple[FloatArray, FloatArray]:
+def _points(recordings: Sequence[Comparison], blocks: Stack) -> tuple[FloatArray, FloatArray]:
     """Return the operating points (m, k) in standard deviations, now and a little earlier."""
     drivers = {d.name: d.values for d in find_drivers(recordings) if d.name in POINT}
     drivers["phi_predicted"] = tuple(hold(r.phi_predicted) for r in recordings)

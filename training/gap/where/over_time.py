@@ -14,7 +14,7 @@ import numpy as np
 
 from monitor.base.types import BoolArray, FloatArray
 from training.gap.config import CONFIG
-from training.greybox.fit.comparison import Compared
+from training.greybox.fit.comparison import Comparison
 
 LIMITS: Final = CONFIG.changes
 ORDERS: Final = 9999  # random orders of the blocks
@@ -67,8 +67,8 @@ class Change:
 
 
 def find_changes(
-    recordings: Sequence[Compared],
-    healthy: Sequence[Compared],
+    recordings: Sequence[Comparison],
+    healthy: Sequence[Comparison],
     explained: Sequence[FloatArray] | None,
     rng: np.random.Generator,
 ) -> tuple[Change, ...]:
@@ -107,7 +107,7 @@ def find_changes(
     return tuple(sorted(corrected, key=lambda c: (not c.significant, c.p_value, c.p_beyond_regime)))
 
 
-def _shape(r: Compared, quantity: Quantity) -> Change | None:
+def _shape(r: Comparison, quantity: Quantity) -> Change | None:
     """Return the clearest change, not yet tested; None if the recording is too short."""
     block_s, values = _blocks(r, r.residual, quantity)
     if len(values) < LIMITS.blocks_min:
@@ -135,7 +135,7 @@ def _shape(r: Compared, quantity: Quantity) -> Change | None:
     )
 
 
-def _step_beats(r: Compared, rest: FloatArray, t_s: float, quantity: Quantity) -> bool:
+def _step_beats(r: Comparison, rest: FloatArray, t_s: float, quantity: Quantity) -> bool:
     """Return whether a step at ``t_s`` leaves clearly less of the blocks than the driver does."""
     block_s, values = _blocks(r, r.residual, quantity)
     left = _blocks(r, rest, quantity)[1]
@@ -143,7 +143,9 @@ def _step_beats(r: Compared, rest: FloatArray, t_s: float, quantity: Quantity) -
     return _left(values, block_s > t_s) < LIMITS.step_clearly * driver
 
 
-def _blocks(r: Compared, residual: FloatArray, quantity: Quantity) -> tuple[FloatArray, FloatArray]:
+def _blocks(
+    r: Comparison, residual: FloatArray, quantity: Quantity
+) -> tuple[FloatArray, FloatArray]:
     """Return the middle of each block and its mean, or the logarithm of its RMS about the mean."""
     length = max(round(LIMITS.block_s / r.period_s), 2)
     middles, values = [], []

@@ -14,7 +14,7 @@ from scipy.signal.windows import hann
 from monitor.base.types import FloatArray, IntArray
 from training.gap.config import CONFIG
 from training.gap.where.drivers import NO_DRIVERS
-from training.greybox.fit.comparison import Compared
+from training.greybox.fit.comparison import Comparison
 from training.recordings.preparation import hold
 
 LIMITS: Final = CONFIG.bands
@@ -36,7 +36,7 @@ class Segments:
         return np.asarray(np.abs(self.residual) ** 2)
 
 
-def input_names(sides: Sequence[Sequence[Compared]]) -> tuple[str, ...]:
+def input_names(sides: Sequence[Sequence[Comparison]]) -> tuple[str, ...]:
     """Return the signals that every recording has and that move in the first side."""
     every = [r for side in sides for r in side]
     first = sides[0]
@@ -49,7 +49,7 @@ def input_names(sides: Sequence[Sequence[Compared]]) -> tuple[str, ...]:
     )
 
 
-def transform(recordings: Sequence[Compared], names: Sequence[str]) -> Segments | None:
+def transform(recordings: Sequence[Comparison], names: Sequence[str]) -> Segments | None:
     """Return the segments in which most samples are scored; None if they are too few.
 
     All recordings have one period. A bin of the one-sided power sums to the variance.

@@ -1,4 +1,4 @@
-"""Added effects in the network's graph, on simulated drives of which one has a hidden effect."""
+"""Effects added in the network's graph, on simulated drives of which one has a hidden effect."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -30,7 +30,7 @@ from tests.helpers.gap_networks import (
 from training.gap.add.network import add, retrain
 from training.gap.add.network_graph import AS_INPUT, DIFFERENCE, TO_OUTPUT, network_of
 from training.gap.add.network_training import old_weights, spec_of, with_difference
-from training.greybox.effects.model_effect import Added
+from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.drive import from_recording
 from training.greybox.graph.chain_difference import ChainDifference
 from training.narx.committee import committee
@@ -43,7 +43,7 @@ from training.recordings.preparation import Prepared, prepare
 from training.recordings.recording import Recording
 from training.studies.evaluation import predict
 
-NOTHING = Added.with_values("injector_offset", [0.0])
+NOTHING = ModelEffect.with_values("injector_offset", [0.0])
 
 
 def without(recording: Recording, rows: slice, name: str) -> Recording:
@@ -198,7 +198,7 @@ def test_the_card_says_what_was_added_and_where_it_came_from(
     old = base.card
     for path, form in ((extended, TO_OUTPUT), (retrained, AS_INPUT)):
         card = Model.load(path).card
-        assert Added.from_card(card.effects[0]) == film
+        assert ModelEffect.from_card(card.effects[0]) == film
         assert card.structure["form"] == form
         assert card.structure["chain"]["constants"] == chain._asdict()
         assert card.input_names == (*NARX_INPUTS, "engine_speed_rpm", "coolant_temperature_degc")
@@ -291,7 +291,7 @@ def test_a_further_effect_is_added_to_a_model_that_has_one(
     base: FitResult, extended: Path, tmp_path: Path
 ) -> None:
     chain, film = fitted()
-    more = Added.with_values("back_pressure", [1.0])
+    more = ModelEffect.with_values("back_pressure", [1.0])
     seen = ranges(*gap_drives())
     twice, at_once = tmp_path / "twice.onnx", tmp_path / "at_once.onnx"
     card = add(extended, [more], chain, twice, ranges=seen, recordings=FIT)
@@ -324,7 +324,7 @@ def test_new_effects_change_nothing_on_healthy_drives_and_older_ones_what_they_d
         new, known = taken
         older = Model.load(model).card.effects
         difference = ChainDifference.of(
-            base.card, [Added.from_card(each) for each in older], chain, seen
+            base.card, [ModelEffect.from_card(each) for each in older], chain, seen
         )
         # THEN on the healthy drive it is the older effects alone, or nothing
         np.testing.assert_array_equal(known, with_difference(healthy, difference).values[:, -1])

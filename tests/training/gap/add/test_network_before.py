@@ -31,7 +31,7 @@ from training.gap.add.network_before import CORRECTED, Before
 from training.gap.add.network_graph import BEFORE, TO_OUTPUT, NetworkWithEffects
 from training.gap.inputs.roles import Material, Options
 from training.greybox.effects import ALL
-from training.greybox.effects.model_effect import Added
+from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.drive import Drive, from_recording
 from training.greybox.graph.effect_parity import ParityError
 from training.narx.export import update_card
@@ -41,7 +41,7 @@ from training.recordings.prediction import predicted_phi
 from training.recordings.recording import Recording
 
 RAIL = ("rail_exponent", 16.0)
-NOTHING = Added.with_values("injector_offset", [0.0])
+NOTHING = ModelEffect.with_values("injector_offset", [0.0])
 
 
 @pytest.fixture(scope="module")
@@ -155,7 +155,7 @@ def test_only_what_acts_on_fuel_and_charge_may_stand_before_a_network(base: FitR
         for effect in ALL
         if can_stand_before(
             base.path,
-            [Added.with_values(effect.name, [p.start[0] for p in effect.parameters])],
+            [ModelEffect.with_values(effect.name, [p.start[0] for p in effect.parameters])],
             CHAIN,
             driven,
         )
@@ -178,7 +178,7 @@ def test_an_effect_of_the_exhaust_takes_what_stood_before_the_network_to_its_out
     base: FitResult, before: Path, tmp_path: Path
 ) -> None:
     chain, film = fitted()
-    more, seen = Added.with_values("back_pressure", [1.0]), ranges(*gap_drives())
+    more, seen = ModelEffect.with_values("back_pressure", [1.0]), ranges(*gap_drives())
     assert not can_stand_before(before, [more], chain, from_recording(gap_drives()[0]))
     twice, at_once = tmp_path / "twice.onnx", tmp_path / "at_once.onnx"
     card = add(before, [more], chain, twice, ranges=seen, recordings=FIT)
@@ -223,7 +223,7 @@ def test_of_several_constants_those_that_predict_best_are_taken(
 ) -> None:
     # GIVEN a film with constants that were fitted, and with others
     chain, film = fitted()
-    far = Added.with_values("wall_film", [2.0 * film.values[0], *film.values[1:].tolist()])
+    far = ModelEffect.with_values("wall_film", [2.0 * film.values[0], *film.values[1:].tolist()])
     material = Material(base.path, gap_drives(), verify=gap_drives()[:1])
     for choices in ([[far], [film]], [[film], [far]]):
         # WHEN it is added THEN the better ones are taken, whichever come first
@@ -244,7 +244,7 @@ def test_a_network_trained_anew_is_kept_only_if_it_predicts_better(
     drives = gap_drives()
     material, target = Material(base.path, drives, verify=drives[:1]), tmp_path / "m.onnx"
     far, further = (
-        Added.with_values("wall_film", [size * film.values[0], *film.values[1:].tolist()])
+        ModelEffect.with_values("wall_film", [size * film.values[0], *film.values[1:].tolist()])
         for size in (1.2, 1.5)
     )
 

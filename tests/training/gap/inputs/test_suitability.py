@@ -20,7 +20,7 @@ from training.gap.name import yardstick
 from training.gap.name.vehicle_mix import Chain, partitions, warn
 from training.greybox.chain import Constants, base_path, simulate
 from training.greybox.effects import LIBRARY
-from training.greybox.effects.model_effect import Added, uncertain
+from training.greybox.effects.model_effect import ModelEffect, uncertain
 from training.greybox.fit.drive import Drive, make
 from training.jobs.stages import Stages
 from training.recordings.recording import Recording
@@ -179,7 +179,7 @@ def test_what_is_missing_in_all_drives_does_not_part_them() -> None:
 
 
 def test_a_constant_smaller_than_its_standard_error_is_warned_of() -> None:
-    sure = Added.with_values("injector_offset", [0.2])
+    sure = ModelEffect.with_values("injector_offset", [0.2])
     name = next(iter(sure.parameters))
     doubtful = replace(sure, standard_errors={name: 0.3})
     assert uncertain([replace(sure, standard_errors={name: 0.1})]) == []
@@ -191,7 +191,7 @@ def test_a_constant_smaller_than_its_standard_error_is_warned_of() -> None:
 def test_a_share_of_about_none_is_known_as_well_as_any_other_and_warned_of_only_if_it_is_not() -> (
     None
 ):
-    leak = Added.with_values("exhaust_leak", [0.05, 30.0, 0.0], [0.002, 2.0, 0.1])
+    leak = ModelEffect.with_values("exhaust_leak", [0.05, 30.0, 0.0], [0.002, 2.0, 0.1])
     assert uncertain([leak]) == []
     unknown = replace(leak, standard_errors=dict(leak.standard_errors) | {"place": 0.45})
     (warning,) = uncertain([unknown])

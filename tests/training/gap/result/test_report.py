@@ -22,7 +22,7 @@ from training.gap.verify.evidence import Count, Detection, Error, Trace, Verific
 from training.gap.where.findings import Findings, localise
 from training.greybox.chain import Constants
 from training.greybox.effects import LIBRARY
-from training.greybox.effects.model_effect import Added
+from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.joint import Fit
 from training.greybox.fit.sensor_faults import FAULTS
 
@@ -185,7 +185,7 @@ def test_the_json_of_every_verdict_keeps_the_contract(verdict: Verdict, tmp_path
 
 
 def test_an_effect_carries_the_constants_that_stand_in_the_model() -> None:
-    refitted = Added.with_values("purge", [0.77], [0.05])
+    refitted = ModelEffect.with_values("purge", [0.77], [0.05])
     effect = as_json(made("named", added=(refitted,)))["effects"][0]
     assert effect["parameters"] == {"concentration": 0.77}
     assert effect["standard_errors"] == {"concentration": 0.05}
@@ -435,7 +435,7 @@ def test_candidates_that_were_skipped_stand_with_what_they_lack() -> None:
 
 def test_a_constant_at_its_bound_says_so() -> None:
     at_most = LIBRARY["purge"].parameters[0].high
-    page = report.as_page(made("named", added=(Added.with_values("purge", [at_most]),)))
+    page = report.as_page(made("named", added=(ModelEffect.with_values("purge", [at_most]),)))
     assert "-2 to 8, reached" in page
 
 

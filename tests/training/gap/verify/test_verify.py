@@ -19,7 +19,7 @@ from training.gap.verify.error_regimes import compare
 from training.gap.verify.evidence import Count, Detection, rate
 from training.gap.verify.verification import verify
 from training.greybox.chain import Constants, base_path, simulate
-from training.greybox.fit.comparison import Compared
+from training.greybox.fit.comparison import Comparison
 from training.greybox.model import fit_greybox
 from training.limits.decision_limits import set_limits
 from training.narx.export import update_card
@@ -141,7 +141,7 @@ def test_models_that_are_equally_good_seldom_differ_beyond_confidence_anywhere()
     told = 0
     for seed in range(trials):
         old, new = slow_noise(2 * seed, n), slow_noise(2 * seed + 1, n)
-        drive = Compared("drive", PERIOD_S, signals, phi + old, phi, scored)
+        drive = Comparison("drive", PERIOD_S, signals, phi + old, phi, scored)
         told += any(e.worse or e.better for e in compare([drive], [new], None, seed)[1:])
     # THEN about one in twenty has a regime in which they differ beyond confidence
     assert told / trials <= 0.10

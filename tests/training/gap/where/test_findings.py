@@ -20,7 +20,7 @@ from tests.helpers.gap_residuals import (
 )
 from training.gap.pages.where_section import section
 from training.gap.where.findings import Findings, localise
-from training.greybox.fit.comparison import Compared
+from training.greybox.fit.comparison import Comparison
 
 FLOW = {"maf_kg_h", "inverse_flow_h_kg", "load_times_speed"}
 
@@ -198,7 +198,7 @@ def test_a_driver_that_tells_few_drives_apart_is_left_out_and_the_notes_say_so(
 def test_signals_of_another_length_are_refused() -> None:
     one = drive(1)
     with pytest.raises(RecordingError, match=r"short: predicted phi has shape \(5999,\)"):
-        Compared("short", 0.1, one.signals, one.phi_measured, one.phi_predicted[1:], one.scored)
+        Comparison("short", 0.1, one.signals, one.phi_measured, one.phi_predicted[1:], one.scored)
 
 
 def test_too_little_to_resample_is_refused() -> None:

@@ -13,7 +13,7 @@ from training.dyno.effects import from_severities
 from training.dyno.simulation import Experiment
 from training.gap.where.findings import Findings, localise
 from training.gap.where.transport import transported
-from training.greybox.fit.comparison import Compared
+from training.greybox.fit.comparison import Comparison
 from training.greybox.fit.drive import Drive, make
 
 PERIOD_S = 0.1
@@ -35,7 +35,7 @@ def simulated(cycle: str, seed: int, **severities: float) -> Drive:
     return make(f"{cycle}_s{seed}", PERIOD_S, columns, measured)
 
 
-def predicted(drive: Drive, constants: FloatArray) -> Compared:
+def predicted(drive: Drive, constants: FloatArray) -> Comparison:
     """Fuel over air after a dead time with a part that follows the stroke, and one lag."""
     dead_s, per_rpm, lag_s, gain, offset = constants
     ratio = 14.7 * drive.signals["fuel_mass_mg"] / np.maximum(drive.signals["air_mass_mg"], 1.0)
@@ -44,7 +44,7 @@ def predicted(drive: Drive, constants: FloatArray) -> Compared:
     )
     lag_s = max(lag_s, 0.01)
     at_sensor = transported(np.clip(ratio, 0.0, 2.0), dead_time_s, lag_s, PERIOD_S)
-    return Compared(
+    return Comparison(
         drive.name,
         PERIOD_S,
         drive.signals,
@@ -57,7 +57,7 @@ def predicted(drive: Drive, constants: FloatArray) -> Compared:
 
 
 @cache
-def healthy() -> tuple[tuple[Compared, ...], tuple[float, ...]]:
+def healthy() -> tuple[tuple[Comparison, ...], tuple[float, ...]]:
     drives = [simulated(c, 2_000_000 + i) for i, c in enumerate(("us06", "udds", "wltc_3b"))]
 
     def error(constants: FloatArray) -> float:

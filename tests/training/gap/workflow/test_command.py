@@ -22,7 +22,7 @@ from training.gap.inputs.roles import Material, Options
 from training.gap.name import yardstick
 from training.gap.workflow import investigate
 from training.greybox.chain import Constants
-from training.greybox.effects.model_effect import Added
+from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.drive import Drive
 from training.jobs.stages import Stages
 from training.recordings.recording import Recording, load
@@ -212,7 +212,7 @@ def test_the_new_model_can_be_extended_again(
     (drive,) = base.drives_of(old, [recording])
     ranges = {name: (float(x.min()), float(x.max())) for name, x in drive.signals.items()}
     # WHEN another effect is added to it
-    more = Added.with_values("injector_offset", [0.2])
+    more = ModelEffect.with_values("injector_offset", [0.2])
     greybox.add(old, [more], tmp_path / "both.onnx", ranges=ranges, recordings=())
     # THEN the file has both, and reads otherwise
     both = Model.load(tmp_path / "both.onnx").card.effects
@@ -285,7 +285,7 @@ def test_a_model_that_predicts_no_better_with_the_effect_is_not_written(
     # GIVEN healthy drives, which lack the effect
     recordings = [load(path) for path in healthy[:2]]
     material = Material(chain, recordings, verify=recordings[:1])
-    lag = Added.with_values("mix_flow", [4.0])
+    lag = ModelEffect.with_values("mix_flow", [4.0])
     # WHEN it is to be added all the same
     new, form, added = choice.add(
         material,

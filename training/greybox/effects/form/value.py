@@ -1,19 +1,21 @@
-"""Arithmetic that becomes nodes of a graph, so that an effect reads as its numpy form does.
+"""Arithmetic that adds nodes to a graph, so that both forms of an effect read alike.
 
-Only operations that give the same bits in every batch size are here; onnxruntime's ``Log`` does
-not, its ``Pow``, ``Exp`` and ``Tanh`` do.
+Only operations that give the same bits in every batch size are here: onnxruntime's ``Pow``,
+``Exp`` and ``Tanh`` do, its ``Log`` does not.
 """
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from training.narx.export import Graph
+if TYPE_CHECKING:
+    from training.narx.export import Graph
 
 
 @dataclass(frozen=True, slots=True)
 class Value:
-    """A tensor (batch, 1) or a scalar in a graph; each operation adds a node, float32."""
+    """A float32 tensor (batch, 1) or scalar in a graph; each operation adds a node."""
 
-    graph: Graph
+    graph: "Graph"
     name: str
 
     def __add__(self, other: "Value | float") -> "Value":
@@ -56,7 +58,7 @@ class Value:
         return self.node("And", self, other)
 
     def node(self, kind: str, *operands: "Value | float") -> "Value":
-        """Return what an ONNX operator makes of the operands."""
+        """Add an ONNX operator of this kind; return its result."""
         graph, names = self.graph, list[str]()
         for x in operands:
             if isinstance(x, Value):

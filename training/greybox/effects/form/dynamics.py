@@ -1,10 +1,15 @@
-"""First-order dynamics of effects at the sample period."""
+"""First-order lags, slope and store of effects as arrays, at the sample period."""
 # mypy: disable-error-code="no-untyped-def"
+
+from typing import Final
 
 import numpy as np
 from numba import njit
 
 from monitor.base.types import BoolArray, FloatArray
+
+LEAST_S: Final = 1e-6  # time constant of ``lag``
+LEAST_SAMPLES: Final = 1e-9  # time constant of ``ramp_lag`` in samples
 
 
 @njit(cache=True)
@@ -18,11 +23,11 @@ def _lag(u, share):
 
 
 def lag(u: FloatArray, time_s: FloatArray | float, period_s: float) -> FloatArray:
-    """Return ``u`` (n,) through a first-order lag that starts settled.
+    """Return ``u`` (n,) behind a first-order lag that starts settled.
 
     time_s : time constant in s, a number or (n,)
     """
-    share = 1.0 - np.exp(-period_s / np.maximum(time_s, 1e-6))
+    share = 1.0 - np.exp(-period_s / np.maximum(time_s, LEAST_S))
     return _lag(u, np.broadcast_to(share, u.shape))
 
 
@@ -40,11 +45,11 @@ def _ramp_lag(u, time):
 
 
 def ramp_lag(u: FloatArray, time_s: FloatArray, period_s: float) -> FloatArray:
-    """Return ``u`` (n,) through a lag that may be far below the sample period.
+    """Return ``u`` (n,) behind a lag whose time constant may be far below the sample period.
 
-    Exact for an input that runs straight between samples, as ``training.greybox.chain`` has it.
+    Exact for an input that runs straight between samples, like the lags of the chain.
     """
-    return _ramp_lag(u, np.maximum(time_s / period_s, 1e-9))
+    return _ramp_lag(u, np.maximum(time_s / period_s, LEAST_SAMPLES))
 
 
 def slope(u: FloatArray, period_s: float) -> FloatArray:
@@ -65,7 +70,10 @@ def _decay(active, share_up, share_down):
 def charged(
     active: BoolArray, up_s: float, down_s: FloatArray | float, period_s: float
 ) -> FloatArray:
-    """Return (n,) a store that fills to 1 while ``active`` and empties afterwards."""
-    down = 1.0 - np.exp(-period_s / np.maximum(down_s, 1e-6))
+    """Return a store (n,) that fills to 1 while ``active`` and empties afterwards.
+
+    up_s, down_s : time constants in s of filling and emptying
+    """
+    down = 1.0 - np.exp(-period_s / np.maximum(down_s, LEAST_S))
     share_up = 1.0 - np.exp(-period_s / up_s)
     return _decay(active, share_up, np.broadcast_to(down, active.shape))
