@@ -22,11 +22,12 @@ from monitor.base import config
 from training.dyno.effects import from_severities
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
+from training.gap.inputs.roles import Material, Options
 from training.gap.name import yardstick
 from training.gap.name.naming import name
 from training.gap.pages import report
 from training.gap.result import save
-from training.gap.workflow import Given, Options, investigate
+from training.gap.workflow import investigate
 from training.greybox.chain import Constants
 from training.greybox.fit.drive import from_recording
 from training.greybox.model import fit_greybox
@@ -93,7 +94,7 @@ def whole(model: Path, new: list[Path], healthy: list[Path], folder: Path) -> Cl
     """Return the times of one case, its verdict printed."""
     clock = Clock()
     given = clock.done(
-        "read", lambda: Given(model, [load(p) for p in new], [load(p) for p in healthy])
+        "read", lambda: Material(model, [load(p) for p in new], [load(p) for p in healthy])
     )
     found = clock.done("rest", lambda: investigate(given, folder, Options(), stages=clock))
     inside = [clock.seconds[each] for each in ("healthy", "where", "name", "verify")]

@@ -1,4 +1,4 @@
-"""Tells systemd that the loop is ready, alive and ending; see sd_notify(3) and docs/service.md."""
+"""Tells systemd that the loop is ready, alive and ending; sd_notify(3), docs/guides/service.md."""
 
 import math
 import os

@@ -22,7 +22,7 @@ import dbc
 import monitor
 import training
 from monitor.base.errors import UsageError
-from training.jobs.parallel import WorkerDiedError
+from training.jobs.worker import WorkerDiedError
 
 Shared = TypeVar("Shared")
 Item = TypeVar("Item")
@@ -117,13 +117,13 @@ def _functions(name: str) -> tuple[Callable[[bytes, bytes], bytes], Callable[[by
     def call(shared: bytes, job: bytes) -> bytes:
         from distributed import get_worker  # noqa: PLC0415
 
-        from training.jobs import parallel  # noqa: PLC0415
+        from training.jobs import worker  # noqa: PLC0415
 
         plugin: Any = get_worker().plugins[name]
         root = plugin.root
-        if not parallel.__file__.startswith(root):
-            raise RuntimeError(f"{parallel.__file__} was loaded on this worker, not from {root}")
-        return parallel.of_bytes(shared, job)
+        if not worker.__file__.startswith(root):
+            raise RuntimeError(f"{worker.__file__} was loaded on this worker, not from {root}")
+        return worker.of_bytes(shared, job)
 
     def hold(data: bytes) -> bytes:
         return data

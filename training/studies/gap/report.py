@@ -225,7 +225,7 @@ def _wrong(rows: Sequence[Row]) -> str:
 
 
 def _what(row: Row) -> str:
-    """Return what was hidden, with its severity."""
+    """Return the hidden effects or fault with severity."""
     if row["fault"]:
         return f"{row['kind']}: {row['fault']} {row['fault_severity']:g}"
     effects = zip(row["hidden"], row["severities"], strict=True)
