@@ -1,8 +1,8 @@
-"""What judging whole recordings side by side costs, split by stage, beside streaming.
+"""Cost of judging whole recordings side by side, by stage, compared with streaming.
 
-Simulates WLTCs, holds them as tables in memory and judges them with the shipped model: all of them
-by ``judge_all``, some of them by the streaming monitor, and checks that both say the same. Figures
-are medians of repeats, in microseconds of processor time per sample of the grid.
+It simulates WLTCs, holds them as tables in memory and judges them with the shipped model: all of
+them by ``judge_all``, some also by the streaming monitor, and checks that the verdicts are equal.
+Figures are medians of repeats, in microseconds of processor time per sample of the grid.
 
     python benchmarks/batch.py [--drives 64] [--rows 64] [--streamed 2] [--repeats 3]
 """

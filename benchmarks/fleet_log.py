@@ -1,14 +1,14 @@
-"""From file to verdicts: a fully loaded log, and many drives as tables; the cost of each stage.
+"""Cost of each stage from file to verdicts, for a full log and for many drives as tables.
 
-The log is a simulated drive of the project's own ECU (200 frames/s that are needed) among synthetic
-foreign traffic that fills a bus of 500 kbit/s (4,000 frames/s), as candump text and as BLF. It goes
-through the vectorised path (candump also with the parser of the [fleet] extra), through
-``o2mon replay`` and through the plain loop of python-can, cantools and onnxruntime of
-``replay_vs_plain_loop.py``: one that decodes only the messages it needs, and one that decodes every
-message of the bus, with a database that describes the foreign ones, too. The tables are simulated
-ten-minute drives held in memory, judged side by side by one process per core; they are repeated to
-the number asked for. Times are seconds of processor time, medians of repeats; the rate on several
-cores is also given by the clock on the wall.
+The log is a simulated drive of the project's own ECU (200 needed frames/s) among synthetic foreign
+traffic that fills a bus of 500 kbit/s (4,000 frames/s), as candump text and as BLF. It goes through
+the vectorised path (candump also with the parser of the [fleet] extra), through ``o2mon replay``,
+and through two plain loops of python-can, cantools and onnxruntime from
+``replay_vs_plain_loop.py``: one decodes only the needed messages, the other decodes every message,
+with a database that also describes the foreign ones. The tables are simulated ten-minute drives in
+memory, repeated to the wanted number and judged side by side by one process per core. Times are
+seconds of processor time, medians of repeats; the rate on several cores is also given in wall-clock
+time.
 
     python benchmarks/fleet_log.py [--seconds 600] [--drives 256] [--cores 2] [--repeats 3]
 """

@@ -1,7 +1,7 @@
-"""Free run of a model on drives that its training never saw, beside the model of a first try.
+"""Free run of a model on drives that its training did not use, compared with a first model.
 
-Training vehicle and ten others on a WLTC each; all drives are simulated. Figures are taken on the
-samples that the monitor enables.
+The training vehicle and ten others drive a WLTC each; all drives are simulated. Figures are for
+the enabled samples.
 
     python benchmarks/free_run.py [--model MODEL]
 """
@@ -16,10 +16,10 @@ from monitor.base import config
 from monitor.judge.limits import Limits
 from monitor.model.step import Model
 from monitor.report.replay import shipped_model
+from tests.helpers.physical_baseline import Baseline, fit_baseline
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
 from training.limits.judging import judge
-from training.narx.baseline import Baseline, fit_baseline
 from training.recordings import metrics
 from training.recordings.recording import Recording, load
 

@@ -1,10 +1,10 @@
-"""The project beside the loop one writes first with python-can, cantools and onnxruntime.
+"""``o2mon replay`` compared with a plain loop of python-can, cantools and onnxruntime.
 
-Both work on the same synthetic log: a simulated WLTC, 1800 s at 200 frames/s, as candump text.
-The plain loop decodes only the messages it needs, holds the last value for ever, runs the model
-every period and takes mean and standard deviation of 50 residuals. It checks nothing and judges
-nothing; the project does both. Sides take turns; the figures are medians over the rounds, in
-seconds of processor time, so that other work on the machine counts little.
+Both read the same synthetic log: a simulated WLTC, 1800 s at 200 frames/s, as candump text. The
+plain loop decodes only the needed messages, holds the last values for ever, runs the model every
+period, and takes mean and standard deviation of 50 residuals. It checks and judges nothing; the
+project does both. The two take turns. Figures are medians over the rounds in seconds of processor
+time, which other work on the machine hardly changes.
 """
 
 import argparse

@@ -1,8 +1,8 @@
-"""What the streaming pipeline costs, split by stage, beside its targets.
+"""Cost of the streaming pipeline by stage, compared with its targets.
 
-Replays a recording of replay_logs (simulated) with the shipped model. A stage is timed alone, over
-the whole drive, on what the stage before it gives it; figures are medians of repeats, in
-microseconds of processor time. In every repeat each stage has its turn.
+It replays a simulated recording of replay_logs with the shipped model. A stage is timed alone, over
+the whole drive, on the output of the stage before it. Figures are medians of repeats in
+microseconds of processor time; the stages take turns in every repeat.
 """
 
 import argparse

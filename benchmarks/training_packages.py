@@ -1,7 +1,7 @@
-"""One-step and free-run training of the same network by this project and by other packages.
+"""One-step and free-run training of the same network, by this project and by other packages.
 
-Every function takes the same data and the same initial weights, as
-``training.narx.network`` lays them out, and returns weights in that layout.
+Every function takes the same data and initial weights, in the layout of
+``training.narx.network``, and returns weights in that layout.
 """
 
 import contextlib
@@ -16,8 +16,8 @@ from types import ModuleType
 import numpy as np
 from scipy.optimize import least_squares
 
-from training.narx.algorithms.closed_loop import ClosedLoop, Pieces, Samples
-from training.narx.algorithms.lm import Objective, OneStep, Options, minimise
+from training.narx.algorithms.lm import Objective, Options, minimise
+from training.narx.algorithms.objectives import ClosedLoop, OneStep, Pieces, Samples
 from training.narx.network import Spec, forward, jacobian, layers, regressors
 
 

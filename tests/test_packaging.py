@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[1]
+from tests.conftest import ROOT
+
 SOURCES = ("pyproject.toml", "README.md", "LICENSE", "NOTICE", "monitor", "training", "dbc")
 ABSENT = (
     *("training", "torch", "scipy", "numba", "polars", "pandas", "matplotlib", "onnx", "joblib"),
@@ -48,10 +49,12 @@ def test_the_installed_packages_are_imported_from_where_they_were_installed(
     [
         ("dbc", "*.dbc"),
         ("dbc", "*.toml"),
-        ("monitor", "*.toml"),
+        ("monitor/base", "*.toml"),
         ("monitor", "py.typed"),
-        ("monitor/models", "*.onnx"),
-        ("monitor/live/static", "*"),
+        ("monitor/model", "*.onnx"),
+        ("monitor/report/static", "*"),
+        ("monitor/report/static/uplot", "*"),
+        ("monitor/bus/live/static", "*"),
         ("training/dyno/cycles", "*.csv"),
     ],
 )
@@ -90,8 +93,8 @@ def test_the_runtime_starts_where_no_library_of_training_exists(tmp_path: Path) 
     )
     imported = python(ROOT, ["-c", script], cwd=tmp_path).stdout.split()
     # THEN it works, for all of them
-    modules = {f"monitor.{path.stem}" for path in (ROOT / "monitor").glob("[!_]*.py")}
-    assert modules <= set(imported)
+    paths = {path.relative_to(ROOT) for path in (ROOT / "monitor").rglob("[!_]*.py")}
+    assert {".".join(path.with_suffix("").parts) for path in paths} <= set(imported)
 
 
 def python(path: Path, arguments: list[str], cwd: Path) -> subprocess.CompletedProcess[str]:

@@ -1,4 +1,4 @@
-"""Running counts over whole recordings, as streaming code keeps them sample by sample."""
+"""Counts and runs of consecutive samples over a whole recording, vectorised."""
 
 import numpy as np
 
@@ -6,9 +6,9 @@ from monitor.base.types import BoolArray, IntArray
 
 
 def since(broken: BoolArray, start: int = 0) -> IntArray:
-    """Return after each sample how many have passed since the last broken one, (n,).
+    """Return at each sample the number of samples since the last broken one, shape (n,).
 
-    start : what the count was before the first sample
+    start : the count before the first sample
 
     >>> since(np.array([False, True, False, False]), 5).tolist()
     [6, 0, 1, 2]
@@ -18,7 +18,7 @@ def since(broken: BoolArray, start: int = 0) -> IntArray:
 
 
 def stretches(on: BoolArray, n: int) -> IntArray:
-    """Return where the whole stretches of ``n`` samples begin into which each run is cut.
+    """Cut each run of true samples into stretches of ``n``; return where the whole ones begin.
 
     >>> stretches(np.array([True, True, True, True, True, False, True, True]), 2).tolist()
     [0, 2, 6]
@@ -28,7 +28,7 @@ def stretches(on: BoolArray, n: int) -> IntArray:
 
 
 def runs(on: BoolArray) -> list[tuple[int, int]]:
-    """Return (begin, end) of each run of samples that are on.
+    """Return (begin, end) of each run of true samples; end is exclusive.
 
     >>> runs(np.array([True, True, False, True]))
     [(0, 2), (3, 4)]

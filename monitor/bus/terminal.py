@@ -282,6 +282,6 @@ class JsonLines(Status):
 
 
 def json_line(kind: str, wall_s: float, fields: Mapping[str, Any]) -> str:
-    """Return one line of ``o2mon.run/1``; docs/service.md has the fields of each kind."""
+    """Return one line of ``o2mon.run/1``; docs/reference/json.md has the fields of each kind."""
     line = {"schema": SCHEMA, "type": kind, "wall_s": round(wall_s, 3), **fields}
     return json.dumps(rounded(line), allow_nan=False)

@@ -1,4 +1,4 @@
-"""Tells systemd that the loop is ready, alive and ending; see sd_notify(3) and docs/service.md."""
+"""Reports to systemd that the loop is ready, alive or ending; see sd_notify(3)."""
 
 import math
 import os

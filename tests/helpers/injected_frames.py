@@ -12,8 +12,8 @@ from monitor.inject.gateway import write_log
 from monitor.inject.injection import Injection
 from monitor.inject.injector import Injector
 from monitor.inject.rewrite import writers
+from tests.conftest import ROOT
 
-ROOT = Path(__file__).resolve().parents[1]
 HEALTHY = ROOT / "replay_logs" / "healthy_micro_trips_v102_s102.blf"
 OWN = load_pairs([(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))])
 RUSEFI = load_pairs([(dbc.path("rusefi.dbc"), dbc.path("rusefi.toml"))])

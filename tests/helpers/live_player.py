@@ -3,7 +3,6 @@
 import json
 import time
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Any
 
 from monitor.base import config
@@ -15,8 +14,7 @@ from monitor.frames.logs import read_frames
 from monitor.memory.dtc import DtcStore
 from monitor.pipeline.stream import FramePipeline
 from monitor.report import replay
-
-ROOT = Path(__file__).resolve().parents[2]
+from tests.conftest import ROOT
 
 
 class Sink:

@@ -32,7 +32,7 @@ from training.greybox.fit.constants import Fitted, described, fit_constants, ref
 from training.greybox.fit.vehicle_effects import own_of
 from training.greybox.graph.chain_graph import Greybox, longest_dead_time_s, register_for, save
 from training.greybox.graph.checks import TOLERANCE, contraction, parity, physical_inputs
-from training.narx.fit import HeldOut, held_out, measures, recordings_of
+from training.narx.model_file import HeldOut, held_out, measures, recordings_of
 from training.narx.stability import CONTRACTION_SAMPLES
 from training.recordings.preparation import MARGIN, Prepared, Role, prepare
 

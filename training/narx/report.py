@@ -11,7 +11,8 @@ from matplotlib.figure import Figure
 from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard
 from monitor.model.step import from_model_units
-from training.narx.fit import FitResult, HeldOut
+from training.narx.fit import FitResult
+from training.narx.model_file import HeldOut
 from training.narx.network import describe
 from training.pages.page import page, paragraph, picture, table
 from training.recordings.preparation import Prepared

@@ -1,4 +1,4 @@
-"""Power spectra of unbroken stretches, narrow lines in them, and who else carries a line."""
+"""Power spectra of unbroken stretches, narrow lines in them, and the signals that share a line."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ ENOUGH = 16  # averages wanted: 1 dB of standard deviation
 OVERLAP_LOSS = 1.056  # averages of half overlapping Hann segments count so much less: Welch 1967
 BACKGROUND_BINS = 41  # of the running median, several times as wide as a line
 LOWEST_BINS = 4  # the window smears trend and mean into these
-NARROW = 0.05  # of the Nyquist frequency: what is wider is part of the spectrum's shape
+NARROW = 0.05  # of the Nyquist frequency; a wider peak is part of the background
 LEAST_DB = 3.0  # above the background; less is of no use to anybody
 ALPHA = 0.001  # false lines per spectrum
 
@@ -117,7 +117,7 @@ def find_lines(frequency_hz: FloatArray, density: FloatArray, averages: float) -
 
 
 def _limit(ratio: FloatArray, averages: float) -> tuple[float, float]:
-    """Return the least log ratio of a line, and by how much scatter widened it."""
+    """Return the least log ratio of a line, and the factor of scatter beyond chance in it."""
     degrees = 2.0 * averages
     scatter = 1.4826 * float(np.median(np.abs(ratio)))
     widened = max(1.0, scatter / float(np.sqrt(2.0 / degrees)))
@@ -126,7 +126,7 @@ def _limit(ratio: FloatArray, averages: float) -> tuple[float, float]:
 
 
 def coherence_limit(averages: float, alpha: float = 0.05) -> float:
-    """Return what coherence of unrelated signals stays below, but for a share ``alpha``.
+    """Return the coherence that unrelated signals exceed with probability ``alpha``.
 
     Source: Carter, IEEE Trans. Audio Electroacoustics 21 (1973).
     """

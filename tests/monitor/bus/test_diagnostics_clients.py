@@ -33,10 +33,10 @@ from monitor.memory.dtc import DtcStore
 from monitor.memory.obd_records import FreezeFrame
 from monitor.memory.store import Memory
 from monitor.report import replay
+from tests.conftest import ROOT
 from tests.helpers.diagnostics_state import VIN
 from tests.helpers.ecu import Ecu
 
-ROOT = Path(__file__).resolve().parents[3]
 SLOW = 0x013300
 READY_S = 30.0
 
@@ -270,7 +270,7 @@ def scan_tool(
         ecu = stack.enter_context(Ecu(bus, engine_speed_rpm=0.0))
         start(stack, "-m", "monitor.cli", "run", *bus_options, *run_options)
         wait_for(lambda: answers(bus), "the monitor answers")
-        adapter = start(stack, str(ROOT / "tests/obd_clients/elm327.py"), GROUP, str(port))
+        adapter = start(stack, str(ROOT / "tests/helpers/obd_clients/elm327.py"), GROUP, str(port))
         assert adapter.stdout
         terminal = adapter.stdout.readline().strip()
         assert re.fullmatch(r"/dev/pts/\d+", terminal)

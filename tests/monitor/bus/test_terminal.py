@@ -28,9 +28,8 @@ from monitor.judge.enable import CONDITIONS
 from monitor.memory.store import Memory
 from monitor.pipeline.stream import Event, Tick
 from monitor.report import replay
+from tests.conftest import ROOT
 from tests.helpers.played_bus import PlayedBus
-
-ROOT = Path(__file__).resolve().parents[3]
 
 
 @pytest.fixture(scope="module")

@@ -203,7 +203,7 @@ def test_before_the_first_sample_values_are_not_numbers() -> None:
 
 
 def test_the_document_names_every_identifier_and_the_bits_of_the_conditions() -> None:
-    text = (ROOT / "docs/diagnostics.md").read_text()
+    text = (ROOT / "docs/reference/diagnostics.md").read_text()
     assert all(f"{number:04X}" in text for number in IDENTIFIERS)
     assert ", ".join(enable.CONDITIONS) in text
 

@@ -27,11 +27,11 @@ from monitor.memory.dtc import Dtc, DtcStore, Saved
 from monitor.memory.store import Memory
 from monitor.pipeline.stream import Event, Tick, WindowJudged
 from monitor.report.replay import set_up
+from tests.conftest import ROOT
 from tests.helpers.driven_memory import drive, told
 from tests.helpers.loop_on_memory import held
 from tests.helpers.played_bus import Ear, run_on
 
-ROOT = Path(__file__).resolve().parents[3]
 KILLS = 250
 MOST_EVENTS = 8  # before the kill
 LONGEST_S = 0.02  # between the last of these, or the process's beginning, and the kill
@@ -72,7 +72,7 @@ def test_no_announced_event_is_lost_by_a_kill_at_any_instant(tmp_path: Path) -> 
     happened: Counter[str] = Counter()
     started = Saved()
     with subprocess.Popen(
-        [sys.executable, "-m", "tests.driven_memory"],
+        [sys.executable, "-m", "tests.helpers.driven_memory"],
         cwd=ROOT,
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
@@ -136,7 +136,7 @@ def test_no_code_that_the_live_loop_has_told_is_lost_by_a_kill(tmp_path: Path) -
 def told_by_loop(path: Path, kill_after: int | None, wait_s: float = 0.0) -> list[Any]:
     """Return what the loop tells, to its end or until it is killed after so many events."""
     with subprocess.Popen(
-        [sys.executable, "-m", "tests.loop_on_memory", path, "3"],
+        [sys.executable, "-m", "tests.helpers.loop_on_memory", path, "3"],
         cwd=ROOT,
         stdout=subprocess.PIPE,
         text=True,
@@ -155,7 +155,7 @@ def test_a_kill_loses_at_most_a_minute_of_what_was_driven(tmp_path: Path, seed: 
     # GIVEN a loop that is killed at a random instant of a drive in which no code changes
     path, rng = tmp_path / "o2.db", random.Random(seed)
     with subprocess.Popen(
-        [sys.executable, "-m", "tests.loop_on_memory", path, "1", "DRIVEN"],
+        [sys.executable, "-m", "tests.helpers.loop_on_memory", path, "1", "DRIVEN"],
         cwd=ROOT,
         stdout=subprocess.PIPE,
         text=True,
@@ -276,7 +276,7 @@ def mounted(command: list[object], folder: Path, then: str = "true") -> list[str
 
 
 def test_the_live_loop_keeps_judging_on_a_disk_that_is_full(tmp_path: Path) -> None:
-    loop = [sys.executable, "-m", "tests.loop_on_memory", tmp_path / "o2.db", 3, "FULL"]
+    loop = [sys.executable, "-m", "tests.helpers.loop_on_memory", tmp_path / "o2.db", 3, "FULL"]
     done = subprocess.run(
         mounted(loop, tmp_path), cwd=ROOT, capture_output=True, text=True, check=True, timeout=120
     )
@@ -295,7 +295,7 @@ def test_a_read_only_file_system_is_one_line_and_exit_code_2(tmp_path: Path, is_
     path = tmp_path / "o2.db"
     cli, log = [sys.executable, "-m", "monitor.cli"], next(ROOT.glob("replay_logs/stuck_*.blf"))
     command = [*cli, *(("replay", log) if is_new else ("dtc", "clear")), "--memory", path]
-    make = f"{sys.executable} -m tests.driven_memory make {path} && "
+    make = f"{sys.executable} -m tests.helpers.driven_memory make {path} && "
     then = f"{'' if is_new else make}mount -o remount,ro {tmp_path}"
     done = subprocess.run(
         mounted(command, tmp_path, then),

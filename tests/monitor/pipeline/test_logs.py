@@ -26,6 +26,7 @@ from monitor.model.step import Model
 from monitor.pipeline.logs import JudgedRecording, RecordingReader, judge_logs
 from monitor.pipeline.stream import FramePipeline, Tick
 from monitor.report.replay import Setup, replay, set_up, shipped_model
+from tests.conftest import ROOT
 from tests.helpers.batch_logs import ECU, S, logs
 from training.recordings.table_files import write_table
 
@@ -75,7 +76,6 @@ def test_a_log_without_frames_has_no_samples() -> None:
 
 # From files to verdicts
 
-ROOT = Path(__file__).resolve().parents[3]
 SETUP = set_up(None, (), SETTINGS)
 # short times, so that short logs reach windows, verdicts and codes
 SHORT = replace(

@@ -13,10 +13,9 @@ from monitor import cli
 from monitor.frames.logs import read_frames
 from monitor.model.step import Model
 from monitor.report.replay import shipped_model
+from tests.conftest import ROOT
 from tests.helpers.bad_logs import block, write_minute
 from training.recordings.can_log import write_log
-
-ROOT = Path(__file__).resolve().parents[3]
 
 
 @pytest.fixture(scope="module")

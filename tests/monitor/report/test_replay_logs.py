@@ -9,8 +9,8 @@ import pytest
 
 from monitor import cli
 from monitor.base import manifest
+from tests.conftest import ROOT
 
-ROOT = Path(__file__).resolve().parents[3]
 LOGS = manifest.load(ROOT / "replay_logs")
 NAMES = sorted(LOGS)
 TOLERANCE = 1e-5  # lambda; another processor sums in another order

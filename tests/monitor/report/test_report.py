@@ -17,8 +17,8 @@ from monitor.memory.dtc import CODES
 from monitor.report import html
 from monitor.report import text as report
 from monitor.report.text import Trace, series, thinned, write_report
+from tests.conftest import ROOT
 
-ROOT = Path(__file__).resolve().parents[3]
 SHA256 = "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"
 HOSTILE = "</script><script>alert(1)</script>&\"'.log"
 

@@ -16,6 +16,7 @@ from monitor.base.signals import BY_NAME, SIGNALS
 from monitor.base.types import FloatArray, Quality
 from monitor.frames.logs import read_frames
 from monitor.grid.samples import FrameSamples
+from tests.conftest import ROOT
 from tests.helpers.simulated_drives import SHORT, differs, driven, rms, to_grid
 from training.cli.simulate import FORMATS
 from training.dyno import cycles, drive, ecu, effects, mixture, vehicle
@@ -24,7 +25,6 @@ from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment, simulate
 from training.recordings import recording
 
-ROOT = Path(__file__).resolve().parents[3]
 STEP_S = cycles.STEP_S
 STEADY_S, SETTLE_S = 300.0, 60.0
 

@@ -371,7 +371,7 @@ def test_the_command_says_what_it_found(
 
 
 def test_every_column_is_documented() -> None:
-    text = (ROOT / "docs" / "fleet.md").read_text()
+    text = (ROOT / "docs" / "reference" / "fleet_tables.md").read_text()
     first, _, second = text.partition("### `results.windows.parquet`")
     _, _, first = first.partition("### `results.parquet`")
     for part, table in ((first, columns.RECORDINGS), (second, columns.WINDOWS)):

@@ -10,6 +10,8 @@ from monitor import cli as o2mon
 from monitor.base import config
 from monitor.model.step import Model
 from monitor.report.replay import shipped_model
+from tests.conftest import ROOT
+from tests.helpers.physical_baseline import fit_baseline
 from training.cli import main as o2train
 from training.cli.greybox import constant_line
 from training.dyno.recording_files import write
@@ -17,12 +19,10 @@ from training.dyno.simulation import Experiment
 from training.gap import reference
 from training.greybox.charge.map import INPUTS
 from training.limits.judging import enabled_samples
-from training.narx.baseline import fit_baseline
 from training.recordings import metrics
 from training.recordings.recording import Recording, load
 from training.studies.evaluation import predict
 
-ROOT = Path(__file__).resolve().parents[3]
 TRAINING = (("wltc_3b", 1001), ("udds", 1002), ("us06", 1003), ("micro_trips", 1036))  # cold to hot
 
 

@@ -11,10 +11,10 @@ import pytest
 
 from monitor.base.errors import UsageError
 from monitor.model.step import Model
+from tests.conftest import ROOT
 from training.cli import main
 from training.gap.inputs.roles import Options
 from training.greybox.effects import LIBRARY
-from training.jobs import run_folder
 from training.recordings.recording import Recording
 from training.studies.gap import base, case, drive, plan, run, tables
 from training.studies.gap.answers import (
@@ -27,9 +27,9 @@ from training.studies.gap.answers import (
     right_or_beside_fault,
     wrong_names,
 )
-from training.studies.gap.assess import Target, assess, quantile
 from training.studies.gap.plan import CASES, SEVERITIES, Study, cases, healthy_parts
 from training.studies.gap.report import as_page, as_text
+from training.studies.gap.targets import Target, assess, quantile
 
 WHOLE = Study()
 TINY = [
@@ -428,16 +428,20 @@ def test_what_a_study_cannot_hold_is_refused(
 
 
 def test_results_depend_on_all_code_that_makes_them_and_on_no_other() -> None:
-    root = Path(run.__file__).parents[2]
-    used = {p.relative_to(root).as_posix() for p in run_folder.sources(Path(case.__file__), root)}
+    used = {path.relative_to(ROOT).as_posix() for path in run.sources()}
     assert {
+        "training/gap/default.toml",
         "training/gap/name/naming.py",
-        "training/gap/effects/air.py",
-        "training/chain.py",
+        "training/greybox/effects/air.py",
+        "training/greybox/chain.py",
         "training/dyno/mixture.py",
-        "monitor/faults.py",
+        "monitor/base/faults.py",
     } <= used
-    others = {"training/gap_study/report.py", "training/gap/pages/report.py", "tests/plants.py"}
+    others = {
+        "training/studies/gap/report.py",
+        "training/gap/pages/report.py",
+        "tests/helpers/plants.py",
+    }
     assert not used & others
 
 

@@ -6,7 +6,7 @@ from typing import Final
 from monitor.model.card import TrainingRecording
 from training.gap.name.verdict import Candidate
 from training.gap.result import Result
-from training.gap.verify.findings import Count, Error, Found, Verified, rate
+from training.gap.verify.evidence import Count, Detection, Error, Verification, rate
 from training.greybox.chain import RANGES, Constants
 from training.greybox.effects import LIBRARY
 from training.greybox.effects.form.effect import Parameter
@@ -32,7 +32,7 @@ def percent(value: float | None) -> str:
     return NONE if value is None else f"{value:.0%}"
 
 
-def errors_table(verified: Verified) -> str:
+def errors_table(verified: Verification) -> str:
     """Return RMSE before, after and floor: all samples, each regime, healthy recordings."""
     healthy = [] if verified.healthy is None else [verified.healthy]
     rows = [_error(e) for e in (verified.overall, *verified.regimes, *healthy)]
@@ -52,7 +52,7 @@ def _error(e: Error) -> tuple[str, ...]:
     return (e.regime, f"{e.samples:,}", phi(e.before), phi(e.after), phi(e.floor), change, mark)
 
 
-def detection_table(verified: Verified) -> str:
+def detection_table(verified: Verification) -> str:
     """Return how often each fault was found and named before and after, then the false alarms."""
     rows = [_found(f) for f in verified.faults]
     before = [f.before for f in verified.faults]
@@ -87,7 +87,7 @@ def detection_table(verified: Verified) -> str:
     return table(rows, head, chosen=len(verified.faults))
 
 
-def _found(f: Found) -> tuple[str, ...]:
+def _found(f: Detection) -> tuple[str, ...]:
     unit = {"slow": " s", "dela": " s", "bias": " lambda"}.get(f.fault[:4], "")
     words = f"{f.fault} {f.severity:g}{unit}" if f.severity is not None else f.fault
     before, alike, after = (_count(c, f.fault) for c in (f.before, f.alike, f.after))

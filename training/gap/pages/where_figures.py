@@ -8,7 +8,6 @@ from matplotlib.figure import Figure
 
 from training.gap.where.bands import Bands
 from training.gap.where.drivers import UNITS, WORDS
-from training.gap.where.lags import Lag
 from training.gap.where.operating_map import Excerpt, OperatingMap
 from training.gap.where.over_time import Change
 from training.gap.where.regimes import Regime
@@ -120,21 +119,6 @@ def band_figure(found: Bands) -> Figure:
     names = [f"{b.low_hz:.2g}–{b.high_hz:.2g}" for b in found.bands]
     right.set_xticks(range(len(names)), names, fontsize=7, rotation=45, ha="right")
     right.set_xlabel("band [Hz]")
-    return figure
-
-
-def lag_figure(lags: Sequence[Lag]) -> Figure:
-    """Draw correlations over the lag with what chance gives."""
-    figure = Figure(figsize=(9, 2.5), layout="constrained")
-    panels = figure.subplots(1, len(lags), sharey=True, squeeze=False)[0]
-    for axes, lag in zip(panels, lags, strict=True):
-        axes.fill_between(lag.lags_s, -lag.band, lag.band, color="0.88", step="mid")
-        axes.plot(lag.lags_s, lag.correlations, marker=".", markersize=3, linewidth=0.8)
-        axes.axvline(lag.lag_s, color="C3", linestyle="--", linewidth=0.8)
-        axes.set_title(WORDS.get(lag.input, lag.input), fontsize=9)
-        axes.tick_params(labelsize=8)
-    figure.supxlabel("s after the input", fontsize=9)
-    panels[0].set_ylabel("correlation")
     return figure
 
 

@@ -7,21 +7,17 @@ from training.gap.pages.where_figures import (
     curve_figure,
     excerpt_figure,
     label,
-    lag_figure,
     map_figure,
     regime_figure,
     time_figure,
 )
 from training.gap.where.bands import Bands
-from training.gap.where.lags import Lag
-from training.gap.where.localise import Findings
+from training.gap.where.findings import Findings
 from training.gap.where.over_time import Change
-from training.gap.where.regime_tree import Box
 from training.gap.where.regimes import Regime
 from training.pages.page import paragraph, picture, table
 
 SHOWN = 8  # regimes in the picture and table
-SHOWN_LAGS = 4
 SHOWN_CHANGES = 6
 
 
@@ -38,8 +34,6 @@ def section(found: Findings) -> str:
             _map(found),
             "<h2>Frequency</h2>",
             _bands(found.bands),
-            "<h2>Lag behind the inputs</h2>",
-            _lags(found.lags),
             "<h2>Over time</h2>",
             _changes(found.changes),
         ]
@@ -71,7 +65,7 @@ def _summary(found: Findings) -> str:
     parts.append(
         paragraph(
             "Shares are of the excess squared error, with 90 % bounds from a bootstrap over blocks "
-            "of 30 s. They overlap between drivers that move together, bands and boxes, and do not "
+            "of 30 s. They overlap between drivers that move together, bands too, and do not "
             "add up to one. "
             "What is named is beyond chance at 2 % for regimes, at 1 % for every other kind.",
             "note",
@@ -119,23 +113,9 @@ def _share(r: Regime) -> str:
 
 
 def _map(found: Findings) -> str:
-    parts = []
-    if found.map is not None:
-        parts.append(picture(map_figure(found.map), "Grey: hardly driven"))
-    rows = [(_box(b), f"{b.time_share:.0%}", str(b.share)) for b in found.boxes]
-    parts.append(table(rows, ("box of the regression tree", "of the time", "of the excess (90 %)")))
-    parts.append(
-        paragraph(
-            "The tree is grown on one half of the blocks and read on the other. It sees the size "
-            "of the residual only, not what it follows dynamically.",
-            "note",
-        )
-    )
-    return "".join(parts)
-
-
-def _box(box: Box) -> str:
-    return box.sentence.split(":", 1)[0]
+    if found.map is None:
+        return paragraph("No signal of speed or load moves.")
+    return picture(map_figure(found.map), "Grey: hardly driven")
 
 
 def _bands(found: Bands | None) -> str:
@@ -157,18 +137,6 @@ def _bands(found: Bands | None) -> str:
         band_figure(found),
         "Left: spectrum of the residual. Right: coherence; red dots beyond chance",
     ) + table(rows, head)
-
-
-def _lags(lags: tuple[Lag, ...]) -> str:
-    if not lags:
-        return paragraph("No input moves.")
-    shown = lags[:SHOWN_LAGS]
-    rows = [
-        (label(lag.input), f"{lag.lag_s:.2f}", f"{lag.correlation:+.3f}", p_text(lag.p_value))
-        for lag in shown
-    ]
-    figure = picture(lag_figure(shown), "Correlation of whitened residual and input; grey: chance")
-    return figure + table(rows, ("input", "lag, s", "correlation", "p, all lags and inputs"))
 
 
 def _changes(changes: tuple[Change, ...]) -> str:

@@ -1,4 +1,4 @@
-"""Is the gap smaller on drives that no fit saw, is no regime worse, are faults still found?"""
+"""The check of a new model: a smaller gap on unseen drives, no regime worse, faults still found."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -17,13 +17,13 @@ from training.gap.inputs.roles import FAULTS
 from training.gap.verify import detection
 from training.gap.verify.detection import Monitors, monitor_of
 from training.gap.verify.error_regimes import compare, rms, scored
-from training.gap.verify.findings import Error, Found, Trace, Verified
+from training.gap.verify.evidence import Detection, Error, Trace, Verification
 from training.gap.where.operating_map import excerpt
 from training.greybox.chain import Constants
 from training.greybox.fit import ridge
 from training.greybox.fit.comparison import BLOCK_S, FOLDS, Comparison
 from training.greybox.fit.drive import Drive
-from training.jobs.stages import Progress
+from training.jobs.checkpoints import Progress
 from training.recordings.prediction import predicted_phi
 from training.recordings.recording import Recording
 
@@ -50,7 +50,7 @@ def verify(
     accepted: Sequence[Recording] = (),
     faults: Sequence[Fault] = FAULTS,
     progress: Progress = lambda _: None,
-) -> Verified:
+) -> Verification:
     """Return errors and detection of the old and the new model.
 
     recordings : of the vehicle with the gap, not used by any fit of either model
@@ -65,19 +65,26 @@ def verify(
     overall, regimes, trace = _errors(old, new, recordings, chain)
     on_healthy = _plain(old, new, healthy) if healthy else None
     if not faults:
-        return Verified(overall, regimes, on_healthy, (), None, None, (), trace)
+        return Verification(overall, regimes, on_healthy, trace=trace)
     progress("faults put on held-out recordings")
     try:
         monitors = _monitors(old, new, accepted)
     except (ModelError, ConfigError) as error:
         note = f"The monitor was not asked: {error}."
-        return Verified(overall, regimes, on_healthy, (), None, None, (note,), trace)
+        return Verification(overall, regimes, on_healthy, notes=(note,), trace=trace)
     alarms, *found = detection.detect(recordings, (None, *faults), monitors)
     healthy_alarms = detection.detect(healthy, (None,), monitors)[0] if healthy else None
     told = () if monitors.alike is None else (ALIKE,)
     notes = (AFTERWARDS, *told, *_undecided(alarms, found), *_alarmed(alarms))
-    return Verified(
-        overall, regimes, on_healthy, tuple(found), alarms, healthy_alarms, notes, trace
+    return Verification(
+        overall=overall,
+        regimes=regimes,
+        healthy=on_healthy,
+        faults=tuple(found),
+        alarms=alarms,
+        healthy_alarms=healthy_alarms,
+        notes=notes,
+        trace=trace,
     )
 
 
@@ -135,7 +142,14 @@ def _trace(before: Sequence[Comparison], after: Sequence[Comparison]) -> Trace:
     drive = after[int(shown.recording)]
     first = round(float(shown.t_s[0]) / drive.period_s)
     new = drive.phi_predicted[first : first + len(shown.t_s)]
-    return Trace(drive.name, shown.t_s, shown.measured, shown.predicted, new, shown.scored)
+    return Trace(
+        recording=drive.name,
+        t_s=shown.t_s,
+        measured=shown.measured,
+        before=shown.predicted,
+        after=new,
+        scored=shown.scored,
+    )
 
 
 def left_over(
@@ -144,7 +158,7 @@ def left_over(
     residuals: Sequence[FloatArray],
     chain: Constants,
 ) -> FloatArray:
-    """Return what a flexible model leaves of the scored residuals (m,), the noise floor in phi.
+    """Return the scored residuals (m,) that a flexible model leaves, the noise floor in phi.
 
     A ridge on plain functions and every effect's signature, each block by the fit without it. Where
     it helps nothing on the whole the residual itself is left.
@@ -167,7 +181,7 @@ def _folds(compared: Sequence[Comparison]) -> IntArray:
     return np.asarray(np.concatenate(own) % FOLDS)
 
 
-def _undecided(alarms: Found, found: Sequence[Found]) -> tuple[str, ...]:
+def _undecided(alarms: Detection, found: Sequence[Detection]) -> tuple[str, ...]:
     """Return notes if drives are too short or calm for the monitor to reach a decision."""
     notes = []
     for words, each in (("held-out drives", [alarms]), ("drives with a fault put on", found)):
@@ -181,7 +195,7 @@ def _undecided(alarms: Found, found: Sequence[Found]) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _alarmed(alarms: Found) -> tuple[str, ...]:
+def _alarmed(alarms: Detection) -> tuple[str, ...]:
     """Return a note if the old model raises codes without any fault, because of the gap."""
     if not alarms.before.found:
         return ()

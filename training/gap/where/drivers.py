@@ -7,14 +7,12 @@ from typing import Final
 import numpy as np
 
 from monitor.base.types import FloatArray
+from training.gap.config import CONFIG
 from training.greybox.fit.comparison import Comparison
 from training.greybox.fit.drive import in_fuel_cut
 from training.recordings.preparation import hold
 
-STEP_S: Final = 0.3  # over which a rate is taken: above the noise, below a tip-in
-AFTER_CUT_S: Final = 20.0  # later than this, a fuel cut is long ago
-WARM_DEGC: Final = 80.0
-LEAST_VALUES: Final = 3  # distinct values that a driver must take
+LIMITS: Final = CONFIG.drivers
 
 # What a reader calls them; any other signal goes by its own name.
 WORDS: Final[Mapping[str, str]] = {
@@ -84,12 +82,12 @@ class Driver:
 
     @property
     def words(self) -> str:
-        """Return what a reader calls it."""
+        """Return the driver's name for a reader."""
         return WORDS.get(self.name, self.name.replace("_", " "))
 
     @property
     def unit(self) -> str:
-        """Return its unit, empty if it has none or it is not known."""
+        """Return the driver's unit, empty if it has none."""
         return UNITS.get(self.name, "")
 
 
@@ -111,14 +109,14 @@ def find_drivers(recordings: Sequence[Comparison]) -> list[Driver]:
 
 def _moves(driver: Driver, recordings: Sequence[Comparison]) -> bool:
     seen = np.concatenate([v[r.scored] for v, r in zip(driver.values, recordings, strict=True)])
-    return len(np.unique(seen)) >= LEAST_VALUES or (
+    return len(np.unique(seen)) >= LIMITS.values_min or (
         len(recordings) == 1 and len(np.unique(seen)) == 2
     )
 
 
 def rate(values: FloatArray, period_s: float) -> FloatArray:
-    """Return the rate of change (n,) of ``values`` over the last ``STEP_S``, per second."""
-    k = max(round(STEP_S / period_s), 1)
+    """Return the rate of change (n,) of ``values`` over the last ``rate_s``, per second."""
+    k = max(round(LIMITS.rate_s / period_s), 1)
     before = np.concatenate([np.full(min(k, len(values)), values[0]), values[:-k]])
     return np.asarray((values - before[: len(values)]) / (k * period_s))
 
@@ -144,7 +142,7 @@ def _after_fuel_cut(r: Comparison) -> FloatArray | None:
         return None
     n = len(cut)
     last = np.maximum.accumulate(np.where(cut, np.arange(n), -(10**9)))
-    return np.minimum((np.arange(n) - last) * r.period_s, AFTER_CUT_S)
+    return np.minimum((np.arange(n) - last) * r.period_s, LIMITS.cut_memory_s)
 
 
 def _rate_of(name: str) -> Callable[[Comparison], FloatArray | None]:
@@ -159,7 +157,8 @@ def _cold_fuel_rate(r: Comparison) -> FloatArray | None:
     fuel, coolant = _signal(r, "fuel_mass_mg"), _signal(r, "coolant_temperature_degc")
     if fuel is None or coolant is None:
         return None
-    return rate(fuel, r.period_s) * np.clip((WARM_DEGC - coolant) / WARM_DEGC, 0.0, 1.0)
+    warm_degc = CONFIG.engine.warm_degc
+    return rate(fuel, r.period_s) * np.clip((warm_degc - coolant) / warm_degc, 0.0, 1.0)
 
 
 def _purge_per_flow(r: Comparison) -> FloatArray | None:

@@ -63,12 +63,12 @@ def operating_map(
         known = np.where(n >= LEAST_SAMPLES, healthy_square, reference)
     seen = count >= LEAST_SAMPLES
     return OperatingMap(
-        speed,
-        load,
-        edges[0],
-        edges[1],
-        np.where(seen, square - known, np.nan),
-        np.where(seen, mean, np.nan),
+        speed=speed,
+        load=load,
+        speed_edges=edges[0],
+        load_edges=edges[1],
+        excess=np.where(seen, square - known, np.nan),
+        mean=np.where(seen, mean, np.nan),
     )
 
 
@@ -119,4 +119,10 @@ def excerpt(recordings: Sequence[Comparison], explained: Sequence[FloatArray] | 
     _, i, at, length = best
     r, rows = recordings[i], slice(at, at + length)
     t_s = np.arange(at, at + length, dtype=np.float64) * r.period_s
-    return Excerpt(r.name, t_s, r.phi_measured[rows], r.phi_predicted[rows], r.scored[rows])
+    return Excerpt(
+        recording=r.name,
+        t_s=t_s,
+        measured=r.phi_measured[rows],
+        predicted=r.phi_predicted[rows],
+        scored=r.scored[rows],
+    )

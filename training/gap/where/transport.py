@@ -17,7 +17,7 @@ LAGS_S = (0.0, 0.05, 0.1, 0.2, 0.3, 0.5)
 
 @dataclass(frozen=True, slots=True)
 class Transport:
-    """Dead time at each sample of each recording, and the lag behind it."""
+    """Dead time per recording and sample, and the lag behind it."""
 
     dead_time_s: tuple[FloatArray, ...]
     lag_s: float
@@ -66,7 +66,7 @@ def find_transport(recordings: Sequence[Comparison]) -> Transport | None:
 
 
 def like(transport: Transport | None, recordings: Sequence[Comparison]) -> Transport | None:
-    """Return the same transport for other recordings: their own chain's, or the one estimated."""
+    """Return the transport for other recordings: from their chain, else the same dead time."""
     if transport is None:
         return None
     typical_s = float(np.median(np.concatenate(transport.dead_time_s)))

@@ -1,12 +1,17 @@
-"""One case: its recordings made, the workflow asked, the answer as a row.
+"""One case of the gap study: simulate its recordings, run the workflow, return a row.
 
-The gap of a case is how far what is hidden moves the error of the base that was fitted to the
-vehicle's healthy recordings: the RMS, in phi over samples scored in both, of the difference between
-its error on the drives and on the same drives and seeds with nothing hidden. The noise is what the
-naming's ceiling leaves of the residual of the healthy recordings (``scoring.floor_phi``). The
-excess, of which a new model takes a share away, is the mean squared error on the recordings that
-the workflow holds out, less that of the same base, fitted alike, on the same drives with nothing
-hidden. A base of the case's own recordings is fitted to those that are not held out.
+Every drive is simulated twice with the same seed: with the hidden effect or fault, and without it
+(the reference drive). A row measures:
+
+gap : RMS, in phi, of the base model's error on the drives minus its error on the reference drives,
+    over the samples scored in both; the base is fitted to the vehicle's healthy recordings
+noise : RMS, in phi, of the residual that the naming's flexible model leaves on the healthy
+    recordings (``scoring.floor_phi``)
+excess : mean squared error on the held-out drives, minus the base's mean squared error on their
+    reference drives; a new model should remove it
+
+If the study fits the base to the case's recordings (``Study.fitted_with_effect``), the fit uses
+only drives that the workflow does not hold out.
 """
 
 import time
@@ -23,11 +28,11 @@ from monitor.base.faults import Fault
 from monitor.base.types import FloatArray
 from training.gap.healthy.behaviour import Healthy
 from training.gap.inputs import base
-from training.gap.inputs.roles import FAULTS, Given, Options, split
+from training.gap.inputs.roles import FAULTS, Material, Options
 from training.gap.name import scoring, yardstick
-from training.gap.name.start import begin
+from training.gap.name.base_state import base_state
 from training.gap.result import Result
-from training.gap.verify.findings import Found, Verified
+from training.gap.verify.evidence import Detection, Verification
 from training.gap.workflow import investigate
 from training.greybox.effects import ALL
 from training.greybox.fit.drive import from_recording
@@ -38,57 +43,69 @@ from training.studies.gap.base import fit_base
 from training.studies.gap.plan import Case, Study, healthy_parts
 
 Row = dict[str, Any]
-# A network that was trained on the effect has to be trained anew; the command takes three minutes.
+# Minutes to retrain a network that was trained on drives with the effect. The command's default is
+# three minutes.
 RETRAIN_MINUTES: Final = 0.5
-RANKED: Final = 5  # candidates of the last step that a row keeps
-# The workflow adds what may be a fault only if told to, and is told so in every case.
+RANKED: Final = 5  # number of candidates that a row keeps of the last naming step
+# The workflow adds these fault-like effects only if they are listed; every case lists them.
 ADD: Final = tuple(effect.name for effect in ALL if effect.tag == "fault-like")
 
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
-    """What all cases of one vehicle share."""
+    """Base model, healthy recordings and their statistics, shared by all cases of a vehicle."""
 
     number: int
-    model: Path  # the base, fitted to the healthy recordings
+    model: Path  # file of the base model, fitted to the healthy recordings
     healthy: tuple[Recording, ...]
     known: Healthy
     noise_phi: float
 
 
 def prepare(study: Study, number: int, model: Path) -> Vehicle:
-    """Return what a vehicle's healthy recordings teach; the base goes to the file ``model``.
+    """Return a vehicle: its healthy recordings, the base model fitted to them, and the noise.
 
-    Where bases are fitted to the cases' own recordings it is taught without this base's charge.
+    model : file to which the base model is written
+    If the study fits a base to every case (``fitted_with_effect``), the air charge is taken as
+    broadcast and not from this base model.
     """
     made = drive.healthy(healthy_parts(study, number), number, study.duration_s)
     fit_base(study.base, made, model)
     alone = study.fitted_with_effect
     drives = list(map(from_recording, made)) if alone else base.drives_of(model, made)
     known = yardstick.learn(drives, base.constants_of(base.check(model)))
-    state = begin(drives, known, known.base)
+    state = base_state(drives, known, known.base)
     noise_phi = scoring.floor_phi(state.case, state.current)
-    return Vehicle(number, model, tuple(made), known, noise_phi)
+    return Vehicle(
+        number=number, model=model, healthy=tuple(made), known=known, noise_phi=noise_phi
+    )
 
 
 def ask(
-    given: Given,
+    material: Material,
     known: Healthy,
     steps: int,
     faults: tuple[Fault, ...],
     sensor_known_good: bool = False,
     retrain_minutes: float = 0.0,
 ) -> Result:
-    """Return the workflow's answer; ``faults`` are put on to see that they are still found."""
+    """Return the workflow's answer.
+
+    steps : largest number of effects that the workflow may name
+    faults : faults that the verification puts on drives, to see that the new model still finds them
+    """
     with TemporaryDirectory() as out:
         options = Options(
             steps, sensor_known_good, ADD, retrain_minutes, faults=faults, localise=False
         )
-        return investigate(given, Path(out), options, known=known)
+        return investigate(material, Path(out), options, known=known)
 
 
 def run(case: Case, study: Study, vehicle: Vehicle | str) -> Row:
-    """Return the case's row; an error of it, or of its vehicle, is part of the row."""
+    """Return the case's row; an error of the case or of its vehicle is written into the row.
+
+    vehicle : a text instead of a vehicle says why the vehicle could not be prepared
+    """
     if isinstance(vehicle, str):
         return case.as_row() | {"noise": None, "error": vehicle}
     row = case.as_row() | {"noise": vehicle.noise_phi, "error": None}
@@ -110,14 +127,14 @@ def _answered(case: Case, study: Study, vehicle: Vehicle) -> Row:
         model = reference = vehicle.model
         if study.fitted_with_effect:
             model, reference = Path(folder) / "base.onnx", Path(folder) / "reference.onnx"
-            seen, _ = split(Given(model, recordings, vehicle.healthy))
+            seen = Material(model, recordings, vehicle.healthy).fit_numbers
             fit_base(study.base, [recordings[i] for i in seen], model)
             fit_base(study.base, [nothing[i] for i in seen], reference)
         began_s = time.perf_counter()
         steps, faults = 2 if case.kind == "two" else 1, FAULTS if case.hidden else ()
-        given = Given(model, recordings, vehicle.healthy)
+        material = Material(model, recordings, vehicle.healthy)
         minutes = RETRAIN_MINUTES if study.fitted_with_effect else 0.0
-        found = ask(given, vehicle.known, steps, faults, study.sensor_known_good, minutes)
+        found = ask(material, vehicle.known, steps, faults, study.sensor_known_good, minutes)
         took_s = time.perf_counter() - began_s
         held_out = {each.sha256 for each in found.held_out}
         pairs = zip(recordings, nothing, strict=True)
@@ -153,8 +170,11 @@ def _said(found: Result) -> Row:
     }
 
 
-def _closed(verified: Verified | None, without: float) -> Row:
-    """Return errors on the held-out recordings, beside the reference ``without`` in phi."""
+def _closed(verified: Verification | None, without: float) -> Row:
+    """Return the errors on the held-out recordings before and after the new model.
+
+    without : RMS error on the reference drives, in phi
+    """
     if verified is None:
         raise ValueError("nothing was held out")
     before, after = verified.overall.before, verified.overall.after
@@ -169,10 +189,12 @@ def _closed(verified: Verified | None, without: float) -> Row:
     }
 
 
-def _counts(found: Sequence[Found]) -> dict[str, int] | None:
-    """Return drives and how many of them each model finds faulty, None without a new model.
+def _counts(found: Sequence[Detection]) -> dict[str, int] | None:
+    """Return the number of drives and how many of them each model finds faulty.
 
-    alike : the old model with its limits set as the new one's
+    Keys: ``before`` (old model), ``after`` (new model), ``alike`` (old model with limits set on the
+    same drives as the new model's), and the same with ``_named`` for right fault names.
+    Return None without a new model.
     """
     if not any(each.after for each in found):
         return None
@@ -188,7 +210,7 @@ def _counts(found: Sequence[Found]) -> dict[str, int] | None:
 
 
 def moved_phi(model: Path, hidden: Sequence[Recording], nothing: Sequence[Recording]) -> float:
-    """Return how far a model's error differs between two series of the same drives, RMS in phi."""
+    """Return the RMS difference, in phi, of a model's errors on two series of the same drives."""
     errors = _errors(model, [*hidden, *nothing])  # side by side
     pairs = zip(errors[: len(hidden)], errors[len(hidden) :], strict=True)
     moved = np.concatenate([x - y for x, y in pairs])
@@ -196,7 +218,7 @@ def moved_phi(model: Path, hidden: Sequence[Recording], nothing: Sequence[Record
 
 
 def rms_phi(model: Path, recordings: Sequence[Recording]) -> float:
-    """Return the RMS of a model's error on scored samples, in phi."""
+    """Return the RMS of a model's error over the scored samples, in phi."""
     return float(np.sqrt(np.nanmean(np.concatenate(_errors(model, recordings)) ** 2)))
 
 

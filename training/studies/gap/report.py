@@ -11,9 +11,9 @@ from training.gap.inputs.base import GREYBOX
 from training.pages.page import page, paragraph, picture, table
 from training.studies.gap import tables
 from training.studies.gap.answers import CLASSES, done, large
-from training.studies.gap.assess import Target, assess
 from training.studies.gap.case import ADD, RETRAIN_MINUTES, Row
 from training.studies.gap.plan import HEALTHY_DRIVES, Study
+from training.studies.gap.targets import Target, assess
 from training.studies.matrix.figures import confusion_figure
 
 SCHEMA: Final = "o2train.gap-study/1"
@@ -225,7 +225,7 @@ def _wrong(rows: Sequence[Row]) -> str:
 
 
 def _what(row: Row) -> str:
-    """Return what was hidden, with its severity."""
+    """Return the hidden effects or fault with severity."""
     if row["fault"]:
         return f"{row['kind']}: {row['fault']} {row['fault_severity']:g}"
     effects = zip(row["hidden"], row["severities"], strict=True)

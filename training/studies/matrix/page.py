@@ -6,11 +6,11 @@ from training.limits.rates import Figures
 from training.limits.targets import LIMIT_SEVERITY, at_limit
 from training.pages.page import page, paragraph, picture, table
 from training.studies.matrix import figures, page_beside
-from training.studies.matrix.assess import PLACES, of_faults
 from training.studies.matrix.plan import SEVERITIES, Matrix
 from training.studies.matrix.report import NBSP, cells, number, percent, seconds
 from training.studies.matrix.rows import Row
 from training.studies.matrix.tables import of_kind
+from training.studies.matrix.targets import PLACES, of_faults
 
 HEAD = ("target", "wanted", "found", "95 % bounds", "drives", "")
 FOUND = (

@@ -8,10 +8,10 @@ from training.limits.alarm_rules import OWN, TITLES
 from training.limits.rates import Figures
 from training.pages.page import paragraph, picture, table
 from training.studies.matrix import figures
-from training.studies.matrix.assess import PLACES
 from training.studies.matrix.plan import PLACEMENTS
 from training.studies.matrix.report import NBSP, percent, seconds
 from training.studies.matrix.tables import MONITOR
+from training.studies.matrix.targets import PLACES
 
 FALSE_HEAD = (
     "healthy drives",

@@ -5,7 +5,6 @@ from html import escape
 from typing import Any
 
 from training.pages.page import paragraph, picture, table
-from training.studies.paper.comparison import beside_table
 from training.studies.paper.figures import (
     label,
     residual_figure,
@@ -13,6 +12,7 @@ from training.studies.paper.figures import (
     steady_figure,
     window_figure,
 )
+from training.studies.paper.outcome.comparison import beside_table
 
 
 def small(table_html: str) -> str:

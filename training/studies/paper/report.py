@@ -6,9 +6,10 @@ from typing import Any
 
 from training.limits.data_check import page as check_page
 from training.pages.page import page, paragraph, table
-from training.studies.paper import outcome_page, paper_figures
+from training.studies.paper import outcome_page
 from training.studies.paper.linear import page as linear_page
 from training.studies.paper.narx import page as narx_page
+from training.studies.paper.outcome import paper_figures
 from training.studies.paper.preparation import page as preparation_page
 from training.studies.paper.selection import page as selection_page
 

@@ -12,9 +12,9 @@ from scipy import linalg, stats
 from monitor.base.types import FloatArray
 
 ENOUGH = 0.9  # share of the variance that the kept components explain
-ALPHA = 0.01  # share of ordinary samples beyond the limits
-BINS = 700  # of the plots over time; each keeps its largest value
-POINTS = 500  # scores kept for the biplot
+ALPHA = 0.01  # share of normal samples beyond the limits of Q and T²
+BINS = 700  # of the plots over time; a bin shows its largest value
+POINTS = 500  # samples whose scores the biplot shows
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +23,7 @@ class Components:
 
     mean: FloatArray  # (k,)
     std: FloatArray  # (k,)
-    variances: FloatArray  # (k,) eigenvalues of the correlation matrix, falling
+    variances: FloatArray  # (k,) eigenvalues of the correlation matrix, in falling order
     loadings: FloatArray  # (k, k) one column per component
     kept: int
     samples: int
@@ -33,7 +33,7 @@ class Components:
         return np.asarray((values - self.mean) / self.std @ self.loadings)
 
     def q(self, values: FloatArray) -> FloatArray:
-        """Return the squared residual (n,) beside the kept components."""
+        """Return Q (n,), the squared residual outside the kept components."""
         return np.asarray((self.scores(values)[:, self.kept :] ** 2).sum(axis=1))
 
     def t_squared(self, values: FloatArray) -> FloatArray:
@@ -42,7 +42,7 @@ class Components:
         return np.asarray((kept**2 / self.variances[: self.kept]).sum(axis=1))
 
     def q_limit(self, alpha: float = ALPHA) -> float:
-        """Return what Q stays below but for a share ``alpha``, for normal residuals.
+        """Return the limit that Q exceeds in a share ``alpha`` of samples, for normal residuals.
 
         Source: Jackson and Mudholkar, Technometrics 21 (1979).
         """
@@ -56,7 +56,7 @@ class Components:
         return float(one * inner ** (1.0 / h))
 
     def t_squared_limit(self, alpha: float = ALPHA) -> float:
-        """Return what T² stays below but for a share ``alpha``, for normal scores.
+        """Return the limit that T² exceeds in a share ``alpha`` of samples, for normal scores.
 
         Source: Jackson, A User's Guide to Principal Components (1991), section 1.7.
         """
@@ -66,25 +66,33 @@ class Components:
 
 
 def components(values: FloatArray, share: float = ENOUGH) -> Components:
-    """Return the components of ``values`` (n, k), n above k and no column constant.
+    """Return the principal components of ``values`` (n, k), with n > k and no constant column.
 
-    share : of the variance that the kept components explain at least; one is always left out,
-        so that there is a residual, unless there is only one
+    share : least share of the variance that the kept components explain; with more than one
+        component the last is never kept, so that there is a residual
     """
     mean, std = values.mean(axis=0), values.std(axis=0, ddof=1)
     _, sizes, rows = linalg.svd((values - mean) / std, full_matrices=False)
     variances = sizes**2 / (len(values) - 1.0)
     kept = int(np.searchsorted(np.cumsum(variances) / variances.sum(), share) + 1)
     signs = np.sign(rows[np.arange(len(rows)), np.abs(rows).argmax(axis=1)])
-    loadings = (rows * signs[:, np.newaxis]).T  # the largest loading of each is positive
+    loadings = (rows * signs[:, np.newaxis]).T  # the largest loading of a component is positive
     kept = max(1, min(kept, len(variances) - 1))
-    return Components(mean, std, variances, loadings, kept, len(values))
+    return Components(
+        mean=mean,
+        std=std,
+        variances=variances,
+        loadings=loadings,
+        kept=kept,
+        samples=len(values),
+    )
 
 
 def pca(stretches: Sequence[tuple[FloatArray, FloatArray]], names: Sequence[str]) -> dict[str, Any]:
-    """Return the analysis as plain values.
+    """Return the principal component analysis as plain values.
 
-    stretches : (time in s (n_i,), values (n_i, k)) one after another, time counting through
+    stretches : pairs of time in s (n_i,) and values (n_i, k); time runs through all stretches
+    names : names of the k columns
     """
     t_s = np.concatenate([t for t, _ in stretches])
     values = np.concatenate([v for _, v in stretches])
@@ -111,7 +119,7 @@ def pca(stretches: Sequence[tuple[FloatArray, FloatArray]], names: Sequence[str]
 
 
 def _peaks(t_s: FloatArray, values: FloatArray) -> dict[str, list[float]]:
-    """Return the largest value of each of so many equal parts of the time."""
+    """Return the largest value in up to ``BINS`` equal parts of the time."""
     edges = np.linspace(0, len(values), min(BINS, len(values)) + 1).astype(int)
     return {
         "t_s": _short(t_s[edges[:-1]]),
@@ -124,7 +132,7 @@ def _short(values: FloatArray) -> list[float]:
 
 
 def scree_figure(result: dict[str, Any]) -> Figure:
-    """Return variances of the components and what they explain together, and the loadings."""
+    """Draw the variances of the components, their cumulative share and the loadings."""
     figure = Figure(figsize=(10, 4.2), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(2, 3))
     number = np.arange(1, len(result["variances"]) + 1)
@@ -151,7 +159,7 @@ def scree_figure(result: dict[str, Any]) -> Figure:
 
 
 def biplot_figure(result: dict[str, Any]) -> Figure:
-    """Return scores and loadings of the first two components in one plane."""
+    """Draw scores and loadings of the first two components in one plane."""
     figure = Figure(figsize=(7, 6), layout="constrained")
     axes = figure.subplots()
     for_scale = [np.percentile(np.abs(each), 99) or 1.0 for each in result["scores"]]
@@ -174,7 +182,7 @@ def biplot_figure(result: dict[str, Any]) -> Figure:
 
 
 def _apart(loadings: FloatArray) -> FloatArray:
-    """Return where the names (k, 2) stand: beyond the arrows, on each side one below the other."""
+    """Return the places (k, 2) of the names: beyond the arrows and without overlap."""
     places = loadings * 1.1
     step = 0.07 * float(np.abs(loadings).max())
     for right in (True, False):
@@ -186,7 +194,7 @@ def _apart(loadings: FloatArray) -> FloatArray:
 
 
 def control_figure(result: dict[str, Any]) -> Figure:
-    """Return Q residuals and Hotelling's T² over time with their limits."""
+    """Draw Q residuals and Hotelling's T² over time with their limits."""
     figure = Figure(figsize=(10, 5), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True)
     for axes, key, label in ((upper, "q", "Q residual"), (lower, "t_squared", "Hotelling's T²")):
