@@ -22,15 +22,16 @@ import numpy as np
 from monitor.base import config
 from monitor.base.config import Config
 from monitor.base.types import Sample, SampleBlock
-from monitor.judge.block_bank import BankBlock
+from monitor.judge.bank import BankBlock
 from monitor.judge.decisions import Decisions
 from monitor.judge.enable import Enable
 from monitor.judge.limits import Limits
 from monitor.judge.plausibility import ActivityTest, Plausibility
 from monitor.memory.dtc import DtcStore
 from monitor.model.step import Model
-from monitor.pipeline.block_judge import Judged, judge_all
-from monitor.pipeline.stream import DtcChanged, Event, Monitor, WindowJudged
+from monitor.pipeline.events import DtcChanged, Event, WindowJudged
+from monitor.pipeline.monitor import Monitor
+from monitor.pipeline.side_by_side import Judged, judge_all
 from monitor.report.replay import shipped_model
 from training.dyno import ecu
 from training.dyno.simulation import Experiment, simulate

@@ -38,7 +38,7 @@ from monitor.decode.bus_map import load_database
 from monitor.frames.candump_blocks import Parser
 from monitor.grid.block_assembler import BlockAssembler
 from monitor.pipeline import logs
-from monitor.pipeline.block_judge import BlockJudge
+from monitor.pipeline.side_by_side import RecordingJudge
 from monitor.report.replay import Setup, replay, set_up
 from training.dyno import ecu
 from training.dyno.simulation import Experiment, simulate
@@ -220,7 +220,7 @@ def tables(n: int) -> tuple[int, int, float, float, float]:
     """Return samples, windows, processor seconds, and when n drives began and were judged."""
     setup = set_up(None, (), config.load())
     blocks = [_BLOCKS[i % len(_BLOCKS)] for i in range(n)]
-    judge = BlockJudge(_NAMES, setup.model, setup.limits, setup.config, keep_banks=False)
+    judge = RecordingJudge(_NAMES, setup.model, setup.limits, setup.config, keep_banks=False)
     begin, start, windows = perf_counter(), process_time(), 0
     for first in range(0, n, 64):  # flat memory: what was judged is let go
         judged = judge.judge(blocks[first : first + 64])

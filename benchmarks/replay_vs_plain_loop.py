@@ -35,7 +35,8 @@ from monitor.frames.logs import read_frames
 from monitor.grid.samples import FrameSamples
 from monitor.memory.dtc import DtcStore
 from monitor.model.step import open_session
-from monitor.pipeline.stream import FramePipeline, WindowJudged
+from monitor.pipeline.events import WindowJudged
+from monitor.pipeline.frames import FramePipeline
 from monitor.report import replay
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment, simulate

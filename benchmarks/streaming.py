@@ -21,13 +21,14 @@ from monitor.base.types import FloatArray, Frame, Sample
 from monitor.frames.logs import read_frames
 from monitor.grid.samples import FrameSamples
 from monitor.judge import enable, hypotheses
-from monitor.judge.hypotheses import SensorBank
+from monitor.judge.bank import SensorBank
 from monitor.judge.plausibility import Plausibility
 from monitor.judge.residual import oriented
 from monitor.judge.response import Noise, ResponseRule
 from monitor.judge.window import Window
 from monitor.memory.dtc import DtcStore
-from monitor.pipeline.stream import FramePipeline, Tick, WindowJudged
+from monitor.pipeline.events import Tick, WindowJudged
+from monitor.pipeline.frames import FramePipeline
 from monitor.report import replay
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -12,8 +12,8 @@ import numpy as np
 
 from monitor.base.config import Config, DebounceConfig
 from monitor.base.types import FloatArray
-from monitor.judge.bias import Bias, BiasRule, paper_failed
 from monitor.judge.bank import Hypothesis
+from monitor.judge.bias import Bias, BiasRule, paper_failed
 from monitor.judge.limits import Limits
 from monitor.judge.plausibility import TickResult
 from monitor.judge.residual import lambda_of, means_and_stds

@@ -106,7 +106,10 @@ class Enable:
         self._follow = [CONDITIONS.index(name) for name in ("measured_valid", *checked)]
         self._cut = CONDITIONS.index("fuel_cut_recovered")
         self._purge = at.get("purge_duty_percent")
-        self._open_percent, self._step_percent = config.purge_open_percent, config.purge_step_percent
+        self._open_percent, self._step_percent = (
+            config.purge_open_percent,
+            config.purge_step_percent,
+        )
         recovery_s = config.range_recovery_s, config.fuel_cut_recovery_s, config.purge_recovery_s
         self._recovery = np.array(
             [config.model_settle_samples + 1, *(round(each / period_s) for each in recovery_s)]

@@ -116,8 +116,14 @@ class Plausibility:
             elif quality == _INVALID and ready:
                 result = _NOT_VALID
             found.append(Results(first, end, result))
-        self._ready_run(begin, end, found, ready=ready, missing=missing, waits=not ready
-                        and not gone and (self._speed is None or engine == _YES))
+        self._ready_run(
+            begin,
+            end,
+            found,
+            ready=ready,
+            missing=missing,
+            waits=not ready and not gone and (self._speed is None or engine == _YES),
+        )
         if quality in (_GOOD, _OUT_OF_RANGE):
             found.append(Results(begin, end, _INSIDE if quality == _GOOD else _OUTSIDE))
 

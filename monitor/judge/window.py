@@ -54,9 +54,7 @@ class Windows:
         self.completed = 0
         self.discarded = 0
 
-    def spans(
-        self, usable: BoolArray, *, goes_on: bool, is_last: bool
-    ) -> list[tuple[int, int]]:
+    def spans(self, usable: BoolArray, *, goes_on: bool, is_last: bool) -> list[tuple[int, int]]:
         """Return (begin, end) of the samples that fill windows; counts windows not filled.
 
         usable : (n,) of a segment, the samples that may stand in windows

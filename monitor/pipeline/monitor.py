@@ -165,7 +165,10 @@ class Monitor:
         cuts = [k for k, moment in counting.moments if moment == "driving_cycle"]
         self._then = then = [
             *((k, _DRIVEN, partial(self._drive, driven)) for k, driven in counting.driven),
-            *((k, _COUNTED, partial(self._count, moment, block, k)) for k, moment in counting.moments),
+            *(
+                (k, _COUNTED, partial(self._count, moment, block, k))
+                for k, moment in counting.moments
+            ),
         ]
         if self._clearings != self.store.clearings:
             self._maturing.reset()
@@ -186,7 +189,11 @@ class Monitor:
             active = np.logical_and.reduce(held.take(_BURNING, axis=1), axis=1)
             active &= self._plausibility.running(values[part])
             then += [
-                (begin + k, _ACTIVE, partial(self._act, block, begin + k, failed=failed, fault=fault))
+                (
+                    begin + k,
+                    _ACTIVE,
+                    partial(self._act, block, begin + k, failed=failed, fault=fault),
+                )
                 for k, failed, fault in self._activity.push(measured[part], active)
             ]
         enabled = np.logical_and.reduce(conditions, axis=1)

@@ -13,7 +13,7 @@ from monitor.bus.live.feed import LiveFeed
 from monitor.bus.live.process import Server
 from monitor.frames.logs import read_frames
 from monitor.memory.dtc import DtcStore
-from monitor.pipeline.stream import FramePipeline
+from monitor.pipeline.frames import FramePipeline
 from monitor.report import replay
 
 ROOT = Path(__file__).resolve().parents[2]

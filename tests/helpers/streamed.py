@@ -14,8 +14,9 @@ from monitor.memory.dtc import DtcStore, Saved
 from monitor.memory.obd_records import Counts
 from monitor.memory.reference import Reference
 from monitor.model.step import Model
-from monitor.pipeline.block_judge import Judged
-from monitor.pipeline.stream import CycleStarted, DtcChanged, Event, Monitor, Tick, WindowJudged
+from monitor.pipeline.events import CycleStarted, DtcChanged, Event, Tick, WindowJudged
+from monitor.pipeline.monitor import Monitor
+from monitor.pipeline.side_by_side import Judged
 
 PERIOD_NS = 100_000_000
 SHIPPED = config.load()

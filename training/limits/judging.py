@@ -11,7 +11,7 @@ from monitor.judge.enable import Enable
 from monitor.judge.limits import Limits
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
-from monitor.pipeline.block_judge import Judged, judge_all
+from monitor.pipeline.side_by_side import Judged, judge_all
 from training.recordings.recording import Recording
 
 __all__ = ["Judged", "enabled_samples", "judge", "judge_recordings"]

@@ -19,7 +19,7 @@ from monitor.base.faults import (
     resolve,
 )
 from monitor.judge import hypotheses
-from monitor.judge.hypotheses import SensorBank
+from monitor.judge.bank import SensorBank
 from monitor.memory.dtc import CODES
 
 PERIOD_S = 0.1

@@ -28,7 +28,7 @@ from monitor.bus.live.process import Server
 from monitor.judge.decisions import DtcChanged
 from monitor.judge.enable import CONDITIONS
 from monitor.memory.dtc import DtcStore
-from monitor.pipeline.stream import Tick
+from monitor.pipeline.events import Tick
 from tests.helpers.http_fuzz import ask, request
 from tests.helpers.live_player import Player, Sink, frames_of
 

@@ -20,7 +20,7 @@ from scipy.signal import lfilter
 from monitor.base import config
 from monitor.base.types import FloatArray
 from monitor.judge import hypotheses
-from monitor.judge.hypotheses import DIRECTIONS, SensorBank
+from monitor.judge.bank import DIRECTIONS, SensorBank
 from monitor.judge.response import Noise, Response, ResponseRule
 from monitor.memory.dtc import CODES
 

@@ -3,10 +3,10 @@
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from monitor.memory.block_cycles import BlockCycles
 
 from monitor.base import config
 from monitor.base.types import Quality, Sample, SampleBlock
-from monitor.memory.block_cycles import BlockCycles
 from monitor.memory.cycles import SIGNALS, Cycles
 
 CONFIG = config.load()

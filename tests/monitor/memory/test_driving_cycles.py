@@ -11,7 +11,8 @@ from monitor.judge.decisions import Counted
 from monitor.judge.plausibility import Plausibility
 from monitor.memory.dtc import DtcStore, Status
 from monitor.memory.store import Memory
-from monitor.pipeline.stream import CycleStarted, DtcChanged, Event, FramePipeline
+from monitor.pipeline.events import CycleStarted, DtcChanged, Event
+from monitor.pipeline.frames import FramePipeline
 from monitor.report import replay
 from tests.conftest import ROOT
 from tests.helpers.played_bus import Pause, run_on

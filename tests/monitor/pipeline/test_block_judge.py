@@ -12,13 +12,12 @@ from monitor.base.errors import RecordingError
 from monitor.base.types import Quality, SampleBlock
 from monitor.grid.block_samples import Clearing
 from monitor.judge import enable, hypotheses
-from monitor.judge.block_bank import BankBlock, phases
-from monitor.judge.hypotheses import SensorBank
+from monitor.judge.bank import BankBlock, SensorBank, phases
 from monitor.judge.limits import Limits
 from monitor.memory.reference import Reference
 from monitor.model.card import Channel, ModelCard
 from monitor.model.step import Model
-from monitor.pipeline.block_judge import judge_all
+from monitor.pipeline.side_by_side import judge_all
 from monitor.report.replay import shipped_model
 from tests.helpers.streamed import PERIOD_NS, SHIPPED, assert_same, fresh, kept, stream
 from training.narx.export import Network, save

@@ -23,8 +23,9 @@ from monitor.grid.block_samples import LogSamples, log_samples
 from monitor.judge.limits import Limits
 from monitor.memory.dtc import DtcStore
 from monitor.model.step import Model
-from monitor.pipeline.logs import JudgedRecording, RecordingReader, judge_logs
-from monitor.pipeline.stream import FramePipeline, Tick
+from monitor.pipeline.events import Tick
+from monitor.pipeline.frames import FramePipeline
+from monitor.pipeline.recordings import JudgedRecording, RecordingReader, judge_logs
 from monitor.report.replay import Setup, replay, set_up, shipped_model
 from tests.helpers.batch_logs import ECU, S, logs
 from training.recordings.table_files import write_table
