@@ -66,9 +66,9 @@ class BankState(NamedTuple):
 class Spans(NamedTuple):
     """Samples of signals side by side: those of span i come before those of span i + 1."""
 
-    row: Sequence[int]
-    begin: Sequence[int]
-    end: Sequence[int]
+    row: list[int]
+    begin: list[int]
+    end: list[int]
 
 
 class Bank:
