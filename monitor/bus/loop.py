@@ -26,7 +26,15 @@ from monitor.frames.loop_frames import bus_state, codes_cleared, is_own
 from monitor.memory.dtc import DtcStore
 from monitor.memory.reference import Seen
 from monitor.memory.store import Memory
-from monitor.pipeline.events import BlockEvent, CycleStarted, Event, Tick, Ticks, WindowJudged
+from monitor.pipeline.events import (
+    BlockEvent,
+    CycleStarted,
+    Event,
+    Tick,
+    Ticks,
+    WindowJudged,
+    singly,
+)
 from monitor.pipeline.frames import FramePipeline
 from monitor.report.replay import Setup, frame_counters
 from monitor.report.sinks import Collector
@@ -164,12 +172,10 @@ class Loop:
             if self._memory is not None:
                 self._adopt(self._memory)
         self.collector.push(event)
-        if not isinstance(event, Ticks):
-            self._tell(event)
-            return
-        for tick in event.each():
-            self._tell(tick)
-            self._note_stale(tick)
+        for each in singly(event):
+            self._tell(each)
+            if isinstance(each, Tick):
+                self._note_stale(each)
 
     @property
     def _has_driven(self) -> bool:

@@ -97,6 +97,8 @@ class Bank:
         }
         self._whole = {d: steps.astype(np.int64) for d, steps in self._steps.items()}
         self._part = {d: steps - self._whole[d] for d, steps in self._steps.items()}
+        self._interpolated = any(bool(part.any()) for part in self._part.values())
+        self._shares: dict[int, FloatArray] = {}  # of a step that a lag goes, by rows
         self._key = {direction: steps.tobytes() for direction, steps in self._steps.items()}
         self._n_past = max((int(whole.max()) for whole in self._whole.values()), default=0) + 1
 
@@ -114,22 +116,19 @@ class Bank:
         """
         past = np.array([state.past for state in states])
         signals = np.concatenate([past, values], axis=1)
-        ends = np.cumsum([0, *(b - a for a, b in zip(spans.begin, spans.end, strict=True))])
-        read = np.empty((ends.item(-1), self.n_hypotheses))
-        self._read_late(read, signals, spans, ends)
-        lags = self._read_slow(read, values, lengths, states, spans, ends.tolist())
+        read = np.empty((sum(spans.end) - sum(spans.begin), self.n_hypotheses))
+        self._read_late(read, signals, spans)
+        lags = self._read_slow(read, values, lengths, states, spans)
         rows = zip(lengths, signals, lags, strict=True)
         return read, [BankState(x, row[n : n + self._n_past].copy()) for n, row, x in rows]
 
-    def _read_late(
-        self, read: FloatArray, signals: FloatArray, spans: Spans, ends: IntArray
-    ) -> None:
+    def _read_late(self, read: FloatArray, signals: FloatArray, spans: Spans) -> None:
         if not len(read):
             return
-        first = np.array(spans.row) * signals.shape[1] + spans.begin + self._n_past
-        at = np.arange(len(read))
-        at += first.item(0) if len(first) == 1 else np.repeat(first - ends[:-1], np.diff(ends))
-        flat = signals.ravel()
+        width, flat = signals.shape[1], signals.ravel()
+        first = [row * width + self._n_past for row in spans.row]
+        places = [np.arange(i + a, i + b) for i, a, b in zip(first, *spans[1:], strict=True)]
+        at = places[0] if len(places) == 1 else np.concatenate(places)
         for begin in range(0, len(read), _SAMPLES):
             part = slice(begin, begin + _SAMPLES)
             self._read_late_part(read[part], flat, at[part, np.newaxis])
@@ -155,7 +154,7 @@ class Bank:
         """Return the signal as many steps before each sample as each dead time says."""
         before, part = at - self._whole[direction], self._part[direction]
         late: FloatArray = flat.take(before)
-        if part.any():
+        if self._interpolated:
             late *= 1.0 - part
             late += flat.take(before - 1) * part
         return late
@@ -167,12 +166,14 @@ class Bank:
         lengths: Sequence[int],
         states: Sequence[BankState],
         spans: Spans,
-        ends: Sequence[int],
     ) -> list[FloatArray]:
         """Fill in the lags' readings; return what each lag reads at the end of each signal."""
         x = np.array([state.lags for state in states]).T  # (n_slow, rows)
         found = [state.lags for state in states]
-        rest = list(zip(spans.row, spans.begin, spans.end, ends, strict=False))
+        at = 0
+        rest = []
+        for row, begin, end in zip(*spans, strict=True):
+            rest.append((row, begin, end, read[at : (at := at + end - begin), self._slow]))
         for low, high, rows in phases(lengths):
             for first in range(low, high, _STEPS):
                 stop = min(first + _STEPS, high)
@@ -181,11 +182,10 @@ class Bank:
                 by_row = seen.transpose(2, 0, 1)
                 if rows > 1:
                     by_row = by_row.copy()  # so that a sample's values lie together
-                for row, begin, end, at in rest:
+                for row, begin, end, target in rest:
                     a, b = max(begin, first), min(end, stop)
                     if a < b:
-                        target = read[at + a - begin : at + b - begin, self._slow]
-                        target[:] = by_row[row, a - first : b - first]
+                        target[a - begin : b - begin] = by_row[row, a - first : b - first]
                 for row in range(rows):
                     if first < lengths[row] <= stop:
                         found[row] = by_row[row, lengths[row] - 1 - first].copy()
@@ -194,8 +194,9 @@ class Bank:
     def _run_slow(self, x: FloatArray, values: FloatArray) -> FloatArray:
         """Return what the lags read of (rows, n) values, (n, n_slow, rows); x : before them."""
         seen = np.empty((values.shape[1], *x.shape))
-        fall, share = np.empty_like(x), np.empty_like(x)
-        share[:] = self._share
+        fall, share = np.empty_like(x), self._shares.get(x.shape[1])
+        if share is None:
+            share = self._shares[x.shape[1]] = np.repeat(self._share, x.shape[1], axis=1)
         quick = [(function, fall[place], place) for function, place in self._quick]
         for now, step in zip(values.T.copy(), seen, strict=True):
             np.subtract(now, x, fall)

@@ -216,10 +216,11 @@ class ActivityTest:
         active : (n,) whether the signal must move; any other sample begins a stretch anew
         """
         found = []
-        for begin, end, is_active in alike(active):
+        for first, end, is_active in alike(active):
             if not is_active:
                 self.reset()
                 continue
+            begin = first
             while begin < end:
                 stop = min(begin + self._n - self._count, end)
                 part = measured[begin:stop]

@@ -64,13 +64,12 @@ class Windows:
         found = []
         for begin, end in runs(usable):
             filled = self._filled if goes_on and begin == 0 else 0
+            total, rest = filled + end - begin, 0
             if not (is_last and end == len(usable)):
-                total = filled + end - begin
                 rest = total % self._n
                 self.discarded += rest > 0 and (total > self._n or not filled)
-                end -= rest
-            if begin < end:
-                found.append((begin, end))
+            if begin < end - rest:
+                found.append((begin, end - rest))
         return found
 
     def push(

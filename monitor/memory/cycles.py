@@ -13,7 +13,7 @@ import numpy as np
 
 from monitor.base.config import CyclesConfig, ProfileConfig
 from monitor.base.runs import alike
-from monitor.base.types import BoolArray, FloatArray, IntArray, Quality, SampleBlock
+from monitor.base.types import FloatArray, IntArray, Quality, SampleBlock
 
 SIGNALS: Final = (
     "engine_speed_rpm",
@@ -31,7 +31,10 @@ _ORDER: Final[tuple[Moment, ...]] = (
 )
 _DUE: Final = frozenset(_ORDER[1:])  # counted once in each driving cycle
 _SECOND_NS: Final = 1_000_000_000  # driving is counted in steps of so much
-_NONE: Final = np.empty(0)
+_HOURS_PER_NS: Final = 1.0 / 3.6e12
+_N_QUALITIES: Final = len(Quality)
+# bits of a sample, as ``Cycles._codes`` packs them
+_RUNS, _MOVES, _WARM, _MILD, _LOW, _STANDS, _IDLES = (1 << bit for bit in range(7, 0, -1))
 
 
 class Driven(NamedTuple):
@@ -85,13 +88,9 @@ class EngineWatch:
 class _Flags(NamedTuple):
     """What holds on samples that are alike."""
 
-    runs: bool  # the engine
-    stands: bool  # the engine is known to
-    is_silent: bool
-    is_off_bus: bool
-    moves: bool
+    moves: bool  # fast enough for the general denominator
     idles: bool
-    unfit: bool  # too cold or too high for the general denominator
+    fits: bool  # neither too cold nor too high for the general denominator
     is_warm: bool
 
 
@@ -131,7 +130,7 @@ class _Denominator:
 
     def push(self, span: _Span, flags: _Flags) -> int | None:
         """Take samples that are alike, the engine running; return where all is reached."""
-        if flags.unfit:
+        if not flags.fits:
             self._idle_ns = 0
             return None
         moves_ns, idles_ns = (span.elapsed_ns * on for on in (flags.moves, flags.idles))
@@ -179,6 +178,17 @@ class Cycles:
             at.get, SIGNALS
         )
         self._heard = at[output] if self._speed is None else self._speed
+        least = (
+            running_rpm,
+            config.denominator_moving_km_h,
+            profile.warm_up_degc,
+            config.denominator_ambient_min_degc,
+            config.denominator_pressure_min_kpa,
+        )
+        # bits of a sample: each signal is at its least or above; engine and vehicle are below
+        self._places = np.array([at.get(name, 0) for name in SIGNALS])
+        self._least = np.array(least)
+        self._most = np.array([np.nextafter(running_rpm, -np.inf), config.denominator_idle_km_h])
         self.unavailable = tuple(name for name in SIGNALS if name not in at)
         self._engine = EngineWatch(config)
         self._start_least_ns = _ns(config.start_s)
@@ -200,63 +210,56 @@ class Cycles:
         found = Counting([], [])
         if n == 0:
             return found
-        elapsed_ns = np.empty(n, dtype=np.int64)
-        t_ns = block.t_ns
-        elapsed_ns[0] = 0 if self._last_ns is None else max(t_ns.item(0) - self._last_ns, 0)
-        np.maximum(t_ns[1:] - t_ns[:-1], 0, out=elapsed_ns[1:])
-        self._last_ns = t_ns.item(n - 1)
-        until_ns = np.zeros(n + 1, dtype=np.int64)
-        np.cumsum(elapsed_ns, out=until_ns[1:])
-        km = _NONE
-        if self._vehicle is not None:
-            speed_km_h = block.values[:, self._vehicle]
-            km = np.where(speed_km_h > 0.0, speed_km_h * (elapsed_ns * 1e-9) / 3600.0, 0.0)
-        coolant_degc = None if self._coolant is None else block.values[:, self._coolant]
-        flags = self._flags(block)
-        for begin, end, _ in alike(np.packbits(flags, axis=1)[:, 0]):
-            now = _Flags(*flags[begin].tolist())
-            if now.runs:
-                self._run(_Span(begin, end, until_ns), now, km, coolant_degc, until_ns, found)
+        until_ns = np.zeros(n + 1, dtype=np.int64)  # [k + 1]: time until sample k
+        if self._last_ns is not None:
+            until_ns[1] = max(block.t_ns.item(0) - self._last_ns, 0)
+        if n > 1:
+            np.maximum(block.t_ns[1:] - block.t_ns[:-1], 0, out=until_ns[2:])
+            np.cumsum(until_ns, out=until_ns)
+        self._last_ns = block.t_ns.item(n - 1)
+        values = block.values
+        coolant_degc = None if self._coolant is None else values[:, self._coolant]
+        speed_km_h = None if self._vehicle is None else values[:, self._vehicle]
+        for begin, end, code in alike(self._codes(block)):
+            bits, heard = divmod(code, _N_QUALITIES)
+            runs, stands = bits & _RUNS, bits & _STANDS
+            if self._speed is None:
+                runs, stands = heard not in (Quality.STALE, Quality.OFF_BUS), 0
+            if runs:
+                span = _Span(begin, end, until_ns)
+                self._run(span, self._flags(bits), coolant_degc, speed_km_h, until_ns, found)
                 continue
             self._denominator.interrupt()
-            if not now.is_off_bus:  # else nothing is known of the engine
-                elapsed = until_ns.item(end) - until_ns.item(begin)
-                self._engine.stand(elapsed, is_silent=now.is_silent, is_standing=now.stands)
+            if heard != Quality.OFF_BUS:  # else nothing is known of the engine
+                elapsed_ns = until_ns.item(end) - until_ns.item(begin)
+                is_silent = heard == Quality.STALE
+                self._engine.stand(elapsed_ns, is_silent=is_silent, is_standing=bool(stands))
         return found
 
-    def _flags(self, block: SampleBlock) -> BoolArray:
-        """Return ``_Flags`` of each sample, (n, 8)."""
-        config, values = self._config, block.values
-        flags = np.zeros((len(values), len(_Flags._fields)), dtype=np.bool_)
-        heard = block.quality[:, self._heard]
-        flags[:, 2] = heard == Quality.STALE
-        flags[:, 3] = heard == Quality.OFF_BUS
-        if self._speed is None:
-            flags[:, 0] = ~(flags[:, 2] | flags[:, 3])
-        else:
-            speed_rpm = values[:, self._speed]
-            flags[:, 0] = speed_rpm >= self._running_rpm
-            flags[:, 1] = speed_rpm < self._running_rpm
-        if self._vehicle is not None:
-            speed_km_h = values[:, self._vehicle]
-            flags[:, 4] = speed_km_h >= config.denominator_moving_km_h
-            flags[:, 5] = speed_km_h <= config.denominator_idle_km_h
-        for place, least in (
-            (self._ambient, config.denominator_ambient_min_degc),
-            (self._pressure, config.denominator_pressure_min_kpa),
-        ):
-            if place is not None:
-                flags[:, 6] |= ~(values[:, place] >= least)
-        if self._coolant is not None:
-            flags[:, 7] = values[:, self._coolant] >= self._profile.warm_up_degc
-        return flags
+    def _codes(self, block: SampleBlock) -> IntArray:
+        """Return an integer for each sample, (n,): samples with the same one are alike."""
+        x = block.values.take(self._places, axis=1)
+        flags = np.zeros((len(x), 8), dtype=np.bool_)
+        np.greater_equal(x, self._least, out=flags[:, :5])
+        np.less_equal(x[:, :2], self._most, out=flags[:, 5:7])
+        bits = np.packbits(flags, axis=1)[:, 0].astype(np.int64)
+        return bits * _N_QUALITIES + block.quality[:, self._heard]
+
+    def _flags(self, bits: int) -> _Flags:
+        return _Flags(
+            self._vehicle is not None and bool(bits & _MOVES),
+            self._vehicle is not None and bool(bits & _IDLES),
+            (self._ambient is None or bool(bits & _MILD))
+            and (self._pressure is None or bool(bits & _LOW)),
+            self._coolant is not None and bool(bits & _WARM),
+        )
 
     def _run(
         self,
         span: _Span,
         flags: _Flags,
-        km: FloatArray,
         coolant_degc: FloatArray | None,
+        speed_km_h: FloatArray | None,
         until_ns: IntArray,
         found: Counting,
     ) -> None:
@@ -286,7 +289,7 @@ class Cycles:
             self._due = self._due.difference(moment for _, moment in at)
             found.moments.extend(sorted(at, key=lambda each: (each[0], _ORDER.index(each[1]))))
         if driven.begin < driven.end:
-            self._drive(driven, km[driven.begin : driven.end], until_ns, found)
+            self._drive(driven, speed_km_h, until_ns, found)
 
     def _warm_up(self, span: _Span, flags: _Flags, coolant_degc: FloatArray) -> int | None:
         """Return where the coolant is warm and has risen enough since the engine's start."""
@@ -303,19 +306,25 @@ class Cycles:
         risen = np.flatnonzero(inside - self._first_degc >= self._profile.warm_up_rise_degc)
         return span.begin + risen.item(0) if risen.size else None
 
-    def _drive(self, span: _Span, km: FloatArray, until_ns: IntArray, found: Counting) -> None:
+    def _drive(
+        self, span: _Span, speed_km_h: FloatArray | None, until_ns: IntArray, found: Counting
+    ) -> None:
         """Count running time and distance whenever a whole second has passed."""
         before_ns, self._run_ns = self._run_ns, self._run_ns + span.elapsed_ns
-        totals_km = np.cumsum(np.concatenate([[self._run_km], km])) if len(km) else None
-        if totals_km is not None:
+        totals_km = None
+        if speed_km_h is not None:
+            elapsed_ns = until_ns[span.begin + 1 : span.end + 1] - until_ns[span.begin : span.end]
+            totals_km = np.fmax(speed_km_h[span.begin : span.end], 0.0) * elapsed_ns
+            totals_km *= _HOURS_PER_NS
+            totals_km[0] += self._run_km
+            np.cumsum(totals_km, out=totals_km)
             self._run_km = totals_km.item(-1)
         if self._run_ns // _SECOND_NS == before_ns // _SECOND_NS:
             return
-        part = slice(span.begin + 1, span.end + 1)
-        run_ns = until_ns[part] - until_ns[span.begin] + before_ns
+        run_ns = until_ns[span.begin + 1 : span.end + 1] - until_ns[span.begin] + before_ns
         seconds = run_ns // _SECOND_NS
         for k in np.flatnonzero(np.diff(seconds, prepend=before_ns // _SECOND_NS)).tolist():
-            now_ns, now_km = run_ns.item(k), 0.0 if totals_km is None else totals_km.item(k + 1)
+            now_ns, now_km = run_ns.item(k), 0.0 if totals_km is None else totals_km.item(k)
             driven = Driven((now_ns - self._taken_ns) * 1e-9, now_km - self._taken_km)
             found.driven.append((span.begin + k, driven))
             self._taken_ns, self._taken_km = now_ns, now_km

@@ -1,6 +1,6 @@
 """Events of a monitor: ticks, driving cycles, windows, codes and counts."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 from monitor.base.types import BoolArray, FloatArray, Sample, SampleBlock
@@ -18,6 +18,7 @@ __all__ = [
     "Tick",
     "Ticks",
     "WindowJudged",
+    "singly",
 ]
 
 
@@ -58,3 +59,8 @@ class CycleStarted(NamedTuple):
 Happening = CycleStarted | WindowJudged | DtcChanged | Counted
 BlockEvent = Ticks | Happening  # what a monitor yields
 Event = Tick | Happening  # the same, sample by sample
+
+
+def singly(event: BlockEvent) -> Iterable[Event]:
+    """Return an event sample by sample."""
+    return event.each() if isinstance(event, Ticks) else (event,)

@@ -20,7 +20,7 @@ __all__ = ["Judged", "enabled_samples", "judge", "judge_recordings"]
 def enabled_samples(recording: Recording, card: ModelCard, config: Config) -> BoolArray:
     """Return (n,) bool: samples on which all of the monitor's enable conditions hold."""
     names = _names(recording, card)
-    conditions = Enable.of(config.enable, names, card).block(_block(recording, names).values)
+    conditions = Enable.of(config.enable, names, card).push(_block(recording, names).values)
     return np.asarray(conditions.all(axis=1))
 
 
