@@ -15,6 +15,7 @@ from monitor.base.manifest import source_of
 from monitor.base.signals import OUTPUT
 from monitor.base.types import SampleBlock
 from monitor.decode.bus_map import BusMap, load_pairs
+from monitor.frames.candump_blocks import Parser
 from monitor.grid.block_samples import Clearing
 from monitor.judge.limits import Limits
 from monitor.memory.dtc import DtcStore
@@ -44,6 +45,7 @@ class Setup:
     config: Config
     bus_map: BusMap
     columns: Path | None = None
+    parse: Parser | None = None  # of candump text, instead of numpy's
 
     def of_vehicle(self, memory: Memory) -> "Setup":
         """Return the setup for the vehicle whose reference stands in the memory."""
@@ -105,7 +107,8 @@ def replay(
     store = DtcStore(memory.load() if memory else None, setup.config.profile)
     store.start_driving_cycle()
     setup = setup.of_vehicle(memory) if memory else setup
-    opened = RecordingReader(setup.bus_map, setup.model.card, setup.columns).open(path)
+    card = setup.model.card
+    opened = RecordingReader(setup.bus_map, card, setup.columns, setup.parse).open(path)
     monitor = Monitor(Judge(opened.names, setup.model, setup.config), setup.limits, store)
     collector = Collector(monitor, trace=trace)
     for event in _events(monitor, opened.parts):
