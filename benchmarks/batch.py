@@ -1,7 +1,7 @@
 """The cost of judging whole recordings side by side, split by stage, and of a live bus.
 
 Simulates WLTCs, holds them as tables in memory and judges them with the shipped model: all of them
-by ``judge_all``, some of them by the streaming monitor, and checks that both say the same. Figures
+by ``judge_all``, some of them tick by tick, and checks that both say the same. Figures
 are medians of repeats, in microseconds of processor time per sample of the grid.
 
     python benchmarks/batch.py [--drives 64] [--rows 64] [--streamed 2] [--repeats 3]

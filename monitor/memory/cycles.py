@@ -303,8 +303,10 @@ class Cycles:
             self._first_degc = inside.item(known.item(0))
         if not flags.is_warm:
             return None
-        risen = np.flatnonzero(inside - self._first_degc >= self._profile.warm_up_rise_degc)
-        return span.begin + risen.item(0) if risen.size else None
+        rise_degc = self._profile.warm_up_rise_degc
+        if not np.fmax.reduce(inside) - self._first_degc >= rise_degc:
+            return None
+        return span.begin + int(np.argmax(inside - self._first_degc >= rise_degc))
 
     def _drive(
         self, span: _Span, speed_km_h: FloatArray | None, until_ns: IntArray, found: Counting

@@ -121,7 +121,7 @@ class Segments:
     def _predict(
         self, rows: Sequence[_Row], lengths: Sequence[int]
     ) -> tuple[FloatArray, dict[int, Float32Array]]:
-        """Return predictions, (rows, n), NaN behind a row's end, and the model's last states."""
+        """Return predictions, (rows, n), anything behind a row's end, and the last states."""
         u = self._u(rows, lengths)
         predicted = np.full(u.shape[:2], np.nan)
         model = self._model(len(rows))

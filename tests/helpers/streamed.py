@@ -24,7 +24,7 @@ SHIPPED = config.load()
 
 @dataclass(frozen=True)
 class Streamed:
-    """What the streaming monitor makes of one recording."""
+    """What one monitor makes of one recording."""
 
     ticks: list[Tick]
     windows: list[WindowJudged]
