@@ -32,7 +32,8 @@ from monitor.decode.bus_map import load_database
 from monitor.frames.logs import read_frames
 from monitor.memory.dtc import DtcStore
 from monitor.model.step import open_session
-from monitor.pipeline.stream import Event, FramePipeline, Tick
+from monitor.pipeline.events import Event, Tick
+from monitor.pipeline.frames import FramePipeline
 from monitor.report import replay
 
 ROOT = Path(__file__).resolve().parent.parent

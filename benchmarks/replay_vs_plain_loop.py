@@ -35,7 +35,8 @@ from monitor.frames.logs import read_frames
 from monitor.grid.samples import FrameSamples
 from monitor.memory.dtc import DtcStore
 from monitor.model.step import open_session
-from monitor.pipeline.stream import FramePipeline, WindowJudged
+from monitor.pipeline.events import WindowJudged
+from monitor.pipeline.frames import FramePipeline, block_of
 from monitor.report import replay
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment, simulate
@@ -183,9 +184,9 @@ def sample_project(bench: Bench) -> tuple[float, ...]:
     """Return seconds per sample that completes no window, and per one that does."""
     monitor = _pipeline(bench.setup).monitor
     took: dict[bool, list[float]] = {False: [], True: []}
-    for sample in bench.samples:
+    for block in [block_of([sample]) for sample in bench.samples]:
         start = process_time()
-        events = list(monitor.push(sample))
+        events = list(monitor.push(block))
         seconds = process_time() - start
         took[any(isinstance(event, WindowJudged) for event in events)].append(seconds)
     usual, judged = (sum(took[key]) / len(took[key]) for key in (False, True))

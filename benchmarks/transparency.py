@@ -38,7 +38,7 @@ from monitor.base.signals import NARX_INPUTS
 from monitor.base.types import BoolArray, FloatArray, SampleBlock
 from monitor.judge.limits import Limits
 from monitor.model.step import Model, to_model_units
-from monitor.pipeline.block_judge import Judged, judge_all
+from monitor.pipeline.side_by_side import Judged, judge_all
 from monitor.report.replay import shipped_model
 from training import cli
 from training.dyno import ecu

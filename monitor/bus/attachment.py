@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterable
 from typing import Protocol
 
 from monitor.base.types import Frame
-from monitor.pipeline.stream import Event
+from monitor.pipeline.events import Event
 
 
 class Attachment(Protocol):

@@ -26,7 +26,16 @@ from monitor.frames.loop_frames import bus_state, codes_cleared, is_own
 from monitor.memory.dtc import DtcStore
 from monitor.memory.reference import Seen
 from monitor.memory.store import Memory
-from monitor.pipeline.stream import CycleStarted, Event, FramePipeline, Tick, WindowJudged
+from monitor.pipeline.events import (
+    BlockEvent,
+    CycleStarted,
+    Event,
+    Tick,
+    Ticks,
+    WindowJudged,
+    singly,
+)
+from monitor.pipeline.frames import FramePipeline
 from monitor.report.replay import Setup, frame_counters
 from monitor.report.sinks import Collector
 
@@ -155,16 +164,18 @@ class Loop:
                 self._handle(event)
             self._work()
 
-    def _handle(self, event: Event) -> None:
-        if not isinstance(event, Tick | WindowJudged) or self._has_driven:
+    def _handle(self, event: BlockEvent) -> None:
+        if not isinstance(event, Ticks | WindowJudged) or self._has_driven:
             self._store()
         if isinstance(event, CycleStarted):
             self._learn(event.seen)
             if self._memory is not None:
                 self._adopt(self._memory)
-        self._tell(event)
-        if isinstance(event, Tick):
-            self._note_stale(event)
+        self.collector.push(event)
+        for each in singly(event):
+            self._tell(each)
+            if isinstance(each, Tick):
+                self._note_stale(each)
 
     @property
     def _has_driven(self) -> bool:
@@ -173,7 +184,6 @@ class Loop:
         return run_s - self._stored_run_s >= STORE_DRIVEN_S
 
     def _tell(self, event: Event) -> None:
-        self.collector.push(event)
         for attachment in tuple(self.attachments):
             self._ask(attachment, attachment.push, event)
 

@@ -11,7 +11,8 @@ from monitor.base.types import Frame
 from monitor.decode.bus_map import load_database
 from monitor.decode.checksum import payload_checksum
 from monitor.memory.dtc import Status
-from monitor.pipeline.stream import Event, Monitor, Tick, WindowJudged
+from monitor.pipeline.events import Event, Tick, WindowJudged
+from monitor.pipeline.monitor import Monitor
 
 STATUS_PERIOD_NS: Final = 100_000_000
 CHECKSUM_BYTE: Final = 7

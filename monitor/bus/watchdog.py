@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 
 from monitor.base.types import Frame
-from monitor.pipeline.stream import Event
+from monitor.pipeline.events import Event
 
 STATUS_S = 10.0  # between two status lines
 

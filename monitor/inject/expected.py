@@ -12,7 +12,7 @@ from monitor.base.types import Frame
 from monitor.inject.scenario import NO_CODE, Expectation, Scenario
 from monitor.memory.dtc import DtcStore
 from monitor.memory.store import Memory
-from monitor.pipeline.stream import FramePipeline
+from monitor.pipeline.frames import FramePipeline
 from monitor.report.replay import Setup, frame_counters
 from monitor.report.sinks import Collector
 

@@ -6,7 +6,7 @@ lamp on, in a later driving cycle in which the test fails again. Sources: ISO 14
 holds the numbers of cycles per regulation.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntFlag
 from types import MappingProxyType
@@ -279,15 +279,20 @@ class DtcStore:
         self._counts = replace(self._counts, warm_ups_since_clear=warm_ups)
         self._dtcs = {code: dtc.warm_up() for code, dtc in self._dtcs.items()}
 
-    def drive(self, engine_run_s: float, distance_km: float) -> None:
-        """Add running time and distance to the counts."""
+    def drive(self, driven: Iterable[tuple[float, float]]) -> None:
+        """Count stretches of driving: engine running time in s and distance in km of each."""
         counts, lit = self._counts, float(self.mil)
+        run_s, km = counts.engine_run_since_clear_s, counts.distance_since_clear_km
+        lit_s, lit_km = counts.engine_run_with_mil_s, counts.distance_with_mil_km
+        for engine_run_s, distance_km in driven:
+            run_s, km = run_s + engine_run_s, km + distance_km
+            lit_s, lit_km = lit_s + lit * engine_run_s, lit_km + lit * distance_km
         self._counts = replace(
             counts,
-            distance_since_clear_km=counts.distance_since_clear_km + distance_km,
-            engine_run_since_clear_s=counts.engine_run_since_clear_s + engine_run_s,
-            distance_with_mil_km=counts.distance_with_mil_km + lit * distance_km,
-            engine_run_with_mil_s=counts.engine_run_with_mil_s + lit * engine_run_s,
+            distance_since_clear_km=km,
+            engine_run_since_clear_s=run_s,
+            distance_with_mil_km=lit_km,
+            engine_run_with_mil_s=lit_s,
         )
 
     @property

@@ -19,8 +19,8 @@ from monitor.frames.lines import Bytes
 from monitor.grid.tables import load_columns
 from monitor.judge.limits import Limits
 from monitor.model.step import Model
-from monitor.pipeline.block_judge import BlockJudge
-from monitor.pipeline.logs import RecordingReader
+from monitor.pipeline.recordings import RecordingReader
+from monitor.pipeline.side_by_side import RecordingJudge
 from training.fleet import places
 from training.fleet.reading import FleetReader
 from training.jobs import run_folder
@@ -91,16 +91,16 @@ class Tools:
     limits: Limits
     config: Config
     reader: FleetReader
-    folder: "_Folder | None"  # holds the columns map, which every table reads
-    judges: dict[tuple[str, ...], BlockJudge] = field(default_factory=dict)
+    folder: "_Folder | None"  # of the columns map, which is read with every table
+    judges: dict[tuple[str, ...], RecordingJudge] = field(default_factory=dict)
 
-    def judge_for(self, names: tuple[str, ...]) -> BlockJudge:
-        """Return the judge for recordings with the signals ``names``; the first call makes it.
+    def judge_for(self, names: tuple[str, ...]) -> RecordingJudge:
+        """Return the judge of recordings with these signals, made when it is needed.
 
         Raises RecordingError if ``names`` lacks an input of the model.
         """
         if names not in self.judges:
-            self.judges[names] = BlockJudge(
+            self.judges[names] = RecordingJudge(
                 names, self.model, self.limits, self.config, ROWS, keep_banks=False
             )
         return self.judges[names]

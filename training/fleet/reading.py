@@ -12,8 +12,8 @@ from monitor.base.types import SampleBlock
 from monitor.grid.block_samples import Clearing
 from monitor.judge.enable import Enable
 from monitor.model.card import ModelCard
-from monitor.pipeline.logs import RecordingReader
-from monitor.pipeline.stream import needed_names
+from monitor.pipeline.monitor import needed_names
+from monitor.pipeline.recordings import RecordingReader
 from training.recordings import recording
 from training.recordings.measurement import is_measurement
 

@@ -10,7 +10,7 @@ from monitor.base.types import Quality, SampleBlock
 from monitor.judge.decisions import WindowJudged
 from monitor.judge.enable import CONDITIONS
 from monitor.model.card import ModelCard
-from monitor.pipeline.block_judge import Judged
+from monitor.pipeline.side_by_side import Judged
 from training.fleet.columns import COUNTERS, ESTIMATES
 from training.fleet.drives import Drive
 from training.fleet.reading import Read

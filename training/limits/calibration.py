@@ -17,7 +17,7 @@ from monitor.base.errors import ConfigError, UsageError
 from monitor.judge.limits import Limits
 from monitor.model.card import Limit, ModelCard
 from monitor.model.step import Model
-from monitor.pipeline.stream import WindowJudged
+from monitor.pipeline.events import WindowJudged
 from training.limits.decision_limits import NO_LIMITS, limits_of
 from training.limits.judging import Judged, judge_recordings
 from training.limits.paper_limits import PaperLimits, Residuals, choose, held_out

@@ -15,7 +15,7 @@ from monitor.judge.limits import Limits
 from monitor.memory.dtc import TESTS
 from monitor.model.card import Limit, ModelCard
 from monitor.model.step import Model
-from monitor.pipeline.stream import WindowJudged
+from monitor.pipeline.events import WindowJudged
 from training.limits.judging import judge_recordings
 from training.narx.export import update_card
 from training.narx.model_file import HeldOut

@@ -11,7 +11,7 @@ from monitor.judge.enable import Enable
 from monitor.judge.limits import Limits
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
-from monitor.pipeline.block_judge import Judged, judge_all
+from monitor.pipeline.side_by_side import Judged, judge_all
 from training.recordings.recording import Recording
 
 __all__ = ["Judged", "enabled_samples", "judge", "judge_recordings"]
@@ -20,7 +20,7 @@ __all__ = ["Judged", "enabled_samples", "judge", "judge_recordings"]
 def enabled_samples(recording: Recording, card: ModelCard, config: Config) -> BoolArray:
     """Return (n,) bool, True for samples at which all enable conditions hold."""
     names = _names(recording, card)
-    conditions = Enable.of(config.enable, names, card).block(_block(recording, names).values)
+    conditions = Enable.of(config.enable, names, card).push(_block(recording, names).values)
     return np.asarray(conditions.all(axis=1))
 
 

@@ -12,7 +12,7 @@ from monitor.base.types import Frame
 from monitor.bus.diagnostics.answer import answer, pending, takes_long
 from monitor.bus.diagnostics.isotp import Transport, single_frame
 from monitor.bus.diagnostics.state import DEFAULT_SESSION, State
-from monitor.pipeline.stream import Event
+from monitor.pipeline.events import Event
 
 DEFAULT_RESPONSE_ID: Final = "7E9"
 SESSION_TIMEOUT_S: Final = 5.0  # S3 of ISO 14229-2

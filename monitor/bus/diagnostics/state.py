@@ -8,7 +8,7 @@ from typing import Final
 
 from monitor.base.errors import UsageError
 from monitor.memory.dtc import DtcStore
-from monitor.pipeline.stream import Event, Tick, WindowJudged
+from monitor.pipeline.events import Event, Tick, WindowJudged
 
 DEFAULT_SESSION: Final = 0x01
 EXTENDED_SESSION: Final = 0x03

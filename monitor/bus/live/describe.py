@@ -11,7 +11,8 @@ from monitor.base.types import Quality, Sample
 from monitor.judge.enable import CONDITIONS
 from monitor.judge.limits import Limits
 from monitor.model.card import ModelCard
-from monitor.pipeline.stream import Monitor, Tick
+from monitor.pipeline.events import Tick
+from monitor.pipeline.monitor import Monitor
 
 _UNITS: Final = {"degC": "°C", "1/min": "rpm", "-": "", "mg/stroke": "mg"}
 _ENDINGS: Final = (

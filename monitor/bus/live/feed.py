@@ -17,7 +17,8 @@ from monitor.bus.live.codes import fault_memory
 from monitor.bus.live.describe import Conditions, response_limits, signal_rows
 from monitor.bus.live.process import Server
 from monitor.judge.decisions import WindowJudged
-from monitor.pipeline.stream import Event, Monitor, Tick
+from monitor.pipeline.events import Event, Tick
+from monitor.pipeline.monitor import Monitor
 from monitor.report.replay import Setup
 
 MESSAGE_S: Final = 0.25

@@ -27,7 +27,7 @@ from monitor.bus.polling.answer import (
 )
 from monitor.bus.polling.pids import ANSWER_ID, Parameter
 from monitor.bus.polling.schedule import Schedule
-from monitor.pipeline.stream import Event
+from monitor.pipeline.events import Event
 
 # Tried in this order until one is answered: 11 bits before 29, as in ISO 15765-4.
 ADDRESSES: Final = tuple(map(Address.of, (0x7E0, FUNCTIONAL, 0x18DA10F1, FUNCTIONAL_29)))

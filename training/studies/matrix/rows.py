@@ -6,7 +6,7 @@ import numpy as np
 
 from monitor.base.types import SampleBlock
 from monitor.judge.enable import CONDITIONS
-from monitor.pipeline.block_judge import Judged
+from monitor.pipeline.side_by_side import Judged
 from training.limits.alarm_rules import drive_scores, own_scores
 from training.limits.rules.windows import Rule
 from training.studies.matrix.plan import Trial

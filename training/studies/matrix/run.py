@@ -17,7 +17,7 @@ from monitor.judge.decisions import WindowJudged
 from monitor.judge.limits import Limits
 from monitor.memory.reference import Reference
 from monitor.model.step import Model
-from monitor.pipeline.block_judge import Judged
+from monitor.pipeline.side_by_side import Judged
 from training.dyno import ecu
 from training.jobs import parallel, run_folder
 from training.jobs.model_bytes import model_of

@@ -9,7 +9,7 @@ from monitor.base.types import SampleBlock
 from monitor.judge.limits import Limits
 from monitor.memory.reference import Reference
 from monitor.model.step import Model
-from monitor.pipeline.block_judge import Judged, judge_all
+from monitor.pipeline.side_by_side import Judged, judge_all
 
 
 def judge_drives(
