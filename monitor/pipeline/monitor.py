@@ -163,13 +163,14 @@ class Monitor:
         values, n = block.values, len(block.t_ns)
         counting = self._cycles.push(block)
         cuts = [k for k, moment in counting.moments if moment == "driving_cycle"]
-        self._then = then = [
+        then: list[_Then] = [
             *((k, _DRIVEN, partial(self._drive, driven)) for k, driven in counting.driven),
             *(
                 (k, _COUNTED, partial(self._count, moment, block, k))
                 for k, moment in counting.moments
             ),
         ]
+        self._then = then
         if self._clearings != self.store.clearings:
             self._maturing.reset()
         measured = values[:, self._output]
@@ -250,7 +251,7 @@ class Monitor:
         self.enabled_samples += int(np.count_nonzero(enabled))
         block = part.block
         if end - begin < len(block.t_ns):
-            block = SampleBlock(*(column[inside] for column in block))
+            block = SampleBlock._make(column[inside] for column in block)
         return Ticks(block, part.predicted[inside], part.conditions[inside], enabled)
 
     def _drive(self, driven: Driven) -> Iterable[Happening]:
