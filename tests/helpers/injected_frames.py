@@ -13,7 +13,7 @@ from monitor.inject.injection import Injection
 from monitor.inject.injector import Injector
 from monitor.inject.rewrite import writers
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 HEALTHY = ROOT / "replay_logs" / "healthy_micro_trips_v102_s102.blf"
 OWN = load_pairs([(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))])
 RUSEFI = load_pairs([(dbc.path("rusefi.dbc"), dbc.path("rusefi.toml"))])

@@ -292,7 +292,7 @@ def test_a_columns_map_that_cannot_be_is_refused(
 
 
 def test_the_page_of_signals_has_every_name_with_its_unit_and_range() -> None:
-    page = (Path(__file__).parents[1] / "docs" / "signals.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[3] / "docs" / "signals.md").read_text(encoding="utf-8")
     rows = [row.strip("| ").split(" | ") for row in page.splitlines() if row.startswith("| `")]
     told = {name.strip("`"): (unit, plausible) for name, unit, _, plausible in rows}
     assert told == {s.name: (s.unit, f"{s.minimum:g} to {s.maximum:g}") for s in SIGNALS}
