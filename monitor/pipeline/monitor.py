@@ -5,7 +5,7 @@ block of one. No result depends on where blocks begin and end. Recordings with t
 side by side: their blocks go through model and bank together.
 """
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from functools import partial
 from itertools import pairwise
 from operator import itemgetter
@@ -39,7 +39,7 @@ from monitor.pipeline.events import (
     Ticks,
     WindowJudged,
 )
-from monitor.pipeline.segments import Part, RunState, Segments
+from monitor.pipeline.segments import Part, RunState, Segments, Then
 
 _INPUTS_VALID = enable.CONDITIONS.index("inputs_valid")
 # a live sensor must move while these hold and the engine runs, whatever the model's state
@@ -49,8 +49,6 @@ _BURNING = [
 ]
 # the order of what happens at one sample; its tick comes before those from _MATURED on
 _DRIVEN, _COUNTED, _WINDOWS_KNOWN, _MATURED, _ACTIVE, _JUDGED = range(6)
-
-_Then = tuple[int, int, Callable[[], Iterable[Happening]]]  # sample, order within it, and what then
 
 
 class Judge:
@@ -107,7 +105,6 @@ class Monitor:
         self._activity = ActivityTest.of(plausibility, output, names, period_s)
         self._windows = Windows(config.window.n_samples, len(judge.hypotheses))
         self._run: RunState | None = None
-        self._then: list[_Then] = []
         self._driven: list[Driven] = []  # not counted yet
         self._decide = partial(
             Decisions,
@@ -163,14 +160,13 @@ class Monitor:
         values, n = block.values, len(block.t_ns)
         counting = self._cycles.push(block)
         cuts = [k for k, moment in counting.moments if moment == "driving_cycle"]
-        then: list[_Then] = [
+        then: list[Then] = [
             *((k, _DRIVEN, partial(self._drive, driven)) for k, driven in counting.driven),
             *(
                 (k, _COUNTED, partial(self._count, moment, block, k))
                 for k, moment in counting.moments
             ),
         ]
-        self._then = then
         if self._clearings != self.store.clearings:
             self._maturing.reset()
         measured = values[:, self._output]
@@ -200,7 +196,17 @@ class Monitor:
         enabled = np.logical_and.reduce(conditions, axis=1)
         goes_on = bool(segments) and segments[0][0] == 0 and 0 not in cuts
         run = self._run if goes_on else None
-        return Part(block, measured, conditions, enabled, cuts, segments, self._windows, run)
+        return Part(
+            block=block,
+            measured=measured,
+            conditions=conditions,
+            enabled=enabled,
+            cuts=cuts,
+            segments=segments,
+            then=then,
+            windows=self._windows,
+            run=run,
+        )
 
     def _start(self) -> None:
         """Begin a driving cycle as one begins after switching on."""
@@ -216,7 +222,7 @@ class Monitor:
         self._run = part.end
         series = Series(part.block.t_ns, part.measured, part.predicted)
         windows = self._windows.push(part.spans, series, goes_on=part.run is not None)
-        then = self._then
+        then = part.then
         is_cleared, self._clearings = self._clearings != self.store.clearings, self.store.clearings
         edges = sorted({0, *part.cuts, len(part.measured)})
         for begin, end in pairwise(edges):
@@ -228,7 +234,7 @@ class Monitor:
         then.sort(key=itemgetter(0, 1))
         yield from self._events(part, then)
 
-    def _events(self, part: Part, then: Sequence[_Then]) -> Iterator[BlockEvent]:
+    def _events(self, part: Part, then: Sequence[Then]) -> Iterator[BlockEvent]:
         """Yield what happens in the order of time, with the ticks before it."""
         at = 0
         for k, order, happen in then:

@@ -11,7 +11,7 @@ from monitor.inject.expected import compare, table
 from monitor.inject.injection import NAMES, Injection
 from monitor.inject.scenario import Expectation, Scenario, load, parse_fault
 
-SHIPPED = sorted((Path(__file__).parents[1] / "docs" / "scenarios").glob("*.toml"))
+SHIPPED = sorted((Path(__file__).parents[3] / "docs" / "scenarios").glob("*.toml"))
 
 
 def read(folder: Path, text: str) -> Scenario:
