@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
 
     from monitor.base import config
     from monitor.base.errors import UsageError
-    from training.fleet import report
+    from training.fleet import fleet_page
     from training.fleet import run as fleet
     from training.fleet.bench import Bench
     from training.fleet.drives import drives_of
@@ -90,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
             bar.update(chunk["drives"])
 
         found = fleet.run(drives, bench, args.out, done, jobs=jobs, scheduler=args.scheduler)
-    html, tree = report.write(args.out, bench, found, args.false_alarms)
+    html, tree = fleet_page.write(args.out, bench, found, args.false_alarms)
     fleet.finish(args.out)
     print(
         f"{found['drives']} recordings, {found['driving_s'] / 3600.0:.1f} h: {found['faults']} "

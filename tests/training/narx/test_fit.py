@@ -13,7 +13,7 @@ from monitor.model.step import Model
 from training.cli import main
 from training.narx.fit import FitResult, fit
 from training.narx.network import Spec, layers
-from training.narx.report import write_report
+from training.narx.training_page import write_report
 from training.narx.stability import Contraction, contraction
 from training.narx.stages import train
 from training.recordings.preparation import Prepared

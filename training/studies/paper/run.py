@@ -15,7 +15,7 @@ from typing import Any
 from monitor import __version__
 from monitor.base.errors import RecordingError, UsageError
 from training.limits.data_check.check import check
-from training.limits.data_check.page import verdict
+from training.limits.data_check.findings import verdict
 from training.recordings.preparation import ENABLE_COLUMNS
 from training.studies.paper.choice import choose, contenders, free_structure, ship
 from training.studies.paper.comparison import TITLES, baselines, beside

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from training.fleet.outliers import Standing
 from training.limits.rates import Figures
+from training.pages.figure import LIMIT, panels
 
 BINS: Final = 80
 NAMED: Final = 12  # vehicles that stand out whose names are written
@@ -20,10 +21,9 @@ def distribution_figure(
     recordings: pl.DataFrame, windows: Path, limits: Sequence[Figures]
 ) -> Figure:
     """Draw histograms of windows and drives; lines are present (dashed) and proposed limits."""
-    figure = Figure(figsize=(9, 5.2), layout="constrained")
-    grid = figure.subplots(2, 3).ravel()
+    figure, grid = panels(6, 3, height=2.6)
     by_name = {each["name"]: each for each in limits}
-    panels: tuple[tuple[str, str, bool, str | None], ...] = (
+    contents: tuple[tuple[str, str, bool, str | None], ...] = (
         ("mean", "mean residual of a window", True, "j_mu"),
         ("std", "residual's spread in a window", True, "j_sigma"),
         ("evidence", "evidence for a faulty sensor in a drive", False, None),
@@ -34,13 +34,13 @@ def distribution_figure(
     drives = recordings.with_columns(
         (pl.col("enabled_s") / pl.col("duration_s")).alias("enabled_share")
     )
-    for axes, (column, title, of_windows, limit) in zip(grid, panels, strict=True):
+    for axes, (column, title, of_windows, limit) in zip(grid, contents, strict=True):
         if of_windows:
             values = pl.scan_parquet(windows).select(column).collect()[column]
         else:
             values = drives[column]
         _histogram(axes, values.drop_nulls().to_numpy(), title, by_name.get(limit or ""))
-    figure.supylabel("number of windows or drives (logarithmic)", fontsize=9)
+    figure.supylabel("number of windows or drives (logarithmic)")
     return figure
 
 
@@ -49,8 +49,7 @@ def standing_figure(found: Sequence[Standing], chosen: Mapping[str, int]) -> Fig
 
     chosen : vehicles that stand out by any statistic, and the number each has in the table
     """
-    figure = Figure(figsize=(9, 1.5 * len(found) + 0.9), layout="constrained")
-    grid = figure.subplots(len(found), 1, squeeze=False)[:, 0]
+    figure, grid = panels(len(found), 1, height=1.5, extra=0.9)
     for axes, each in zip(grid, found, strict=True):
         out = set(each.out)
         order = np.argsort(each.distance, kind="stable")
@@ -68,21 +67,19 @@ def standing_figure(found: Sequence[Standing], chosen: Mapping[str, int]) -> Fig
                     (x_i, y_i),
                     xytext=(5, -3 if y_i > 0.5 else 3),
                     textcoords="offset points",
-                    fontsize=8,
+                    size=8,
                 )
         for side in (-each.limit, each.limit):
-            axes.axvline(side, color="0.5", linewidth=0.8, linestyle="--")
+            axes.axvline(side, color=LIMIT, linewidth=0.8, linestyle="--")
         axes.set(xlim=(-far, far), ylim=(-0.08, 1.08), yticks=(0, 0.5, 1))
-        axes.set_title(each.statistic.title, fontsize=9, loc="left")
-        axes.tick_params(labelsize=8)
-    grid[-1].set_xlabel("robust standard deviations from the fleet's median", fontsize=9)
-    figure.supylabel("share of the vehicles below", fontsize=9)
+        axes.set_title(each.statistic.title, loc="left")
+    grid[-1].set_xlabel("robust standard deviations from the fleet's median")
+    figure.supylabel("share of the vehicles below")
     return figure
 
 
 def _histogram(axes: Axes, values: np.ndarray, title: str, limit: Figures | None) -> None:
-    axes.set_title(title, fontsize=8)
-    axes.tick_params(labelsize=8)
+    axes.set_title(title)
     if not len(values):
         axes.text(0.5, 0.5, "none", ha="center", va="center", transform=axes.transAxes)
         return
