@@ -111,8 +111,8 @@ def run(args: argparse.Namespace) -> int:
 
     from monitor.base.outputs import check
     from training.gap.inputs.roles import Given, options_of
-    from training.gap.pages import report
-    from training.gap.pages.report_words import cautions
+    from training.gap.pages import gap_page
+    from training.gap.pages.verdict_words import cautions
     from training.gap.result import save
     from training.gap.workflow import NEW_MODEL, investigate
     from training.jobs.stages import Stages
@@ -139,7 +139,7 @@ def run(args: argparse.Namespace) -> int:
     for warning in cautions(found):
         print(f"o2train: warning: {warning}", file=sys.stderr)
     save(found, args.out / RESULT)
-    report.save(found, args.out / REPORT)
+    gap_page.save(found, args.out / REPORT)
     stages.clear()
     _print(found, args.out)
     return 0
@@ -181,7 +181,7 @@ def _identity(given: "Given", options: "Options") -> dict[str, Any]:
 
 def _print(found: "Result", out: Path) -> None:
     from training.gap.name.decision import T_LEAST
-    from training.gap.pages.report_words import verdict_sentence
+    from training.gap.pages.verdict_words import verdict_sentence
 
     print(verdict_sentence(found))
     before, after, floor, measured_on = found.rmse

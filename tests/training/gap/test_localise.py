@@ -18,7 +18,7 @@ from tests.helpers.gap_residuals import (
     purge,
     wall_film,
 )
-from training.gap.pages.where_section import section
+from training.gap.pages.gap_page import where_section
 from training.gap.where.localise import Findings, localise
 from training.greybox.fit.comparison import Compared
 
@@ -228,12 +228,12 @@ def test_recordings_of_different_periods_are_refused() -> None:
 
 def test_the_page_says_what_was_found_and_the_same_findings_give_the_same_page() -> None:
     result = found(purge)
-    text = section(result)
+    text = where_section(result)
     for sentence in result.significant:
         assert sentence.split(":")[0] in text
     assert text.count("<figure>") == 7
     again = localise([drive(seed, purge, n=4000) for seed in (1, 2, 3)])
-    assert section(again) == text
+    assert where_section(again) == text
 
 
 def test_the_entries_of_the_report_are_shares_between_0_and_1() -> None:

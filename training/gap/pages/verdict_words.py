@@ -3,7 +3,7 @@
 from training.gap.name.decision import T_LEAST
 from training.gap.name.naming import ADEQUATE_ALONE
 from training.gap.name.ranking import ADEQUATE
-from training.gap.pages.report_tables import percent, phi
+from training.gap.pages.cells import percent, phi
 from training.gap.result import Result
 from training.gap.verify.findings import Count, Error, Found
 

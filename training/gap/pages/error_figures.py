@@ -7,14 +7,14 @@ from matplotlib.figure import Figure
 
 from training.gap.name.verdict import Candidate
 from training.gap.verify.findings import Error, Trace
+from training.pages.figure import drawing, legend, panels
 
 BEFORE, AFTER, FLOOR, WORSE = "0.55", "C0", "0.15", "C3"
 
 
 def error_figure(errors: Sequence[Error]) -> Figure:
     """Draw RMSE before and after, and the floor, one row for each regime."""
-    figure = Figure(figsize=(9, 0.9 + 0.27 * len(errors)), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = drawing(0.9 + 0.27 * len(errors))
     for at, e in enumerate(errors):
         if e.after is not None:
             axes.plot([e.before, e.after], [at, at], color="0.8", linewidth=2.0, zorder=1)
@@ -36,19 +36,17 @@ def error_figure(errors: Sequence[Error]) -> Figure:
     changes = [i for i in range(1, len(errors)) if errors[i].kind != errors[i - 1].kind]
     for i in changes:
         axes.axhline(i - 0.5, color="0.85", linewidth=0.8)
-    axes.set_yticks(range(len(errors)), [e.regime for e in errors], fontsize=8)
+    axes.set_yticks(range(len(errors)), [e.regime for e in errors])
     axes.set_ylim(len(errors) - 0.4, -0.6)
     axes.set_xlim(left=0.0)
     axes.set_xlabel("RMSE [phi]")
-    axes.legend(frameon=False, fontsize=8, ncols=4, loc="lower right", bbox_to_anchor=(1.0, 1.0))
-    axes.spines[["top", "right"]].set_visible(False)
+    legend(axes)
     return figure
 
 
 def trace_figure(trace: Trace) -> Figure:
     """Draw measured phi and both models, and both residuals."""
-    figure = Figure(figsize=(9, 4.0), layout="constrained")
-    top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
+    figure, (top, bottom) = panels(2, 1, height=2.0, sharex=True, height_ratios=(2, 1))
     top.plot(trace.t_s, trace.measured, color="0.15", linewidth=1.0, label="measured")
     runs = ((trace.before, BEFORE, "model before"), (trace.after, AFTER, "model after"))
     for phi, colour, name in runs:
@@ -67,15 +65,14 @@ def trace_figure(trace: Trace) -> Figure:
         axes.set_ylim(low, high)
         axes.margins(x=0)
     top.set_ylabel("phi")
-    top.legend(ncols=3, frameon=False, fontsize=8, loc="lower right", bbox_to_anchor=(1.0, 1.0))
+    legend(top)
     bottom.set(xlabel=f"s of {trace.recording}", ylabel="measured minus\npredicted [phi]")
     return figure
 
 
 def ranking_figure(ranking: Sequence[Candidate], chosen: Sequence[str]) -> Figure:
     """Draw the scores, effects and sensor faults in their colours, what was chosen in full."""
-    figure = Figure(figsize=(9, 0.7 + 0.24 * len(ranking)), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = drawing(0.7 + 0.24 * len(ranking))
     colours = {"effect": "C0", "sensor fault": "C1"}
     for at, c in enumerate(ranking):
         strong = c.name in chosen
@@ -85,7 +82,7 @@ def ranking_figure(ranking: Sequence[Candidate], chosen: Sequence[str]) -> Figur
             words,
             (max(c.score, 0.0), at),
             va="center",
-            fontsize=7,
+            size=7,
             color="0.35",
             xytext=(2, 0),
             textcoords="offset points",
@@ -94,11 +91,10 @@ def ranking_figure(ranking: Sequence[Candidate], chosen: Sequence[str]) -> Figur
         if any(c.kind == kind for c in ranking):
             axes.barh([0], [0], color=colour, label=kind)
     axes.axvline(0.0, color="0.4", linewidth=0.8)
-    axes.set_yticks(range(len(ranking)), [c.name for c in ranking], fontsize=8)
+    axes.set_yticks(range(len(ranking)), [c.name for c in ranking])
     axes.invert_yaxis()
     axes.margins(x=0.22)
     axes.set_xlim(left=min(0.0, *(c.score for c in ranking)))
     axes.set_xlabel("score: fall of the deviance on held-out blocks")
-    axes.legend(frameon=False, fontsize=8, loc="lower right")
-    axes.spines[["top", "right"]].set_visible(False)
+    axes.legend(loc="lower right")
     return figure
