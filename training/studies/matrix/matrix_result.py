@@ -14,8 +14,6 @@ from training.studies.matrix.assess import assess
 from training.studies.matrix.plan import CALIBRATION_SEED, CALIBRATION_VEHICLES, PLACEMENTS
 from training.studies.matrix.rows import Row
 
-NBSP: Final = "\N{NO-BREAK SPACE}"
-TO: Final = "–\N{WORD JOINER}"
 SCHEMA: Final = "o2train.matrix/1"
 PACKAGES: Final = ("numpy", "scipy", "numba", "onnxruntime")
 
@@ -114,25 +112,3 @@ def number(value: float, unit: str) -> str:
     if unit == "share":
         return f"{100.0 * value:.1f} %"
     return f"{value:.0f} s" if unit == "s" else f"{value:.3g}"
-
-
-def percent(rate: Figures, *, bounds: bool = True) -> str:
-    """Return a rate in percent with its bounds, as a cell of a table that does not break."""
-    if rate["rate"] is None:
-        return "-"
-    text = f"{100.0 * rate['rate']:.1f}"
-    if bounds:
-        text += f" ({100.0 * rate['low']:.0f}{TO}{100.0 * rate['high']:.0f})"
-    return text.replace(" ", NBSP)
-
-
-def seconds(times: Figures, *, bounds: bool = True) -> str:
-    """Return a median with its bounds in seconds, as a cell of a table that does not break."""
-    if times["trials"] == 0:
-        return "-"
-    median, low, high = (
-        "never" if times[k] is None else f"{times[k]:.0f}" for k in ("median", "low", "high")
-    )
-    if not bounds or median == low == high:
-        return median
-    return f"{median} ({low}{TO}{high})".replace(" ", NBSP)

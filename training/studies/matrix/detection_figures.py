@@ -10,6 +10,8 @@ from matplotlib.figure import Figure
 from training.limits.alarm_rules import TITLES
 from training.limits.rates import Figures
 from training.limits.targets import DETECTED, LIMIT_SEVERITY, MEDIAN_ENABLED_S
+from training.pages.figure import LIMIT, drawing, legend, panels
+from training.pages.numbers import words
 
 COLOURS = {"loop": "C0", "after": "C1"}
 LABELS = {"loop": "in the loop", "after": "put on afterwards"}
@@ -19,7 +21,7 @@ COLUMNS = 3
 def severity_figure(detection: Sequence[Figures]) -> Figure:
     """Draw the share detected (full) and named rightly (hollow) over severity, with bounds."""
     faults = [name for name in LIMIT_SEVERITY if any(d["fault"] == name for d in detection)]
-    figure, grid = _grid(faults)
+    figure, grid = panels(len(faults), COLUMNS, height=2.3, extra=0.6, sharey=True)
     for axes, fault in zip(grid, faults, strict=False):
         for placement, colour in COLOURS.items():
             cells = [d for d in detection if (d["fault"], d["placement"]) == (fault, placement)]
@@ -50,17 +52,17 @@ def severity_figure(detection: Sequence[Figures]) -> Figure:
                 linestyle=":",
                 linewidth=0.9,
             )
-        axes.axvline(LIMIT_SEVERITY[fault], color="0.6", linewidth=0.8, linestyle="--")
-        axes.axhline(DETECTED, color="0.6", linewidth=0.8, linestyle="--")
+        axes.axvline(LIMIT_SEVERITY[fault], color=LIMIT, linewidth=0.8, linestyle="--")
+        axes.axhline(DETECTED, color=LIMIT, linewidth=0.8, linestyle="--")
         axes.set_xscale("log")
         ticks = sorted({d["severity"] for d in detection if d["fault"] == fault})
         axes.set_xticks(ticks, [f"{t:g}" for t in ticks])
         axes.minorticks_off()
         axes.set_ylim(-0.03, 1.05)
-        axes.set_title(fault.replace("_", " "), fontsize=9)
+        axes.set_title(words(fault))
     _legend(figure, grid)
-    figure.supxlabel("severity: s, gain that is left, or offset in lambda", fontsize=10)
-    figure.supylabel("share of drives", fontsize=10)
+    figure.supxlabel("severity: s, gain that is left, or offset in lambda")
+    figure.supylabel("share of drives")
     return figure
 
 
@@ -68,7 +70,7 @@ def roc_figure(curves: Sequence[Figures], placement: str) -> Figure:
     """Draw the ROC of every rule for every fault at its limit severity."""
     own = [c for c in curves if c["placement"] == placement]
     faults = list(dict.fromkeys(c["fault"] for c in own))
-    figure, grid = _grid(faults)
+    figure, grid = panels(len(faults), COLUMNS, height=2.3, extra=0.6, sharey=True)
     for axes, fault in zip(grid, faults, strict=False):
         for curve in (c for c in own if c["fault"] == fault):
             x, y = np.array(curve["points"]).reshape(-1, 2).T
@@ -82,10 +84,10 @@ def roc_figure(curves: Sequence[Figures], placement: str) -> Figure:
                 label=TITLES[rule],
             )
         axes.set(xlim=(-0.01, 0.5), ylim=(-0.03, 1.03))
-        axes.set_title(fault.replace("_", " "), fontsize=9)
+        axes.set_title(words(fault))
     _legend(figure, grid)
-    figure.supxlabel("share of healthy drives above the limit (drawn to one half)", fontsize=10)
-    figure.supylabel("share of faulty drives above it", fontsize=10)
+    figure.supxlabel("share of healthy drives above the limit (drawn to one half)")
+    figure.supylabel("share of faulty drives above it")
     return figure
 
 
@@ -95,8 +97,7 @@ def time_figure(times: Mapping[str, Mapping[str, Sequence[float | None]]]) -> Fi
     times : placement → fault → seconds of each drive, None is never
     """
     placements = [p for p in COLOURS if times.get(p)]
-    figure = Figure(figsize=(9, 3.8), layout="constrained")
-    grid = figure.subplots(1, max(len(placements), 1), squeeze=False, sharey=True)[0]
+    figure, grid = panels(len(placements), max(len(placements), 1), height=3.8, sharey=True)
     for axes, placement in zip(grid, placements, strict=False):
         for i, (fault, seconds) in enumerate(times[placement].items()):
             x = np.sort([t for t in seconds if t is not None])
@@ -107,16 +108,17 @@ def time_figure(times: Mapping[str, Mapping[str, Sequence[float | None]]]) -> Fi
                 color=f"C{i}",
                 drawstyle="steps-post",
                 linewidth=1.2,
-                label=fault.replace("_", " "),
+                label=words(fault),
             )
-        axes.axvline(MEDIAN_ENABLED_S, color="0.6", linewidth=0.8, linestyle="--")
-        axes.axhline(0.5, color="0.6", linewidth=0.8, linestyle="--")
+        axes.axvline(MEDIAN_ENABLED_S, color=LIMIT, linewidth=0.8, linestyle="--")
+        axes.axhline(0.5, color=LIMIT, linewidth=0.8, linestyle="--")
         axes.set_xscale("log")
+        axes.xaxis.set_major_formatter("{x:g}")
         axes.set(xlabel="s of enabled driving until the first code", ylim=(0.0, 1.02))
-        axes.set_title(LABELS[placement], fontsize=9)
-    grid[0].set_ylabel("share of drives")
+        axes.set_title(LABELS[placement])
     if placements:
-        grid[-1].legend(frameon=False, fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5))
+        grid[0].set_ylabel("share of drives")
+        legend(grid[-1], "beside")
     return figure
 
 
@@ -124,8 +126,7 @@ def confusion_figure(table: Mapping[str, Any]) -> Figure:
     """Draw the names given (columns) to what was driven (rows), in percent of the drives."""
     counts = np.array(table["counts"], dtype=np.float64).reshape(-1, len(table["named"]))
     share = 100.0 * counts / np.maximum(counts.sum(axis=1, keepdims=True), 1.0)
-    figure = Figure(figsize=(9, 1.6 + 0.32 * len(counts)), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = drawing(1.6 + 0.32 * len(counts))
     axes.imshow(share, cmap="Blues", vmin=0.0, vmax=100.0, aspect="auto")
     for i, j in zip(*np.nonzero(counts), strict=True):
         text = f"{share[i, j]:.0f}" if share[i, j] >= 1.0 else "<1"
@@ -135,7 +136,7 @@ def confusion_figure(table: Mapping[str, Any]) -> Figure:
             text,
             ha="center",
             va="center",
-            fontsize=7,
+            size=7,
             color="white" if share[i, j] > 60.0 else "black",
         )
     _names(axes, table["driven"], table["named"])
@@ -145,28 +146,18 @@ def confusion_figure(table: Mapping[str, Any]) -> Figure:
 def _names(axes: Axes, driven: Sequence[str], named: Sequence[str]) -> None:
     axes.set_xticks(
         range(len(named)),
-        [n.replace("_", " ") for n in named],
+        [words(n) for n in named],
         rotation=60,
         ha="right",
-        fontsize=8,
         rotation_mode="anchor",
     )
-    axes.set_yticks(range(len(driven)), [d.replace("_", " ") for d in driven], fontsize=8)
+    axes.set_yticks(range(len(driven)), [words(d) for d in driven])
     axes.set(xlabel="name given", ylabel="driven")
 
 
-def _grid(panels: Sequence[str]) -> tuple[Figure, Sequence[Axes]]:
-    rows = -(-max(len(panels), 1) // COLUMNS)
-    figure = Figure(figsize=(9, 2.3 * rows + 0.6), layout="constrained")
-    grid = figure.subplots(rows, COLUMNS, squeeze=False, sharey=True).ravel()
-    for axes in grid[len(panels) :]:
-        axes.set_axis_off()
-    return figure, list(grid)
-
-
 def _legend(figure: Figure, grid: Sequence[Axes]) -> None:
-    handles, labels = grid[0].get_legend_handles_labels()
+    handles, labels = grid[0].get_legend_handles_labels() if grid else ((), ())
     if handles:
         figure.legend(
-            handles, labels, loc="outside upper center", ncols=4, frameon=False, fontsize=8
+            handles, labels, loc="outside upper center", ncols=4
         )
