@@ -10,7 +10,7 @@ from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard
 from monitor.model.step import from_model_units
 from training.narx.fit import HeldOut
-from training.pages.figure import LIMIT, MEASURED, drawing, legend, panels
+from training.pages.figure import LIMIT, MEASURED, legend, panels
 from training.pages.numbers import with_unit
 from training.recordings.preparation import Prepared
 
@@ -93,7 +93,9 @@ def scatter(result: Fit) -> Figure:
     residual = a - b
     width = 5 * float(residual.std()) if len(residual) else 1.0
     right.hist(np.clip(residual, -width, width), bins=100)
-    right.set(xlabel=f"measured − predicted {output}", ylabel="enabled held-out samples", yscale="log")
+    right.set(
+        xlabel=f"measured − predicted {output}", ylabel="enabled held-out samples", yscale="log"
+    )
     return figure
 
 

@@ -17,6 +17,10 @@ from training.pages.page import part
 WIDTH: Final = 9.0  # inches, as wide as the text
 MEASURED: Final = "0.2"
 LIMIT: Final = "0.5"
+COLOURS: Final = (
+    *("#1f5fa8", "#d2691e", "#3b8a4e", "#c0392b", "#8a5aa8"),
+    *("#8c6d46", "#d77fb4", "#7f7f7f", "#b5a316", "#23a6b8"),
+)
 STYLE: Final[dict[str, Any]] = {
     "font.size": 9,
     "axes.titlesize": 9,
@@ -29,10 +33,7 @@ STYLE: Final[dict[str, Any]] = {
     "lines.linewidth": 1.0,
     "axes.spines.top": False,
     "axes.spines.right": False,
-    "axes.prop_cycle": mpl.cycler(
-        color=["#1f5fa8", "#d2691e", "#3b8a4e", "#c0392b", "#8a5aa8", "#8c6d46"]
-        + ["#d77fb4", "#7f7f7f", "#b5a316", "#23a6b8"]
-    ),
+    "axes.prop_cycle": mpl.cycler(color=COLOURS),
 }
 _POWER: Final = r"\mathdefault"  # in matplotlib's own labels of logarithmic axes
 

@@ -29,9 +29,9 @@ from training.studies.gap.answers import (
     wrong_names,
 )
 from training.studies.gap.assess import Target, assess, quantile
-from training.studies.gap.plan import CASES, SEVERITIES, Study, cases, healthy_parts
 from training.studies.gap.gap_study_page import as_page
 from training.studies.gap.gap_study_result import as_text
+from training.studies.gap.plan import CASES, SEVERITIES, Study, cases, healthy_parts
 
 WHOLE = Study()
 TINY = [

@@ -93,4 +93,3 @@ def _order(excitation: dict[str, Any]) -> str:
 
 def _hertz(value: float | None) -> str:
     return "-" if value is None else f"{value:.3g} Hz"
-

@@ -158,6 +158,4 @@ def _names(axes: Axes, driven: Sequence[str], named: Sequence[str]) -> None:
 def _legend(figure: Figure, grid: Sequence[Axes]) -> None:
     handles, labels = grid[0].get_legend_handles_labels() if grid else ((), ())
     if handles:
-        figure.legend(
-            handles, labels, loc="outside upper center", ncols=4
-        )
+        figure.legend(handles, labels, loc="outside upper center", ncols=4)

@@ -21,10 +21,10 @@ from training.studies.paper.choice import choose, contenders, free_structure, sh
 from training.studies.paper.comparison import TITLES, baselines, beside
 from training.studies.paper.narx import study as narx_study
 from training.studies.paper.preparation.preparation import preparation
-from training.studies.paper.report import report
 from training.studies.paper.selection.selection import selection
 from training.studies.paper.sensor import against_sensor
 from training.studies.paper.steady import steady_against_mixed
+from training.studies.paper.study_page import report
 from training.studies.paper.task import Task, source
 
 SCHEMA = "o2train.study/1"

@@ -6,6 +6,9 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from training.pages.figure import MEASURED, drawing, legend, panels
+from training.pages.numbers import with_unit
+
 Result = dict[str, Any]
 
 TITLES = {
@@ -23,8 +26,7 @@ def fit_chart(result: Result, ranges: Sequence[str]) -> Figure:
     """Return bars of the free-run fits, over all samples and per range."""
     models = result["models"]
     groups = ["all samples", *ranges]
-    figure = Figure(figsize=(9, 3.2), layout="constrained")
-    axes = figure.add_subplot()
+    figure, axes = drawing(3.2)
     width = 0.8 / len(models)
     for i, (name, m) in enumerate(models.items()):
         values = [m["fit_percent"], *m["regime_fit_percent"]]
@@ -36,31 +38,27 @@ def fit_chart(result: Result, ranges: Sequence[str]) -> Figure:
     axes.set_ylabel("fit, %")
     if ranges:
         axes.set_xlabel(result["regime"]["name"])
-    axes.legend(fontsize=8, ncols=3, loc="upper center", bbox_to_anchor=(0.5, 1.22), frameon=False)
+    legend(axes, columns=6)
     return figure
 
 
 def example(result: Result) -> Figure:
     """Return a part of the test samples with the free runs."""
     shown = result["example"]
-    figure = Figure(figsize=(9, 3.2), layout="constrained")
-    axes = figure.add_subplot()
-    axes.plot(shown["time_s"], shown["measured"], color="0.2", linewidth=1.1, label="measured")
+    figure, axes = drawing(3.2)
+    axes.plot(shown["time_s"], shown["measured"], color=MEASURED, linewidth=1.1, label="measured")
     for name, run in shown["runs"].items():
         axes.plot(shown["time_s"], run, color=COLOURS[name], linewidth=0.9, label=TITLES[name])
     axes.set(xlabel=f"s of test stretch {shown['stretch']}", ylabel=output_label(result))
-    axes.legend(fontsize=8, ncols=4, loc="upper center", bbox_to_anchor=(0.5, 1.14), frameon=False)
+    legend(axes)
     return figure
 
 
 def impulse_figure(result: Result) -> Figure:
     """Return the impulse responses with their 99 % bands."""
     rows = result["impulse"]["rows"]
-    columns = min(3, len(rows))
-    lines = -(-len(rows) // columns)
-    figure = Figure(figsize=(9, 2.1 * lines), layout="constrained")
-    grid = figure.subplots(lines, columns, squeeze=False).ravel()
-    for axes, row in zip(grid, rows, strict=False):
+    figure, grid = panels(len(rows), min(3, len(rows)), height=2.1)
+    for axes, row in zip(grid, rows, strict=True):
         t_s = np.arange(len(row["response"])) * result["period_s"]
         band = np.array(row["band"], dtype=float)
         axes.fill_between(t_s, -band, band, color="0.85", step="mid")
@@ -69,22 +67,18 @@ def impulse_figure(result: Result) -> Figure:
             axes.axvline(
                 row["delay"] * result["period_s"], color="C3", linestyle="--", linewidth=0.8
             )
-        axes.set_title(row["input"], fontsize=9)
-        axes.tick_params(labelsize=8)
-    for axes in grid[len(rows) :]:
-        axes.set_axis_off()
-    figure.supxlabel("s after a pulse of one sample", fontsize=9)
-    figure.supylabel(f"{result['output']} per unit of input", fontsize=9)
+        axes.set_title(row["input"])
+    figure.supxlabel("s after a pulse of one sample")
+    figure.supylabel(f"{result['output']} per unit of input")
     return figure
 
 
 def criteria(result: Result) -> Figure:
     """Return the three criteria over the number of parameters."""
     found = result["arx"]
-    figure = Figure(figsize=(9, 2.8), layout="constrained")
-    panels = figure.subplots(1, 3)
+    figure, grid = panels(3, 3, height=2.8)
     titles = ("sum of squares, validation", "MDL", "AIC")
-    for axes, key, title in zip(panels, ("validation_loss", "mdl", "aic"), titles, strict=True):
+    for axes, key, title in zip(grid, ("validation_loss", "mdl", "aic"), titles, strict=True):
         values = np.array(found[key], dtype=float)
         axes.plot(found["parameters"], values, linewidth=1.0)
         best = int(np.nanargmin(values))
@@ -92,16 +86,13 @@ def criteria(result: Result) -> Figure:
         if key != "aic":
             axes.set_yscale("log")
         axes.set(title=title, xlabel="parameters")
-        axes.tick_params(labelsize=8, which="both")
-        axes.title.set_fontsize(9)
     return figure
 
 
 def singular_values(result: Result) -> Figure:
     """Return the singular values and the free-run error over the number of states."""
     found = result["subspace"]
-    figure = Figure(figsize=(9, 2.8), layout="constrained")
-    left, right = figure.subplots(1, 2)
+    figure, (left, right) = panels(2, 2, height=2.8)
     values = found["singular_values"][:20]
     orders = np.arange(1, len(values) + 1)
     left.bar(orders, values, color=["C0" if o <= found["order"] else "0.8" for o in orders])
@@ -122,26 +113,21 @@ def correlations(result: Result) -> Figure:
     """Return the residual correlations with their 99 % bands."""
     tests = result["residuals"]["arx_aic"]
     white, inputs = tests["whiteness"], tests["independence"]
-    columns = min(3, len(inputs) + 1)
-    lines = -(-(len(inputs) + 1) // columns)
-    figure = Figure(figsize=(9, 2.1 * lines), layout="constrained")
-    first, *others = figure.subplots(lines, columns, squeeze=False).ravel()
+    figure, grid = panels(len(inputs) + 1, min(3, len(inputs) + 1), height=2.1)
+    first, *others = grid
     first.axhspan(-white["band"], white["band"], color="0.85")
     first.vlines(range(1, white["lags"] + 1), 0.0, white["autocorrelation"][1:], linewidth=1.2)
-    first.set_title("autocorrelation", fontsize=9)
-    for axes, test in zip(others, inputs, strict=False):
+    first.set_title("autocorrelation")
+    for axes, test in zip(others, inputs, strict=True):
         axes.axhspan(-test["band"], test["band"], color="0.85")
         axes.vlines(test["lags"], 0.0, test["correlation"], linewidth=1.0)
-        axes.set_title(f"with {test['input']}", fontsize=9)
-    for axes in (first, *others[: len(inputs)]):
+        axes.set_title(f"with {test['input']}")
+    for axes in grid:
         axes.axhline(0.0, color="0.4", linewidth=0.6)
-        axes.tick_params(labelsize=8)
-    for axes in others[len(inputs) :]:
-        axes.set_axis_off()
-    figure.supxlabel("lag in samples; one-step residuals of the ARX chosen by AIC", fontsize=9)
+    figure.supxlabel("lag in samples; one-step residuals of the ARX chosen by AIC")
     return figure
 
 
 def output_label(result: Result) -> str:
     """Return the axis label of the output."""
-    return f"{result['output']} [{result['unit']}]" if result["unit"] else str(result["output"])
+    return with_unit(result["output"], result["unit"])

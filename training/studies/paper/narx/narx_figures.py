@@ -8,20 +8,20 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from training.pages.page import picture
+from training.pages.figure import LIMIT, drawing, legend
 from training.studies.paper.narx.candidates import ALGORITHMS, BAYES, DESCENT
 from training.studies.paper.narx.verdicts import correlations, errors
 
 ROLES = {"train": "training", "validate": "validation", "test": "test"}
-ROLE_COLOURS = {"train": "#1f5fa8", "validate": "#c2571a", "test": "#3b8a4e"}
+ROLE_COLOURS = {"train": "C0", "validate": "C1", "test": "C2"}
 R_TICKS = (0.5, 0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 0.998, 0.999, 0.9995, 0.9999)
 MARKS = {"train": "o", "validate": "s", "test": "^"}
-COLOURS = dict(zip(ALGORITHMS, ("#1f5fa8", "#c2571a", "#3b8a4e", "#8a5aa8"), strict=True))
+COLOURS = dict(zip(ALGORITHMS, ("C0", "C1", "C2", "C4"), strict=True))
 R_FLOOR = 0.5  # correlations below are drawn at the lower edge
 TITLES = {"one_step": "one step ahead", "free_run": "free run (closed loop)"}
 
 
-def correlation_figure(result: Mapping[str, Any]) -> str:
+def correlation_figure(result: Mapping[str, Any]) -> Figure:
     """Draw R of training, validation and test and the MSE of every model, as the paper does."""
     models = [m for m in result["models"] if m["same_as"] is None]
     figure = Figure(figsize=(9, 7.5), layout="constrained")
@@ -29,15 +29,10 @@ def correlation_figure(result: Mapping[str, Any]) -> str:
     for axis, mode, title in zip(axes, ("one_step", "free_run"), TITLES.values(), strict=False):
         _draw_correlations(axis, models, mode)
         axis.set_title(title)
-    axes[0].legend(ncols=3, frameon=False, loc="lower left")
+    axes[0].legend(ncols=3, loc="lower left")
     _draw_mse(axes[2], models)
-    axes[2].set_xticks(range(len(models)), [_tick(m) for m in models], rotation=90, fontsize=8)
-    caption = (
-        f"Correlation and mean squared error of every model ({result['source']} data, enabled "
-        "samples): median over the starts, bars from the worst to the best start. Correlations "
-        f"below {R_FLOOR:g} stand at the lower edge. Number, algorithm, lags, layers, rate."
-    )
-    return picture(figure, caption)
+    axes[2].set_xticks(range(len(models)), [_tick(m) for m in models], rotation=90)
+    return figure
 
 
 def _draw_correlations(axis: Axes, models: Sequence[Mapping[str, Any]], mode: str) -> None:
@@ -68,12 +63,12 @@ def _draw_correlations(axis: Axes, models: Sequence[Mapping[str, Any]], mode: st
 
 def _draw_mse(axis: Axes, models: Sequence[Mapping[str, Any]]) -> None:
     at = np.arange(len(models))
-    for mode, shift, colour in (("one_step", -0.2, "#9db8d9"), ("free_run", 0.2, "#1f5fa8")):
+    for mode, shift, colour in (("one_step", -0.2, "#9db8d9"), ("free_run", 0.2, "C0")):
         values = np.array([np.median(errors(m, mode, "test") ** 2) for m in models])
         values[~np.isfinite(values)] = np.nan
         axis.bar(at + shift, values, 0.4, color=colour, label=TITLES[mode])
     axis.set(yscale="log", ylabel="MSE of the test blocks, scaled", title="mean squared error")
-    axis.legend(ncols=2, frameon=False)
+    axis.legend(ncols=2)
     axis.grid(axis="y", alpha=0.3)
 
 
@@ -84,11 +79,10 @@ def _tick(model: Mapping[str, Any]) -> str:
     return f"{model['number']}  {algorithm} {model['lags']} {layers}{rate}"
 
 
-def free_run_figure(result: Mapping[str, Any]) -> str:
+def free_run_figure(result: Mapping[str, Any]) -> Figure:
     """Draw the free-run error of every start over its one-step error, and the tuned models."""
     models = [m for m in result["models"] if m["same_as"] is None]
-    figure = Figure(figsize=(9, 4.5), layout="constrained")
-    axis = figure.subplots()
+    figure, axis = drawing(4.5)
     for algorithm, words in ALGORITHMS.items():
         own = [m for m in models if m["algorithm"] == algorithm]
         if own:
@@ -100,7 +94,7 @@ def free_run_figure(result: Mapping[str, Any]) -> str:
         axis.plot(*_point(tuned["after"]), "*", ms=9, color="black", label=label)
     every = np.concatenate([errors(m, "one_step", "validate") for m in models])
     ends = [every[np.isfinite(every)].min(), every[np.isfinite(every)].max()]
-    axis.plot(ends, ends, ":", color="#888888", label="equal")
+    axis.plot(ends, ends, ":", color=LIMIT, label="equal")
     axis.set(
         xscale="log",
         yscale="log",
@@ -111,13 +105,9 @@ def free_run_figure(result: Mapping[str, Any]) -> str:
         each.set_major_locator(LogLocator(subs=(1, 2, 5)))
         each.set_major_formatter("{x:g}")
         each.set_minor_formatter(NullFormatter())
-    axis.legend(frameon=False, fontsize=9, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    legend(axis, "beside")
     axis.grid(alpha=0.3)
-    return picture(
-        figure,
-        f"Every start of every model ({result['source']} data, enabled samples). Only the free "
-        "run is what the monitor uses; a low one-step error does not promise it.",
-    )
+    return figure
 
 
 def _point(figures: Mapping[str, Any]) -> tuple[float, float]:

@@ -8,29 +8,27 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from monitor.base.types import FloatArray
+from training.pages.figure import LIMIT, MEASURED, drawing, legend, panels
+from training.pages.numbers import unit_of, with_unit, words
 
-MEASURED, PREDICTED, OTHER = "0.2", "C1", "C0"
+PREDICTED, OTHER = "C1", "C0"
 
 
 def sensor_figure(views: Sequence[Mapping[str, Any]], sensor: Mapping[str, Any]) -> Figure:
     """Draw an excerpt and a scatter of each view, as figure 6 of the paper."""
-    figure = Figure(figsize=(9, 2.3 * len(views)), layout="constrained")
-    grid = figure.subplots(len(views), 2, squeeze=False, width_ratios=[3.4, 1])
-    for (left, right), view in zip(grid, views, strict=True):
+    figure, grid = panels(2 * len(views), 2, height=2.3, width_ratios=[3.4, 1])
+    for left, right, view in zip(grid[::2], grid[1::2], views, strict=True):
         _excerpt(left, view, sensor)
         _scatter(right, view)
-    grid[0][0].legend(
-        ncols=2, frameon=False, fontsize=8, loc="lower right", bbox_to_anchor=(1.0, 0.98)
-    )
-    grid[-1][0].set_xlabel("s of the excerpt")
-    grid[-1][1].set_xlabel("measured")
+    legend(grid[0])
+    grid[-2].set_xlabel("s of the excerpt")
+    grid[-1].set_xlabel("measured")
     return figure
 
 
 def label(sensor: Mapping[str, Any]) -> str:
     """Return the output's name and unit for an axis."""
-    unit = sensor["unit"]
-    return f"{sensor['output']} [{unit}]" if unit and unit != "-" else str(sensor["output"])
+    return with_unit(sensor["output"], sensor["unit"])
 
 
 def array(values: Sequence[float | None]) -> FloatArray:
@@ -44,8 +42,8 @@ def _excerpt(axes: Axes, view: Mapping[str, Any], sensor: Mapping[str, Any]) -> 
     axes.plot(t_s, measured, color=MEASURED, linewidth=0.9, label="sensor")
     axes.plot(t_s, predicted, color=PREDICTED, linewidth=0.9, label="model, free run")
     _frame(axes, t_s, np.array(view["judged"], dtype=bool), [measured, predicted])
-    axes.set_title(f"{view['title']} ({view['source']})", fontsize=9, loc="left")
-    axes.set_ylabel(sensor["output"], fontsize=9 if len(sensor["output"]) < 16 else 7)
+    axes.set_title(f"{view['title']} ({view['source']})", loc="left")
+    axes.set_ylabel(label(sensor), size=9 if len(label(sensor)) < 20 else 7)
     axes.margins(x=0)
 
 
@@ -76,42 +74,36 @@ def _scatter(axes: Axes, view: Mapping[str, Any]) -> None:
         low, high = np.quantile(np.concatenate([x, y]), [0.005, 0.995])
         margin = 0.1 * max(high - low, 1e-9)
         ends = (low - margin, high + margin)
-        axes.plot(ends, ends, color="0.5", linewidth=0.8)
+        axes.plot(ends, ends, color=LIMIT, linewidth=0.8)
         axes.set(xlim=ends, ylim=ends)
     r = view["enabled"].get("correlation")
-    axes.set_title("" if r is None else f"R = {r:.3f}", fontsize=9)
-    axes.set_ylabel("predicted", fontsize=9)
+    axes.set_title("" if r is None else f"R = {r:.3f}")
+    axes.set_ylabel("predicted")
 
 
 def residual_figure(sensor: Mapping[str, Any]) -> Figure:
     """Draw the residual's distribution under each fault over the healthy one, as figure 7."""
     faults = sensor["faults"]
     edges = np.array(sensor["edges"])
-    rows = -(-max(len(faults), 1) // 3)
-    figure = Figure(figsize=(9, 2.4 * rows + 0.2), layout="constrained")
-    grid = figure.subplots(rows, 3, squeeze=False, sharex=True, sharey=True).ravel()
-    for axes, fault in zip(grid, faults, strict=False):
+    figure, grid = panels(len(faults), 3, height=2.4, extra=0.2, sharex=True, sharey=True)
+    for axes, fault in zip(grid, faults, strict=True):
         axes.stairs(sensor["healthy"]["share"], edges, fill=True, color="0.8", label="healthy")
         axes.stairs(fault["share"], edges, color="C3", linewidth=1.1, label="faulty")
         axes.set_yscale("log")
-        axes.set_title(fault["name"].replace("_", " "), fontsize=9)
+        axes.set_title(words(fault["name"]))
         limit = sensor["limits"].get("j_mu")
         for sign in (-1, 1):
             if limit is not None:
                 axes.axvline(sign * limit, color="0.3", linewidth=0.7, linestyle=":")
-    for axes in grid[len(faults) :]:
-        axes.set_axis_off()
-    grid[0].legend(frameon=False, fontsize=8)
-    unit = "" if sensor["unit"] in ("", "-") else f" [{sensor['unit']}]"
-    figure.supxlabel(f"measured − predicted{unit}", fontsize=10)
-    figure.supylabel("share of samples", fontsize=10)
+    grid[0].legend()
+    figure.supxlabel(f"measured − predicted {label(sensor)}")
+    figure.supylabel("share of samples")
     return figure
 
 
 def window_figure(sensor: Mapping[str, Any]) -> Figure:
     """Draw mean and standard deviation of windows with the limits of the paper's rule."""
-    figure = Figure(figsize=(9, 3.6), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = drawing(3.6)
     healthy = sensor["healthy"]
     for index, fault in enumerate(sensor["faults"]):
         axes.plot(
@@ -121,7 +113,7 @@ def window_figure(sensor: Mapping[str, Any]) -> Figure:
             markersize=4,
             alpha=0.6,
             color=f"C{index}",
-            label=fault["name"].replace("_", " "),
+            label=words(fault["name"]),
         )
     axes.plot(
         healthy["window_mean"],
@@ -143,16 +135,16 @@ def window_figure(sensor: Mapping[str, Any]) -> Figure:
         margin = 0.2 * max(high - low, 2.0 * j.get("j_mu", 0.0), 1e-9)
         axes.set_xlim(low - margin, high + margin)
         axes.set_ylim(0.0, 1.2 * max(float(np.quantile(stds, 0.97)), j.get("j_sigma", 0.0)))
-    axes.set(xlabel="mean of a window's residuals", ylabel="standard deviation")
-    axes.legend(frameon=False, fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    axes.set_xlabel(with_unit("mean of a window's residuals", unit_of(sensor["unit"])))
+    axes.set_ylabel(with_unit("standard deviation", unit_of(sensor["unit"])))
+    legend(axes, "beside")
     return figure
 
 
 def steady_figure(result: Mapping[str, Any]) -> Figure:
     """Draw the same transient excerpt predicted after steady and after mixed training."""
     example = result["example"]
-    figure = Figure(figsize=(9, 3.2), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = drawing(3.2)
     measured = array(example["measured"])
     t_s = np.arange(len(measured)) * result["period_s"]
     axes.plot(t_s, measured, color=MEASURED, linewidth=1.0, label="sensor")
@@ -160,6 +152,6 @@ def steady_figure(result: Mapping[str, Any]) -> Figure:
     axes.plot(t_s, array(example["mixed"]), color="C2", linewidth=0.9, label="mixed training")
     _frame(axes, t_s, np.array(example["judged"], dtype=bool), [measured])
     axes.set(xlabel="s of the excerpt", ylabel=label(result))
-    axes.legend(ncols=3, frameon=False, fontsize=8, loc="lower right", bbox_to_anchor=(1.0, 1.0))
+    legend(axes)
     axes.margins(x=0)
     return figure
