@@ -59,6 +59,10 @@ def panels(
     grid = list(figure.subplots(rows, columns, squeeze=False, **shared).ravel())
     for axes in grid[number:]:
         axes.set_axis_off()
+    for axes in grid[max(number - columns, 0) : number]:
+        axes.tick_params(
+            labelbottom=True
+        )  # the lowest panel of a column may not be in the last row
     return figure, grid[:number]
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from monitor.base.types import FloatArray
-from training.pages.figure import LIMIT, drawing, panels
+from training.pages.figure import LIMIT, drawing, legend, panels
 
 
 def scree_figure(result: dict[str, Any]) -> Figure:
@@ -20,6 +20,7 @@ def scree_figure(result: dict[str, Any]) -> Figure:
     left.set_xlabel("component; kept ones left of the dashed line")
     left.set_ylabel("variance (bars)")
     other = left.twinx()
+    other.spines["right"].set_visible(True)
     other.plot(number, 100 * np.array(result["explained"]), "o-", color="C0", ms=3)
     other.set_ylim(0, 103)
     other.set_ylabel("explained together, % (line)")
@@ -48,7 +49,7 @@ def biplot_figure(result: dict[str, Any]) -> Figure:
     for i, (x, y) in enumerate(_apart(loadings)):
         side = "left" if x > 0 else "right"
         axes.plot(*zip(loadings[i], (x, y), strict=True), color="C0", lw=0.4)
-        axes.text(x, y, f" {result['names'][i]} ", ha=side, va="center")
+        axes.text(x, y, f" {result['names'][i]} ", size=8, ha=side, va="center")
     reach = 1.45 * max(1e-3, float(np.abs(loadings).max()))
     axes.set_xlim(-reach, reach)
     axes.set_ylim(-reach, reach)
@@ -79,7 +80,7 @@ def control_figure(result: dict[str, Any]) -> Figure:
         limit = result[f"{key}_limit"]
         axes.axhline(limit, color="C3", lw=0.9, ls="--", label=f"99 % limit {limit:.3g}")
         axes.set_ylabel(label)
-        axes.legend(loc="upper right")
+        legend(axes)
     lower.set_xlabel("time, s, drives end to end; the largest value of each stretch is drawn")
     return figure
 
