@@ -6,7 +6,7 @@ DEMO    := .venv-demo
 HEALTHY  = $(firstword $(sort $(wildcard replay_logs/healthy_*)))
 FAULTY   = $(firstword $(sort $(wildcard replay_logs/delay_rich_to_lean_*)))
 
-.PHONY: help demo test lint venv system bench matrix model calibration study replay_logs clean python
+.PHONY: help demo test check fast lint venv system bench matrix model calibration study replay_logs clean python
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z_]+:.*## / {printf "make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -26,6 +26,13 @@ demo: $(DEMO)/.installed ## replay a healthy and a faulty drive, write demo/repo
 test: lint system ## every check: style, types, imports, all tests
 	$(VENV)/bin/python -m compileall -q monitor training dbc # once, not in each process that tests start
 	$(VENV)/bin/python -m pytest -n 2 --dist worksteal --durations 20
+
+check: venv ## style, types, imports and the fast tests, within two minutes on two cores
+	@$(MAKE) --no-print-directory -j 2 lint fast
+
+fast: venv
+	$(VENV)/bin/python -m pytest -q -n 2 --dist worksteal \
+	  -m 'not kernel and not browser and not trains and not waits'
 
 lint: venv ## style, types and the direction of imports
 	$(VENV)/bin/ruff check .

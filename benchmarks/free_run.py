@@ -16,10 +16,10 @@ from monitor.base import config
 from monitor.judge.limits import Limits
 from monitor.model.step import Model
 from monitor.report.replay import shipped_model
+from tests.helpers.physical_baseline import Baseline, fit_baseline
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
 from training.limits.judging import judge
-from training.narx.baseline import Baseline, fit_baseline
 from training.recordings import metrics
 from training.recordings.recording import Recording, load
 

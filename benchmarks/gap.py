@@ -22,15 +22,16 @@ from monitor.base import config
 from training.dyno.effects import from_severities
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
+from training.gap.inputs.roles import Material, Options
 from training.gap.name import yardstick
 from training.gap.name.naming import name
 from training.gap.pages import report
 from training.gap.result import save
-from training.gap.workflow import Given, Options, investigate
+from training.gap.workflow import investigate
 from training.greybox.chain import Constants
 from training.greybox.fit.drive import from_recording
 from training.greybox.model import fit_greybox
-from training.jobs.stages import Stages
+from training.jobs.checkpoints import Checkpoints
 from training.limits.decision_limits import set_limits
 from training.recordings.recording import Recording, load
 
@@ -50,8 +51,8 @@ WORDS: Final = {
 
 
 @dataclass(frozen=True, slots=True)
-class Clock(Stages):
-    """Stages that are not kept, but timed: wall and processor seconds."""
+class Clock(Checkpoints):
+    """Checkpoints that are timed, not kept: wall and processor seconds."""
 
     seconds: dict[str, tuple[float, float]] = field(default_factory=dict)
 
@@ -93,7 +94,7 @@ def whole(model: Path, new: list[Path], healthy: list[Path], folder: Path) -> Cl
     """Return the times of one case, its verdict printed."""
     clock = Clock()
     given = clock.done(
-        "read", lambda: Given(model, [load(p) for p in new], [load(p) for p in healthy])
+        "read", lambda: Material(model, [load(p) for p in new], [load(p) for p in healthy])
     )
     found = clock.done("rest", lambda: investigate(given, folder, Options(), stages=clock))
     inside = [clock.seconds[each] for each in ("healthy", "where", "name", "verify")]

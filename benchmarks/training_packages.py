@@ -16,8 +16,8 @@ from types import ModuleType
 import numpy as np
 from scipy.optimize import least_squares
 
-from training.narx.algorithms.closed_loop import ClosedLoop, Pieces, Samples
-from training.narx.algorithms.lm import Objective, OneStep, Options, minimise
+from training.narx.algorithms.lm import Objective, Options, minimise
+from training.narx.algorithms.objectives import ClosedLoop, OneStep, Pieces, Samples
 from training.narx.network import Spec, forward, jacobian, layers, regressors
 
 

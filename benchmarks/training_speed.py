@@ -27,8 +27,8 @@ from training_packages import Case, MissingError, Run
 
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
-from training.narx.algorithms.closed_loop import ClosedLoop, Pieces, Samples
-from training.narx.algorithms.lm import CHUNK, OneStep, Options, minimise
+from training.narx.algorithms.lm import Options, minimise
+from training.narx.algorithms.objectives import CHUNK, ClosedLoop, OneStep, Pieces, Samples
 from training.narx.network import Spec, forward, initial_weights, regressors, simulate
 from training.recordings.metrics import rmse
 from training.recordings.preparation import runs

@@ -13,13 +13,44 @@ for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 ROOT = Path(__file__).resolve().parent.parent
 
 settings.register_profile("default", deadline=None)
-settings.register_profile("ci", deadline=None, derandomize=True)
+# A case that is found elsewhere is printed, and becomes an @example of its test.
+settings.register_profile("ci", deadline=None, derandomize=True, print_blob=True)
 settings.load_profile("ci" if os.environ.get("CI") else "default")
 
 
+# Fixtures and folders whose tests `make check` leaves out: mark -> names of either.
+MARKS = {
+    "kernel": ("run_with_vcan",),
+    "browser": ("browser",),
+    "trains": (
+        "training/fleet",
+        "training/gap",
+        "training/greybox",
+        "training/limits",
+        "training/narx",
+        "training/studies",
+        "monitor/pipeline/test_acceptance.py",
+        "monitor/pipeline/test_vehicles.py",
+    ),
+    "waits": (
+        "monitor/bus/test_diagnostics_clients.py",
+        "monitor/bus/test_live",
+        "monitor/bus/test_obd_",
+        "monitor/memory/test_kill.py",
+        "test_packaging.py",
+    ),
+}
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the tests that mostly wait for a bus, so that others run beside them."""
-    items.sort(key=lambda item: "run_with_vcan" not in getattr(item, "fixturenames", ()))
+    """Mark slow tests; begin with those that mostly wait for a bus, so that others run beside."""
+    for item in items:
+        place = item.path.relative_to(ROOT / "tests").as_posix()
+        fixtures = getattr(item, "fixturenames", ())
+        for mark, names in MARKS.items():
+            if any(place.startswith(name) or name in fixtures for name in names):
+                item.add_marker(mark)
+    items.sort(key=lambda item: item.get_closest_marker("kernel") is None)
 
 
 @pytest.fixture(scope="session")

@@ -38,7 +38,7 @@ def _map(args: argparse.Namespace) -> int:
     from monitor.base.errors import UsageError
     from monitor.base.signals import NARX_INPUTS, OUTPUT
     from monitor.decode.bus_map import load_database
-    from monitor.mapping.make import make_map
+    from monitor.mapping.text import make_map
 
     if args.cylinders < 1:
         raise UsageError("--cylinders is at least 1")

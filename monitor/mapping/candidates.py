@@ -1,37 +1,80 @@
-"""Which signals of a database could be a canonical one, how sure that is, and why."""
+"""The signals of a database that may be a canonical one, with confidence and reasons."""
 
+import re
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any, Final
 
 from cantools.database.can import Database, Message, Signal
 
-from monitor.mapping.candidate import Candidate
-from monitor.mapping.meanings import MEANINGS, OF_ONE_SENSOR, OTHER, Meaning
-from monitor.mapping.scaling import in_range, scaled
-from monitor.mapping.sensor import elsewhere, is_upstream, short
-from monitor.mapping.words import match, words_of
+from monitor.mapping.meanings import FUEL_FLOW, MEANINGS, OF_ONE_SENSOR, OTHER, Meaning
+from monitor.mapping.scaling import scaling_of
+from monitor.mapping.vocabulary import match, words_of
+
+FUEL_FLOW_NAME: Final = "fuel_flow_kg_h"
+_DOWNSTREAM: Final = re.compile(
+    r"downstream|post_?cat|nach_?kat|hinter|after_?cat|behind|rear|second|sekund|stromab|"
+    r"\b(post|nk|hk|ds|nach|after|aft|tail|lsh|lsf|sec|binary|binaer|narrow\w*|nernst|switching)\b"
+)
+_UPSTREAM: Final = re.compile(
+    r"upstream|pre_?cat|vor_?kat|stromauf|before_?cat|\b(pre|vk|us|vor|front|primary|lsu|b1s1)\b"
+)
+_CATALYST: Final = re.compile(r"\b(k|c)at\b|kataly|catalyst")
+_BANK: Final = re.compile(r"\b(left|right|links|rechts|li|re|lh|rh|bank [a-z]|odd|even)\b")
+_SENSOR_NUMBER: Final = re.compile(r"(?:h?o2s|b|s|bank|sensor|bk|sens|cyl|zyl)(\d+)")
+_NUMBERED: Final = re.compile(
+    r"h?o2s?|lambda\w*|lam\w*|afr|uego|lsu|sensor|sonde|bank|trim|stft|wideband|wbo?|ego|frm?|"
+    r"cylinder|cyl|b|s"
+)
 
 
-def candidates(database: Database, name: str, meaning: Meaning | None = None) -> list[Candidate]:
-    """Return what may be the canonical signal ``name``, the likeliest first."""
-    meaning = meaning or MEANINGS[name]
-    found = [
-        candidate
-        for message, signal in _signals(database)
-        if (candidate := judge(name, meaning, message, signal)) is not None
-    ]
-    return sorted(found, key=lambda c: (bool(c.blocked), -c.confidence, *preference(c)))
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """One signal that may be the canonical one: value = factor * signal + offset."""
+
+    name: str  # canonical
+    message: Message
+    signal: Signal
+    confidence: float  # 0 to 1
+    factor: float
+    offset: float
+    why: tuple[str, ...]
+    is_phi: bool = False  # the signal is 1 / lambda
+    blocked: str = ""  # the reason why it is never proposed, only shown
+    is_stated: bool = False  # the database says that its sensor is the upstream one
+
+    @property
+    def place(self) -> str:
+        """Return message and signal."""
+        return f"{self.message.name}.{self.signal.name}"
+
+    def judged(self, why: str, weight: float = 1.0, plus: float = 0.0, **more: Any) -> "Candidate":
+        """Return the candidate with one more reason, its confidence times ``weight``."""
+        confidence = min(1.0, self.confidence * weight + plus)
+        return replace(self, confidence=confidence, why=(*self.why, why), **more)
 
 
-def preference(candidate: Candidate) -> tuple[float, float, str]:
-    """Return what decides between equals: the faster message, the finer steps, then the name."""
+def ranked(database: Database) -> dict[str, list[Candidate]]:
+    """Return the candidates of every canonical signal and of the fuel flow, the likeliest first."""
+    meanings = MEANINGS | {FUEL_FLOW_NAME: FUEL_FLOW}
+    return {name: _candidates(database, name, meanings[name]) for name in meanings}
+
+
+def _candidates(database: Database, name: str, meaning: Meaning) -> list[Candidate]:
+    every = (_candidate(name, meaning, *place) for place in _signals(database))
+    likely = [candidate for candidate in every if candidate is not None]
+    return sorted(likely, key=lambda c: (bool(c.blocked), -c.confidence, *_preference(c)))
+
+
+def _preference(candidate: Candidate) -> tuple[float, float, str]:
+    """Return the order of equals: the faster message, the finer steps, then the name."""
     cycle_ms = candidate.message.cycle_time or 1e6
     return float(cycle_ms), abs(float(candidate.signal.scale) * candidate.factor), candidate.place
 
 
 def _signals(database: Database) -> Iterator[tuple[Message, Signal]]:
-    """Yield what a map can name: a message or signal whose name is another's, too, is left out."""
+    """Yield the signals that a map can name; two of one name cannot be told apart."""
     last = {message.name: message for message in database.messages}
     for message in last.values():
         names = Counter(signal.name for signal in message.signals)
@@ -40,72 +83,117 @@ def _signals(database: Database) -> Iterator[tuple[Message, Signal]]:
                 yield message, signal
 
 
-def judge(name: str, meaning: Meaning, message: Message, signal: Signal) -> Candidate | None:
-    """Return the signal as a candidate, None if it cannot be."""
+def _candidate(name: str, meaning: Meaning, message: Message, signal: Signal) -> Candidate | None:
+    """Return the signal as a candidate, None if it is another quantity."""
     sure, why = _name(meaning, message, signal)
-    if sure <= 0.0:
+    scaling = scaling_of(name, signal, meaning) if sure > 0.0 else None
+    if scaling is None:
         return None
-    made = scaled(Candidate(name, message, signal, 1.0, 1.0, 0.0, ()), meaning)
-    if made is None:
-        return None
-    named = replace(made, confidence=sure * made.confidence, why=(why, *made.why))
-    fitting = in_range(named, meaning)
-    return None if fitting is None else _numbered(fitting)
+    candidate = Candidate(
+        name,
+        message,
+        signal,
+        confidence=sure * scaling.weight,
+        factor=scaling.factor,
+        offset=scaling.offset,
+        why=(why, *scaling.why),
+        is_phi=scaling.is_phi,
+    )
+    return _of_one_sensor(candidate) if name in OF_ONE_SENSOR else _numbered(candidate)
 
 
 def _name(meaning: Meaning, message: Message, signal: Signal) -> tuple[float, str]:
-    """Return how sure the names make it, and which one."""
-    own = words_of(signal.name)
-    if _is_other(meaning, own):
+    """Return how sure names and comment are, and the one that says most."""
+    words = words_of(signal.name)
+    if _is_other(meaning, words):
         return 0.0, ""
-    sure, why = match(meaning.phrases, own), f"its name says {signal.name}"
-    both = 0.85 * match(meaning.phrases, own + words_of(message.name))
+    sure, why = match(meaning.phrases, words), f"its name says {signal.name}"
+    both = 0.85 * match(meaning.phrases, words + words_of(message.name))
     if both > sure and not _is_other(meaning, words_of(message.name)):
         sure, why = both, f"its name and its message say {message.name} {signal.name}"
     if signal.comment:
         comment = words_of(signal.comment)
         told = 0.8 * match(meaning.phrases, comment)
         if told > sure and not _is_other(meaning, comment):
-            sure, why = told, f"its comment says {short(signal.comment)}"
+            sure, why = told, f"its comment says {_short(signal.comment)}"
     return sure, why
 
 
 def _is_other(meaning: Meaning, words: tuple[str, ...]) -> bool:
+    """Return whether the words name another quantity, a limit or a state."""
     if meaning.never.intersection(words):
         return True
     if any(len(stem) > 4 and stem in word for stem in meaning.never for word in words):
         return True
+    if meaning.is_flag or (
+        meaning is MEANINGS["lambda_target"] and not {"max", "min", "limit"}.intersection(words)
+    ):
+        return False
     name = "_".join(words) + "_"
-    return (
-        not meaning.is_flag
-        and any(stem in words if len(stem) < 5 else stem in name for stem in OTHER)
-        and not _is_wanted(meaning, words)
-    )
-
-
-def _is_wanted(meaning: Meaning, words: tuple[str, ...]) -> bool:
-    """Return whether what elsewhere means another thing is just what is meant here."""
-    return meaning is MEANINGS["lambda_target"] and not {"max", "min", "limit"}.intersection(words)
+    return any(stem in words if len(stem) < 5 else stem in name for stem in OTHER)
 
 
 def _numbered(candidate: Candidate) -> Candidate:
-    """Return the candidate, blocked if it belongs to another sensor, less sure if a second."""
+    """Return the candidate, less sure if its name says that it is a second one."""
+    numbers = [w for w in words_of(candidate.signal.name) if w.isdigit() and int(w) > 1]
+    if not numbers:
+        return candidate
+    return candidate.judged(f"its name ends in {numbers[0]}: perhaps a second one", 0.75)
+
+
+def _of_one_sensor(candidate: Candidate) -> Candidate:
+    """Return the candidate, blocked if it belongs to another sensor than the upstream one."""
     texts = (candidate.signal.name, candidate.message.name, candidate.signal.comment or "")
-    numbers = [w for w in words_of(texts[0]) if w.isdigit() and int(w) > 1]
-    if candidate.name not in OF_ONE_SENSOR:
-        if not numbers:
-            return candidate
-        said = f"its name ends in {numbers[0]}: perhaps a second one"
-        return replace(
-            candidate, confidence=candidate.confidence * 0.75, why=(*candidate.why, said)
-        )
-    reason = elsewhere(texts)
+    reason = _elsewhere(texts)
     if reason:
         return replace(candidate, blocked=reason)
-    stated, sure, why = False, candidate.confidence, candidate.why
-    if any(is_upstream(text) for text in texts):
-        stated, sure = True, min(1.0, sure + 0.1)
-        why = (*why, "it is said to be upstream")
-    elif candidate.name == "lambda_measured":
-        why = (*why, "nothing says whether it is upstream: check")
-    return replace(candidate, confidence=sure, why=why, is_stated=stated)
+    if any(_UPSTREAM.search(_spaced(text)) for text in texts):
+        return candidate.judged("it is said to be upstream", plus=0.1, is_stated=True)
+    if candidate.name == "lambda_measured":
+        return candidate.judged("nothing says whether it is upstream: check")
+    return candidate
+
+
+def _elsewhere(texts: tuple[str, ...]) -> str:
+    """Return why a signal is not of the upstream sensor of bank 1, "" if nothing says so."""
+    for text in texts:
+        spaced = _spaced(text)
+        down, bank = _DOWNSTREAM.search(spaced), _BANK.search(spaced)
+        if down:
+            return f"{_short(text)} says {down[0]!r}: not the upstream sensor"
+        if bank:
+            return f"{_short(text)} says {bank[0]!r}: one of two banks, say which is bank 1"
+        if _CATALYST.search(spaced) and not _UPSTREAM.search(spaced):
+            return f"{_short(text)} names the catalyst: perhaps the downstream sensor"
+    for text in texts[:2]:
+        numbers = _sensor_numbers(text)
+        words = words_of(text)
+        if text is texts[0] and words[-1:] and words[-1].isdigit():
+            numbers.append(int(words[-1]))
+        other = [n for n in numbers if n not in (0, 1)]
+        if other:
+            return f"{text} has the number {other[0]}: perhaps bank 2 or the downstream sensor"
+    return ""
+
+
+def _sensor_numbers(text: str) -> list[int]:
+    """Return the numbers of bank and sensor in a name: B1S2, O2S12, Lambda_2, Sonde 2."""
+    numbers: list[int] = []
+    words = words_of(text)
+    for word, after in zip(words, (*words[1:], ""), strict=False):
+        inside = _SENSOR_NUMBER.fullmatch(word)
+        if inside:
+            numbers += [int(digit) for digit in inside[1]]
+        elif _NUMBERED.fullmatch(word) and after.isdigit():
+            numbers += [int(digit) for digit in after.lstrip("0")] or [0]
+    return numbers
+
+
+def _spaced(text: str) -> str:
+    return " ".join(words_of(text))
+
+
+def _short(text: str) -> str:
+    """Return a text on one line, of 60 characters at most."""
+    line = " ".join(text.split())
+    return line if len(line) <= 60 else line[:57] + "..."

@@ -1,38 +1,59 @@
-"""The proposed map as a TOML file, with every line's reason, for a person to confirm."""
+"""The proposed map as a TOML file, with the reason of every line, for a person to confirm."""
 
 import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
-from cantools.database.can import Message
+from cantools.database.can import Database, Message
 
-from monitor.mapping.candidate import Candidate
-from monitor.mapping.propose import NOTHING, Proposal, Proposals
-from monitor.mapping.protection import Protection
-from monitor.mapping.toml_text import plain, quoted
+from monitor.decode.checksum import ALGORITHMS
+from monitor.frames.logs import read_frames
+from monitor.mapping.candidates import Candidate, ranked
+from monitor.mapping.proposal import NOTHING, Proposal, Proposals, propose
+from monitor.mapping.recording import Protection, observe, protections
 
 _HEAD: Final = """\
-# Signal map for {dbc}, proposed by o2mon map from names, units and ranges{log}.
-# Confirm every line: the number is how sure the proposal is, 0 to 1, with its reason behind it.
-# What is commented out was not sure enough, or there was a choice; take one and remove the #.
-# value = factor * signal + offset, a value older than timeout_s is stale.
-"""
+Signal map for {dbc}, proposed by o2mon map from names, units and ranges{log}.
+Confirm every line: the number is how sure the proposal is, 0 to 1, with its reason behind it.
+What is commented out was not sure enough, or there was a choice; take one and remove the #.
+value = factor * signal + offset, a value older than timeout_s is stale."""
+
+
+def make_map(
+    database: Database, dbc: Path, *, log: Path | None = None, cylinders: int = 4
+) -> tuple[str, Proposals]:
+    """Return the text of the map that is proposed, and the proposals.
+
+    log : CAN log of a drive that the proposals are checked with
+    Raises RecordingError if the log cannot be read.
+    """
+    candidates = ranked(database)
+    observed = observe(read_frames(log), candidates, dbc) if log else None
+    if observed:
+        candidates = observed.reranked(candidates)
+    proposals = propose(candidates, cylinders)
+    mapped = [p.best for p in (*proposals.signals, *proposals.auxiliary) if p.best]
+    guarded = protections(c.message for c in mapped)
+    if observed:
+        guarded = observed.protections(guarded)
+    return map_text(proposals, dbc, log, guarded), proposals
 
 
 def map_text(
-    proposals: Proposals, dbc: Path, log: Path | None = None, protection: Protection | None = None
+    proposals: Proposals, dbc: Path, log: Path | None = None, guarded: Sequence[Protection] = ()
 ) -> str:
     """Return the file's text; ``monitor.decode.signal_map`` loads it if anything is proposed."""
-    checked = f" and checked with {plain(log.name)}" if log else ""
-    lines = [_HEAD.format(dbc=plain(dbc.name), log=checked)]
-    lines += protection.lines() if protection else []
+    checked = f" and checked with {log.name}" if log else ""
+    head = _HEAD.format(dbc=_line(dbc.name), log=_line(checked))
+    lines = [*map(comment, head.splitlines()), ""]
+    lines += [line for each in guarded for line in _guard(each)]
     lines += ["[signals]", *_entries(proposals.signals)]
     if proposals.auxiliary:
         lines += ["[auxiliary]", *_entries(proposals.auxiliary)]
     for each in proposals.derived:
         lines += [
-            f"# {each.why}",
+            comment(each.why),
             f"[derived.{each.name}]",
             f"factor = {each.factor!r}",
             f"numerator = {json.dumps(list(each.numerator))}",
@@ -42,59 +63,89 @@ def map_text(
     return "\n".join(lines).rstrip() + "\n"
 
 
+def quoted(text: str) -> str:
+    """Return the text as a TOML string.
+
+    >>> quoted('a"b')
+    '"a\\\\"b"'
+    """
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007F")
+
+
+def comment(text: str) -> str:
+    """Return the text as one line that is a comment; TOML allows no control character in it.
+
+    >>> comment("Motor\\x1fSpeed")
+    '# Motor Speed'
+    """
+    return f"# {_line(text)}"
+
+
+def _line(text: str) -> str:
+    return "".join(c if c.isprintable() else " " for c in text)
+
+
+def _guard(each: Protection) -> Iterator[str]:
+    """Yield the table of one message, commented out where no recording bears it out."""
+    keys = [f"counter = {quoted(each.counter)}"] if each.counter else []
+    if each.checksum:
+        algorithm = each.algorithm or ALGORITHMS[0]
+        keys += [f"checksum = {quoted(each.checksum)}", f'algorithm = "{algorithm}"']
+    table = [f"[messages.{quoted(each.message.name)}]", *keys]
+    if not each.n_frames:
+        yield comment("by its names; check with a recording (--log), then remove the #")
+        yield from (*map(comment, table), "")
+    elif keys:
+        yield comment(f"holds in {each.n_frames} frames of the recording")
+        yield from (*table, "")
+
+
 def _entries(proposals: Sequence[Proposal]) -> Iterator[str]:
     lacking = [p.name for p in proposals if p.best is None and not p.others and p.note == NOTHING]
     if lacking:
-        yield f"# {NOTHING}: {', '.join(lacking)}"
-        yield ""
+        yield from (comment(f"{NOTHING}: {', '.join(lacking)}"), "")
     for each in proposals:
         if each.name in lacking:
             continue
-        if each.best is not None:
-            yield f"# {each.best.confidence:.2f}: {_why(each.best)}"
-            yield entry(each.name, each.best)
-            yield from _others("or", each)
+        word = "candidate"
+        if each.best is None:
+            yield comment(f"{each.name}: {each.note}")
         else:
-            yield f"# {each.name}: {each.note}"
-            yield from _others("candidate", each)
+            word = "or"
+            yield comment(_why(each.best))
+            yield _entry(each.name, each.best)
+        for other in each.others:
+            yield comment(f"  {word} {_why(other)}")
+            yield comment(f"  {_entry(each.name, other)}")
         yield ""
-
-
-def _others(word: str, proposal: Proposal) -> Iterator[str]:
-    for other in proposal.others:
-        yield f"#   {word} {other.confidence:.2f}: {_why(other)}"
-        yield f"#   {entry(proposal.name, other)}"
-
-
-def entry(name: str, candidate: Candidate) -> str:
-    """Return the line of one signal."""
-    parts = [
-        f"message = {quoted(candidate.message.name)}",
-        f"signal = {quoted(candidate.signal.name)}",
-    ]
-    if candidate.factor != 1.0:
-        parts.append(f"factor = {_number(candidate.factor)}")
-    if candidate.offset != 0.0:
-        parts.append(f"offset = {_number(candidate.offset)}")
-    parts.append(f"timeout_s = {timeout_s(candidate.message)!r}")
-    return f"{name} = {{ {', '.join(parts)} }}"
-
-
-def timeout_s(message: Message) -> float:
-    """Return how old a value of the message may be: five cycles, at least 0.3 s.
-
-    3 s for answers to requests, 0.5 s where the cycle is not known.
-    """
-    if message.is_multiplexed() and not message.cycle_time:
-        return 3.0
-    if not message.cycle_time:
-        return 0.5
-    return round(max(5 * message.cycle_time / 1000, 0.3), 3)
 
 
 def _why(candidate: Candidate) -> str:
     reasons = [candidate.blocked] if candidate.blocked else []
-    return plain(f"{candidate.place}; {'; '.join([*reasons, *candidate.why])}")
+    why = "; ".join([candidate.place, *reasons, *candidate.why])
+    return f"{candidate.confidence:.2f}: {why}"
+
+
+def _entry(name: str, candidate: Candidate) -> str:
+    """Return the line of one signal."""
+    message = candidate.message
+    parts = [f"message = {quoted(message.name)}", f"signal = {quoted(candidate.signal.name)}"]
+    if candidate.factor != 1.0:
+        parts.append(f"factor = {_number(candidate.factor)}")
+    if candidate.offset != 0.0:
+        parts.append(f"offset = {_number(candidate.offset)}")
+    parts.append(f"timeout_s = {_timeout_s(message)!r}")
+    return f"{name} = {{ {', '.join(parts)} }}"
+
+
+def _timeout_s(message: Message) -> float:
+    """Return how old a value of the message may be: five cycles, at least 0.3 s.
+
+    3 s for answers to requests, 0.5 s where the database states no cycle.
+    """
+    if message.cycle_time:
+        return round(max(5 * message.cycle_time / 1000, 0.3), 3)
+    return 3.0 if message.is_multiplexed() else 0.5
 
 
 def _number(value: float) -> str:

@@ -7,8 +7,8 @@ from typing import Any
 from cantools.database import load_string
 from cantools.database.can import Database
 
-from monitor.mapping.make import make_map
-from monitor.mapping.propose import Proposals
+from monitor.mapping.proposal import Proposals
+from monitor.mapping.text import make_map
 
 logging.getLogger("cantools").setLevel(logging.ERROR)  # made-up databases repeat names
 

@@ -16,7 +16,7 @@ from training.fleet import run
 from training.fleet.bench import Bench
 from training.fleet.chunk_rows import Done
 from training.fleet.drives import Chunk, drives_of
-from training.jobs.parallel import WorkerDiedError
+from training.jobs.worker import WorkerDiedError
 from training.recordings.recording import Recording, load, write_table
 
 LOGS = ROOT / "replay_logs"

@@ -17,7 +17,7 @@ from training.dyno.effects import from_severities
 from training.dyno.simulation import Experiment, simulate
 from training.greybox.chain import Constants
 from training.greybox.effects import LIBRARY
-from training.greybox.effects.model_effect import Added
+from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit import joint
 from training.greybox.fit.drive import Drive, from_recording
 from training.limits.decision_limits import NO_LIMITS
@@ -99,14 +99,14 @@ def gap_drives(hidden: tuple[str, float] = FILM) -> tuple[Recording, ...]:
 
 
 @cache
-def fitted(hidden: tuple[str, float] = FILM) -> tuple[Constants, Added]:
+def fitted(hidden: tuple[str, float] = FILM) -> tuple[Constants, ModelEffect]:
     """Return the library's form of an effect in the chain, fitted to drives with the plant's."""
     name, drives = hidden[0], tuple(map(from_recording, gap_drives(hidden)))
     nothing = tuple(np.zeros(len(each)) for each in drives)
     case = joint.Case(drives, nothing, ar=(0.9, 0.0), sigma=0.005)
     alone = joint.fit(case, (), [CHAIN])
     found = joint.fit(case, (LIBRARY[name],), [alone])
-    return found.base, Added.with_values(name, found.parameters[0].tolist())
+    return found.base, ModelEffect.with_values(name, found.parameters[0].tolist())
 
 
 def ranges(*recordings: Recording) -> dict[str, tuple[float, float]]:

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from monitor.base.types import FloatArray
-from training.greybox.fit.comparison import Compared
+from training.greybox.fit.comparison import Comparison
 
 PERIOD_S = 0.1
 DEAD_S = 0.3
@@ -50,7 +50,7 @@ def coloured(rng: np.random.Generator, n: int, memory: float) -> FloatArray:
 
 def drive(
     seed: int, *effects: Effect, n: int = 6000, memory: float = 0.7, name: str = ""
-) -> Compared:
+) -> Comparison:
     """A drive on which the prediction lacks these effects."""
     rng = np.random.default_rng(seed)
     t_s = np.arange(n) * PERIOD_S
@@ -70,7 +70,7 @@ def drive(
     made = Made(signals, phi, t_s)
     measured = phi + coloured(rng, n, memory) + sum(effect(made) for effect in effects)
     cut = lfilter([1], [1, -0.99], (rng.random(n) < 0.002) * 1.0) > 0.6
-    return Compared(name or f"drive {seed}", PERIOD_S, signals, measured, phi, ~cut)
+    return Comparison(name or f"drive {seed}", PERIOD_S, signals, measured, phi, ~cut)
 
 
 def at_sensor(made: Made) -> FloatArray:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from training.cli.recordings import add_bus_options, add_period_option, load_all
 
 if TYPE_CHECKING:
-    from training.gap.inputs.roles import Given, Options
+    from training.gap.inputs.roles import Material, Options
     from training.gap.result import Result
 
 REPORT, RESULT, STAGES = "report.html", "gap.json", "stages"
@@ -110,29 +110,29 @@ def run(args: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     from monitor.base.outputs import check
-    from training.gap.inputs.roles import Given, options_of
+    from training.gap.inputs.roles import Material, options_of
     from training.gap.pages import gap_page
     from training.gap.pages.verdict_words import cautions
     from training.gap.result import save
     from training.gap.workflow import NEW_MODEL, investigate
-    from training.jobs.stages import Stages
+    from training.jobs.checkpoints import Checkpoints
 
     check((args.out / NEW_MODEL,) if args.out.is_dir() else (), (args.model,))
     options = options_of(args.steps, args.sensor_known_good, _effects(args.add), args.retrain)
     period_s = args.period if args.period is not None else _period_s(args.model)
-    given = Given(
+    material = Material(
         args.model,
         *(load_all(args, each, period_s) for each in (args.recordings, args.healthy, args.verify)),
     )
     args.out.mkdir(parents=True, exist_ok=True)
-    stages = Stages.of(args.out / STAGES, _identity(given, options))
+    stages = Checkpoints.of(args.out / STAGES, _identity(material, options))
     with tqdm(unit="step", leave=False, disable=None) as bar:
 
         def progress(text: str) -> None:
             bar.set_description_str(text)
             bar.update()
 
-        found = investigate(given, args.out, options, stages=stages, progress=progress)
+        found = investigate(material, args.out, options, stages=stages, progress=progress)
     of_before = args.out / NEW_MODEL
     if found.new_model is None:
         of_before.unlink(missing_ok=True)
@@ -161,7 +161,7 @@ def _effects(names: list[str]) -> list[str]:
     return names
 
 
-def _identity(given: "Given", options: "Options") -> dict[str, Any]:
+def _identity(material: "Material", options: "Options") -> dict[str, Any]:
     """Return what the results depend on."""
     from training import __file__ as package
     from training.jobs.run_folder import code_sha256
@@ -169,11 +169,11 @@ def _identity(given: "Given", options: "Options") -> dict[str, Any]:
 
     root = Path(package).parent
     return {
-        "model": sha256(given.model),
+        "model": sha256(material.model),
         "options": repr(options),
-        "code": code_sha256([*root.rglob("*.py")], root),
+        "code": code_sha256([*root.rglob("*.py"), *root.rglob("*.toml")], root),
         **{
-            each: [(r.path.name, r.read_sha256) for r in getattr(given, each)]
+            each: [(r.path.name, r.read_sha256) for r in getattr(material, each)]
             for each in ("recordings", "healthy", "verify")
         },
     }

@@ -183,8 +183,8 @@ def _check_fit(args: argparse.Namespace) -> Path:
 
 def _narx(args: argparse.Namespace, recordings: "list[Recording]") -> "FitResult":
     from monitor.base.signals import NARX_INPUTS, OUTPUT
+    from training.cli.progress_bar import Bar
     from training.narx.fit import fit
-    from training.narx.progress import Bar
     from training.recordings.transforms import fuel_air_ratio
 
     with Bar() as bar:

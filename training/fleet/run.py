@@ -19,7 +19,7 @@ from training.fleet.bench import Bench
 from training.fleet.chunk_rows import Done, failed, joined
 from training.fleet.drives import Chunk, Drive
 from training.fleet.judging import judge_chunk
-from training.jobs import parallel, run_folder
+from training.jobs import parallel, run_folder, worker
 
 Progress = Callable[[dict[str, Any]], None]  # takes what a chunk cost and found
 TABLES: Final = ("recordings", "windows")
@@ -77,7 +77,7 @@ def run(
             ):
                 done(_store(folder, name, result))
                 del missing[name]
-        except parallel.WorkerDiedError as died:
+        except worker.WorkerDiedError as died:
             for name in died.keys:
                 result = _apart(missing.pop(name), bench, scheduler)
                 done(_store(folder, name, result))
@@ -111,7 +111,7 @@ def _apart(chunk: Chunk, bench: Bench, scheduler: str | None) -> Done:
         only = [(chunk.name, chunk)]
         run = parallel.run(judge_chunk, bench, only, jobs=2, scheduler=scheduler)
         return dict(run)[chunk.name]
-    except parallel.WorkerDiedError:
+    except worker.WorkerDiedError:
         n = len(chunk.vehicles)
         if n == 1:
             return failed(chunk.vehicles[0], DIED)

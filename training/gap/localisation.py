@@ -15,20 +15,19 @@ import numpy as np
 
 from monitor.base.types import BoolArray, FloatArray
 from monitor.model.card import ModelCard
+from training.gap.config import CONFIG
 from training.gap.inputs import suitability
 from training.gap.name.verdict import Naming, Verdict
 from training.gap.result import ModelFile, Result
-from training.gap.where.localise import Findings, localise
+from training.gap.where.findings import Findings, localise
 from training.greybox.effects import ALL
-from training.greybox.fit.comparison import Compared
+from training.greybox.fit.comparison import Comparison
 from training.greybox.fit.drive import AFTER_CUT_S, OUTPUT, Drive, make
-from training.jobs.stages import Progress
+from training.jobs.checkpoints import Progress
 from training.recordings.prediction import predicted_phi
-from training.recordings.recording import Recording, as_trained_on
+from training.recordings.recording import Recording, training_recording
 
-SAME: Final = 0.9999  # correlation from which a signal is the reading by another name
-LEAN_PHI: Final = 0.75  # leaner than an engine runs: fuel cut, where no signal says so
-BEFORE_CUT_S: Final = 1.0  # in which the reading falls
+LIMITS: Final = CONFIG.error_alone
 
 
 def investigate(
@@ -50,7 +49,7 @@ def investigate(
     progress("localising")
     new, known = (
         [
-            Compared.of(_drive(recording, card), phi)
+            Comparison.of(_drive(recording, card), phi)
             for recording, phi in zip(each, predicted_phi(model, each), strict=True)
         ]
         for each in (recordings, healthy)
@@ -60,14 +59,14 @@ def investigate(
     answer = _naming(found, missing, optimism, sensor_known_good)
     unknown = " ".join(found.significant) if answer.verdict == "unknown_effect" else None
     return Result(
-        ModelFile.of(model),
-        tuple(map(as_trained_on, recordings)),
-        tuple(map(as_trained_on, healthy)),
-        (),
-        found,
-        answer,
+        model=ModelFile.of(model),
+        recordings=tuple(map(training_recording, recordings)),
+        healthy=tuple(map(training_recording, healthy)),
+        held_out=(),
+        findings=found,
+        naming=answer,
         unknown=unknown,
-        warnings=tuple(suitability.poor(card)),
+        warnings=tuple(suitability.poor_model_warnings(card)),
         sensor_known_good=sensor_known_good,
         seconds=time.monotonic() - began_s,
     )
@@ -110,27 +109,27 @@ def _naming(
             "that on the blocks held out of its training"
         )
     return Naming(
-        verdict,
-        (),
-        suspected,
-        (),
-        {effect.name: tuple(missing) for effect in ALL},
-        None,
-        None,
-        None,
-        float(np.sqrt(found.excess.mean_square)),
-        None,
-        found.floor.rms,
-        nan,
-        None,
-        tuple(warnings),
+        verdict=verdict,
+        effects=(),
+        suspected=suspected,
+        ranking=(),
+        skipped={effect.name: tuple(missing) for effect in ALL},
+        base=None,
+        reference=None,
+        base_shift=None,
+        rmse_before=float(np.sqrt(found.excess.mean_square)),
+        rmse_after=None,
+        noise_floor=found.floor.rms,
+        explained_share=nan,
+        experiment=None,
+        warnings=tuple(warnings),
     )
 
 
 def _verdict(
     found: Findings, optimism: float, sensor_known_good: bool
 ) -> tuple[Verdict, str | None]:
-    """Return the verdict and what the sensor is suspected of."""
+    """Return the verdict and, if the sensor is suspected, the reason."""
     if found.excess.low <= optimism or not found.significant:
         return "no_gap", None
     change = next((c for c in found.changes if c.significant), None)
@@ -153,7 +152,9 @@ def _drive(recording: Recording, card: ModelCard) -> Drive:
     )
     if "fuel_cut" in present or "fuel_mass_mg" in present:
         return drive
-    cut = _about(drive.phi_measured < LEAN_PHI, BEFORE_CUT_S, AFTER_CUT_S, drive.period_s)
+    cut = _about(
+        drive.phi_measured < LIMITS.lean_phi, LIMITS.before_cut_s, AFTER_CUT_S, drive.period_s
+    )
     return replace(drive, scored=drive.scored & ~cut)
 
 
@@ -163,7 +164,7 @@ def _same(signal: FloatArray, reading: FloatArray) -> bool:
     if both.sum() < 2 or np.ptp(signal[both]) == 0.0 or np.ptp(reading[both]) == 0.0:
         return False
     x, y = signal[both], reading[both]
-    return max(abs(np.corrcoef(x, each)[0, 1]) for each in (y, 1.0 / y)) > SAME
+    return max(abs(np.corrcoef(x, each)[0, 1]) for each in (y, 1.0 / y)) > LIMITS.same_correlation
 
 
 def _about(bad: BoolArray, before_s: float, after_s: float, period_s: float) -> BoolArray:

@@ -7,7 +7,6 @@ every group of drives left out, so what healthy drives show against each other i
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 from threadpoolctl import threadpool_limits
@@ -15,14 +14,12 @@ from threadpoolctl import threadpool_limits
 from monitor.base.errors import RecordingError
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
-from training.gap.healthy.behaviour import Healthy
-from training.gap.healthy.card import KEY, to_card
+from training.gap.healthy.card import store
 from training.gap.inputs import base
 from training.gap.name import yardstick
 from training.gap.name.yardstick import GROUPS_LEAST
 from training.greybox.fit.drive import Drive
-from training.jobs.stages import Progress
-from training.narx.export import update_card
+from training.jobs.checkpoints import Progress
 from training.recordings.recording import Recording
 
 
@@ -56,11 +53,3 @@ def set_reference(
     except RecordingError as error:
         return card, f"no healthy reference for o2train gap: {error}"
     return store(path, known, used), None
-
-
-def store(path: Path, known: Healthy, recordings: Sequence[Recording]) -> ModelCard:
-    """Put ``known``, learned from ``recordings``, into the card of the model in ``path``."""
-    card = Model.load(path).card
-    card = replace(card, reference=dict(card.reference) | {KEY: to_card(known, recordings)})
-    update_card(path, card)
-    return card

@@ -1,4 +1,4 @@
-"""All that the gap workflow found about one vehicle, and as ``gap.json`` says it.
+"""The result of the gap workflow for one vehicle, and its form in ``gap.json``.
 
 The JSON's names are a contract: DESIGN, section 4.
 """
@@ -12,13 +12,13 @@ from typing import Any, Final
 
 from monitor.model.card import TrainingRecording
 from monitor.model.step import Model
-from training.gap.inputs.roles import MOST_EFFECTS
+from training.gap.config import CONFIG
 from training.gap.name.ranking import RIVAL_SCORE, WIN
 from training.gap.name.verdict import Candidate, Naming, Verdict
-from training.gap.verify.findings import Verified
-from training.gap.where.localise import Findings
+from training.gap.verify.evidence import Verification
+from training.gap.where.findings import Findings
 from training.greybox.chain import Constants
-from training.greybox.effects.model_effect import Added
+from training.greybox.effects.model_effect import ModelEffect
 from training.recordings.recording import sha256
 
 SCHEMA: Final = "o2train.gap/1"
@@ -29,7 +29,7 @@ NOTHING_FITTED: Final = "recordings to which nothing was fitted"
 
 @dataclass(frozen=True, slots=True)
 class ModelFile:
-    """A model file and what it is."""
+    """A model file with its hash and kind."""
 
     path: Path
     sha256: str
@@ -43,7 +43,7 @@ class ModelFile:
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """What one round of adding was begun with and what came of it."""
+    """One round of adding: the effect, the error after it and the ranking it came from."""
 
     added: str  # the effect, "" for the model as it came
     rmse: float  # phi, outside fuel cut, after it was added
@@ -52,7 +52,7 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """What the workflow found, added and verified."""
+    """Findings, naming, new model and verification of one run."""
 
     model: ModelFile
     recordings: tuple[TrainingRecording, ...]  # in which the effect was looked for
@@ -60,9 +60,9 @@ class Result:
     held_out: tuple[TrainingRecording, ...]  # for verifying; no parameter of the new model saw them
     findings: Findings | None
     naming: Naming
-    added: tuple[Added, ...] = ()  # as in the new model
+    added: tuple[ModelEffect, ...] = ()  # as in the new model
     form: str = ""  # how it was added, a sentence
-    verified: Verified | None = None
+    verified: Verification | None = None
     new_model: Path | None = None
     steps: tuple[Step, ...] = ()
     unknown: str | None = None  # description of an effect that is not in the library, sentences
@@ -77,9 +77,9 @@ class Result:
 
     @property
     def effects(self) -> tuple[Candidate, ...]:
-        """Return what was named, or the ambiguous set, at most three."""
+        """Return the named effects, or the ambiguous set, at most three."""
         found = self.naming.effects if self.verdict in ("named", "ambiguous") else ()
-        return found[:MOST_EFFECTS]
+        return found[: CONFIG.inputs.effects_max]
 
     @property
     def tried(self) -> bool:
@@ -88,13 +88,13 @@ class Result:
 
     @property
     def simulated(self) -> tuple[bool, ...]:
-        """Return of each recording whether it is known to be simulated."""
+        """Return for every recording whether it says that it is simulated."""
         used = (*self.recordings, *self.healthy, *self.held_out)
         return tuple("simulated" in r.source for r in used)
 
     @property
     def rmse(self) -> tuple[float, float | None, float, str]:
-        """Return RMSE before and after, the floor, all in phi, and on what: one set of samples."""
+        """Return RMSE before and after, the floor, all in phi, and the samples they are of."""
         naming, verified = self.naming, self.verified
         if verified is not None and verified.overall.floor is not None:
             whole = verified.overall
@@ -106,7 +106,7 @@ class Result:
 
     @property
     def all_warnings(self) -> tuple[str, ...]:
-        """Return the warnings of naming, adding and verifying, each once."""
+        """Return the warnings of naming, adding and verifying without repetition."""
         worse = [
             f"worse beyond confidence with the new model: {e.regime}, "
             f"RMSE {e.before:.4f} before and {e.after:.4f} after, in phi"
@@ -118,6 +118,12 @@ class Result:
         """Return the ranking out of which an effect was chosen, best first."""
         chosen = next((s.ranking for s in self.steps if s.added == name and s.ranking), ())
         return chosen or self.naming.ranking
+
+
+def steps_of(naming: Naming) -> tuple[Step, ...]:
+    """Return the model as it came, then each round of a naming."""
+    first = Step("", naming.rmse_before)
+    return (first, *(Step(r.effect.name, r.rmse, r.ranking) for r in naming.rounds))
 
 
 def runner_up(result: Result, effect: Candidate) -> Candidate | None:
@@ -245,7 +251,7 @@ def _constants(values: Constants | None) -> dict[str, float] | None:
 
 
 def _plain(value: Any) -> Any:
-    """Return what JSON can hold: numpy's numbers as Python's, what is not finite as None."""
+    """Return a tree for JSON: numpy's numbers as Python's, numbers that are not finite as None."""
     if isinstance(value, Mapping):
         return {str(k): _plain(v) for k, v in value.items()}
     if isinstance(value, Sequence) and not isinstance(value, str):

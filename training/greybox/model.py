@@ -27,13 +27,12 @@ from training.greybox.charge.error import fit_with_charge_error
 from training.greybox.charge.map import INPUTS as CHARGE_INPUTS
 from training.greybox.charge.map import fit_with_charge
 from training.greybox.effects import Own
-from training.greybox.effects.model_effect import Added
-from training.greybox.effects.nodes import signals_of
+from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.constants import Fitted, described, fit_constants, reference
 from training.greybox.fit.vehicle_effects import own_of
 from training.greybox.graph.chain_graph import Greybox, longest_dead_time_s, register_for, save
 from training.greybox.graph.checks import TOLERANCE, contraction, parity, physical_inputs
-from training.narx.fit import HeldOut, held_out, measures, recordings_of
+from training.narx.model_file import HeldOut, held_out, measures, recordings_of
 from training.narx.stability import CONTRACTION_SAMPLES
 from training.recordings.preparation import MARGIN, Prepared, Role, prepare
 
@@ -113,7 +112,7 @@ def fit_greybox(
         _greybox(data, limits, fitted.constants),
         charge_map=charge_map,
         charge_error=charge_error,
-        own=tuple(Added.with_values(effect.name, values.tolist()) for effect, values in own),
+        own=tuple(ModelEffect.with_values(effect.name, values.tolist()) for effect, values in own),
     )
     predicted = _free_run(data, greybox)
     card = write_model(out, greybox, fitted, data, predicted, seed)
@@ -136,7 +135,7 @@ def _further_inputs(
 ) -> list[str]:
     """Return what the vehicle's own effects read beside the inputs, of what every file has."""
     known = frozenset.intersection(*(recording.known for recording in recordings))
-    wanted = dict.fromkeys(name for effect, _ in own for name in signals_of(effect.name, known))
+    wanted = dict.fromkeys(name for effect, _ in own for name in effect.signals_of(known))
     there = {*inputs, "engine_speed_rpm"}  # worked out where it is not broadcast
     return [name for name in wanted if name not in there]
 

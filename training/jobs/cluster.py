@@ -1,9 +1,9 @@
 """Jobs on a Dask cluster whose machines have the project's dependencies and nothing else.
 
-Code travels as a zip that every worker unpacks, also one that joins later; shared data is the
-result of a task, so that Dask makes it again when the worker that held it dies; jobs and results
-are bytes, so that the scheduler needs none of our packages. Whoever may reach the scheduler may
-run code on the workers: that is so with every Dask cluster.
+The code is a zip that every worker unpacks, also a worker that joins later. Shared data is the
+result of a task: if its worker dies, Dask makes it again. Jobs and results are bytes, so that the
+scheduler needs none of our packages. As on every Dask cluster, anybody who reaches the scheduler
+can run code on the workers.
 """
 
 import hashlib
@@ -22,7 +22,7 @@ import dbc
 import monitor
 import training
 from monitor.base.errors import UsageError
-from training.jobs.parallel import WorkerDiedError
+from training.jobs.worker import WorkerDiedError
 
 Shared = TypeVar("Shared")
 Item = TypeVar("Item")
@@ -40,8 +40,8 @@ def run(
 ) -> Iterator[tuple[str, Result]]:
     """Yield key and result of every item, in the order in which they are finished.
 
-    Raises what a job raises, and UsageError if the scheduler does not answer or is lost, has no
-    worker, or a worker lacks a package.
+    Raises the error of a job, and UsageError if the scheduler does not answer, has no worker or
+    drops the connection, or if a worker lacks a package.
     """
     rest = iter(items)
     first = next(rest, None)
@@ -50,7 +50,7 @@ def run(
     with _connected(scheduler) as client:
         data, code = pickle.dumps(shared), _archive()
         folder = f"o2-monitor-{hashlib.sha256(code).hexdigest()[:16]}"
-        name = f"{folder}-{uuid4().hex}"  # of this run: others may use the same code
+        name = f"{folder}-{uuid4().hex}"  # other runs may use the same code
         try:
             client.register_plugin(_shipment(name, folder, code))
             yield from _results(client, name, scheduler, function, data, first, rest)
@@ -106,24 +106,24 @@ def _results(
 
 
 def _submit(client: Any, function: Callable[..., bytes], *arguments: Any) -> Any:
-    with warnings.catch_warnings():  # that a graph is large: its data has to get there somehow
+    with warnings.catch_warnings():  # of a large graph: the data is part of it on purpose
         warnings.simplefilter("ignore", UserWarning)
         return client.submit(function, *arguments, pure=False)
 
 
 def _functions(name: str) -> tuple[Callable[[bytes, bytes], bytes], Callable[[bytes], bytes]]:
-    """Return the functions that tasks call; defined here, they travel by value."""
+    """Return the functions that tasks call; a function defined here is pickled by value."""
 
     def call(shared: bytes, job: bytes) -> bytes:
         from distributed import get_worker  # noqa: PLC0415
 
-        from training.jobs import parallel  # noqa: PLC0415
+        from training.jobs import worker  # noqa: PLC0415
 
         plugin: Any = get_worker().plugins[name]
         root = plugin.root
-        if not parallel.__file__.startswith(root):
-            raise RuntimeError(f"{parallel.__file__} was loaded on this worker, not from {root}")
-        return parallel.of_bytes(shared, job)
+        if not worker.__file__.startswith(root):
+            raise RuntimeError(f"{worker.__file__} was loaded on this worker, not from {root}")
+        return worker.of_bytes(shared, job)
 
     def hold(data: bytes) -> bytes:
         return data
@@ -145,9 +145,9 @@ def _archive() -> bytes:
 
 
 def _shipment(name: str, folder_name: str, archive: bytes) -> Any:
-    """Return a plugin that makes our code importable on a worker; its class travels by value.
+    """Return a plugin that makes our code importable on a worker; its class is pickled by value.
 
-    folder_name : of the code, where it is unpacked
+    folder_name : folder of the unpacked code
     """
     from distributed.diagnostics.plugin import WorkerPlugin  # noqa: PLC0415
 

@@ -1,4 +1,4 @@
-"""A model that came to a worker as bytes."""
+"""A model that is sent to a worker as bytes."""
 
 from functools import lru_cache
 from pathlib import Path
@@ -9,7 +9,7 @@ from monitor.model.step import Model
 
 @lru_cache(maxsize=2)
 def model_of(name: str, data: bytes) -> Model:
-    """Return the model of an ONNX file's content, loaded once; ``name`` is the file's.
+    """Return the model of an ONNX file's content, loaded once; ``name`` is the file's name.
 
     Raises ModelError as ``Model.load``.
     """

@@ -5,10 +5,8 @@ cluster needs no common file system. ``training.jobs.cluster`` says what a clust
 """
 
 import os
-import pickle
 import time
 from collections.abc import Callable, Iterable, Iterator
-from functools import lru_cache
 from threading import Thread
 from typing import Any, TypeVar
 
@@ -16,22 +14,14 @@ import joblib
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 from threadpoolctl import threadpool_limits
 
+from training.jobs import cluster
+from training.jobs.worker import WorkerDiedError
+
 Shared = TypeVar("Shared")
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 WATCH_S = 1.0  # how often a worker looks whether its coordinator still lives
-
-
-class WorkerDiedError(Exception):
-    """A worker was killed or has crashed, by one of the jobs ``keys`` or beside them."""
-
-    def __init__(self, keys: Iterable[str]) -> None:
-        self.keys = tuple(keys)
-        super().__init__(
-            f"a worker died while it did {', '.join(self.keys)}: killed, out of memory, or a crash "
-            "within a library"
-        )
 
 
 def run(
@@ -51,8 +41,6 @@ def run(
     cluster does the jobs of a dead worker again and raises it only for one that has met several.
     """
     if scheduler is not None:
-        from training.jobs import cluster  # noqa: PLC0415 - an extra that few need
-
         yield from cluster.run(scheduler, function, shared, items)
         return
     watch = {"initializer": _end_with, "initargs": (os.getpid(),)} if jobs != 1 else {}
@@ -79,18 +67,6 @@ def run(
             yield key, result
     except TerminatedWorkerError as error:
         raise WorkerDiedError(sent) from error
-
-
-def of_bytes(shared: bytes, job: bytes) -> bytes:
-    """Return what ``run`` pickled for a worker of a cluster, done and pickled again."""
-    function, item = pickle.loads(job)
-    with threadpool_limits(1):
-        return pickle.dumps(function(_unpickled(shared), item))
-
-
-@lru_cache(maxsize=1)  # a model is loaded once and not for every job
-def _unpickled(shared: bytes) -> Any:
-    return pickle.loads(shared)
 
 
 def _call(

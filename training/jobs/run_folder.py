@@ -1,4 +1,4 @@
-"""A folder that holds one run's results, so that the same run begun again goes on there."""
+"""A folder with the results of one run; the same run, begun again, goes on there."""
 
 import ast
 import hashlib
@@ -13,7 +13,7 @@ RUN: Final = "run.json"
 
 
 def claim(folder: Path, identity: Mapping[str, Any]) -> None:
-    """Say in the folder which run it holds; ``identity`` is what its results depend on.
+    """Write into the folder which run it holds; ``identity`` is all that its results depend on.
 
     Raises UsageError if the folder holds another run.
     """
@@ -33,20 +33,20 @@ def claim(folder: Path, identity: Mapping[str, Any]) -> None:
 
 
 def identity_of(folder: Path) -> dict[str, Any]:
-    """Return what the results in a folder depend on."""
+    """Return all that the results in a folder depend on."""
     found: dict[str, Any] = json.loads((folder / RUN).read_text())
     return found
 
 
 def write_json(path: Path, tree: Any, indent: int | None = None) -> None:
-    """Write a file that is there whole or not at all; raises ValueError for NaN."""
+    """Write a file in one step, so that it is never there in part; raises ValueError for NaN."""
     begun = path.with_suffix(".begun")
     begun.write_text(json.dumps(tree, indent=indent, allow_nan=False) + "\n")
     begun.replace(path)
 
 
 def code_sha256(paths: Iterable[Path], root: Path) -> str:
-    """Return the digest of files below ``root``, names and all."""
+    """Return the digest of names and contents of files below ``root``."""
     digest = hashlib.sha256()
     for path in sorted(paths):
         digest.update(path.relative_to(root).as_posix().encode() + path.read_bytes())
@@ -54,7 +54,9 @@ def code_sha256(paths: Iterable[Path], root: Path) -> str:
 
 
 def sources(module: Path, root: Path) -> set[Path]:
-    """Return a module's file and those of all modules below ``root`` that it imports in turn."""
+    """Return the files of a module and of all modules below ``root`` that it imports, directly
+    or through others.
+    """
     found, new = set[Path](), {module}
     while new:
         path = new.pop()

@@ -18,7 +18,7 @@ from monitor.model.step import Model
 from monitor.pipeline.stream import WindowJudged
 from training.limits.judging import judge_recordings
 from training.narx.export import update_card
-from training.narx.fit import HeldOut
+from training.narx.model_file import HeldOut
 from training.recordings.recording import Recording
 
 MINIMUM_WINDOWS = 10

@@ -28,7 +28,7 @@ IR_VERSION = 8
 
 @dataclass(frozen=True, slots=True)
 class Network:
-    """A trained NARX with everything that its graph contains."""
+    """A trained NARX with its scaling and transforms, all that its graph contains."""
 
     spec: Spec
     weights: FloatArray
@@ -102,7 +102,7 @@ class Graph:
     def part(self, prefix: str) -> "Graph":
         """Return the same graph, in which the names of new tensors begin with ``prefix``.
 
-        Whoever adds nodes goes on with the names returned, so that they may stand in it twice.
+        The same nodes can then stand in it twice, because their names differ.
         """
         part = Graph(self.prefix + prefix)
         part.nodes, part.constants = self.nodes, self.constants
@@ -245,7 +245,7 @@ def update_card(path: Path | str, card: ModelCard) -> None:
 
     Raises ModelError if the file is not ONNX or the card does not fit its graph.
     """
-    Model.load(path)  # says what is wrong with the file
+    Model.load(path)  # raises if the file is no model
     model = onnx.load(str(path))
     helper.set_model_props(model, {METADATA_KEY: card.to_json()})
     temporary = Path(path).with_suffix(".partial")

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard
 from monitor.model.step import from_model_units
-from training.narx.fit import HeldOut
+from training.narx.model_file import HeldOut
 from training.pages.figure import LIMIT, MEASURED, legend, panels
 from training.pages.numbers import with_unit
 from training.recordings.preparation import Prepared

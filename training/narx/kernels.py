@@ -1,8 +1,8 @@
 """The compiled loops over time of the NARX: free run, its cost, and rows of its Jacobian.
 
-All of them stand in one file, because numba's cache compares the file of a function only, not those
-of the functions it calls. Layout of weights and regressors as in ``narx``; ``x`` holds the inputs'
-part of every regressor, (n, n_boxes * n_inputs).
+All of them stand in one file, because numba's cache checks only the file of the function itself,
+not those of the functions that it calls. Weights and regressors lie as in ``network``; ``x`` holds
+the inputs' part of every regressor, (n, n_boxes * n_inputs).
 """
 # mypy: disable-error-code="no-untyped-def"
 
@@ -18,7 +18,7 @@ FAST = {"contract", "reassoc", "nsz"}  # sums in any order; NaN and infinity kee
 
 @njit(fastmath={"contract", "nsz"}, error_model="numpy", inline="always")
 def _tanh(x):  # pragma: no cover
-    """Return tanh(x) within 1e-15, in operations that the compiler puts side by side.
+    """Return tanh(x) within 1e-15, in operations that the compiler turns into vectors.
 
     Source: tanh|x| = (1 - e) / (1 + e) with e = exp(-2|x|) = 2^k exp(r), |r| <= ln(2) / 2, ln(2) in
     two parts, exp(r) by its series (Cody and Waite, Software manual for the elementary functions).
@@ -83,7 +83,7 @@ def _fill_regressor(x, t, history, regressor):  # pragma: no cover
 
 @njit(inline="always")
 def _begin(past, history):  # pragma: no cover
-    """Copy ``history`` (lags,); an assignment takes the compiler seconds for its error's words."""
+    """Copy ``history`` (lags,) in a loop; ``past[:] = history`` compiles for seconds."""
     for j in range(len(past)):
         past[j] = history[j]
 

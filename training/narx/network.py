@@ -4,8 +4,8 @@
 ``a`` is 0 or 1. Inputs may instead enter as means over boxes of lags, narrow for the newest and
 wide for the old ones, so that a long memory needs few weights; and a linear path may lead from
 the regressor past the layers to the output. Everything here is in scaled units (zero mean, unit
-variance); physical units, clipping of inputs and the transform of lambda live in ``prepare`` and
-``export``.
+variance). ``training.recordings.preparation`` and ``export`` convert physical units, clip inputs
+and transform lambda.
 
 Weights lie layer by layer: matrix (out, in) row by row, then the biases; the linear path comes
 last. The regressor holds the inputs of the newest box first, then the outputs of the newest lag
@@ -27,12 +27,12 @@ class Spec:
     """Shape of a NARX and the range of its scaled feedback."""
 
     n_inputs: int
-    lags: int = 5  # the outputs enter at lags 1 .. lags
+    lags: int = 5  # of the output: it enters at lags 1 .. lags
     hidden: tuple[int, ...] = (8, 8)  # () is a linear model
     input_lag_start: int = 1  # 1: u(t-1) is the newest input, 0: u(t) is
     y_min: float = -1e9  # predictions are clipped to this range before they are fed back
     y_max: float = 1e9
-    input_boxes: tuple[tuple[int, int], ...] = ()  # first lag, stop; () is each of lags alone
+    input_boxes: tuple[tuple[int, int], ...] = ()  # first lag, stop; (): one box per lag
     linear_path: bool = False
 
     def __post_init__(self) -> None:
@@ -54,7 +54,7 @@ class Spec:
 
     @property
     def memory(self) -> int:
-        """Longest lag of inputs and outputs: so many samples come before the first prediction."""
+        """Longest lag of inputs and output, the number of samples before the first prediction."""
         return max(self.lags, self.boxes[-1][1] - 1)
 
     @property
@@ -124,7 +124,7 @@ def layers(spec: Spec, weights: FloatArray) -> Layers:
 
 
 def linear_path(spec: Spec, weights: FloatArray) -> FloatArray:
-    """Return the weights (n_regressors,) of the linear path; there must be one."""
+    """Return the weights (n_regressors,) of the linear path of a shape that has one."""
     return weights[-spec.n_regressors :]
 
 
@@ -182,7 +182,7 @@ def jacobian(
 def input_regressors(spec: Spec, u: FloatArray) -> FloatArray:
     """Return the inputs' part of the regressor (n, n_boxes * n_inputs) of samples (n, n_inputs).
 
-    Rows before ``spec.memory`` take the inputs before the first sample as zero.
+    Inputs before the first sample count as zero.
     """
     n, k = u.shape
     result = np.zeros((n, len(spec.boxes), k))
@@ -216,8 +216,9 @@ def simulate(
     """Return free-run predictions (n,), NaN outside the pieces start[i] .. stop[i] - 1.
 
     u : (n, n_inputs), scaled; every start must have ``memory`` samples before it
-    x : ``input_regressors`` of ``u``, for many calls with the same
     history : (n_pieces, lags), the output before each start, newest first, scaled
+    out : array (n,) for the result
+    x : ``input_regressors`` of ``u``, if there are many calls with the same inputs
     """
     if len(start) and (start.min() < spec.memory or stop.max() > len(u)):
         raise ValueError(f"pieces must lie within {spec.memory} .. {len(u)}")

@@ -1,4 +1,4 @@
-"""Does the model forget where it started? Two histories, the same inputs, the same prediction."""
+"""Contraction: two runs with the same inputs and different histories end at the same prediction."""
 
 from dataclasses import dataclass
 
@@ -9,13 +9,13 @@ from training.narx.network import Spec, input_regressors, simulate
 from training.recordings.preparation import Prepared
 
 CONTRACTION_SAMPLES = 50  # one window
-CONTRACTION_LIMIT = 0.01  # phi; other outputs: this share of their range over 1.7
+CONTRACTION_LIMIT = 0.01  # phi, whose range is 1.7; other outputs: the same share of their range
 PAIRS = 2000
 
 
 @dataclass(frozen=True, slots=True)
 class Contraction:
-    """The largest difference seen after 50 samples, in model units."""
+    """The largest difference after 50 samples among all pairs, in model units."""
 
     gap: float
     limit: float

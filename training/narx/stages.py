@@ -1,9 +1,9 @@
-"""One training from one start: series-parallel, then closed loop over growing horizons.
+"""The stages of one training: series-parallel, then closed loop over growing horizons.
 
-A good one-step prediction says nothing about free run, and the full horizon can hurt, so every
-stage is judged by free-run validation and the best weights of all stages are kept. From horizon 20
-on, stretches that start from random histories and are scored only after they should have been
-forgotten train the contraction in.
+A good one-step prediction says nothing about free run, and the full horizon can hurt. So free-run
+validation judges every stage, and the training keeps the best weights of all stages. From horizon
+20 on, some stretches begin with a random history. They are scored only after the model should have
+forgotten it, so that the network learns to forget.
 """
 
 import sys
@@ -16,8 +16,8 @@ import numpy as np
 
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray, IntArray
-from training.narx.algorithms.closed_loop import ClosedLoop, Pieces
 from training.narx.algorithms.lm import Options, Outcome, minimise
+from training.narx.algorithms.objectives import ClosedLoop, Pieces
 from training.narx.network import Spec, initial_weights, layers, linear_path, simulate
 from training.narx.stability import contraction
 from training.recordings.preparation import Prepared, Role
@@ -25,20 +25,20 @@ from training.recordings.preparation import Prepared, Role
 HORIZONS = (5, 20, 100, 1000)
 EPOCHS = {1: 40, 5: 15, 20: 15, 100: 20, 1000: 30}  # most epochs of each stage
 EARLY_SAMPLES = 30_000  # training samples of horizons below 100
-WARM_UP = 1000  # samples of free run before a block is scored, where there are so many
+WARM_UP = 1000  # most samples of free run before a block is scored
 FORGET_FROM = 20  # horizon from which random histories take part
 FORGET = 30  # samples after which a random history must no longer matter
 RANDOM_LENGTH = 80  # samples of a stretch that starts from a random history
 RANDOM_SHARE = 0.15  # of the training samples
-FORGET_SHARE, FORGET_EPOCHS = 1.0, 25  # of the stages after the horizons, if there must be any
-LESS_FEEDBACK = 0.8  # of the weights on the model's own output, as often as it takes
-SAFELY = 0.5  # of the limit: the final check draws other histories
+FORGET_SHARE, FORGET_EPOCHS = 1.0, 25  # of the stages after the horizons
+LESS_FEEDBACK = 0.8  # factor of the weights on the model's output, repeated until it forgets
+SAFELY = 0.5  # share of the limit to reach, because the final check draws other histories
 CONTRACTION_SEED = 1  # other histories than those of the final check
 
 
 @dataclass(frozen=True, slots=True)
 class Stage:
-    """What one stage of the training did."""
+    """The course of one stage of the training."""
 
     name: str  # "horizon 1" is series-parallel; "forget", "less feedback": on random histories
     costs: tuple[float, ...]  # training cost after every epoch, scaled units
@@ -55,7 +55,7 @@ class Trained:
     weights: FloatArray
     score: float  # free-run validation, mean of the blocks' RMSE, scaled and weighted
     stages: list[Stage] = field(default_factory=list)
-    members: int = 1  # of a committee, which has no stages of its own
+    members: int = 1  # trainings in a committee; a committee has no stages
 
 
 def measured_history(data: Prepared, lags: int, start: IntArray) -> FloatArray:
@@ -84,7 +84,7 @@ def blocks_of(
 ) -> ClosedLoop:
     """Return the free run over every block of ``role``, begun ``WARM_UP`` samples before it.
 
-    memory : samples of a segment that are not scored, at least the model's own memory
+    memory : first samples of a segment that are not scored, at least the model's memory
     Raises RecordingError if no block is longer than the model's memory.
     """
     found = [
@@ -114,7 +114,7 @@ def _blocks(data: Prepared, memory: int, role: Role) -> Iterator[tuple[int, int,
 def pieces(data: Prepared, spec: Spec, horizon: int, n_samples: int | None = None) -> Pieces:
     """Return the training blocks cut into stretches of at most ``horizon`` samples.
 
-    n_samples : about so many at most, stretches evenly left out
+    n_samples : most samples, about; beyond, stretches are left out evenly
     """
     starts: list[int] = []
     stops: list[int] = []
@@ -160,10 +160,10 @@ def train(
     """Return the best weights of one start by free-run validation on the way through ``horizons``.
 
     progress : called with horizon, epoch and best validation score after every epoch
-    n_samples : train on about so many samples at most; short horizons never take more than
-        ``EARLY_SAMPLES``, because all they have to do is to come near
-    decay : times every squared weight is added to the mean squared error, scaled units
-    weights : to begin with; None begins with random ones, series-parallel first
+    n_samples : most training samples, about; horizons below 100 take at most ``EARLY_SAMPLES``,
+        because they only prepare the longer ones
+    decay : this times every squared weight is added to the mean squared error, scaled units
+    weights : first weights; None begins with random ones and series-parallel training
     """
     rng = np.random.default_rng(seed)
     if weights is None:
@@ -204,11 +204,11 @@ def train(
 def _learn_to_forget(
     data: Prepared, spec: Spec, best: Trained, rng: np.random.Generator, deadline_s: float
 ) -> None:
-    """Tune ``best`` on many random histories, if two of them still matter after a window.
+    """Train ``best`` on many random histories, if it remembers its history for a whole window.
 
-    If they matter after that, too, as they do where the loop is so unstable that no step helps, it
-    begins again with less feedback and takes only steps to weights that forget. Weights that forget
-    replace those that do not, weights that do not only if that helped.
+    If that is not enough, because no step helps in a loop so unstable, the training begins again
+    with less feedback and accepts only weights that forget. Weights that forget replace weights
+    that do not. Weights that still remember replace the old ones only if the penalised score fell.
     """
 
     def penalised(weights: FloatArray) -> float:
@@ -242,7 +242,7 @@ def _learn_to_forget(
 
 
 def _with_less_feedback(data: Prepared, spec: Spec, weights: FloatArray) -> FloatArray:
-    """Return weights that read their own output less, as far as two histories are forgotten."""
+    """Return weights with just so little feedback that two histories are forgotten."""
     weights = weights.copy()
     while _beyond(data, spec, weights) > SAFELY:
         layers(spec, weights)[0][0][:, -spec.lags :] *= LESS_FEEDBACK
@@ -252,7 +252,7 @@ def _with_less_feedback(data: Prepared, spec: Spec, weights: FloatArray) -> Floa
 
 
 def _beyond(data: Prepared, spec: Spec, weights: FloatArray) -> float:
-    """Return how far predictions from two histories are apart, over the limit."""
+    """Return the distance of predictions from two histories, divided by its limit."""
     found = contraction(data, spec, weights, CONTRACTION_SEED)
     return found.gap / found.limit
 

@@ -1,11 +1,11 @@
 """The choice of memory and size: a walk over structures, judged by free run on held-out blocks.
 
-From a middle structure the walk goes along one axis after another (longest input lag, output lags,
-hidden layers, weight decay) to the best neighbour, until no axis improves or the time is up. Every
-candidate is trained shortly in closed loop on a part of the samples. A larger structure must be
-better by more than its uncertainty over the blocks, a smaller one only not worse: where a network
-would overfit a short record, the smaller one wins. On short recordings candidates are judged on
-several choices of held-out blocks.
+The walk begins at a middle structure. It goes along one axis after another (longest input lag,
+output lags, hidden layers, weight decay) to the best neighbour, until no axis improves or the time
+is up. Every candidate gets a short closed-loop training on a part of the samples. A larger
+structure must be better by more than the uncertainty over the blocks, a smaller one must only not
+be worse. So the smaller one wins where a network would overfit a short record. On short recordings
+several choices of held-out blocks judge a candidate.
 """
 
 import math
@@ -38,7 +38,7 @@ SEEDS_SHORT = 2  # trainings of a candidate on every choice of blocks of a short
 SAMPLES_PER_WEIGHT = 2.0  # below this a candidate is not tried
 SAMPLES_PER_LAG = 20
 WALKS = 2  # from the best memories among the first tries
-MISSES = 2  # steps along an axis that did not help before the walk turns
+MISSES = 2  # steps without improvement before the walk turns round
 LEAST_GAIN = 0.01  # of the RMSE; differences below it are no reason for more weights
 SURE = 1.0  # standard errors by which a larger structure must be better
 
@@ -94,7 +94,7 @@ def boxes(longest: int) -> tuple[tuple[int, int], ...]:
 
 
 class Search:
-    """Candidates tried on ``rotations`` of the same data with other held-out blocks each."""
+    """Candidates on the same data, held-out blocks different in each of the ``rotations``."""
 
     def __init__(
         self,
@@ -112,10 +112,10 @@ class Search:
         self.most_lags = int(min(self.n_train / SAMPLES_PER_LAG, longest / 2, max(LONGEST)))
 
     def run(self) -> list[Structure]:
-        """Return where the walks end, the best first: one walk from each of two memories."""
+        """Return the ends of the walks, the best first; a walk begins at each of two memories."""
         first = self._first()
         self._try([first])
-        for longest in FAR:  # a long dead time shows only when all of it is covered
+        for longest in FAR:  # a long dead time shows only if the lags cover all of it
             if not self._late():
                 self._try([c for c in [replace(first, longest=longest)] if self._possible(c)])
         begins = sorted(self.tries.values(), key=lambda t: t.rmse)[:WALKS]

@@ -1,6 +1,6 @@
 """Values to payloads: CAN encoding of whole recordings at once.
 
-The reverse of ``decode.decoder``, with the alive counter and checksum that the map asks for.
+The reverse of ``decode.decoder``, with the alive counter and the checksum of the map.
 """
 
 from collections.abc import Mapping
@@ -29,8 +29,8 @@ def encode_message(
 
     message : from the CAN database; at most 8 bytes, its signals integer
     integrity : counter, checksum and the raw value that says not available
-    values : physical values of its signals, each (n,); NaN or a missing signal is sent as not
-        available, or as 0 where the message has no such value; what does not fit saturates
+    values : physical values (n,) of its signals; NaN or a missing signal is sent as not available,
+        or as 0 where the message has no such value; values beyond the range saturate
     first_count : alive counter of the first frame; it counts up frame by frame
     Raises SignalMapError if the message cannot be encoded or lacks a signal.
     """
@@ -69,7 +69,7 @@ def encode_message(
 def _is_sent(
     signal: Signal, signals: Mapping[str, Signal], values: Mapping[str, FloatArray]
 ) -> bool:
-    """A multiplexed signal is sent only if it is given; its multiplexer must be given too."""
+    """Return whether a signal is sent; a multiplexed one needs a value and its multiplexer."""
     if signal.multiplexer_signal is None:
         return True
     return signal.name in values and signal.multiplexer_signal in signals

@@ -1,8 +1,7 @@
 """Recordings to CAN logs: any table through a DBC and a signal map.
 
-Each message goes out on its cycle time (GenMsgCycleTime of the DBC) with the last row that is not
-younger than the frame: a zero-order hold, which invents no values between rows. A canonical signal
-that the table lacks is sent as not available.
+Each message is sent at its cycle time (GenMsgCycleTime of the DBC) with the last row before the
+frame: a zero-order hold. A canonical signal that the table lacks is sent as not available.
 """
 
 from collections.abc import Mapping, Sequence
@@ -31,7 +30,7 @@ DEFAULT_CYCLE_NS: Final = 20_000_000
 
 @dataclass(frozen=True, slots=True)
 class Outgoing:
-    """One message of a bus map with the canonical signals it carries."""
+    """One message of a bus map with the canonical signals that it carries."""
 
     message: Message
     integrity: Integrity
@@ -57,7 +56,7 @@ class Outgoing:
 def outgoing(bus_map: BusMap) -> tuple[Outgoing, ...]:
     """Return the messages that carry the mapped signals, in the order of their identifiers.
 
-    Raises SignalMapError if one is multiplexed: those are answers, not broadcasts.
+    Raises SignalMapError if a message is multiplexed: it answers requests and is not broadcast.
     """
     groups: dict[str, list[Channel]] = {}
     for channel in bus_map.channels.values():
@@ -105,13 +104,13 @@ def merge(blocks: Sequence[FrameBlock]) -> FrameBlock:
 def broadcast(
     bus_map: BusMap, t_ns: IntArray, values: Mapping[str, FloatArray], start_ns: int | None = None
 ) -> FrameBlock:
-    """Return the frames an ECU would send while the table's signals hold.
+    """Return the frames that an ECU would send during the table.
 
     t_ns : (n,) strictly rising times of the rows
     values : canonical signals, each (n,); NaN is sent as not available
     start_ns : time of the first row on the log's clock, default the table's own
-    Each message sends one more frame for the last row. Derived signals of the map are sent
-    through what they are made of only if the table has that.
+    The last row lasts one more row's time. A derived signal of the map is sent only as its sources,
+    if the table has them.
     Raises SignalMapError if the map carries none of the signals.
     """
     messages = outgoing(bus_map)

@@ -1,4 +1,4 @@
-"""What linear baselines are fitted to: filtered, detrended, z-scored, and the way back.
+"""The samples of linear baselines: filtered, detrended, z-scored, and the way back.
 
 Trend removal and the zero-phase filter look ahead. They serve the linear baselines of the study
 and never the model that ships.
@@ -20,7 +20,7 @@ from training.recordings.preparation import runs
 from training.recordings.recording import Recording
 
 FILTER_ORDER = 2  # of the Butterworth prototype; a band-stop has twice as many poles
-FILTER_MARGIN_HZ = 0.1  # the stop band is wider than the line on both sides, which it rings around
+FILTER_MARGIN_HZ = 0.1  # by which the stop band is wider than the line on both sides
 NEAR_NYQUIST = 0.9  # a band beyond this share of the Nyquist frequency takes a low-pass
 BRIDGE = 3  # a hole of at most so many samples (an outlier, a lost frame) is bridged linearly
 SHORTEST = 60  # samples of a stretch that is worth fitting to, and enough for the filter's ends
@@ -30,13 +30,13 @@ Pair = tuple[FloatArray, FloatArray]
 
 @dataclass(frozen=True, slots=True)
 class Filter:
-    """A zero-phase Butterworth filter against a narrow band; forward and backward, so twice."""
+    """A zero-phase Butterworth filter against a narrow band; it runs forward and backward."""
 
     kind: str  # bandstop or lowpass
     order: int
-    edges_hz: tuple[float, ...]  # where it takes 6 dB, as it runs twice
+    edges_hz: tuple[float, ...]  # where it takes 6 dB, 3 dB in each direction
     period_s: float
-    attenuation_db: float  # at least, anywhere in the band it is made for
+    attenuation_db: float  # the least one in the band
 
     @classmethod
     def against(cls, band_hz: Sequence[float], period_s: float) -> "Filter":
@@ -65,7 +65,7 @@ class Filter:
 
 @dataclass(frozen=True, slots=True)
 class Trend:
-    """A line through one recording: nothing at its middle, ``slope`` per second beside it."""
+    """A line through one recording: zero at its middle, rising by ``slope`` per second."""
 
     middle_s: float
     slope: tuple[float, ...]
@@ -75,8 +75,8 @@ class Trend:
 class LinearData:
     """Linear trend of each recording, then common mean and standard deviation; invertible.
 
-    Trends belong to the recordings they were taken from, by sha256; another recording has none,
-    so that nothing of a held-out recording is looked at. The last name is the output.
+    A trend belongs to the recording with its sha256. Other recordings have none, so that a held-out
+    recording does not influence its own scaling. The last name is the output.
     """
 
     names: tuple[str, ...]
@@ -84,14 +84,14 @@ class LinearData:
     mean: tuple[float, ...]
     std: tuple[float, ...]
     trends: Mapping[str, Trend] = field(default_factory=dict)
-    filter: Filter | None = None  # ran before; it alone cannot be undone
+    filter: Filter | None = None  # of the samples before; ``invert`` does not undo it
 
     def apply(self, values: FloatArray, t_s: FloatArray, sha256: str = "") -> FloatArray:
         """Return z-scored values (n, k) of ``values`` (n, k) at ``t_s`` (n,) of a recording."""
         return np.asarray((values - self._line(t_s, sha256) - self.mean) / self.std)
 
     def invert(self, values: FloatArray, t_s: FloatArray, sha256: str = "") -> FloatArray:
-        """Return what ``apply`` was given, (n, k)."""
+        """Return the values (n, k) from z-scored ones (n, k)."""
         return np.asarray(values * self.std + self.mean + self._line(t_s, sha256))
 
     def invert_output(self, y: FloatArray, t_s: FloatArray, sha256: str = "") -> FloatArray:
@@ -111,7 +111,7 @@ class LinearData:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> "LinearData":
-        """Return what ``as_dict`` was made from, also after JSON."""
+        """Return the data of which ``as_dict`` is the tree, also after JSON."""
         own = values["filter"]
         return cls(
             tuple(values["names"]),
@@ -144,10 +144,10 @@ def linear_records(
     *,
     reference: LinearData | None = None,
 ) -> tuple[list[Pair], LinearData]:
-    """Return (u (n, k), y (n,)) of every unbroken stretch for linear models, and what was done.
+    """Return (u (n, k), y (n,)) of every unbroken stretch for linear models, and its scaling.
 
-    band : narrow noise band in Hz that a zero-phase filter takes out of inputs and output alike
-    reference : prepare as these recordings were (held-out recordings); ``band`` is then ignored
+    band : narrow noise band in Hz that a zero-phase filter takes out of inputs and output
+    reference : scaling and filter of other recordings, for held-out ones; ``band`` is then ignored
     Trends of each recording, mean and standard deviation are removed; the output is in model
     units, phi = 1 / lambda for the canonical lambda.
     Raises RecordingError for a missing signal, a constant one, or no stretch of 60 samples.
@@ -168,7 +168,7 @@ def linear_stretches(
     *,
     reference: LinearData | None = None,
 ) -> tuple[list[Stretch], LinearData]:
-    """As ``linear_records``, but filtered only: the stretches before trend and scaling."""
+    """Return the filtered stretches before trend and scaling, and the scaling."""
     names = (*inputs, output)
     parts = _unbroken(recordings, names)
     if reference is not None:
@@ -186,7 +186,7 @@ def output_transform(output: str) -> str:
 
 
 def cleaned(recording: Recording, names: Sequence[str], transform: str) -> FloatArray:
-    """Return the signals (n, k), outliers NaN, holes of up to 3 samples bridged.
+    """Return the signals (n, k); outliers are NaN, holes of up to 3 samples are bridged.
 
     transform : of the last column
     """

@@ -114,5 +114,5 @@ def _asammdf(path: Path) -> ModuleType:
 
 
 def union_of_times(series: Mapping[str, tuple[IntArray, FloatArray]]) -> IntArray:
-    """Return all times at which any channel has a value, rising."""
+    """Return the times at which any channel has a value, ascending."""
     return np.unique(np.concatenate([t_ns for t_ns, _ in series.values()]))

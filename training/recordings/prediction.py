@@ -1,4 +1,4 @@
-"""What a model file predicts for recordings, many of them side by side."""
+"""The predictions of a model file for many recordings side by side."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,16 +18,15 @@ ROWS: Final = 32  # recordings that run side by side
 def predicted_phi(model: Path, recordings: Sequence[Recording]) -> list[FloatArray]:
     """Return the free run of a model over each recording, (n,) in phi, in their order.
 
-    Inputs that are not good are held. Up to the first good measurement and for as many samples
-    after it as the model's longest lag, the measurement drives the state.
-    Outputs other than lambda are in their unit.
+    An input without a good value keeps its last one. Until the model's longest lag after the first
+    good measurement, the measurement drives the state. Outputs other than lambda are in their unit.
     Raises ModelError if the file is no model, RecordingError if a recording has another sample
     period, lacks a signal or never has a good value of it.
     """
     loaded = Model.load(model)
     rows = [_checked(loaded, recording) for recording in recordings]
     found: dict[int, FloatArray] = {}
-    order = sorted(range(len(rows)), key=lambda i: len(rows[i][1]))  # alike side by side
+    order = sorted(range(len(rows)), key=lambda i: len(rows[i][1]))  # similar lengths side by side
     for first in range(0, len(order), ROWS):
         chosen = order[first : first + ROWS]
         runs = _run(loaded.with_batch(len(chosen)), [rows[i] for i in chosen])
@@ -51,9 +50,9 @@ def _checked(model: Model, recording: Recording) -> tuple[FloatArray, FloatArray
 
 
 def stacked(runs: Sequence[FloatArray], axis: int = 0) -> FloatArray:
-    """Return runs (n, …), each with an n of its own, as one array; short ones keep their last row.
+    """Return runs (n, …) of different lengths n as one array; short ones repeat their last row.
 
-    axis : of the runs, 0 for (runs, n, …), 1 for (n, runs, …)
+    axis : axis of the runs, 0 for (runs, n, …), 1 for (n, runs, …)
     """
     longest = max(map(len, runs))
     around = [((0, longest - len(run)), *((0, 0),) * (run.ndim - 1)) for run in runs]

@@ -1,7 +1,7 @@
 """From recordings to training samples: mask, split, weight and scale.
 
-Stretches with an invalid input end a segment; an invalid output alone keeps its place with
-weight 0. Contiguous blocks of every recording are held out for validation and for the limits.
+A segment ends where an input is invalid. A sample whose output alone is invalid stays, with weight
+0. Contiguous blocks of every recording are held out for validation and for the limits.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -23,22 +23,21 @@ if TYPE_CHECKING:
     from training.recordings.recording import Recording
 
 BLOCK_S = 45.0  # length of a block that is held out or trained on as a whole
-BLOCK_SAMPLES = (200, 2000)  # but not fewer or more samples than these
+BLOCK_SAMPLES = (200, 2000)  # least and most samples of a block
 GROUP = 7  # of seven blocks one validates and one tests: 71/14/14 percent
 OTHER_WEIGHT = 0.1  # of samples outside the enabled region: cold start, fuel cut, open loop
 ENABLE_COLUMNS = {"closed_loop": 1.0, "sensor_ready": 1.0, "fuel_cut": 0.0}
 MARGIN = {"phi": 0.05, "none": 0.3}  # of the trained range, by which signals may leave it
 
-
-# lambda_controller is made from the measured lambda: a network that sees it exactly inverts the
-# controller and predicts what a faulty sensor reads. So it is trained on a blurred one, whose noise
-# is several times what the controller does in normal operation.
+# The controller is driven by the measured lambda. A network that sees its exact output inverts it
+# and predicts the reading of a faulty sensor. So training adds noise to it, several times as large
+# as its own movement in normal operation.
 CONTROLLER = "lambda_controller"
 CONTROLLER_NOISE = 0.03
 
 
 class Role(IntEnum):
-    """What a block is used for."""
+    """The use of a block."""
 
     TRAIN = 0
     VALIDATE = 1
@@ -53,7 +52,7 @@ class Samples:
     """Scaled samples of all recordings one after another."""
 
     u: FloatArray  # (n, n_inputs), finite
-    y: FloatArray  # (n,), finite; where it was not valid its weight is 0
+    y: FloatArray  # (n,), finite; invalid outputs are interpolated and have weight 0
     weight: FloatArray  # (n,) of the squared error, 0 is not scored
 
 
@@ -100,9 +99,9 @@ class Scaling:
 
 @dataclass(frozen=True, slots=True)
 class Prepared:
-    """All that the training needs."""
+    """The samples of a training, their roles and their scaling."""
 
-    samples: Samples  # scaled; the weight is that of training and validation alike
+    samples: Samples  # scaled; training and validation use the same weight
     segments: tuple[Segment, ...]
     role: np.ndarray  # (n,) Role of each sample
     enabled: np.ndarray  # (n,) bool
@@ -118,7 +117,7 @@ class Prepared:
 
     @property
     def must_forget(self) -> bool:
-        """Whether the output has a short memory: lambda, in whatever unit."""
+        """Whether the output has a short memory, as lambda and phi have."""
         return self.output.name.startswith("lambda")
 
     @property
@@ -139,9 +138,9 @@ def prepare(
     other_weight: float = OTHER_WEIGHT,
     validate: Collection[int] = (),
 ) -> Prepared:
-    """Return the samples of ``recordings``, ready for training.
+    """Return the recordings' samples, ready for training.
 
-    validate : recordings, by number, that only validate; without, blocks of all of them do
+    validate : numbers of the recordings that only validate; without them, blocks of all do
     Raises UsageError for impossible names, RecordingError for recordings that cannot be used.
     """
     period_ns = _check(recordings, inputs, output)
@@ -194,7 +193,7 @@ def prepare(
 def enabled_rows(recording: "Recording") -> np.ndarray:
     """Return (n,) bool: samples in closed loop, outside fuel cut, with the sensor ready.
 
-    A condition whose column the recording lacks does not block, nor does an unknown value.
+    A condition without a column, or without a value, does not block.
     """
     on = np.ones(len(recording.values), dtype=bool)
     names = list(recording.names)
@@ -268,7 +267,7 @@ def _roles(
     for s in segments:
         if s.recording in validate:
             role[s.start : s.stop] = Role.VALIDATE
-        elif validate:  # its own validation blocks are free for training
+        elif validate:  # the validation blocks of the others are free for training
             own = role[s.start : s.stop]
             own[own == Role.VALIDATE] = Role.TRAIN
     return role

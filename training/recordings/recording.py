@@ -1,6 +1,6 @@
 """Recordings for training: logs and tables of every kind on one grid, through the runtime's code.
 
-A log is decoded and assembled exactly as on board; a table is used as ``o2mon replay`` uses it.
+Logs and tables pass through the same code as in ``o2mon replay``.
 """
 
 import hashlib
@@ -55,7 +55,7 @@ class Recording:
 
     @property
     def read_sha256(self) -> str:
-        """Hash of what was read: of the file as databases, maps, columns and grid took it."""
+        """Hash of the samples: the same file read with another map or grid has another one."""
         tree = [self.sha256, self.period_ns, self.names]
         read = hashlib.sha256(json.dumps(tree).encode())
         for each in (self.t_s, self.values, self.quality):
@@ -85,7 +85,7 @@ def load(
 ) -> Recording:
     """Return the recording in ``path``, a CAN log or a table.
 
-    names : signals wanted, in this order; None for all there are
+    names : the signals to read, in this order; None for all of them
     period_s : grid period; None is 100 ms for logs and a table's own if it is uniform
     pairs : pairs of DBC and signal map for logs, default the project's own ECU
     columns : columns map for tables and measurement files
@@ -118,7 +118,7 @@ def load(
 
 
 def check_each_once(recordings: Sequence[Recording]) -> None:
-    """Raise UsageError if the same file is there twice, under whatever name."""
+    """Raise UsageError if two recordings have the same content, under any name."""
     seen: dict[str, Path] = {}
     for each in recordings:
         if each.sha256 in seen:
@@ -127,7 +127,7 @@ def check_each_once(recordings: Sequence[Recording]) -> None:
 
 
 def check_rows(path: Path, t_ns: IntArray) -> None:
-    """Raise RecordingError if a table's rows lie so far apart that its times are hardly seconds."""
+    """Raise RecordingError if a table's rows lie more than 60 s apart: not seconds, it seems."""
     apart_s = float(np.median(np.diff(t_ns))) / 1e9 if len(t_ns) > 1 else 0.0
     if apart_s > ROWS_APART_MOST_S:
         raise RecordingError(
@@ -176,7 +176,7 @@ def default_pairs() -> Pairs:
 
 
 def log_block(path: Path, bus_map: BusMap, names: Sequence[str], period_ns: int) -> SampleBlock:
-    """Return the samples of a CAN log, those that the streaming pipeline gives."""
+    """Return the samples of a CAN log, the same as those of the streaming pipeline."""
     decoder = BlockDecoder(bus_map, names)
     assembler = BlockAssembler.of(decoder, period_ns)
     return log_samples(read_blocks(path), decoder, assembler).samples
@@ -188,8 +188,11 @@ def sha256(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def as_trained_on(recording: Recording) -> TrainingRecording:
-    """Return a recording's name, sha256 and where it comes from."""
-    path = recording.path
+def training_recording(recording: Recording, n_samples: int | None = None) -> TrainingRecording:
+    """Return a recording as model cards and results name it, with its source.
+
+    n_samples : samples that were used; default all of them
+    """
+    path, used = recording.path, len(recording.values) if n_samples is None else n_samples
     source = source_of(path, recording.sha256) or ""
-    return TrainingRecording(path.name, recording.sha256, len(recording.values), source)
+    return TrainingRecording(path.name, recording.sha256, used, source)

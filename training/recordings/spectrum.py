@@ -1,4 +1,4 @@
-"""Power spectra of unbroken stretches, narrow lines in them, and who else carries a line."""
+"""Power spectra of unbroken stretches, narrow lines in them, and the signals that share a line."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -117,7 +117,7 @@ def find_lines(frequency_hz: FloatArray, density: FloatArray, averages: float) -
 
 
 def _limit(ratio: FloatArray, averages: float) -> tuple[float, float]:
-    """Return the least log ratio of a line, and by how much scatter widened it."""
+    """Return the least log ratio of a line, and the factor of scatter beyond chance in it."""
     degrees = 2.0 * averages
     scatter = 1.4826 * float(np.median(np.abs(ratio)))
     widened = max(1.0, scatter / float(np.sqrt(2.0 / degrees)))
@@ -126,7 +126,7 @@ def _limit(ratio: FloatArray, averages: float) -> tuple[float, float]:
 
 
 def coherence_limit(averages: float, alpha: float = 0.05) -> float:
-    """Return what coherence of unrelated signals stays below, but for a share ``alpha``.
+    """Return the coherence that unrelated signals exceed with probability ``alpha``.
 
     Source: Carter, IEEE Trans. Audio Electroacoustics 21 (1973).
     """

@@ -1,4 +1,4 @@
-"""Transforms of inputs that the network needs not learn; they are part of the graph.
+"""Transforms of inputs, fixed instead of learned; they are part of the graph.
 
 ``ratio``: the numerator's place is taken by factor * numerator / denominator, clipped. With fuel
 over air and the stoichiometric ratio this is the phi that was injected. On simulated drives the

@@ -15,6 +15,7 @@ from monitor.decode.bus_map import load_pairs
 from monitor.frames.candump import LogCounters
 from monitor.frames.logs import read_frames
 from monitor.grid.tables import is_table, read_table, table_samples
+from tests.conftest import ROOT
 from training.recordings.can_log import FrameBlock, broadcast, write_log
 
 SUFFIXES = [".log", ".log.gz", ".asc", ".asc.gz", ".blf", ".csv", ".csv.gz", ".trc", ".mf4"]
@@ -292,9 +293,7 @@ def test_a_columns_map_that_cannot_be_is_refused(
 
 
 def test_the_page_of_signals_has_every_name_with_its_unit_and_range() -> None:
-    page = (Path(__file__).parents[1] / "docs" / "reference" / "signals.md").read_text(
-        encoding="utf-8"
-    )
+    page = (ROOT / "docs" / "reference" / "signals.md").read_text(encoding="utf-8")
     rows = [row.strip("| ").split(" | ") for row in page.splitlines() if row.startswith("| `")]
     told = {name.strip("`"): (unit, plausible) for name, unit, _, plausible in rows}
     assert told == {s.name: (s.unit, f"{s.minimum:g} to {s.maximum:g}") for s in SIGNALS}

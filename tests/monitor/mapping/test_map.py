@@ -8,7 +8,7 @@ from types import ModuleType
 import pytest
 from cantools.database.can import Database, Message, Signal
 from cantools.database.conversion import BaseConversion
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 import dbc
@@ -18,10 +18,11 @@ from monitor.base.types import Frame
 from monitor.cli import main
 from monitor.decode.bus_map import load_database, load_pairs
 from monitor.decode.signal_map import load_signal_map
-from monitor.mapping import toml_text, units, words
-from monitor.mapping.observe import observe, reranked
-from monitor.mapping.propose import FUEL_FLOW_NAME, propose, ranked
-from monitor.mapping.protection import borne_out, protection
+from monitor.mapping import text as map_file
+from monitor.mapping import vocabulary
+from monitor.mapping.candidates import FUEL_FLOW_NAME, ranked
+from monitor.mapping.proposal import propose
+from monitor.mapping.recording import observe, protections
 from monitor.mapping.text import map_text
 from tests.conftest import ROOT
 from tests.helpers.databases import database_of, proposed
@@ -78,7 +79,7 @@ def test_every_proposal_says_why_and_what_else_it_could_be() -> None:
     assert proposals.names == ("engine_speed_rpm",)
 
 
-@pytest.mark.parametrize("module", [words, units, toml_text])
+@pytest.mark.parametrize("module", [vocabulary, map_file])
 def test_its_examples_run(module: ModuleType) -> None:
     ran = doctest.testmod(module)
     assert ran.attempted
@@ -203,7 +204,16 @@ def databases(draw: st.DrawFn) -> Database:
     return Database(messages=messages, strict=False)
 
 
+def taken_for_another(message: str, signal: str) -> Database:
+    """Return a database whose only signal is the best for lambda and for the engine's speed."""
+    conversion = BaseConversion.factory(scale=0.0625, offset=0.0, is_float=False)
+    only = Signal(signal, 0, 16, byte_order="little_endian", conversion=conversion)
+    return Database([Message(0x100, message, 8, [only])])
+
+
 @settings(max_examples=100, deadline=None, suppress_health_check=list(HealthCheck))
+@example(database=taken_for_another("Motor\x1fSpeed", "lambda"))
+@example(database=taken_for_another("Motor\x7f_Speed", "lambda\r\nsig"))
 @given(database=databases())
 def test_no_database_upsets_it_and_what_it_writes_is_a_map(
     database: Database, tmp_path_factory: pytest.TempPathFactory
@@ -238,8 +248,8 @@ def test_no_recording_upsets_it(
     ]
     found = ranked(database)
     observed = observe(frames, found, Path("x.dbc"))
-    proposals = propose(database, 4, reranked(found, observed))
-    guarded = borne_out(protection(database.messages), observed.payloads)
+    proposals = propose(observed.reranked(found))
+    guarded = observed.protections(protections(database.messages))
     text = map_text(proposals, Path("x.dbc"), Path("x.log"), guarded)
     if proposals.names:
         path = tmp_path_factory.mktemp("map") / "m.toml"

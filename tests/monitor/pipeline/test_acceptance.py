@@ -11,11 +11,11 @@ from monitor.judge.limits import Limits
 from monitor.model.step import Model
 from monitor.pipeline.block_judge import Judged, judge_all
 from monitor.report.replay import shipped_model
+from tests.helpers.physical_baseline import fit_baseline
 from training.dyno import ecu
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment, simulate
 from training.limits.judging import judge
-from training.narx.baseline import fit_baseline
 from training.recordings import metrics
 from training.recordings.recording import load
 

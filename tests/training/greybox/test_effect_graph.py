@@ -27,20 +27,20 @@ from training.greybox import chain
 from training.greybox.chain import Constants, base_path
 from training.greybox.charge.map import INPUTS as CHARGE_INPUTS
 from training.greybox.effects import ALL, LIBRARY, Effect
-from training.greybox.effects.model_effect import Added
-from training.greybox.effects.nodes import FORMS, FUEL, graph_effect, signals_of
+from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.drive import Drive
 from training.greybox.fit.joint import reading
 from training.greybox.graph.chain_graph import Greybox, build, chain_nodes
+from training.greybox.graph.effect import FUEL, graph_effect
 from training.greybox.graph.effect_parity import TOLERANCE, made_inputs
 from training.greybox.model import fit_greybox
 from training.narx.export import Graph, update_card
 
 MOVED = Constants(1.01, 0.17, 1.6, 0.05, 0.12, 0.96)
-FILM = Added.with_values("wall_film", [0.2, 0.8, 1.0], [0.01, 0.1, 0.3])
-DELAY = Added.with_values("delay_flow", [8.0])
-TAIL = Added.with_values("fuel_cut_tail", [0.1, 2.0, 0.5])
-PURGE = Added.with_values("purge", [1.5])
+FILM = ModelEffect.with_values("wall_film", [0.2, 0.8, 1.0], [0.01, 0.1, 0.3])
+DELAY = ModelEffect.with_values("delay_flow", [8.0])
+TAIL = ModelEffect.with_values("fuel_cut_tail", [0.1, 2.0, 0.5])
+PURGE = ModelEffect.with_values("purge", [1.5])
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +79,7 @@ def test_an_effect_in_the_graph_reads_as_its_numpy_form(
     base: Path, tmp_path: Path, effect: Effect
 ) -> None:
     for values in values_of(effect):
-        added = Added.with_values(effect.name, values)
+        added = ModelEffect.with_values(effect.name, values)
         out = tmp_path / "m.onnx"
         card = add(base, [added], out, ranges=ranges_of(), recordings=FIT, vehicle=Vehicle(MOVED))
         assert card.checks["parity"]["onnx_numpy"] < TOLERANCE
@@ -91,11 +91,10 @@ def test_an_effect_in_the_graph_reads_as_its_numpy_form(
 
 @pytest.mark.parametrize("effect", ALL, ids=lambda e: e.name)
 def test_an_effect_reads_the_signals_it_says(effect: Effect) -> None:
-    assert FORMS.keys() == LIBRARY.keys()
     signals = plain_signals()
     path = base_path(MOVED, signals)
     start = np.array([p.start[0] for p in effect.parameters])
-    reads = signals_of(effect.name, signals)
+    reads = effect.signals_of(signals)
     changed = [
         effect.apply(path, start, seen, PERIOD_S)
         for seen in (signals, {name: signals[name] for name in (FUEL, *reads)})
@@ -110,7 +109,7 @@ def test_an_optional_signal_that_the_fit_had_not_is_not_read(
 ) -> None:
     # GIVEN drives of a fit without ambient pressure, coolant and purge duty
     effect, out = LIBRARY[name], tmp_path / "m.onnx"
-    added = Added.with_values(name, [p.start[0] for p in effect.parameters])
+    added = ModelEffect.with_values(name, [p.start[0] for p in effect.parameters])
     card = add(base, [added], out, ranges=ranges_of(*effect.needs), recordings=FIT)
     old = Model.load(base).card.input_names
     assert set(card.input_names) == {*old, *effect.needs}
@@ -139,7 +138,7 @@ def test_the_card_says_what_was_added(base: Path, tmp_path: Path) -> None:
     signal = BY_NAME[pressure.name]  # only the effect reads it: wherever plausible, too
     assert (pressure.minimum, pressure.maximum) == (signal.minimum, signal.maximum)
     film, purge = card.effects
-    assert Added.from_card(film) == FILM
+    assert ModelEffect.from_card(film) == FILM
     assert film["standard_errors"] == {"share": 0.01, "time": 0.1, "cold_growth": 0.3}
     assert film["recordings"][0]["sha256"] == FIT[0].sha256
     assert purge["reads"][-2:] == ["ambient_pressure_kpa", "purge_duty_percent"]
@@ -183,7 +182,10 @@ def test_a_model_can_be_extended_again(base: Path, tmp_path: Path) -> None:
 
 def test_the_healthy_vehicle_s_volumes_are_part_of_the_base(base: Path, tmp_path: Path) -> None:
     # GIVEN a base with volumes that the healthy vehicle has, and an effect
-    own = (Added.with_values("delay_flow", [-0.4]), Added.with_values("mix_flow", [0.6]))
+    own = (
+        ModelEffect.with_values("delay_flow", [-0.4]),
+        ModelEffect.with_values("mix_flow", [0.6]),
+    )
     out, wide = tmp_path / "m.onnx", {"ranges": ranges_of(), "recordings": FIT}
     card = add(base, [FILM], out, **wide, vehicle=Vehicle(MOVED, own))
     # THEN the file reads as the arrays with all of them, and the effect alone is an added one
@@ -198,7 +200,7 @@ def test_the_healthy_vehicle_s_volumes_are_part_of_the_base(base: Path, tmp_path
 
 
 def test_the_order_of_effects_is_that_of_their_fit(base: Path, tmp_path: Path) -> None:
-    offset = Added.with_values("injector_offset", [1.0])
+    offset = ModelEffect.with_values("injector_offset", [1.0])
     for i, order in enumerate(((FILM, offset), (offset, FILM))):
         out = tmp_path / f"{i}.onnx"
         card = add(base, order, out, ranges=ranges_of(), recordings=FIT)
@@ -216,7 +218,7 @@ def test_batched_and_single_runs_of_all_effects_give_the_same_bits(
     base: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "m.onnx"
-    every = [Added.with_values(e.name, [p.start[0] for p in e.parameters]) for e in ALL]
+    every = [ModelEffect.with_values(e.name, [p.start[0] for p in e.parameters]) for e in ALL]
     card = add(base, every, out, ranges=ranges_of(), recordings=FIT, drives=[driven()])
     assert card.checks["parity"]["samples"] > len(driven())
     made = made_inputs(Greybox.of(card), 400)
@@ -230,8 +232,8 @@ def test_batched_and_single_runs_of_all_effects_give_the_same_bits(
 
 def test_a_reset_starts_every_lag_settled(base: Path, tmp_path: Path) -> None:
     # GIVEN a film of ten seconds and an air meter's lags, far slower than the chain's own
-    slow = Added.with_values("wall_film", [0.3, 4.0, 4.0])
-    meter = Added.with_values("maf_offset", [2.0, 2.0])
+    slow = ModelEffect.with_values("wall_film", [0.3, 4.0, 4.0])
+    meter = ModelEffect.with_values("maf_offset", [2.0, 2.0])
     out = tmp_path / "m.onnx"
     card = add(base, [slow, meter], out, ranges=ranges_of(), recordings=FIT)
     assert card.lags < 50
@@ -261,9 +263,9 @@ def test_effects_act_on_whatever_charge_the_chain_has(
     bare, out = tmp_path / "bare.onnx", tmp_path / "m.onnx"
     fit_greybox([recording()], bare, inputs=inputs)
     effects = [
-        Added.with_values("manifold_filling", [0.05]),
-        Added.with_values("mix_flow", [1.0]),
-        Added.with_values("maf_offset", [1.0, 0.05]),
+        ModelEffect.with_values("manifold_filling", [0.05]),
+        ModelEffect.with_values("mix_flow", [1.0]),
+        ModelEffect.with_values("maf_offset", [1.0, 0.05]),
     ]
     card = add(bare, effects, out, ranges=ranges_of(), recordings=FIT, drives=[driven()])
     # THEN flow and filling are that charge's, and at that speed
@@ -310,7 +312,7 @@ def test_the_monitor_runs_the_extended_model(base: Path, tmp_path: Path) -> None
     experiment = Experiment(cycle="micro_trips", seed=2_000_002, vehicle=2001)
     table, old, out = write(experiment, tmp_path, "csv"), tmp_path / "o.onnx", tmp_path / "m.onnx"
     old.write_bytes(base.read_bytes())
-    limits = Model.load("monitor/model/shipped.onnx").card.limits
+    limits = Model.load("monitor/models/shipped.onnx").card.limits
     update_card(old, replace(Model.load(base).card, limits=limits))
     assert add(old, [FILM, PURGE, TAIL], out, ranges=ranges_of(), recordings=FIT).limits == limits
     windows = []
@@ -379,12 +381,12 @@ def test_what_cannot_be_added_is_refused(base: Path, tmp_path: Path) -> None:
     out = tmp_path / "m.onnx"
     nothing = {"recordings": FIT, "ranges": {}}
     with pytest.raises(ModelError, match="rail_exponent needs rail_pressure_mpa: neither an input"):
-        add(base, [Added.with_values("rail_exponent", [0.1])], out, **nothing)
-    narx = Path("monitor/model/shipped.onnx").resolve()
+        add(base, [ModelEffect.with_values("rail_exponent", [0.1])], out, **nothing)
+    narx = Path("monitor/models/shipped.onnx").resolve()
     with pytest.raises(ModelError, match="a narx model, a greybox is wanted to add effects"):
         add(narx, [FILM], out, **nothing)
     with pytest.raises(ModelError, match="'cylinder_imbalance' is not in the library: wall_film"):
-        Added.with_values("cylinder_imbalance", [1.0])
+        ModelEffect.with_values("cylinder_imbalance", [1.0])
     with pytest.raises(ModelError, match="wall_film has parameters share, wanted share, time"):
         replace(FILM, parameters={"share": 0.1})
     assert not out.exists()

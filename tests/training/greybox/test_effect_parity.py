@@ -12,11 +12,11 @@ from tests.helpers.gap_drives import PERIOD_S
 from tests.helpers.gap_graphs import FIT, driven, fitted, plain, ranges_of
 from training.gap.add import greybox as add_greybox
 from training.gap.add.greybox import add
-from training.greybox.effects.model_effect import Added
-from training.greybox.effects.nodes import graph_effect
+from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.drive import Drive
 from training.greybox.graph import chain_graph, effect_parity
 from training.greybox.graph.chain_graph import Greybox
+from training.greybox.graph.effect import graph_effect
 from training.greybox.graph.effect_parity import TOLERANCE, ParityError
 
 
@@ -30,7 +30,7 @@ def test_a_graph_that_computes_something_else_is_not_left_behind(
     base: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wrong: str
 ) -> None:
     def save(path: Path, greybox: Greybox, card: object) -> None:
-        other = Added.with_values("ethanol", [0.1001])
+        other = ModelEffect.with_values("ethanol", [0.1001])
         effects = (graph_effect(other, PERIOD_S, ()),)
         chain_graph.save(path, replace(greybox, effects=effects), card)
 
@@ -47,7 +47,7 @@ def test_a_graph_that_computes_something_else_is_not_left_behind(
     with pytest.raises(ModelError, match=message):
         add(
             base,
-            [Added.with_values("ethanol", [0.1])],
+            [ModelEffect.with_values("ethanol", [0.1])],
             tmp_path / "m.onnx",
             ranges=ranges_of(),
             recordings=FIT,
@@ -79,7 +79,7 @@ def test_single_samples_may_differ_by_a_branch_of_an_effect(
         return phi
 
     monkeypatch.setattr(effect_parity, "_phi", moved)
-    effect, out = Added.with_values("ethanol", [0.1]), tmp_path / "m.onnx"
+    effect, out = ModelEffect.with_values("ethanol", [0.1]), tmp_path / "m.onnx"
     if passes:
         checks = add(base, [effect], out, ranges=ranges_of(), recordings=FIT).checks["parity"]
         assert checks["onnx_numpy"] < TOLERANCE < checks["largest"]
@@ -94,7 +94,7 @@ def test_drives_of_other_lengths_are_compared_side_by_side(
 ) -> None:
     # GIVEN a long drive and a short one
     effect, out, whole = (
-        Added.with_values("ethanol", [0.1]),
+        ModelEffect.with_values("ethanol", [0.1]),
         tmp_path / "m.onnx",
         effect_parity._phi,
     )

@@ -11,6 +11,7 @@ from monitor.base import config
 from monitor.model.step import Model
 from monitor.report.replay import shipped_model
 from tests.conftest import ROOT
+from tests.helpers.physical_baseline import fit_baseline
 from training.cli import main as o2train
 from training.cli.greybox import constant_line
 from training.dyno.recording_files import write
@@ -18,7 +19,6 @@ from training.dyno.simulation import Experiment
 from training.gap import reference
 from training.greybox.charge.map import INPUTS
 from training.limits.judging import enabled_samples
-from training.narx.baseline import fit_baseline
 from training.recordings import metrics
 from training.recordings.recording import Recording, load
 from training.studies.evaluation import predict

@@ -18,9 +18,10 @@ from training.gap.inputs.base import plain_drives_of
 from training.gap.verify.verification import verify
 from training.greybox.chain import Constants, base_path, settled, simulate
 from training.greybox.charge.map import INPUTS
+from training.greybox.effects.form.place import PathNodes
 from training.greybox.fit.constants import reference
-from training.greybox.graph.chain_graph import GraphEffect, Greybox, build, save
-from training.greybox.graph.nodes import Nodes, with_fields
+from training.greybox.graph.chain_graph import Greybox, build, save
+from training.greybox.graph.effect import GraphEffect
 from training.greybox.model import (
     POOR_CORRELATION,
     GreyboxResult,
@@ -318,8 +319,8 @@ def test_a_chain_with_its_own_charge_is_verified_without_a_broadcast_one(
 
 
 def _film(
-    graph: Graph, nodes: Nodes, signals: Mapping[str, str], states: Sequence[str]
-) -> tuple[Nodes, list[str]]:
+    graph: Graph, nodes: PathNodes, signals: Mapping[str, str], states: Sequence[str]
+) -> tuple[PathNodes, list[str]]:
     """A tenth of the fuel through a film that gives back a fifth of itself each sample."""
     share, rate = graph.constant("film_share", 0.1), graph.constant("film_rate", 0.2)
     direct = graph.constant("film_direct", 0.9)
@@ -328,21 +329,21 @@ def _film(
     left = graph.add("Add", [graph.add("Sub", [states[0], given], "film_less"), caught], "film")
     burnt = graph.add("Mul", [nodes.fuel_mg, direct], "film_past")
     fuel = graph.add("Add", [burnt, given], "film_fuel")
-    return with_fields(nodes, fuel_mg=fuel), [left]
+    return replace(nodes, fuel_mg=fuel), [left]
 
 
 def _mixing(
-    graph: Graph, nodes: Nodes, signals: Mapping[str, str], states: Sequence[str]
-) -> tuple[Nodes, list[str]]:
+    graph: Graph, nodes: PathNodes, signals: Mapping[str, str], states: Sequence[str]
+) -> tuple[PathNodes, list[str]]:
     top = graph.constant("mix_top", 200.0)
     time = graph.add("Div", [top, signals["engine_speed_rpm"]], "mix_time")
-    return with_fields(nodes, mixing_s=time), []
+    return replace(nodes, mixing_s=time), []
 
 
 def _uneven(
-    graph: Graph, nodes: Nodes, signals: Mapping[str, str], states: Sequence[str]
-) -> tuple[Nodes, list[str]]:
-    return with_fields(nodes, sensor_falling_s=graph.constant("slow_s", [[0.3]])), []
+    graph: Graph, nodes: PathNodes, signals: Mapping[str, str], states: Sequence[str]
+) -> tuple[PathNodes, list[str]]:
+    return replace(nodes, sensor_falling_s=graph.constant("slow_s", [[0.3]])), []
 
 
 FILM = GraphEffect("film", 1, _film)

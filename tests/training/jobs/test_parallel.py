@@ -3,7 +3,7 @@
 import pytest
 
 from tests.helpers import deadly
-from training.jobs import parallel
+from training.jobs import parallel, worker
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
@@ -15,6 +15,6 @@ def test_every_job_comes_back_under_its_key(jobs: int) -> None:
 
 def test_a_job_whose_process_dies_is_named() -> None:
     jobs = [("good", 1), ("bad", -1)]
-    with pytest.raises(parallel.WorkerDiedError, match=r"a worker died.*bad") as died:
+    with pytest.raises(worker.WorkerDiedError, match=r"a worker died.*bad") as died:
         list(parallel.run(deadly.job, 0, jobs, jobs=2))
     assert died.value.keys in (("bad",), ("good", "bad"))

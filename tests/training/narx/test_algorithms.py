@@ -11,9 +11,10 @@ from scipy.stats import multivariate_normal
 
 from monitor.base.types import FloatArray
 from training.narx.algorithms.bayes import minimise_bayesian
-from training.narx.algorithms.gradient import Differentiable, OneStepGradient, descend
+from training.narx.algorithms.gradient import Differentiable, descend
 from training.narx.algorithms.gradient import Options as Descent
-from training.narx.algorithms.lm import OneStep, Options, minimise
+from training.narx.algorithms.lm import Options, minimise
+from training.narx.algorithms.objectives import OneStep
 from training.narx.algorithms.scaled_conjugate import Options as Conjugate
 from training.narx.algorithms.scaled_conjugate import minimise_scaled_conjugate
 from training.narx.network import Spec, forward, initial_weights
@@ -77,7 +78,7 @@ def test_the_gradient_is_that_of_torch_and_of_the_normal_equations(hidden: tuple
     spec, n = Spec(2, lags=2, hidden=hidden), 4500  # more than one chunk
     x, y, weight = rng.normal(size=(n, 6)), rng.normal(size=n), rng.uniform(0, 2, n)
     weights = initial_weights(spec, rng)
-    cost, gradient = OneStepGradient(spec, x, y, weight).gradient(weights)
+    cost, gradient = OneStep(spec, x, y, weight).gradient(weights)
     w, at, out = torch.tensor(weights, requires_grad=True), 0, torch.tensor(x)
     for i, (fan_in, fan_out) in enumerate(zip(spec.sizes[:-1], spec.sizes[1:], strict=True)):
         matrix = w[at : at + fan_in * fan_out].reshape(fan_out, fan_in)
@@ -90,7 +91,7 @@ def test_the_gradient_is_that_of_torch_and_of_the_normal_equations(hidden: tuple
     assert w.grad is not None
     assert cost == pytest.approx(float(by_torch.detach()), rel=1e-12)
     assert np.allclose(gradient, w.grad.numpy(), atol=1e-12)
-    assert OneStepGradient(spec, x, y, weight).cost(weights) == pytest.approx(cost, rel=1e-12)
+    assert OneStep(spec, x, y, weight).cost(weights) == pytest.approx(cost, rel=1e-12)
 
 
 def test_the_gradient_beside_a_linear_path_is_that_of_finite_differences() -> None:
@@ -98,7 +99,7 @@ def test_the_gradient_beside_a_linear_path_is_that_of_finite_differences() -> No
     spec, n = Spec(2, lags=2, hidden=(4, 3), linear_path=True), 4500  # more than one chunk
     x, y, weight = rng.normal(size=(n, 6)), rng.normal(size=n), rng.uniform(0, 2, n)
     weights = rng.normal(size=spec.n_weights)
-    objective = OneStepGradient(spec, x, y, weight)
+    objective = OneStep(spec, x, y, weight)
     cost, gradient = objective.gradient(weights)
     steps = 1e-5 * np.eye(spec.n_weights)
     slopes = [(objective.cost(weights + s) - objective.cost(weights - s)) / 2e-5 for s in steps]
@@ -225,7 +226,7 @@ def test_first_order_methods_learn_what_levenberg_marquardt_learns_more_slowly()
     rng, spec = np.random.default_rng(6), Spec(1, lags=1, hidden=(10,))
     x, y = ripple(1000, rng)
     weights = initial_weights(spec, rng)
-    objective: Differentiable = OneStepGradient(spec, x, y)
+    objective: Differentiable = OneStep(spec, x, y)
     lm = minimise(OneStep(spec, x, y), weights, Options(epochs=100)).costs[-1]
     scg = minimise_scaled_conjugate(objective, weights, Conjugate(epochs=100)).costs[-1]
     gdx = descend(objective, weights, Descent(epochs=100)).costs[-1]

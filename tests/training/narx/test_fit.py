@@ -128,7 +128,7 @@ def test_further_starts_are_trained_while_none_forgets(
             seen.append(weights)
         return Contraction(1.0 if number < forgets_at else 0.0, 0.01, 1)
 
-    monkeypatch.setattr("training.narx.fit.contraction", remembered)
+    monkeypatch.setattr("training.narx.starts.contraction", remembered)
     # WHEN one start is asked for THEN there are three, and the one that forgets is taken
     forgets_at, seen = 2, list[FloatArray]()
     found = fit([plant(1)], NAMES[:2], NAMES[2], tmp_path / "m.onnx", **small)
@@ -243,8 +243,8 @@ def test_the_budget_ends_the_training_with_the_best_so_far(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     clock = Clock()
-    for module in ("training.narx.fit", "training.narx.stages", "training.narx.algorithms.lm"):
-        monkeypatch.setattr(f"{module}.time", clock)
+    for module in ("fit", "starts", "stages", "algorithms.lm"):
+        monkeypatch.setattr(f"training.narx.{module}.time", clock)
     result = fit(
         [plant(1)],
         NAMES[:2],

@@ -13,11 +13,11 @@ from scipy.signal import lfilter
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
 from monitor.model.step import Model
-from training.narx.algorithms.closed_loop import ClosedLoop, Pieces, Samples
-from training.narx.committee import committee
+from training.narx.algorithms.objectives import ClosedLoop, Pieces, Samples
 from training.narx.fit import FitResult, fit
 from training.narx.network import Spec, describe, forward, initial_weights, jacobian, regressors
 from training.narx.stages import blocks_of, pieces
+from training.narx.starts import committee
 from training.narx.structure import Structure, boxes
 from training.recordings.preparation import Role, prepare
 from training.recordings.recording import Recording, load

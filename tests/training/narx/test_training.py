@@ -8,8 +8,8 @@ import torch
 
 from monitor.base.errors import RecordingError, UsageError
 from monitor.base.types import FloatArray
-from training.narx.algorithms.closed_loop import ClosedLoop, Pieces, Samples
-from training.narx.algorithms.lm import OneStep, Options, minimise
+from training.narx.algorithms.lm import Options, minimise
+from training.narx.algorithms.objectives import ClosedLoop, OneStep, Pieces, Samples
 from training.narx.network import Spec, forward, initial_weights, jacobian, regressors, simulate
 from training.recordings import metrics
 from training.recordings.outliers import outlier_mask

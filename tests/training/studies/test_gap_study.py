@@ -15,7 +15,6 @@ from tests.conftest import ROOT
 from training.cli import main
 from training.gap.inputs.roles import Options
 from training.greybox.effects import LIBRARY
-from training.jobs import run_folder
 from training.recordings.recording import Recording
 from training.studies.gap import base, case, drive, plan, run, tables
 from training.studies.gap.answers import (
@@ -430,9 +429,9 @@ def test_what_a_study_cannot_hold_is_refused(
 
 
 def test_results_depend_on_all_code_that_makes_them_and_on_no_other() -> None:
-    root = ROOT
-    used = {p.relative_to(root).as_posix() for p in run_folder.sources(Path(case.__file__), root)}
+    used = {path.relative_to(ROOT).as_posix() for path in run.sources()}
     assert {
+        "training/gap/default.toml",
         "training/gap/name/naming.py",
         "training/greybox/effects/air.py",
         "training/greybox/chain.py",

@@ -1,1 +1,1 @@
-"""What was named becomes part of the model's graph."""
+"""The named effects become part of the model's graph."""

@@ -1,4 +1,4 @@
-"""What was named becomes part of the model: the form and constants that predict best, the file."""
+"""The new model's file: named effects in the form and with the constants that predict best."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -16,22 +16,23 @@ from monitor.model.card import ModelCard
 from monitor.model.step import Model
 from training.gap.add import greybox, network
 from training.gap.add.network_graph import BEFORE, TO_OUTPUT
+from training.gap.config import CONFIG
 from training.gap.healthy.behaviour import Healthy
 from training.gap.inputs import base
-from training.gap.inputs.roles import ACCEPTED, Given, Options, split
+from training.gap.inputs.roles import ACCEPTED, Material, Options
 from training.greybox.chain import Constants
-from training.greybox.effects.model_effect import Added
+from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.drive import Drive
 from training.greybox.graph.chain_graph import Greybox
 from training.greybox.graph.effect_inputs import Ranges
 from training.greybox.graph.effect_parity import ParityError
-from training.jobs.stages import Progress
+from training.jobs.checkpoints import Progress
 from training.limits.decision_limits import whole, with_limits
 from training.limits.judging import judge_recordings
 from training.narx.export import update_card
-from training.narx.fit import HeldOut
+from training.narx.model_file import HeldOut
 from training.recordings.prediction import predicted_phi
-from training.recordings.recording import Recording, as_trained_on
+from training.recordings.recording import Recording, training_recording
 
 FORMS: Final = {
     "greybox": "inside the chain, where it acts on the mixture's way",
@@ -42,57 +43,64 @@ FORMS: Final = {
 TRAINED_ANEW: Final = "input"
 AGAINST: Final = {"before": "before it", "output": "beside its output", "input": "trained anew"}
 HELD_OUT_BLOCKS: Final = "blocks of the recordings of the fit held out of the training anew"
-WORSE: Final = 1.02  # of the RMSE, up to which a form counts as no worse
 
 
 def add(
-    given: Given,
+    material: Material,
     out: Path,
-    choices: Sequence[Sequence[Added]],
+    choices: Sequence[Sequence[ModelEffect]],
     known: Healthy | None,
     start: Constants,
     options: Options,
     progress: Progress = lambda _: None,
-) -> tuple[Path | None, str, tuple[Added, ...]]:
-    """Write the new model that predicts best; return it, its form and its effects.
+) -> tuple[Path | None, str, tuple[ModelEffect, ...]]:
+    """Write the new model that predicts best to ``out``; return it, its form and its effects.
 
-    choices : the effects, each time with other constants, the ones to prefer first
-    There is none if it predicts no better than the old one: the recordings of the fit, or, where
-    either of the two was trained on some of these, those held out. Decision limits are set anew,
-    because those of the old model go with its errors; ``_set_limits`` may keep them.
-    Raises ParityError if no form computes the same in ONNX and numpy, ModelError as ``add_narx``.
+    choices : the effects, once for every set of constants, the preferred set first
+    Returns None and no file if the new model predicts no better than the old one. They are held
+    against each other on the recordings of the fit; if either was trained on some of these, on the
+    recordings held out. Decision limits are set anew, because the old ones belong to the old
+    model's errors; ``_set_limits`` may keep them.
+    Raises ParityError if no form computes the same in ONNX and numpy, ModelError as
+    ``network.add``.
     """
-    card = base.check(given.model)
+    card = base.check(material.model)
     out.parent.mkdir(parents=True, exist_ok=True)
-    use = _Use.of(given, card)
-    drives = base.drives_of(given.model, use.fit, given.healthy)
+    use = _Use.of(material, card)
+    drives = base.drives_of(material.model, use.fit, material.healthy)
     ranges = _ranges(use.fit, drives)
     if card.kind == base.GREYBOX:
-        (added,) = map(tuple, choices)
-        vehicle = greybox.Vehicle.of(known, Greybox.of(card), drives) if known else None
-        greybox.add(
-            given.model,
-            added,
-            out,
-            ranges=ranges,
-            recordings=tuple(map(as_trained_on, use.fit)),
-            vehicle=vehicle,
-            drives=drives,
+        best = _inside_chain(
+            material, card, choices, known, ranges=ranges, use=use, drives=drives, out=out
         )
-        best = _Tried(base.GREYBOX, added, out, _rmse(out, use.judges), whole(use.fit))
         says = FORMS[base.GREYBOX]
     else:
         chain = known.plain if known else start
         with TemporaryDirectory(dir=out.parent) as folder:
-            beside = _beside_network(given.model, Path(folder), choices, chain, ranges, use, drives)
+            beside = _beside_network(
+                model=material.model,
+                folder=Path(folder),
+                choices=choices,
+                chain=chain,
+                ranges=ranges,
+                use=use,
+                drives=drives,
+            )
             best, says = _best(beside)
             if options.retrain_minutes > 0.0:
                 best, says = _or_trained_anew(
-                    given, best, says, chain, ranges, use, options.retrain_minutes, progress
+                    material=material,
+                    other=best,
+                    says=says,
+                    chain=chain,
+                    ranges=ranges,
+                    use=use,
+                    budget_minutes=options.retrain_minutes,
+                    progress=progress,
                 )
             best.path.replace(out)
     judges = use.unseen if best.form == TRAINED_ANEW else use.judges
-    if not best.rmse < _rmse(given.model, judges):
+    if not best.rmse < _rmse(material.model, judges):
         out.unlink()
         return None, "", ()
     origin = HELD_OUT_BLOCKS if best.form == TRAINED_ANEW else ACCEPTED
@@ -102,17 +110,16 @@ def add(
 
 @dataclass(frozen=True, slots=True)
 class _Use:
-    """What recordings serve for."""
+    """The recordings of the fit, and the recordings that no fit saw."""
 
     fit: list[Recording]  # constants and networks are fitted to them
     unseen: list[Recording]  # no fit saw them, if there are such, not even the old model's
     known: bool  # the old model was trained on some of ``fit``
 
     @classmethod
-    def of(cls, given: Given, card: ModelCard) -> "_Use":
-        fitted_to, held_out = split(given)
+    def of(cls, material: Material, card: ModelCard) -> "_Use":
+        fit, held_out = material.fit, material.held_out
         trained_on = {each.sha256 for each in card.recordings}
-        fit = [given.recordings[i] for i in fitted_to]
         unseen = [each for each in held_out if each.sha256 not in trained_on]
         return cls(fit, unseen or held_out, any(each.sha256 in trained_on for each in fit))
 
@@ -137,19 +144,51 @@ def _ranges(recordings: Sequence[Recording], drives: Sequence[Drive]) -> Ranges:
 
 @dataclass(frozen=True, slots=True)
 class _Tried:
-    """A file with effects in one form, and what it misses."""
+    """A file with effects in one form, and its error."""
 
     form: str
-    added: tuple[Added, ...]
+    added: tuple[ModelEffect, ...]
     path: Path
     rmse: float  # phi
     blocks: Sequence[HeldOut]  # of the recordings of the fit, to set its limits on
 
 
+def _inside_chain(
+    material: Material,
+    card: ModelCard,
+    choices: Sequence[Sequence[ModelEffect]],
+    known: Healthy | None,
+    *,
+    ranges: Ranges,
+    use: _Use,
+    drives: Sequence[Drive],
+    out: Path,
+) -> _Tried:
+    """Write the chain with the effects in it; there is one set of constants."""
+    (added,) = map(tuple, choices)
+    vehicle = greybox.Vehicle.of(known, Greybox.of(card), drives) if known else None
+    greybox.add(
+        material.model,
+        added,
+        out,
+        ranges=ranges,
+        recordings=tuple(map(training_recording, use.fit)),
+        vehicle=vehicle,
+        drives=drives,
+    )
+    return _Tried(
+        form=base.GREYBOX,
+        added=added,
+        path=out,
+        rmse=_rmse(out, use.judges),
+        blocks=whole(use.fit),
+    )
+
+
 def _beside_network(
     model: Path,
     folder: Path,
-    choices: Sequence[Sequence[Added]],
+    choices: Sequence[Sequence[ModelEffect]],
     chain: Constants,
     ranges: Ranges,
     use: _Use,
@@ -171,11 +210,19 @@ def _beside_network(
                 chain,
                 path,
                 ranges=ranges,
-                recordings=tuple(map(as_trained_on, use.fit)),
+                recordings=tuple(map(training_recording, use.fit)),
                 drives=drives,
                 form=form,
             )
-            tried.append(_Tried(name, tuple(added), path, _rmse(path, use.judges), blocks))
+            tried.append(
+                _Tried(
+                    form=name,
+                    added=tuple(added),
+                    path=path,
+                    rmse=_rmse(path, use.judges),
+                    blocks=blocks,
+                )
+            )
         except ParityError as error:
             wrong = error
     if not tried:
@@ -185,7 +232,7 @@ def _beside_network(
 
 
 def _or_trained_anew(
-    given: Given,
+    material: Material,
     other: _Tried,
     says: str,
     chain: Constants,
@@ -200,27 +247,29 @@ def _or_trained_anew(
     path = other.path.with_name("retrained.onnx")
     try:
         blocks = network.retrain(
-            given.model,
+            material.model,
             other.added,
             chain,
             use.fit,
             path,
             ranges=ranges,
-            healthy=given.healthy,
+            healthy=material.healthy,
             budget_minutes=budget_minutes,
             progress=progress,
         )
     except (ModelError, RecordingError, UsageError) as error:
         return other, f"{says}; not trained anew: {error}"
-    anew = _Tried(TRAINED_ANEW, other.added, path, _rmse(path, use.unseen), blocks)
+    anew = _Tried(
+        form=TRAINED_ANEW, added=other.added, path=path, rmse=_rmse(path, use.unseen), blocks=blocks
+    )
     best, says = _best([replace(other, rmse=_rmse(other.path, use.unseen)), anew])
     return (best if best is anew else other), says
 
 
 def _best(tried: Sequence[_Tried]) -> tuple[_Tried, str]:
-    """Return the first that is about as good as the best, and in words what it is."""
+    """Return the first file about as good as the best, and its form in words."""
     least = min(each.rmse for each in tried)
-    best = next((each for each in tried if each.rmse <= WORSE * least), tried[0])
+    best = next((each for each in tried if each.rmse <= CONFIG.add.as_good * least), tried[0])
     rivals = [each for each in tried if each.form != best.form]
     if not rivals:
         return best, FORMS[best.form]

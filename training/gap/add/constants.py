@@ -1,4 +1,4 @@
-"""Constants of what was named, from the recordings that are not held out.
+"""Constants of the named effects, from the recordings that are not held out.
 
 Naming corrects the chain by what it misses on healthy drives and whitens its errors: that tells
 effects from each other, but takes part of an effect's size, because the corrections follow signals
@@ -11,43 +11,43 @@ from dataclasses import replace
 
 import numpy as np
 
-from training.gap.add.typical_drive import fit_alike, on_others
+from training.gap.add.drive_weights import fit_weighted, left_out_ratio
 from training.gap.healthy import behaviour
 from training.gap.healthy.behaviour import Healthy
 from training.gap.inputs import base
-from training.gap.inputs.roles import Given, split
+from training.gap.inputs.roles import Material
 from training.gap.name import scoring
+from training.gap.name.base_state import base_state
 from training.gap.name.ranking import State
-from training.gap.name.start import begin
 from training.gap.name.verdict import Naming
 from training.greybox.chain import Constants
-from training.greybox.effects.model_effect import Added
+from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.joint import Case, Fit, fit
 
 
 def refitted(
-    given: Given, naming: Naming, known: Healthy | None, start: Constants
-) -> list[tuple[Added, ...]]:
-    """Return what was named, with each of its possible constants, those of the naming first.
+    material: Material, naming: Naming, known: Healthy | None, start: Constants
+) -> list[tuple[ModelEffect, ...]]:
+    """Return the named effects with every possible set of constants, the naming's first.
 
     Constants that, fitted to some of the recordings, predict the others no better than none are
     left out. A grey-box model takes over the base of the naming, and gets those constants alone
     that predict best. Beside a network there is the plain chain.
     """
-    recordings = [given.recordings[i] for i in split(given)[0]]
-    drives = base.drives_of(given.model, recordings, given.healthy)
-    state, last = begin(drives, known, known.base if known else start), naming.effects[-1].fit
+    recordings = material.fit
+    drives = base.drives_of(material.model, recordings, material.healthy)
+    state, last = base_state(drives, known, known.base if known else start), naming.effects[-1].fit
     alone = _alone(state)
     # Constants of what is another in every drive would follow the drive in which it is strongest.
     also = () if any(getattr(term, "varies", False) for term in last.terms) else (alone,)
-    if base.check(given.model).kind == base.GREYBOX:
+    if base.check(material.model).kind == base.GREYBOX:
         found = [_alike(state, case, alone, last) for case in (state.case, *also)]
         return [_added(naming, fitted) for fitted, ratio in [min(found, key=_ratio)] if ratio < 1.0]
     found = [_alike(state, state.case, state.case, last)]
-    if known and given.healthy:
+    if known and material.healthy:
         plain = replace(known, base=known.plain, own=(), charge=None)
-        other = behaviour.learn(base.read_by(given.model, given.healthy), known.plain, plain)
-        own = begin(base.read_by(given.model, recordings), other, other.base)
+        other = behaviour.learn(base.read_by(material.model, material.healthy), known.plain, plain)
+        own = base_state(base.read_by(material.model, recordings), other, other.base)
         found.append(_alike(own, own.case, own.case, last))
     found += [_alike(state, case, case, last) for case in also]
     return [_added(naming, fitted) for fitted, ratio in found if ratio < 1.0]
@@ -61,17 +61,17 @@ def _alone(state: State) -> Case:
 
 
 def _alike(state: State, case: Case, judge: Case, last: Fit) -> tuple[Fit, float]:
-    """Return the fit to drives that count alike, and ``on_others`` of it."""
-    case, found = fit_alike(case, fit(case, last.terms, [last]))
-    return found, on_others(case, judge, state.current, found)
+    """Return the fit to drives that count alike, and ``left_out_ratio`` of it."""
+    case, found = fit_weighted(case, fit(case, last.terms, [last]))
+    return found, left_out_ratio(case, judge, state.current, found)
 
 
 def _ratio(found: tuple[Fit, float]) -> float:
     return found[1]
 
 
-def _added(naming: Naming, found: Fit) -> tuple[Added, ...]:
-    """Return what was named with the constants of a fit."""
+def _added(naming: Naming, found: Fit) -> tuple[ModelEffect, ...]:
+    """Return the named effects with the constants of a fit."""
     added = []
     for candidate, values, errors in zip(
         naming.effects, found.parameters, found.standard_errors, strict=True

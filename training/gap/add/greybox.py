@@ -1,4 +1,4 @@
-"""Effects become part of a grey-box model's file, with proof that it computes what the fit did."""
+"""Effects become part of a grey-box model's file, with proof that file and fit agree."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -13,11 +13,11 @@ from monitor.model.step import Model
 from training.gap.healthy.behaviour import Healthy
 from training.greybox.chain import Constants
 from training.greybox.charge.error import ChargeError
-from training.greybox.effects.model_effect import Added
-from training.greybox.effects.nodes import graph_effect
+from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.constants import Fitted, described, reference
 from training.greybox.fit.drive import Drive
 from training.greybox.graph.chain_graph import Greybox, longest_dead_time_s, register_for, save
+from training.greybox.graph.effect import graph_effect
 from training.greybox.graph.effect_inputs import SPEED, Ranges, channel_of, limits_of, reads_of
 from training.greybox.graph.effect_parity import TOLERANCE, Entry, parity
 
@@ -30,20 +30,20 @@ class Vehicle:
     """The healthy vehicle's chain, learned anew."""
 
     constants: Constants
-    own: tuple[Added, ...] = ()  # what it has beside them
+    own: tuple[ModelEffect, ...] = ()  # what it has beside them
     charge_error: ChargeError | None = None
 
     @classmethod
     def of(cls, known: Healthy, model: Greybox, drives: Sequence[Drive]) -> "Vehicle":
-        """Return what healthy drives taught; if ``drives`` have the model's charge, with that."""
-        own = tuple(Added.with_values(e.name, values.tolist()) for e, values in known.own)
+        """Return the vehicle, with the model's charge if ``drives`` have it."""
+        own = tuple(ModelEffect.with_values(e.name, values.tolist()) for e, values in known.own)
         charged = any(drive.charged for drive in drives)
         return cls(known.base, own, model.charge_error if charged else known.charge)
 
 
 def add(
     model: Path | str,
-    added: Sequence[Added],
+    added: Sequence[ModelEffect],
     out: Path | str,
     *,
     ranges: Ranges,
@@ -101,7 +101,7 @@ def add(
 
 def _extended(
     old: Greybox,
-    added: Sequence[Added],
+    added: Sequence[ModelEffect],
     reads: Sequence[Sequence[str]],
     ranges: Ranges,
 ) -> Greybox:
@@ -151,17 +151,17 @@ def _card(
 
 
 def _with_constants(card: ModelCard, constants: Constants) -> ModelCard:
-    """Return the card with other constants; what is known of their errors is the old fit's."""
+    """Return the card with other constants; their errors stay those of the old fit."""
     given = card.structure
     fitted = Fitted(
-        constants,
-        np.array(given["covariance"]),
-        tuple(given["noise_model"]),
-        given["rmse_phi"],
-        given["white_rmse_phi"],
-        given["samples"],
-        given["starts_rmse_spread"],
-        tuple(given["at_bound"]),
+        constants=constants,
+        covariance=np.array(given["covariance"]),
+        noise_model=tuple(given["noise_model"]),
+        rmse=given["rmse_phi"],
+        white_rmse=given["white_rmse_phi"],
+        samples=given["samples"],
+        spread=given["starts_rmse_spread"],
+        at_bound=tuple(given["at_bound"]),
     )
     note = {"standard_errors": str(given["standard_errors"]).removesuffix(BEFORE_EFFECTS)}
     note["standard_errors"] += BEFORE_EFFECTS

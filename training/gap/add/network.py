@@ -1,6 +1,6 @@
 """Effects become part of a network's file: before it, added to its output, or as one more input.
 
-Before it they change what the network reads (``add_narx_before``). The chain with the effects minus
+Before it they change what the network reads (``network_before``). The chain with the effects minus
 the chain without is what they change at the sensor: added to the output it leaves the network as it
 is; as an input the network is trained anew and may weigh it by regime.
 """
@@ -29,13 +29,13 @@ from training.gap.add.network_graph import (
 from training.gap.add.network_parity import parity
 from training.gap.add.network_training import train_again, with_difference
 from training.greybox.chain import Constants
-from training.greybox.effects.model_effect import Added
+from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.drive import Drive, from_recording, path_of
 from training.greybox.graph.chain_difference import ChainDifference
 from training.greybox.graph.effect_inputs import Ranges, channel_of
-from training.jobs.stages import Progress
+from training.jobs.checkpoints import Progress
 from training.narx.export import Network
-from training.narx.fit import HeldOut, held_out, measures, recordings_of
+from training.narx.model_file import HeldOut, held_out, measures, recordings_of
 from training.narx.stability import CONTRACTION_SAMPLES, Contraction
 from training.narx.stages import Trained, free_run
 from training.recordings.preparation import Prepared, Role, prepare
@@ -44,7 +44,7 @@ from training.recordings.recording import Recording
 
 def add(
     model: Path | str,
-    added: Sequence[Added],
+    added: Sequence[ModelEffect],
     chain: Constants,
     out: Path | str,
     *,
@@ -75,7 +75,7 @@ def add(
 
 
 def can_stand_before(
-    model: Path | str, added: Sequence[Added], chain: Constants, drive: Drive
+    model: Path | str, added: Sequence[ModelEffect], chain: Constants, drive: Drive
 ) -> bool:
     """Whether effects, and those that the model has, may stand before the network.
 
@@ -88,7 +88,7 @@ def can_stand_before(
 
 def retrain(
     model: Path | str,
-    added: Sequence[Added],
+    added: Sequence[ModelEffect],
     chain: Constants,
     recordings: Sequence[Recording],
     out: Path | str,
@@ -99,7 +99,7 @@ def retrain(
     seed: int = 0,
     progress: Progress = lambda _: None,
 ) -> tuple[HeldOut, ...]:
-    """Train ``model`` again with what the effects change as an input; write it to ``out``.
+    """Train ``model`` again with the effects' change of phi as an input; write it to ``out``.
 
     added, chain, ranges : see ``add``
     recordings : to train on, with ``healthy``; blocks of both are held out to choose and to measure
@@ -129,7 +129,12 @@ def retrain(
     )
     best, gap = train_again(data, card, network, seed, deadline_s, progress)
     trained = Network(
-        best.spec, best.weights, data.scaling, card.transform, card.transforms, data.names
+        spec=best.spec,
+        weights=best.weights,
+        scaling=data.scaling,
+        transform=card.transform,
+        transforms=card.transforms,
+        inputs=data.names,
     )
     inputs = tuple(dict.fromkeys((*network.inputs, *difference.inputs)))
     extended = NetworkWithEffects(AS_INPUT, trained, difference, inputs)
@@ -175,7 +180,7 @@ def _check(card: ModelCard, path: str) -> None:
         raise ModelError(f"{path}: predicts {card.output.name}, effects are added to lambda alone")
 
 
-def _older(card: ModelCard) -> list[Added]:
+def _older(card: ModelCard) -> list[ModelEffect]:
     return (
         [entry.added for entry in ChainDifference.from_card(card).entries] if card.effects else []
     )

@@ -1,4 +1,4 @@
-"""Effects on fuel and charge before a network: what a vehicle without them would broadcast.
+"""Effects on fuel and charge before a network: its inputs as a vehicle without them sends them.
 
 For the same mixture in the cylinder its ECU would command other fuel, and its lambda controller
 would stand higher by as much. So the network reads what it was trained on, however large the effect
@@ -13,11 +13,13 @@ from typing import Final
 import numpy as np
 
 from monitor.base.types import FloatArray
+from training.gap.config import CONFIG
 from training.greybox.chain import AIR_LEAST_MG, STOICHIOMETRIC, Path, valve_phi
-from training.greybox.effects.model_effect import Added
-from training.greybox.effects.nodes.value import Value, clip, maximum, where
+from training.greybox.effects.form.value import Value, clip, maximum, where
+from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.graph.chain_difference import ChainDifference
-from training.greybox.graph.chain_graph import FORGOTTEN, Greybox, effects_nodes
+from training.greybox.graph.chain_graph import FORGOTTEN, Greybox
+from training.greybox.graph.effect import effects_nodes
 from training.greybox.graph.effect_parity import path_with
 from training.greybox.graph.nodes import base_nodes, speed_nodes, valve_nodes
 from training.narx.export import Graph
@@ -25,13 +27,16 @@ from training.narx.export import Graph
 FUEL: Final = "fuel_mass_mg"
 CONTROLLER: Final = "lambda_controller"
 CORRECTED: Final = (FUEL, CONTROLLER)
-LEAST_MG: Final = 0.1  # of fuel, below which the controller stays as it is
-RATIO: Final = (0.5, 2.0)  # of the controller, at most
+LIMITS: Final = CONFIG.add
+RATIO: Final = (LIMITS.controller_ratio_min, LIMITS.controller_ratio_max)
+LEAST_MG: Final = LIMITS.controller_fuel_min_mg
 UP_TO_THE_VALVE: Final = ("fuel_mg", "air_mg", "factor")  # fields of a path
 
 
-def acts_before(added: Sequence[Added], path: Path, signals: Mapping[str, FloatArray]) -> bool:
-    """Whether effects change fuel and charge only, not what happens from the valve to the reading.
+def acts_before(
+    added: Sequence[ModelEffect], path: Path, signals: Mapping[str, FloatArray]
+) -> bool:
+    """Return whether effects change fuel and charge only, nothing from the valve to the reading.
 
     path, signals : of any drive, (n,) each
     """

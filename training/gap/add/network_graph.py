@@ -134,7 +134,7 @@ class NetworkWithEffects:
         return np.column_stack([signals[name] for name in self.network.inputs]), difference
 
     def whole(self, own: FloatArray, difference: FloatArray) -> FloatArray:
-        """Return the output (n,) in model units for what the network itself says (n,)."""
+        """Return the model's output (n,) in model units for the network's output (n,)."""
         if self.form != TO_OUTPUT:
             return own
         return np.clip(own + difference, self.network.scaling.y_low, self.network.scaling.y_high)
@@ -172,10 +172,34 @@ def network_of(path: Path | str) -> Network:
     k, memory = len(half), card.lags
     low, high = card.output_limits
     has_path = bool(card.layers) and stack[-1][0].shape[1] > card.layers[-1]
-    spec = Spec(k, memory, card.layers, card.input_lag_start, low, high, linear_path=has_path)
-    scaling = Scaling(middle, half, middle - half, middle + half, 0.0, 1.0, low, high)
+    spec = Spec(
+        n_inputs=k,
+        lags=memory,
+        hidden=card.layers,
+        input_lag_start=card.input_lag_start,
+        y_min=low,
+        y_max=high,
+        linear_path=has_path,
+    )
+    scaling = Scaling(
+        u_mean=middle,
+        u_std=half,
+        u_low=middle - half,
+        u_high=middle + half,
+        y_mean=0.0,
+        y_std=1.0,
+        y_low=low,
+        y_high=high,
+    )
     inputs = card.input_names[:k]
-    return Network(spec, _weights(spec, stack), scaling, card.transform, card.transforms, inputs)
+    return Network(
+        spec=spec,
+        weights=_weights(spec, stack),
+        scaling=scaling,
+        transform=card.transform,
+        transforms=card.transforms,
+        inputs=inputs,
+    )
 
 
 def _weights(spec: Spec, stack: list[tuple[FloatArray, FloatArray]]) -> FloatArray:

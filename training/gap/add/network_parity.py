@@ -1,4 +1,4 @@
-"""Does a network's file with effects compute what numpy and torch do, alone and in a batch?
+"""Proof that a network's file with effects agrees with numpy and torch, alone and in a batch.
 
 The network is that of ``parity``; the chains' difference is that of the arrays.
 """
@@ -121,7 +121,7 @@ def _onnx(path: Path | str, model: NetworkWithEffects, u: FloatArray, y: FloatAr
 
 
 def _torch(model: NetworkWithEffects, inputs: FloatArray, y: FloatArray) -> FloatArray:
-    """Return what the network itself says (runs, n)."""
+    """Return the network's output before effects, (runs, n)."""
     layout, module = model.network.state_layout, Step(model.network)
     state, found = torch.zeros((len(y), layout.size)), np.empty(y.shape)
     u, measured = torch.tensor(inputs, dtype=torch.float32), torch.tensor(y, dtype=torch.float32)

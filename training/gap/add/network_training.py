@@ -1,4 +1,4 @@
-"""A network trained again in its own shape, with what effects change as one more input.
+"""A network trained again in its old shape, with the effects' change of phi as one more input.
 
 The first start is the old network, to which the new input means nothing yet; others are random.
 """
@@ -14,12 +14,12 @@ from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard
 from training.gap.add.network_graph import DIFFERENCE
 from training.greybox.graph.chain_difference import ChainDifference
-from training.jobs.stages import Progress
+from training.jobs.checkpoints import Progress
 from training.narx.export import Network
-from training.narx.fit import choose, committees
 from training.narx.network import Layers, Spec, layers, linear_path
 from training.narx.stability import Contraction
 from training.narx.stages import Trained, train
+from training.narx.starts import choose, committees
 from training.narx.structure import FIRST_DECAY
 from training.recordings.preparation import Prepared, Scaling, hold
 from training.recordings.recording import Recording
@@ -89,15 +89,17 @@ def _told(progress: Progress, what: str) -> Callable[[int, int, float], None]:
 
 def spec_of(card: ModelCard, network: Network, data: Prepared) -> Spec:
     """Return the shape of one training of a model, for inputs and scaling of ``data``."""
-    members, given = _members(card), card.structure
+    members, structure = _members(card), card.structure
+    y_min, y_max = data.scaling.y_scaled_limits
     return Spec(
-        len(data.inputs),
-        int(given.get("output_lags", card.lags)),
-        tuple(n // members for n in card.layers),
-        card.input_lag_start,
-        *data.scaling.y_scaled_limits,
-        tuple((int(a), int(b)) for a, b in given.get("input_boxes", ())),
-        network.spec.linear_path,
+        n_inputs=len(data.inputs),
+        lags=int(structure.get("output_lags", card.lags)),
+        hidden=tuple(n // members for n in card.layers),
+        input_lag_start=card.input_lag_start,
+        y_min=y_min,
+        y_max=y_max,
+        input_boxes=tuple((int(a), int(b)) for a, b in structure.get("input_boxes", ())),
+        linear_path=network.spec.linear_path,
     )
 
 

@@ -1,19 +1,21 @@
-"""What the base misses on healthy drives: learned there, taken as known on the others."""
+"""Healthy behaviour: the base's error on healthy drives, which corrects it on new drives."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise, product
+from typing import Final
 
 import numpy as np
 from scipy.signal import lfilter
 
 from monitor.base.types import BoolArray, FloatArray, IntArray
+from training.gap.config import CONFIG
 from training.gap.healthy.features import features
 from training.gap.healthy.operating_points import Visited
 from training.greybox.chain import Constants, Path, simulate
 from training.greybox.charge.error import ChargeError, fit_with_charge_error
 from training.greybox.effects import LIBRARY, Effect, Own
-from training.greybox.effects.dynamics import ramp_lag
+from training.greybox.effects.form.dynamics import ramp_lag
 from training.greybox.fit import ridge
 from training.greybox.fit.comparison import BLOCK_S, FOLDS
 from training.greybox.fit.drive import Drive, path_of
@@ -22,29 +24,23 @@ from training.greybox.fit.ridge import Ridge
 from training.greybox.fit.sensor_faults import FAULTS
 from training.greybox.fit.vehicle_effects import own_of, with_more
 
-LARGER_PENALTIES = (1e-4, 1e-3, 1e-2, 1e-1, 1.0)
-SCALE_MIN = 1e-3  # of a column, below which it is not taken for better known
-# Spread of the coefficients from drive to drive, of a column's own size: plain functions,
-# signatures. On nulls of three simulated vehicles larger values hide effects, smaller ones let
-# drives that differ in weather and bus timing look like an effect.
-VARIATION_PHI = (8e-5, 5e-5)
+LIMITS: Final = CONFIG.healthy
 SKEW_S = 0.01
 OWN = ("delay_flow", "mix_flow")  # that every exhaust has
 SKEW = "skew"  # what a charge that is late changes, per second
 COOLANT = "coolant "  # functions of ``features`` in the order of temperature
-COOLANT_STEP_PHI = 0.002  # by which what is missed differs from one of their knots to the next
 CONSTANT = "constant"  # among the functions of ``features``
-KNOWN_VARIATION = {
-    CONSTANT: 0.0008,  # phi: gain with weather and fuel
-    "above": 0.008,  # span
-    "rate": 0.005,  # s: phase of the sensor's message
-    SKEW: 0.008,  # s: phase of the charge's message against the fuel's, both every 20 ms
+COLUMN_SPREAD = {
+    CONSTANT: LIMITS.gain_spread_phi,
+    "above": LIMITS.span_spread,
+    "rate": LIMITS.sensor_phase_spread_s,
+    SKEW: LIMITS.charge_phase_spread_s,
 }
 
 
 @dataclass(frozen=True, slots=True)
 class Healthy:
-    """Base constants of healthy drives, what these leave, and how drives differ.
+    """Base constants of healthy drives, the error beside them, and the spread between drives.
 
     A chain whose dead time and mixing do not follow the exhaust's flow is too sharp at low flow,
     and every fault or effect of the response fits it badly. So the healthy vehicle's volumes are
@@ -58,7 +54,7 @@ class Healthy:
     ridge: Ridge
     spread: FloatArray  # (k,) of the columns' coefficients over drives
     visited: Visited
-    surplus: Mapping[str, float] = field(default_factory=dict)  # see ``accepted``
+    surplus: Mapping[str, float] = field(default_factory=dict)  # see ``yardstick``
     charge: ChargeError | None = None  # of drives with the air per stroke as broadcast
     rmse_usual: float | None = None  # phi, of healthy drives judged by others; of a chain only
 
@@ -70,11 +66,11 @@ class Healthy:
 
     @property
     def offset_phi(self) -> float:
-        """Return by how much drives lie off each other on the whole."""
+        """Return the spread of the mean phi from drive to drive."""
         return float(self.spread_of([CONSTANT])[0])
 
     def spread_of(self, names: Sequence[str]) -> FloatArray:
-        """Return the spread of columns (k,) by their names; it is 0 of one that is not known."""
+        """Return the spread of columns (k,) by name, 0 for a name that is not there."""
         known = dict(zip(self.names, self.spread.tolist(), strict=True))
         return np.array([known.get(name, 0.0) for name in names])
 
@@ -88,7 +84,7 @@ class Healthy:
         return replace(own, scored=own.scored & self.visited.on(own))
 
     def correction(self, drive: Drive) -> FloatArray:
-        """Return what the chain misses on ``drive`` by what was missed when healthy, (n,) in phi.
+        """Return the chain's expected error on ``drive`` if the vehicle is healthy, (n,) in phi.
 
         With another model than the chain, what that model reads instead is part of it.
         """
@@ -125,14 +121,24 @@ def learn(drives: Sequence[Drive], start: Constants, like: Healthy | None = None
     prior = _smooth(names)
     found = ridge.fit(x_all, e_all, fold, limits, prior=prior)
     whole = _no_worse(stacked, y, found, (x_all, e_all, fold), prior)
-    scale = np.maximum(np.sqrt((stacked**2).mean(axis=0)), SCALE_MIN)
+    scale = np.maximum(np.sqrt((stacked**2).mean(axis=0)), LIMITS.column_size_min)
     group = np.array([int(name.endswith(")")) for name in names])  # signatures apart
-    spread = np.array(VARIATION_PHI)[group] / scale
-    for column, value in KNOWN_VARIATION.items():
+    usual = np.array([LIMITS.function_spread_phi, LIMITS.signature_spread_phi])
+    spread = usual[group] / scale
+    for column, value in COLUMN_SPREAD.items():
         if column in names:
             spread[names.index(column)] = value
     visited = Visited.of(drives)
-    return Healthy(base, plain, own, names, whole, spread, visited, charge=charge)
+    return Healthy(
+        base=base,
+        plain=plain,
+        own=own,
+        names=names,
+        ridge=whole,
+        spread=spread,
+        visited=visited,
+        charge=charge,
+    )
 
 
 def _smooth(names: Sequence[str]) -> FloatArray:
@@ -145,7 +151,9 @@ def _smooth(names: Sequence[str]) -> FloatArray:
     precision = np.zeros((len(names), len(names)))
     at = [i for i, name in enumerate(names) if name.startswith(COOLANT)]
     for pair in pairwise(at):
-        precision[np.ix_(pair, pair)] += np.array([[1.0, -1.0], [-1.0, 1.0]]) / COOLANT_STEP_PHI**2
+        precision[np.ix_(pair, pair)] += (
+            np.array([[1.0, -1.0], [-1.0, 1.0]]) / LIMITS.coolant_step_phi**2
+        )
     return precision
 
 
@@ -161,7 +169,7 @@ def _no_worse(
     plain, y : columns (m, k) and errors (m,) as they are; white : both whitened, and the folds
     Smooth functions, as the time after a fuel cut, hardly show in whitened errors.
     """
-    for penalty in LARGER_PENALTIES:
+    for penalty in LIMITS.correction_penalties:
         if ((y - plain @ found.weights) ** 2).sum() <= (y**2).sum():
             break
         if penalty > found.penalty:
@@ -171,7 +179,7 @@ def _no_worse(
 
 
 def as_shown(drives: Sequence[Drive], start: Constants) -> Sequence[Drive]:
-    """Return healthy drives without what effects in the model move, if they do not show these.
+    """Return healthy drives, without the effects in the model if the drives do not show them.
 
     Whoever extends a model and looks at it again may give the healthy drives from before the effect
     was there, or new ones.
@@ -208,7 +216,7 @@ def _charge_error(drives: Sequence[Drive]) -> ChargeError | None:
 def _chain(
     drives: Sequence[Drive], start: Constants, like: Healthy | None
 ) -> tuple[Constants, Constants, Own]:
-    """Return the constants of the chain alone, those beside its own effects, and these."""
+    """Return constants of the chain alone, constants beside the vehicle's effects, the effects."""
     if like is not None:
         found = _fit([like.with_own(drive) for drive in drives], (), [like.base])
         return like.plain, found.base, like.own
@@ -233,7 +241,7 @@ def _case(drives: Sequence[Drive]) -> Case:
 
 
 def _left(drive: Drive, base: Constants) -> FloatArray:
-    """Return what the model leaves unexplained, (n,) in phi."""
+    """Return the model's error, (n,) in phi."""
     phi = drive.phi_of_model
     if phi is None:
         phi = simulate(path_of(drive, base), drive.period_s) + drive.moved_phi
@@ -261,7 +269,7 @@ def noise(kept: Sequence[BoolArray], rest: FloatArray) -> tuple[tuple[float, flo
 
 
 def columns(drive: Drive, base: Constants) -> dict[str, FloatArray]:
-    """Return all that may be missing on a drive: plain functions and every effect's signature."""
+    """Return the columns of a drive: plain functions and every effect's signature."""
     path = path_of(drive, base)
     phi = simulate(path, drive.period_s)
     found = features(drive, path, phi)

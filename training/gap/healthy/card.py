@@ -1,4 +1,4 @@
-"""What healthy drives taught, as a part of the model card: the workflow then works without them.
+"""The healthy behaviour as a part of the model card: the workflow then needs no healthy drives.
 
 It stands under ``reference["gap"]`` and is as good as the columns that it weighs. They are compared
 by name and by their size on a drive made of formulas, so that a card written by code with other
@@ -6,13 +6,17 @@ columns is told.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from monitor.base.types import BoolArray, FloatArray
 from monitor.model.card import ModelCard
+from monitor.model.step import Model
+from training.gap.config import CONFIG
 from training.gap.healthy.behaviour import Healthy, columns
 from training.gap.healthy.operating_points import Visited
 from training.greybox.chain import STOICHIOMETRIC, Constants
@@ -20,13 +24,13 @@ from training.greybox.charge.error import ChargeError
 from training.greybox.effects import LIBRARY
 from training.greybox.fit.drive import Drive, make
 from training.greybox.fit.ridge import Ridge
+from training.narx.export import update_card
 from training.recordings.recording import Recording
 
 KEY: Final = "gap"
 SCHEMA: Final = "o2train.gap_reference/2"
 DIGITS: Final = 7
 PROBE_DIGITS: Final = 4
-SAME: Final = 2e-3  # relative difference of a column's size, up to which it is the same
 PROBE_SAMPLES, PROBE_PERIOD_S = 1200, 0.1
 
 
@@ -59,8 +63,16 @@ def to_card(known: Healthy, recordings: Sequence[Recording]) -> dict[str, Any]:
     }
 
 
+def store(path: Path, known: Healthy, recordings: Sequence[Recording]) -> ModelCard:
+    """Put ``known``, learned from ``recordings``, into the card of the model in ``path``."""
+    card = Model.load(path).card
+    card = replace(card, reference=dict(card.reference) | {KEY: to_card(known, recordings)})
+    update_card(path, card)
+    return card
+
+
 def from_card(card: ModelCard) -> tuple[Healthy | None, str | None]:
-    """Return what healthy drives taught and, where a reference cannot be used, why."""
+    """Return the healthy behaviour in a card, or None and the reason why it cannot be used."""
     stored = card.reference.get(KEY)
     if stored is None:
         return None, None
@@ -77,7 +89,7 @@ def from_card(card: ModelCard) -> tuple[Healthy | None, str | None]:
 
 
 def known_of(card: ModelCard) -> tuple[Healthy | None, list[str]]:
-    """Return what serves where no healthy recordings are given, and what it cannot tell."""
+    """Return the healthy behaviour in a card and the doubts that come with it."""
     known, why = from_card(card)
     if known is None:
         return None, [why] if why else []
@@ -104,7 +116,11 @@ def _strange(stored: Mapping[str, Any]) -> list[str]:
     """Return the columns that this code does not make, or makes otherwise."""
     sizes = _sizes()
     pairs = zip(stored["columns"], stored["size"], strict=True)
-    return [n for n, size in pairs if not np.isclose(sizes.get(n, np.nan), size, rtol=SAME)]
+    return [
+        n
+        for n, size in pairs
+        if not np.isclose(sizes.get(n, np.nan), size, rtol=CONFIG.healthy.column_size_tolerance)
+    ]
 
 
 def _known(stored: Mapping[str, Any]) -> Healthy:
@@ -119,19 +135,25 @@ def _known(stored: Mapping[str, Any]) -> Healthy:
     if [visited.cells.shape, visited.coolants.shape] != [each.shape for each in _nowhere()]:
         raise ValueError("its operating points are others")
     return Healthy(
-        _constants(stored["base"]),
-        _constants(stored["plain"]),
-        tuple(
+        base=_constants(stored["base"]),
+        plain=_constants(stored["plain"]),
+        own=tuple(
             (LIBRARY[name], _array(values, len(LIBRARY[name].parameters)))
             for name, values in stored["own"].items()
         ),
-        names,
-        Ridge(weight, low, high, np.empty(0), float(stored["penalty"])),
-        spread,
-        visited,
-        {str(name): float(value) for name, value in stored["surplus"].items()},
-        None if stored.get("charge") is None else ChargeError.from_card(stored["charge"]),
-        None if stored.get("rmse_usual") is None else float(stored["rmse_usual"]),
+        names=names,
+        ridge=Ridge(
+            weights=weight,
+            low=low,
+            high=high,
+            held_out=np.empty(0),
+            penalty=float(stored["penalty"]),
+        ),
+        spread=spread,
+        visited=visited,
+        surplus={str(name): float(value) for name, value in stored["surplus"].items()},
+        charge=None if stored.get("charge") is None else ChargeError.from_card(stored["charge"]),
+        rmse_usual=None if stored.get("rmse_usual") is None else float(stored["rmse_usual"]),
     )
 
 

@@ -4,15 +4,15 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Final
 
+from training.gap.config import CONFIG
 from training.gap.healthy.behaviour import Healthy
 from training.greybox.fit.drive import MIN_SCORED_S, Drive
 
-UNVISITED_MOST: Final = 0.25  # of all samples, where no healthy recording has been
-MAIN_REASON: Final = 0.2  # of the samples away by another quantity, from which one is named
+LIMITS: Final = CONFIG.healthy
 
 
-def unvisited(drives: Sequence[Drive], known: Healthy | None) -> list[str]:
-    """Return warnings of what lies where no healthy recording has been, which names nothing."""
+def coverage_warnings(drives: Sequence[Drive], known: Healthy | None) -> list[str]:
+    """Return warnings of samples that name nothing: no healthy recording has been there."""
     if known is None:
         return []
     there = [int(d.kept.sum()) for d in drives]
@@ -23,17 +23,19 @@ def unvisited(drives: Sequence[Drive], known: Healthy | None) -> list[str]:
         if n * d.period_s < MIN_SCORED_S
     ]
     share = 1.0 - sum(left) / max(sum(there), 1)
-    if share >= UNVISITED_MOST:
+    if share >= LIMITS.unvisited_max:
         warnings.append(f"{share:.0%} of the samples lie {_away(drives, known)} and name nothing")
     return warnings
 
 
 def _away(drives: Sequence[Drive], known: Healthy) -> str:
-    """Return in which quantity drives are where no healthy recording has been."""
+    """Return the quantity, in words, in which the drives left the healthy recordings' range."""
     outside = Counter[str]()
     for drive in drives:
         for what, within in known.visited.parts(known.with_own(drive)).items():
             outside[what] += int((~within[drive.kept]).sum())
     most = max(outside.values())
-    where = " and ".join(what for what, n in outside.items() if n >= MAIN_REASON * most)
+    where = " and ".join(
+        what for what, n in outside.items() if n >= LIMITS.unvisited_reason_min * most
+    )
     return f"at {where} that no healthy recording has visited"

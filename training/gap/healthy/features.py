@@ -13,12 +13,12 @@ import numpy as np
 from numba import njit
 
 from monitor.base.types import FloatArray
+from training.gap.config import CONFIG
 from training.greybox.chain import Path
-from training.greybox.effects.dynamics import charged, lag, slope
-from training.greybox.effects.effect import flow_kg_h, injecting
+from training.greybox.effects.form.dynamics import charged, lag, slope
+from training.greybox.effects.form.quantities import flow_kg_h, injecting
 from training.greybox.fit.drive import Drive
 
-WARM_DEGC: Final = 80.0
 SPEED_KNOTS_RPM: Final = (800.0, 1300.0, 1800.0, 2400.0, 3200.0)
 LOAD_KNOTS_MG: Final = (90.0, 160.0, 260.0, 400.0, 600.0)
 COOLANT_KNOTS_DEGC: Final = (0.0, 30.0, 55.0, 75.0, 90.0)
@@ -60,7 +60,11 @@ def _at_valve(drive: Drive, path: Path) -> dict[str, FloatArray]:
     made["charge slope at low speed"] = made["charge slope"] * 1500.0 / np.maximum(rpm, 700.0)
     made["fuel slope"] = np.clip(slope(fuel, period_s) / np.maximum(fuel, 4.0), -3.0, 3.0) * running
     coolant = s.get("coolant_temperature_degc")
-    cold = np.zeros(len(air)) if coolant is None else np.maximum(WARM_DEGC - coolant, 0.0) / 60.0
+    cold = (
+        np.zeros(len(air))
+        if coolant is None
+        else np.maximum(CONFIG.engine.warm_degc - coolant, 0.0) / 60.0
+    )
     strokes = np.maximum(rpm, 500.0)
     for time_s in (0.3, 0.8, 2.0):
         late = lag(fuel * strokes, time_s, period_s) / strokes

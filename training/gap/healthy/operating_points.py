@@ -11,12 +11,13 @@ from typing import Final
 import numpy as np
 
 from monitor.base.types import BoolArray, FloatArray, IntArray
+from training.gap.config import CONFIG
 from training.greybox.fit.drive import Drive
 
 SPEEDS_RPM: Final = np.array([1050.0, 1550.0, 2100.0, 2800.0, 3600.0, 4500.0])
 LOADS_MG: Final = np.array([125.0, 210.0, 330.0, 500.0])
 COOLANTS_DEGC: Final = np.array([15.0, 40.0, 65.0, 82.5])  # between the knots of `features`
-ENOUGH_S: Final = 15.0  # in a cell, in all healthy drives together
+LIMITS: Final = CONFIG.healthy
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +29,7 @@ class Visited:
 
     @classmethod
     def of(cls, drives: Sequence[Drive]) -> "Visited":
-        """Return what scored samples of the drives visited.
+        """Return the operating points that scored samples of the drives visited.
 
         If one of them does not say its coolant temperature, every temperature counts as visited.
         """
@@ -42,7 +43,7 @@ class Visited:
                 warm[:] = np.inf
             else:
                 np.add.at(warm, coolant[drive.scored], drive.period_s)
-        return cls(seconds >= ENOUGH_S, warm >= ENOUGH_S)
+        return cls(seconds >= LIMITS.visited_min_s, warm >= LIMITS.visited_min_s)
 
     def on(self, drive: Drive) -> BoolArray:
         """Return where a drive is within, (n,)."""

@@ -1,4 +1,4 @@
-"""The model under study as the naming sees it: the chain, or the chain beside what it reads."""
+"""The model under study as the naming sees it: the chain on the charge that the model sees."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -49,7 +49,7 @@ def own_charge(card: ModelCard) -> bool:
 def drives_of(
     model: Path, recordings: Sequence[Recording], healthy: Sequence[Recording] = ()
 ) -> list[Drive]:
-    """Return the recordings as the naming wants them: with the charge that the model sees.
+    """Return the recordings as drives for the naming, with the charge that the model sees.
 
     Effects are named on the chain, whatever the model is: what a network misses on new drives
     differs from what it misses on those it was trained on, and looks like an effect. Effects that
@@ -75,7 +75,7 @@ def drives_of(
 
 
 def read_by(model: Path, recordings: Sequence[Recording]) -> list[Drive]:
-    """Return the recordings with what the model reads, for constants that suit the model.
+    """Return the recordings as drives beside the model's free run, to fit constants that suit it.
 
     Raises RecordingError as ``drives_of``.
     """
@@ -86,7 +86,7 @@ def read_by(model: Path, recordings: Sequence[Recording]) -> list[Drive]:
 def plain_drives_of(
     card: ModelCard, recordings: Sequence[Recording], healthy: Sequence[Recording] = ()
 ) -> list[Drive]:
-    """Return the recordings with the charge that the model sees, and without what it reads.
+    """Return the recordings as drives, without the effects that the model has.
 
     healthy : as in ``drives_of``
     Raises RecordingError as ``drives_of``.

@@ -1,4 +1,4 @@
-"""What the gap workflow is given: a model, recordings in their roles, and the user's choices."""
+"""A model, recordings in their roles, and the user's choices."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,15 +7,13 @@ from typing import Final
 
 from monitor.base.errors import UsageError
 from monitor.base.faults import Fault, resolve
+from training.gap.config import CONFIG
 from training.limits.targets import LIMIT_SEVERITY
 from training.recordings.recording import Recording
 
-MOST_EFFECTS: Final = 3  # that are added, and of an ambiguous set
-HELD_OUT_EVERY: Final = 3  # recordings, of which the last is held out
-
-BIAS_LAMBDA: Final = 0.1  # found without the vehicle's own reference; the limit of 0.05 needs one
+LIMITS: Final = CONFIG.inputs
 FAULTS: Final = tuple(
-    resolve(name, BIAS_LAMBDA if name.startswith("biased") else severity)
+    resolve(name, LIMITS.bias_lambda if name.startswith("biased") else severity)
     for name, severity in LIMIT_SEVERITY.items()
     if name != "transient"  # lag and gain together: both are there by themselves
 )
@@ -24,7 +22,7 @@ ACCEPTED: Final = "the recordings of the fit"
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """What the user chose."""
+    """The user's choices."""
 
     steps: int = 1
     sensor_known_good: bool = False
@@ -35,8 +33,8 @@ class Options:
 
 
 @dataclass(frozen=True, slots=True)
-class Given:
-    """What the workflow works on."""
+class Material:
+    """The model under study and its recordings by role."""
 
     model: Path
     recordings: Sequence[Recording]
@@ -48,23 +46,35 @@ class Given:
         """Return the recordings by what the command calls them."""
         return {"RECORDING": self.recordings, "--healthy": self.healthy, "--verify": self.verify}
 
+    @property
+    def fit(self) -> list[Recording]:
+        """Return the recordings that the new model's constants come from."""
+        return [self.recordings[i] for i in self.fit_numbers]
 
-def split(given: Given) -> tuple[list[int], list[Recording]]:
-    """Return which recordings the constants come from, and the recordings held out."""
-    n = len(given.recordings)
-    out = set() if given.verify else set(range(HELD_OUT_EVERY - 1, n, HELD_OUT_EVERY))
-    if n == HELD_OUT_EVERY - 1 and not given.verify:
-        out = {n - 1}
-    fitted_to = [i for i in range(n) if i not in out]
-    return fitted_to, [*given.verify, *(given.recordings[i] for i in sorted(out))]
+    @property
+    def fit_numbers(self) -> list[int]:
+        """Return the places of ``fit`` among the recordings."""
+        return [i for i in range(len(self.recordings)) if i not in self._held_out_numbers]
+
+    @property
+    def held_out(self) -> list[Recording]:
+        """Return the recordings that no fit sees: those for verifying, else every third."""
+        return [*self.verify, *(self.recordings[i] for i in sorted(self._held_out_numbers))]
+
+    @property
+    def _held_out_numbers(self) -> set[int]:
+        n, every = len(self.recordings), LIMITS.held_out_every
+        if self.verify:
+            return set()
+        return {n - 1} if n == every - 1 else set(range(every - 1, n, every))
 
 
 def options_of(
     steps: int, sensor_known_good: bool, add: Sequence[str], retrain_minutes: float
 ) -> Options:
     """Return the options; raises UsageError if they make no sense."""
-    if not 1 <= steps <= MOST_EFFECTS:
-        raise UsageError(f"--steps is 1 to {MOST_EFFECTS}")
+    if not 1 <= steps <= LIMITS.effects_max:
+        raise UsageError(f"--steps is 1 to {LIMITS.effects_max}")
     if not 0.0 <= retrain_minutes < float("inf"):
         raise UsageError("--retrain takes minutes, 0 or more")
     return Options(steps, sensor_known_good, tuple(add), retrain_minutes)

@@ -1,4 +1,4 @@
-"""What recordings must be before anything is fitted to them: each once, on one grid, and moving."""
+"""Conditions of recordings before a fit: no bytes twice, one grid, long enough, moving."""
 
 from collections.abc import Mapping, Sequence
 from typing import Final
@@ -8,16 +8,14 @@ import numpy as np
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard
+from training.gap.config import CONFIG
 from training.gap.inputs import base
 from training.greybox.chain import Constants, base_path, valve_phi
 from training.greybox.effects import ALL
 from training.greybox.fit.drive import NEEDED, Drive
 from training.recordings.recording import Recording
 
-SCORED_LEAST_S: Final = 300.0  # in all drives together: ten blocks to hold out in turn
-MOVES_LEAST: Final = 0.1  # of the median, of load or engine speed
-QUANTILES: Final = (0.05, 0.95)  # between which a signal moves
-CORRELATION_LEAST: Final = 0.6
+LIMITS: Final = CONFIG.inputs
 CHARGE: Final = ("maf_kg_h", "engine_speed_rpm")  # instead of the air per stroke
 SPEED: Final = ("engine_speed_rpm", "maf_kg_h")  # either, with the charge
 
@@ -92,7 +90,7 @@ def lacking(recordings: Sequence[Recording], own_charge: bool = False) -> dict[s
 
 
 def check_healthy(recordings: Sequence[Recording], own_charge: bool = False) -> None:
-    """Raise RecordingError if healthy recordings lack what the chain needs and others have."""
+    """Raise RecordingError if healthy recordings lack a signal that the chain needs."""
     for signal, names in lacking(recordings, own_charge).items():
         raise RecordingError(
             f"{', '.join(names)}: healthy, without a good value of {signal}, which the recordings "
@@ -103,10 +101,10 @@ def check_healthy(recordings: Sequence[Recording], own_charge: bool = False) -> 
 def check_long(drives: Sequence[Drive], role: str) -> None:
     """Raise RecordingError if all drives together are too short to hold blocks out."""
     seconds = sum(float(d.scored.sum()) * d.period_s for d in drives)
-    if seconds < SCORED_LEAST_S:
+    if seconds < LIMITS.scored_min_s:
         raise RecordingError(
             f"{_names(drives)}: {seconds:.0f} s of {role} recordings can be scored in all, "
-            f"{SCORED_LEAST_S:.0f} s are wanted, better several recordings of ten minutes"
+            f"{LIMITS.scored_min_s:.0f} s are wanted, better several recordings of ten minutes"
         )
 
 
@@ -118,7 +116,7 @@ def check_moving(drives: Sequence[Drive]) -> None:
     """
     load, load_moves = _moves([d.signals["air_mass_mg"][d.scored] for d in drives])
     speed, speed_moves = _moves([d.signals["engine_speed_rpm"][d.scored] for d in drives])
-    if max(load_moves, speed_moves) >= MOVES_LEAST:
+    if max(load_moves, speed_moves) >= LIMITS.moves_min:
         return
     valve = [valve_phi(base_path(Constants(), d.signals))[d.scored] for d in drives]
     phi, phi_moves = _moves(valve)
@@ -126,15 +124,15 @@ def check_moving(drives: Sequence[Drive]) -> None:
         f"{_names(drives)}: no excitation, 90 % of the samples lie within {load_moves:.1%} of "
         f"{load:.0f} mg of air per stroke, {speed_moves:.1%} of {speed:.0f} rpm and "
         f"{phi_moves:.1%} of phi {phi:.2f} at the valve; load or speed must move by "
-        f"{MOVES_LEAST:.0%}, better mixed driving"
+        f"{LIMITS.moves_min:.0%}, better mixed driving"
     )
 
 
-def poor(card: ModelCard) -> list[str]:
-    """Return a warning if the model hardly follows its own vehicle: then little is told by it."""
+def poor_model_warnings(card: ModelCard) -> list[str]:
+    """Return a warning if the model hardly follows its own vehicle: any verdict means little."""
     figures = card.fit.get("test_enabled") or card.fit.get("test") or {}
     found = figures.get("correlation", 1.0)
-    if found >= CORRELATION_LEAST:
+    if found >= LIMITS.correlation_min:
         return []
     return [
         f"the model follows blocks held out of its own training poorly (correlation {found:.2f}): "
@@ -142,8 +140,8 @@ def poor(card: ModelCard) -> list[str]:
     ]
 
 
-def fitted_to(card: ModelCard, recordings: Sequence[Recording]) -> list[str]:
-    """Return a warning if the model, with its own reference, was fitted to what is looked at."""
+def seen_in_fit_warnings(card: ModelCard, recordings: Sequence[Recording]) -> list[str]:
+    """Return a warning if the model was fitted to the recordings in which the gap is sought."""
     return [
         f"{names}: the model was fitted to them, so a gap that they have counts as "
         "healthy; give recordings of the vehicle without it as --healthy"
@@ -151,7 +149,7 @@ def fitted_to(card: ModelCard, recordings: Sequence[Recording]) -> list[str]:
     ]
 
 
-def held_out(card: ModelCard, recordings: Sequence[Recording]) -> list[str]:
+def held_out_warnings(card: ModelCard, recordings: Sequence[Recording]) -> list[str]:
     """Return a warning if nothing is held out of the new model's fit, or was in the old one's."""
     if not recordings:
         return ["one recording: nothing could be held out, the figures are of held-out blocks"]
@@ -169,8 +167,10 @@ def _fitted_to(card: ModelCard, recordings: Sequence[Recording]) -> list[str]:
     return [", ".join(own)] if own else []
 
 
-def unlearned(recordings: Sequence[Recording], healthy: Sequence[Recording]) -> list[str]:
-    """Return warnings of effects whose signals healthy recordings lack and the others have."""
+def unlearned_effect_warnings(
+    recordings: Sequence[Recording], healthy: Sequence[Recording]
+) -> list[str]:
+    """Return warnings of effects whose signals only the new recordings have."""
     if not healthy:
         return []
     here, there = (frozenset.intersection(*(r.known for r in g)) for g in (recordings, healthy))
@@ -185,7 +185,8 @@ def unlearned(recordings: Sequence[Recording], healthy: Sequence[Recording]) -> 
 
 def _moves(values: Sequence[FloatArray]) -> tuple[float, float]:
     """Return the median and the width of 90 % of the values, of the median."""
-    low, middle, high = np.quantile(np.concatenate(values), (QUANTILES[0], 0.5, QUANTILES[1]))
+    least, most = LIMITS.moves_quantiles
+    low, middle, high = np.quantile(np.concatenate(values), (least, 0.5, most))
     return float(middle), float((high - low) / max(abs(middle), 1e-9))
 
 

@@ -1,4 +1,4 @@
-"""What one step concludes: a name, several, none that explains enough, nothing, or the sensor."""
+"""The conclusion of one step: a name, several, an unknown effect, no gap, or the sensor."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -8,6 +8,7 @@ import numpy as np
 
 from monitor.base.types import FloatArray
 from training.gap.name import guards, scoring
+from training.gap.name.base_state import FREE
 from training.gap.name.description import Plain, plainest
 from training.gap.name.manoeuvres import Experiment, separate
 from training.gap.name.ranking import (
@@ -21,11 +22,10 @@ from training.gap.name.ranking import (
     matters,
     rank,
 )
-from training.gap.name.start import FREE
 from training.gap.name.verdict import Candidate, Verdict
-from training.greybox.effects.fuel import GAIN_OF_ETHANOL
+from training.greybox.effects.ethanol import GAIN_OF_ETHANOL
 from training.greybox.fit.joint import Fit, Prior, Term, fit
-from training.jobs.stages import Progress
+from training.jobs.checkpoints import Progress
 
 T_LEAST: Final = 3.0
 T_STRANGE: Final = 2.0  # from which a constant of the wrong sign speaks against the best
@@ -44,7 +44,7 @@ GAIN_SUSPECTED: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What a step concludes and what it looked at."""
+    """The conclusion of a step and its ranking."""
 
     verdict: Verdict
     best: tuple[Candidate, ...]  # the named one, the ambiguous set, or what looks like the fault
@@ -86,17 +86,23 @@ def step(
         (None if no_rival else _of_the_gain(state, ranking, sensor_known_good))
         or _at_fault(state, strong, ranking, sensor_known_good)
         or _of_effects(strong, ranking, more)
-        or Outcome(_nothing(added, strange, plain), (), None, None, ranking)
+        or Outcome(
+            verdict=_nothing(added, strange, plain),
+            best=(),
+            suspected=None,
+            experiment=None,
+            ranking=ranking,
+        )
     )
 
 
 def _holds(candidate: Candidate, t_least: float = T_LEAST) -> bool:
-    """Whether a candidate's gain is more than chance and even over the blocks that it moves."""
+    """Return whether a gain is more than chance and even over the blocks that it moves."""
     return candidate.score >= candidate.needed and candidate.t >= t_least
 
 
 def _rules_out(state: State, strange: Candidate, best: Candidate) -> bool:
-    """Whether what is too small explains more than the best, or what cannot be as much."""
+    """Return whether an implausible candidate (too small, or wrong sign) beats the best."""
     if strange.physical:
         return best.score < EQUAL * strange.score
     blocks = state.case.blocks
@@ -105,7 +111,7 @@ def _rules_out(state: State, strange: Candidate, best: Candidate) -> bool:
 
 
 def _is_confirmed(state: State, best: Candidate) -> bool:
-    """Whether functions with far more freedom than an effect explain anything of held-out blocks.
+    """Return whether functions with far more freedom than an effect explain held-out blocks.
 
     An effect that gains where they lose has met what differs from drive to drive.
     """
@@ -115,14 +121,14 @@ def _is_confirmed(state: State, best: Candidate) -> bool:
 
 
 def _is_no_rival(state: State, best: Candidate, plain: Plain) -> bool:
-    """Whether one plain function of a signal explains far more than the best candidate does."""
+    """Return whether one plain function of a signal explains far more than the best candidate."""
     own = scoring.deviance(best.fit, state.case.blocks)
     far = best.score < RIVAL_SCORE * plain.score.gain
     return far and scoring.win(plain.deviance, own) >= WIN
 
 
 def _is_large(candidate: Candidate) -> bool:
-    """Whether the gain is far more than healthy drives give, if only in some blocks."""
+    """Return whether the gain is far more than healthy drives give, if only in some blocks."""
     return candidate.score > LARGE * candidate.needed
 
 
@@ -138,10 +144,20 @@ def _of_effects(
     best, among = strong[0], tuple(c for c in strong if c.kind == "effect")[:AMBIGUOUS_MOST]
     parts = all((c.adequacy or 0.0) < ADEQUATE for c in among)
     if len(among) == 1 or (parts and more):
-        return Outcome("named", (best,), None, None, ranking)
+        return Outcome(
+            verdict="named", best=(best,), suspected=None, experiment=None, ranking=ranking
+        )
     if parts:
-        return Outcome("unknown_effect", (), None, None, ranking)
-    return Outcome("ambiguous", among, None, separate(best.fit, among[1].fit), ranking)
+        return Outcome(
+            verdict="unknown_effect", best=(), suspected=None, experiment=None, ranking=ranking
+        )
+    return Outcome(
+        verdict="ambiguous",
+        best=among,
+        suspected=None,
+        experiment=separate(best.fit, among[1].fit),
+        ranking=ranking,
+    )
 
 
 def _nothing(
@@ -158,7 +174,7 @@ def _nothing(
 
 
 def _is_felt(state: State, fault: Candidate) -> bool:
-    """Whether a sensor fault is more than chance and explains half of what can be explained."""
+    """Return whether a sensor fault is beyond chance and explains half of the ceiling."""
     if not (_is_large(fault) or _holds(fault)):
         return False
     share = fault.adequacy
@@ -181,7 +197,13 @@ def _at_fault(
         return None
     if strong and strong[0].name == GAIN_CLASS[0]:
         factor = (strong[0],)
-        return Outcome("sensor_fault_suspected", factor, GAIN_SUSPECTED, None, ranking)
+        return Outcome(
+            verdict="sensor_fault_suspected",
+            best=factor,
+            suspected=GAIN_SUSPECTED,
+            experiment=None,
+            ranking=ranking,
+        )
     near = [c for c in ranking if strong and _is_near_bias(c, strong[0])]
     at_fault = [c for c in (*strong, *near) if c.kind == "sensor fault" and _is_felt(state, c)]
     words = at_fault[0].name if at_fault else None
@@ -200,7 +222,13 @@ def _at_fault(
         words = f"{shift} left its healthy reference"
     if words is None:
         return None
-    return Outcome("sensor_fault_suspected", as_good[:AMBIGUOUS_MOST], words, None, ranking)
+    return Outcome(
+        verdict="sensor_fault_suspected",
+        best=as_good[:AMBIGUOUS_MOST],
+        suspected=words,
+        experiment=None,
+        ranking=ranking,
+    )
 
 
 def _as_good(
@@ -214,7 +242,7 @@ def _as_good(
 
 
 def _is_near_bias(candidate: Candidate, best: Candidate) -> bool:
-    """Whether a candidate is a biased sensor that explains nearly as much as the best."""
+    """Return whether a candidate is a biased sensor that explains nearly as much as the best."""
     near = candidate.score >= BIAS_NEAR * best.score
     return candidate.name == GAIN_CLASS[1] and near and matters(candidate)
 
@@ -240,12 +268,20 @@ def _of_the_gain(
         return None
     effect = tuple(c for c in ranking if c.name == GAIN_CLASS[0])
     if sensor_known_good and effect:
-        return Outcome("named", effect, None, None, ranking)
-    return Outcome("sensor_fault_suspected", effect, GAIN_SUSPECTED, None, ranking)
+        return Outcome(
+            verdict="named", best=effect, suspected=None, experiment=None, ranking=ranking
+        )
+    return Outcome(
+        verdict="sensor_fault_suspected",
+        best=effect,
+        suspected=GAIN_SUSPECTED,
+        experiment=None,
+        ranking=ranking,
+    )
 
 
 def _is_of_the_gain(state: State, ranking: Sequence[Candidate]) -> bool:
-    """Whether a factor or offset explains most, and more than the best, of drives as they are.
+    """Return whether a factor or offset explains most of the drives as they are.
 
     Healthy drives differ in fuel and weather, so an offset is integrated out of every drive. One
     of all drives then shows in its traces only, or not at all; here it is left in.

@@ -1,4 +1,4 @@
-"""What is left unexplained, as a formula of few plain functions of a drive.
+"""The unexplained error as a formula of few plain functions of a drive.
 
 Functions are taken in one after the other, each time the one that the rest of the errors is most
 alike to; the search ends when held-out blocks gain no more than chance would give.
@@ -48,7 +48,7 @@ class Term:
 
     @property
     def text(self) -> str:
-        """Coefficient, what it goes with, and what else may be meant."""
+        """Coefficient, its function, and functions that may be meant instead."""
         size = f"{self.coefficient:+.2g} ± {self.standard_error:.1g} {self.unit}"
         others = f" (or {', or '.join(self.or_else)})" if self.or_else else ""
         return f"{size} × {self.words}{others}"
@@ -56,7 +56,7 @@ class Term:
 
 @dataclass(frozen=True, slots=True)
 class Description:
-    """What the measured phi has more than the prediction, in few terms."""
+    """Measured minus predicted phi in few terms."""
 
     terms: tuple[Term, ...]  # in the order found
 
@@ -79,7 +79,7 @@ class Description:
 
 @dataclass(frozen=True, slots=True)
 class Plain:
-    """What the one plain function explains that the errors are most alike to."""
+    """The plain function most like the errors, and its gain."""
 
     words: str
     score: scoring.Score
@@ -87,7 +87,7 @@ class Plain:
 
 
 def plainest(state: State) -> Plain | None:
-    """Return what one plain function explains at best, None if healthy drives may give it that."""
+    """Return the best plain function, None if healthy drives may give it as much."""
     told, table = _plain(state)
     known, target, blocks = state.current.jacobian, -state.current.residual, state.case.blocks
     step = _next(table, known, _held_out(known, target, blocks), target, blocks)
@@ -120,7 +120,17 @@ def describe(state: State) -> Description:
         best, *others = (told[i] for i in step.columns)
         or_else = tuple(other.words for other in others)
         share = step.score.gain / explainable
-        terms.append(Term(best.name, best.words, weight, error, best.unit, share, or_else))
+        terms.append(
+            Term(
+                name=best.name,
+                words=best.words,
+                coefficient=weight,
+                standard_error=error,
+                unit=best.unit,
+                share=share,
+                or_else=or_else,
+            )
+        )
     return Description(tuple(terms))
 
 
@@ -187,7 +197,7 @@ def _features(drive: Drive, base: Constants) -> dict[str, FloatArray]:
 
 
 def _most_alike(table: FloatArray, known: FloatArray, target: FloatArray) -> list[int]:
-    """Return the column with the largest cosine to what the known ones leave of the target.
+    """Return the column with the largest cosine to the target less the chosen columns.
 
     Up to two columns that are nearly as alike follow it.
     """
@@ -202,7 +212,7 @@ def _most_alike(table: FloatArray, known: FloatArray, target: FloatArray) -> lis
 
 
 def _held_out(columns: FloatArray, target: FloatArray, blocks: IntArray) -> FloatArray:
-    """Return what a least-squares fit without a sample's fold leaves of the target, (m,)."""
+    """Return the residual (m,) of the target, every fold by a least-squares fit without it."""
     rest = target.copy()
     fold = blocks % FOLDS
     for f in range(FOLDS):

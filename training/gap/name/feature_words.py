@@ -6,7 +6,7 @@ from training.gap.healthy.features import COOLANT_KNOTS_DEGC, LOAD_KNOTS_MG, SPE
 
 
 class Words(NamedTuple):
-    """What a function is, and what its coefficient is in."""
+    """A function in words, and the unit of its coefficient."""
 
     text: str
     unit: str

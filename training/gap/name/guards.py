@@ -1,4 +1,4 @@
-"""What speaks against naming an effect: an onset, a shifted base, a sensor at fault."""
+"""Guards against naming an effect: an onset, a shifted base, a sensor at fault."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -27,7 +27,7 @@ REFERENCE_RPM: Final = 1500.0
 
 
 def shifted(reference: Constants, refitted: Constants) -> str | None:
-    """Return what of the base left its healthy reference, None if nothing did.
+    """Return the constants of the base that left their healthy reference, None if none did.
 
     Time is dead time at 1,500 rpm and both lags together: data hold the sum best.
     """
@@ -40,7 +40,7 @@ def shifted(reference: Constants, refitted: Constants) -> str | None:
 
 
 def large_enough(fault: SensorFault, parameters: FloatArray) -> bool:
-    """Whether a fitted sensor fault is more than a piece's or a drive's own variation."""
+    """Return whether a fitted sensor fault exceeds the spread of pieces and drives."""
     around = {"gain": 1.0}
     return any(
         abs(value - around.get(p.name, 0.0)) > SMALLEST[p.name]
@@ -49,7 +49,7 @@ def large_enough(fault: SensorFault, parameters: FloatArray) -> bool:
 
 
 def onset_s(case: Case, before: Fit, after: Fit) -> tuple[str, float] | None:
-    """Return the drive and time at which what ``after`` explains began, None if always there.
+    """Return the drive and time at which the gain of ``after`` began, None if always there.
 
     Every block says how strong the explanation is in it. What begins stays: in all drives, one
     after the other, the strength steps up once from nothing. The drives are looked at in the order

@@ -16,16 +16,16 @@ import numpy as np
 from monitor.base.errors import RecordingError
 from training.gap.healthy.behaviour import Healthy
 from training.gap.name import scoring, yardstick
+from training.gap.name.base_state import FREE, base_state
 from training.gap.name.decision import Outcome, step
 from training.gap.name.ranking import ADEQUATE, State, adequacy_of
-from training.gap.name.start import FREE, begin
 from training.gap.name.verdict import Candidate, Naming, Round, Verdict
 from training.greybox.chain import Constants
 from training.greybox.effects import ALL
 from training.greybox.fit.drive import Drive
 from training.greybox.fit.joint import Case, Prior, Term, fit, held_out_rmse
 from training.greybox.fit.sensor_faults import FAULTS
-from training.jobs.stages import Progress
+from training.jobs.checkpoints import Progress
 
 ADEQUATE_ALONE: Final = 0.5  # of what can be explained, where no other candidate comes near
 FAR: Final = 1.0 / 3.0  # of the best score, below which another is far from it
@@ -57,7 +57,7 @@ def name(
         raise RecordingError("the gap workflow wants drives of one sample period, at least one")
     progress("base")
     known = _known(healthy, reference, progress)
-    state = begin(drives, known, known.base if known else reference)
+    state = base_state(drives, known, known.base if known else reference)
     skipped = {
         e.name: missing
         for e in ALL
@@ -68,7 +68,7 @@ def name(
         candidates += FAULTS
     first, added, rounds = state, list[Candidate](), list[Round]()
     warnings = _doubts(state.case, known)
-    outcome = Outcome("no_gap", (), None, None, ())
+    outcome = Outcome(verdict="no_gap", best=(), suspected=None, experiment=None, ranking=())
     for number in range(steps):
         more = number + 1 < steps
         outcome = step(state, candidates, added, sensor_known_good, progress, more=more)
@@ -87,7 +87,16 @@ def name(
             current=added[-1].fit,
             deviance=scoring.deviance(added[-1].fit, state.case.blocks),
         )
-    return _answer(first, state, outcome, rounds, skipped, known, reference, warnings)
+    return _answer(
+        first=first,
+        last=state,
+        outcome=outcome,
+        rounds=rounds,
+        skipped=skipped,
+        known=known,
+        reference=reference,
+        warnings=warnings,
+    )
 
 
 def _known(
@@ -125,13 +134,13 @@ def _kept(
 
 
 def _is_alone(ranking: Sequence[Candidate]) -> bool:
-    """Whether no other candidate comes near the best."""
+    """Return whether no other candidate comes near the best."""
     best, *others = ranking
     return all(each.score < FAR * best.score for each in others)
 
 
 def _is_larger(rmse: float, drives: Sequence[Drive], known: Healthy | None) -> bool:
-    """Whether the chain's error is more than on healthy drives, whatever the reason.
+    """Return whether the chain's error is larger than on healthy drives, whatever the reason.
 
     Slow errors hardly show in whitened ones, so there may be a gap that no candidate scores on.
     """
@@ -172,20 +181,20 @@ def _answer(
         ]
     explained = scoring.explained(first.current, first.roof, first.case.blocks)
     return Naming(
-        verdict,
-        tuple(added) or (outcome.best if outcome.verdict == "ambiguous" else ()),
-        outcome.suspected,
-        outcome.ranking,
-        skipped,
-        last.current.base,
-        base,
-        shift,
-        rmse,
-        held_out_rmse(last.case, last.current) if added else None,
-        scoring.floor_phi(first.case, first.current),
-        explained / float(first.deviance.sum()),
-        outcome.experiment,
-        tuple(warnings),
-        tuple(rounds) if added else (),
-        outcome.best if verdict == "sensor_fault_suspected" else (),
+        verdict=verdict,
+        effects=tuple(added) or (outcome.best if outcome.verdict == "ambiguous" else ()),
+        suspected=outcome.suspected,
+        ranking=outcome.ranking,
+        skipped=skipped,
+        base=last.current.base,
+        reference=base,
+        base_shift=shift,
+        rmse_before=rmse,
+        rmse_after=held_out_rmse(last.case, last.current) if added else None,
+        noise_floor=scoring.floor_phi(first.case, first.current),
+        explained_share=explained / float(first.deviance.sum()),
+        experiment=outcome.experiment,
+        warnings=tuple(warnings),
+        rounds=tuple(rounds) if added else (),
+        indistinguishable=outcome.best if verdict == "sensor_fault_suspected" else (),
     )

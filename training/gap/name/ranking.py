@@ -1,4 +1,4 @@
-"""Every candidate fitted on the base, with what was added, and scored on held-out blocks."""
+"""All candidates fitted on the base and the effects so far, scored on held-out blocks."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -10,7 +10,7 @@ from training.gap.name.verdict import Candidate
 from training.greybox.effects import Effect
 from training.greybox.fit.joint import Case, Fit, Term, fit, has_its_signs
 from training.greybox.fit.sensor_faults import SensorFault
-from training.jobs.stages import Progress
+from training.jobs.checkpoints import Progress
 
 WIN: Final = 0.95  # of resampled blocks
 ADEQUATE: Final = 0.85  # of what can be explained at all; DESIGN, "what a prototype taught"
@@ -24,17 +24,17 @@ OVER_HEALTHY: Final = 80.0  # times what healthy drives give; see docs/how_it_wo
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """What one forward step starts from."""
+    """The start of one forward step."""
 
     case: Case
     current: Fit
     roof: scoring.Ceiling
     deviance: FloatArray  # (n_blocks,)
-    surplus: Mapping[str, float]  # of candidates on healthy drives, see ``accepted``
+    surplus: Mapping[str, float]  # of candidates on healthy drives, see ``yardstick``
     offset_phi: float  # by which healthy drives lie off each other
 
     def needed(self, name: str) -> float:
-        """Return the score from which a candidate is more than what healthy drives show."""
+        """Return the score from which a candidate exceeds its score on healthy drives."""
         return max(SCORE_LEAST, OVER_HEALTHY * self.surplus.get(name, 1.0))
 
 
@@ -59,7 +59,7 @@ def rank(state: State, candidates: Sequence[Term], progress: Progress) -> tuple[
 
 
 def adequacy_of(state: State, gain: float, fitted: Fit) -> float:
-    """Return a gain's share of it and what the ceiling explains of what it leaves."""
+    """Return a gain over the sum of itself and the ceiling's gain on the rest."""
     usual = USUAL_SHARE * float(state.deviance.sum())
     rest = max(scoring.explained(fitted, state.roof, state.case.blocks) - usual, 0.0)
     return max(gain, 0.0) / max(max(gain, 0.0) + rest, 1e-9)
@@ -72,26 +72,26 @@ def _candidate(
     names = [p.name for p in term.parameters]
     effect = term if isinstance(term, Effect) else None
     return Candidate(
-        term.name,
-        "effect" if effect else "sensor fault",
-        term.says,
-        effect.tag if effect else "sensor",
-        effect.like if effect else (),
-        dict(zip(names, values.tolist(), strict=True)),
-        dict(zip(names, errors.tolist(), strict=True)),
-        {p.name: p.unit for p in term.parameters},
-        score.gain,
-        needed,
-        score.t,
-        is_physical(term, values),
-        adequacy,
-        win,
-        fitted,
+        name=term.name,
+        kind="effect" if effect else "sensor fault",
+        says=term.says,
+        tag=effect.tag if effect else "sensor",
+        like=effect.like if effect else (),
+        parameters=dict(zip(names, values.tolist(), strict=True)),
+        standard_errors=dict(zip(names, errors.tolist(), strict=True)),
+        units={p.name: p.unit for p in term.parameters},
+        score=score.gain,
+        needed=needed,
+        t=score.t,
+        physical=is_physical(term, values),
+        adequacy=adequacy,
+        win=win,
+        fit=fitted,
     )
 
 
 def is_physical(term: Term, values: FloatArray) -> bool:
-    """Whether constants have the sign that they must have, and size and form are not at an edge.
+    """Return whether constants have a possible sign, and size and form are not both at an edge.
 
     There, something else is imitated as far as the library allows.
     """
@@ -101,7 +101,7 @@ def is_physical(term: Term, values: FloatArray) -> bool:
 
 
 def matters(candidate: Candidate) -> bool:
-    """Whether the size is more than what drives and pieces differ by anyway."""
+    """Return whether the size exceeds the spread of drives and pieces."""
     term = candidate.fit.terms[-1]
     if isinstance(term, SensorFault):
         return guards.large_enough(term, candidate.fit.parameters[-1])

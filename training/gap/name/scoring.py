@@ -80,7 +80,7 @@ class Ceiling:
 
 
 def plain_columns(case: Case, found: Fit) -> list[FloatArray]:
-    """Return the functions of every drive, (n, k) each."""
+    """Return the functions, (n, k) per drive."""
     return [np.column_stack([*columns(d, found.base).values()]) for d in case.drives]
 
 
@@ -101,7 +101,7 @@ def explained(found: Fit, roof: Ceiling, blocks: IntArray) -> float:
 
 
 def whitened(case: Case, found: Fit, plain: Sequence[FloatArray]) -> Case:
-    """Return the case with the noise's AR(2) and sigma, from what the ceiling leaves in phi."""
+    """Return the case with AR(2) and sigma of the noise, from the ceiling's residual in phi."""
     ar, sigma = noise(case.kept, _plain_rest(case, found, plain))
     return replace(case, ar=ar, sigma=sigma)
 

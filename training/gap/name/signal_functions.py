@@ -1,4 +1,4 @@
-"""What every recorded signal could do to the mixture, for effects that no library has.
+"""Functions of all recorded signals on the mixture, for effects that no library has.
 
 A signal may change it in proportion, bring a mass per stroke in proportion, or change it about one
 of its values. Each function is what the chain's reading becomes by it, through transport, mixing
@@ -14,7 +14,7 @@ import numpy as np
 from monitor.base.signals import BY_NAME, OUTPUT
 from monitor.base.types import FloatArray
 from training.greybox.chain import Constants, simulate
-from training.greybox.effects.effect import injecting
+from training.greybox.effects.form.quantities import injecting
 from training.greybox.fit.drive import Drive, path_of
 
 # The controller's answer to the mixture and the flags explain nothing.
@@ -48,7 +48,7 @@ class Function(NamedTuple):
 
     @property
     def words(self) -> str:
-        """Say what it is."""
+        """Return the function in words."""
         name = self.signal
         for suffix in SUFFIXES:
             name = name.removesuffix(suffix)
@@ -101,7 +101,7 @@ def functions_of(drives: Sequence[Drive]) -> tuple[Function, ...]:
 
 
 def columns(drive: Drive, base: Constants, functions: Sequence[Function]) -> FloatArray:
-    """Return what each function does to the reading per unit of its coefficient, (n, k)."""
+    """Return the change of the reading per unit of every coefficient, (n, k)."""
     path = path_of(drive, base)
     plain = simulate(path, drive.period_s)
     mass = float(np.median(path.fuel_mg[drive.kept]))

@@ -1,4 +1,4 @@
-"""Whether recordings are of one vehicle: gain and time to the sensor of every drive by itself.
+"""A mix of vehicles among recordings: gain and time to the sensor, fitted drive by drive.
 
 What an effect or the weather does to the mixture comes and goes within a drive; another vehicle, or
 another fuel, stays for all of it. Each drive's own gain and its own dead time and lag together are
@@ -44,7 +44,7 @@ class Chain:
 
 
 @dataclass(frozen=True, slots=True)
-class Parted:
+class Partition:
     """Two groups of drives and how far apart they are in one quantity."""
 
     quantity: str
@@ -54,7 +54,7 @@ class Parted:
 
 
 def chain_of(naming: Naming, reference: Constants) -> Chain:
-    """Return the chain with what explains most of the gap, if there is one."""
+    """Return the chain with the candidate that explains most of the gap, if there is one."""
     if naming.verdict == "no_gap" or not naming.ranking:
         return Chain(reference)
     most = naming.effects[-1] if naming.verdict == "named" else naming.ranking[0]
@@ -66,24 +66,24 @@ def warn(
     chain: Chain,
     healthy: Sequence[Drive] = (),
 ) -> list[str]:
-    """Return a warning for each quantity in which drives fall into two groups.
+    """Return warnings of quantities in which drives fall into two groups.
 
-    chain : with what was found to be missing, which moves drives in its own way
-    healthy : drives of one vehicle without that, which show what is usual
+    chain : with the missing effect, which moves drives, too
+    healthy : drives of one vehicle without the effect, which show the usual difference
     """
     if len(drives) < DRIVES_LEAST:
         return []
-    usual = {p.quantity: p.difference for p in parted(healthy, Chain(chain.base))}
+    usual = {p.quantity: p.difference for p in partitions(healthy, Chain(chain.base))}
     found = []
-    for p in parted(drives, chain):
+    for p in partitions(drives, chain):
         most = OVER_HEALTHY * usual.get(p.quantity, 0.0)
         if p.t >= T_LEAST[p.quantity] and p.difference > most:
             found.append(_sentence(p, drives, usual.get(p.quantity)))
     return found
 
 
-def parted(drives: Sequence[Drive], chain: Chain) -> list[Parted]:
-    """Return of each quantity the two groups of drives that differ most, by t."""
+def partitions(drives: Sequence[Drive], chain: Chain) -> list[Partition]:
+    """Return for every quantity the two groups of drives that differ most, by t."""
     if len(drives) < 2:
         return []
     steps = [_step(drive, chain) for drive in drives]
@@ -96,20 +96,20 @@ def parted(drives: Sequence[Drive], chain: Chain) -> list[Parted]:
     return found
 
 
-def _part(quantity: str, values: FloatArray, weights: FloatArray) -> Parted:
+def _part(quantity: str, values: FloatArray, weights: FloatArray) -> Partition:
     order = np.argsort(values)
     x, w = values[order], weights[order]
-    best = Parted(quantity, (), 0.0, 0.0)
+    best = Partition(quantity, (), 0.0, 0.0)
     for k in range(1, len(x)):
         difference = float(np.average(x[k:], weights=w[k:]) - np.average(x[:k], weights=w[:k]))
         t = difference / float(np.sqrt(1.0 / w[:k].sum() + 1.0 / w[k:].sum()))
         if t > best.t:
-            best = Parted(quantity, tuple(sorted(order[:k].tolist())), difference, t)
+            best = Partition(quantity, tuple(sorted(order[:k].tolist())), difference, t)
     return best
 
 
 def _step(drive: Drive, chain: Chain) -> tuple[FloatArray, FloatArray]:
-    """Return how far a drive's own constants are from the chain's (3,), and the covariance."""
+    """Return a drive's constants less the chain's (3,), and their covariance."""
     case = Case((drive,), (np.zeros(len(drive)),), WHITE)
 
     def error(base: Constants) -> FloatArray:
@@ -134,7 +134,7 @@ def _by_block(rows: FloatArray, block: IntArray) -> FloatArray:
     return sums
 
 
-def _sentence(p: Parted, drives: Sequence[Drive], usual: float | None) -> str:
+def _sentence(p: Partition, drives: Sequence[Drive], usual: float | None) -> str:
     few = (
         p.low
         if 2 * len(p.low) <= len(drives)

@@ -1,4 +1,4 @@
-"""What the naming says: verdict, effects with their constants, ranking, warnings."""
+"""The result of naming: verdict, effects with their constants, ranking, warnings."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ from typing import Literal
 
 from training.gap.name.manoeuvres import Experiment
 from training.greybox.chain import Constants
-from training.greybox.effects.model_effect import Added
+from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.joint import Fit
 
 Verdict = Literal["named", "no_gap", "ambiguous", "unknown_effect", "sensor_fault_suspected"]
@@ -32,22 +32,22 @@ class Candidate:
     win: float | None  # how often resampled blocks prefer the best to this; None for the best
     fit: Fit
 
-    def model_effect(self) -> Added:
+    def model_effect(self) -> ModelEffect:
         """Return the effect as a part of a model; raises ModelError for a sensor fault."""
-        return Added(
-            self.name,
-            self.says,
-            self.tag,
-            self.like,
-            self.parameters,
-            self.standard_errors,
-            self.units,
+        return ModelEffect(
+            name=self.name,
+            says=self.says,
+            tag=self.tag,
+            like=self.like,
+            parameters=self.parameters,
+            standard_errors=self.standard_errors,
+            units=self.units,
         )
 
 
 @dataclass(frozen=True, slots=True)
 class Round:
-    """One effect that was added and what it was chosen from."""
+    """One named effect and the ranking it was chosen from."""
 
     effect: Candidate
     rmse: float  # phi, on held-out blocks, with it

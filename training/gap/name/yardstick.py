@@ -1,4 +1,4 @@
-"""What the vehicle's healthy drives show against each other: the yardstick of every score.
+"""The yardstick of every score: differences between the vehicle's healthy drives.
 
 Healthy drives are left out in turn and judged by what the others say. A candidate should gain on
 them what noise gives it, one unit of the likelihood ratio for each of its constants. Where healthy
@@ -17,13 +17,13 @@ import numpy as np
 from monitor.base.errors import RecordingError
 from training.gap.healthy import behaviour
 from training.gap.healthy.behaviour import CONSTANT, Healthy
+from training.gap.name.base_state import base_state
 from training.gap.name.ranking import State
-from training.gap.name.start import begin
 from training.greybox.chain import Constants, simulate
 from training.greybox.fit.drive import Drive, path_of
 from training.greybox.fit.joint import Term, fit, held_out_rmse
 from training.greybox.fit.sensor_faults import FAULTS
-from training.jobs.stages import Progress
+from training.jobs.checkpoints import Progress
 
 GROUPS_MOST: Final = 6  # of drives that are left out together
 GROUPS_LEAST: Final = 3  # fewer say nothing of how drives differ
@@ -33,7 +33,7 @@ PRIOR_GROUPS: Final = 2.0  # groups that count as having given what noise gives
 def learn(
     drives: Sequence[Drive], start: Constants, progress: Progress = lambda _: None
 ) -> Healthy:
-    """Return the healthy behaviour in ``drives`` and how far they contradict each other."""
+    """Return the healthy behaviour in ``drives``, with the differences between them."""
     drives = behaviour.as_shown(drives, start)
     known = behaviour.learn(drives, start)
     groups = min(len(drives), GROUPS_MOST)
@@ -51,7 +51,7 @@ def learn(
     for own, others in held_out:
         with suppress(RecordingError):  # of driving that the others do not know
             alike = replace(others, spread=known.spread_of(others.names))
-            states.append(begin(own, alike, alike.base))
+            states.append(base_state(own, alike, alike.base))
     left = [_left_out(state) for state in states]
     names = set[str]().union(*left)
     surplus = {name: _typical([ratio[name] for ratio in left if name in ratio]) for name in names}
@@ -63,7 +63,7 @@ def learn(
 
 
 def _offsets(drives: Sequence[Drive], known: Healthy) -> list[float]:
-    """Return by how much each drive's phi lies off what the others say, on the whole."""
+    """Return the mean error of every drive by the healthy behaviour of the other drives, in phi."""
     offsets = []
     for drive in map(known.known_of, drives):
         rows = drive.kept
@@ -74,7 +74,7 @@ def _offsets(drives: Sequence[Drive], known: Healthy) -> list[float]:
 
 
 def _with_offsets(known: Healthy, offsets: Sequence[float]) -> Healthy:
-    """Return what is known with drives' offsets as large as healthy ones have them."""
+    """Return the healthy behaviour with the spread of the drives' offsets."""
     if CONSTANT not in known.names or len(offsets) < GROUPS_LEAST:
         return known
     spread = known.spread.copy()
@@ -92,7 +92,7 @@ def _typical(ratios: Sequence[float]) -> float:
 
 
 def _left_out(state: State) -> dict[str, float]:
-    """Return each candidate's likelihood ratio for each of its constants."""
+    """Return the likelihood ratio of every candidate per constant."""
     drives = state.case.drives
     terms: tuple[Term, ...] = (*drives[0].effects, *FAULTS)
     ratio = {}

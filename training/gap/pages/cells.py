@@ -5,9 +5,9 @@ from typing import Final
 
 from monitor.model.card import TrainingRecording
 from training.gap.result import Result
-from training.gap.verify.findings import Count, Error, Found, rate
+from training.gap.verify.evidence import Count, Detection, Error, rate
 from training.greybox.effects import LIBRARY
-from training.greybox.effects.effect import Parameter
+from training.greybox.effects.form.effect import Parameter
 from training.greybox.fit.sensor_faults import FAULTS
 from training.pages.numbers import MISSING, fixed, unit_of
 
@@ -38,7 +38,7 @@ def change(e: Error) -> str:
     return "{:+.1f} ({:+.1f} to {:+.1f})".format(*parts)
 
 
-def all_faults(faults: Sequence[Found]) -> tuple[str, ...]:
+def all_faults(faults: Sequence[Detection]) -> tuple[str, ...]:
     """Return the rates over all faults, in the columns of ``detection``."""
     before = [f.before for f in faults]
     after = [f.after for f in faults if f.after is not None]
@@ -52,7 +52,7 @@ def all_faults(faults: Sequence[Found]) -> tuple[str, ...]:
     )
 
 
-def detection(f: Found) -> tuple[str, ...]:
+def detection(f: Detection) -> tuple[str, ...]:
     """Return a fault, how often it was found and named before and after, and whether it is lost."""
     unit = {"slow": " s", "dela": " s", "bias": " lambda"}.get(f.fault[:4], "")
     words = f"{f.fault} {f.severity:g}{unit}" if f.severity is not None else f.fault

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from training.gap.name.verdict import Candidate
-from training.gap.verify.findings import Error, Trace
+from training.gap.verify.evidence import Error, Trace
 from training.pages.figure import drawing, legend, panels
 
 BEFORE, AFTER, FLOOR, WORSE = "0.55", "C0", "0.15", "C3"

@@ -8,7 +8,7 @@ from training.gap.name.verdict import Candidate
 from training.gap.pages import cells, error_figures, where_figures
 from training.gap.pages.verdict_words import actions, cautions, verdict_sentence
 from training.gap.result import Result
-from training.gap.where.localise import Findings
+from training.gap.where.findings import Findings
 from training.greybox.chain import RANGES
 from training.pages.page import page, part
 

@@ -5,7 +5,7 @@ from training.gap.name.naming import ADEQUATE_ALONE
 from training.gap.name.ranking import ADEQUATE
 from training.gap.pages.cells import percent, phi
 from training.gap.result import Result
-from training.gap.verify.findings import Count, Error, Found
+from training.gap.verify.evidence import Count, Detection, Error
 
 
 def verdict_sentence(result: Result) -> str:
@@ -218,7 +218,7 @@ def cautions(result: Result) -> list[str]:
     return found
 
 
-def _lost(f: Found, after: Count, whole: Error) -> str:
+def _lost(f: Detection, after: Count, whole: Error) -> str:
     """Return what was found no more, and whether the gap itself had helped to find it."""
     text = (
         f"{f.fault} {f.severity:g} was found in {f.before.found} of {f.before.drives} held-out "

@@ -1,7 +1,6 @@
 """Pictures of where a model and a vehicle disagree."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -113,19 +112,6 @@ def band_figure(found: Bands) -> Figure:
     names = [f"{b.low_hz:.2g}–{b.high_hz:.2g}" for b in found.bands]
     right.set_xticks(range(len(names)), names, rotation=45, ha="right")
     right.set_xlabel("band [Hz]")
-    return figure
-
-
-def lag_figure(lags: Sequence[Any]) -> Figure:
-    """Draw correlations over the lag with what chance gives."""
-    figure, grid = panels(len(lags), len(lags), height=2.5, sharey=True)
-    for axes, lag in zip(grid, lags, strict=True):
-        axes.fill_between(lag.lags_s, -lag.band, lag.band, color="0.88", step="mid")
-        axes.plot(lag.lags_s, lag.correlations, marker=".", markersize=3, linewidth=0.8)
-        axes.axvline(lag.lag_s, color="C3", linestyle="--", linewidth=0.8)
-        axes.set_title(WORDS.get(lag.input, lag.input))
-    figure.supxlabel("s after the input")
-    grid[0].set_ylabel("correlation")
     return figure
 
 

@@ -16,7 +16,7 @@ from monitor.judge.limits import Limits
 from monitor.model.step import Model
 from monitor.pipeline.block_judge import Judged
 from training.gap.inputs.roles import ACCEPTED
-from training.gap.verify.findings import Count, Found
+from training.gap.verify.evidence import Count, Detection
 from training.greybox.fit.drive import OUTPUT
 from training.limits.decision_limits import whole, with_limits
 from training.limits.judging import judge_recordings
@@ -60,8 +60,8 @@ class Monitors:
 
 def detect(
     recordings: Sequence[Recording], faults: Sequence[Fault | None], monitors: Monitors
-) -> tuple[Found, ...]:
-    """Return how often each fault is found, put on each of the recordings.
+) -> tuple[Detection, ...]:
+    """Return how often the monitor finds every fault, put on all of the recordings.
 
     faults : None leaves the recordings as they are, and whatever is found is a false alarm
     """
@@ -74,16 +74,16 @@ def detect(
         name, severity = (fault.name, fault.severity) if fault else ("", None)
         own = slice(i * len(recordings), (i + 1) * len(recordings))
         others = (None if each is None else _count(each[own], name) for each in (after, alike))
-        found.append(Found(name, severity, _count(before[own], name), *others))
+        found.append(Detection(name, severity, _count(before[own], name), *others))
     return tuple(found)
 
 
 def _count(judged: Sequence[Judged], fault: str) -> Count:
     names = [{dtc.fault for dtc in each.dtcs} for each in judged]
     return Count(
-        len(judged),
-        sum(each.completed or bool(each.dtcs) for each in judged),
-        sum(bool(own) for own in names),
-        sum(own == {fault} for own in names),
-        tuple(sorted(name for own in names for name in own)),
+        drives=len(judged),
+        judged=sum(each.completed or bool(each.dtcs) for each in judged),
+        found=sum(bool(own) for own in names),
+        named=sum(own == {fault} for own in names),
+        codes=tuple(sorted(name for own in names for name in own)),
     )

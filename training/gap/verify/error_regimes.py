@@ -14,17 +14,14 @@ from scipy.stats import norm as normal
 from scipy.stats import t as student
 
 from monitor.base.types import BoolArray, FloatArray
-from training.gap.verify.findings import Error
+from training.gap.config import CONFIG
+from training.gap.verify.evidence import Error
 from training.gap.where.bootstrap import draw_counts
 from training.gap.where.drivers import DERIVED
-from training.greybox.fit.comparison import BLOCK_S, Compared
+from training.greybox.fit.comparison import BLOCK_S, Comparison
 from training.recordings.preparation import hold
 
-COLD_DEGC: Final = 70.0  # below it production monitors are not enabled: DESIGN, section 8
-AFTER_CUT_S: Final = 6.0  # since the cut ended; the first two seconds are not scored
-CONFIDENCE: Final = 0.95  # of all regimes together
-LEAST_BLOCKS: Final = 6  # for bounds
-LEAST_SAMPLES: Final = 100
+LIMITS: Final = CONFIG.verify
 PARTS: Final = (("low", "medium", "high"), (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0))
 
 
@@ -37,29 +34,31 @@ class Regime:
     rows: BoolArray  # (m,) of the scored samples of all drives, one after the other
 
 
-def scored(recordings: Sequence[Compared], arrays: Sequence[FloatArray]) -> FloatArray:
+def scored(recordings: Sequence[Comparison], arrays: Sequence[FloatArray]) -> FloatArray:
     """Return the scored samples (m,) of one array (n,) per recording."""
     return np.concatenate([a[r.scored] for r, a in zip(recordings, arrays, strict=True)])
 
 
-def find(recordings: Sequence[Compared]) -> list[Regime]:
+def find(recordings: Sequence[Comparison]) -> list[Regime]:
     """Return speed by load, cold and warm, after fuel cut, and edges: where the signals exist."""
     regimes = _speed_and_load(recordings)
     coolant = [r.signals.get("coolant_temperature_degc") for r in recordings]
     known = [hold(c) for c in coolant if c is not None]
     if len(known) == len(recordings):
-        cold = scored(recordings, known) < COLD_DEGC
+        cold = scored(recordings, known) < LIMITS.cold_degc
         regimes += [
-            Regime("temperature", f"coolant below {COLD_DEGC:g} °C", cold),
-            Regime("temperature", f"coolant above {COLD_DEGC:g} °C", ~cold),
+            Regime("temperature", f"coolant below {LIMITS.cold_degc:g} °C", cold),
+            Regime("temperature", f"coolant above {LIMITS.cold_degc:g} °C", ~cold),
         ]
     since = [s for r in recordings if (s := DERIVED["after_fuel_cut_s"](r)) is not None]
-    recent = scored(recordings, since) < AFTER_CUT_S
-    regimes.append(Regime("after fuel cut", f"within {AFTER_CUT_S:g} s after a fuel cut", recent))
+    recent = scored(recordings, since) < LIMITS.after_cut_s
+    regimes.append(
+        Regime("after fuel cut", f"within {LIMITS.after_cut_s:g} s after a fuel cut", recent)
+    )
     return regimes + _edges(recordings)
 
 
-def _speed_and_load(recordings: Sequence[Compared]) -> list[Regime]:
+def _speed_and_load(recordings: Sequence[Comparison]) -> list[Regime]:
     speed, load = (
         scored(recordings, [hold(r.signals[name]) for r in recordings])
         for name in ("engine_speed_rpm", "air_mass_mg")
@@ -82,7 +81,7 @@ def _between(edges: FloatArray, i: int, unit: str) -> str:
     return f"{edges[i]:.0f} to {edges[i + 1]:.0f} {unit}"
 
 
-def _edges(recordings: Sequence[Compared]) -> list[Regime]:
+def _edges(recordings: Sequence[Comparison]) -> list[Regime]:
     """Return edges of the old model's phi: the same samples for both models."""
     slopes = [s for r in recordings if (s := DERIVED["phi_slope_1_s"](r)) is not None]
     slope = scored(recordings, slopes)
@@ -95,7 +94,7 @@ def _edges(recordings: Sequence[Compared]) -> list[Regime]:
 
 
 def compare(
-    recordings: Sequence[Compared],
+    recordings: Sequence[Comparison],
     after: Sequence[FloatArray] | None,
     floor: FloatArray | None,
     seed: int = 0,
@@ -108,7 +107,7 @@ def compare(
     """
     everything = np.ones(sum(int(r.scored.sum()) for r in recordings), dtype=bool)
     regimes = [Regime("all", "all scored samples", everything), *find(recordings)]
-    regimes = [r for r in regimes if int(r.rows.sum()) >= LEAST_SAMPLES]
+    regimes = [r for r in regimes if int(r.rows.sum()) >= LIMITS.samples_min]
     old = scored(recordings, [r.residual for r in recordings])
     new = None if after is None else scored(recordings, after)
     blocks = _blocks(recordings)
@@ -117,25 +116,25 @@ def compare(
     bounds = None
     if new is not None:
         pair = (_sums(regimes, blocks, old**2), _sums(regimes, blocks, new**2))
-        bounds = _bounds(*pair, counts, used >= LEAST_BLOCKS, np.random.default_rng(seed))
+        bounds = _bounds(*pair, counts, used >= LIMITS.blocks_min, np.random.default_rng(seed))
     found = []
     for i, regime in enumerate(regimes):
-        known = bounds is not None and used[i] >= LEAST_BLOCKS
+        known = bounds is not None and used[i] >= LIMITS.blocks_min
         low, high = bounds[i].tolist() if known and bounds is not None else (None, None)
         rows, n = regime.rows, int(regime.rows.sum())
         found.append(
             Error(
-                regime.kind,
-                regime.words,
-                n,
-                int(used[i]),
-                rms(old[rows]),
-                None if new is None else rms(new[rows]),
-                None if floor is None else rms(floor[rows]),
-                low,
-                high,
-                float(old[rows].mean()),
-                None if new is None else float(new[rows].mean()),
+                kind=regime.kind,
+                regime=regime.words,
+                samples=n,
+                blocks=int(used[i]),
+                before=rms(old[rows]),
+                after=None if new is None else rms(new[rows]),
+                floor=None if floor is None else rms(floor[rows]),
+                change_low=low,
+                change_high=high,
+                mean_before=float(old[rows].mean()),
+                mean_after=None if new is None else float(new[rows].mean()),
             )
         )
     return tuple(found)
@@ -146,7 +145,7 @@ def rms(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def _blocks(recordings: Sequence[Compared]) -> FloatArray:
+def _blocks(recordings: Sequence[Comparison]) -> FloatArray:
     """Return the number of each scored sample's block, (m,)."""
     numbers, first = [], 0
     for r in recordings:
@@ -184,7 +183,7 @@ def _bounds(
     far = np.full(len(n), np.inf)
     for rows in (np.arange(1), np.flatnonzero(told[1:]) + 1):  # the whole, then its parts together
         if len(rows):
-            far[rows] = np.quantile(distance[rows].max(axis=0), CONFIDENCE)
+            far[rows] = np.quantile(distance[rows].max(axis=0), LIMITS.confidence)
     reach = far * spread * _few(n**2 / (counts**2).sum(axis=1))
     return np.column_stack([value - reach, value + reach])
 
@@ -196,5 +195,5 @@ def _few(blocks: FloatArray) -> FloatArray:
     of n - 1. Source: Efron and Tibshirani, An Introduction to the Bootstrap, 1993, section 12.
     """
     n = np.maximum(blocks, 2.0)
-    tail = 0.5 + CONFIDENCE / 2.0
+    tail = 0.5 + LIMITS.confidence / 2.0
     return np.sqrt(n / (n - 1.0)) * student.ppf(tail, n - 1.0) / normal.ppf(tail)

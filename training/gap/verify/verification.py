@@ -1,4 +1,4 @@
-"""Is the gap smaller on drives that no fit saw, is no regime worse, are faults still found?"""
+"""The check of a new model: a smaller gap on unseen drives, no regime worse, faults still found."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -17,13 +17,13 @@ from training.gap.inputs.roles import FAULTS
 from training.gap.verify import detection
 from training.gap.verify.detection import Monitors, monitor_of
 from training.gap.verify.error_regimes import compare, rms, scored
-from training.gap.verify.findings import Error, Found, Trace, Verified
+from training.gap.verify.evidence import Detection, Error, Trace, Verification
 from training.gap.where.operating_map import excerpt
 from training.greybox.chain import Constants
 from training.greybox.fit import ridge
-from training.greybox.fit.comparison import BLOCK_S, FOLDS, Compared
+from training.greybox.fit.comparison import BLOCK_S, FOLDS, Comparison
 from training.greybox.fit.drive import Drive
-from training.jobs.stages import Progress
+from training.jobs.checkpoints import Progress
 from training.recordings.prediction import predicted_phi
 from training.recordings.recording import Recording
 
@@ -50,7 +50,7 @@ def verify(
     accepted: Sequence[Recording] = (),
     faults: Sequence[Fault] = FAULTS,
     progress: Progress = lambda _: None,
-) -> Verified:
+) -> Verification:
     """Return errors and detection of the old and the new model.
 
     recordings : of the vehicle with the gap, not used by any fit of either model
@@ -65,19 +65,44 @@ def verify(
     overall, regimes, trace = _errors(old, new, recordings, chain)
     on_healthy = _plain(old, new, healthy) if healthy else None
     if not faults:
-        return Verified(overall, regimes, on_healthy, (), None, None, (), trace)
+        return Verification(
+            overall=overall,
+            regimes=regimes,
+            healthy=on_healthy,
+            faults=(),
+            alarms=None,
+            healthy_alarms=None,
+            notes=(),
+            trace=trace,
+        )
     progress("faults put on held-out recordings")
     try:
         monitors = _monitors(old, new, accepted)
     except (ModelError, ConfigError) as error:
         note = f"The monitor was not asked: {error}."
-        return Verified(overall, regimes, on_healthy, (), None, None, (note,), trace)
+        return Verification(
+            overall=overall,
+            regimes=regimes,
+            healthy=on_healthy,
+            faults=(),
+            alarms=None,
+            healthy_alarms=None,
+            notes=(note,),
+            trace=trace,
+        )
     alarms, *found = detection.detect(recordings, (None, *faults), monitors)
     healthy_alarms = detection.detect(healthy, (None,), monitors)[0] if healthy else None
     told = () if monitors.alike is None else (ALIKE,)
     notes = (AFTERWARDS, *told, *_undecided(alarms, found), *_alarmed(alarms))
-    return Verified(
-        overall, regimes, on_healthy, tuple(found), alarms, healthy_alarms, notes, trace
+    return Verification(
+        overall=overall,
+        regimes=regimes,
+        healthy=on_healthy,
+        faults=tuple(found),
+        alarms=alarms,
+        healthy_alarms=healthy_alarms,
+        notes=notes,
+        trace=trace,
     )
 
 
@@ -112,7 +137,7 @@ def _plain(old: Path, new: Path | None, recordings: Sequence[Recording]) -> Erro
 
 def _compared(
     old: Path, new: Path | None, recordings: Sequence[Recording], drives: Sequence[Drive]
-) -> tuple[list[Compared], list[Compared] | None]:
+) -> tuple[list[Comparison], list[Comparison] | None]:
     """Return the drives with each model's prediction, scored on the same samples."""
     before = predicted_phi(old, recordings)
     after = before if new is None else predicted_phi(new, recordings)
@@ -121,13 +146,13 @@ def _compared(
         for d, b, a in zip(drives, before, after, strict=True)
     ]
     old_run, new_run = (
-        [Compared.of(d, phi) for d, phi in zip(drives, each, strict=True)]
+        [Comparison.of(d, phi) for d, phi in zip(drives, each, strict=True)]
         for each in (before, after)
     )
     return old_run, None if new is None else new_run
 
 
-def _trace(before: Sequence[Compared], after: Sequence[Compared]) -> Trace:
+def _trace(before: Sequence[Comparison], after: Sequence[Comparison]) -> Trace:
     """Return the stretch in which the new model takes away most of the squared error."""
     numbered = [replace(r, name=str(i)) for i, r in enumerate(before)]
     gained = [b.residual - a.residual for b, a in zip(before, after, strict=True)]
@@ -135,16 +160,23 @@ def _trace(before: Sequence[Compared], after: Sequence[Compared]) -> Trace:
     drive = after[int(shown.recording)]
     first = round(float(shown.t_s[0]) / drive.period_s)
     new = drive.phi_predicted[first : first + len(shown.t_s)]
-    return Trace(drive.name, shown.t_s, shown.measured, shown.predicted, new, shown.scored)
+    return Trace(
+        recording=drive.name,
+        t_s=shown.t_s,
+        measured=shown.measured,
+        before=shown.predicted,
+        after=new,
+        scored=shown.scored,
+    )
 
 
 def left_over(
     drives: Sequence[Drive],
-    compared: Sequence[Compared],
+    compared: Sequence[Comparison],
     residuals: Sequence[FloatArray],
     chain: Constants,
 ) -> FloatArray:
-    """Return what a flexible model leaves of the scored residuals (m,), the noise floor in phi.
+    """Return the scored residuals (m,) that a flexible model leaves, the noise floor in phi.
 
     A ridge on plain functions and every effect's signature, each block by the fit without it. Where
     it helps nothing on the whole the residual itself is left.
@@ -158,7 +190,7 @@ def left_over(
     return rest if rms(rest) < rms(e) else e
 
 
-def _folds(compared: Sequence[Compared]) -> IntArray:
+def _folds(compared: Sequence[Comparison]) -> IntArray:
     """Return which samples (m,) are held out together: every fifth block of every recording."""
     own = [
         (np.flatnonzero(r.scored) * r.period_s // BLOCK_S).astype(np.int64) + i
@@ -167,7 +199,7 @@ def _folds(compared: Sequence[Compared]) -> IntArray:
     return np.asarray(np.concatenate(own) % FOLDS)
 
 
-def _undecided(alarms: Found, found: Sequence[Found]) -> tuple[str, ...]:
+def _undecided(alarms: Detection, found: Sequence[Detection]) -> tuple[str, ...]:
     """Return notes if drives are too short or calm for the monitor to reach a decision."""
     notes = []
     for words, each in (("held-out drives", [alarms]), ("drives with a fault put on", found)):
@@ -181,7 +213,7 @@ def _undecided(alarms: Found, found: Sequence[Found]) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _alarmed(alarms: Found) -> tuple[str, ...]:
+def _alarmed(alarms: Detection) -> tuple[str, ...]:
     """Return a note if the old model raises codes without any fault, because of the gap."""
     if not alarms.before.found:
         return ()

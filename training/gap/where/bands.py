@@ -8,16 +8,15 @@ import numpy as np
 from scipy import stats
 
 from monitor.base.types import FloatArray, IntArray
+from training.gap.config import CONFIG
 from training.gap.where.bootstrap import Share, draw_counts, share_of
 from training.gap.where.drivers import WORDS
 from training.gap.where.segments import Segments, input_names, transform
 from training.gap.where.surrogates import Sums, p_of_largest, slope
-from training.greybox.fit.comparison import Compared
+from training.greybox.fit.comparison import Comparison
 
-ALPHA: Final = 0.01  # false bands per localisation, all bands and inputs together
-LEAST_COHERENCE: Final = 0.05  # less explains nothing worth a sentence
+LIMITS: Final = CONFIG.bands
 EDGE: Final = 2.0  # a band is an octave
-INDEPENDENT: Final = 0.5  # of the half overlapping segments
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,12 +34,12 @@ class Band:
     @property
     def significant(self) -> bool:
         """Return whether the band's power or its relation to an input is beyond chance."""
-        return self.p_level < ALPHA or self.coherent
+        return self.p_level < LIMITS.false_share or self.coherent
 
     @property
     def coherent(self) -> bool:
         """Return whether the band moves with an input, beyond chance and worth a sentence."""
-        return self.p_coherence < ALPHA and self.coherence >= LEAST_COHERENCE
+        return self.p_coherence < LIMITS.false_share and self.coherence >= LIMITS.coherence_min
 
     @property
     def sentence(self) -> str:
@@ -74,8 +73,8 @@ class Bands:
 
 
 def find_bands(
-    recordings: Sequence[Compared],
-    healthy: Sequence[Compared],
+    recordings: Sequence[Comparison],
+    healthy: Sequence[Comparison],
     white_rms: float,
     rng: np.random.Generator,
 ) -> Bands | None:
@@ -99,24 +98,24 @@ def find_bands(
         best = int(np.argmin(np.where(p[i] == p[i].min(), -coherence[i], np.inf))) if names else 0
         found.append(
             Band(
-                float(new.frequency_hz[b[0]]),
-                float(new.frequency_hz[b[-1]]),
-                shares[i],
-                min(levels[i] * len(bins), 1.0),
-                names[best] if names else "",
-                float(coherence[i, best]) if names else 0.0,
-                float(p[i, best]) if names else 1.0,
+                low_hz=float(new.frequency_hz[b[0]]),
+                high_hz=float(new.frequency_hz[b[-1]]),
+                share=shares[i],
+                p_level=min(levels[i] * len(bins), 1.0),
+                coherent_with=names[best] if names else "",
+                coherence=float(coherence[i, best]) if names else 0.0,
+                p_coherence=float(p[i, best]) if names else 1.0,
             )
         )
     step = float(new.frequency_hz[0])
     return Bands(
-        tuple(found),
-        new.frequency_hz,
-        new.power.mean(axis=0) / step,
-        reference / step,
-        names,
-        coherence,
-        p,
+        bands=tuple(found),
+        frequency_hz=new.frequency_hz,
+        density=new.power.mean(axis=0) / step,
+        reference=reference / step,
+        names=names,
+        coherence=coherence,
+        p_values=p,
     )
 
 
@@ -179,7 +178,7 @@ def _level(new: Segments, known: Segments | None, b: IntArray) -> float:
     if known is None:
         return 1.0
     own, other = (np.log(s.power[:, b].sum(axis=1) + 1e-300) for s in (new, known))
-    n, m = (max(INDEPENDENT * len(x), 2.0) for x in (own, other))
+    n, m = (max(LIMITS.segments_independent * len(x), 2.0) for x in (own, other))
     within = float(own.var(ddof=1) / n + other.var(ddof=1) / m)
     between, freedom = _between(((own, new.recording), (other, known.recording)))
     if freedom == 0:

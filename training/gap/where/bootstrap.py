@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor.base.types import FloatArray, IntArray
+from training.gap.config import CONFIG
 
 DRAWS = 500
 SIGNS = 1999
-CONFIDENCE = 0.9
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +49,7 @@ class Excess:
     def share(self, explained: FloatArray) -> Share:
         """Return the share of ``explained`` (n_blocks,), a sum of squares in each block.
 
-        What is explained belongs to the excess: the whole is never less than the part.
+        The explained part belongs to the excess: the whole is never less than it.
         """
         part = float(explained.sum() / self.samples.sum())
         parts = (self.counts @ explained) / (self.counts @ self.samples)
@@ -59,7 +59,7 @@ class Excess:
 def share_of(part: float, whole: float, parts: FloatArray, wholes: FloatArray) -> Share:
     """Return part over whole with the bounds that the draws (DRAWS,) of both give."""
     ratios = _ratio(parts, wholes)
-    tail = 50.0 * (1.0 - CONFIDENCE)
+    tail = 50.0 * (1.0 - CONFIG.excess.confidence)
     low, high = np.percentile(ratios, [tail, 100.0 - tail])
     value = float(_ratio(np.array([part]), np.array([whole]))[0])
     return Share(value, float(min(low, value)), float(max(high, value)))
@@ -96,7 +96,7 @@ def excess(
         own = draw_counts(len(reference[0]), rng)
         references = (own @ reference[0]) / (own @ reference[1])
         value = float(reference[0].sum() / reference[1].sum())
-    tail = 50.0 * (1.0 - CONFIDENCE)
+    tail = 50.0 * (1.0 - CONFIG.excess.confidence)
     low, high = (float(v) for v in np.percentile(drawn - references, [tail, 100.0 - tail]))
     mean_square = float(squares.sum() / samples.sum())
     relative = not isinstance(reference, float)
@@ -104,7 +104,15 @@ def excess(
     if low <= 0.0:
         whole, wholes = mean_square - least, drawn - least
     return Excess(
-        mean_square, value, low, high, relative, counts, whole, np.asarray(wholes), samples
+        mean_square=mean_square,
+        reference=value,
+        low=low,
+        high=high,
+        relative=relative,
+        counts=counts,
+        whole=whole,
+        wholes=np.asarray(wholes),
+        samples=samples,
     )
 
 

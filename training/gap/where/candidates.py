@@ -1,4 +1,4 @@
-"""Candidates for what an excess depends on: a smooth function of one driver at one point.
+"""Candidates for the cause of an excess: a smooth function of one driver at one point.
 
 The function enters at one of four points:
 
@@ -28,7 +28,7 @@ from training.gap.where.splines import (
     solve,
 )
 from training.gap.where.transport import Transport
-from training.greybox.fit.comparison import Compared, Stack, gather
+from training.greybox.fit.comparison import Comparison, Stack, gather
 from training.recordings.preparation import hold
 
 Point = Literal["before the transport", "at the sensor", "timing", "sensitivity"]
@@ -38,16 +38,16 @@ EVERYWHERE: Final = "everywhere"
 
 @dataclass(frozen=True, slots=True)
 class Side:
-    """Recordings with what every candidate needs of them."""
+    """Recordings with blocks, drivers and transport, which every candidate needs."""
 
-    recordings: Sequence[Compared]
+    recordings: Sequence[Comparison]
     blocks: Stack
     drivers: dict[str, Driver]
     transport: Transport | None
 
     @classmethod
     def of(
-        cls, recordings: Sequence[Compared], blocks: Stack, transport: Transport | None
+        cls, recordings: Sequence[Comparison], blocks: Stack, transport: Transport | None
     ) -> "Side":
         """Return the side with all its drivers."""
         drivers = {d.name: d for d in find_drivers(recordings)}
@@ -74,7 +74,7 @@ class Side:
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A driver and point with what it explains."""
+    """A driver and point, and the squared error that they take away."""
 
     driver: Driver | None
     point: Point
@@ -121,14 +121,14 @@ def evaluate(new: Side, healthy: Side | None, name: str, point: Point) -> Candid
     after = own.error(held_out(own, fold))
     tested = own.error(common) - after
     return Candidate(
-        driver,
-        point,
-        basis,
-        float(np.median(values)),
-        own,
-        known,
-        own.error(reference) - after,
-        tested,
+        driver=driver,
+        point=point,
+        basis=basis,
+        median=float(np.median(values)),
+        new=own,
+        healthy=known,
+        gains=own.error(reference) - after,
+        tested=tested,
     )
 
 
@@ -149,7 +149,7 @@ class Curve:
 
 
 def curve_of(c: Candidate, excess: Excess) -> Curve:
-    """Return what the new recordings show beyond the healthy ones, over the driver's range."""
+    """Return the dependence beyond that of healthy recordings, over the driver's range."""
     assert c.basis is not None
     x = np.linspace(*c.basis.ends, 60)
     functions = c.basis(x)
@@ -163,4 +163,4 @@ def curve_of(c: Candidate, excess: Excess) -> Curve:
     curves = (drawn - known)[:, :k] @ functions.T
     low, high = np.percentile(curves, [5, 95], axis=0)
     y = functions @ best[:k]
-    return Curve(x, y, low, high, float(np.interp(c.median, x, y)))
+    return Curve(x=x, y=y, low=low, high=high, typical=float(np.interp(c.median, x, y)))

@@ -7,14 +7,12 @@ from typing import Final
 import numpy as np
 
 from monitor.base.types import FloatArray
-from training.greybox.fit.comparison import Compared
+from training.gap.config import CONFIG
+from training.greybox.fit.comparison import Comparison
 from training.greybox.fit.drive import in_fuel_cut
 from training.recordings.preparation import hold
 
-STEP_S: Final = 0.3  # over which a rate is taken: above the noise, below a tip-in
-AFTER_CUT_S: Final = 20.0  # later than this, a fuel cut is long ago
-WARM_DEGC: Final = 80.0
-LEAST_VALUES: Final = 3  # distinct values that a driver must take
+LIMITS: Final = CONFIG.drivers
 
 # What a reader calls them; any other signal goes by its own name.
 WORDS: Final[Mapping[str, str]] = {
@@ -84,16 +82,16 @@ class Driver:
 
     @property
     def words(self) -> str:
-        """Return what a reader calls it."""
+        """Return the driver's name for a reader."""
         return WORDS.get(self.name, self.name.replace("_", " "))
 
     @property
     def unit(self) -> str:
-        """Return its unit, empty if it has none or it is not known."""
+        """Return the driver's unit, empty if it has none."""
         return UNITS.get(self.name, "")
 
 
-def find_drivers(recordings: Sequence[Compared]) -> list[Driver]:
+def find_drivers(recordings: Sequence[Comparison]) -> list[Driver]:
     """Return the signals that all recordings have and that move, and those made from them."""
     names = [
         name
@@ -109,69 +107,70 @@ def find_drivers(recordings: Sequence[Compared]) -> list[Driver]:
     return [d for d in found if _moves(d, recordings)]
 
 
-def _moves(driver: Driver, recordings: Sequence[Compared]) -> bool:
+def _moves(driver: Driver, recordings: Sequence[Comparison]) -> bool:
     seen = np.concatenate([v[r.scored] for v, r in zip(driver.values, recordings, strict=True)])
-    return len(np.unique(seen)) >= LEAST_VALUES or (
+    return len(np.unique(seen)) >= LIMITS.values_min or (
         len(recordings) == 1 and len(np.unique(seen)) == 2
     )
 
 
 def rate(values: FloatArray, period_s: float) -> FloatArray:
-    """Return the rate of change (n,) of ``values`` over the last ``STEP_S``, per second."""
-    k = max(round(STEP_S / period_s), 1)
+    """Return the rate of change (n,) of ``values`` over the last ``rate_s``, per second."""
+    k = max(round(LIMITS.rate_s / period_s), 1)
     before = np.concatenate([np.full(min(k, len(values)), values[0]), values[:-k]])
     return np.asarray((values - before[: len(values)]) / (k * period_s))
 
 
-def _signal(r: Compared, name: str) -> FloatArray | None:
+def _signal(r: Comparison, name: str) -> FloatArray | None:
     return hold(r.signals[name]) if name in r.signals else None
 
 
-def _inverse_flow(r: Compared) -> FloatArray | None:
+def _inverse_flow(r: Comparison) -> FloatArray | None:
     flow = _signal(r, "maf_kg_h")
     return None if flow is None else 1.0 / np.maximum(flow, 1.0)
 
 
-def _load_times_speed(r: Compared) -> FloatArray | None:
+def _load_times_speed(r: Comparison) -> FloatArray | None:
     load, speed = _signal(r, "air_mass_mg"), _signal(r, "engine_speed_rpm")
     return None if load is None or speed is None else load * speed
 
 
-def _after_fuel_cut(r: Compared) -> FloatArray | None:
+def _after_fuel_cut(r: Comparison) -> FloatArray | None:
     said = ((name, _signal(r, name)) for name in ("fuel_cut", "fuel_mass_mg"))
     cut = in_fuel_cut({name: values for name, values in said if values is not None})
     if cut is None:
         return None
     n = len(cut)
     last = np.maximum.accumulate(np.where(cut, np.arange(n), -(10**9)))
-    return np.minimum((np.arange(n) - last) * r.period_s, AFTER_CUT_S)
+    return np.minimum((np.arange(n) - last) * r.period_s, LIMITS.cut_memory_s)
 
 
-def _rate_of(name: str) -> Callable[[Compared], FloatArray | None]:
-    def make(r: Compared) -> FloatArray | None:
+def _rate_of(name: str) -> Callable[[Comparison], FloatArray | None]:
+    def make(r: Comparison) -> FloatArray | None:
         values = _signal(r, name)
         return None if values is None else rate(values, r.period_s)
 
     return make
 
 
-def _cold_fuel_rate(r: Compared) -> FloatArray | None:
+def _cold_fuel_rate(r: Comparison) -> FloatArray | None:
     fuel, coolant = _signal(r, "fuel_mass_mg"), _signal(r, "coolant_temperature_degc")
     if fuel is None or coolant is None:
         return None
-    return rate(fuel, r.period_s) * np.clip((WARM_DEGC - coolant) / WARM_DEGC, 0.0, 1.0)
+    warm_degc = CONFIG.engine.warm_degc
+    return rate(fuel, r.period_s) * np.clip((warm_degc - coolant) / warm_degc, 0.0, 1.0)
 
 
-def _purge_per_flow(r: Compared) -> FloatArray | None:
+def _purge_per_flow(r: Comparison) -> FloatArray | None:
     purge, flow = _signal(r, "purge_duty_percent"), _signal(r, "maf_kg_h")
     return None if purge is None or flow is None else purge / np.maximum(flow, 1.0)
 
 
-def _phi_slope(r: Compared) -> FloatArray:
+def _phi_slope(r: Comparison) -> FloatArray:
     return rate(hold(r.phi_predicted), r.period_s)
 
 
-DERIVED: Final[Mapping[str, Callable[[Compared], FloatArray | None]]] = {
+DERIVED: Final[Mapping[str, Callable[[Comparison], FloatArray | None]]] = {
     "inverse_flow_h_kg": _inverse_flow,
     "load_times_speed": _load_times_speed,
     "after_fuel_cut_s": _after_fuel_cut,

@@ -1,4 +1,4 @@
-"""The noise floor of a residual: what no model of the present inputs could predict.
+"""The noise floor of a residual: the part that no model of the present inputs could predict.
 
 Two estimates. What is left of the third differences is noise that is white; it misses noise that
 mixing and sensor have smoothed, so it is the least the floor can be. Pairs of samples at nearly
@@ -16,15 +16,14 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from monitor.base.types import FloatArray
+from training.gap.config import CONFIG
 from training.gap.where.bootstrap import draw_counts
 from training.gap.where.drivers import find_drivers
-from training.greybox.fit.comparison import Compared, Stack, gather
+from training.greybox.fit.comparison import Comparison, Stack, gather
 from training.recordings.preparation import hold
 
 WEIGHTS: Final = (1.0, -3.0, 3.0, -1.0)  # third difference
-APART_S: Final = 10.0  # pairs closer than this share slow noise
-CLOSEST: Final = 0.1  # share of the pairs that counts
-LEAST_PAIRS: Final = 100
+LIMITS: Final = CONFIG.noise_floor
 MOST_SAMPLES: Final = 20_000
 NEIGHBOURS: Final = 12
 EARLIER_S: Final = (0.0, 0.5, 1.0)
@@ -51,7 +50,7 @@ class NoiseFloor:
 
 
 def noise_floor(
-    recordings: Sequence[Compared], blocks: Stack, rng: np.random.Generator
+    recordings: Sequence[Comparison], blocks: Stack, rng: np.random.Generator
 ) -> NoiseFloor:
     """Return the noise floor of the recordings' residuals.
 
@@ -60,7 +59,7 @@ def noise_floor(
     """
     white, white_draws = _white(recordings, blocks, rng)
     squares = _repeated(recordings, blocks, rng)
-    value = float(np.sqrt(squares.mean())) if len(squares) >= LEAST_PAIRS else None
+    value = float(np.sqrt(squares.mean())) if len(squares) >= LIMITS.pairs_min else None
     if value is None or value <= white:
         low, high = (float(v) for v in np.percentile(white_draws, [5, 95]))
         why = "too few operating points repeat to tell" if value is None else "there is hardly any"
@@ -68,20 +67,20 @@ def noise_floor(
             f"Noise floor {white:.4f} ({low:.4f} to {high:.4f}) in phi, from the third differences "
             f"of the residual: the white part of the noise alone; of its smooth part, {why}."
         )
-        return NoiseFloor(white, low, high, white, text)
+        return NoiseFloor(rms=white, low=low, high=high, white_rms=white, sentence=text)
     draws = np.sqrt([rng.choice(squares, len(squares)).mean() for _ in range(200)])
     low, high = (float(v) for v in np.percentile(draws, [5, 95]))
     text = (
         f"Noise floor {value:.4f} ({low:.4f} to {high:.4f}) in phi, from {len(squares)} pairs of "
-        f"samples at nearly the same operating point at least {APART_S:g} s apart: an upper bound, "
-        f"because an effect of something that no signal shows does not repeat either. The white "
-        f"part of it, from third differences of the residual, is {white:.4f}."
+        f"samples at nearly the same operating point at least {LIMITS.apart_s:g} s apart: an upper "
+        f"bound, because an effect of something that no signal shows does not repeat either. The "
+        f"white part of it, from third differences of the residual, is {white:.4f}."
     )
-    return NoiseFloor(value, low, high, white, text)
+    return NoiseFloor(rms=value, low=low, high=high, white_rms=white, sentence=text)
 
 
 def _white(
-    recordings: Sequence[Compared], blocks: Stack, rng: np.random.Generator
+    recordings: Sequence[Comparison], blocks: Stack, rng: np.random.Generator
 ) -> tuple[float, FloatArray]:
     """Return the white noise's standard deviation and draws of it."""
     squares, whole = [], []
@@ -102,7 +101,7 @@ def _white(
 
 
 def _repeated(
-    recordings: Sequence[Compared], blocks: Stack, rng: np.random.Generator
+    recordings: Sequence[Comparison], blocks: Stack, rng: np.random.Generator
 ) -> FloatArray:
     """Return half the squared differences of the closest pairs."""
     points, time_s = _points(recordings, blocks)
@@ -115,16 +114,16 @@ def _repeated(
     k = min(NEIGHBOURS + 1, len(near))
     found = cKDTree(near).query(near, k=k)
     distance, other = np.asarray(found[0]), np.asarray(found[1])
-    apart = np.abs(time_s[chosen][other] - time_s[chosen][:, np.newaxis]) >= APART_S
+    apart = np.abs(time_s[chosen][other] - time_s[chosen][:, np.newaxis]) >= LIMITS.apart_s
     first = np.argmax(apart, axis=1)
     rows = np.flatnonzero(apart.any(axis=1))
     far = distance[rows, first[rows]]
-    rows = rows[np.argsort(far)[: int(CLOSEST * len(far))]]
+    rows = rows[np.argsort(far)[: int(LIMITS.closest_share * len(far))]]
     residual = blocks.residual[chosen]
     return np.asarray((residual[rows] - residual[other[rows, first[rows]]]) ** 2 / 2.0)
 
 
-def _points(recordings: Sequence[Compared], blocks: Stack) -> tuple[FloatArray, FloatArray]:
+def _points(recordings: Sequence[Comparison], blocks: Stack) -> tuple[FloatArray, FloatArray]:
     """Return the operating points (m, k) in standard deviations, now and a little earlier."""
     drivers = {d.name: d.values for d in find_drivers(recordings) if d.name in POINT}
     drivers["phi_predicted"] = tuple(hold(r.phi_predicted) for r in recordings)
@@ -141,7 +140,7 @@ def _points(recordings: Sequence[Compared], blocks: Stack) -> tuple[FloatArray, 
     times_s: list[FloatArray] = []
     for r in recordings:
         times_s.append(start_s + np.arange(len(r.residual), dtype=np.float64) * r.period_s)
-        start_s += len(r.residual) * r.period_s + APART_S
+        start_s += len(r.residual) * r.period_s + LIMITS.apart_s
     return np.column_stack(columns), gather(times_s, blocks)
 
 

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from monitor.base.types import BoolArray, FloatArray
-from training.greybox.fit.comparison import Compared, Stack, gather
+from training.greybox.fit.comparison import Comparison, Stack, gather
 from training.recordings.preparation import hold
 
 SPEEDS: Final = ("engine_speed_rpm", "vehicle_speed_km_h")
@@ -41,9 +41,9 @@ class Excerpt:
 
 
 def operating_map(
-    recordings: Sequence[Compared],
+    recordings: Sequence[Comparison],
     blocks: Stack,
-    healthy: tuple[Sequence[Compared], Stack] | None,
+    healthy: tuple[Sequence[Comparison], Stack] | None,
     reference: float,
 ) -> OperatingMap | None:
     """Return the map; None if no signal of speed or of load moves.
@@ -63,16 +63,16 @@ def operating_map(
         known = np.where(n >= LEAST_SAMPLES, healthy_square, reference)
     seen = count >= LEAST_SAMPLES
     return OperatingMap(
-        speed,
-        load,
-        edges[0],
-        edges[1],
-        np.where(seen, square - known, np.nan),
-        np.where(seen, mean, np.nan),
+        speed=speed,
+        load=load,
+        speed_edges=edges[0],
+        load_edges=edges[1],
+        excess=np.where(seen, square - known, np.nan),
+        mean=np.where(seen, mean, np.nan),
     )
 
 
-def _first(names: Sequence[str], recordings: Sequence[Compared]) -> str | None:
+def _first(names: Sequence[str], recordings: Sequence[Comparison]) -> str | None:
     for name in names:
         if all(name in r.signals for r in recordings) and any(
             float(np.ptp(hold(r.signals[name])[r.scored])) > 0.0 for r in recordings
@@ -86,7 +86,7 @@ def _edges(values: FloatArray) -> FloatArray:
     return np.linspace(low, high if high > low else low + 1.0, CELLS + 1)
 
 
-def _column(name: str, recordings: Sequence[Compared], blocks: Stack) -> FloatArray:
+def _column(name: str, recordings: Sequence[Comparison], blocks: Stack) -> FloatArray:
     return gather([hold(r.signals[name]) for r in recordings], blocks)
 
 
@@ -101,7 +101,7 @@ def _cells(
     return count, mean, np.histogram2d(y, x, bins, weights=residual**2)[0] / many
 
 
-def excerpt(recordings: Sequence[Compared], explained: Sequence[FloatArray] | None) -> Excerpt:
+def excerpt(recordings: Sequence[Comparison], explained: Sequence[FloatArray] | None) -> Excerpt:
     """Return the stretch in which the best driver explains most, or with the largest residual.
 
     explained : (n,) per recording, what the best driver explains of the residual
@@ -119,4 +119,10 @@ def excerpt(recordings: Sequence[Compared], explained: Sequence[FloatArray] | No
     _, i, at, length = best
     r, rows = recordings[i], slice(at, at + length)
     t_s = np.arange(at, at + length, dtype=np.float64) * r.period_s
-    return Excerpt(r.name, t_s, r.phi_measured[rows], r.phi_predicted[rows], r.scored[rows])
+    return Excerpt(
+        recording=r.name,
+        t_s=t_s,
+        measured=r.phi_measured[rows],
+        predicted=r.phi_predicted[rows],
+        scored=r.scored[rows],
+    )

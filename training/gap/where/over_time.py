@@ -13,14 +13,11 @@ from typing import Final, Literal, get_args
 import numpy as np
 
 from monitor.base.types import BoolArray, FloatArray
-from training.greybox.fit.comparison import Compared
+from training.gap.config import CONFIG
+from training.greybox.fit.comparison import Comparison
 
-ALPHA: Final = 0.01  # false onsets per localisation, all recordings together
+LIMITS: Final = CONFIG.changes
 ORDERS: Final = 9999  # random orders of the blocks
-SPAN_S: Final = 10.0
-TOGETHER: Final = 3  # blocks are moved by three, so that what neighbours share counts as chance
-LEAST_BLOCKS: Final = 24
-CLEARLY: Final = 0.7  # of the squares that the other leaves; the step's time is fitted, too
 
 Quantity = Literal["level", "size"]
 QUANTITIES: Final[tuple[Quantity, ...]] = get_args(Quantity)
@@ -49,7 +46,9 @@ class Change:
         """Return whether it is beyond chance, the best driver and changes on healthy drives."""
         beyond = abs(self.after - self.before) > self.healthy
         return (
-            beyond and self.p_value < ALPHA and (self.beats_regime or self.p_beyond_regime < ALPHA)
+            beyond
+            and self.p_value < LIMITS.false_share
+            and (self.beats_regime or self.p_beyond_regime < LIMITS.false_share)
         )
 
     @property
@@ -68,8 +67,8 @@ class Change:
 
 
 def find_changes(
-    recordings: Sequence[Compared],
-    healthy: Sequence[Compared],
+    recordings: Sequence[Comparison],
+    healthy: Sequence[Comparison],
     explained: Sequence[FloatArray] | None,
     rng: np.random.Generator,
 ) -> tuple[Change, ...]:
@@ -108,10 +107,10 @@ def find_changes(
     return tuple(sorted(corrected, key=lambda c: (not c.significant, c.p_value, c.p_beyond_regime)))
 
 
-def _shape(r: Compared, quantity: Quantity) -> Change | None:
+def _shape(r: Comparison, quantity: Quantity) -> Change | None:
     """Return the clearest change, not yet tested; None if the recording is too short."""
     block_s, values = _blocks(r, r.residual, quantity)
-    if len(values) < LEAST_BLOCKS:
+    if len(values) < LIMITS.blocks_min:
         return None
     cumulative = np.cumsum(values - values.mean())
     at = int(np.argmax(np.abs(cumulative[:-1])))
@@ -120,33 +119,35 @@ def _shape(r: Compared, quantity: Quantity) -> Change | None:
     shown = values if quantity == "level" else np.exp(values)
     first, last = slice(None, at + 1), slice(at + 1, None)
     return Change(
-        r.name,
-        quantity,
-        "onset" if step <= line else "drift",
-        float((block_s[at] + block_s[at + 1]) / 2),
-        float(shown[first].mean()),
-        float(shown[last].mean()),
-        1.0,
-        1.0,
-        False,
-        0.0,
-        block_s,
-        shown,
-        cumulative,
+        recording=r.name,
+        quantity=quantity,
+        kind="onset" if step <= line else "drift",
+        t_s=float((block_s[at] + block_s[at + 1]) / 2),
+        before=float(shown[first].mean()),
+        after=float(shown[last].mean()),
+        p_value=1.0,
+        p_beyond_regime=1.0,
+        beats_regime=False,
+        healthy=0.0,
+        block_s=block_s,
+        blocks=shown,
+        cumulative=cumulative,
     )
 
 
-def _step_beats(r: Compared, rest: FloatArray, t_s: float, quantity: Quantity) -> bool:
+def _step_beats(r: Comparison, rest: FloatArray, t_s: float, quantity: Quantity) -> bool:
     """Return whether a step at ``t_s`` leaves clearly less of the blocks than the driver does."""
     block_s, values = _blocks(r, r.residual, quantity)
     left = _blocks(r, rest, quantity)[1]
     driver = float(((left - left.mean()) ** 2).sum())
-    return _left(values, block_s > t_s) < CLEARLY * driver
+    return _left(values, block_s > t_s) < LIMITS.step_clearly * driver
 
 
-def _blocks(r: Compared, residual: FloatArray, quantity: Quantity) -> tuple[FloatArray, FloatArray]:
+def _blocks(
+    r: Comparison, residual: FloatArray, quantity: Quantity
+) -> tuple[FloatArray, FloatArray]:
     """Return the middle of each block and its mean, or the logarithm of its RMS about the mean."""
-    length = max(round(SPAN_S / r.period_s), 2)
+    length = max(round(LIMITS.block_s / r.period_s), 2)
     middles, values = [], []
     for start in range(0, len(residual) - length // 2, length):
         rows = np.flatnonzero(r.scored[start : start + length]) + start
@@ -170,8 +171,12 @@ def _p_value(values: FloatArray, rng: np.random.Generator) -> float:
     """Return how often blocks in random order have as large a cumulative sum."""
     centred = values - values.mean()
     largest = float(np.abs(np.cumsum(centred)).max())
-    groups = len(centred) // TOGETHER
+    groups = len(centred) // LIMITS.blocks_together
     order = np.argsort(rng.random((ORDERS, groups)), axis=1)
-    shuffled = centred[: TOGETHER * groups].reshape(groups, TOGETHER)[order].reshape(ORDERS, -1)
+    shuffled = (
+        centred[: LIMITS.blocks_together * groups]
+        .reshape(groups, LIMITS.blocks_together)[order]
+        .reshape(ORDERS, -1)
+    )
     chance = np.abs(np.cumsum(shuffled, axis=1)).max(axis=1)
     return (1.0 + float((chance >= largest * (1.0 - 1e-12)).sum())) / (1.0 + ORDERS)

@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 
 from monitor.base.types import FloatArray
+from training.gap.config import CONFIG
 from training.gap.where.bootstrap import Excess, Share, p_of_gains
 from training.gap.where.candidates import (
     EVERYWHERE,
@@ -25,19 +26,13 @@ from training.gap.where.candidates import (
 from training.gap.where.splines import Basis, held_out, normal
 from training.greybox.fit.comparison import FOLDS, gather
 
-ALPHA: Final = 0.02  # false regimes per localisation, all candidates together
-LEAST_SHARE: Final = 0.03  # of the excess; a driver of less is not where the gap is
-LEAST_WITHIN: Final = 0.5  # of a driver's variance must lie within recordings if they are few
-CONSTANT_WITHIN: Final = 0.05  # of one that is as good as constant in each, as the weather is
-MANY: Final = 12  # recordings, of which also what is constant in each may be told apart
+LIMITS: Final = CONFIG.regimes
 CURVES: Final = 4  # of the best regimes are drawn
-SEPARATED: Final = 0.95  # of the draws that the better one of two must win
-NEAR: Final = 0.03  # of the better one's gain: what is nearer than that is as good
 
 
 @dataclass(frozen=True, slots=True)
 class Regime:
-    """What one driver explains at one point."""
+    """The share of the excess that one driver explains at one point."""
 
     driver: str
     words: str
@@ -53,12 +48,12 @@ class Regime:
     @property
     def significant(self) -> bool:
         """Return whether the dependence is beyond chance and worth a sentence."""
-        return self.p_value < ALPHA and self.share.value >= LEAST_SHARE
+        return self.p_value < LIMITS.false_share and self.share.value >= LIMITS.excess_min
 
     @property
     def separated(self) -> bool:
         """Return whether the next in the ranking is clearly worse."""
-        return self.wins >= SEPARATED
+        return self.wins >= LIMITS.wins_min
 
     @property
     def sentence(self) -> str:
@@ -114,10 +109,10 @@ def find_regimes(
         zip(map(id, tried), p_of_gains(np.array([c.tested for c in tried]), rng), strict=True)
     )
     constant, *others = tried
-    others.sort(key=lambda c: (p_values[id(c)] >= ALPHA, -float(c.tested.sum())))
+    others.sort(key=lambda c: (p_values[id(c)] >= LIMITS.false_share, -float(c.tested.sum())))
     ranked = _simplest_first(others, excess)
     nothing = np.zeros_like(constant.tested)
-    followers = [c.tested if p_values[id(c)] < ALPHA else nothing for c in ranked[1:]]
+    followers = [c.tested if p_values[id(c)] < LIMITS.false_share else nothing for c in ranked[1:]]
     regimes = tuple(
         _regime(c, float(p_values[id(c)]), follower, excess, rank < CURVES)
         for rank, (c, follower) in enumerate(zip(ranked, [*followers, nothing], strict=True))
@@ -131,9 +126,9 @@ def between_recordings(side: Side) -> tuple[str, ...]:
     Whatever else differs between a handful of drives would be put down to them.
     """
     n = len(side.recordings)
-    if not 1 < n < MANY:
+    if not 1 < n < LIMITS.recordings_many:
         return ()
-    least = LEAST_WITHIN if n < FOLDS else CONSTANT_WITHIN
+    least = LIMITS.within_min if n < FOLDS else LIMITS.within_min_constant
     found = []
     for name, driver in side.drivers.items():
         each = [v[rows] for v, rows in zip(driver.values, side.blocks.rows, strict=True)]
@@ -148,15 +143,15 @@ def _regime(
     c: Candidate, p_value: float, follower: FloatArray, excess: Excess, drawn: bool
 ) -> Regime:
     return Regime(
-        c.name,
-        c.name if c.driver is None else c.driver.words,
-        "" if c.driver is None else c.driver.unit,
-        c.point,
-        excess.share(c.gains),
-        p_value,
-        _wins(c.tested, follower, excess),
-        c.tested,
-        curve_of(c, excess) if drawn and c.driver is not None else None,
+        driver=c.name,
+        words=c.name if c.driver is None else c.driver.words,
+        unit="" if c.driver is None else c.driver.unit,
+        point=c.point,
+        share=excess.share(c.gains),
+        p_value=p_value,
+        wins=_wins(c.tested, follower, excess),
+        gains=c.tested,
+        curve=curve_of(c, excess) if drawn and c.driver is not None else None,
     )
 
 
@@ -165,12 +160,12 @@ def rivals(regimes: Sequence[Regime], excess: Excess) -> tuple[Regime, ...]:
     return tuple(
         r
         for r in regimes[1:]
-        if r.significant and _wins(regimes[0].gains, r.gains, excess) < SEPARATED
+        if r.significant and _wins(regimes[0].gains, r.gains, excess) < LIMITS.wins_min
     )
 
 
 def explained_by(regime: Regime, new: Side) -> list[FloatArray]:
-    """Return what a regime explains of each recording's residual, (n,) per recording.
+    """Return the part of the residual that a regime explains, (n,) per recording.
 
     From blocks that did not fit it; 0 where not scored.
     """
@@ -190,7 +185,7 @@ def explained_by(regime: Regime, new: Side) -> list[FloatArray]:
 
 def _wins(better: FloatArray, worse: FloatArray, excess: Excess) -> float:
     """Return the share of draws in which the better one gains clearly more, not just nearly."""
-    return float(np.mean(excess.counts @ ((1.0 - NEAR) * better - worse) > 0.0))
+    return float(np.mean(excess.counts @ ((1.0 - LIMITS.near) * better - worse) > 0.0))
 
 
 def _simplest_first(tried: list[Candidate], excess: Excess) -> list[Candidate]:
@@ -204,7 +199,7 @@ def _simplest_first(tried: list[Candidate], excess: Excess) -> list[Candidate]:
                 for i, c in enumerate(ranked[:at])
                 if c.driver is not None
                 and c.point == uniform.point
-                and _wins(c.tested, uniform.tested, excess) < SEPARATED
+                and _wins(c.tested, uniform.tested, excess) < LIMITS.wins_min
             ),
             at,
         )

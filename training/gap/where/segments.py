@@ -12,13 +12,12 @@ from scipy.signal import detrend
 from scipy.signal.windows import hann
 
 from monitor.base.types import FloatArray, IntArray
+from training.gap.config import CONFIG
 from training.gap.where.drivers import NO_DRIVERS
-from training.greybox.fit.comparison import Compared
+from training.greybox.fit.comparison import Comparison
 from training.recordings.preparation import hold
 
-SEGMENT_S: Final = 25.6  # 0.04 Hz resolution: a tip-in and its echo fit in
-LEAST_SCORED: Final = 0.7  # of a segment
-LEAST_SEGMENTS: Final = 8
+LIMITS: Final = CONFIG.bands
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +36,7 @@ class Segments:
         return np.asarray(np.abs(self.residual) ** 2)
 
 
-def input_names(sides: Sequence[Sequence[Compared]]) -> tuple[str, ...]:
+def input_names(sides: Sequence[Sequence[Comparison]]) -> tuple[str, ...]:
     """Return the signals that every recording has and that move in the first side."""
     every = [r for side in sides for r in side]
     first = sides[0]
@@ -50,13 +49,13 @@ def input_names(sides: Sequence[Sequence[Compared]]) -> tuple[str, ...]:
     )
 
 
-def transform(recordings: Sequence[Compared], names: Sequence[str]) -> Segments | None:
+def transform(recordings: Sequence[Comparison], names: Sequence[str]) -> Segments | None:
     """Return the segments in which most samples are scored; None if they are too few.
 
     All recordings have one period. A bin of the one-sided power sums to the variance.
     """
     period_s = recordings[0].period_s
-    length = 2 ** max(round(np.log2(SEGMENT_S / period_s)), 4)
+    length = 2 ** max(round(np.log2(LIMITS.segment_s / period_s)), 4)
     window = hann(length, sym=False)
     scale = np.sqrt(2.0 / (float((window**2).sum()) * length))
     residual, inputs, number = [], [], []
@@ -66,14 +65,20 @@ def transform(recordings: Sequence[Compared], names: Sequence[str]) -> Segments 
         columns = [(r.residual - mean) * scored, *(hold(r.signals[n]) for n in names)]
         for start in range(0, len(scored) - length + 1, length // 2):
             rows = slice(start, start + length)
-            if scored[rows].mean() < LEAST_SCORED:
+            if scored[rows].mean() < LIMITS.segment_scored_min:
                 continue
             cut = detrend(np.column_stack([c[rows] for c in columns]), axis=0)
             spectrum = scale * np.fft.rfft(cut * window[:, np.newaxis], axis=0)
             residual.append(spectrum[1:, 0])
             inputs.append(spectrum[1:, 1:])
             number.append(i)
-    if len(residual) < LEAST_SEGMENTS:
+    if len(residual) < LIMITS.segments_min:
         return None
     frequency = np.asarray(np.fft.rfftfreq(length, period_s)[1:], dtype=np.float64)
-    return Segments(frequency, np.array(residual), np.array(inputs), tuple(names), np.array(number))
+    return Segments(
+        frequency_hz=frequency,
+        residual=np.array(residual),
+        inputs=np.array(inputs),
+        names=tuple(names),
+        recording=np.array(number),
+    )

@@ -1,4 +1,4 @@
-"""Cross-fitted functions of one variable: what they explain of blocks that did not fit them."""
+"""Cross-fitted functions of one variable: each block is judged by a fit to the other blocks."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -7,11 +7,10 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from monitor.base.types import FloatArray, IntArray
+from training.gap.config import CONFIG
 from training.greybox.fit.comparison import Stack
 
-KNOTS: Final = 5  # inner intervals of a cubic spline, at equal shares of the samples
-SMOOTHING: Final = 1e-3  # weight of the second differences beside the mean diagonal
-MOST_WEIGHT: Final = 2.0  # of a healthy sample beside a new one, where the former are few
+LIMITS: Final = CONFIG.splines
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,9 +24,11 @@ class Basis:
         """Return the basis for a variable of these values (m,)."""
         low, high = (float(v) for v in np.percentile(values, [0.5, 99.5]))
         inside = values[(values >= low) & (values <= high)]
-        inner = np.unique(np.quantile(inside, np.linspace(0.0, 1.0, KNOTS + 1)))
+        inner = np.unique(np.quantile(inside, np.linspace(0.0, 1.0, LIMITS.knots + 1)))
         if len(inner) < 4:  # a variable that mostly rests has its quantiles at one value
-            inner = np.unique(np.quantile(np.unique(inside), np.linspace(0.0, 1.0, KNOTS + 1)))
+            inner = np.unique(
+                np.quantile(np.unique(inside), np.linspace(0.0, 1.0, LIMITS.knots + 1))
+            )
         if len(inner) < 3:
             return cls(np.array([float(values.min()), float(values.max())]))
         return cls(np.concatenate([np.repeat(inner[0], 3), inner, np.repeat(inner[-1], 3)]))
@@ -49,14 +50,14 @@ class Basis:
 
 @dataclass(frozen=True, slots=True)
 class Normal:
-    """Normal equations of each block: what least squares needs to know of it."""
+    """Normal equations of every block: the sums that least squares needs."""
 
     gram: FloatArray  # (n_blocks, k, k)
     right: FloatArray  # (n_blocks, k)
     squares: FloatArray  # (n_blocks,)
 
     def error(self, coefficients: FloatArray) -> FloatArray:
-        """Return the sum of squares that coefficients (n_blocks, k) leave in each block."""
+        """Return the sum of squares that coefficients (n_blocks, k) leave, block by block."""
         fitted = np.einsum("bi,bij,bj->b", coefficients, self.gram, coefficients)
         cross = np.einsum("bi,bi->b", coefficients, self.right)
         return np.asarray(self.squares - 2.0 * cross + fitted)
@@ -78,12 +79,12 @@ def solve(gram: FloatArray, right: FloatArray) -> FloatArray:
     k = gram.shape[-1]
     level = np.trace(gram, axis1=-2, axis2=-1)[..., np.newaxis, np.newaxis] / k + 1e-30
     bend = np.diff(np.eye(k), 2, axis=0) if k > 2 else np.zeros((1, k))
-    ridge = level * (SMOOTHING * bend.T @ bend + 1e-8 * np.eye(k))
+    ridge = level * (LIMITS.smoothing * bend.T @ bend + 1e-8 * np.eye(k))
     return np.linalg.solve(gram + ridge, right[..., np.newaxis])[..., 0]
 
 
 def held_out(equations: Normal, fold: IntArray) -> FloatArray:
-    """Return coefficients (n_blocks, k) for each block from the blocks of other folds."""
+    """Return coefficients (n_blocks, k), every block's from the blocks of other folds."""
     found = np.empty(equations.right.shape)
     for one in np.unique(fold):
         others = fold != one
@@ -92,19 +93,19 @@ def held_out(equations: Normal, fold: IntArray) -> FloatArray:
 
 
 def healthy_coefficients(healthy: Normal) -> FloatArray:
-    """Return coefficients (k,) of what the model already errs on healthy recordings."""
+    """Return coefficients (k,) of the model's error on healthy recordings."""
     return solve(healthy.gram.sum(0), healthy.right.sum(0))
 
 
 def common_coefficients(new: Normal, healthy: Normal, fold: IntArray) -> FloatArray:
     """Return coefficients (n_blocks, k) from healthy and new blocks of other folds together.
 
-    Where the new recordings are longer, healthy samples weigh up to ``MOST_WEIGHT`` times as much.
-    Beside these coefficients, those of the new blocks alone lose on held-out blocks unless the
-    dependence has changed: they come from less data.
+    Where the new recordings are longer, a healthy sample weighs up to ``healthy_weight_max`` new
+    ones. Beside these coefficients, those of the new blocks alone lose on held-out blocks unless
+    the dependence has changed: they come from less data.
     """
     ratio = float(np.trace(new.gram.sum(0)) / max(np.trace(healthy.gram.sum(0)), 1e-30))
-    weight = float(np.clip(ratio, 1.0, MOST_WEIGHT))
+    weight = float(np.clip(ratio, 1.0, LIMITS.healthy_weight_max))
     both = Normal(
         np.concatenate([new.gram, weight * healthy.gram]),
         np.concatenate([new.right, weight * healthy.right]),

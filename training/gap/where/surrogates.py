@@ -1,4 +1,4 @@
-"""What chance gives: products of residual and input summed over blocks with random signs.
+"""Chance by surrogates: products of residual and input, summed over blocks with random signs.
 
 If residual and input have nothing to do with each other, the sum of their products over a block of
 time is as often positive as negative. So the same statistic with a random sign for each block shows
@@ -23,7 +23,7 @@ Products = NDArray[Any]  # (b, …) real or complex
 
 @dataclass(frozen=True, slots=True)
 class Slope:
-    """Response of the residual to inputs and what chance gives, beyond healthy recordings."""
+    """Response of the residual to inputs beyond healthy recordings, and its surrogates."""
 
     value: Products  # (…) residual per unit of input
     chance: Products  # (SURROGATES, …)
@@ -39,7 +39,7 @@ class Sums:
 
 
 def slope(new: Sums, healthy: Sums | None, rng: np.random.Generator) -> Slope:
-    """Return the regression of the residual on each input, each input alone."""
+    """Return the regression of the residual on the inputs, one at a time."""
     own = new.squares.sum(axis=0)
     if healthy is None:
         return Slope(new.products.sum(axis=0) / own, _flipped(new.products, rng) / own)
@@ -60,7 +60,7 @@ def _flipped(products: Products, rng: np.random.Generator) -> Products:
 
 
 def _between(side: Sums, rng: np.random.Generator) -> Products:
-    """Return random sums of how far each recording lies from all of its side, 0 for one alone."""
+    """Return random sums of the recordings' distances from their side; 0 for one recording."""
     own = side.products.sum(axis=0) / side.squares.sum(axis=0)
     rest = side.products - own * side.squares
     each = np.array([rest[side.recording == r].sum(axis=0) for r in np.unique(side.recording)])

@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 
 from monitor.base.types import FloatArray
 from training.greybox.chain import STOICHIOMETRIC
-from training.greybox.fit.comparison import Compared
+from training.greybox.fit.comparison import Comparison
 
 DEAD_TIMES_S = np.arange(0.0, 1.01, 0.05)
 LAGS_S = (0.0, 0.05, 0.1, 0.2, 0.3, 0.5)
@@ -17,7 +17,7 @@ LAGS_S = (0.0, 0.05, 0.1, 0.2, 0.3, 0.5)
 
 @dataclass(frozen=True, slots=True)
 class Transport:
-    """Dead time at each sample of each recording, and the lag behind it."""
+    """Dead time per recording and sample, and the lag behind it."""
 
     dead_time_s: tuple[FloatArray, ...]
     lag_s: float
@@ -42,7 +42,7 @@ def transported(
     return np.asarray(smooth)
 
 
-def find_transport(recordings: Sequence[Compared]) -> Transport | None:
+def find_transport(recordings: Sequence[Comparison]) -> Transport | None:
     """Return the chain's transport, or one estimated from fuel over air; None if neither is there.
 
     The estimate takes the dead time and lag at which fuel over air comes closest to measured phi.
@@ -65,8 +65,8 @@ def find_transport(recordings: Sequence[Compared]) -> Transport | None:
     return Transport(tuple(np.full(len(r.residual), dead_s) for r in recordings), lag_s, source)
 
 
-def like(transport: Transport | None, recordings: Sequence[Compared]) -> Transport | None:
-    """Return the same transport for other recordings: their own chain's, or the one estimated."""
+def like(transport: Transport | None, recordings: Sequence[Comparison]) -> Transport | None:
+    """Return the transport for other recordings: from their chain, else the same dead time."""
     if transport is None:
         return None
     typical_s = float(np.median(np.concatenate(transport.dead_time_s)))
@@ -77,7 +77,7 @@ def like(transport: Transport | None, recordings: Sequence[Compared]) -> Transpo
     return Transport(dead_time_s, transport.lag_s, transport.source)
 
 
-def _misfit(r: Compared, dead_s: float, lag_s: float) -> float:
+def _misfit(r: Comparison, dead_s: float, lag_s: float) -> float:
     """Return the squared error of measured phi that fuel over air leaves, slope and mean fitted."""
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = STOICHIOMETRIC * r.signals["fuel_mass_mg"] / r.signals["air_mass_mg"]

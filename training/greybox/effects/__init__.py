@@ -1,16 +1,51 @@
-"""The library of effects that a vehicle may have and its model may lack.
+"""The library of effects that a vehicle may have and its model may lack, one file per effect.
 
-The forms are a few constants at the sample rate; every effect changes what happens to the mixture
-on its way (``training.greybox.chain.Path``) and nothing else.
+Each effect has a few constants and changes the mixture's path (``training.greybox.chain.Path``),
+nothing else. Its two forms, arrays and ONNX nodes, stand side by side in its file. For a new effect
+write the file and enter it here; fits try the effects in this order.
 """
 
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from training.greybox.effects import air, exhaust, fuel, sensor
-from training.greybox.effects.effect import Effect, Own, Parameter, along
+from training.greybox.effects import (
+    back_pressure,
+    charge_temperature,
+    delay_flow,
+    ethanol,
+    exhaust_leak,
+    fuel_cut_tail,
+    injector_offset,
+    maf_offset,
+    maf_pulsation,
+    manifold_filling,
+    mix_flow,
+    purge,
+    rail_exponent,
+    scavenging,
+    sensor_asymmetry,
+    wall_film,
+)
+from training.greybox.effects.form.effect import Effect, Own, Parameter, along
 
-ALL: tuple[Effect, ...] = (*fuel.EFFECTS, *air.EFFECTS, *exhaust.EFFECTS, *sensor.EFFECTS)
+ALL: tuple[Effect, ...] = (
+    wall_film.EFFECT,
+    injector_offset.EFFECT,
+    rail_exponent.EFFECT,
+    purge.EFFECT,
+    ethanol.EFFECT,
+    maf_offset.EFFECT,
+    maf_pulsation.EFFECT,
+    scavenging.EFFECT,
+    charge_temperature.EFFECT,
+    manifold_filling.EFFECT,
+    delay_flow.EFFECT,
+    mix_flow.EFFECT,
+    exhaust_leak.EFFECT,
+    fuel_cut_tail.EFFECT,
+    sensor_asymmetry.EFFECT,
+    back_pressure.EFFECT,
+)
 LIBRARY: Mapping[str, Effect] = MappingProxyType({effect.name: effect for effect in ALL})
 
 __all__ = ["ALL", "LIBRARY", "Effect", "Own", "Parameter", "along"]

@@ -14,7 +14,7 @@ AS_EXPECTED: Final = 0.8  # of the spread about what is expected, above which no
 
 
 @dataclass(frozen=True, slots=True)
-class Added:
+class ModelEffect:
     """One effect that a model has beside its base.
 
     Raises ModelError if the library has no such effect, or one with other parameters.
@@ -39,10 +39,10 @@ class Added:
     @classmethod
     def with_values(
         cls, name: str, values: Sequence[float], standard_errors: Sequence[float] | None = None
-    ) -> "Added":
+    ) -> "ModelEffect":
         """Return an effect from its values in the library's order, errors 0 if not given.
 
-        >>> Added.with_values("mix_flow", [1.5]).parameters
+        >>> ModelEffect.with_values("mix_flow", [1.5]).parameters
         {'volume': 1.5}
         """
         effect = _entry(name)
@@ -72,7 +72,7 @@ class Added:
     def in_words(self) -> str:
         """Return name and parameters with their units.
 
-        >>> Added.with_values("mix_flow", [1.5]).in_words
+        >>> ModelEffect.with_values("mix_flow", [1.5]).in_words
         'mix_flow: volume 1.5 l'
         """
         sizes = (f"{name} {v:.3g} {self.units[name]}" for name, v in self.parameters.items())
@@ -83,7 +83,7 @@ class Added:
         return asdict(self) | {"like": list(self.like)}
 
     @classmethod
-    def from_card(cls, given: Mapping[str, Any]) -> "Added":
+    def from_card(cls, given: Mapping[str, Any]) -> "ModelEffect":
         """Return the effect of a card's entry, which may say more than this.
 
         Raises ModelError if part of it is missing or the library has no such effect.
@@ -101,7 +101,7 @@ def _entry(name: str) -> Effect:
     return LIBRARY[name]
 
 
-def uncertain(added: Sequence[Added]) -> list[str]:
+def uncertain(added: Sequence[ModelEffect]) -> list[str]:
     """Return warnings of constants that the recordings hardly determine, or not at all.
 
     A constant that moves nothing on them has a standard error of 0. One that is expected about some

@@ -15,7 +15,7 @@ LEAST_BLOCKS = 10  # with fewer, no statistic over blocks is worth its name
 
 
 @dataclass(frozen=True, slots=True)
-class Compared:
+class Comparison:
     """A drive with the free run of the model on it, in phi on the model's grid.
 
     ``dead_time_s`` and ``lag_s`` are what the model's own chain says of the way from the engine to
@@ -34,7 +34,7 @@ class Compared:
     residual: FloatArray = field(init=False)  # (n,) measured minus predicted, 0 where not scored
 
     @classmethod
-    def of(cls, drive: Drive, phi_predicted: FloatArray, path: Path | None = None) -> "Compared":
+    def of(cls, drive: Drive, phi_predicted: FloatArray, path: Path | None = None) -> "Comparison":
         """Return a drive with a model's prediction (n,) of its phi, and the path of its chain."""
         return cls(
             drive.name,
@@ -90,7 +90,7 @@ class Stack:
 FOLDS = 5
 
 
-def stack(recordings: Sequence[Compared], block_s: float = BLOCK_S) -> Stack:
+def stack(recordings: Sequence[Comparison], block_s: float = BLOCK_S) -> Stack:
     """Return the scored samples with their blocks.
 
     From ``FOLDS`` recordings on whole recordings are held out, because what is peculiar to one

@@ -1,25 +1,26 @@
 """The grey-box chain's constants from recordings: least squares in free run, several starts.
 
-The misfit of so few constants is slow: it follows the operating point, and the lambda controller
-answers it, so that fuel contradicts the reading. Plain least squares then finds a weak sensor
-without any lag (span 0.8 instead of 1.0 on simulated drives). So the residual is whitened by an
-autoregression of its own, fitted in turn with the constants (Söderström and Stoica, System
-Identification, 1989, sections 7.4 and 10.3).
+The chain's misfit changes slowly: it follows the operating point, and the lambda controller answers
+it, so that fuel contradicts the reading. Plain least squares then finds a weak sensor without any
+lag (span 0.8 instead of 1.0 on simulated drives). So the residual is whitened by its own
+autoregression, fitted in turn with the constants (Söderström and Stoica, System Identification,
+1989, sections 7.4 and 10.3).
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.optimize import OptimizeResult, least_squares
 
 from monitor.base.errors import RecordingError
-from monitor.base.types import BoolArray, FloatArray
-from training.greybox.chain import RANGES, Constants, base_path, simulate
-from training.greybox.effects import Own, along
+from monitor.base.types import BoolArray, FloatArray, IntArray
+from training.greybox.chain import RANGES, Constants
+from training.greybox.effects import Own
+from training.greybox.fit.drive import Drive
+from training.greybox.fit.joint import HIGH, LOW, WHITE, Case, Fit, fit, predict
 
-BLOCK_S = 45.0  # samples further apart than this count as independent
+BLOCK_S = 45.0  # samples further apart than this count as independent in a standard error
 SAMPLES_LEAST = 500
 STARTS = (
     Constants(),
@@ -27,20 +28,20 @@ STARTS = (
     Constants(dead_time_s=0.35, dead_time_revolutions=3.0, mixing_s=0.1, sensor_s=0.3),
     Constants(dead_time_s=0.05, dead_time_revolutions=4.0, mixing_s=0.2, sensor_s=0.5, span=0.8),
 )
-REFERENCE_RPM = 1500.0  # at which the whole dead time is told
-NOISE_ORDER = 2  # of the residual's autoregression
+REFERENCE_RPM = 1500.0  # at which the whole dead time is given
+NOISE_ORDER = 2  # of the residual's autoregression, as in ``joint.Case``
 ROUNDS = 4  # of constants and autoregression in turn
 STANDARD_ERRORS = (
     f"from the Jacobian of the residual whitened by an AR({NOISE_ORDER}), whose remaining "
     f"correlation within blocks of {BLOCK_S:g} s is allowed for (sandwich over blocks)"
 )
-FIRST_MEMORY = 0.9  # of the residual, before there is one
-AT_BOUND = 1e-3  # of the range
+AT_BOUND = 1e-3  # of the range: a constant so near to its bound ended at it
+SWAPPED = (0, 1, 2, 4, 3, 5)  # mixing_s and sensor_s
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Fitted:
-    """Constants and how well the data hold them."""
+    """Constants and how well the data determine them."""
 
     constants: Constants
     covariance: FloatArray  # (n_constants, n_constants), in the order of ``Constants``
@@ -48,7 +49,7 @@ class Fitted:
     rmse: float  # phi, free run, on the samples of the fit
     white_rmse: float  # phi, after whitening
     samples: int
-    spread: float  # of the starts' whitened RMSE, relative: 0 where all of them end in one place
+    spread: float  # of the starts' whitened RMSE, relative: 0 if all of them end in one place
     at_bound: tuple[str, ...]
 
     @property
@@ -65,102 +66,63 @@ def fit_constants(
     starts: Sequence[Constants] = STARTS,
     own: Own = (),
 ) -> Fitted:
-    """Return the constants that make the chain's free run read ``phi`` best.
+    """Return the constants with which the chain's free run reads ``phi`` best.
 
     signals : (n,) each, see ``chain.base_path``; phi : (n,) measured; scored : (n,) bool, samples
-    that count. The chain runs over all samples, so those after a break should not be scored.
-    own : effects of the healthy vehicle, with constants that hold
+    that count. The chain runs over all samples, so samples soon after a break should not be scored.
+    own : effects of the healthy vehicle, with values that hold
     Raises RecordingError if too few samples count.
     """
-    at = np.flatnonzero(_with_past(scored))
+    drive = Drive("", period_s, signals, phi, scored, own=own)
+    at = np.flatnonzero(drive.kept)
     if len(at) < SAMPLES_LEAST:
         raise RecordingError(
             f"{len(at)} samples enabled and clear of fuel cut, like the {NOISE_ORDER} before them, "
             f"{SAMPLES_LEAST} are wanted to fit the grey-box chain: give longer recordings with "
             "the engine warm and in closed loop, all signals on every sample of the grid"
         )
-
-    def read(constants: Constants) -> FloatArray:
-        path = along(base_path(constants, signals), own, signals, period_s)
-        return simulate(path, period_s)
-
-    fits = [_whitened(read, phi, at, start) for start in starts]
-    costs = np.array([fit.end.cost for fit in fits])
-    best = fits[int(costs.argmin())]
-    x, jacobian = best.end.x, best.end.jac
-    if x[3] > x[4]:  # mixing_s and sensor_s
-        order = [0, 1, 2, 4, 3, 5]
-        x, jacobian = x[order], jacobian[:, order]
-    low, high = bounds()
-    near = AT_BOUND * (high - low)
-    stuck = (x - low < near) | (high - x < near)
+    ends = [_whitened(drive, at, start) for start in starts]
+    costs = np.array([found.cost for _, found in ends])
+    case, found = ends[int(costs.argmin())]
+    x, jacobian = np.array(found.base), found.jacobian
+    if found.base.mixing_s > found.base.sensor_s:  # the two lags read the same in either order
+        x, jacobian = x[list(SWAPPED)], jacobian[:, SWAPPED]
+    near = AT_BOUND * (HIGH - LOW)
+    stuck = (x - LOW < near) | (HIGH - x < near)
     constants = Constants(*x.tolist())
-    off = phi[scored] - read(constants)[scored]
+    off = (predict(case, constants, (), ())[0] - phi)[scored]
     return Fitted(
         constants=constants,
-        covariance=sandwich(jacobian, best.end.fun, at // max(round(BLOCK_S / period_s), 1)),
-        noise_model=best.noise_model,
+        covariance=sandwich(jacobian, found.residual, at // max(round(BLOCK_S / period_s), 1)),
+        noise_model=case.ar,
         rmse=float(np.sqrt(np.mean(off**2))),
-        white_rmse=float(np.sqrt(2.0 * best.end.cost / len(at))),
+        white_rmse=float(np.sqrt(2.0 * found.cost / len(at))),
         samples=int(scored.sum()),
         spread=float(np.sqrt(costs.max() / costs.min()) - 1.0) if costs.min() > 0.0 else 0.0,
         at_bound=tuple(name for name, on in zip(Constants._fields, stuck, strict=True) if on),
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Whitened:
-    end: OptimizeResult
-    noise_model: tuple[float, ...]
+def _whitened(drive: Drive, at: IntArray, start: Constants) -> tuple[Case, Fit]:
+    """Return the fit from one start, in turn with the autoregression of its residual.
 
-
-def _whitened(
-    read: Callable[[Constants], FloatArray], phi: FloatArray, at: np.ndarray, start: Constants
-) -> _Whitened:
-    """Return the fit from one start; ``at`` are the samples scored with their past.
-
-    read : constants → the chain's phi (n,)
+    at : the samples that count together with those before them
     """
     past = at[:, None] - np.arange(1, NOISE_ORDER + 1)
-
-    def residual(x: FloatArray) -> FloatArray:
-        return phi - read(Constants(*x))
-
-    def whitened(x: FloatArray, noise_model: FloatArray) -> FloatArray:
-        e = residual(x)
-        return np.asarray(e[at] - e[past] @ noise_model)
-
-    x = np.array(start)
-    noise_model = np.zeros(NOISE_ORDER)
-    noise_model[0] = FIRST_MEMORY
-    for _ in range(ROUNDS):
-        end = least_squares(
-            whitened, x, bounds=bounds(), x_scale=np.array(Constants()), args=(noise_model,)
-        )
-        x, e = end.x, residual(end.x)
-        used, noise_model = noise_model, np.linalg.lstsq(e[past], e[at])[0]
-    return _Whitened(end, tuple(used.tolist()))
-
-
-def _with_past(scored: BoolArray) -> BoolArray:
-    """Return (n,) bool: samples that are scored like the few before them."""
-    found = scored.copy()
-    for lag in range(1, NOISE_ORDER + 1):
-        found[lag:] &= scored[:-lag]
-        found[:lag] = False
-    return found
-
-
-def bounds() -> tuple[FloatArray, FloatArray]:
-    """Return the lowest and highest constants, (n_constants,) each."""
-    ranges = [RANGES[name] for name in Constants._fields]
-    return np.array([r.low for r in ranges]), np.array([r.high for r in ranges])
+    case = Case((drive,), (np.zeros(len(drive)),), WHITE)
+    found = fit(case, (), [start])
+    for _ in range(ROUNDS - 1):
+        e = predict(case, found.base, (), ())[0] - drive.phi_measured
+        newest, older = np.linalg.lstsq(e[past], e[at])[0].tolist()
+        case = replace(case, ar=(newest, older))
+        found = fit(case, (), [found.base])
+    return case, found
 
 
 def sandwich(jacobian: FloatArray, residual: FloatArray, block: np.ndarray) -> FloatArray:
     """Return the covariance of a least-squares estimate whose residuals correlate within blocks.
 
-    jacobian : (n, p); residual : (n,); block : (n,) whole numbers, which block a sample is in
+    jacobian : (n, p); residual : (n,); block : (n,) number of each sample's block
     Source: Liang and Zeger, Longitudinal data analysis using generalized linear models, 1986.
 
     >>> jacobian = np.ones((4, 1))
@@ -206,9 +168,9 @@ def described(fitted: Fitted) -> dict[str, Any]:
 
 
 def reference(fitted: Fitted) -> dict[str, Any]:
-    """Return the healthy reference: constants and the two sums that recordings hold best.
+    """Return the healthy reference: the constants and the sums that recordings determine best.
 
-    A single lag or part of the dead time may be uncertain where their sum is not.
+    A single lag or part of the dead time may be uncertain although their sum is not.
     """
     c, errors = fitted.constants, fitted.standard_errors
     sums = {

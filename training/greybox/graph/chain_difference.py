@@ -14,14 +14,14 @@ from monitor.base.errors import ModelError
 from monitor.base.types import FloatArray
 from monitor.model.card import Channel, ModelCard, TrainingRecording
 from training.greybox.chain import Constants, inputs_of
-from training.greybox.effects.model_effect import Added
-from training.greybox.effects.nodes import graph_effect
+from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.graph.chain_graph import (
     Greybox,
     chain_nodes,
     longest_dead_time_s,
     register_for,
 )
+from training.greybox.graph.effect import graph_effect
 from training.greybox.graph.effect_inputs import SPEED, Ranges, limits_of, reads_of
 from training.greybox.graph.effect_parity import Entry, reading
 from training.narx.export import Graph
@@ -40,7 +40,7 @@ class ChainDifference:
     def of(
         cls,
         card: ModelCard,
-        added: Sequence[Added],
+        added: Sequence[ModelEffect],
         constants: Constants,
         ranges: Ranges,
     ) -> "ChainDifference":

@@ -25,11 +25,9 @@ from training.greybox.chain import Path as ChainPath
 from training.greybox.charge.error import ChargeError
 from training.greybox.charge.map import ChargeMap
 from training.greybox.effects import along
-from training.greybox.effects.model_effect import Added
-from training.greybox.effects.nodes import graph_effect, signals_of
+from training.greybox.effects.model_effect import ModelEffect
+from training.greybox.graph.effect import GraphEffect, effects_nodes, graph_effect
 from training.greybox.graph.nodes import (
-    GraphEffect,
-    Nodes,
     base_nodes,
     charge_error_nodes,
     charge_nodes,
@@ -59,7 +57,7 @@ class Greybox:
     charge_map: ChargeMap | None = None  # without, the charge is an input
     effects: tuple[GraphEffect, ...] = ()
     charge_error: ChargeError | None = None  # of the charge that is an input
-    own: tuple[Added, ...] = ()  # what the healthy vehicle has on the way, before the effects
+    own: tuple[ModelEffect, ...] = ()  # what the healthy vehicle has on the way, before the effects
 
     @classmethod
     def of(cls, card: ModelCard) -> "Greybox":
@@ -79,11 +77,12 @@ class Greybox:
             wrong = given.get("charge_error")
             charge_error = None if wrong is None else ChargeError.from_card(wrong)
             volumes = tuple(
-                Added.with_values(name, values) for name, values in given.get("own", {}).items()
+                ModelEffect.with_values(name, values)
+                for name, values in given.get("own", {}).items()
             )
             period_s = card.period_ns / 1e9
             effects = tuple(
-                graph_effect(Added.from_card(entry), period_s, entry["reads"])
+                graph_effect(ModelEffect.from_card(entry), period_s, entry["reads"])
                 for entry in card.effects
             )
         except (KeyError, TypeError) as error:
@@ -122,7 +121,7 @@ class Greybox:
     @property
     def on_the_way(self) -> tuple[GraphEffect, ...]:
         """What acts beside the base: of the healthy vehicle, then the effects."""
-        own = (graph_effect(e, self.period_s, signals_of(e.name, self.inputs)) for e in self.own)
+        own = (graph_effect(e, self.period_s, e.effect.signals_of(self.inputs)) for e in self.own)
         return (*own, *self.effects)
 
     @property
@@ -241,28 +240,6 @@ def chain_nodes(
     phi = graph.add("Clip", [read, *limits], "phi")
     rest = graph.take(history, 0, register, "next_register")
     return phi, [phi, rest, late, mixed, pumped, *kept]
-
-
-def effects_nodes(
-    graph: Graph,
-    effects: Sequence[GraphEffect],
-    nodes: Nodes,
-    signals: Mapping[str, str],
-    state: str,
-    first: int,
-) -> tuple[Nodes, list[str]]:
-    """Add effects to a path; return the changed path and their next states.
-
-    state : (batch, n), in which theirs stand from ``first`` on
-    """
-    kept, at = list[str](), first
-    for i, effect in enumerate(effects):
-        own = graph.part(f"effect{i}_{effect.name}_")
-        states = [own.take(state, at + j, at + j + 1, f"state{j}") for j in range(effect.n_states)]
-        nodes, after = effect.add(own, nodes, signals, states)
-        kept += after
-        at += effect.n_states
-    return nodes, kept
 
 
 def save(path: Path | str, greybox: Greybox, card: ModelCard) -> None:

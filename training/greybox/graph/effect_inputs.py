@@ -9,8 +9,7 @@ from monitor.base.errors import ModelError
 from monitor.base.signals import BY_NAME
 from monitor.model.card import Channel
 from training.greybox.chain import AIR_LEAST_MG, SPEED_LEAST_RPM, inputs_of
-from training.greybox.effects.model_effect import Added
-from training.greybox.effects.nodes import signals_of
+from training.greybox.effects.model_effect import ModelEffect
 from training.recordings.preparation import MARGIN
 
 Ranges = Mapping[str, tuple[float, float]]  # low and high of every signal in the drives of a fit
@@ -19,7 +18,7 @@ LEAST = {"air_mass_mg": AIR_LEAST_MG, "engine_speed_rpm": SPEED_LEAST_RPM, "fuel
 SURROUNDINGS = "context"  # role of signals that hardly change in a drive but between drives
 
 
-def reads_of(added: Added, inputs: Sequence[str], ranges: Ranges) -> tuple[str, ...]:
+def reads_of(added: ModelEffect, inputs: Sequence[str], ranges: Ranges) -> tuple[str, ...]:
     """Return the signals of an effect; raises ModelError if one that it needs is missing."""
     available = {*inputs, *ranges}
     if SPEED not in inputs_of(available):  # then the chain works it out
@@ -30,7 +29,7 @@ def reads_of(added: Added, inputs: Sequence[str], ranges: Ranges) -> tuple[str, 
             f"effect {added.name} needs {', '.join(missing)}: neither an input of the model nor "
             "in the drives of the fit"
         )
-    return signals_of(added.name, ranges)
+    return added.effect.signals_of(ranges)
 
 
 def limits_of(

@@ -13,11 +13,11 @@ from monitor.base.types import FloatArray
 from monitor.model.step import Inputs, Model
 from training.greybox.chain import STOICHIOMETRIC, charge_mg, simulate
 from training.greybox.chain import Path as ChainPath
-from training.greybox.effects.model_effect import Added
-from training.greybox.effects.nodes import FUEL
+from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.drive import Drive
 from training.greybox.graph.chain_graph import Greybox
 from training.greybox.graph.checks import TOLERANCE
+from training.greybox.graph.effect import FUEL
 from training.recordings.prediction import stacked
 
 __all__ = ["TOLERANCE", "Entry", "Parity", "ParityError", "made_inputs", "parity", "reading"]
@@ -37,13 +37,13 @@ class ParityError(ModelError):
 class Entry:
     """An effect of a card and the signals that it reads."""
 
-    added: Added
+    added: ModelEffect
     reads: tuple[str, ...]
 
     @classmethod
     def of(cls, given: Mapping[str, Any]) -> "Entry":
         """Return the entry of a card."""
-        return cls(Added.from_card(given), tuple(given["reads"]))
+        return cls(ModelEffect.from_card(given), tuple(given["reads"]))
 
 
 @dataclass(frozen=True, slots=True)

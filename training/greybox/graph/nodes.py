@@ -3,8 +3,7 @@
 Each mirrors a step of ``chain`` or ``greybox_charge*``; a change there is a change here.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -23,41 +22,11 @@ from training.greybox.charge.error import LEAST as ERROR_LEAST
 from training.greybox.charge.error import MOST as ERROR_MOST
 from training.greybox.charge.error import ChargeError, share_of
 from training.greybox.charge.map import KELVIN, MG_K_PER_KPA, TEMPERATURE_LEAST_K, ChargeMap
+from training.greybox.effects.form.place import PathNodes
 from training.narx.export import Graph
 
 
-@dataclass(frozen=True, slots=True)
-class Nodes:
-    """``chain.Path`` in the graph: the name of a (batch, 1) or scalar tensor for each field."""
-
-    fuel_mg: str
-    air_mg: str
-    factor: str
-    dead_time_s: str
-    mixing_s: str
-    sensor_rising_s: str
-    sensor_falling_s: str
-    gas_factor: str
-    span: str
-
-
-@dataclass(frozen=True, slots=True)
-class GraphEffect:
-    """An effect as nodes: it changes what happens on the way, from inputs and its own states.
-
-    add : (graph, path, signals, states) to the changed path and the next states; ``signals`` are
-        the clipped inputs by name, ``states`` the names of ``n_states`` tensors, each (batch, 1)
-    """
-
-    name: str
-    n_states: int
-    add: Callable[[Graph, Nodes, Mapping[str, str], Sequence[str]], tuple[Nodes, Sequence[str]]]
-    dead_time_s: float = 0.0  # more than the base's, at most
-    lag_s: float = 0.0  # time constants that a start must forget, more than the base's, at most
-    slower: float = 0.0  # relative growth of the base's lags, at most
-
-
-def base_nodes(graph: Graph, constants: Constants, signals: Mapping[str, str]) -> Nodes:
+def base_nodes(graph: Graph, constants: Constants, signals: Mapping[str, str]) -> PathNodes:
     """Add what ``chain.base_path`` computes; effects change what it returns."""
     c = constants
     rpm = graph.add(
@@ -72,7 +41,7 @@ def base_nodes(graph: Graph, constants: Constants, signals: Mapping[str, str]) -
     moving = graph.add("Div", [turning, rpm], "dead_time_moving")
     fixed = graph.constant("dead_time_fixed", c.dead_time_s)
     sensor = graph.constant("sensor_s", [[c.sensor_s]])
-    return Nodes(
+    return PathNodes(
         fuel_mg=signals["fuel_mass_mg"],
         air_mg=air,
         factor=graph.constant("gain", c.gain),
@@ -96,16 +65,6 @@ def speed_nodes(graph: Graph, signals: Mapping[str, str]) -> str:
         graph.constant("speed_high", SPEED_MOST_RPM),
     ]
     return graph.add("Clip", [graph.add("Div", [scaled, air], "speed_raw"), *limits], "speed")
-
-
-def with_fields(nodes: Nodes, **changed: str) -> Nodes:
-    """Return the nodes with some of them replaced; what an effect returns.
-
-    >>> nodes = Nodes(*("fuel air gain dead mix up down one zero span".split()))
-    >>> with_fields(nodes, fuel_mg="film").fuel_mg
-    'film'
-    """
-    return replace(nodes, **changed)
 
 
 def charge_nodes(graph: Graph, charge_map: ChargeMap, signals: Mapping[str, str]) -> str:
@@ -192,7 +151,7 @@ def _hats(graph: Graph, x: str, knots: FloatArray, name: str) -> str:
     )
 
 
-def valve_nodes(graph: Graph, nodes: Nodes) -> str:
+def valve_nodes(graph: Graph, nodes: PathNodes) -> str:
     """Add phi at the valve."""
     air = graph.add("Max", [nodes.air_mg, graph.constant("air_least", AIR_LEAST_MG)], "air_safe")
     ratio = graph.add("Div", [nodes.fuel_mg, air], "fuel_over_air")
@@ -248,7 +207,7 @@ def lag_nodes(
     return graph.add("Add", [state, step], f"{name}_next")
 
 
-def pumped_nodes(graph: Graph, nodes: Nodes, mixed: str) -> str:
+def pumped_nodes(graph: Graph, nodes: PathNodes, mixed: str) -> str:
     """Add what the sensor pumps of the mixed gas."""
     gas = graph.add("Mul", [mixed, nodes.gas_factor], "gas")
     one = graph.constant("pumped_one", 1.0)
@@ -257,7 +216,7 @@ def pumped_nodes(graph: Graph, nodes: Nodes, mixed: str) -> str:
 
 
 def sensor_weights(
-    graph: Graph, nodes: Nodes, pumped: str, read: str, period_s: float
+    graph: Graph, nodes: PathNodes, pumped: str, read: str, period_s: float
 ) -> tuple[str, str]:
     """Add the weights of the sensor's lag, those of its direction where the two differ."""
     rising = lag_weights(graph, nodes.sensor_rising_s, "rising", period_s)

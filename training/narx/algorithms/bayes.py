@@ -1,8 +1,8 @@
 """Bayesian regularisation: Levenberg–Marquardt on the error and the weights, balanced by evidence.
 
-The objective is beta * E_D + alpha * E_W, with E_D the sum of squared errors and E_W that of the
-weights. After every step alpha and beta follow from the effective number of parameters gamma, so
-that no validation set is needed and none stops the training.
+The objective is beta * E_D + alpha * E_W, with E_D the sum of squared errors and E_W the sum of
+squared weights. After every step alpha and beta follow from gamma, the effective number of
+parameters. So the training needs no validation set, and none stops it.
 
 Source: MacKay, Bayesian interpolation, Neural Computation 4 (1992); Foresee and Hagan,
 Gauss-Newton approximation to Bayesian learning, ICNN (1997); defaults of the reference toolbox
@@ -24,7 +24,7 @@ DEFAULTS = Options(mu=0.005)
 
 @dataclass(slots=True)
 class BayesOutcome(Outcome):
-    """An outcome with the hyperparameters it ended with."""
+    """An outcome with its final hyperparameters."""
 
     alpha: float = 0.0  # inverse prior variance of the weights, over two
     beta: float = 0.0  # inverse noise variance, over two
@@ -33,7 +33,7 @@ class BayesOutcome(Outcome):
 
 @dataclass(slots=True)
 class _State:
-    """Where the search stands; errors as sums over all samples."""
+    """The state of the search; errors are sums over all samples."""
 
     weights: FloatArray
     squared_error: float
@@ -55,7 +55,7 @@ def minimise_bayesian(
     deadline_s: float = np.inf,
     progress: Callable[[int, float], None] | None = None,
 ) -> BayesOutcome:
-    """Return the weights that the evidence settles on, the last ones.
+    """Return the last weights, on which the evidence settles.
 
     objective : mean over samples, so that ``n_samples`` times its cost is the sum of squares
     deadline_s : ``time.monotonic()`` after which no further epoch begins
@@ -108,7 +108,7 @@ def _step(
     n_samples: int,
     options: Options,
 ) -> bool:
-    """Move ``state`` to weights of lower regularised cost; False if there are none."""
+    """Move ``state`` to weights of lower regularised cost; return False if no step lowers it."""
     diagonal = np.arange(len(slope))
     while state.mu <= options.mu_max:
         damped = state.beta * hessian
@@ -132,7 +132,7 @@ def _balance(state: _State, n_samples: int) -> None:
     tiny = np.finfo(float).tiny
     state.alpha = state.gamma / (2.0 * max(float(state.weights @ state.weights), tiny))
     beta = (n_samples - state.gamma) / (2.0 * max(state.squared_error, tiny))
-    state.beta = beta if beta > 0 else 1.0  # more weights than samples: as the reference does
+    state.beta = beta if beta > 0 else 1.0  # more weights than samples, as in the reference
 
 
 def _effective_weights(hessian: FloatArray, state: _State) -> float:

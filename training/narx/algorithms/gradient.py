@@ -1,4 +1,4 @@
-"""Gradient descent with momentum and adaptive rate, and the objective of first-order methods.
+"""Gradient descent with momentum and adaptive rate.
 
 Source: Vogl et al., Accelerating the convergence of the back-propagation method, Biological
 Cybernetics 59 (1988); the step is that of the reference toolbox's documentation, ``momentum *
@@ -14,9 +14,6 @@ import numpy as np
 
 from monitor.base.types import FloatArray
 from training.narx.algorithms.lm import Outcome, Watch
-from training.narx.network import Spec, forward, layers, linear_path
-
-CHUNK = 4000  # samples whose activations stay in the cache together
 
 
 class Differentiable(Protocol):
@@ -43,58 +40,6 @@ class Options:
     momentum: float = 0.9
 
 
-class OneStepGradient:
-    """Series-parallel objective as ``lm.OneStep``, with the gradient alone.
-
-    regressors, target, weight : shapes (n, n_regressors), (n,), (n,); weight defaults to one
-    """
-
-    def __init__(
-        self,
-        spec: Spec,
-        regressors: FloatArray,
-        target: FloatArray,
-        weight: FloatArray | None = None,
-    ) -> None:
-        self.spec, self.regressors, self.target = spec, regressors, target
-        self.weight = np.ones(len(target)) if weight is None else weight
-        self._total = float(self.weight.sum())
-        if self._total <= 0:
-            raise ValueError("no sample is scored")
-
-    def cost(self, weights: FloatArray) -> float:
-        """Return the weighted mean squared one-step error."""
-        error = forward(self.spec, weights, self.regressors) - self.target
-        return float(self.weight @ error**2) / self._total
-
-    def gradient(self, weights: FloatArray) -> tuple[float, FloatArray]:
-        """Return the cost and its gradient by back-propagation over all samples."""
-        total, gradient = 0.0, np.zeros(self.spec.n_weights)
-        parts = layers(self.spec, gradient)  # views: what is added to them is added to it
-        stack = layers(self.spec, weights)
-        for at in range(0, len(self.target), CHUNK):
-            rows = slice(at, at + CHUNK)
-            activations = [self.regressors[rows]]
-            for w, b in stack[:-1]:
-                activations.append(np.tanh(activations[-1] @ w.T + b))
-            w, b = stack[-1]
-            error = (activations[-1] @ w.T + b)[:, 0] - self.target[rows]
-            if self.spec.linear_path:
-                error += activations[0] @ linear_path(self.spec, weights)
-            weighted = self.weight[rows] * error
-            total += float(weighted @ error)
-            if self.spec.linear_path:
-                linear_path(self.spec, gradient)[:] += weighted @ activations[0]
-            delta = weighted[:, None]
-            for layer in reversed(range(len(stack))):
-                a = activations[layer]
-                parts[layer][0][:] += delta.T @ a
-                parts[layer][1][:] += delta.sum(axis=0)
-                if layer:
-                    delta = (delta @ stack[layer][0]) * (1.0 - a * a)
-        return total / self._total, gradient * (2.0 / self._total)
-
-
 def descend(
     objective: Differentiable,
     weights: FloatArray,
@@ -103,7 +48,7 @@ def descend(
     deadline_s: float = np.inf,
     progress: Callable[[int, float], None] | None = None,
 ) -> Outcome:
-    """Return the best weights found from ``weights`` on by gradient descent with momentum.
+    """Return the best weights that gradient descent with momentum reaches from ``weights``.
 
     validate, deadline_s, progress : as in ``lm.minimise``
     Raises ValueError if the objective is not finite at the start.

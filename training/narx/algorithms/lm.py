@@ -1,6 +1,4 @@
-"""Levenberg–Marquardt as the reference toolbox runs it, and the series-parallel objective.
-
-``Watch`` keeps the books of a run for the other methods too.
+"""Levenberg–Marquardt as the reference toolbox runs it, and ``Watch``, the record of any run.
 
 Source: Hagan and Menhaj, Training feedforward networks with the Marquardt algorithm, IEEE TNN 5
 (1994); the defaults are those of the reference toolbox (1,000 epochs, six validation failures,
@@ -13,12 +11,9 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor, cho_solve, get_blas_funcs
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from monitor.base.types import FloatArray
-from training.narx.network import Spec, forward, jacobian
-
-CHUNK = 1500
 
 
 class Objective(Protocol):
@@ -36,7 +31,7 @@ class Options:
     """Settings of the minimiser."""
 
     epochs: int = 1000
-    max_fail: int = 6  # epochs in a row in which the validation score does not improve
+    max_fail: int = 6  # epochs in a row without a better validation score
     min_gradient: float = 1e-7
     mu: float = 1e-3
     mu_down: float = 0.1
@@ -46,7 +41,7 @@ class Options:
 
 @dataclass(slots=True)
 class Outcome:
-    """What a run of the minimiser returned."""
+    """The result of a run of a minimiser."""
 
     weights: FloatArray  # best by validation, or the last ones without validation
     score: float  # validation score of these weights, or their cost
@@ -56,10 +51,10 @@ class Outcome:
 
 
 class Watch:
-    """Keeps the best weights by validation (or by cost) and says when and why a run ends.
+    """Keeps the best weights by validation, or by cost, and decides when a run ends and why.
 
-    max_fail : accepted steps in a row in which the validation score does not improve
-    min_gradient : shorter gradients count as none
+    max_fail : accepted steps in a row without a better validation score, which end the run
+    min_gradient : a shorter gradient ends the run
     validate, deadline_s, progress : as in ``minimise``
     Raises ValueError if the cost at the start is not finite.
     """
@@ -82,15 +77,15 @@ class Watch:
         self._validate, self._deadline_s, self._progress = validate, deadline_s, progress
 
     def over_budget(self) -> bool:
-        """Return whether the deadline has passed; if so, that is why the run ends."""
+        """Return whether the deadline has passed, and note it as the reason of the end."""
         return self._ends(time.monotonic() > self._deadline_s, "budget")
 
     def at_rest(self, gradient: FloatArray) -> bool:
-        """Return whether the gradient is too short to go on; if so, that is why the run ends."""
+        """Return whether the gradient is too short, and note it as the reason of the end."""
         return self._ends(float(np.linalg.norm(gradient)) < self._min_gradient, "gradient")
 
     def accept(self, weights: FloatArray, cost: float) -> bool:
-        """Take note of an accepted step; True if validation ends the run."""
+        """Record an accepted step; return whether validation ends the run."""
         outcome = self.outcome
         score = self._validate(weights) if self._validate else cost
         self._note(cost, score)
@@ -102,7 +97,7 @@ class Watch:
         return self._ends(failed, "validation")
 
     def repeat(self) -> None:
-        """Take note of an epoch whose step was taken back."""
+        """Record an epoch whose step was taken back."""
         self._note(self.outcome.costs[-1], self.outcome.scores[-1])
 
     def _note(self, cost: float, score: float) -> None:
@@ -117,52 +112,6 @@ class Watch:
         return ends
 
 
-class OneStep:
-    """Series-parallel objective: every sample predicted from measured outputs.
-
-    regressors, target, weight : shapes (n, n_regressors), (n,), (n,); weight defaults to one
-    dtype : of the Jacobian, as in ``ClosedLoop``: float32 rounds its entries to 1e-7 at half the
-    time, errors and sums stay float64; float64 is exact
-    """
-
-    def __init__(
-        self,
-        spec: Spec,
-        regressors: FloatArray,
-        target: FloatArray,
-        weight: FloatArray | None = None,
-        dtype: type[np.floating] = np.float32,
-    ) -> None:
-        self.spec, self.target, self.dtype = spec, target, dtype
-        self.regressors = np.asfortranarray(regressors)  # samples side by side, as in the Jacobian
-        self.weight = np.ones(len(target)) if weight is None else weight
-        self._root = np.sqrt(self.weight)
-        self._total = float(self.weight.sum())
-        if self._total <= 0:
-            raise ValueError("no sample is scored")
-
-    def cost(self, weights: FloatArray) -> float:
-        """Return the weighted mean squared one-step error."""
-        error = forward(self.spec, weights, self.regressors) - self.target
-        return float(self.weight @ error**2) / self._total
-
-    def normal(self, weights: FloatArray) -> tuple[float, FloatArray, FloatArray]:
-        """Return the cost, J'J and J'e, all divided by the total weight."""
-        n = self.spec.n_weights
-        hessian, gradient, total = np.zeros((n, n)), np.zeros(n), 0.0
-        syrk = get_blas_funcs("syrk", dtype=self.dtype)
-        for at in range(0, len(self.target), CHUNK):
-            rows = slice(at, at + CHUNK)
-            root = self._root[rows]
-            predicted, J = jacobian(self.spec, weights, self.regressors[rows], root, self.dtype)
-            error = (predicted - self.target[rows]) * root
-            hessian += syrk(1.0, J, trans=True).T  # in C order, hence the lower triangle
-            gradient += J.T @ error.astype(self.dtype)
-            total += float(error @ error)
-        hessian += np.tril(hessian, -1).T
-        return total / self._total, hessian / self._total, gradient / self._total
-
-
 def minimise(
     objective: Objective,
     weights: FloatArray,
@@ -171,9 +120,9 @@ def minimise(
     deadline_s: float = np.inf,
     progress: Callable[[int, float], None] | None = None,
 ) -> Outcome:
-    """Return the best weights found from ``weights`` on; the cost never rises.
+    """Return the best weights that the method reaches from ``weights``; the cost never rises.
 
-    validate : score of weights, lower is better; the best by it is kept
+    validate : score of weights, lower is better; the weights with the best score are returned
     deadline_s : ``time.monotonic()`` after which no further epoch begins
     progress : called with the epoch and the cost after every epoch
     Raises ValueError if the objective is not finite at the start.

@@ -1,7 +1,7 @@
 """Scaled conjugate gradient: conjugate directions without a line search.
 
 Source: Moller, A scaled conjugate gradient algorithm for fast supervised learning, Neural Networks
-6 (1993), whose numbering of the steps is kept; the defaults are those of the reference toolbox
+6 (1993), with its numbering of the steps; the defaults are those of the reference toolbox
 (sigma 5e-5, lambda 5e-7, minimum gradient 1e-6, six validation failures).
 """
 
@@ -37,7 +37,7 @@ def minimise_scaled_conjugate(
     deadline_s: float = np.inf,
     progress: Callable[[int, float], None] | None = None,
 ) -> Outcome:
-    """Return the best weights found from ``weights`` on; the cost never rises.
+    """Return the best weights that the method reaches from ``weights``; the cost never rises.
 
     validate, deadline_s, progress : as in ``lm.minimise``
     Raises ValueError if the objective is not finite at the start.
@@ -67,7 +67,7 @@ def minimise_scaled_conjugate(
 
 
 class _Search:
-    """Where the search stands: weights, direction and the damping of the curvature."""
+    """The state of the search: weights, direction and damping of the curvature."""
 
     def __init__(self, objective: Differentiable, weights: FloatArray, options: Options) -> None:
         self.objective, self.sigma = objective, options.sigma
@@ -78,13 +78,16 @@ class _Search:
         self._curvature, self._moved = 0.0, True
 
     def step(self, restart: bool) -> bool:
-        """Try one step; True if it was taken. ``restart`` makes the next one steepest descent."""
+        """Try one step and return whether it was taken.
+
+        restart : the next direction is that of steepest descent
+        """
         length2 = float(self.direction @ self.direction)
         self._update_curvature(length2)
         slope = -float(self.direction @ self.gradient)
         trial = self.weights + (slope / self._curvature) * self.direction  # step 5
         trial_cost = self.objective.cost(trial)
-        # step 6: how much of the promised reduction came
+        # step 6: actual over promised reduction
         ratio = 2.0 * self._curvature * (self.cost - trial_cost) / slope**2
         ratio = max(ratio, WORST) if np.isfinite(ratio) else WORST
         self._moved = ratio >= 0.0

@@ -1,1 +1,1 @@
-"""The study of the gap workflow: what it answers on simulated vehicles with something hidden."""
+"""The study of the gap workflow: its answers on simulated vehicles with a hidden effect."""

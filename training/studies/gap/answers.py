@@ -1,4 +1,4 @@
-"""What an answer is worth: right, in the ambiguous set, wrong; and how strong the gap was."""
+"""Worth of an answer (right, in the ambiguous set, wrong) and strength of the gap."""
 
 from collections.abc import Iterable, Sequence
 from typing import Final
@@ -73,7 +73,7 @@ def right_or_among(row: Row) -> bool:
 
 
 def right_or_beside_fault(row: Row) -> bool:
-    """Return whether it is right or among, or what a suspected fault is said to look like."""
+    """Return whether it is right or among, or looks like the suspected fault."""
     like = row["indistinguishable"]
     return right_or_among(row) or any(alike(h, n) for h in row["hidden"] for n in like)
 
@@ -96,7 +96,7 @@ def answer(row: Row) -> str:
 
 
 def hidden(row: Row) -> str:
-    """Return what was hidden as a row of the confusion matrix."""
+    """Return the hidden effect or fault as a row of the confusion matrix."""
     names = {
         "null": "nothing",
         "two": "two effects",

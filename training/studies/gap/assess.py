@@ -1,4 +1,4 @@
-"""Every target of the study beside what was found: its bounds, met or missed.
+"""Every target of the study beside its figure and bounds: met or missed.
 
 A target is met by what was found, and proved where the 95 % bound on the bad side meets it, too.
 """
@@ -129,13 +129,13 @@ def assess(rows: Sequence[Row], base: str) -> list[Target]:
         *_closing([r for r in effect if errs(r)], "one effect, excess at least twice the noise"),
         *_detection(named),
         _quantile(
-            "seconds per case, 95 % of them",
-            "all",
-            "s",
-            False,
-            SECONDS_MOST[base],
-            [r["seconds"] for r in done(rows)],
-            SLOW,
+            what="seconds per case, 95 % of them",
+            where="all",
+            unit="s",
+            at_least=False,
+            wanted=SECONDS_MOST[base],
+            values=[r["seconds"] for r in done(rows)],
+            share=SLOW,
         ),
     ]
 
@@ -168,27 +168,59 @@ def _names(rows: Sequence[Row]) -> Target:
 def _share(what: str, where: str, wanted: float, good: Sequence[bool]) -> Target:
     found = rate(sum(good), len(good))
     return Target(
-        what, where, "share", True, wanted, found["rate"], found["low"], found["high"], len(good)
+        what=what,
+        where=where,
+        unit="share",
+        at_least=True,
+        wanted=wanted,
+        found=found["rate"],
+        low=found["low"],
+        high=found["high"],
+        cases=len(good),
     )
 
 
 def _most(what: str, where: str, wanted: float, bad: Sequence[bool]) -> Target:
     found = rate(sum(bad), len(bad))
     return Target(
-        what, where, "share", False, wanted, found["rate"], found["low"], found["high"], len(bad)
+        what=what,
+        where=where,
+        unit="share",
+        at_least=False,
+        wanted=wanted,
+        found=found["rate"],
+        low=found["low"],
+        high=found["high"],
+        cases=len(bad),
     )
 
 
 def _closing(rows: Sequence[Row], where: str) -> list[Target]:
     shares = [share for r in rows if (share := closed(r)) is not None]
     return [
-        _quantile("gap closed, median", where, "share", True, 0.90, shares, 0.5),
-        _quantile("gap closed, tenth percentile", where, "share", True, 0.60, shares, 0.1),
+        _quantile(
+            what="gap closed, median",
+            where=where,
+            unit="share",
+            at_least=True,
+            wanted=0.90,
+            values=shares,
+            share=0.5,
+        ),
+        _quantile(
+            what="gap closed, tenth percentile",
+            where=where,
+            unit="share",
+            at_least=True,
+            wanted=0.60,
+            values=shares,
+            share=0.1,
+        ),
     ]
 
 
 def _detection(rows: Sequence[Row]) -> list[Target]:
-    """Return what the new models find of faults put on, held against what the old ones find.
+    """Return the new models' share of faults found beside that of the old models.
 
     An old model that takes the gap itself for a fault finds every fault put on, too; so it is held
     against by the names that it gives, and with limits on which it is as quiet as the new one.
@@ -213,15 +245,15 @@ def _detection(rows: Sequence[Row]) -> list[Target]:
         share = rate(new, drives)
         found.append(
             Target(
-                what,
-                where,
-                "share",
-                at_least,
-                old / drives if drives else 0.0,
-                share["rate"],
-                share["low"],
-                share["high"],
-                drives,
+                what=what,
+                where=where,
+                unit="share",
+                at_least=at_least,
+                wanted=old / drives if drives else 0.0,
+                found=share["rate"],
+                low=share["low"],
+                high=share["high"],
+                cases=drives,
             )
         )
     return found
@@ -237,4 +269,14 @@ def _quantile(
     share: float,
 ) -> Target:
     found, low, high = quantile(values, share) if values else (None, None, None)
-    return Target(what, where, unit, at_least, wanted, found, low, high, len(values))
+    return Target(
+        what=what,
+        where=where,
+        unit=unit,
+        at_least=at_least,
+        wanted=wanted,
+        found=found,
+        low=low,
+        high=high,
+        cases=len(values),
+    )

@@ -23,11 +23,11 @@ from monitor.base.faults import Fault
 from monitor.base.types import FloatArray
 from training.gap.healthy.behaviour import Healthy
 from training.gap.inputs import base
-from training.gap.inputs.roles import FAULTS, Given, Options, split
+from training.gap.inputs.roles import FAULTS, Material, Options
 from training.gap.name import scoring, yardstick
-from training.gap.name.start import begin
+from training.gap.name.base_state import base_state
 from training.gap.result import Result
-from training.gap.verify.findings import Found, Verified
+from training.gap.verify.evidence import Detection, Verification
 from training.gap.workflow import investigate
 from training.greybox.effects import ALL
 from training.greybox.fit.drive import from_recording
@@ -47,7 +47,7 @@ ADD: Final = tuple(effect.name for effect in ALL if effect.tag == "fault-like")
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
-    """What all cases of one vehicle share."""
+    """Base model, healthy recordings and noise of one vehicle, for all its cases."""
 
     number: int
     model: Path  # the base, fitted to the healthy recordings
@@ -57,7 +57,7 @@ class Vehicle:
 
 
 def prepare(study: Study, number: int, model: Path) -> Vehicle:
-    """Return what a vehicle's healthy recordings teach; the base goes to the file ``model``.
+    """Return a vehicle with its healthy behaviour; the base goes to the file ``model``.
 
     Where bases are fitted to the cases' own recordings it is taught without this base's charge.
     """
@@ -66,13 +66,15 @@ def prepare(study: Study, number: int, model: Path) -> Vehicle:
     alone = study.fitted_with_effect
     drives = list(map(from_recording, made)) if alone else base.drives_of(model, made)
     known = yardstick.learn(drives, base.constants_of(base.check(model)))
-    state = begin(drives, known, known.base)
+    state = base_state(drives, known, known.base)
     noise_phi = scoring.floor_phi(state.case, state.current)
-    return Vehicle(number, model, tuple(made), known, noise_phi)
+    return Vehicle(
+        number=number, model=model, healthy=tuple(made), known=known, noise_phi=noise_phi
+    )
 
 
 def ask(
-    given: Given,
+    material: Material,
     known: Healthy,
     steps: int,
     faults: tuple[Fault, ...],
@@ -84,11 +86,11 @@ def ask(
         options = Options(
             steps, sensor_known_good, ADD, retrain_minutes, faults=faults, localise=False
         )
-        return investigate(given, Path(out), options, known=known)
+        return investigate(material, Path(out), options, known=known)
 
 
 def run(case: Case, study: Study, vehicle: Vehicle | str) -> Row:
-    """Return the case's row; an error of it, or of its vehicle, is part of the row."""
+    """Return the case's row; an error of the case or its vehicle is part of the row."""
     if isinstance(vehicle, str):
         return case.as_row() | {"noise": None, "error": vehicle}
     row = case.as_row() | {"noise": vehicle.noise_phi, "error": None}
@@ -110,14 +112,14 @@ def _answered(case: Case, study: Study, vehicle: Vehicle) -> Row:
         model = reference = vehicle.model
         if study.fitted_with_effect:
             model, reference = Path(folder) / "base.onnx", Path(folder) / "reference.onnx"
-            seen, _ = split(Given(model, recordings, vehicle.healthy))
+            seen = Material(model, recordings, vehicle.healthy).fit_numbers
             fit_base(study.base, [recordings[i] for i in seen], model)
             fit_base(study.base, [nothing[i] for i in seen], reference)
         began_s = time.perf_counter()
         steps, faults = 2 if case.kind == "two" else 1, FAULTS if case.hidden else ()
-        given = Given(model, recordings, vehicle.healthy)
+        material = Material(model, recordings, vehicle.healthy)
         minutes = RETRAIN_MINUTES if study.fitted_with_effect else 0.0
-        found = ask(given, vehicle.known, steps, faults, study.sensor_known_good, minutes)
+        found = ask(material, vehicle.known, steps, faults, study.sensor_known_good, minutes)
         took_s = time.perf_counter() - began_s
         held_out = {each.sha256 for each in found.held_out}
         pairs = zip(recordings, nothing, strict=True)
@@ -153,7 +155,7 @@ def _said(found: Result) -> Row:
     }
 
 
-def _closed(verified: Verified | None, without: float) -> Row:
+def _closed(verified: Verification | None, without: float) -> Row:
     """Return errors on the held-out recordings, beside the reference ``without`` in phi."""
     if verified is None:
         raise ValueError("nothing was held out")
@@ -169,7 +171,7 @@ def _closed(verified: Verified | None, without: float) -> Row:
     }
 
 
-def _counts(found: Sequence[Found]) -> dict[str, int] | None:
+def _counts(found: Sequence[Detection]) -> dict[str, int] | None:
     """Return drives and how many of them each model finds faulty, None without a new model.
 
     alike : the old model with its limits set as the new one's

@@ -20,7 +20,7 @@ PERIOD_NS: Final = 100_000_000
 
 
 def recordings(case: Case, duration_s: float, *, hidden: bool = True) -> list[Recording]:
-    """Return the case's recordings; without what is hidden they are the same drives healthy."""
+    """Return the case's recordings, or the same drives with nothing hidden."""
     effects = dict(case.hidden) if hidden else {}
     fault = case.fault if hidden else None
     return [recording(p, case.vehicle, duration_s, effects, fault) for p in case.parts]
@@ -59,13 +59,13 @@ def recording(
     first = round(part.start_s * 1e9 / PERIOD_NS)
     values, t_ns = block.values[first:], block.t_ns[first:]
     return Recording(
-        Path(f"{part.cycle}_v{vehicle}_s{part.seed}.simulated"),
-        hashlib.sha256(np.ascontiguousarray(values).tobytes()).hexdigest(),
-        PERIOD_NS,
-        (t_ns - t_ns[0]) / 1e9,
-        tuple(bus.names),
-        values,
-        block.quality[first:],
+        path=Path(f"{part.cycle}_v{vehicle}_s{part.seed}.simulated"),
+        sha256=hashlib.sha256(np.ascontiguousarray(values).tobytes()).hexdigest(),
+        period_ns=PERIOD_NS,
+        t_s=(t_ns - t_ns[0]) / 1e9,
+        names=tuple(bus.names),
+        values=values,
+        quality=block.quality[first:],
     )
 
 

@@ -93,7 +93,7 @@ def cells(target: Target) -> tuple[str, str, str, str, str, str]:
 
 
 def hidden(row: Row) -> str:
-    """Return what was hidden, with its severity."""
+    """Return the hidden effects or fault with severity."""
     if row["fault"]:
         return f"{row['kind']}: {row['fault']} {row['fault_severity']:g}"
     effects = zip(row["hidden"], row["severities"], strict=True)

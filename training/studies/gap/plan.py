@@ -1,4 +1,4 @@
-"""Which cases a study holds: what is hidden, in which vehicle, on which drives.
+"""The cases of a study: hidden effect or fault, vehicle, drives.
 
 Every case has its own seeds, all of them counted up from one. The cases of a kind go through all
 vehicles; their order is random, so that a study that was stopped holds a fair part of every kind.
@@ -73,7 +73,7 @@ MOST_VEHICLES: Final = 10_000
 
 @dataclass(frozen=True, slots=True)
 class Study:
-    """What is asked for."""
+    """Base, cases, vehicles and drives of a study."""
 
     base: str = "greybox"
     cases: tuple[tuple[str, int], ...] = tuple(CASES["greybox"].items())
@@ -117,7 +117,7 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """What is hidden in a vehicle, and the recordings of it."""
+    """A hidden effect or fault in one vehicle, and its recordings."""
 
     number: int
     kind: str
@@ -128,7 +128,7 @@ class Case:
 
     @property
     def what(self) -> str:
-        """Return what is hidden, in words."""
+        """Return the hidden effects and fault in words."""
         names = [name for name, _ in self.hidden] + ([self.fault[0]] if self.fault else [])
         return " + ".join(names) or "nothing"
 
@@ -177,7 +177,9 @@ def _of_kind(study: Study, kind: str, number: int) -> Iterator[Case]:
             _part(study, seed + k, k + first + i, begins[k] if fault else None)
             for k in range(study.drives)
         )
-        yield Case(first + i, kind, vehicle, effects, fault, parts)
+        yield Case(
+            number=first + i, kind=kind, vehicle=vehicle, hidden=effects, fault=fault, parts=parts
+        )
 
 
 def _first(study: Study, kind: str) -> int:

@@ -9,6 +9,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 import monitor
+from training.gap import config
 from training.jobs import parallel, run_folder
 from training.studies.gap import case
 from training.studies.gap.case import Row, Vehicle
@@ -17,12 +18,13 @@ from training.studies.gap.plan import Case, Study, cases
 CASES: Final = "cases"
 VEHICLES: Final = "vehicles"
 MODEL: Final = "base.onnx"
+ROOT: Final = Path(monitor.__file__).parent.parent
 Item = tuple[Case, Vehicle | str, bytes]  # a case, its vehicle, and the file of the vehicle's base
 Progress = Callable[[int], None]  # takes how many cases are done more
 
 
 def begin(study: Study, folder: Path) -> dict[str, Any]:
-    """Take the folder for a study; return what its rows depend on.
+    """Take the folder for a study; return the identity of its rows.
 
     Raises UsageError if the folder holds another study.
     """
@@ -63,13 +65,17 @@ def rows(study: Study, folder: Path) -> list[Row]:
 
 
 def identity(study: Study) -> dict[str, Any]:
-    """Return what the rows depend on."""
-    root = Path(monitor.__file__).parent.parent
-    paths = run_folder.sources(Path(case.__file__), root)
+    """Return the study and the hash of all code and numbers that make its rows."""
     return {
         "study": json.loads(json.dumps(asdict(study))),
-        "code_sha256": run_folder.code_sha256(paths, root),
+        "code_sha256": run_folder.code_sha256(sources(), ROOT),
     }
+
+
+def sources() -> set[Path]:
+    """Return the files of all code that makes the rows, and of the numbers that it reads."""
+    numbers = Path(config.__file__).with_name("default.toml")
+    return {*run_folder.sources(Path(case.__file__), ROOT), numbers}
 
 
 def _path(folder: Path, asked: Case) -> Path:

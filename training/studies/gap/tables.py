@@ -41,7 +41,7 @@ class Cell:
 
 
 def confusion(rows: Sequence[Row]) -> dict[str, Any]:
-    """Return how often each thing hidden got each answer: ``driven``, ``named``, ``counts``."""
+    """Return the confusion matrix: hidden by answer, as ``driven``, ``named``, ``counts``."""
     counts = Counter((hidden(r), answer(r)) for r in rows)
     order = ["nothing", *LIBRARY, *UNKNOWN, "two effects"]
     there = {what for what, _ in counts}
@@ -74,7 +74,7 @@ def wrong(rows: Sequence[Row]) -> list[Row]:
 
 
 def two(rows: Sequence[Row]) -> dict[str, int]:
-    """Return what became of the cases with two effects."""
+    """Return the outcomes of the cases with two effects."""
     own = done(rows, "two")
     found = Counter(_of_two(r) for r in own)
     order = ("both right", "one right, nothing wrong", "a wrong name")
@@ -93,11 +93,11 @@ def _cell(effect: str, size_: str, rows: Sequence[Row]) -> Cell:
     bad = [r for r in rows if wrong_names(r)]
     others = Counter(r["verdict"] for r in rows if r["verdict"] != "named")
     return Cell(
-        effect,
-        size_,
-        len(rows),
-        sum(map(right, rows)),
-        sum(map(right_or_among, rows)),
-        len(bad),
-        ", ".join(f"{n} {verdict}" for verdict, n in others.most_common()),
+        effect=effect,
+        size=size_,
+        cases=len(rows),
+        right=sum(map(right, rows)),
+        among=sum(map(right_or_among, rows)),
+        wrong=len(bad),
+        verdicts=", ".join(f"{n} {verdict}" for verdict, n in others.most_common()),
     )

@@ -18,12 +18,13 @@ from monitor.base.errors import RecordingError, UsageError
 from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard
 from training.limits.decision_limits import MANY_WINDOWS, set_limits
-from training.narx.committee import committee
 from training.narx.export import update_card
-from training.narx.fit import FitResult, fit, held_out, measures, write_model
+from training.narx.fit import FitResult, fit
+from training.narx.model_file import held_out, measures, write_model
 from training.narx.network import Spec, describe, simulate
 from training.narx.stability import CONTRACTION_SAMPLES, contraction
 from training.narx.stages import blocks_of, free_run, train
+from training.narx.starts import committee
 from training.recordings.preparation import Prepared, Role
 from training.studies.paper.narx import parallel
 from training.studies.paper.narx.models import from_arrays

@@ -85,7 +85,9 @@ def residual_figure(sensor: Mapping[str, Any]) -> Figure:
     """Draw the residual's distribution under each fault over the healthy one, as figure 7."""
     faults = sensor["faults"]
     edges = np.array(sensor["edges"])
-    figure, grid = panels(len(faults), min(3, len(faults)), height=2.4, extra=0.2, sharex=True, sharey=True)
+    figure, grid = panels(
+        len(faults), min(3, len(faults)), height=2.4, extra=0.2, sharex=True, sharey=True
+    )
     for axes, fault in zip(grid, faults, strict=True):
         axes.stairs(sensor["healthy"]["share"], edges, fill=True, color="0.8", label="healthy")
         axes.stairs(fault["share"], edges, color="C3", linewidth=1.1, label="faulty")

@@ -17,7 +17,7 @@ from monitor.base.errors import UsageError
 from monitor.base.faults import SensorFault, resolve
 from monitor.base.types import FloatArray
 from monitor.model.step import from_model_units
-from training.narx.fit import measures
+from training.narx.model_file import measures
 from training.narx.network import Spec
 from training.narx.stages import free_run
 from training.recordings.preparation import Prepared, Role, runs

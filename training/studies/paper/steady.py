@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from monitor.base.errors import RecordingError
-from training.narx.fit import measures
+from training.narx.model_file import measures
 from training.narx.network import Spec
 from training.narx.stages import Trained, free_run, train
 from training.recordings.preparation import Prepared, Role, prepare

@@ -17,6 +17,7 @@ from training.narx import stages
 from training.narx.algorithms import gradient, lm, scaled_conjugate
 from training.narx.algorithms.bayes import DEFAULTS as BAYES_DEFAULTS
 from training.narx.algorithms.bayes import BayesOutcome, minimise_bayesian
+from training.narx.algorithms.objectives import OneStep
 from training.narx.network import Spec, forward, initial_weights
 from training.narx.stability import contraction
 from training.recordings.metrics import correlation
@@ -194,17 +195,16 @@ def _minimise(data: Prepared, spec: Spec, weights: FloatArray, job: Job) -> lm.O
     """Run the candidate's algorithm with the reference toolbox's defaults."""
     at, held = rows(data, spec, Role.TRAIN), rows(data, spec, Role.VALIDATE)
     weight = data.samples.weight[at] / data.samples.weight[at].mean()
-    train = (spec, regressors(spec, data.samples, at), data.samples.y[at], weight)
-    validate = lm.OneStep(
+    objective = OneStep(spec, regressors(spec, data.samples, at), data.samples.y[at], weight)
+    validate = OneStep(
         spec, regressors(spec, data.samples, held), data.samples.y[held], data.samples.weight[held]
     ).cost
     algorithm, epochs = job.candidate.algorithm, job.iterations
     if algorithm == LM:
-        return lm.minimise(lm.OneStep(*train), weights, lm.Options(epochs=epochs), validate)
+        return lm.minimise(objective, weights, lm.Options(epochs=epochs), validate)
     if algorithm == BAYES:
         options = replace(BAYES_DEFAULTS, epochs=epochs)
-        return minimise_bayesian(lm.OneStep(*train), weights, len(at), options)
-    objective = gradient.OneStepGradient(*train)
+        return minimise_bayesian(objective, weights, len(at), options)
     if algorithm == CONJUGATE:
         return scaled_conjugate.minimise_scaled_conjugate(
             objective, weights, scaled_conjugate.Options(epochs=epochs), validate

@@ -1,0 +1,147 @@
+"""One proposal per canonical signal: the signal to take, the alternatives, and the reasons."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from monitor.base.signals import SIGNALS
+from monitor.mapping.candidates import FUEL_FLOW_NAME, Candidate
+from monitor.mapping.meanings import OF_ONE_SENSOR
+
+SURE: Final = 0.6  # a candidate of this confidence is proposed
+RIVAL: Final = 0.4  # another sensor's signal of this confidence is a choice for a person
+MARGIN: Final = 0.05  # candidates closer than this are not told apart
+SHOWN: Final = 4  # candidates in the file
+NOTHING: Final = "nothing in the database looks like it"
+PHI_NAMES: Final = {"lambda_measured": "phi_measured", "lambda_target": "phi_target"}
+STROKES_MG_PER_KG_H: Final = 1e6 / 30.0  # kg/h to mg per stroke: this / cylinders / speed
+
+
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """The proposal for one canonical signal."""
+
+    name: str
+    best: Candidate | None  # None where a person must choose
+    others: tuple[Candidate, ...] = ()  # the likeliest first
+    note: str = ""  # the reason why nothing is proposed
+
+
+@dataclass(frozen=True, slots=True)
+class Derived:
+    """A signal that follows from proposed ones."""
+
+    name: str
+    factor: float
+    numerator: tuple[str, ...]
+    denominator: tuple[str, ...]
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class Proposals:
+    """A whole map to confirm."""
+
+    signals: tuple[Proposal, ...]  # one per canonical signal, in their order
+    auxiliary: tuple[Proposal, ...]
+    derived: tuple[Derived, ...]
+
+    @property
+    def found(self) -> tuple[Candidate, ...]:
+        """Return the signals that are mapped to a canonical one directly."""
+        return tuple(p.best for p in self.signals if p.best is not None)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the canonical signals that the map provides."""
+        got = {c.name for c in self.found} | {d.name for d in self.derived}
+        return tuple(s.name for s in SIGNALS if s.name in got)
+
+
+def propose(ranked: Mapping[str, Sequence[Candidate]], cylinders: int = 4) -> Proposals:
+    """Return the proposals.
+
+    ranked : candidates by canonical name, the likeliest first
+    cylinders : fuel and air per stroke follow from flows with their number
+    """
+    taken = _assigned(ranked)
+    auxiliary: list[Proposal] = []
+    derived: list[Derived] = []
+    for name, phi in PHI_NAMES.items():
+        if name in taken and taken[name].is_phi:
+            auxiliary.append(Proposal(phi, taken[name]))
+            derived.append(Derived(name, 1.0, (), (phi,), "lambda is 1 / phi"))
+    flows = {"air_mass_mg": "maf_kg_h"} if "maf_kg_h" in taken else {}
+    flow = ranked.get(FUEL_FLOW_NAME, ())
+    if "fuel_mass_mg" not in taken and not _doubt(flow) and "engine_speed_rpm" in taken:
+        auxiliary.append(Proposal(FUEL_FLOW_NAME, flow[0], tuple(flow[1:])))
+        flows = {"fuel_mass_mg": FUEL_FLOW_NAME, **flows}
+    for name, source in flows.items():
+        if name not in taken and "engine_speed_rpm" in taken:
+            why = f"kg/h and speed to mg per stroke of one of {cylinders} cylinders"
+            factor = STROKES_MG_PER_KG_H / cylinders
+            derived.append(Derived(name, factor, (source,), ("engine_speed_rpm",), why))
+    below = {each.name for each in derived}
+    signals = (_proposal(s.name, ranked.get(s.name, ()), taken, below) for s in SIGNALS)
+    return Proposals(tuple(signals), tuple(auxiliary), tuple(derived))
+
+
+def _assigned(ranked: Mapping[str, Sequence[Candidate]]) -> dict[str, Candidate]:
+    """Return the best candidate by canonical name, the surest first, no place twice."""
+    taken: dict[str, Candidate] = {}
+    places: set[tuple[str, str]] = set()
+    bests = [each[0] for each in ranked.values() if not _doubt(each)]
+    for best in sorted(bests, key=lambda c: (-c.confidence, c.name)):
+        place = (best.message.name, best.signal.name)
+        if best.name != FUEL_FLOW_NAME and place not in places:
+            places.add(place)
+            taken[best.name] = best
+    return taken
+
+
+def _doubt(candidates: Sequence[Candidate]) -> str:
+    """Return why none of the candidates is proposed, "" if the first is."""
+    if not candidates:
+        return NOTHING
+    allowed = [c for c in candidates if not c.blocked]
+    if not allowed:
+        return "only of another sensor or bank, as it seems"
+    if allowed[0].confidence < SURE:
+        return "not sure enough"
+    return _ambiguity(*allowed)
+
+
+def _ambiguity(best: Candidate, *others: Candidate) -> str:
+    """Return why the best may not be taken beside the others, "" if it may."""
+    if best.name in OF_ONE_SENSOR:
+        rivals = [c for c in others if c.confidence >= RIVAL]
+        if rivals and (not best.is_stated or any(c.is_stated for c in rivals)):
+            return "AMBIGUOUS: several sensors, say which is the upstream one of bank 1"
+        return ""
+    rivals = [c for c in others if c.confidence >= SURE and best.confidence - c.confidence < MARGIN]
+    if any(_bare(c) != _bare(best) for c in rivals):
+        return "AMBIGUOUS: these are about equally likely"
+    return ""
+
+
+def _bare(candidate: Candidate) -> str:
+    """Return the part of a signal's name that is the same in several messages."""
+    name = candidate.signal.name.lower().replace(candidate.message.name.lower(), "")
+    return name.strip("_0123456789")
+
+
+def _proposal(
+    name: str,
+    candidates: Sequence[Candidate],
+    taken: Mapping[str, Candidate],
+    derived: set[str],
+) -> Proposal:
+    best = taken.get(name)
+    if best is None:
+        others = tuple(candidates[:SHOWN])
+        note = _doubt(candidates) or f"{candidates[0].place} is taken for another signal"
+    else:
+        others, note = tuple(c for c in candidates if c is not best)[: SHOWN - 1], ""
+    if name in derived:
+        return Proposal(name, None, others, "derived below")
+    return Proposal(name, best, others, note)

@@ -1,0 +1,244 @@
+"""The words of this trade: what names and units in a database mean.
+
+Names are English, German or abbreviations. A concept is a set of stems: one that ends in ``*``
+matches anywhere in a name, any other one a whole word; ``=name`` is the whole name but for endings
+such as ``_w``. A phrase is a set of concepts that must all occur.
+"""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import Final
+
+CONCEPTS: Final[dict[str, str]] = {
+    "engine": "engine* eng motor* mot mo moteur* crank* ice",
+    "speed": "regime* speed* spd drehzahl* rpm revs revolution* vitesse*",
+    "rpm": "rpm =n upm",
+    "revolutions": "drehzahl* =nmot nmot =neng neng =motrpm",
+    "n": "n",
+    "v": "v",
+    "vehicle": "vehicul* vehicle* veh fahrzeug* fzg car road* vhcl",
+    "geschwindigkeit": "geschw* fahrgeschw* vss =vfzg vfzg tacho* kmh kph",
+    "torque": "torque* trq tq drehmoment* motormoment* moment mmot",
+    "throttle": "throttle* thr tps tp drosselklappe* dk wdkba droka* papillon*",
+    "position": "position* pos angle* winkel* stellung* valve*",
+    "lambda": "lambda* lam lmbd lmd afr uego wideband* lsu ego wbo",
+    "lambda_measured": "lamsoni* lambdaist* lambdasonde*",
+    "lambda_target": "afrtgt* afrtarget* lamsoll* lamsons* lambdasoll* lamsbg*",
+    "sensor": "sensor* sens snsr sonde* o2 ho2s o2s oxygen*",
+    "ratio": "ratio*",
+    "equivalence": "equivalence* phi eqr",
+    "airfuel": "airfuel* afr",
+    "target": "target* tgt trg soll* setpoint* setp sp desired* des demand* dmd command* cmd cmded "
+    "request* req wanted* ref reference* nominal*",
+    "control": "control* ctrl ctl cntrl correct* corr cor regler* regel* trim* faktor* factor* fbk "
+    "feedback* adj",
+    "trim": "trim* stft shortft* sft",
+    "short": "short* stft st kurz*",
+    "fr": "egocor* =fr =frm =fra",
+    "fuel": "fuel* fl kraftstoff* krst carburant* benzin*",
+    "mass": "mass* masse* msg qty quantity* menge* am amt amount* charge* fuellung*",
+    "air": "air* luft* intake* aspir*",
+    "cylinder": "cyl cylinder* zyl* stroke* stk hub* perstroke*",
+    "maf": "maf luftmassenstrom* =ml ml mshfm* hfm* airmassflow*",
+    "flow": "flow* flw strom* durchfluss* rate* massflow*",
+    "consumption": "consumption* verbrauch* kvs fco",
+    "injection": "inj injection* injected* einspritz* injector*",
+    "rail": "frp rail* prist* hdp highpress* fphigh*",
+    "high": "high hi hd hoch*",
+    "pressure": "frp pressure* press prs pres druck* fp p",
+    "manifold": "manifold* mnfld saugrohr* sgr intake* inlet* imp ansaug* mfld",
+    "map": "map saugrohrdruck* =ps psr mapsensor*",
+    "boost": "boost* ladedruck* ldr",
+    "temperature": "te temperature* temp tmp temperatur* t degc",
+    "iat": "iat mat tans act",
+    "coolant": "coolant* cool kuehlmittel* kuehlwasser* water* clnt ect clt ect cts",
+    "ect": "ect clt tmot cts",
+    "ambient": "env ambient* amb outside* aussen* umgebung* umg outdoor* exterior*",
+    "aat": "aat oat tumg tam",
+    "baro": "baro* bap atm atmos* luftdruck* =pu pu barometric*",
+    "battery": "batt* bat ub vbat wub ubat bordnetz* kl30 kl15 supply* module* vbatt accu*",
+    "voltage": "v potential* volt* spannung* vbat vbatt ub wub ubat u tension*",
+    "purge": "purge* evap* tev tankentl* canister* cpv aktivkohle* akf",
+    "duty": "duty* valve* dc pwm ventil* tastverh* ratio* flow* pct ansteuerung*",
+    "closed": "closed* clsd cl geschlossen* closedloop*",
+    "loop": "loop* lp regelkreis* closedloop*",
+    "open": "open* openloop*",
+    "active": "active* aktiv* actv act status* state* on enabled* enable* freigabe*",
+    "cut": "cut* cutoff* fuelcut* abschalt* shutoff* off",
+    "dfco": "dfco dfso schubabschalt* schub* overrun* =b_sa sa decel*",
+    "ready": "ready* rdy valid* betriebsbereit* bereit* operational* warm",
+    "b_lr": "=b_lr =blr",
+    "b_sbb": "=b_sbbvk =bsbbvk",
+    "outside_air": "aussentemp* aussenluft*",
+}
+
+_NOISE: Final = (  # words that tell no signal from another
+    "value val act actual ist istwert w l raw sig signal filt filtered abs absolute sensor sens "
+    "ecu ecm pcm dme ems dde obd measured meas gemessen cur current est estimated calc msr x the "
+    "of in at b1s1 b1 s1 bank sensor1 bank1 upstream us pre front vor vk vorkat precat primary "
+    "status pct percent degc kpa bar rpm kmh kph commanded per and to u16 s16 u8 wert"
+)
+NOISE: Final = frozenset(_NOISE.split())
+_STEMS: Final = {concept: stems.split() for concept, stems in CONCEPTS.items()}
+_SPELLINGS: Final = (
+    *zip("äöüßÄÖÜ", ("ae", "oe", "ue", "ss", "Ae", "Oe", "Ue"), strict=True),
+    ("λ", " lambda "),
+    ("φ", " phi "),
+)
+_PART: Final = re.compile(
+    r"h?o2s?\d{0,2}(?![a-z])|[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+\d*|[A-Z]+\d*|\d+"
+)
+_ENDINGS: Final = ("w", "l", "raw", "01", "1")  # of a name, without a meaning
+
+
+@cache
+def words_of(name: str) -> tuple[str, ...]:
+    """Return the words of a name in small letters; a number at a word's end is its own word.
+
+    >>> words_of("MO_KuehlmittelTemp_01")
+    ('mo', 'kuehlmittel', 'temp', '01')
+    >>> words_of("O2SensorB1S1")
+    ('o2', 'sensor', 'b1', 's1')
+    """
+    text = re.sub(r"(?i)wheel_?based", "", name)  # J1939's speed over ground
+    for letter, plain in _SPELLINGS:
+        text = text.replace(letter, plain)
+    text = re.sub(r"(?i)(?<![a-z])(h?o2s?)", lambda m: " " + m[1].lower(), text)
+    words: list[str] = []
+    for part in _PART.findall(text):
+        word = part.lower()
+        numbered = re.fullmatch(r"(?!h?o2s?\d*$)([a-z]{2,})(\d+)", word)
+        words += numbered.groups() if numbered else [word]
+    return tuple(words)
+
+
+def _told(concept: str, words: tuple[str, ...]) -> set[str]:
+    """Return the words of a name that carry the concept, none if it does not occur."""
+    told: set[str] = set()
+    name = "".join(words)
+    for stem in _STEMS[concept]:
+        if stem.startswith("="):
+            if "".join(w for w in words if w not in _ENDINGS) == stem[1:].replace("_", ""):
+                told.update(words)
+        elif stem.endswith("*"):
+            part = stem[:-1]
+            if part in name:
+                told |= {w for w in words if part in w or (w in part and len(w) > 2)} | {"*"}
+        elif stem in words:
+            told.add(stem)
+    return told
+
+
+def match(phrases: Mapping[str, float], words: tuple[str, ...]) -> float:
+    """Return how sure a name's words are of the best phrase, 0 to 1.
+
+    phrases : concepts, separated by spaces, and how sure they are if nothing else is said
+    Words that no concept explains and that are not noise count against a phrase.
+
+    >>> match({"engine speed": 1.0}, words_of("EngineSpeed"))
+    1.0
+    >>> match({"engine speed": 1.0}, words_of("Motordrehzahl"))
+    1.0
+    >>> 0 < match({"engine speed": 1.0}, words_of("EngineSpeedGearboxInput")) < 0.9
+    True
+    >>> match({"engine speed": 1.0}, words_of("VehicleSpeed"))
+    0.0
+    """
+    best = 0.0
+    for phrase, weight in phrases.items():
+        parts = [_told(concept, words) for concept in phrase.split()]
+        if not all(parts):
+            continue
+        told = NOISE.union(*parts)
+        rest = [w for w in words if w not in told and not w.isdigit()]
+        best = max(best, weight * (1.0 - 0.35 * (len(rest) / max(len(words), 1))))
+    return best
+
+
+@dataclass(frozen=True, slots=True)
+class Unit:
+    """A unit: value in the dimension's base unit = factor * value + offset."""
+
+    dimension: str
+    factor: float = 1.0
+    offset: float = 0.0
+
+
+# base units: kPa, degC, kg/h, l/h, mg and mm3 per stroke of one cylinder, 1/min, km/h, Nm, V, 1
+UNITS: Final[dict[Unit, str]] = {  # and the ways databases write them
+    Unit("pressure"): "kpa kpaa kpaabs kpa(abs) kpa_abs kpag kilopascal",
+    Unit("pressure", 100.0): "bar bara barabs barg",
+    Unit("pressure", 0.1): "hpa millibar mbar mbarabs hpaabs hpa_abs mbara",
+    Unit("pressure", 0.001): "pa",
+    Unit("pressure", 1000.0): "mpa",
+    Unit("pressure", 6.894757): "psi psia psig",
+    Unit("pressure", 3.386389): "inhg",
+    Unit("pressure", 0.1333224): "mmhg torr",
+    Unit("pressure", 98.0665): "kgf/cm2 kg/cm2 at",
+    Unit("temperature"): (
+        "degc c °c celsius gradc grad_c gradcelsius deg_c ºc grdc degrecelsi degreecelsius "
+        "degreescelsius"
+    ),
+    Unit("temperature", 5 / 9, -160 / 9): "degf f °f fahrenheit deg_f ºf",
+    Unit("temperature", 1.0, -273.15): "k kelvin degk °k",
+    Unit("mass_flow"): "kg/h kgh kg/hr kgph kg/std",
+    Unit("mass_flow", 3.6): "g/s gps g/sec",
+    Unit("mass_flow", 3600.0): "kg/s",
+    Unit("mass_flow", 60.0): "kg/min",
+    Unit("mass_flow", 0.06): "g/min",
+    Unit("mass_flow", 0.0036): "mg/s",
+    Unit("mass_flow", 0.001): "g/h",
+    Unit("mass_flow", 27.21554): "lb/min lbs/min lb/m ppm_air",
+    Unit("mass_flow", 0.4535924): "lb/h lb/hr lbs/h lbs/hr pph",
+    Unit("volume_flow"): "l/h lph l/hr l/std liter/h",
+    Unit("volume_flow", 0.06): "ml/min cc/min ccm cm3/min",
+    Unit("volume_flow", 3.6): "ml/s cc/s cm3/s",
+    Unit("volume_flow", 0.0036): "ul/s mm3/s µl/s",
+    Unit("volume_flow", 3.785412): "gal/h gph gal/hr",
+    Unit("mass"): "mg mg/stk mg/stroke mg/str mg/hub mg/cyl mg/zyl mg/inj mg/asp mg/cycle",
+    Unit("mass", 1000.0): "g g/stroke g/stk g/cyl g/hub",
+    Unit("volume"): "mm3 mm3/stk mm3/stroke mm3/hub ul µl mm^3/stroke mm³/hub",
+    Unit("rotation"): (
+        "rpm 1/min u/min /min min-1 min^-1 upm r/min rev/min tr/min umin rev/minute umdr/min "
+        "minutinver"
+    ),
+    Unit("rotation", 60.0): "1/s rps hz u/s rev/s",
+    Unit("rotation", 9.549297): "rad/s",
+    Unit("speed"): "km/h kmh kph kmph km/std kilometerperhour kilometperhour",
+    Unit("speed", 1.609344): "mph mi/h miles/h",
+    Unit("speed", 3.6): "m/s",
+    Unit("torque"): "nm n.m n*m newtonmeter n-m newtometer",
+    Unit("torque", 1.355818): "lbft lb-ft lb*ft ftlb ft-lb lbfft ft.lb",
+    Unit("voltage"): "v volt volts vdc",
+    Unit("voltage", 0.001): "mv millivolt",
+    Unit("ratio", 0.01): "% percent pct prozent proz",
+    Unit("ratio", 0.001): "‰ permille promille",
+    Unit("number"): (
+        "- 1 la ratio none lambda lam λ unitless factor n/a bit bool boolean on/off flag lambdas"
+    ),
+    Unit("afr"): "afr :1 a/f kg/kg g/g af afratio",
+    Unit("phi"): "phi φ er eqr",
+    Unit("other"): (
+        "microliter ms s sec min h us km m mm a ma w kw hp ps ohm kohm deg ° °kw degkw degca "
+        "°crk grd grad l ml kg count counts g/km l/100km mpg mw rad j kj n kn km/l day month "
+        "year hour minute second ca degbtdc m/s2 m/s^2 deg/s °/s kwh ah %/s nm/s"
+    ),
+}
+_UNIT_OF: Final = {written: unit for unit, names in UNITS.items() for written in names.split()}
+
+
+def unit_of(text: str | None) -> Unit | None:
+    """Return the unit that a database writes, None if it writes none or an unfamiliar one.
+
+    >>> unit_of("U/min").dimension
+    'rotation'
+    >>> round(unit_of("°F").factor * 212 + unit_of("°F").offset, 9)
+    100.0
+    >>> unit_of("furlong") is None
+    True
+    """
+    plain = re.sub(r"[\s\[\]]", "", (text or "").lower()).replace("unit_", "")
+    plain = plain.replace("grad c", "degc").replace("\xba", "°")
+    return _UNIT_OF.get(plain) or _UNIT_OF.get(plain.strip("()"))

@@ -1,0 +1,330 @@
+"""The healthy reference in the model card: as good as the healthy recordings, and carried on."""
+
+import shutil
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import pytest
+
+from monitor.model.card import ModelCard
+from monitor.model.step import Model
+from monitor.report.replay import shipped_model
+from training.cli import main as o2train
+from training.dyno.recording_files import write
+from training.dyno.simulation import Experiment
+from training.gap.healthy.behaviour import Healthy, as_shown, columns
+from training.gap.healthy.card import KEY, from_card, known_of, store, to_card
+from training.gap.inputs import base, suitability
+from training.gap.name import yardstick
+from training.gap.reference import set_reference
+from training.gap.result import Result
+from training.gap.workflow import Material, Options, investigate
+from training.greybox.chain import Constants
+from training.greybox.effects import LIBRARY
+from training.greybox.fit.drive import from_recording
+from training.greybox.fit.joint import reading
+from training.greybox.graph.chain_graph import Greybox
+from training.greybox.model import fit_greybox
+from training.narx.export import update_card
+from training.recordings.recording import Recording
+from training.studies.gap import drive
+from training.studies.gap.plan import Part
+
+VEHICLE = 2011
+HEALTHY = ("wltc_3b", "micro_trips", "udds", "us06")
+DRIVEN = ("micro_trips", "wltc_3b")
+FILM = {"wall_film": 4.0}
+
+
+@cache
+def recordings(
+    seed: int, cycles: tuple[str, ...] = DRIVEN, **effects: float
+) -> tuple[Recording, ...]:
+    """Return ten minutes of each cycle."""
+    parts = [Part(cycle, seed + i, 0.0, None) for i, cycle in enumerate(cycles)]
+    return tuple(drive.recording(part, VEHICLE, 600.0, effects, None) for part in parts)
+
+
+@cache
+def fitted() -> bytes:
+    """Return the file of a grey-box model of the healthy drives."""
+    with TemporaryDirectory() as folder:
+        return fit_greybox(
+            recordings(2_310_000, HEALTHY), Path(folder) / "m.onnx"
+        ).path.read_bytes()
+
+
+@cache
+def known() -> Healthy:
+    """Return what healthy drives teach of the chain, with the charge that it makes."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "m.onnx"
+        path.write_bytes(fitted())
+        drives = base.drives_of(path, recordings(2_310_000, HEALTHY))
+    return yardstick.learn(drives, Constants())
+
+
+@pytest.fixture(scope="module")
+def chain(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Give a grey-box model file with a reference in its card."""
+    path = tmp_path_factory.mktemp("chain") / "chain.onnx"
+    path.write_bytes(fitted())
+    store(path, known(), recordings(2_310_000, HEALTHY))
+    return path
+
+
+@pytest.fixture(scope="module")
+def alone(chain: Path, tmp_path_factory: pytest.TempPathFactory) -> Result:
+    """Give what is found of a hidden effect without healthy recordings."""
+    return asked(chain, recordings(2_311_000, **FILM), tmp_path_factory.mktemp("alone"))
+
+
+def asked(model: Path, seen: tuple[Recording, ...], out: Path, **healthy: Any) -> Result:
+    """Return what the workflow says, quickly."""
+    options = Options(faults=(), localise=False)
+    material = Material(model, seen, healthy.get("healthy", ()))
+    return investigate(material, out, options, known=healthy.get("known"))
+
+
+def test_the_reference_in_a_model_file_corrects_drives_as_what_was_learned(chain: Path) -> None:
+    read, doubts = from_card(Model.load(chain).card)
+    assert doubts is None
+    assert read is not None
+    for recording in (*recordings(2_310_000, HEALTHY), *recordings(2_311_000, **FILM)):
+        (driven,) = base.drives_of(chain, [recording])
+        learned = known().correction(driven)
+        assert np.abs(learned).max() > 1e-3
+        assert np.abs(read.correction(driven) - learned).max() < 2e-6
+        assert (read.known_of(driven).scored == known().known_of(driven).scored).all()
+    assert read.spread == pytest.approx(known().spread, rel=1e-6)
+    assert read.surplus == pytest.approx(known().surplus, rel=1e-6)
+    assert read.rmse_usual == pytest.approx(known().rmse_usual, rel=1e-6)
+
+
+def test_without_healthy_recordings_an_effect_is_named_as_with_them(
+    chain: Path, alone: Result, tmp_path: Path
+) -> None:
+    # GIVEN drives with a hidden effect
+    driven, healthy = recordings(2_311_000, **FILM), recordings(2_310_000, HEALTHY)[::-1]
+    # WHEN it is looked for with the healthy recordings, and with the model's own reference
+    given = asked(chain, driven, tmp_path, healthy=healthy, known=known())
+    # THEN the answer is the same, but for what the report says of the drives that are not there
+    for found in (given, alone):
+        assert (found.verdict, [a.name for a in found.added]) == ("named", ["wall_film"])
+    for name, value in given.added[0].parameters.items():
+        # the card's reference is of the chain with the vehicle's own volumes, not of it alone
+        assert alone.added[0].parameters[name] == pytest.approx(value, rel=0.1)
+    assert alone.naming.reference == pytest.approx(known().base, rel=1e-5)
+    text = [w for w in alone.all_warnings if "no healthy recordings were given" in w]
+    assert len(text) == 1
+    assert "of 4 recordings" in text[0]
+    assert not any("no healthy recordings" in w for w in given.all_warnings)
+    # AND the new model has the reference with which its constants go
+    assert given.new_model is not None
+    stored = Model.load(given.new_model).card.reference[KEY]
+    assert stored["recordings"] == [each.path.name for each in healthy]
+
+
+def test_a_model_fitted_to_drives_with_the_effect_gets_the_charge_of_healthy_ones(
+    tmp_path: Path,
+) -> None:
+    # GIVEN a chain fitted to drives with a hidden effect, which its error of the charge takes in
+    driven, healthy = recordings(2_311_000, purge=8.0), recordings(2_310_000, HEALTHY)
+    model = fit_greybox(driven, tmp_path / "m.onnx").path
+    assert [each.charged for each in base.drives_of(model, driven)] == [True, True]
+    # WHEN healthy drives are given
+    made = base.drives_of(model, driven, healthy)
+    known = yardstick.learn(base.drives_of(model, healthy, healthy), Constants())
+    found = asked(model, driven, tmp_path, healthy=healthy, known=known)
+    # THEN the effect is looked for beside the charge that these teach, and both go into the model
+    assert [each.charged for each in made] == [False, False]
+    np.testing.assert_array_equal(made[0].signals["air_mass_mg"], driven[0].column("air_mass_mg"))
+    assert (found.verdict, [a.name for a in found.added]) == ("named", ["purge"])
+    assert found.new_model is not None
+    new = Greybox.of(Model.load(found.new_model).card)
+    assert known.charge is not None
+    assert new.charge_error is not None
+    assert new.charge_error.to_card() == known.charge.to_card()
+    # AND a recording that no fit saw is predicted far better
+    before, after, _, _ = found.rmse
+    assert after is not None
+    assert after < 0.7 * before
+
+
+def test_walls_that_a_model_has_taken_in_are_named_and_not_added_again(tmp_path: Path) -> None:
+    # GIVEN a chain fitted to drives with walls, which are part of it then
+    driven, healthy = recordings(2_311_000, **FILM), recordings(2_310_000, HEALTHY)
+    fitted = fit_greybox(driven, tmp_path / "m.onnx")
+    assert [own.name for own in fitted.greybox.own] == ["wall_film"]
+    # WHEN healthy drives without them are given
+    found = asked(fitted.path, driven, tmp_path, healthy=healthy)
+    # THEN they are what is new, and nothing is to be added
+    assert [each.name for each in found.naming.effects] == ["wall_film"]
+    assert found.new_model is None
+    assert any("follows the effect already" in each for each in found.warnings)
+
+
+def test_recordings_that_the_model_was_fitted_to_are_told_from_others(chain: Path) -> None:
+    card = Model.load(chain).card
+    driven, healthy = recordings(2_311_000, **FILM), recordings(2_310_000, HEALTHY)
+    assert suitability.seen_in_fit_warnings(card, driven) == []
+    (warning,) = suitability.seen_in_fit_warnings(card, (*driven, healthy[1]))
+    assert warning.startswith(f"{healthy[1].path.name}: the model was fitted to them")
+    # and what is held out should be none of them
+    assert suitability.held_out_warnings(card, driven) == []
+    (warning,) = suitability.held_out_warnings(card, (*driven, healthy[1]))
+    assert warning.startswith(f"{healthy[1].path.name}: the model was fitted to what is held out")
+
+
+def test_a_model_extended_without_healthy_recordings_has_no_gap_left(
+    chain: Path, alone: Result, tmp_path: Path
+) -> None:
+    assert alone.new_model is not None
+    card = Model.load(alone.new_model).card
+    assert card.reference[KEY] == Model.load(chain).card.reference[KEY]
+    assert base.constants_of(card) == pytest.approx(known().base, rel=1e-5)
+    own = {each.name: each.values for each in Greybox.of(card).own}
+    assert own == {effect.name: pytest.approx(values, rel=1e-5) for effect, values in known().own}
+    again = asked(alone.new_model, recordings(2_311_000, **FILM), tmp_path)
+    assert again.verdict == "no_gap"
+
+
+def test_an_extended_model_looked_at_with_the_healthy_recordings_of_before_has_no_gap_left(
+    alone: Result, tmp_path: Path
+) -> None:
+    # GIVEN a model with the effect, and healthy recordings from before it was there
+    assert alone.new_model is not None
+    healthy = recordings(2_310_000, HEALTHY)
+    # WHEN drives with it are held against them
+    again = asked(alone.new_model, recordings(2_311_000, **FILM), tmp_path, healthy=healthy)
+    # THEN that the model is wrong on these does not count as a gap
+    assert again.verdict == "no_gap"
+
+
+def test_what_an_extended_model_has_is_asked_of_healthy_drives_that_show_it(
+    alone: Result,
+) -> None:
+    # GIVEN drives with a wall film, without, and how far it moves the chain on each
+    start = known().base
+    shown, not_shown = (
+        [from_recording(each) for each in recordings(seed, **hidden)]
+        for seed, hidden in ((2_311_000, FILM), (2_313_000, {}))
+    )
+    film, amounts = LIBRARY["wall_film"], np.array([*alone.added[0].parameters.values()])
+    for drives, stays in ((shown, True), (not_shown, False)):
+        moved = [
+            replace(d, moved_phi=reading(d, start, (film,), (amounts,)) - reading(d, start, (), ()))
+            for d in drives
+        ]
+        # THEN it counts where the drives have it, and nowhere else
+        kept = as_shown(moved, start)
+        assert all(np.any(d.moved_phi) == stays for d in kept)
+        assert as_shown(drives, start) is drives
+
+
+def test_drives_like_the_healthy_ones_get_no_name(chain: Path, tmp_path: Path) -> None:
+    found = asked(chain, recordings(2_313_000), tmp_path)
+    assert found.verdict == "no_gap"
+    assert found.new_model is None
+
+
+def test_a_network_has_the_reference_of_the_chain_and_keeps_it(tmp_path: Path) -> None:
+    # GIVEN a network of another vehicle, with this vehicle's reference
+    network = tmp_path / "network.onnx"
+    shutil.copy(shipped_model(), network)
+    store(network, known(), recordings(2_310_000, HEALTHY))
+    # WHEN an effect is hidden
+    found = asked(network, recordings(2_311_000, **FILM), tmp_path / "first")
+    # THEN it alone is named, not what the network makes wrong on this vehicle
+    assert (found.verdict, [a.name for a in found.added]) == ("named", ["wall_film"])
+    assert any("what the network alone makes wrong" in w for w in found.all_warnings)
+    # AND the network with it has no gap left
+    assert found.new_model is not None
+    again = asked(found.new_model, recordings(2_311_000, **FILM), tmp_path / "again")
+    assert again.verdict == "no_gap"
+
+
+@pytest.mark.parametrize(
+    ("broken", "words"),
+    [
+        ({"schema": "o2train.gap_reference/0"}, "has schema 'o2train.gap_reference/0'"),
+        ({"columns": "renamed"}, "columns of other code: tyre pressure"),
+        ({"size": "doubled"}, "columns of other code: map 00"),
+        ({"weight": [1.0]}, "cannot be read"),
+        ({"base": {"gain": 1.0}}, "cannot be read"),
+        ({"visited": {"cells": ["01"], "coolants": "0111"}}, "cannot be read"),
+    ],
+)
+def test_a_reference_of_other_code_is_left_out_with_a_warning(
+    broken: dict[str, Any], words: str
+) -> None:
+    stored = to_card(known(), recordings(2_310_000, HEALTHY))
+    if "columns" in broken:
+        broken = {"columns": ["tyre pressure", *stored["columns"][1:]]}
+    if "size" in broken:
+        broken = {"size": [2.0 * size for size in stored["size"]]}
+    card = with_reference(stored | broken)
+    assert from_card(with_reference(stored))[1] is None
+    read, why = from_card(card)
+    assert read is None
+    assert why is not None
+    assert words in why
+    assert known_of(card) == (None, [why])
+
+
+def with_reference(stored: dict[str, Any]) -> ModelCard:
+    return replace(Model.load(shipped_model()).card, reference={KEY: stored})
+
+
+def test_every_column_of_a_drive_can_be_checked(chain: Path) -> None:
+    (driven,) = base.drives_of(chain, recordings(2_313_000)[:1])
+    stored = to_card(known(), recordings(2_310_000, HEALTHY))
+    assert set(stored["columns"]) == set(columns(driven, known().base))
+    assert min(stored["size"]) > 1e-6
+
+
+def test_a_card_without_a_reference_says_nothing() -> None:
+    card = replace(Model.load(shipped_model()).card, reference={})
+    assert from_card(card) == (None, None)
+    assert known_of(card) == (None, [])
+
+
+def test_too_few_recordings_teach_nothing_and_say_so(chain: Path, tmp_path: Path) -> None:
+    bare = tmp_path / "bare.onnx"
+    shutil.copy(chain, bare)
+    update_card(bare, replace(Model.load(bare).card, reference={}))
+    two, short = recordings(2_310_000, HEALTHY)[:2], recordings(2_313_000)[0]
+    short = replace(
+        short, values=short.values[:300], quality=short.quality[:300], t_s=short.t_s[:300]
+    )
+    card, warning = set_reference(bare, [*two, short])
+    assert KEY not in card.reference
+    assert warning is not None
+    assert "2 of 3 recordings can be used, 3 are wanted" in warning
+    assert "s can be scored" in warning
+
+
+def test_fit_leaves_a_reference_in_the_card(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = [
+        write(
+            Experiment(cycle=c, vehicle=VEHICLE, seed=2_314_000 + i, duration_s=300.0),
+            tmp_path,
+            "parquet",
+        )
+        for i, c in enumerate(("wltc_3b", "micro_trips", "us06"))
+    ]
+    out = tmp_path / "chain.onnx"
+    assert o2train(["fit", *map(str, files), "--kind", "greybox", "--out", str(out)]) == 0
+    assert "healthy reference of o2train gap: 3 recordings" in capsys.readouterr().out
+    card = Model.load(out).card
+    assert card.reference[KEY]["recordings"] == [file.name for file in files]
+    assert {"derived", KEY} <= set(card.reference)
+    read, _ = from_card(card)
+    assert read is not None
+    assert set(read.surplus) >= {"wall_film", "biased"}

@@ -1,0 +1,269 @@
+"""What the gap workflow refuses or warns of before and beside the naming; its stages."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from monitor.base.errors import RecordingError
+from monitor.base.types import FloatArray
+from monitor.model.step import Model
+from monitor.report.replay import shipped_model
+from tests.helpers.gap_drives import PERIOD_S, plain_signals
+from training.gap.healthy import coverage
+from training.gap.healthy.operating_points import Visited
+from training.gap.inputs import suitability
+from training.gap.name import yardstick
+from training.gap.name.vehicle_mix import Chain, partitions, warn
+from training.greybox.chain import Constants, base_path, simulate
+from training.greybox.effects import LIBRARY
+from training.greybox.effects.model_effect import ModelEffect, uncertain
+from training.greybox.fit.drive import Drive, make
+from training.jobs.checkpoints import Checkpoints
+from training.recordings.recording import Recording
+
+USUAL = Constants()
+
+
+def drive(seed: int, constants: Constants = USUAL, **changed: FloatArray) -> Drive:
+    """Return ten minutes of a chain with those constants and a little noise."""
+    signals = plain_signals(6000, seed) | changed
+    noise = 0.002 * np.random.default_rng([seed, 8]).standard_normal(6000)
+    phi = simulate(base_path(constants, signals), PERIOD_S) + noise
+    return make(f"drive_{seed}", PERIOD_S, signals, 1.0 / np.maximum(phi, 0.07))
+
+
+def recording(seed: int, without: Sequence[str] = (), period_s: float = 0.1) -> Recording:
+    signals: Mapping[str, FloatArray] = plain_signals(900, seed)
+    columns = {n: x for n, x in signals.items() if n not in without}
+    columns["lambda_measured"] = np.ones(900)
+    values = np.column_stack(list(columns.values()))
+    return Recording(
+        Path(f"drive_{seed}.csv"),
+        f"{seed:064x}",
+        round(period_s * 1e9),
+        np.arange(900) * period_s,
+        tuple(columns),
+        values,
+        np.zeros(values.shape, np.uint8),
+    )
+
+
+def roles(
+    new: Sequence[Recording], healthy: Sequence[Recording] = ()
+) -> dict[str, Sequence[Recording]]:
+    return {"RECORDING": new, "--healthy": healthy, "--verify": ()}
+
+
+CARD = Model.load(shipped_model()).card
+
+
+def test_a_recording_that_is_new_and_healthy_is_refused_with_both_roles() -> None:
+    same = replace(recording(1), path=Path("other_name.csv"))
+    with pytest.raises(RecordingError, match=r"other_name\.csv.*drive_1\.csv.*RECORDING and --hea"):
+        suitability.check_files(
+            roles([recording(1), recording(2)], [recording(3), same]), CARD, "m"
+        )
+
+
+def test_a_recording_given_twice_is_refused() -> None:
+    with pytest.raises(RecordingError, match=r"same bytes.*\(RECORDING\)"):
+        suitability.check_files(roles([recording(1), recording(2), recording(1)]), CARD, "m.onnx")
+
+
+def test_another_sample_period_is_refused_with_both_periods() -> None:
+    with pytest.raises(RecordingError, match=r"drive_2\.csv: .*0\.05 s, m\.onnx has 0\.1 s"):
+        suitability.check_files(roles([recording(1), recording(2, period_s=0.05)]), CARD, "m.onnx")
+
+
+def test_what_the_chain_needs_and_a_network_does_not_is_told() -> None:
+    missing = suitability.check_files(
+        roles([recording(1), recording(2, without=["fuel_mass_mg"])]), CARD, "m.onnx"
+    )
+    assert missing == {"fuel_mass_mg": ["drive_2.csv"]}
+
+
+def test_air_per_stroke_may_come_from_air_meter_and_speed_and_speed_from_both_others() -> None:
+    assert suitability.lacking([recording(1, without=["air_mass_mg"])]) == {}
+    assert suitability.lacking([recording(1, without=["engine_speed_rpm"])]) == {}
+    neither = recording(1, without=["engine_speed_rpm", "maf_kg_h"])
+    assert suitability.lacking([neither]) == {"engine_speed_rpm": ["drive_1.csv"]}
+
+
+def test_healthy_recordings_without_what_the_others_have_are_refused() -> None:
+    healthy = [recording(2), recording(3, without=["fuel_mass_mg"])]
+    with pytest.raises(RecordingError, match=r"drive_3\.csv: healthy, .*fuel_mass_mg"):
+        suitability.check_files(roles([recording(1)], healthy), CARD, "m.onnx")
+
+
+def test_an_effect_whose_signal_healthy_recordings_lack_is_warned_of() -> None:
+    (text,) = suitability.unlearned_effect_warnings(
+        [recording(1)], [recording(2, without=["rail_pressure_mpa"])]
+    )
+    assert text.startswith("rail_exponent: healthy recordings lack rail_pressure_mpa")
+    assert suitability.unlearned_effect_warnings([recording(1)], [recording(2)]) == []
+    # and the air meter tells the speed
+    assert (
+        suitability.unlearned_effect_warnings(
+            [recording(1)], [recording(2, without=["engine_speed_rpm"])]
+        )
+        == []
+    )
+
+
+def test_too_short_drives_are_refused_with_what_came_and_what_was_wanted() -> None:
+    whole = drive(1)
+    short = replace(whole, scored=whole.scored & (np.arange(len(whole)) < 2000))
+    with pytest.raises(RecordingError, match=r"drive_1: 1\d\d s of new recordings .*300 s are"):
+        suitability.check_long([short], "new")
+    suitability.check_long([short, replace(short, name="again")], "new")
+
+
+def test_drives_at_one_operating_point_are_refused() -> None:
+    flat = {"air_mass_mg": np.full(6000, 200.0), "engine_speed_rpm": np.full(6000, 2000.0)}
+    fuel = 200.0 / 14.7 * (1.0 + 0.03 * np.sign(np.sin(np.arange(6000) * 0.2)))
+    still = [drive(seed, fuel_mass_mg=fuel, **flat) for seed in (1, 2)]
+    with pytest.raises(RecordingError, match=r"no excitation.*200 mg.*2000 rpm"):
+        suitability.check_moving(still)
+    faster = {**flat, "engine_speed_rpm": np.full(6000, 2600.0)}
+    suitability.check_moving([still[0], drive(3, fuel_mass_mg=fuel, **faster)])
+
+
+def test_a_model_that_hardly_follows_its_own_vehicle_is_warned_of() -> None:
+    assert suitability.poor_model_warnings(CARD) == []
+    weak = replace(CARD, fit={"test": {}, "test_enabled": {"correlation": 0.2}})
+    assert "0.20" in suitability.poor_model_warnings(weak)[0]
+
+
+def test_drives_of_one_vehicle_are_not_warned_of() -> None:
+    assert warn([drive(seed) for seed in range(1, 7)], Chain(USUAL)) == []
+
+
+@pytest.mark.parametrize(
+    ("other", "differs"),
+    [
+        (USUAL._replace(gain=1.03), r"gain 3\.\d%"),
+        (USUAL._replace(dead_time_s=0.25), r"dead time and lag 0\.\d{3} s"),
+    ],
+)
+def test_recordings_of_two_vehicles_are_warned_of_by_name(other: Constants, differs: str) -> None:
+    drives = [drive(1), drive(2, other), drive(3), drive(4), drive(5, other)]
+    (text,) = warn(drives, Chain(USUAL), [drive(seed) for seed in (11, 12, 13)])
+    assert re.match(f"drive_2, drive_5: {differs} above that of the other recordings", text)
+    assert "different vehicles, or something changed" in text
+
+
+def test_what_healthy_drives_differ_by_anyway_is_not_warned_of() -> None:
+    fuels = [drive(seed, USUAL._replace(gain=g)) for seed, g in ((11, 1.0), (12, 1.035), (13, 1.0))]
+    drives = [drive(1), drive(2, USUAL._replace(gain=1.03)), drive(3)]
+    assert warn(drives, Chain(USUAL)) != []
+    assert warn(drives, Chain(USUAL), fuels) == []
+
+
+def test_what_is_missing_in_all_drives_does_not_part_them() -> None:
+    # GIVEN an effect that is strong in one drive, which has high rail pressure
+    effect, size = LIBRARY["rail_exponent"], np.array([0.1])
+    made = []
+    for seed, pressure in ((1, 6.0), (2, 6.0), (3, 18.0), (4, 6.0)):
+        signals = plain_signals(6000, seed) | {"rail_pressure_mpa": np.full(6000, pressure)}
+        path = effect.apply(base_path(USUAL, signals), size, signals, PERIOD_S)
+        noise = 0.002 * np.random.default_rng([seed, 8]).standard_normal(6000)
+        phi = np.maximum(simulate(path, PERIOD_S) + noise, 0.07)
+        made.append(make(f"drive_{seed}", PERIOD_S, signals, 1.0 / phi))
+    # THEN it parts the drives only as long as it is not known
+    assert max(p.t for p in partitions(made, Chain(USUAL))) > 10.0
+    assert warn(made, Chain(USUAL, (effect,), (size,))) == []
+
+
+def test_a_constant_smaller_than_its_standard_error_is_warned_of() -> None:
+    sure = ModelEffect.with_values("injector_offset", [0.2])
+    name = next(iter(sure.parameters))
+    doubtful = replace(sure, standard_errors={name: 0.3})
+    assert uncertain([replace(sure, standard_errors={name: 0.1})]) == []
+    assert f"{name} is 0.2 mg/stroke with a standard error of 0.3" in uncertain([doubtful])[0]
+    unseen = replace(sure, standard_errors={name: 0.0})
+    assert "do not determine" in uncertain([unseen])[0]
+
+
+def test_a_share_of_about_none_is_known_as_well_as_any_other_and_warned_of_only_if_it_is_not() -> (
+    None
+):
+    leak = ModelEffect.with_values("exhaust_leak", [0.05, 30.0, 0.0], [0.002, 2.0, 0.1])
+    assert uncertain([leak]) == []
+    unknown = replace(leak, standard_errors=dict(leak.standard_errors) | {"place": 0.45})
+    (warning,) = uncertain([unknown])
+    assert "place is 0, which the recordings of the fit do not determine" in warning
+
+
+def test_cells_count_as_visited_from_fifteen_seconds_on() -> None:
+    n = 6000
+    speed = np.where(np.arange(n) < 1000, 3000.0, 2000.0)
+    speed[-100:] = 5000.0  # for ten seconds
+    warm = drive(1, engine_speed_rpm=speed, air_mass_mg=np.full(n, 250.0))
+    visited = Visited.of([warm])
+    on = visited.on(warm)
+    assert on[warm.scored & (speed == 3000.0)].mean() > 0.9
+    assert not on[speed == 5000.0].any()
+    cold = replace(warm, signals={**warm.signals, "coolant_temperature_degc": np.full(n, 10.0)})
+    assert not visited.on(cold).any()
+
+
+def test_drives_that_do_not_say_their_coolant_temperature_count_as_of_any() -> None:
+    n = 6000
+    warm = drive(1, engine_speed_rpm=np.full(n, 2000.0), air_mass_mg=np.full(n, 250.0))
+    silent = replace(
+        warm, signals={k: v for k, v in warm.signals.items() if k != "coolant_temperature_degc"}
+    )
+    assert "coolant_temperature_degc" in warm.signals
+    assert Visited.of([warm]).on(silent)[warm.scored].all()
+    assert Visited.of([silent]).on(warm)[warm.scored].all()
+
+
+def test_drives_where_no_healthy_one_has_been_are_warned_of() -> None:
+    # GIVEN healthy drives with a warm engine, and new ones of which one is cold
+    known = yardstick.learn([drive(seed) for seed in (1, 2, 3)], USUAL, lambda _: None)
+    cold = drive(5, coolant_temperature_degc=np.full(6000, 10.0))
+    # WHEN they are to be named
+    assert coverage.coverage_warnings([drive(4)], known) == []
+    left_out, share = coverage.coverage_warnings([drive(4), cold], known)
+    # THEN the cold one is said to be left out
+    assert left_out.startswith("drive_5: left out of the naming")
+    assert left_out.endswith("at coolant temperatures that no healthy recording has visited")
+    assert share.startswith("5")
+    assert "name nothing" in share
+
+
+def test_a_stage_is_made_once_for_a_run_and_again_for_another(tmp_path: Path) -> None:
+    made = []
+
+    def make_one() -> int:
+        made.append(len(made))
+        return made[-1]
+
+    run = Checkpoints.of(tmp_path / "stages", {"options": "a"})
+    assert [run.done("name", make_one), run.done("name", make_one)] == [0, 0]
+    assert Checkpoints.of(tmp_path / "stages", {"options": "a"}).done("name", make_one) == 0
+    assert Checkpoints.of(tmp_path / "stages", {"options": "b"}).done("name", make_one) == 1
+    assert run.done("verify", make_one) == 2
+    run.clear()
+    assert not (tmp_path / "stages").exists()
+    assert run.done("name", make_one) == 3
+
+
+def test_a_stage_that_was_stopped_leaves_nothing_to_take_up(tmp_path: Path) -> None:
+    def stopped() -> int:
+        raise KeyboardInterrupt
+
+    run = Checkpoints.of(tmp_path / "stages", 1)
+    with pytest.raises(KeyboardInterrupt):
+        run.done("name", stopped)
+    assert run.done("name", lambda: 5) == 5
+
+
+def test_without_a_folder_every_stage_is_made_anew() -> None:
+    made = iter(range(3))
+    assert [Checkpoints().done("name", lambda: next(made)) for _ in range(2)] == [0, 1]
+    Checkpoints().clear()

@@ -1,0 +1,444 @@
+"""What the gap workflow reports: ``gap.json`` by its contract, and the page for a review."""
+
+import json
+import re
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+import pytest
+
+from monitor.model.card import TrainingRecording
+from tests.helpers.gap_residuals import drive, purge
+from training.gap import result
+from training.gap.name.manoeuvres import Experiment
+from training.gap.name.verdict import Candidate, Naming, Verdict
+from training.gap.pages import gap_page
+from training.gap.pages.verdict_words import verdict_sentence
+from training.gap.result import ModelFile, Result, Step, as_json
+from training.gap.verify.evidence import Count, Detection, Error, Trace, Verification
+from training.gap.where.findings import Findings, localise
+from training.greybox.chain import Constants
+from training.greybox.effects import LIBRARY
+from training.greybox.effects.model_effect import ModelEffect
+from training.greybox.fit.joint import Fit
+from training.greybox.fit.sensor_faults import FAULTS
+
+VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
+SECTIONS = ("now", "much", "what", "where", "steps", "from")
+NOTHING = np.empty(0)
+NO_FIT = Fit((), Constants(), (), NOTHING, NOTHING, NOTHING, 0.0)
+CONTRACT = {
+    "schema",
+    "verdict",
+    "where",
+    "effects",
+    "rmse_before",
+    "rmse_after",
+    "noise_floor",
+    "detection_before",
+    "detection_after",
+    "experiment",
+    "model",
+}
+MODEL = ModelFile(Path("models/base.onnx"), "b" * 64, "greybox")
+
+
+def candidate(name: str, score: float, win: float | None) -> Candidate:
+    fault = next((f for f in FAULTS if f.name == name), None)
+    term = fault or LIBRARY[name]
+    values = {p.name: p.start[0] for p in term.parameters}
+    return Candidate(
+        name,
+        "sensor fault" if fault else "effect",
+        term.says,
+        "sensor" if fault else LIBRARY[name].tag,
+        () if fault else LIBRARY[name].like,
+        values,
+        dict.fromkeys(values, 0.01),
+        {p.name: p.unit for p in term.parameters},
+        score,
+        80.0,
+        score / 100.0,
+        True,
+        0.95 if win is None else None,
+        win,
+        NO_FIT,
+    )
+
+
+RANKING = (
+    candidate("purge", 900.0, None),
+    candidate("wall_film", 300.0, 1.0),
+    candidate("gain_low", 200.0, 1.0),
+    *(candidate(name, 10.0, 1.0) for name in LIBRARY if name not in ("purge", "wall_film")),
+)
+
+
+def naming(verdict: Verdict, **changes: Any) -> Naming:
+    experiment = Experiment("motorway at <2,600> rpm", 0.012, {"motorway at <2,600> rpm": 0.012})
+    chosen: dict[Verdict, tuple[Candidate, ...]] = {
+        "named": RANKING[:1],
+        "ambiguous": (RANKING[0], *RANKING[3:6]),
+    }
+    plain = Naming(
+        verdict,
+        chosen.get(verdict, ()),
+        "gain_low" if verdict == "sensor_fault_suspected" else None,
+        RANKING,
+        {"scavenging": ("manifold_pressure_kpa",)},
+        Constants(),
+        Constants(gain=1.01),
+        Constants(*([0.001] * 6)),
+        0.0200,
+        0.0110 if verdict == "named" else None,
+        0.0100,
+        0.4,
+        experiment if verdict == "ambiguous" else None,
+        ("purge may be <something> else",),
+    )
+    return replace(plain, **changes)
+
+
+def error(kind: str, regime: str, after: float | None, worse: bool = False) -> Error:
+    low, high = (0.001, 0.003) if worse else (-0.011, -0.009)
+    if after is None:
+        return Error(kind, regime, 1000, 20, 0.0210, None, 0.0102)
+    return Error(kind, regime, 1000, 20, 0.0210, after, 0.0102, low, high)
+
+
+def verified(after: float | None = 0.0112, worse: bool = False, lost: bool = False) -> Verification:
+    now = None if after is None else Count(4, 4, 1 if lost else 4, 1, ("gain_low",))
+    alarm = None if after is None else Count(4, 4, 0, 0, ())
+    t_s = np.arange(50) * 0.1
+    wave = 1.0 + 0.02 * np.sin(t_s)
+    trace = Trace("held.csv", t_s, wave, wave - 0.02, wave - 0.005, t_s > 1.0)
+    return Verification(
+        error("all", "all scored samples", after),
+        (
+            error("temperature", "coolant below 70 °C", after),
+            error("edge", "from lean to rich", None if after is None else 0.0230, worse),
+        ),
+        None,
+        (Detection("gain_low", 0.6, Count(4, 4, 3, 3, ("gain_low",)), now),),
+        Detection("", None, Count(4, 4, 0, 0, ()), alarm),
+        None,
+        ("The control loop has not seen them.",),
+        None if after is None else trace,
+    )
+
+
+@cache
+def findings() -> Findings:
+    return localise([drive(seed, purge, n=4000) for seed in (1, 2)])
+
+
+def used(name: str, source: str = "") -> TrainingRecording:
+    return TrainingRecording(name, name[0] * 64, 6000, source)
+
+
+def made(verdict: Verdict, **changes: Any) -> Result:
+    named = verdict == "named"
+    plain = Result(
+        MODEL,
+        (used("new<1>.csv"),),
+        (used("old.csv"),),
+        (used("held & out.csv"),),
+        None,
+        naming(verdict),
+        (RANKING[0].model_effect(),) if named else (),
+        "The effect acts before the transport." if named else "",
+        verified() if named else verified(None),
+        Path("out/model.onnx") if named else None,
+        (Step("", 0.0210), Step("purge", 0.0112, RANKING)) if named else (),
+        "phi = 0.01 x <oil>" if verdict == "unknown_effect" else None,
+        ("given twice", "given twice"),
+        seconds=12.0,
+    )
+    return replace(plain, **changes)
+
+
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_the_json_of_every_verdict_keeps_the_contract(verdict: Verdict, tmp_path: Path) -> None:
+    made_one = made(verdict)
+    result.save(made_one, tmp_path / "new" / "gap.json")
+    read = json.loads((tmp_path / "new" / "gap.json").read_text())
+    assert read == as_json(made_one)
+    assert read.keys() >= CONTRACT
+    assert read["schema"] == "o2train.gap/1"
+    assert read["verdict"] == verdict
+    assert len(read["effects"]) == {"named": 1, "ambiguous": 3}.get(verdict, 0)
+    assert [c["name"] for c in read["ranking"]] == [c.name for c in RANKING]
+    for effect in read["effects"]:
+        assert effect["class"] == list(LIBRARY[effect["name"]].like)
+        assert isinstance(effect["separated"], bool)
+        assert effect["runner_up"] in LIBRARY
+    # RMSE and floor come from the same held-out samples
+    figures = (read["rmse_before"], read["rmse_after"], read["noise_floor"])
+    assert figures == (0.0210, 0.0112 if verdict == "named" else None, 0.0102)
+    assert read["detection_before"] == 0.75
+    assert read["detection_after"] == (1.0 if verdict == "named" else None)
+    assert read["model"] == ("out/model.onnx" if verdict == "named" else None)
+    assert (read["experiment"] is not None) == (verdict == "ambiguous")
+    assert read["warnings"] == ["purge may be <something> else", "given twice"]
+
+
+def test_an_effect_carries_the_constants_that_stand_in_the_model() -> None:
+    refitted = ModelEffect.with_values("purge", [0.77], [0.05])
+    effect = as_json(made("named", added=(refitted,)))["effects"][0]
+    assert effect["parameters"] == {"concentration": 0.77}
+    assert effect["standard_errors"] == {"concentration": 0.05}
+    assert effect["score"] == 900.0
+    assert effect["runner_up"] == "wall_film"
+    assert effect["runner_up_win"] == 1.0
+    assert effect["separated"] is True
+
+
+def test_what_was_named_but_not_added_says_so() -> None:
+    tree = as_json(made("named", added=(), new_model=None, steps=()))
+    assert [(e["name"], e["added"]) for e in tree["effects"]] == [("purge", False)]
+    assert tree["rmse_after"] is None
+    assert tree["model"] is None
+
+
+def test_an_effect_is_separated_if_it_beats_every_rival_outside_its_class() -> None:
+    leak = candidate("exhaust_leak", 900.0, None)
+    alike = leak.like[0] if leak.like else "maf_offset"
+    leak = replace(leak, like=(alike,))
+    in_class = candidate(alike, 890.0, 0.6)
+    outside = candidate("wall_film", 800.0, 0.7)
+    weak = candidate("purge", 100.0, 0.7)
+    for ranking, wanted in (
+        ((leak, in_class, weak), True),
+        ((leak, outside), False),
+        ((leak, replace(outside, win=0.99)), True),
+    ):
+        named = naming("named", effects=(leak,), ranking=ranking)
+        own = made("named", naming=named, added=(leak.model_effect(),), steps=())
+        assert as_json(own)["effects"][0]["separated"] is wanted
+
+
+def test_the_runner_up_is_of_the_step_in_which_the_effect_was_chosen() -> None:
+    # GIVEN two effects, each chosen out of a ranking of its own, and a last one with neither
+    first = (RANKING[0], candidate("delay_flow", 500.0, 0.99))
+    second = (RANKING[1], candidate("rail_exponent", 50.0, 0.99))
+    steps = (Step("", 0.02), Step("purge", 0.015, first), Step("wall_film", 0.011, second))
+    last = (candidate("ethanol", 1.0, None),)
+    named = naming("named", effects=RANKING[:2], ranking=last)
+    added = tuple(each.model_effect() for each in RANKING[:2])
+    both = made("named", naming=named, added=added, steps=steps)
+    tree = as_json(both)
+    assert [e["runner_up"] for e in tree["effects"]] == ["delay_flow", "rail_exponent"]
+    assert [e["separated"] for e in tree["effects"]] == [True, True]
+    assert [s["rmse"] for s in tree["steps"]] == [0.02, 0.015, 0.011]
+    page = gap_page.as_page(both)
+    assert "Ranking: purge" in page
+    assert "Ranking of the last step" in page
+
+
+def test_without_held_out_recordings_the_figures_are_those_of_held_out_blocks() -> None:
+    tree = as_json(made("named", verified=None, held_out=()))
+    figures = (tree["rmse_before"], tree["rmse_after"], tree["noise_floor"])
+    assert figures == (0.0200, 0.0110, 0.0100)
+    assert tree["measured_on"] == "blocks held out of the recordings"
+    assert tree["detection_before"] is None
+    assert tree["verified"] is None
+    assert "Not verified" in gap_page.as_page(made("named", verified=None, held_out=()))
+
+
+def test_what_is_not_finite_is_null_and_numpy_is_plain() -> None:
+    best = replace(RANKING[0], score=np.float64(5.0), standard_errors={"concentration": np.nan})
+    tree = as_json(made("named", naming=naming("named", effects=(best,), ranking=(best,))))
+    text = json.dumps(tree, allow_nan=False)
+    assert json.loads(text)["ranking"][0]["standard_errors"] == {"concentration": None}
+    assert type(tree["ranking"][0]["score"]) is float
+
+
+def test_where_is_what_localising_found() -> None:
+    tree = as_json(made("named", findings=findings()))
+    assert tree["where"]
+    for entry in tree["where"]:
+        assert isinstance(entry["regime"], str)
+        assert 0.0 <= entry["share_of_excess"] <= 1.0
+
+
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_the_page_has_every_section_in_order_and_asks_for_nothing(verdict: Verdict) -> None:
+    page = gap_page.as_page(made(verdict, findings=findings()))
+    places = [page.index(f'<h2 id="{name}">') for name in SECTIONS]
+    assert places == sorted(places)
+    assert page.index(f'class="verdict {verdict}"') < places[0]
+    assert page.count("<h2") == len(SECTIONS)
+    asked = re.findall(r'(?:src|href|action)="([^"]*)"', page)
+    assert asked
+    assert all(target.startswith(("#", "data:")) for target in asked)
+    assert not re.search(r"https?://|<script|@import|url\(|<link|<iframe", page)
+
+
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_names_and_texts_from_outside_are_escaped(verdict: Verdict) -> None:
+    page = gap_page.as_page(made(verdict))
+    assert "new&lt;1&gt;.csv" in page
+    assert "held &amp; out.csv" in page
+    for tag in ("<1>", "<something>", "<2,600>", "<oil>"):
+        assert tag not in page
+
+
+@pytest.mark.parametrize(
+    ("verdict", "words"),
+    [
+        (
+            "named",
+            "Named: purge (canister purge brings fuel vapour). With it in the model the "
+            "error on recordings that no fit saw falls, from 0.0210 to 0.0112",
+        ),
+        ("no_gap", "No gap: the error on recordings that no fit saw is 0.0210"),
+        ("ambiguous", "Ambiguous: purge (canister purge brings fuel vapour), "),
+        ("unknown_effect", "Unknown effect: the error"),
+        ("sensor_fault_suspected", "Sensor fault suspected: gain_low;"),
+    ],
+)
+def test_the_verdict_stands_first_with_its_figures(verdict: Verdict, words: str) -> None:
+    page = gap_page.as_page(made(verdict))
+    first = page[page.index("<h1>") : page.index("<nav>")]
+    assert words in first
+    assert "0.0102" in first
+    assert "simulated" not in first
+
+
+def test_a_page_about_simulated_recordings_says_so() -> None:
+    some = made("named", recordings=(used("wltc.csv", "simulated"),))
+    every = replace(some, healthy=some.recordings, held_out=some.recordings)
+    for one, words in (
+        (some, "Some of the recordings are simulated."),
+        (every, "All of it is about simulated recordings."),
+    ):
+        page = gap_page.as_page(one)
+        assert words in page[page.index("<h1>") : page.index("<nav>")]
+        assert as_json(one)["simulated"] is True
+
+
+@pytest.mark.parametrize(
+    ("verdict", "words"),
+    [
+        ("named", "Use out/model.onnx: the monitor runs it unchanged"),
+        ("no_gap", "Keep the model."),
+        ("ambiguous", "To tell them apart drive: motorway at &lt;2,600&gt; rpm"),
+        ("unknown_effect", "phi = 0.01 x &lt;oil&gt;"),
+        ("sensor_fault_suspected", "run again with --sensor-known-good"),
+    ],
+)
+def test_the_page_says_what_to_do_now(verdict: Verdict, words: str) -> None:
+    page = gap_page.as_page(made(verdict))
+    assert words in page[page.index('id="now"') : page.index('id="much"')]
+
+
+def test_a_fall_of_the_error_that_is_not_beyond_confidence_is_none_to_use() -> None:
+    shown = verified()
+    overall = replace(shown.overall, after=0.0208, change_low=-0.0006, change_high=0.0002)
+    found = made("named", verified=replace(shown, overall=overall))
+    page = gap_page.as_page(found)
+    assert "does not fall beyond confidence, from 0.0210 to 0.0208" in page
+    assert "Keep the model: that out/model.onnx is better on other recordings is not shown." in page
+    assert "Use out/model.onnx" not in page
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"physical": False}, "; purge comes first with constants that it cannot have."),
+        ({"t": 2.3}, "enough of it; purge comes first, but unevenly (t 2.3, 3 needed)."),
+        (
+            {"adequacy": 0.83},
+            "with 83% of what can be explained (85% needed, 50% of one far ahead)",
+        ),
+        ({"score": 70.0}, "no candidate of the library explains enough of it."),
+    ],
+)
+def test_an_unknown_effect_says_what_the_first_candidate_lacks(
+    changes: dict[str, float], words: str
+) -> None:
+    best = replace(RANKING[0], **changes)
+    found = naming("unknown_effect", ranking=(best, *RANKING[1:]))
+    assert words in verdict_sentence(replace(made("unknown_effect"), naming=found))
+
+
+def test_a_suspicion_says_which_effect_it_cannot_be_told_from() -> None:
+    found = naming("sensor_fault_suspected", indistinguishable=RANKING[:1])
+    page = gap_page.as_page(replace(made("sensor_fault_suspected"), naming=found))
+    first = page[page.index("<h1>") : page.index("<nav>")]
+    assert "cannot be told from purge (canister purge brings fuel vapour)." in first
+    now = page[page.index('id="now"') : page.index('id="much"')]
+    assert "run again with --sensor-known-good: then purge may be named." in now
+    assert as_json(replace(made("named"), naming=found))["indistinguishable"] == ["purge"]
+
+
+def test_worse_regimes_and_lost_faults_are_warned_of() -> None:
+    lost = made("named", verified=verified(worse=True, lost=True))
+    page = gap_page.as_page(lost)
+    now = page[page.index('id="now"') : page.index('id="much"')]
+    assert "Look at the warnings before using out/model.onnx" in now
+    worse = (
+        "worse beyond confidence with the new model: from lean to rich, "
+        "RMSE 0.0210 before and 0.0230 after, in phi"
+    )
+    assert now.count(worse) == 1
+    assert worse in as_json(lost)["warnings"]
+    assert "gain_low 0.6 was found in 3 of 4 held-out drives with the old model, in 1 with" in now
+    assert ">lost<" in page
+
+
+def test_fewer_false_alarms_are_no_loss() -> None:
+    before, after = Count(4, 4, 4, 0, ("gain_low",)), Count(4, 4, 0, 0, ())
+    quieter = replace(verified(), alarms=Detection("", None, before, after))
+    assert ">lost<" not in gap_page.as_page(made("named", verified=quieter))
+
+
+def test_a_bias_that_the_gap_itself_had_helped_to_find_is_told_apart() -> None:
+    own = verified()
+    whole = replace(own.overall, mean_before=0.0180, mean_after=0.0020)
+    counts = (Count(4, 4, 3, 3, ()), Count(4, 4, 1, 1, ()))
+    for fault, words in (
+        ("biased_rich", "the gap itself read 0.0160 in phi to that side and is gone."),
+        ("biased_lean", "in 1 with the new one."),
+    ):
+        lost = replace(own, overall=whole, faults=(Detection(fault, 0.1, *counts),))
+        assert words in gap_page.as_page(made("named", verified=lost))
+
+
+def test_a_gap_is_measured_from_the_error_on_healthy_recordings_where_there_are_some() -> None:
+    healthy = replace(error("healthy", "healthy recordings", 0.0300), before=0.0110)
+    own = replace(verified(), healthy=healthy)
+    # 0.0210 to 0.0112 where healthy drives have 0.0110
+    gone = (0.0210**2 - 0.0112**2) / (0.0210**2 - 0.0110**2)
+    assert own.closed_beyond_healthy == pytest.approx(gone)
+    page = gap_page.as_page(made("named", verified=own))
+    assert f"{gone:.0%} of what exceeds the error on healthy recordings is gone" in page
+    # and where the new model errs less than the old one did on healthy drives
+    less = replace(own, healthy=replace(healthy, before=0.0130))
+    page = gap_page.as_page(made("named", verified=less))
+    assert "and all of what exceeds the error on healthy recordings is gone" in page
+
+
+def test_an_error_that_is_no_gap_stands_beside_that_on_healthy_recordings() -> None:
+    own = replace(verified(None), healthy=replace(error("healthy", "", None), before=0.0205))
+    page = gap_page.as_page(made("no_gap", verified=own))
+    assert "is 0.0210 RMS in phi (0.0205 on healthy ones), the noise floor 0.0102" in page
+
+
+def test_candidates_that_were_skipped_stand_with_what_they_lack() -> None:
+    page = gap_page.as_page(made("no_gap"))
+    what = page[page.index('id="what"') : page.index('id="where"')]
+    assert "<td>scavenging</td><td>manifold_pressure_kpa</td>" in what
+
+
+def test_a_constant_at_its_bound_says_so() -> None:
+    at_most = LIBRARY["purge"].parameters[0].high
+    page = gap_page.as_page(made("named", added=(ModelEffect.with_values("purge", [at_most]),)))
+    assert "-2 to 8, reached" in page
+
+
+def test_the_same_result_gives_the_same_page() -> None:
+    assert gap_page.as_page(made("named")) == gap_page.as_page(made("named"))

@@ -1,0 +1,300 @@
+"""``o2train gap`` from files to a new model, on simulated drives with the plant's own effects."""
+
+import html
+import json
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, NoReturn
+
+import pytest
+
+from monitor import cli as o2mon
+from monitor.base.errors import ModelError
+from monitor.model.step import Model
+from tests.helpers.gap_files import drives, run
+from training import cli
+from training.gap import workflow
+from training.gap.add import choice, greybox
+from training.gap.add.addition import withheld_effects
+from training.gap.healthy.behaviour import Healthy
+from training.gap.inputs import base
+from training.gap.inputs.roles import Material, Options
+from training.gap.name import yardstick
+from training.gap.workflow import investigate
+from training.greybox.chain import Constants
+from training.greybox.effects.model_effect import ModelEffect
+from training.greybox.fit.drive import Drive
+from training.jobs.checkpoints import Checkpoints
+from training.recordings.recording import Recording, load
+
+FIELDS = {
+    "schema",
+    "verdict",
+    "where",
+    "effects",
+    "rmse_before",
+    "rmse_after",
+    "noise_floor",
+    "detection_before",
+    "detection_after",
+    "experiment",
+    "model",
+}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _learned_once() -> Iterator[None]:
+    """Learn the same healthy drives once, whoever asks: it takes longer than all the rest."""
+    learn, found = yardstick.learn, dict[Any, Healthy]()
+
+    def once(driven: Sequence[Drive], start: Constants, *told: Any) -> Healthy:
+        key = (start, *(drive.phi_measured.tobytes() for drive in driven))
+        if key not in found:
+            found[key] = learn(driven, start, *told)
+        return found[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(yardstick, "learn", once)
+        yield
+
+
+@pytest.fixture(scope="module")
+def healthy(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Drives of the vehicle on which the model is accepted."""
+    suffixes = ("parquet", "parquet", "parquet", "parquet")
+    return drives(tmp_path_factory.mktemp("healthy"), 2_800_011, suffixes=suffixes)
+
+
+@pytest.fixture(scope="module")
+def chain(healthy: list[Path]) -> Path:
+    """The grey-box chain fitted to them, with limits for the monitor."""
+    path, names = healthy[0].parent / "chain.onnx", list(map(str, healthy))
+    assert cli.main(["fit", *names, "--kind", "greybox", "--out", str(path)]) == 0
+    few = ["--false-alarms", "0.05"]  # more windows than these drives have would be wanted
+    assert cli.main(["calibrate", "--model", str(path), "--healthy", *names, *few]) == 0
+    return path
+
+
+@pytest.fixture(scope="module")
+def film(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Drives with a wall film, one of them as a CAN log."""
+    folder = tmp_path_factory.mktemp("film")
+    return drives(folder, 2_800_041, ("wall_film", 4.0), suffixes=("parquet", "log", "csv.gz"))
+
+
+class Stopped:
+    """What a run did that was stopped, and the same run begun again."""
+
+    def __init__(self, out: Path) -> None:
+        self.out = out
+        self.codes: list[int] = []
+        self.called: list[str] = []
+
+    @property
+    def result(self) -> dict[str, Any]:
+        """``gap.json``."""
+        found: dict[str, Any] = json.loads((self.out / "gap.json").read_text())
+        return found
+
+
+@pytest.fixture(scope="module")
+def named(chain: Path, healthy: list[Path], film: list[Path]) -> Iterator[Stopped]:
+    """A run that was stopped while adding; begun with other options, then begun as it was."""
+    stopped = Stopped(chain.parent / "gap")
+    arguments = ["--model", chain, *film, "--healthy", *healthy, "--out", stopped.out]
+
+    def stop(*_: Any, **__: Any) -> Any:
+        raise KeyboardInterrupt
+
+    def again(what: str) -> Any:
+        def call(*_: Any, **__: Any) -> Any:
+            stopped.called.append(what)
+            raise KeyboardInterrupt
+
+        return call
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(choice, "add", stop)
+        stopped.codes.append(run(*arguments))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(yardstick, "learn", again("other options"))
+        stopped.codes.append(run(*arguments, "--steps", "2"))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(yardstick, "learn", again("learn"))
+        patch.setattr(workflow, "localise", again("localise"))
+        patch.setattr(workflow, "name", again("name"))
+        stopped.codes.append(run(*arguments))
+    yield stopped
+
+
+def test_a_run_that_was_stopped_goes_on_without_naming_again(named: Stopped) -> None:
+    assert named.codes[0] == cli.INTERRUPTED
+    assert named.codes[2] == 0
+    assert "name" not in named.called
+    assert "learn" not in named.called
+    assert "localise" not in named.called
+    assert not (named.out / "stages").exists()
+
+
+def test_a_run_with_other_options_begins_from_the_beginning(named: Stopped) -> None:
+    assert named.codes[1] == cli.INTERRUPTED
+    assert named.called[0] == "other options"
+
+
+def test_a_hidden_effect_is_named_added_and_written_by_the_contract(named: Stopped) -> None:
+    found = named.result
+    assert found.keys() >= FIELDS
+    assert found["schema"] == "o2train.gap/1"
+    assert found["verdict"] == "named"
+    assert [each["name"] for each in found["effects"]] == ["wall_film"]
+    effect = found["effects"][0]
+    assert effect.keys() >= {"name", "parameters", "score", "runner_up", "separated", "class"}
+    assert effect["separated"]
+    assert effect["runner_up"] != "wall_film"
+    assert all(0.0 <= w["share_of_excess"] <= 1.0 and w["regime"] for w in found["where"])
+    assert found["rmse_after"] < 0.85 * found["rmse_before"]
+    assert found["noise_floor"] < found["rmse_after"]
+    assert found["detection_after"] >= found["detection_before"]
+    assert found["simulated"]
+    assert found["model"] == str(named.out / "model.onnx")
+
+
+def test_the_report_shows_the_name_the_model_and_that_all_is_simulated(named: Stopped) -> None:
+    page = (named.out / "report.html").read_text()
+    assert page.index("Named: wall_film") < page.index("What now")
+    assert str(named.out / "model.onnx") in page
+    assert "simulated" in page
+    assert html.escape("Transport to the sensor: the model's own chain") in page
+    assert page.count("<img") + page.count("<svg") >= 4
+
+
+def test_the_constants_come_from_the_recordings_that_are_not_held_out(
+    named: Stopped, film: list[Path]
+) -> None:
+    card = Model.load(named.out / "model.onnx").card
+    (added,) = card.effects
+    used = {each["sha256"] for each in added["recordings"]}
+    held_out = {each["sha256"] for each in named.result["held_out"]}
+    assert used == {load(path).sha256 for path in film[:2]}
+    assert held_out == {load(film[2]).sha256}
+
+
+def test_the_monitor_replays_with_the_new_model(
+    named: Stopped, film: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "replay.json"
+    code = o2mon.main(
+        ["replay", str(film[1]), "--model", str(named.out / "model.onnx"), "--json", str(out)]
+    )
+    (judged,) = json.loads(out.read_text())["recordings"]
+    assert code in (0, 3), capsys.readouterr()
+    assert judged["dtcs"] == []
+    assert len(judged["windows"]) > 20
+    assert sum(w["verdict"] == "failed" for w in judged["windows"]) == 0
+
+
+def test_the_model_that_is_looked_at_is_not_written_over(
+    named: Stopped, healthy: list[Path], film: list[Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    new = named.out / "model.onnx"
+    before = new.read_bytes()
+    assert run("--model", new, *film, "--healthy", *healthy, "--out", named.out) == 2
+    assert f"{new}: is read, too" in capsys.readouterr().err
+    assert new.read_bytes() == before
+
+
+def test_the_new_model_can_be_extended_again(
+    named: Stopped, film: list[Path], tmp_path: Path
+) -> None:
+    # GIVEN the model with the wall film
+    old = named.out / "model.onnx"
+    recording = load(film[0])
+    (drive,) = base.drives_of(old, [recording])
+    ranges = {name: (float(x.min()), float(x.max())) for name, x in drive.signals.items()}
+    # WHEN another effect is added to it
+    more = ModelEffect.with_values("injector_offset", [0.2])
+    greybox.add(old, [more], tmp_path / "both.onnx", ranges=ranges, recordings=())
+    # THEN the file has both, and reads otherwise
+    both = Model.load(tmp_path / "both.onnx").card.effects
+    assert [each["name"] for each in both] == ["wall_film", "injector_offset"]
+    assert abs(_mean_phi(tmp_path / "both.onnx", recording) - _mean_phi(old, recording)) > 1e-3
+
+
+def _mean_phi(model: Path, recording: Recording) -> float:
+    from training.recordings.prediction import predicted_phi
+
+    (phi,) = predicted_phi(model, [recording])
+    return float(phi.mean())
+
+
+def test_a_leak_is_named_and_added_only_if_it_is_known_to_be_no_fault(
+    chain: Path, healthy: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    leaking = drives(tmp_path, 2_800_031, ("exhaust_leak", 4.0))
+    material = Material(chain, [load(p) for p in leaking], [load(p) for p in healthy])
+    kept = Checkpoints(tmp_path / "stages", "leak")  # named once, decided on three times
+
+    def found(**options: Any) -> Any:
+        chosen = Options(localise=False, faults=(), **options)
+        return investigate(material, tmp_path / "out", chosen, stages=kept)
+
+    withheld = found()
+    assert withheld.verdict == "named"
+    assert [each.name for each in withheld.effects] == ["exhaust_leak"]
+    assert withheld.added == ()
+    assert withheld.new_model is None
+    assert any("--add exhaust_leak" in text for text in withheld.all_warnings)
+    (kept.folder or tmp_path).joinpath("verify_leak.pickle").unlink()
+    told = found(add=("exhaust_leak",))
+    assert [each.name for each in told.added] == ["exhaust_leak"]
+    assert told.rmse[1] is not None
+    assert told.rmse[1] < 0.8 * told.rmse[0]
+    assert withheld_effects(told.naming, Options(sensor_known_good=True)) is None
+    # and a model that takes no effect, such as a network retrained with one, leaves a result too
+    monkeypatch.setattr(choice, "add", _takes_none)
+    without = found(add=("exhaust_leak",))
+    assert (without.verdict, without.new_model) == ("named", None)
+    assert "what was named is not added: was retrained with effects" in without.all_warnings
+
+
+def _takes_none(**_: Any) -> NoReturn:
+    raise ModelError("was retrained with effects")
+
+
+def test_a_slow_sensor_is_suspected_and_no_model_is_written(
+    chain: Path, healthy: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    slow = drives(tmp_path, 2_800_021, fault=("slow_symmetric", 0.3))
+    out = tmp_path / "gap"
+    out.mkdir()
+    (out / "model.onnx").write_text("of a run before, on other recordings")
+    assert run("--model", chain, *slow, "--healthy", *healthy, "--out", out) == 0
+    found = json.loads((out / "gap.json").read_text())
+    assert found["verdict"] == "sensor_fault_suspected"
+    assert found["effects"] == []
+    assert found["model"] is None
+    assert found["rmse_after"] is None
+    assert not (out / "model.onnx").exists()
+    assert "Nothing was added" in (out / "report.html").read_text()
+    assert "Sensor fault suspected" in capsys.readouterr().out
+
+
+def test_a_model_that_predicts_no_better_with_the_effect_is_not_written(
+    chain: Path, healthy: list[Path], tmp_path: Path
+) -> None:
+    # GIVEN healthy drives, which lack the effect
+    recordings = [load(path) for path in healthy[:2]]
+    material = Material(chain, recordings, verify=recordings[:1])
+    lag = ModelEffect.with_values("mix_flow", [4.0])
+    # WHEN it is to be added all the same
+    new, form, added = choice.add(
+        material,
+        tmp_path / "m.onnx",
+        [[lag]],
+        None,
+        base.constants_of(base.check(chain)),
+        Options(),
+    )
+    # THEN the error grows, and no file is left
+    assert (new, form, added) == (None, "", ())
+    assert not list(tmp_path.iterdir())

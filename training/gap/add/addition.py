@@ -1,0 +1,86 @@
+"""The named effects in a new model: whether they may be added, and the file that came of it."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from monitor.base.errors import ModelError
+from training.gap.add import choice, constants
+from training.gap.healthy import card
+from training.gap.inputs.roles import Options
+from training.gap.inputs.subject import Subject
+from training.gap.name.knowledge import Knowledge
+from training.gap.name.verdict import Naming
+from training.greybox.effects.model_effect import ModelEffect
+from training.jobs.checkpoints import Progress
+
+NO_BETTER: Final = (
+    "what was named is not added: with it the model predicts no better, it follows the effect "
+    "already"
+)
+DIFFERS_BY_DRIVE: Final = (
+    "what was named is not added: fitted to some of the recordings it predicts the others no "
+    "better, so it is another in every drive"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Addition:
+    """A new model and its effects; without a path nothing was added, and warnings may say why."""
+
+    path: Path | None = None
+    form: str = ""  # a sentence
+    effects: tuple[ModelEffect, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+def add(
+    subject: Subject,
+    naming: Naming,
+    knowledge: Knowledge,
+    out: Path,
+    options: Options,
+    progress: Progress,
+) -> Addition:
+    """Write the model with the named effects to ``out`` and return what was written."""
+    if naming.verdict != "named":
+        return Addition()
+    if (withheld := withheld_effects(naming, options)) is not None:
+        return Addition(warnings=(withheld,))
+    progress("adding")
+    material, known = subject.material, knowledge.known
+    choices = constants.refitted(material, naming, known, knowledge.start)
+    if not choices:
+        return Addition(warnings=(DIFFERS_BY_DRIVE,))
+    try:
+        new, form, effects = choice.add(
+            material=material,
+            out=out,
+            choices=choices,
+            known=known,
+            start=knowledge.start,
+            options=options,
+            progress=progress,
+        )
+    except ModelError as error:  # ParityError is one
+        return Addition(warnings=(f"what was named is not added: {error}",))
+    if new is None:
+        return Addition(warnings=(NO_BETTER,))
+    if known is not None and material.healthy and subject.is_greybox:
+        card.store(new, known, material.healthy)  # with which its constants go
+    return Addition(new, form, effects)
+
+
+def withheld_effects(naming: Naming, options: Options) -> str | None:
+    """Return a warning if a named effect may be a fault and nobody said that it is none."""
+    names = [
+        c.name
+        for c in naming.effects
+        if c.tag == "fault-like" and not options.sensor_known_good and c.name not in options.add
+    ]
+    if not names:
+        return None
+    return (
+        f"{' and '.join(names)} may be a fault of the vehicle and is not added: where it is known "
+        f"to be none, say so with --add {' '.join(names)}"
+    )

@@ -1,0 +1,178 @@
+"""Numbers of the gap workflow that decide: ``default.toml`` as frozen objects, read once."""
+
+import tomllib
+from dataclasses import dataclass
+from importlib.resources import files
+from typing import Any, Final
+
+
+@dataclass(frozen=True, slots=True)
+class EngineConfig:
+    """Facts of engines that several steps use."""
+
+    warm_degc: float
+
+
+@dataclass(frozen=True, slots=True)
+class InputsConfig:
+    """Recordings and models that can be used, and roles of recordings."""
+
+    scored_min_s: float
+    moves_min: float
+    moves_quantiles: tuple[float, float]
+    correlation_min: float
+    held_out_every: int
+    effects_max: int
+    bias_lambda: float
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorAloneConfig:
+    """Readings of recordings without fuel or air per stroke."""
+
+    same_correlation: float
+    lean_phi: float
+    before_cut_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class DriversConfig:
+    """Variables that an excess may depend on."""
+
+    rate_s: float
+    cut_memory_s: float
+    values_min: int
+
+
+@dataclass(frozen=True, slots=True)
+class SplinesConfig:
+    """Functions of one driver."""
+
+    knots: int
+    smoothing: float
+    healthy_weight_max: float
+
+
+@dataclass(frozen=True, slots=True)
+class ExcessConfig:
+    """When the error of the recordings exceeds its reference."""
+
+    confidence: float
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseFloorConfig:
+    """Pairs of samples at the same operating point."""
+
+    apart_s: float
+    closest_share: float
+    pairs_min: int
+
+
+@dataclass(frozen=True, slots=True)
+class RegimesConfig:
+    """When a driver at a point counts as found."""
+
+    false_share: float
+    excess_min: float
+    within_min: float
+    within_min_constant: float
+    recordings_many: int
+    wins_min: float
+    near: float
+
+
+@dataclass(frozen=True, slots=True)
+class BandsConfig:
+    """When a frequency band counts as found, and its segments."""
+
+    false_share: float
+    coherence_min: float
+    segment_s: float
+    segment_scored_min: float
+    segments_min: int
+    segments_independent: float
+
+
+@dataclass(frozen=True, slots=True)
+class ChangesConfig:
+    """When a change within a recording counts as found."""
+
+    false_share: float
+    block_s: float
+    blocks_min: int
+    blocks_together: int
+    step_clearly: float
+
+
+@dataclass(frozen=True, slots=True)
+class HealthyConfig:
+    """Operating points and the spread of healthy drives."""
+
+    visited_min_s: float
+    unvisited_max: float
+    unvisited_reason_min: float
+    column_size_tolerance: float
+    column_size_min: float
+    correction_penalties: tuple[float, ...]
+    coolant_step_phi: float
+    function_spread_phi: float
+    signature_spread_phi: float
+    gain_spread_phi: float
+    span_spread: float
+    sensor_phase_spread_s: float
+    charge_phase_spread_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class AddConfig:
+    """Choice between forms, and inputs corrected before a network."""
+
+    as_good: float
+    controller_ratio_min: float
+    controller_ratio_max: float
+    controller_fuel_min_mg: float
+
+
+@dataclass(frozen=True, slots=True)
+class VerifyConfig:
+    """Regimes of the held-out drives and their bounds."""
+
+    cold_degc: float
+    after_cut_s: float
+    confidence: float
+    blocks_min: int
+    samples_min: int
+
+
+@dataclass(frozen=True, slots=True)
+class GapConfig:
+    """All sections of the file."""
+
+    engine: EngineConfig
+    inputs: InputsConfig
+    error_alone: ErrorAloneConfig
+    drivers: DriversConfig
+    splines: SplinesConfig
+    excess: ExcessConfig
+    noise_floor: NoiseFloorConfig
+    regimes: RegimesConfig
+    bands: BandsConfig
+    changes: ChangesConfig
+    healthy: HealthyConfig
+    add: AddConfig
+    verify: VerifyConfig
+
+
+def _load() -> GapConfig:
+    """Return the file as objects; raises TypeError if a section or key is too few or too many."""
+    tree = tomllib.loads(files("training.gap").joinpath("default.toml").read_text())
+    kinds: dict[str, Any] = GapConfig.__annotations__
+    return GapConfig(**{name: _section(kinds[name], values) for name, values in tree.items()})
+
+
+def _section(kind: Any, values: dict[str, Any]) -> Any:
+    return kind(**{k: tuple(v) if isinstance(v, list) else v for k, v in values.items()})
+
+
+CONFIG: Final = _load()

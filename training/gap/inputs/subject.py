@@ -1,0 +1,71 @@
+"""The model under study and its recordings as the later steps want them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from monitor.model.card import ModelCard
+from training.gap.inputs import base, suitability
+from training.gap.inputs.roles import Material
+from training.greybox.chain import Constants
+from training.greybox.fit.comparison import Comparison
+from training.greybox.fit.drive import Drive
+from training.greybox.graph.chain_graph import Greybox
+from training.recordings.prediction import predicted_phi
+from training.recordings.recording import Recording
+
+
+@dataclass(frozen=True, slots=True)
+class Subject:
+    """A model that predicts phi, and drives on which its chain can run."""
+
+    material: Material
+    card: ModelCard
+    drives: list[Drive]  # of the recordings with the gap, with the charge that the model sees
+
+    @classmethod
+    def of(cls, material: Material, card: ModelCard) -> "Subject":
+        """Return the subject; raises RecordingError if the drives are too short or stand still."""
+        drives = base.drives_of(material.model, material.recordings, material.healthy)
+        suitability.check_long(drives, "new")
+        suitability.check_moving(drives)
+        return cls(material, card, drives)
+
+    @property
+    def model(self) -> Path:
+        """Return the model's file."""
+        return self.material.model
+
+    @property
+    def is_greybox(self) -> bool:
+        """Return whether the model is the chain itself, not a network."""
+        return self.card.kind == base.GREYBOX
+
+    @property
+    def start(self) -> Constants:
+        """Return the chain's constants from the model's card, usual ones for a network."""
+        return base.constants_of(self.card)
+
+    def healthy_drives(self) -> list[Drive]:
+        """Return the healthy recordings as drives; raises RecordingError if they are too short."""
+        drives = base.drives_of(self.model, self.material.healthy, self.material.healthy)
+        suitability.check_long(drives, "healthy")
+        return drives
+
+    def plain_healthy_drives(self) -> list[Drive]:
+        """Return the healthy recordings as drives, without the effects that the model has."""
+        return base.plain_drives_of(self.card, self.material.healthy, self.material.healthy)
+
+    def compared(self) -> tuple[list[Comparison], list[Comparison]]:
+        """Return the recordings and the healthy ones, each beside the model's free run."""
+        chain = Greybox.of(self.card) if self.is_greybox else None
+
+        def beside(recordings: Sequence[Recording]) -> list[Comparison]:
+            drives = base.plain_drives_of(self.card, recordings)
+            runs = predicted_phi(self.model, recordings)
+            return [
+                Comparison.of(drive, phi, chain.path(drive.signals) if chain else None)
+                for drive, phi in zip(drives, runs, strict=True)
+            ]
+
+        return beside(self.material.recordings), beside(self.material.healthy)

@@ -1,0 +1,112 @@
+"""The base on the drives before any effect: errors whitened, healthy behaviour taken out."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from monitor.base.errors import RecordingError
+from monitor.base.types import FloatArray
+from training.gap.healthy.behaviour import SKEW, Healthy, white
+from training.gap.name import scoring
+from training.gap.name.ranking import State
+from training.greybox.chain import Constants
+from training.greybox.fit.drive import MIN_SCORED_S, Drive
+from training.greybox.fit.joint import WHITE, Case, Prior, errors, fit, predict
+from training.greybox.fit.variation import Shrink, shrink
+
+# Constants from a card: of other drives, without what the base missed on them.
+SPREAD_CARD: Final = Constants(
+    gain=0.002,
+    dead_time_s=0.01,
+    dead_time_revolutions=0.1,
+    mixing_s=0.015,
+    sensor_s=0.015,
+    span=0.02,
+)
+FREE: Final = Constants(*(10.0 * value for value in (0.1, 0.1, 1.0, 0.1, 0.1, 0.1)))
+STARTS: Final = (
+    Constants(),
+    Constants(dead_time_s=0.05, dead_time_revolutions=0.5, mixing_s=0.03, sensor_s=0.05),
+    Constants(dead_time_s=0.35, dead_time_revolutions=3.0, mixing_s=0.1, sensor_s=0.3),
+)
+PHASE_MOST_S: Final = 0.02  # in the mean of all drives, of the charge's message against the fuel's
+SIGMA_PHI: Final = 0.004  # of the first fit; the noise is worked out of it
+
+
+def base_state(drives: Sequence[Drive], known: Healthy | None, base: Constants | None) -> State:
+    """Return the base fitted to the drives in whitened errors, and the ceiling.
+
+    Raises RecordingError if too little lies where healthy drives have been.
+    """
+    if known:
+        drives = _where_known(drives, known)
+    # What varies from healthy drive to drive is integrated out, and what shifted for good is for
+    # the candidates to explain: the base itself holds.
+    prior = None if base is None else Prior(base, SPREAD_CARD)
+    starts = STARTS if base is None else (base,)
+    nothing = tuple(np.zeros(len(d)) for d in drives)
+    corrections = tuple(known.correction(d) for d in drives) if known else nothing
+    case = Case(
+        drives=tuple(drives),
+        corrections=corrections,
+        ar=WHITE,
+        sigma=SIGMA_PHI,
+        prior=prior,
+        fixed=known.base if known else None,
+    )
+    current = fit(case, (), starts)
+    plain = scoring.plain_columns(case, current)
+    case = scoring.whitened(case, current, plain)
+    if known:
+        case = replace(case, shrinks=_shrinks(case, known))
+    current = fit(case, (), [current, *starts])
+    return State(
+        case=case,
+        current=current,
+        roof=scoring.ceiling(case, plain),
+        deviance=scoring.deviance(current, case.blocks),
+        surplus=known.surplus if known else {},
+        offset_phi=known.offset_phi if known else 0.0,
+    )
+
+
+def _where_known(drives: Sequence[Drive], known: Healthy) -> list[Drive]:
+    """Return the drives with enough samples where healthy drives have been, cut to these."""
+    made = [known.known_of(drive) for drive in drives]
+    left = [drive for drive in made if drive.kept.sum() * drive.period_s >= MIN_SCORED_S]
+    if not left:
+        raise RecordingError(
+            f"{drives[0].name}: less than {MIN_SCORED_S:.0f} s at speeds, loads and temperatures "
+            "that the healthy recordings have visited; give healthy recordings of such driving"
+        )
+    return left
+
+
+def _shrinks(case: Case, known: Healthy) -> tuple[Shrink, ...]:
+    """Return for every drive the columns that differ between healthy drives, to integrate out."""
+    columns = [
+        white(known.columns(drive), case.ar)[drive.kept] / case.sigma for drive in case.drives
+    ]
+    spread = known.spread.copy()
+    if SKEW in known.names:
+        at = known.names.index(SKEW)
+        if _is_no_phase(case, [each[:, at] for each in columns]):
+            spread[at] = 0.0
+    return tuple(shrink(each, spread) for each in columns)
+
+
+def _is_no_phase(case: Case, skews: Sequence[FloatArray]) -> bool:
+    """Return whether the charge of all drives is later, or earlier, than message phases explain.
+
+    skews : (m,) of each drive, what a charge that is late by 1 s changes
+    """
+    assert case.fixed is not None
+    whitened = np.split(
+        errors(case, predict(case, case.fixed, (), ())), np.cumsum([len(x) for x in skews])[:-1]
+    )
+    late_s = np.array(
+        [-(x @ e) / max(float(x @ x), 1e-12) for x, e in zip(skews, whitened, strict=True)]
+    )
+    return bool(abs(late_s.mean()) > PHASE_MOST_S and (late_s * late_s.mean() > 0.0).all())

@@ -1,0 +1,87 @@
+"""The healthy vehicle before anything is named: behaviour and chain that recordings are held to.
+
+First choice is a ``Healthy`` that the caller brings, then the healthy recordings, then the healthy
+reference in the model's card, last the card's constants alone.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from training.gap.healthy import card as reference_card
+from training.gap.healthy import coverage
+from training.gap.healthy.behaviour import Healthy
+from training.gap.inputs import suitability
+from training.gap.inputs.subject import Subject
+from training.gap.name import vehicle_mix, yardstick
+from training.gap.name.base_state import base_state
+from training.gap.name.description import describe
+from training.gap.name.verdict import Naming
+from training.greybox.chain import Constants
+from training.greybox.fit.drive import Drive
+from training.jobs.checkpoints import Checkpoints, Progress
+
+
+@dataclass(frozen=True, slots=True)
+class Knowledge:
+    """Healthy behaviour of the vehicle, if there is any, and the constants of its chain."""
+
+    start: Constants  # of the chain, from the model's card
+    known: Healthy | None
+    doubts: Sequence[str] = ()
+
+    @classmethod
+    def of(
+        cls, subject: Subject, known: Healthy | None, stages: Checkpoints, progress: Progress
+    ) -> "Knowledge":
+        """Return the knowledge from the best source that there is."""
+        start = subject.start
+        if known is not None:
+            return cls(start, known)
+        if subject.material.healthy:
+            return cls(
+                start,
+                stages.done(
+                    "healthy",
+                    lambda: yardstick.learn(subject.healthy_drives(), start, progress),
+                ),
+            )
+        known, doubts = reference_card.known_of(subject.card)
+        fitted_to = suitability.seen_in_fit_warnings(subject.card, subject.material.recordings)
+        return cls(start, known, [*doubts, *fitted_to])
+
+    @property
+    def base(self) -> Constants:
+        """Return the constants on which effects are named, beside the vehicle's volumes."""
+        return self.known.base if self.known else self.start
+
+    @property
+    def plain(self) -> Constants:
+        """Return the constants of the chain without volumes."""
+        return self.known.plain if self.known else self.start
+
+    def after(self, naming: Naming, subject: Subject) -> "Knowledge":
+        """Return the knowledge with the naming's base, where nothing else said the constants."""
+        if self.known is None and naming.base is not None and not subject.is_greybox:
+            return replace(self, start=naming.base)
+        return self
+
+    def coverage_warnings(self, drives: Sequence[Drive]) -> list[str]:
+        """Return warnings of drives where no healthy recording has been."""
+        return coverage.coverage_warnings(drives, self.known)
+
+    def mix_warnings(self, subject: Subject, naming: Naming) -> list[str]:
+        """Return warnings if the recordings seem to be of several vehicles."""
+        return vehicle_mix.warn(
+            self._with_own(subject.drives),
+            vehicle_mix.chain_of(naming, self.base),
+            self._with_own(subject.plain_healthy_drives()),
+        )
+
+    def unknown_effect(self, drives: Sequence[Drive], naming: Naming) -> str | None:
+        """Return the description of an effect that the library lacks, if that is the verdict."""
+        if naming.verdict != "unknown_effect":
+            return None
+        return describe(base_state(drives, self.known, self.base)).sentence
+
+    def _with_own(self, drives: Sequence[Drive]) -> list[Drive]:
+        return [self.known.with_own(drive) if self.known else drive for drive in drives]

@@ -1,0 +1,81 @@
+"""An effect of the library: parameters, signals, and its two forms, arrays and graph."""
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from monitor.base.types import FloatArray
+from training.greybox.chain import Path
+from training.greybox.effects.form.place import PathNodes, Place
+
+Signals = Mapping[str, FloatArray]
+Values = Sequence[float]  # of an effect's parameters, in their order
+Tag = Literal["physics", "fault-like", "either"]
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One constant of an effect."""
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    start: tuple[float, ...]  # a fit begins from each of these
+    least: float = 0.0  # a smaller size could also come from the phases of the bus's messages
+    positive: bool = False  # a value below 0 is another effect
+    spread: float | None = None  # standard deviation about its start; None if any value may be
+
+
+def _none(values: Values) -> float:
+    return 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GraphForm:
+    """The nodes of an effect in an ONNX graph, and the memory that they need."""
+
+    nodes: Callable[[Place, Values], PathNodes]
+    n_states: int = 0
+    dead_time_s: Callable[[Values], float] = _none  # at most, beside the base's
+    lag_s: Callable[[Values], float] = _none  # at most, beside the base's lags
+    slower: Callable[[Values], float] = _none  # relative growth of the base's lags, at most
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Effect:
+    """One entry of the library."""
+
+    name: str
+    says: str  # effect on the vehicle, as the end of a sentence
+    parameters: tuple[Parameter, ...]
+    needs: tuple[str, ...]  # signals without which the effect cannot be fitted
+    optional: tuple[str, ...] = ()  # signals that the effect reads if they are present
+    superseded: tuple[tuple[str, str], ...] = ()  # (optional signal, signal that replaces it)
+    tag: Tag
+    like: tuple[str, ...] = ()  # names from which the effect cannot be told by construction
+    gain_class: bool = False  # a constant factor on the mixture: seen against a reference only
+    varies: bool = False  # from drive to drive, so that the effect may begin between two drives
+    apply: Callable[[Path, FloatArray, Signals, float], Path]  # values (k,), period in s
+    graph: GraphForm
+
+    def signals_of(self, present: Collection[str]) -> tuple[str, ...]:
+        """Return the signals that the effect reads beside the chain's, if those are present.
+
+        >>> from training.greybox.effects import LIBRARY
+        >>> LIBRARY["purge"].signals_of(["purge_duty_percent", "coolant_temperature_degc"])
+        ('manifold_pressure_kpa', 'engine_speed_rpm', 'purge_duty_percent')
+        """
+        better = dict(self.superseded)
+        optional = (n for n in self.optional if n in present and better.get(n) not in present)
+        return (*self.needs, *optional)
+
+
+Own = tuple[tuple[Effect, FloatArray], ...]  # effects of a healthy vehicle, with their values
+
+
+def along(path: Path, own: Own, signals: Signals, period_s: float) -> Path:
+    """Return the path with the effects applied one after the other."""
+    for effect, values in own:
+        path = effect.apply(path, values, signals, period_s)
+    return path

@@ -1,0 +1,31 @@
+"""The side of a worker: one job, and the error for a worker that has died."""
+
+import pickle
+from collections.abc import Iterable
+from functools import lru_cache
+from typing import Any
+
+from threadpoolctl import threadpool_limits
+
+
+class WorkerDiedError(Exception):
+    """A worker was killed or has crashed, by one of the jobs ``keys`` or beside them."""
+
+    def __init__(self, keys: Iterable[str]) -> None:
+        self.keys = tuple(keys)
+        super().__init__(
+            f"a worker died while it did {', '.join(self.keys)}: killed, out of memory, or a crash "
+            "within a library"
+        )
+
+
+def of_bytes(shared: bytes, job: bytes) -> bytes:
+    """Return what ``run`` pickled for a worker of a cluster, done and pickled again."""
+    function, item = pickle.loads(job)
+    with threadpool_limits(1):
+        return pickle.dumps(function(_unpickled(shared), item))
+
+
+@lru_cache(maxsize=1)  # a model is loaded once and not for every job
+def _unpickled(shared: bytes) -> Any:
+    return pickle.loads(shared)

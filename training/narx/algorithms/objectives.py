@@ -1,0 +1,231 @@
+"""The errors that training minimises: one-step (series-parallel) and free run (closed loop).
+
+An objective has the mean squared error as ``cost``, its ``gradient`` for first-order methods, and
+the ``normal`` equations of its linearisation for Levenberg–Marquardt.
+
+The free run feeds its own predictions back. With S_t the derivative of y_hat(t) by all weights,
+S_t = df/dw + sum_j df/dy(t-j) S_(t-j), which is carried through time sample by sample. A measured
+or random history has S = 0, and so has a prediction that was clipped.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import get_blas_funcs
+
+from monitor.base.types import FloatArray, IntArray
+from training.narx import kernels
+from training.narx.network import Spec, forward, input_regressors, jacobian, layers, linear_path
+from training.recordings.preparation import Samples
+
+CHUNK = 1500  # rows of the Jacobian that stay in the cache together
+GRADIENT_CHUNK = 4000  # samples whose activations stay in the cache together
+
+
+class OneStep:
+    """Mean squared one-step error: every sample predicted from measured outputs.
+
+    regressors, target, weight : shapes (n, n_regressors), (n,), (n,); weight defaults to one
+    dtype : of the Jacobian; float32 rounds its entries to 1e-7 at half the time, errors and sums
+        stay float64
+    Raises ValueError if the weights sum to zero.
+    """
+
+    def __init__(
+        self,
+        spec: Spec,
+        regressors: FloatArray,
+        target: FloatArray,
+        weight: FloatArray | None = None,
+        dtype: type[np.floating] = np.float32,
+    ) -> None:
+        self.spec, self.target, self.dtype = spec, target, dtype
+        self.regressors = np.asfortranarray(regressors)  # samples side by side, as in the Jacobian
+        self.weight = np.ones(len(target)) if weight is None else weight
+        self._root = np.sqrt(self.weight)
+        self._total = float(self.weight.sum())
+        if self._total <= 0:
+            raise ValueError("no sample is scored")
+
+    def cost(self, weights: FloatArray) -> float:
+        """Return the weighted mean squared one-step error."""
+        error = forward(self.spec, weights, self.regressors) - self.target
+        return float(self.weight @ error**2) / self._total
+
+    def gradient(self, weights: FloatArray) -> tuple[float, FloatArray]:
+        """Return the cost and its gradient (n_weights,), by back-propagation."""
+        total, gradient = 0.0, np.zeros(self.spec.n_weights)
+        parts = layers(self.spec, gradient)  # views: what is added to them is added to it
+        stack = layers(self.spec, weights)
+        for at in range(0, len(self.target), GRADIENT_CHUNK):
+            rows = slice(at, at + GRADIENT_CHUNK)
+            activations = [self.regressors[rows]]
+            for w, b in stack[:-1]:
+                activations.append(np.tanh(activations[-1] @ w.T + b))
+            w, b = stack[-1]
+            error = (activations[-1] @ w.T + b)[:, 0] - self.target[rows]
+            if self.spec.linear_path:
+                error += activations[0] @ linear_path(self.spec, weights)
+            weighted = self.weight[rows] * error
+            total += float(weighted @ error)
+            if self.spec.linear_path:
+                linear_path(self.spec, gradient)[:] += weighted @ activations[0]
+            delta = weighted[:, None]
+            for layer in reversed(range(len(stack))):
+                a = activations[layer]
+                parts[layer][0][:] += delta.T @ a
+                parts[layer][1][:] += delta.sum(axis=0)
+                if layer:
+                    delta = (delta @ stack[layer][0]) * (1.0 - a * a)
+        return total / self._total, gradient * (2.0 / self._total)
+
+    def normal(self, weights: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+        """Return the cost, J'J (n, n) and J'e (n,), all divided by the total weight."""
+        n = self.spec.n_weights
+        hessian, gradient, total = np.zeros((n, n)), np.zeros(n), 0.0
+        syrk = get_blas_funcs("syrk", dtype=self.dtype)
+        for at in range(0, len(self.target), CHUNK):
+            rows = slice(at, at + CHUNK)
+            root = self._root[rows]
+            predicted, J = jacobian(self.spec, weights, self.regressors[rows], root, self.dtype)
+            error = (predicted - self.target[rows]) * root
+            hessian += syrk(1.0, J, trans=True).T  # in C order, hence the lower triangle
+            gradient += J.T @ error.astype(self.dtype)
+            total += float(error @ error)
+        hessian += np.tril(hessian, -1).T
+        return total / self._total, hessian / self._total, gradient / self._total
+
+
+@dataclass(frozen=True, slots=True)
+class Pieces:
+    """Stretches of the samples that are run freely, each from its own history."""
+
+    start: IntArray  # (n_pieces,) first predicted sample
+    stop: IntArray  # (n_pieces,)
+    skip: IntArray  # (n_pieces,) first samples that are run and not scored
+    history: FloatArray  # (n_pieces, lags) outputs before start, newest first, scaled
+
+    def __add__(self, other: "Pieces") -> "Pieces":
+        return Pieces(
+            np.concatenate([self.start, other.start]),
+            np.concatenate([self.stop, other.stop]),
+            np.concatenate([self.skip, other.skip]),
+            np.concatenate([self.history, other.history]),
+        )
+
+
+class ClosedLoop:
+    """Weighted mean squared free-run error over pieces.
+
+    dtype : of the Jacobian, as in ``OneStep``
+    decay : this times every squared weight, except those of the linear path, is added to the error
+    Raises ValueError if pieces leave the samples or their weights sum to zero.
+    """
+
+    def __init__(
+        self,
+        spec: Spec,
+        samples: Samples,
+        pieces: Pieces,
+        dtype: type[np.floating] = np.float32,
+        decay: float = 0.0,
+    ) -> None:
+        if len(pieces.start) and (
+            pieces.start.min() < spec.memory or pieces.stop.max() > len(samples.y)
+        ):
+            raise ValueError(f"pieces must lie within {spec.memory} .. {len(samples.y)}")
+        self.spec, self.samples, self.dtype = spec, samples, dtype
+        self._decay = np.full(spec.n_weights, decay)  # of every weight squared
+        if spec.linear_path:
+            self._decay[-spec.n_regressors :] = 0.0
+        self._x = input_regressors(spec, samples.u)
+        history = np.clip(pieces.history, spec.y_min, spec.y_max)
+        self.pieces = Pieces(pieces.start, pieces.stop, pieces.skip, history)
+        self._root_weight = np.sqrt(samples.weight)
+        scored = zip(pieces.start, pieces.stop, pieces.skip, strict=True)
+        self.weights = np.array([samples.weight[a + s : b].sum() for a, b, s in scored])
+        self.total_weight = float(self.weights.sum())
+        self.n_samples = int((pieces.stop - pieces.start).sum())
+        if self.total_weight <= 0:
+            raise ValueError("no sample is scored")
+
+    def cost(self, weights: FloatArray) -> float:
+        """Return the weighted mean squared error and the decay."""
+        penalty = float(self._decay @ weights**2)
+        return float(self.squares(weights).sum()) / self.total_weight + penalty
+
+    def score(self, weights: FloatArray) -> float:
+        """Return the mean over pieces of their weighted RMSE, scaled units.
+
+        One odd piece weighs less in it than in the RMSE over all samples.
+        """
+        return float(self.weights @ self.errors(weights)) / self.total_weight
+
+    def errors(self, weights: FloatArray) -> FloatArray:
+        """Return the weighted RMSE of every piece (n_pieces,), scaled units."""
+        return np.sqrt(self.squares(weights) / self.weights)
+
+    def squares(self, weights: FloatArray) -> FloatArray:
+        """Return the weighted sum of squared errors of every piece (n_pieces,)."""
+        s, p, q = self.spec, self.pieces, self.samples
+        total: FloatArray = kernels.cost(
+            weights,
+            s.sizes_array(),
+            self._x,
+            q.y,
+            q.weight,
+            s.lags,
+            s.y_min,
+            s.y_max,
+            p.start,
+            p.stop,
+            p.skip,
+            p.history,
+        )
+        return total
+
+    def blocks(self, weights: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
+        """Yield weighted Jacobian rows (m, n_weights) and errors (m,); the buffers are reused."""
+        s, p, q = self.spec, self.pieces, self.samples
+        jacobian = np.empty((CHUNK, s.n_weights), dtype=self.dtype)
+        error = np.empty(CHUNK, dtype=self.dtype)
+        cursor = np.array([0, -1, 0], dtype=np.int64)
+        past, ring = np.zeros(s.lags), np.zeros((s.lags + 1, s.n_weights))
+        while cursor[0] < len(p.start):
+            rows = kernels.fill(
+                weights,
+                s.sizes_array(),
+                self._x,
+                q.y,
+                self._root_weight,
+                s.lags,
+                s.y_min,
+                s.y_max,
+                p.start,
+                p.stop,
+                p.skip,
+                p.history,
+                cursor,
+                past,
+                ring,
+                jacobian,
+                error,
+            )
+            if rows:
+                yield jacobian[:rows], error[:rows]
+
+    def normal(self, weights: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+        """Return the cost, J'J (n, n) and J'e (n,), all divided by the total weight."""
+        n = self.spec.n_weights
+        hessian, gradient, total = np.zeros((n, n)), np.zeros(n), 0.0
+        for J, error in self.blocks(weights):
+            with np.errstate(over="ignore", invalid="ignore"):  # of a run that explodes
+                hessian += J.T @ J
+                gradient += J.T @ error
+            total += float(np.sum(error.astype(np.float64) ** 2))
+        w = self.total_weight
+        hessian /= w
+        hessian[np.diag_indices(n)] += self._decay
+        penalty = float(self._decay @ weights**2)
+        return total / w + penalty, hessian, gradient / w + self._decay * weights

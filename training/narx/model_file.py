@@ -1,0 +1,160 @@
+"""The model file of a training: its graph, its card with measures, its parity proved."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.metadata import version
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from monitor.base.types import FloatArray
+from monitor.model.card import ModelCard, TrainingRecording
+from monitor.model.step import from_model_units
+from training.narx.export import Network, save
+from training.narx.network import Spec
+from training.narx.parity import parity
+from training.narx.stability import CONTRACTION_SAMPLES, Contraction
+from training.recordings import metrics
+from training.recordings.preparation import Prepared, Role
+from training.recordings.recording import training_recording
+
+PARITY_SAMPLES = 3000
+PACKAGES = ("numpy", "onnx", "onnxruntime", "scipy")  # whose versions stand in the card
+
+
+@dataclass(frozen=True, slots=True)
+class HeldOut:
+    """Rows first .. stop - 1 of a recording that no training step saw."""
+
+    recording: int
+    first: int
+    stop: int
+    role: str  # "validate" chose the weights, "test" chose nothing
+
+
+def held_out(data: Prepared) -> tuple[HeldOut, ...]:
+    """Return the held-out ranges in rows of their recordings."""
+    result = []
+    for segment in data.segments:
+        role = data.role[segment.start : segment.stop]
+        edges = [0, *(np.flatnonzero(np.diff(role)) + 1).tolist(), len(role)]
+        for a, b in pairwise(edges):
+            if role[a] != Role.TRAIN:
+                name = Role(int(role[a])).name.lower()
+                result.append(
+                    HeldOut(segment.recording, segment.first + a, segment.first + b, name)
+                )
+    return tuple(result)
+
+
+def recordings_of(data: Prepared) -> tuple[TrainingRecording, ...]:
+    """Return the recordings for a card, each with the number of samples that it gave."""
+    samples = [0] * len(data.recordings)
+    for segment in data.segments:
+        samples[segment.recording] += segment.stop - segment.start
+    return tuple(map(training_recording, data.recordings, samples))
+
+
+def measures(data: Prepared, predicted: FloatArray, rows: np.ndarray) -> dict[str, float]:
+    """Return free-run measures on the predicted samples among ``rows``, in the output's unit."""
+    rows = rows & np.isfinite(predicted) & (data.samples.weight > 0)
+    measured = data.scaling.unscale_y(data.samples.y[rows])
+    a, b = (from_model_units(data.transform, x) for x in (measured, predicted[rows]))
+    if len(a) < 2 or a.std() == 0:
+        return {"samples": float(len(a))}
+    return {
+        "samples": float(len(a)),
+        "rmse": metrics.rmse(a, b),
+        "fit_percent": metrics.fit_percent(a, b),
+        "correlation": metrics.correlation(a, b),
+        "slope": metrics.slope(a, b),
+        "residual_mean": float((a - b).mean()),
+        "residual_std": float((a - b).std()),
+        "rmse_model_units": metrics.rmse(measured, predicted[rows]),
+    }
+
+
+def write_model(
+    out: Path | str,
+    data: Prepared,
+    spec: Spec,
+    weights: FloatArray,
+    predicted: FloatArray,
+    gap: Contraction,
+    members: int = 1,
+) -> tuple[Network, ModelCard]:
+    """Write trained weights as a model file; return its network and its card.
+
+    predicted : (n,) free run over ``data.samples`` in model units, for the card's measures
+    members : number of trainings whose mean the weights are, for the card
+    Raises ModelError if ONNX, torch and numpy disagree.
+    """
+    network = Network(spec, weights, data.scaling, data.transform, data.transforms, data.names)
+    checks: dict[str, Any] = {
+        "contraction": {
+            "gap": gap.gap,
+            "samples": CONTRACTION_SAMPLES,
+            "pairs": gap.pairs,
+            "limit": gap.limit,
+        },
+    }
+    save(out, network, _card(data, network, predicted, checks, members))
+    checks["parity"] = _parity(out, network, data)
+    card = _card(data, network, predicted, checks, members)
+    save(out, network, card)
+    return network, card
+
+
+def _parity(out: Path | str, network: Network, data: Prepared) -> dict[str, float]:
+    segment = max(data.segments, key=lambda s: s.stop - s.start)
+    recording = data.recordings[segment.recording]
+    order = [list(recording.names).index(name) for name in network.inputs]
+    n = min(PARITY_SAMPLES, segment.stop - segment.start)
+    u = recording.values[segment.first : segment.first + n, order]
+    y = data.scaling.unscale_y(data.samples.y[segment.start : segment.start + n])
+    result = parity(out, network, u, y)
+    return {
+        "samples": result.samples,
+        "onnx_numpy": result.onnx_numpy,
+        "torch_numpy": result.torch_numpy,
+        "tolerance": result.tolerance,
+    }
+
+
+def _card(
+    data: Prepared,
+    network: Network,
+    predicted: FloatArray,
+    checks: Mapping[str, Any],
+    members: int,
+) -> ModelCard:
+    test = data.role == Role.TEST
+    everything = measures(data, predicted, test)
+    enabled = measures(data, predicted, test & data.enabled)
+    return ModelCard(
+        kind="narx",
+        inputs=data.inputs,
+        output=data.output,
+        transform=data.transform,
+        output_limits=(data.scaling.y_low, data.scaling.y_high),
+        period_ns=data.period_ns,
+        lags=network.spec.memory,
+        input_lag_start=network.spec.boxes[0][0],
+        layers=network.spec.hidden,
+        state=network.state_layout,
+        recordings=recordings_of(data),
+        residual_mean=enabled.get("residual_mean", 0.0),
+        residual_std=enabled.get("residual_std", everything.get("residual_std", 0.0)),
+        transforms=data.transforms,
+        structure={
+            "input_boxes": [list(box) for box in network.spec.boxes],
+            "output_lags": network.spec.lags,
+            "linear_path": network.spec.linear_path,
+            "members": members,
+        },
+        fit={"test": everything, "test_enabled": enabled},
+        checks=dict(checks),
+        packages={name: version(name) for name in PACKAGES},
+    )
