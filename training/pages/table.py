@@ -50,4 +50,4 @@ def _class(cells: Cells) -> str:
 
 
 def _is_long(cells: Cells) -> bool:
-    return any(len(str(c)) >= LONG for c in cells)
+    return any(len(str(c)) >= LONG and " " in str(c) for c in cells)
