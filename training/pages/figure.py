@@ -6,6 +6,7 @@ from io import BytesIO
 from typing import Any, Final, Literal
 
 import matplotlib as mpl
+from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
@@ -21,7 +22,7 @@ COLOURS: Final = (
     *("#1f5fa8", "#d2691e", "#3b8a4e", "#c0392b", "#8a5aa8"),
     *("#8c6d46", "#d77fb4", "#7f7f7f", "#b5a316", "#23a6b8"),
 )
-STYLE: Final[dict[str, Any]] = {
+STYLE: Final[Any] = {
     "font.size": 9,
     "axes.titlesize": 9,
     "axes.labelsize": 9,
@@ -33,7 +34,7 @@ STYLE: Final[dict[str, Any]] = {
     "lines.linewidth": 1.0,
     "axes.spines.top": False,
     "axes.spines.right": False,
-    "axes.prop_cycle": mpl.cycler(color=COLOURS),
+    "axes.prop_cycle": cycler(color=COLOURS),
 }
 _POWER: Final = r"\mathdefault"  # in matplotlib's own labels of logarithmic axes
 
