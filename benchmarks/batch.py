@@ -1,7 +1,7 @@
-"""What judging whole recordings side by side costs, split by stage, beside streaming.
+"""The cost of judging whole recordings side by side, split by stage, and of a live bus.
 
 Simulates WLTCs, holds them as tables in memory and judges them with the shipped model: all of them
-by ``judge_all``, some of them by the streaming monitor, and checks that both say the same. Figures
+by ``judge_all``, some of them tick by tick, and checks that both say the same. Figures
 are medians of repeats, in microseconds of processor time per sample of the grid.
 
     python benchmarks/batch.py [--drives 64] [--rows 64] [--streamed 2] [--repeats 3]
@@ -21,16 +21,18 @@ import numpy as np
 
 from monitor.base import config
 from monitor.base.config import Config
-from monitor.base.types import Sample, SampleBlock
-from monitor.judge.block_bank import BankBlock
+from monitor.base.types import SampleBlock
+from monitor.judge.bank import Bank
 from monitor.judge.decisions import Decisions
 from monitor.judge.enable import Enable
 from monitor.judge.limits import Limits
 from monitor.judge.plausibility import ActivityTest, Plausibility
+from monitor.memory.cycles import Cycles
 from monitor.memory.dtc import DtcStore
 from monitor.model.step import Model
-from monitor.pipeline.block_judge import Judged, judge_all
-from monitor.pipeline.stream import DtcChanged, Event, Monitor, WindowJudged
+from monitor.pipeline.events import BlockEvent, DtcChanged, WindowJudged
+from monitor.pipeline.monitor import Judge, Monitor
+from monitor.pipeline.side_by_side import Judged, judge_all
 from monitor.report.replay import shipped_model
 from training.dyno import ecu
 from training.dyno.simulation import Experiment, simulate
@@ -40,11 +42,12 @@ PERIOD_NS = 100_000_000
 TARGET_US = 3.0
 FIRST_VEHICLE, FIRST_SEED = 2000, 2_000_000
 STAGES: tuple[tuple[str, type, str], ...] = (
-    ("enable conditions", Enable, "block"),
+    ("driving cycles", Cycles, "push"),
+    ("enable conditions", Enable, "push"),
     ("model", Model, "run_batch"),
-    ("sensor bank", BankBlock, "read"),
-    ("plausibility", Plausibility, "block"),
-    ("activity", ActivityTest, "block"),
+    ("sensor bank", Bank, "push"),
+    ("plausibility", Plausibility, "push"),
+    ("activity", ActivityTest, "push"),
     ("decisions on samples", Decisions, "matured"),
     ("regression in windows", Decisions, "facts"),
     ("decisions on windows", Decisions, "window"),
@@ -98,21 +101,20 @@ def batch(
 
 def stream(
     block: SampleBlock, names: Sequence[str], model: Model, settings: Config
-) -> tuple[list[Event], float]:
+) -> tuple[list[BlockEvent], float]:
     """Return windows and codes of one recording, and the seconds."""
     store = DtcStore()
     store.start_driving_cycle()
     limits = Limits.from_card(model.card, settings, "shipped")
-    push = Monitor(model, limits, settings, names, store).push
-    rows = zip(block.index.tolist(), block.t_ns.tolist(), block.values, block.quality, strict=True)
-    samples = [Sample(*row) for row in rows]
+    push = Monitor(Judge(names, model, settings), limits, store).push
+    ticks = [SampleBlock(*(column[k : k + 1] for column in block)) for k in range(len(block.t_ns))]
     start = process_time()
-    events = [event for sample in samples for event in push(sample)]
+    events = [event for tick in ticks for event in push(tick)]
     seconds = process_time() - start
     return [event for event in events if isinstance(event, WindowJudged | DtcChanged)], seconds
 
 
-def check(streamed: Sequence[Event], judged: Judged) -> None:
+def check(streamed: Sequence[BlockEvent], judged: Judged) -> None:
     """Raise AssertionError unless both ways have said the same."""
     changes = [event for event in streamed if isinstance(event, DtcChanged)]
     verdicts = [e.statistics for e in streamed if isinstance(e, WindowJudged)]
@@ -149,7 +151,7 @@ def main() -> int:
         print(f"{name:28}{statistics.median(values):8.3f} us per sample")
     whole, one = statistics.median(found["whole"]), statistics.median(streamed_us)
     print(f"target {TARGET_US:g}; per drive {whole * n / len(blocks) / 1e3:.0f} ms")
-    print(f"streaming {one:.2f} us per sample, {one / whole:.1f} times as much")
+    print(f"block of one tick: {one:.2f} us per sample, {one / whole:.1f} times as much")
     return 0
 
 

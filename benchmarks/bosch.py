@@ -1,15 +1,15 @@
-"""Real measurements: lambda on the Bosch engine recordings, and faults put on afterwards.
+"""Lambda on real recordings of a Bosch engine, with faults added afterwards.
 
-Training on runs 10 to 15 and 30 to 33, test on 53 and 54; 10 Hz, all channels z-scored by their
-authors (boschresearch/Bosch-Engine-Datasets, CC BY-SA 4.0). The faults are put onto the measured
-lambda, so the control loop did not see them. Each test run is judged whole, and cut into four
-drives of their own.
+Training uses runs 10 to 15 and 30 to 33, the test runs 53 and 54; 10 Hz, all channels z-scored by
+their authors (boschresearch/Bosch-Engine-Datasets, CC BY-SA 4.0). The faults are added to the
+measured lambda, so the control loop does not see them. Each test run is judged whole, and also cut
+into four separate drives.
 
-No scale of z is published. Lambda saturates at z = 7.746 and stays at -0.065 in closed loop; if
-the first is lambda 1.5 and the second 1, one z is 0.064 lambda and the richest reading of the test
-runs 0.69. Offsets are put on with that scale; lags, dead times and gains need none, the gain acts
-around z = -0.065. ``--mask`` maps the fuel cut-off to the enable conditions, so that windows
-exclude fuel cut and its recovery.
+The scale of z is not published. Lambda saturates at z = 7.746 and stays at -0.065 in closed loop.
+If the first is lambda 1.5 and the second lambda 1, one z is 0.064 lambda, and the richest reading
+of the test runs is 0.69. Offsets use this scale; lags, dead times and gains need none, and the gain
+acts around z = -0.065. ``--mask`` maps the fuel cut-off to the enable conditions, so that windows
+exclude fuel cut and the recovery from it.
 
     python benchmarks/bosch.py FOLDER [--model MODEL] [--budget MINUTES] [--mask]
 """

@@ -1,10 +1,10 @@
-"""Real measurements in free run: four outputs of the Bosch engine beside the best ARX.
+"""Free run of four outputs on real recordings of a Bosch engine, compared with the best ARX.
 
-Training runs 10 to 15 and 30 to 33, test runs 53 and 54; 10 Hz, all channels z-scored by their
-authors (boschresearch/Bosch-Engine-Datasets, CC BY-SA 4.0). ``fit`` runs with all its defaults.
-The orders of the ARX are chosen on runs 30 to 33, then it is fitted on all training runs. Figures
-are fits in percent, of each test run and of both together; once on all samples, once without fuel
-cut and the seconds after it.
+Training uses runs 10 to 15 and 30 to 33, the test runs 53 and 54; 10 Hz, all channels z-scored by
+their authors (boschresearch/Bosch-Engine-Datasets, CC BY-SA 4.0). ``fit`` runs with its defaults.
+Runs 30 to 33 choose the orders of the ARX, which is then fitted to all training runs. Figures are
+fits in percent, of each test run and of both, on all samples and without fuel cut and the seconds
+after it.
 
     python benchmarks/bosch_outputs.py FOLDER [--budget MINUTES] [--outputs NAME ...] [--split]
 """

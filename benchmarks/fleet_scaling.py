@@ -1,9 +1,9 @@
-"""What a recording costs, and how much memory is used, from ten recordings to ten thousand.
+"""Processor time and memory per recording, from ten recordings to ten thousand.
 
-Sixteen short drives, pieces of the shipped simulated logs, are linked under as many names as are
-wanted and judged by ``o2train fleet``, logs or tables. Judging is what the workers' processors
-take for reading, judging and the rows; all is every process from start to report. Memory is the
-largest resident set of the coordinator, and of any one worker, seen ten times a second.
+Sixteen short drives, pieces of the shipped simulated logs, are linked under the wanted number of
+names and judged by ``o2train fleet``, as logs or tables. "Judging" is the workers' processor time
+for reading, judging and rows; "all" is that of every process from start to report. Memory is the
+largest resident set of the coordinator and of any one worker, sampled ten times a second.
 
     python benchmarks/fleet_scaling.py [--format log] [--jobs 2] [--counts 10 100 1000]
 """

@@ -1,7 +1,7 @@
-"""Free run of a model on drives that its training never saw, beside the model of a first try.
+"""Free run of a model on drives that its training did not use, compared with a first model.
 
-Training vehicle and ten others on a WLTC each; all drives are simulated. Figures are taken on the
-samples that the monitor enables.
+The training vehicle and ten others drive a WLTC each; all drives are simulated. Figures are for
+the enabled samples.
 
     python benchmarks/free_run.py [--model MODEL]
 """

@@ -1,9 +1,9 @@
-"""Random and mutated requests and ISO-TP frames against the diagnostics, a million of each.
+"""Fuzzes the diagnostics with random and mutated requests and ISO-TP frames, a million of each.
 
     python benchmarks/fuzz_diagnostics.py [--count N] [--seed N]
 
-It ends with 1 when an answer is none, a code or counter has changed while the engine runs, or
-memory grows. can-isotp's clock is replaced, so that timeouts come as often as everything else.
+It exits with 1 if an answer is invalid, a code or counter changes while the engine runs, or memory
+grows. can-isotp's clock is replaced, so that timeouts are as frequent as everything else.
 """
 
 import argparse

@@ -1,8 +1,8 @@
-"""Random and mutated frames through the live loop, a healthy drive among them.
+"""Fuzzes the live loop with random and mutated frames beside those of a healthy drive.
 
-Every crash, code, let-go attachment or growth of memory is a failure. Mutated frames come beside
-the sound ones. One in 256 random payloads has the right eight-bit checksum: that is a sound frame
-which says something else, and no monitor can know. Such are left out unless --sound asks for them.
+A crash, a code, a detached attachment or a growth of memory is a failure. One in 256 random
+payloads has a right eight-bit checksum: it is a sound frame with another content, which no monitor
+can detect. Such frames are left out unless --sound is given.
 """
 
 import argparse

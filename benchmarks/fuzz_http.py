@@ -1,7 +1,7 @@
-"""Fuzzes the live page's server: random and mutated HTTP requests over sockets, each its own.
+"""Fuzzes the live page's server with random and mutated HTTP requests, one socket each.
 
-Prints what was answered and how the server's memory went; fails if the server crashes, answers
-with an internal error, grows, or no longer serves the page.
+It prints the answers and the server's memory. It fails if the server crashes, answers with an
+internal error, grows, or no longer serves the page.
 
     python benchmarks/fuzz_http.py --requests 100000
 """

@@ -1,9 +1,9 @@
-"""What ``o2train gap`` takes, stage by stage, beside its targets.
+"""Time of ``o2train gap`` by stage, compared with its targets.
 
-One case: ten recordings of ten minutes at 10 Hz with a hidden effect and ten healthy ones, all
-candidates, one step, grey-box base, from tables to the report, in one run. Then a case of the
-study: the naming alone of six recordings, with what the healthy ones teach known before. All drives
-are simulated; simulating them and fitting the base are not counted.
+The first case has ten recordings of ten minutes at 10 Hz with a hidden effect, ten healthy ones,
+all candidates, one step and a grey-box base, from tables to the report. The second is a case of the
+study: only the naming of six recordings, with a healthy reference made before. All drives are
+simulated; the time for simulating them and fitting the base does not count.
 
     python benchmarks/gap.py [--vehicle N] [--effect NAME=SEVERITY]
 """

@@ -1,14 +1,14 @@
-"""Real measurements: what ``o2train gap`` finds on recordings whose truth nobody knows.
+"""Results of ``o2train gap`` on real recordings, for which the truth is unknown.
 
 - a gasoline engine on a test bench (boschresearch/Bosch-Engine-Datasets, CC BY-SA 4.0): a network
-  fitted to ten runs, the two others against them; lambda to scale as in ``bosch.py``;
+  fitted to ten runs, tested on the other two; the scale of lambda as in ``bosch.py``;
 - a Mazda MX-5 on the road (karniv00l/mlg-converter, MIT): a network and a grey-box chain fitted to
-  three of the logger's runs, two others against them. Fuel is the pulse width less 1 ms, air the
-  ECU's own efficiency of 0.4 l a cylinder, both to scale by assumption;
-- pulls of a turbo car (KalebKE/ME7Tuner, Apache-2.0), one recording without fuel and air, cut in
+  three of the logger's runs, tested on two others. Fuel is the pulse width less 1 ms; air is the
+  ECU's volumetric efficiency of 0.4 l per cylinder; both scales are assumptions;
+- pulls of a turbo car (KalebKE/ME7Tuner, Apache-2.0): one recording without fuel and air, cut in
   two.
 
-No effect can be tried without fuel and air per stroke, and nothing that is found can be checked.
+Without fuel and air per stroke no effect can be tried. No result can be checked.
 
     python benchmarks/gap_real.py [FOLDER] [--budget MINUTES]
 """

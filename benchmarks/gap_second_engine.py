@@ -1,6 +1,6 @@
-"""The naming on vehicles of the second engine of the tests: what it says of effects and faults.
+"""The naming on vehicles of the tests' second engine, with effects and with faults.
 
-Everything is simulated, by other equations than the dynamometer's and the library's.
+All drives are simulated, by other equations than those of the dynamometer and the library.
 
     python benchmarks/gap_second_engine.py --vehicles 11 12
 """

@@ -1,10 +1,10 @@
-"""The live loop on a loaded bus: latency, processor share, and what is lost.
+"""The live loop on a loaded bus: latency, processor share and lost frames.
 
-A process sends a simulated drive at its own pace, filled up with frames nobody needs, to a second
-process that judges it; sides take turns there: the project's loop, and the loop one writes first
-with python-can, cantools and onnxruntime (no checks, no verdicts). The bus between the two is
-struct can_frame over UDP on loopback, see ``udp_can``: it carries 8,000 frames/s between processes
-and both sides read it by what they use on SocketCAN. The sender has processor 0, the receiver 1.
+One process sends a simulated drive in real time, filled up with unneeded frames. A second process
+judges it, in turn with the project's loop and with a plain loop of python-can, cantools and
+onnxruntime (no checks, no verdicts). The bus between them is struct can_frame over UDP on loopback,
+see ``udp_can``. It carries 8,000 frames/s, and both loops read it with their SocketCAN code. The
+sender runs on processor 0, the receiver on 1.
 
 Latency: from the kernel's time stamp of the frame that closes a tick to the tick's event.
 """
@@ -32,7 +32,8 @@ from monitor.decode.bus_map import load_database
 from monitor.frames.logs import read_frames
 from monitor.memory.dtc import DtcStore
 from monitor.model.step import open_session
-from monitor.pipeline.stream import Event, FramePipeline, Tick
+from monitor.pipeline.events import Event, Tick
+from monitor.pipeline.frames import FramePipeline
 from monitor.report import replay
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -1,9 +1,9 @@
-"""Readers of CAN logs side by side: at once, one by one, and python-can's own.
+"""Readers of CAN logs compared: in blocks, frame by frame, and python-can's readers.
 
-All read the same synthetic log: a simulated drive of the own ECU among foreign traffic that
-fills a bus of 500 kbit/s (4,000 frames/s). Readers take turns; figures are medians over the rounds,
-in processor time, so that other work on the machine counts little. What unpacking alone costs
-(zlib, gzip) is measured in the same rounds: no reader that uses them can be faster.
+All read the same synthetic log: a simulated drive of the project's own ECU among foreign traffic
+that fills a bus of 500 kbit/s (4,000 frames/s). Readers take turns. Figures are medians over the
+rounds in processor time, which other work on the machine hardly changes. The cost of unpacking
+(zlib, gzip) is measured in the same rounds, as the lower bound of readers that need it.
 
     python benchmarks/log_readers.py [--seconds 60] [--rounds 5] [--json FILE]
 """

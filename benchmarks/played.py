@@ -1,4 +1,4 @@
-"""A bus that plays messages from memory as fast as they are asked for; None is 0.1 s of silence."""
+"""A bus that plays messages from memory as fast as they are read; None stands for 0.1 s silence."""
 
 from collections.abc import Iterable
 from pathlib import Path

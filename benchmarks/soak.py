@@ -1,9 +1,8 @@
-"""Days of bus time through the live loop, as fast as it goes: is its memory flat, is it right?
+"""Days of bus time through the live loop at full speed: constant memory, no false code.
 
-A healthy simulated drive is played over and over on an interface that reads from memory,
- with everything attached that a service has: fault memory on disk, transmitter, JSON
-lines, status line. Between two drives the bus is silent for a moment. The drives are healthy, so
-every code is wrong.
+A healthy simulated drive is played again and again from memory. The loop has all attachments of a
+service: fault memory on disk, transmitter, JSON lines, status line. The bus is silent for a moment
+between two drives. The drives are healthy, so every code is wrong.
 """
 
 import argparse

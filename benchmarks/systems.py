@@ -1,9 +1,9 @@
-"""Free run on synthetic plants of the kinds that system identification is compared on.
+"""Free run on synthetic systems of kinds that are usual in comparisons of system identification.
 
 None of them is a NARX: two tanks that overflow, a hardening oscillator, a nonlinearity between two
-filters, hysteresis. All of this is **synthetic**. ``fit`` runs with all its defaults, the ARX is
-the best in free run of all orders up to 20. Fits in percent on records that neither saw, the first
-50 samples not scored; the oscillator's second record leaves the training's amplitude.
+filters, hysteresis. All data are **synthetic**. ``fit`` runs with its defaults; the ARX is the best
+in free run of all orders up to 20. Fits are in percent on records that neither has used, without
+the first 50 samples. The oscillator's second record exceeds the amplitude of the training.
 
     python benchmarks/systems.py [--budget MINUTES] [--seed N] [NAME ...]
 """

@@ -1,7 +1,7 @@
-"""One-step and free-run training of the same network by this project and by other packages.
+"""One-step and free-run training of the same network, by this project and by other packages.
 
-Every function takes the same data and the same initial weights, as
-``training.narx.network`` lays them out, and returns weights in that layout.
+Every function takes the same data and initial weights, in the layout of
+``training.narx.network``, and returns weights in that layout.
 """
 
 import contextlib

@@ -1,15 +1,15 @@
-"""Training of the NARX: speed of its Levenberg–Marquardt, and other packages from the same starts.
+"""Training of the NARX: speed of Levenberg–Marquardt, compared with other packages.
 
-Two data sets: simulated drives of a vehicle on the dynamometer, and real ones of a Bosch engine, if
-they are there. Every package gets the same training drive, scaled alike, and the same initial
-weights. Errors are in standard deviations of the training drive's output, free runs on a drive
-that nothing was trained on. All on one core; CPU time beside the wall clock, because other work on
-the machine disturbs the latter.
+There are two data sets: simulated drives of a vehicle on the dynamometer, and real drives of a
+Bosch engine if available. Every package gets the same training drive, scaling and initial weights.
+Errors are in standard deviations of the training drive's output; free runs are on a drive that no
+training used. All run on one core; CPU time is given beside the wall clock, which other work on the
+machine disturbs.
 
     pip install --no-deps -r benchmarks/requirements.txt
     python benchmarks/training_speed.py [--bosch FOLDER] [--samples N] [--starts N]
 
-A package that is missing is skipped with a line.
+A missing package is skipped with a line.
 """
 
 import argparse

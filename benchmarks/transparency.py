@@ -1,28 +1,28 @@
-"""How much of a sensor fault reaches the prediction, and what it costs to keep it out.
+"""The part of a sensor fault that reaches the prediction, and the cost of keeping it out.
 
-lambda_controller is made from the measured lambda, so a network can invert the controller and
-predict what a faulty sensor reads. Four models are measured on simulated WLTCs: the shipped one
-(the controller blurred in training), and three trained alike with a smaller budget on the drives
-of ``make model``: seven inputs blurred, seven inputs exact, six inputs without the controller.
+lambda_controller is computed from the measured lambda, so a network can invert the controller and
+predict the faulty reading. Four models are measured on simulated WLTCs: the shipped one (trained
+with noise on the controller), and three trained with a smaller budget on the drives of
+``make model``: seven inputs with noise, seven inputs without, six inputs without the controller.
 
-Of every drive and fault there are four simulations, so that true readings are known exactly:
+Every drive and fault has four simulations, so that the true readings are known exactly:
 
-- healthy, whose controller is replayed on a faulty sensor (``forced_trim``): same mixture, so the
-  difference of the readings is the fault alone. Shown to the model is the healthy drive with the
-  controller of the faulty one, every other input unchanged.
-  ``share`` is RMS of the prediction's change over RMS of the fault, ``gain`` its slope on the
-  fault: 0 knows nothing of it, 1 follows it.
-- faulty with the fault in the loop, whose controller is replayed on a healthy sensor: what the
-  sensor should have read there. ``in the loop`` is the slope, on the fault, of what the fault adds
-  to the prediction's error, through all inputs: 1 hides the fault.
+- healthy, then replayed with its controller on a faulty sensor (``forced_trim``). The mixture is
+  the same, so the readings differ by the fault alone. The model gets the healthy drive with the
+  controller of the faulty one and all other inputs unchanged. ``share`` is the RMS of the
+  prediction's change over that of the fault, ``gain`` its slope on the fault: at 0 the prediction
+  ignores the fault, at 1 it follows it.
+- faulty in the loop, then replayed with its controller on a healthy sensor, which gives the right
+  reading. ``in the loop`` is the slope, on the fault, of the error that the fault adds to the
+  prediction through all inputs: 1 hides the fault.
 
-The limits of all models but the shipped one are set by ``o2train calibrate`` on ``--calibration``,
-if given, else by their fits.
+The limits of the shipped model are its own. Those of the others are set by ``o2train calibrate`` on
+``--calibration`` if given, otherwise by their fits.
 
     python benchmarks/transparency.py FOLDER --training build/training
         [--calibration build/calibration] [--budget 3] [--vehicles 4]
 
-FOLDER keeps the models; those that are there are not trained again.
+FOLDER keeps the models; existing models are not trained again.
 """
 
 import argparse
@@ -38,7 +38,7 @@ from monitor.base.signals import NARX_INPUTS
 from monitor.base.types import BoolArray, FloatArray, SampleBlock
 from monitor.judge.limits import Limits
 from monitor.model.step import Model, to_model_units
-from monitor.pipeline.block_judge import Judged, judge_all
+from monitor.pipeline.side_by_side import Judged, judge_all
 from monitor.report.replay import shipped_model
 from training import cli
 from training.dyno import ecu

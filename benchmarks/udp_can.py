@@ -1,8 +1,8 @@
-"""A CAN bus between processes where the kernel has none: struct can_frame over UDP on loopback.
+"""A CAN bus between processes on a kernel without one: struct can_frame over UDP on loopback.
 
-The kernel stamps each datagram and counts what a full buffer drops, as it does on a CAN socket, so
-that the monitor's own SocketCAN reader runs on it, and so does python-can's: ``recv`` here is the
-code of its SocketCAN interface. There are no kernel filters; send only what they would let through.
+The kernel stamps each datagram and counts those lost in a full buffer, as on a CAN socket. So the
+monitor's SocketCAN reader runs on it, and python-can's, too: ``recv`` here is the code of its
+SocketCAN interface. There are no kernel filters; send only frames that they would pass.
 """
 
 import select

@@ -1,10 +1,10 @@
-"""CAN databases and the signal maps that lie beside them.
+"""CAN databases, with the signal maps beside them.
 
 o2_ecu.dbc, o2_ecu.toml      the project's own engine ECU
-o2_monitor.dbc               what the monitor itself sends
+o2_monitor.dbc               messages that the monitor sends
 rusefi.dbc, rusefi.toml      rusEFI's verbose broadcast
 wideband.dbc, wideband.toml  rusEFI's CAN wideband controller; aem_x.toml for the AEM X-series
-obd2.dbc, obd2.toml          OBD-II PIDs, the fallback
+obd2.dbc, obd2.toml          OBD-II PIDs, where a vehicle broadcasts no useful signals
 """
 
 from importlib.resources import files
@@ -12,7 +12,7 @@ from pathlib import Path
 
 
 def path(name: str) -> Path:
-    """Return the path of one of this package's files.
+    """Return the path of a file of this package.
 
     name : file name, such as ``"o2_ecu.dbc"``
     Raises FileNotFoundError if there is no such file.
@@ -20,10 +20,10 @@ def path(name: str) -> Path:
     >>> path("o2_ecu.dbc").name
     'o2_ecu.dbc'
     """
-    found = Path(str(files("dbc"))) / name
-    if not found.is_file():
+    file = Path(str(files("dbc"))) / name
+    if not file.is_file():
         raise FileNotFoundError(f"no {name} among {', '.join(names())}")
-    return found
+    return file
 
 
 def names() -> list[str]:

@@ -3,7 +3,7 @@
     python replay_logs/make.py             everything
     python replay_logs/make.py --expected  only the expected events, after a change of the monitor
 
-All drives are simulated, by vehicles and seeds that no training has used: training uses vehicle 1
+All drives are simulated. Their vehicles and seeds are used by no training: training uses vehicle 1
 and seeds from 1001 on.
 """
 
@@ -20,12 +20,12 @@ from training.dyno.simulation import Experiment
 
 HERE = Path(__file__).parent
 FIRST_VEHICLE, FIRST_SEED = 101, 101
-RESPONSE_S, SHORT_S = 420.0, 150.0  # length of a drive with a fault of the response, and others
+RESPONSE_S, SHORT_S = 420.0, 150.0  # length of a drive: response faults and healthy, other faults
 FAULT_START_S = {"signal_missing": 60.0}
 
 
 def experiments() -> list[tuple[str, Experiment]]:
-    """Return (file stem, drive): two healthy drives and one for each fault, warm at the start."""
+    """Return (file stem, drive): two healthy drives and one per fault, warm at the start."""
     seeds = (
         s for s in range(FIRST_SEED, 10_000) if vehicle.conditions(s).coolant_start_degc > 66.0
     )
@@ -52,7 +52,7 @@ def experiments() -> list[tuple[str, Experiment]]:
 
 
 def make_recordings() -> None:
-    """Write every log and the manifest."""
+    """Write all logs and the manifest."""
     for old in (*HERE.glob("*.blf"), HERE / manifest.NAME):
         old.unlink(missing_ok=True)
     for stem, experiment in experiments():
@@ -68,9 +68,9 @@ def make_recordings() -> None:
 
 
 def make_expected() -> int:
-    """Replay every log with all defaults and write its events; count wrong verdicts."""
+    """Replay every log with defaults and write its events; return the number of wrong verdicts."""
     wrong = 0
-    os.chdir(HERE.parent)  # so that the paths in the results are the same everywhere
+    os.chdir(HERE.parent)  # makes the paths in the results the same on every machine
     (HERE / "expected").mkdir(exist_ok=True)
     for name, entry in manifest.load(HERE).items():
         out = HERE / "expected" / f"{name}.json"
@@ -80,7 +80,7 @@ def make_expected() -> int:
 
 
 def main() -> int:
-    """Run the script; exit code 1 if a verdict is not the expected one."""
+    """Run the script; return 1 if a verdict is wrong, otherwise 0."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--expected", action="store_true")
     if not parser.parse_args().expected:

@@ -1,4 +1,7 @@
-"""Configuration: a TOML file becomes frozen objects; an unknown key is an error."""
+"""Configuration: a TOML file becomes frozen objects. An unknown key is an error.
+
+``default.toml`` gives the reason of every value; the unit stands in the key.
+"""
 
 import math
 import sys
@@ -14,14 +17,14 @@ from monitor.base.errors import ConfigError
 
 @dataclass(frozen=True, slots=True)
 class WindowConfig:
-    """Length of the residual window."""
+    """Length of the residual window in samples."""
 
     n_samples: int
 
 
 @dataclass(frozen=True, slots=True)
 class EnableConfig:
-    """When a sample may be judged."""
+    """Limits of the enable conditions."""
 
     coolant_min_degc: float
     engine_speed_min_rpm: float
@@ -41,7 +44,7 @@ class EnableConfig:
 
 @dataclass(frozen=True, slots=True)
 class ResponseConfig:
-    """The bank of sensor hypotheses and the limits of the response rule."""
+    """The bank of sensor hypotheses, and the limits of the response rule."""
 
     lags_s: tuple[float, ...]
     delays_s: tuple[float, ...]
@@ -66,7 +69,7 @@ class ResponseConfig:
 
 @dataclass(frozen=True, slots=True)
 class BiasConfig:
-    """The offset test and the vehicle's reference."""
+    """The bias rule and the vehicle's healthy reference."""
 
     offset_limit_lambda: float
     window_std_lambda: float
@@ -82,7 +85,7 @@ class BiasConfig:
 
 @dataclass(frozen=True, slots=True)
 class PlausibilityConfig:
-    """Stuck, not ready, out of range, missing."""
+    """Limits of a stuck, unready, implausible or missing signal."""
 
     stuck_range: float
     stuck_s: float
@@ -94,7 +97,7 @@ class PlausibilityConfig:
 
 @dataclass(frozen=True, slots=True)
 class DebounceConfig:
-    """Steps of the fault detection counter."""
+    """Steps of the fault detection counter, and times for electrical faults."""
 
     response_fail: int
     response_pass: int
@@ -104,7 +107,7 @@ class DebounceConfig:
 
 @dataclass(frozen=True, slots=True)
 class CyclesConfig:
-    """When a driving cycle begins, and what counts in it."""
+    """Begin of a driving cycle, and the conditions of the general denominator."""
 
     engine_off_s: float
     silent_s: float
@@ -120,7 +123,7 @@ class CyclesConfig:
 
 @dataclass(frozen=True, slots=True)
 class ProfileConfig:
-    """Counts of a regulation until codes and lamp change."""
+    """Numbers of cycles after which a regulation changes codes and lamp."""
 
     confirm_cycles: int
     lamp_off_cycles: int
@@ -132,14 +135,14 @@ class ProfileConfig:
 
 @dataclass(frozen=True, slots=True)
 class ObdConfig:
-    """Which regulation's counts hold."""
+    """The regulation in force."""
 
     profile: str
 
 
 @dataclass(frozen=True, slots=True)
 class Config:
-    """Everything that is set and not learned."""
+    """All settings. Values that are learned stand in the model card or the fault memory."""
 
     window: WindowConfig
     enable: EnableConfig
@@ -154,14 +157,14 @@ class Config:
 
     @property
     def profile(self) -> ProfileConfig:
-        """Return the counts of the regulation that is chosen."""
+        """Return the cycle numbers of the regulation in force."""
         return self.carb if self.obd.profile == "carb" else self.eobd
 
 
 PROFILES: Final = ("carb", "eobd")
 _Section = TypeVar("_Section")
 
-# Numbers are above 0 unless a lowest value stands here.
+# Lowest allowed numbers. A number without an entry must be above 0.
 _LOWEST: Final = {
     "window.n_samples": 10.0,
     "enable.coolant_min_degc": -273.15,
@@ -211,21 +214,22 @@ _HIGHEST: Final = {
 
 
 def load(path: Path | None = None) -> Config:
-    """Return the configuration of a TOML file; without one, as shipped.
+    """Return the configuration of a TOML file, or the shipped one without a file.
 
-    A file may leave out sections and keys: these keep the shipped value.
-    Raises ConfigError naming file and key for what is unknown, of the wrong type or impossible.
+    Sections and keys that the file leaves out keep the shipped value.
+    Raises ConfigError with file and key if a key is unknown or a value is of the wrong type or
+    impossible.
     """
     shipped = tomllib.loads(files("monitor.base").joinpath("default.toml").read_text())
     if path is None:
         return _build(shipped, "default.toml")
     try:
-        own = tomllib.loads(path.read_text())
+        changes = tomllib.loads(path.read_text())
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror}") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: not TOML: {error}") from None
-    for section, values in own.items():
+    for section, values in changes.items():
         if section not in shipped:
             raise ConfigError(f"{path}: section [{section}] is unknown; there are {list(shipped)}")
         if not isinstance(values, dict):
@@ -238,15 +242,15 @@ def load(path: Path | None = None) -> Config:
 
 @cache
 def shipped() -> Config:
-    """Return the configuration as shipped, read once."""
+    """Return the shipped configuration; the file is read once."""
     return load()
 
 
-def _check(path: Path, section: str, key: str, value: Any, known: dict[str, Any]) -> None:
-    if key not in known:
-        raise ConfigError(f"{path}: [{section}] {key} is unknown; there are {list(known)}")
-    wanted = type(known[key])
-    texts = wanted is list and isinstance(known[key][0], str)
+def _check(path: Path, section: str, key: str, value: Any, shipped: dict[str, Any]) -> None:
+    if key not in shipped:
+        raise ConfigError(f"{path}: [{section}] {key} is unknown; there are {list(shipped)}")
+    wanted = type(shipped[key])
+    texts = wanted is list and isinstance(shipped[key][0], str)
     if wanted is list:
         element = str if texts else float
         fits = isinstance(value, list) and all(_is(element, v) for v in value)
@@ -262,7 +266,7 @@ def _check(path: Path, section: str, key: str, value: Any, known: dict[str, Any]
 
 
 def _is(wanted: type, value: Any) -> bool:
-    """Whole numbers are floats, too; truth values are no numbers."""
+    """Return whether a value is of a type; an int is a float too, a bool is no number."""
     kinds = int | float if wanted is float else wanted
     return isinstance(value, kinds) and not isinstance(value, bool)
 
@@ -298,10 +302,14 @@ def _build(tree: dict[str, Any], where: str) -> Config:
         raise ConfigError(
             f"{where}: [obd] profile = {config.obd.profile!r}, wanted one of {list(PROFILES)}"
         )
-    on = config.enable
+    enable = config.enable
     for key, low, high in (
-        ("engine_speed_{}_rpm", on.engine_speed_min_rpm, on.engine_speed_max_rpm),
-        ("manifold_pressure_{}_kpa", on.manifold_pressure_min_kpa, on.manifold_pressure_max_kpa),
+        ("engine_speed_{}_rpm", enable.engine_speed_min_rpm, enable.engine_speed_max_rpm),
+        (
+            "manifold_pressure_{}_kpa",
+            enable.manifold_pressure_min_kpa,
+            enable.manifold_pressure_max_kpa,
+        ),
     ):
         if high <= low:
             raise ConfigError(

@@ -1,23 +1,23 @@
-"""The errors a user can cause; every one ends a command with exit code 2.
+"""Errors that a user can cause. Each ends a command with exit code 2.
 
 O2Error
-├── UsageError        the command line asks for something that cannot be
+├── UsageError        the command line asks for something impossible
 ├── ConfigError       a TOML file has an unknown key or an impossible value
-├── SignalMapError    a DBC or signal map does not fit
+├── SignalMapError    a CAN database and a signal map do not fit each other
 ├── RecordingError    a log or table cannot be read
-├── ModelError        a model file is not ours, or its card and graph disagree
+├── ModelError        a model file has no card, or its card and graph disagree
 └── BusError          a CAN interface cannot be opened or has failed
 
-A message says where, what came and what was wanted, in one line.
+A message says in one line where the error is, which value came and which was wanted.
 """
 
 
 class O2Error(Exception):
-    """Base of all errors that are reported as one line, without a traceback."""
+    """Base of all errors that a command reports as one line without a traceback."""
 
 
 class UsageError(O2Error):
-    """The command line asks for something that cannot be."""
+    """The command line asks for something impossible."""
 
 
 class ConfigError(O2Error):
@@ -25,15 +25,15 @@ class ConfigError(O2Error):
 
 
 class SignalMapError(O2Error):
-    """A CAN database or signal map is unusable, or the two do not fit each other."""
+    """A CAN database or signal map is unusable, or they do not fit each other."""
 
 
 class RecordingError(O2Error):
-    """A log or table cannot be read, or lacks what is needed."""
+    """A log or table cannot be read, or lacks needed signals."""
 
 
 class ModelError(O2Error):
-    """A model file is not ours, or its card and graph disagree."""
+    """A model file has no card, or its card and graph disagree."""
 
 
 class BusError(O2Error):

@@ -1,15 +1,15 @@
 """Sensor faults as pure transforms of phi = 1/lambda, sample by sample.
 
-Rising phi is lean to rich. The healthy sensor reads u, the faulty one s:
+Phi rises from lean to rich. With u the reading of the healthy and s of the faulty sensor:
 
-- lag: dx/dt = (u - x) / tau with the tau of the direction of u - x;
-- dead time d on rising edges s(t) = min(u(t), u(t - d)), on falling edges max(u(t), u(t - d)),
-  on both u(t - d);
+- lag: dx/dt = (u - x) / tau; the direction of u - x chooses tau;
+- dead time d: s(t) = min(u(t), u(t - d)) on rising edges, max(u(t), u(t - d)) on falling edges,
+  u(t - d) on both;
 - gain: s = 1 + g (u - 1);
-- offset: in lambda.
+- offset: added in lambda.
 
-The scalar steps are plain functions, so that the simulated dynamometer can compile the same code
-into its control loop; ``SensorFault`` applies them to a stream.
+The scalar steps are plain functions: the simulated dynamometer compiles the same code into its
+control loop. ``SensorFault`` applies them to a stream.
 """
 
 import math
@@ -23,8 +23,8 @@ from monitor.base.errors import UsageError
 
 RICH_TO_LEAN, LEAN_TO_RICH, SYMMETRIC = -1, 1, 0
 
-TRANSIENT_GAIN = 0.7  # amplitude left by the transient-time fault, whose severity is its lag
-OUT_OF_RANGE_LAMBDA = 0.31  # below what any wideband sensor can read
+TRANSIENT_GAIN = 0.7  # amplitude of the transient fault; its severity is the lag
+OUT_OF_RANGE_LAMBDA = 0.31  # no wideband sensor can read so low a lambda
 
 
 def lag_step(x: float, u: float, tau_rising_s: float, tau_falling_s: float, step_s: float) -> float:
@@ -36,7 +36,7 @@ def lag_step(x: float, u: float, tau_rising_s: float, tau_falling_s: float, step
 
 
 def one_sided(u: float, delayed: float, direction: int) -> float:
-    """Return what a sensor reads whose dead time acts on one edge direction, or on both."""
+    """Return the reading of a sensor with dead time on one edge direction, or on both."""
     if direction > 0:
         return min(u, delayed)
     if direction < 0:
@@ -46,7 +46,7 @@ def one_sided(u: float, delayed: float, direction: int) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """A named fault, resolved to what it does."""
+    """A fault by name, with the parameters of its transform."""
 
     name: str
     severity: float
@@ -56,7 +56,7 @@ class Fault:
     delay_direction: int = SYMMETRIC
     gain: float = 1.0
     offset_lambda: float = 0.0
-    stuck_lambda: float = 0.0  # 0 is not stuck
+    stuck_lambda: float = 0.0  # 0: not stuck
     not_ready: bool = False
     missing: bool = False
 
@@ -84,11 +84,11 @@ NAMES = tuple(DEFAULT_SEVERITY)
 
 
 def resolve(name: str, severity: float | None = None) -> Fault:
-    """Return the fault of that name; a missing severity takes the name's usual one.
+    """Return the fault of a name; without a severity, ``DEFAULT_SEVERITY`` holds.
 
-    severity : time constant or dead time in s, gain, or offset in lambda; for out_of_range the
-        lambda that is sent; stuck_lean and stuck_rich freeze that far from lambda 1
-    Raises UsageError for an unknown name or an impossible severity.
+    severity : time constant or dead time in s, gain, or offset in lambda; out_of_range: the lambda
+        that is sent; stuck_lean and stuck_rich: the distance of the frozen value from lambda 1
+    Raises UsageError if the name is unknown or the severity impossible.
     """
     if name not in DEFAULT_SEVERITY:
         raise UsageError(f"fault {name!r} is unknown; there are {', '.join(NAMES)}")
@@ -120,9 +120,9 @@ def resolve(name: str, severity: float | None = None) -> Fault:
 
 
 def combine(parts: Sequence[Fault]) -> Fault | None:
-    """Return one fault that does what all parts do, None for no part.
+    """Return one fault with the effects of all parts; None if there are no parts.
 
-    Raises UsageError if two parts set the same thing.
+    Raises UsageError if two parts set the same parameter.
     """
     if len(parts) < 2:
         return parts[0] if parts else None
@@ -138,9 +138,9 @@ def combine(parts: Sequence[Fault]) -> Fault | None:
 
 
 class SensorFault:
-    """A fault put onto a stream of lambda readings, after the control loop.
+    """A fault on a stream of lambda readings, behind the control loop.
 
-    Not for faults of the communication (not_ready, signal_missing): these read NaN here.
+    Communication faults (not_ready, signal_missing) read NaN here.
     """
 
     def __init__(self, fault: Fault, period_s: float) -> None:
@@ -150,7 +150,7 @@ class SensorFault:
         self._x = math.nan
 
     def push(self, lambda_healthy: float) -> float:
-        """Return what the faulty sensor reads; NaN stays NaN, and what no sensor can read stays."""
+        """Return the faulty reading in lambda; NaN stays NaN, values of 0 and below stay."""
         fault = self._fault
         at_once = _at_once(fault, lambda_healthy)
         if at_once is not None:
@@ -169,7 +169,7 @@ class SensorFault:
 
 
 def _at_once(fault: Fault, lambda_healthy: float) -> float | None:
-    """Return what is read whatever came before, None if dead time and lag have a say."""
+    """Return the reading if it does not depend on earlier readings, otherwise None."""
     if not math.isfinite(lambda_healthy) or fault.not_ready or fault.missing:
         return math.nan
     if fault.stuck_lambda:
@@ -178,27 +178,27 @@ def _at_once(fault: Fault, lambda_healthy: float) -> float | None:
 
 
 def _reading(fault: Fault, x: float) -> float:
-    """Return the lambda that is read of ``x``, phi behind dead time and lag."""
+    """Return the lambda reading for ``x``, which is phi after dead time and lag."""
     phi = max(1.0 + fault.gain * (x - 1.0), 1.0 / 16.0)
     return 1.0 / phi + fault.offset_lambda
 
 
 class TimedSensorFault:
-    """A fault put onto readings that come at their own times, as frames on a bus do.
+    """A fault on readings at uneven times, such as those of frames on a bus.
 
-    At even times it reads exactly what ``SensorFault`` reads. Between readings phi is a straight
-    line, so that a dead time need not be a whole number of periods.
+    At even times it reads the same as ``SensorFault``. Phi is interpolated linearly between
+    readings, so a dead time need not be a whole number of periods.
     """
 
     def __init__(self, fault: Fault) -> None:
         self._fault = fault
         self._delay_ns = round(fault.delay_s * 1e9)
-        self._history: deque[tuple[int, float]] = deque()  # (t_ns, phi), back to the dead time
+        self._history: deque[tuple[int, float]] = deque()  # (t_ns, phi), as old as the dead time
         self._x = math.nan
         self._last_ns = 0
 
     def push(self, t_ns: int, lambda_healthy: float) -> float:
-        """Return what the faulty sensor reads; NaN stays NaN, and what no sensor can read stays."""
+        """Return the faulty reading in lambda; NaN stays NaN, values of 0 and below stay."""
         fault = self._fault
         at_once = _at_once(fault, lambda_healthy)
         if at_once is not None:
@@ -215,7 +215,7 @@ class TimedSensorFault:
         return _reading(fault, self._x)
 
     def _delayed(self, t_ns: int) -> float:
-        """Return phi as it was then; before the first reading, that of the first."""
+        """Return phi at a time; before the first reading, the phi of the first."""
         history = self._history
         while len(history) > 1 and history[1][0] <= t_ns:
             history.popleft()
@@ -226,7 +226,7 @@ class TimedSensorFault:
         return phi + (later - phi) * (t_ns - t0_ns) / (t1_ns - t0_ns)
 
 
-# Disturbances of the sensor's line. They have no code of their own and are random.
+# Disturbances of the sensor signal. They are random and have no trouble code.
 DEFAULT_DISTURBANCE = {"noise": 0.02, "drop_outs": 0.1}
 DROP_OUT_S = 0.3  # mean length of a drop-out
 
@@ -243,9 +243,9 @@ class Noise:
 
 
 class DropOuts:
-    """A loose contact: at random instants there is no reading for a while, NaN.
+    """A loose contact: the reading is NaN for short random times.
 
-    share : of the time without a reading, below 1
+    share : part of the time without a reading, 0 to below 1
     """
 
     def __init__(self, share: float, seed: str) -> None:

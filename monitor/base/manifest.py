@@ -1,7 +1,6 @@
 """Manifests: a ``manifest.json`` beside recordings says where they come from.
 
-A result about simulated recordings must say that they are simulated; the manifest is how a replay
-knows.
+A result about simulated recordings must say that they are simulated; a replay reads that here.
 """
 
 import json
@@ -15,9 +14,9 @@ SCHEMA: Final = "o2mon.manifest/1"
 
 
 def load(folder: Path) -> dict[str, dict[str, Any]]:
-    """Return the entries of a folder's manifest by file name; {} where there is none of ours.
+    """Return a folder's manifest entries by file name.
 
-    A ``manifest.json`` of something else says nothing about recordings.
+    The result is empty if the folder has no manifest of schema ``SCHEMA``.
     """
     try:
         tree = json.loads((folder / NAME).read_text())
@@ -26,14 +25,14 @@ def load(folder: Path) -> dict[str, dict[str, Any]]:
     if not isinstance(tree, dict) or tree.get("schema") != SCHEMA:
         return {}
     entries = tree.get("recordings")
-    known = [e for e in entries if isinstance(e, dict)] if isinstance(entries, list) else []
-    return {str(entry.get("file")): entry for entry in known}
+    valid = [e for e in entries if isinstance(e, dict)] if isinstance(entries, list) else []
+    return {str(entry.get("file")): entry for entry in valid}
 
 
 def save(folder: Path, entries: dict[str, dict[str, Any]]) -> None:
     """Write a folder's manifest, sorted by file name.
 
-    Raises RecordingError if a ``manifest.json`` of something else is in the way.
+    Raises RecordingError if a ``manifest.json`` with another schema exists.
     """
     if (folder / NAME).exists() and not _is_ours(folder / NAME):
         raise RecordingError(f"{folder / NAME}: is not a manifest of recordings, and in the way")
@@ -43,7 +42,7 @@ def save(folder: Path, entries: dict[str, dict[str, Any]]) -> None:
 
 
 def source_of(path: Path, sha256: str) -> str | None:
-    """Return where a recording comes from, None if no manifest speaks of this very file."""
+    """Return the source of a recording; None if no manifest names this file with this sha256."""
     entry = load(path.parent).get(path.name)
     if entry is None or entry.get("sha256") != sha256:
         return None

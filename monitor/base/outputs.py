@@ -1,4 +1,4 @@
-"""Files to write, looked at before the work: nothing that is read is written over."""
+"""Checks on output files before the work: they can be written, and overwrite no input."""
 
 import os
 from collections.abc import Iterable
@@ -9,7 +9,7 @@ from monitor.base.errors import UsageError
 
 def check(outputs: Iterable[Path | None], inputs: Iterable[Path | None] = ()) -> None:
     """Raise UsageError if an output cannot be written, or is one of the inputs."""
-    read = [each for each in inputs if each is not None and each.exists()]
+    read = [path for path in inputs if path is not None and path.exists()]
     for path in outputs:
         if path is None:
             continue
@@ -20,12 +20,12 @@ def check(outputs: Iterable[Path | None], inputs: Iterable[Path | None] = ()) ->
             raise UsageError(f"{path}: the folder may not be written to")
         if path.is_dir():
             raise UsageError(f"{path}: is a folder, a file to write is wanted")
-        if path.exists() and any(path.samefile(each) for each in read):
+        if path.exists() and any(path.samefile(other) for other in read):
             raise UsageError(f"{path}: is read, too; choose another file to write")
 
 
 def numbered(path: Path, number: int) -> Path:
-    """Return a file's name with a number.
+    """Return the path with a number in its file name.
 
     >>> numbered(Path("drive.log.gz"), 2).name
     'drive_2.log.gz'
@@ -35,9 +35,9 @@ def numbered(path: Path, number: int) -> Path:
 
 
 def unused(path: Path) -> Path:
-    """Return the path, with the first free number if there is a file with something in it."""
-    found, number = path, 1
-    while found.is_file() and found.stat().st_size > 0:
+    """Return the path; if that file exists and is not empty, with the first free number."""
+    candidate, number = path, 1
+    while candidate.is_file() and candidate.stat().st_size > 0:
         number += 1
-        found = numbered(path, number)
-    return found
+        candidate = numbered(path, number)
+    return candidate

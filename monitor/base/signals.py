@@ -13,7 +13,7 @@ class Signal:
 
     name: str
     unit: str
-    minimum: float  # plausible range, in the unit
+    minimum: float  # plausible range, in ``unit``
     maximum: float
     role: Role
 
@@ -48,15 +48,15 @@ OUTPUT = "lambda_measured"
 
 
 def plausible_range(name: str) -> tuple[float, float]:
-    """Return the plausible range of ``name``, widened by rounding errors.
+    """Return the plausible range of a signal, widened by rounding errors.
 
-    Names that are not canonical have the range from -inf to +inf.
+    A name that is not canonical has the range from -inf to +inf.
 
     >>> plausible_range("own_signal")
     (-inf, inf)
     """
-    known = BY_NAME.get(name)
-    if known is None:
+    signal = BY_NAME.get(name)
+    if signal is None:
         return -inf, inf
-    margin = 1e-9 * (known.maximum - known.minimum)
-    return known.minimum - margin, known.maximum + margin
+    margin = 1e-9 * (signal.maximum - signal.minimum)
+    return signal.minimum - margin, signal.maximum + margin

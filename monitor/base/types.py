@@ -1,4 +1,4 @@
-"""Values that travel through the monitor, in the order in which they are made."""
+"""The values that pass through the monitor, in the order of the data."""
 
 from enum import IntEnum
 from typing import NamedTuple
@@ -11,37 +11,37 @@ IntArray = NDArray[np.int64]
 QualityArray = NDArray[np.uint8]
 BoolArray = NDArray[np.bool_]
 
-# What one frame says: channel numbers, and as many values in canonical units; NaN stands for not
-# available, +inf for out of range.
+# The content of one frame: channel numbers, and one value for each in canonical units. NaN means
+# not available, +inf means out of range.
 Update = tuple[tuple[int, ...], tuple[float, ...]]
 
 
 class Frame(NamedTuple):
-    """One CAN frame. A tuple, because one is made for every frame on the bus."""
+    """One CAN frame. It is a tuple for speed: the monitor makes one for every frame on the bus."""
 
-    t_ns: int  # time since the epoch or since the log's zero
-    can_id: int  # 11 or 29 bit identifier, without flags
+    t_ns: int  # time since the epoch, or since the start of the log
+    can_id: int  # 11-bit or 29-bit identifier, without flags
     is_extended: bool
     data: bytes
 
 
 class FrameBlock(NamedTuple):
-    """Many CAN frames side by side, in the order of the log; row i is one Frame."""
+    """Many CAN frames side by side, in the order of the log; row i is one ``Frame``."""
 
     t_ns: IntArray  # (n,)
-    key: NDArray[np.uint32]  # (n,) identifier, with bit 31 set if it has 29 bits
+    key: NDArray[np.uint32]  # (n,) identifier; bit 31 is set if it has 29 bits
     length: NDArray[np.uint8]  # (n,) bytes of data
-    data: NDArray[np.uint8]  # (n, 8), or (n, 64) if one is longer; zero behind each frame's end
+    data: NDArray[np.uint8]  # (n, 8), or (n, 64) if a frame is longer; zero after a frame's end
 
 
 class Quality(IntEnum):
-    """How good one value of a sample is; anything but GOOD comes with the value NaN."""
+    """Quality of one value of a sample; the value is NaN unless the quality is GOOD."""
 
     GOOD = 0
-    STALE = 1  # nothing received for longer than the signal's timeout
-    INVALID = 2  # the sender says: not available
+    STALE = 1  # not received for longer than the signal's timeout
+    INVALID = 2  # the sender marks it as not available
     OUT_OF_RANGE = 3  # outside the plausible range
-    OFF_BUS = 4  # nothing received for as long, but the monitor itself was off the bus
+    OFF_BUS = 4  # not received for that long while the monitor itself was off the bus
 
 
 class Sample(NamedTuple):
@@ -50,11 +50,11 @@ class Sample(NamedTuple):
     index: int  # type: ignore[assignment]  # tuple.index is not used; tick number k, t_ns = t0 + k * period
     t_ns: int
     values: FloatArray  # (n_signals,) in the order of the assembler's names; NaN if not GOOD
-    quality: QualityArray  # (n_signals,) a Quality for each value
+    quality: QualityArray  # (n_signals,) one Quality per value
 
 
 class SampleBlock(NamedTuple):
-    """The samples of a whole recording side by side; row i is one Sample."""
+    """The samples of a whole recording side by side; row i is one ``Sample``."""
 
     index: IntArray  # type: ignore[assignment]  # (n,)
     t_ns: IntArray  # (n,)

@@ -1,1 +1,1 @@
-"""The bus of the live loop: received from, sent to, watched, recorded; and its time."""
+"""The live bus: the loop that judges it, and the attachments of the loop."""

@@ -1,34 +1,34 @@
-"""What may hang on the live loop beside the judging: transmitter, diagnostics, polling, views.
+"""Attachments of the live loop: transmitter, diagnostics, polling and views.
 
-An attachment never waits: the loop's one thread calls it between two frames.
+An attachment never waits, because the loop's only thread calls it between two frames.
 """
 
 from collections.abc import Collection, Iterable
 from typing import Protocol
 
 from monitor.base.types import Frame
-from monitor.pipeline.stream import Event
+from monitor.pipeline.events import Event
 
 
 class Attachment(Protocol):
-    """Takes what the loop sees and says what it wants to send."""
+    """Takes frames and events of the loop, and returns frames to send."""
 
     @property
     def identifiers(self) -> Collection[tuple[int, bool]]:
-        """Return the identifiers, and whether each has 29 bits, that it wants to receive."""
+        """Return the identifiers of the frames it receives, and whether each has 29 bits."""
 
     @property
     def due_s(self) -> float:
-        """Return the monotonic time at which ``work`` wants to be called, inf for none."""
+        """Return the monotonic time in s of the next call of ``work``, inf for none."""
 
     def receive(self, frame: Frame) -> Iterable[Frame]:
-        """Take a frame under one of its identifiers; return frames for the pipeline to judge."""
+        """Take a frame under one of its identifiers; return frames for the pipeline."""
 
     def push(self, event: Event) -> None:
-        """Take an event of the pipeline; its change of the fault memory is stored by now."""
+        """Take an event of the pipeline; its change of the fault memory is already stored."""
 
     def work(self, now_s: float) -> Iterable[Frame]:
-        """Return the frames to be sent now; called when due, and after every receive and push."""
+        """Return the frames to send now; called when due, and after every receive and push."""
 
     def close(self) -> None:
-        """Let go of what it holds."""
+        """Release its resources."""

@@ -1,7 +1,7 @@
-"""The real-time loop: one thread that receives, judges, records and reports.
+"""The real-time loop: one thread receives, judges, records and reports.
 
-When the bus falls silent the loop makes time marks, frames of its own that only move time; see
-``clock``. What hangs on the loop beside the judging is an Attachment.
+On a silent bus the loop makes time marks, which are frames that only move time on; see ``clock``.
+Everything beside the judging is an ``Attachment``.
 """
 
 import math
@@ -26,26 +26,35 @@ from monitor.frames.loop_frames import bus_state, codes_cleared, is_own
 from monitor.memory.dtc import DtcStore
 from monitor.memory.reference import Seen
 from monitor.memory.store import Memory
-from monitor.pipeline.stream import CycleStarted, Event, FramePipeline, Tick, WindowJudged
+from monitor.pipeline.events import (
+    BlockEvent,
+    CycleStarted,
+    Event,
+    Tick,
+    Ticks,
+    WindowJudged,
+    singly,
+)
+from monitor.pipeline.frames import FramePipeline
 from monitor.report.replay import Setup, frame_counters
 from monitor.report.sinks import Collector
 
-KEEP: Final = 1_000  # windows, the latest: three hours of driving in 2.5 MB
-KEEP_SAMPLES: Final = 200_000  # of the report, the latest: 5 h at 10 Hz
+KEEP: Final = 1_000  # latest windows kept: three hours of driving in 2.5 MB
+KEEP_SAMPLES: Final = 200_000  # latest samples kept for the report: 5 h at 10 Hz
 _STALE: Final = int(Quality.STALE)
-STORE_AGAIN_S: Final = 10.0  # after the fault memory could not be stored
-STORE_DRIVEN_S: Final = 60.0  # engine running time that a kill may lose
+STORE_AGAIN_S: Final = 10.0  # wait after a failed attempt to store the fault memory
+STORE_DRIVEN_S: Final = 60.0  # most engine running time that a kill may lose
 
 
 class Loop:
-    """One run on a bus.
+    """One run of the monitor on a bus.
 
-    reopen : opens the bus again after it was lost; without it a loss ends the run
-    memory : fault memory; every change is stored before it is announced
+    reopen : opens the bus again after a loss; without it a loss ends the run
+    memory : fault memory; a change is stored before it is announced
     record : log to write
-    attachments : what hangs on the loop; more may be appended to ``attachments`` before ``run``
-    say : takes the lines about the run itself
-    monotonic_s : clock that says how long the bus has been silent
+    attachments : attachments of the loop; the list may grow until ``run``
+    say : receives messages about the run
+    monotonic_s : clock that measures the silence of the bus, in s
     sleep : waits while the bus is lost
     """
 
@@ -83,13 +92,13 @@ class Loop:
         self._stop = self._is_off = False
 
     def stop(self, *_: int | FrameType | None) -> None:
-        """End the loop after the frame in hand; may be called from a signal handler."""
+        """End the loop after the current frame; a signal handler may call it."""
         self._stop = True
 
     def run(self, duration_s: float | None = None) -> None:
-        """Receive and judge until stopped, or for so long.
+        """Receive and judge until stopped, or for ``duration_s``.
 
-        Raises BusError when the interface fails and cannot be opened again.
+        Raises BusError if the interface fails and cannot be opened again.
         """
         until_s = math.inf if duration_s is None else self._now_s() + duration_s
         self._rewire()
@@ -109,8 +118,8 @@ class Loop:
                 frame = receive(wait_s, assembler.tick_end_ns)
                 now_s = self._now_s()
                 if frame is None or self._is_off:
-                    for own in self._own_frames():
-                        self._judge(own)
+                    for made in self._loop_frames():
+                        self._judge(made)
                 if frame is not None:
                     heard(frame.t_ns, now_s)
                     if is_own(frame):
@@ -118,8 +127,8 @@ class Loop:
                     else:
                         self._take(frame)
 
-    def _own_frames(self) -> Iterator[Frame]:
-        """Yield what the loop itself has to tell the pipeline."""
+    def _loop_frames(self) -> Iterator[Frame]:
+        """Yield the loop's frames that are due: bus state and time mark."""
         if self._port.is_off != self._is_off:
             self._is_off = self._port.is_off
             yield bus_state(self._clock.t_ns, off=self._is_off)
@@ -128,9 +137,9 @@ class Loop:
             yield mark
 
     def clear_codes(self) -> None:
-        """Clear the codes, store that, then tell it to everything attached.
+        """Clear the codes, store the change, then report it to the attachments.
 
-        Raises RecordingError when they are cleared but could not be stored; that is tried again.
+        Raises RecordingError if the change could not be stored; the loop tries that again later.
         """
         self._judge(codes_cleared(self._clock.t_ns))
         self._store()
@@ -155,30 +164,31 @@ class Loop:
                 self._handle(event)
             self._work()
 
-    def _handle(self, event: Event) -> None:
-        if not isinstance(event, Tick | WindowJudged) or self._has_driven:
+    def _handle(self, event: BlockEvent) -> None:
+        if not isinstance(event, Ticks | WindowJudged) or self._has_driven:
             self._store()
         if isinstance(event, CycleStarted):
             self._learn(event.seen)
             if self._memory is not None:
                 self._adopt(self._memory)
-        self._tell(event)
-        if isinstance(event, Tick):
-            self._note_stale(event)
+        self.collector.push(event)
+        for each in singly(event):
+            self._tell(each)
+            if isinstance(each, Tick):
+                self._note_stale(each)
 
     @property
     def _has_driven(self) -> bool:
-        """Return whether enough was driven since the last storing to store that."""
+        """Return whether enough running time has passed since the last storing."""
         run_s = self.pipeline.monitor.store.counts.engine_run_since_clear_s
         return run_s - self._stored_run_s >= STORE_DRIVEN_S
 
     def _tell(self, event: Event) -> None:
-        self.collector.push(event)
         for attachment in tuple(self.attachments):
             self._ask(attachment, attachment.push, event)
 
     def _note_stale(self, tick: Tick) -> None:
-        quality = tick.sample.quality.tobytes()  # numpy's own comparison takes four times as long
+        quality = tick.sample.quality.tobytes()  # numpy's comparison takes four times as long
         if _STALE not in quality:
             self.health.stale = ()
             return
@@ -188,7 +198,7 @@ class Loop:
         self.health.stale_samples += 1
 
     def _work(self) -> None:
-        """Send what the attachments want sent and find out when they are due again."""
+        """Send the frames of the attachments, and find the time of the next call."""
         now_s = self._now_s()
         if now_s >= self._store_again_s:
             self._store()
@@ -208,10 +218,10 @@ class Loop:
     def _ask(
         self, attachment: Attachment, call: Callable[[Any], Iterable[Frame] | None], about: Any
     ) -> list[Frame]:
-        """Return what an attachment answers; one that raises is let go."""
+        """Return the frames that an attachment answers; detach it if it raises."""
         try:
             return list(call(about) or ())
-        except Exception as error:  # the judging must not end with what hangs on it
+        except Exception as error:  # a failing attachment must not end the judging
             self._detach(attachment, error)
             return []
 
@@ -239,13 +249,13 @@ class Loop:
         try:
             recorder.write(frame)
         except RecordingError as error:
-            self._recorder = None  # a log with a hole would not replay to the same events
+            self._recorder = None  # a log with a gap would not replay to the same events
             self._say(f"{error}; the log ends here, judging goes on")
             with suppress(RecordingError):
                 recorder.close()
 
     def _store(self) -> None:
-        """Store what has changed; when that fails say so once and try again later."""
+        """Store the changes of the fault memory; on failure tell it once and try again later."""
         if self._memory is None:
             return
         failing = self._store_again_s < math.inf
@@ -281,14 +291,14 @@ class Loop:
             self._learn(self.pipeline.monitor.seen)
 
     def _adopt(self, memory: Memory) -> None:
-        """Judge the next driving cycle with what is known of the vehicle by now."""
+        """Judge the next driving cycle with the latest reference of the vehicle."""
         try:
             self.pipeline.monitor.adopt(self._setup.of_vehicle(memory).limits)
         except RecordingError as error:
             self._say(str(error))
 
     def _learn(self, seen: Seen | None) -> None:
-        """Store what a driving cycle shows of the vehicle."""
+        """Add a driving cycle to the vehicle's reference."""
         if self._memory is None:
             return
         try:
@@ -306,7 +316,7 @@ class Loop:
 
 
 def run(loop: Loop, duration_s: float | None) -> None:
-    """Run the loop until its time is over or SIGINT or SIGTERM comes."""
+    """Run the loop until its time is over or SIGINT or SIGTERM arrives."""
     signals = (signal.SIGINT, signal.SIGTERM)
     previous = {number: signal.signal(number, loop.stop) for number in signals}
     try:

@@ -1,4 +1,4 @@
-"""Asking the system for a place before other processes."""
+"""Priority, processor and garbage collection of the live loop's process."""
 
 import gc
 import os
@@ -7,9 +7,9 @@ from monitor.base.errors import UsageError
 
 
 def use_priority(priority: int) -> None:
-    """Run under SCHED_FIFO with that priority.
+    """Run under SCHED_FIFO at this priority.
 
-    Raises UsageError if it does not exist here or is not permitted.
+    Raises UsageError if the system has no such priority or does not permit it.
     """
     if not hasattr(os, "sched_setscheduler"):
         raise UsageError("--realtime: this system has no SCHED_FIFO")
@@ -26,9 +26,9 @@ def use_priority(priority: int) -> None:
 
 
 def use_cpu(cpu: int) -> None:
-    """Run on that processor alone.
+    """Run on this processor only.
 
-    Raises UsageError if there is none of that number or it is not permitted.
+    Raises UsageError if there is no such processor or it is not permitted.
     """
     if not hasattr(os, "sched_setaffinity"):
         raise UsageError("--cpu: this system cannot bind a process to a processor")
@@ -40,6 +40,6 @@ def use_cpu(cpu: int) -> None:
 
 
 def settle() -> None:
-    """Take all that was loaded so far out of garbage collection, whose longest pauses it makes."""
+    """Exempt all loaded objects from garbage collection: they cause its longest pauses."""
     gc.collect()
     gc.freeze()

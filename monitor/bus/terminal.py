@@ -13,15 +13,8 @@ from typing import Any, Final, TextIO
 from monitor.base.types import Frame
 from monitor.bus.link.port import BusHealth
 from monitor.judge.enable import CONDITIONS
-from monitor.pipeline.stream import (
-    Counted,
-    CycleStarted,
-    DtcChanged,
-    Event,
-    Monitor,
-    Tick,
-    WindowJudged,
-)
+from monitor.pipeline.events import Counted, CycleStarted, DtcChanged, Event, Tick, WindowJudged
+from monitor.pipeline.monitor import Monitor
 from monitor.report.sinks import Collector, event_line, rounded
 
 SCHEMA: Final = "o2mon.run/1"

@@ -1,4 +1,4 @@
-"""The monitor's own CAN messages: fault flag, codes and the last window."""
+"""The CAN messages that the monitor sends: fault flag, codes and the last window."""
 
 import math
 from collections.abc import Sequence
@@ -11,7 +11,8 @@ from monitor.base.types import Frame
 from monitor.decode.bus_map import load_database
 from monitor.decode.checksum import payload_checksum
 from monitor.memory.dtc import Status
-from monitor.pipeline.stream import Event, Monitor, Tick, WindowJudged
+from monitor.pipeline.events import Event, Tick, WindowJudged
+from monitor.pipeline.monitor import Monitor
 
 STATUS_PERIOD_NS: Final = 100_000_000
 CHECKSUM_BYTE: Final = 7
@@ -27,7 +28,7 @@ VERDICTS: Final = {"passed": 0, "failed": 1, "inconclusive": 2}
 
 
 def dtc_number(code: str) -> int:
-    """Return a trouble code as its two bytes (SAE J2012).
+    """Return a trouble code as a number of two bytes (SAE J2012).
 
     >>> hex(dtc_number("P0133")), hex(dtc_number("U0100"))
     ('0x133', '0xc100')
@@ -36,10 +37,10 @@ def dtc_number(code: str) -> int:
 
 
 class Transmitter:
-    """Turns events into the frames of ``o2_monitor.dbc``; time comes with the samples."""
+    """Turns events into the frames of ``o2_monitor.dbc``; their times are those of the samples."""
 
     identifiers: tuple[tuple[int, bool], ...] = ()
-    due_s = math.inf  # the events alone say when something is to be sent
+    due_s = math.inf  # frames are sent on events only
 
     def __init__(self, monitor: Monitor) -> None:
         database = load_database(dbc.path("o2_monitor.dbc"))
@@ -51,11 +52,11 @@ class Transmitter:
         self._ready: list[Frame] = []
 
     def receive(self, frame: Frame) -> tuple[Frame, ...]:
-        """Return nothing: no frame is wanted."""
+        """Return nothing: it makes no frames for the pipeline."""
         return ()
 
     def push(self, event: Event) -> None:
-        """Make the frames that this event makes due."""
+        """Make the frames that are due at this event."""
         if isinstance(event, WindowJudged):
             self._ready.append(self._frame(self._window, event.window.t_end_ns, _fields(event)))
         elif isinstance(event, Tick) and self._is_due(event.sample.t_ns):
@@ -68,10 +69,10 @@ class Transmitter:
         return ready
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Do nothing: it holds no resources."""
 
     def _is_due(self, t_ns: int) -> bool:
-        """The next time has come, or the clock has stepped back."""
+        """Return whether a status is due, or the clock has stepped back."""
         return not self._next_ns - STATUS_PERIOD_NS <= t_ns < self._next_ns
 
     def _state(self, tick: Tick) -> dict[str, float]:
@@ -100,7 +101,7 @@ class Transmitter:
         counter = self._counters[message.name]
         self._counters[message.name] = (counter + 1) % 16
         fields = {s.name: 0.0 for s in message.signals} | values
-        for signal in message.signals:  # a value beyond the signal's range is sent as its limit
+        for signal in message.signals:  # a value beyond the range is sent as its limit
             low = signal.minimum if signal.minimum is not None else -1e9
             high = signal.maximum if signal.maximum is not None else 1e9
             fields[signal.name] = min(max(fields[signal.name], low), high)

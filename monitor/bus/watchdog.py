@@ -1,4 +1,4 @@
-"""Tells systemd that the loop is ready, alive and ending; sd_notify(3), docs/guides/service.md."""
+"""Reports to systemd that the loop is ready, alive or ending; see sd_notify(3)."""
 
 import math
 import os
@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 
 from monitor.base.types import Frame
-from monitor.pipeline.stream import Event
+from monitor.pipeline.events import Event
 
 STATUS_S = 10.0  # between two status lines
 

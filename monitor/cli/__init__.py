@@ -1,4 +1,4 @@
-"""The command ``o2mon``; each subcommand is a module of its name."""
+"""The command ``o2mon``: one module per subcommand, named after it."""
 
 import argparse
 import os
@@ -22,7 +22,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return USAGE_ERROR
     except KeyboardInterrupt:
         return 130
-    except Exception as error:  # a bug of ours must not look like a fault of the sensor
+    except Exception as error:  # exit code 1 means a sensor fault, so a bug must not end with 1
         if os.environ.get("O2_TRACEBACK"):
             raise
         print(f"o2mon: internal error: {type(error).__name__}: {error}", file=sys.stderr)

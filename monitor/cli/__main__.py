@@ -1,4 +1,4 @@
-"""``python -m monitor.cli``."""
+"""Run ``o2mon`` by ``python -m monitor.cli``."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""``o2mon check``: which signals are there."""
+"""``o2mon check``: say which mapped signals are present."""
 
 import argparse
 import time
@@ -31,16 +31,22 @@ _CHECK = """examples:
   o2mon check -i socketcan -c can0 --seconds 10 --dbc engine.dbc --map engine.toml
   o2mon check -i socketcan -c can0 --obd                 ask for OBD-II parameters
 
-exit code: 0 all the model needs is there, 3 something is missing"""
+exit code: 0 every signal of the model is present, 3 a signal is missing"""
 
 
 def add(commands: Any) -> None:
-    """Add the subcommand."""
+    """Add the subcommand ``check``."""
     check = add_command(commands, "check", "say which signals are there", _CHECK, _check)
     check.add_argument("log", nargs="?", type=Path, metavar="LOG", help="CAN log instead of a bus")
     add_bus(check)
     add_setup(check, memory=False)
-    check.add_argument("--seconds", type=positive, default=5.0, help="how long to listen to a bus")
+    check.add_argument(
+        "--seconds",
+        type=positive,
+        metavar="S",
+        default=5.0,
+        help="time to listen to a bus, in s (default: 5)",
+    )
     add_obd(check)
 
 
@@ -70,7 +76,10 @@ def _check(args: argparse.Namespace) -> int:
 
 
 def _listen(port: "Port", seconds: float, poller: "ObdPoller | None") -> "Iterator[Frame]":
-    """Yield what comes, and what a poller's answers say beyond their frames."""
+    """Yield the received frames and the frames that the poller makes from answers.
+
+    seconds : time to listen
+    """
     until_s = time.monotonic() + seconds
     while (now_s := time.monotonic()) < until_s:
         due_s = until_s

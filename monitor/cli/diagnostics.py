@@ -1,4 +1,4 @@
-"""Options of ``o2mon run`` for diagnostics on ISO-TP."""
+"""Options of ``o2mon run`` that answer diagnostic testers on ISO-TP."""
 
 import argparse
 from collections.abc import Callable
@@ -18,27 +18,28 @@ _MISSING = "can-isotp is not installed; pip install 'o2-monitor[diagnostics]'"
 
 
 def add_diagnostics(parser: argparse.ArgumentParser) -> None:
-    """Add the options; they matter only with --transmit."""
+    """Add the diagnostic options; they need --transmit."""
     parser.add_argument(
         "--diagnostics-id",
         metavar="HEX",
-        help="answer testers under this identifier: 7E9 to 7EF, 18DAF1xx, or none "
-        "(default: 7E9; only with --transmit)",
+        help="identifier of the answers to testers: 7E9 to 7EF, 18DAF1xx, or none "
+        "(default: 7E9; needs --transmit)",
     )
-    parser.add_argument("--vin", help="vehicle identification number to answer with")
+    parser.add_argument("--vin", help="vehicle identification number that testers read")
     parser.add_argument(
         "--clear-while-running",
         action="store_true",
-        help="let testers clear codes while the engine runs, or when its speed is not known",
+        help="let testers clear codes while the engine runs or its speed is unknown",
     )
 
 
 def diagnostics(
     args: argparse.Namespace, setup: "Setup", loop: "Loop", tell: Callable[[str], None] = say
 ) -> "list[Attachment]":
-    """Return what answers testers: one attachment, or none; ``tell`` takes the reason for none.
+    """Return the attachment that answers testers, in a list; an empty list if there is none.
 
-    Raises UsageError for options that cannot be followed.
+    tell : receives the reason why there is no diagnostics
+    Raises UsageError if the options contradict or can-isotp is missing.
     """
     asked = args.diagnostics_id not in (None, _NONE)
     if not args.transmit:

@@ -1,4 +1,4 @@
-"""``o2mon dtc``: what the fault memory holds."""
+"""``o2mon dtc``: show and clear the fault memory."""
 
 import argparse
 import json
@@ -22,29 +22,29 @@ _DTC = """examples:
   o2mon dtc clear --memory o2.db
 
 exit code: 0 done, 2 the fault memory cannot be used"""
-_MEMORY = "fault memory that o2mon run or replay has written with --memory"
+_MEMORY = "fault memory, written by o2mon run or o2mon replay with --memory"
 SCHEMA = "o2mon.dtc/1"
 
 
 def add(commands: Any) -> None:
-    """Add the subcommand."""
+    """Add the subcommand ``dtc`` and its actions."""
     dtc = add_command(commands, "dtc", "read and clear trouble codes", _DTC, None)
     actions = dtc.add_subparsers(required=True, metavar="action")
     for name, text, func in (
         ("list", "list the trouble codes", _list),
-        ("freeze-frame", "show the signals at the moment at which codes were set", _freeze_frame),
-        ("readiness", "show tests, their results and their in-use performance", _readiness),
-        ("clear", "clear everything but permanent codes and performance", _clear),
+        ("freeze-frame", "show the signals at the time when a code was set", _freeze_frame),
+        ("readiness", "show the tests, their results and their in-use performance", _readiness),
+        ("clear", "clear everything but permanent codes and in-use performance", _clear),
     ):
         action = add_command(actions, name, text, "", func)
         action.add_argument("--memory", type=Path, metavar="FILE", required=True, help=_MEMORY)
         action.add_argument("--json", action="store_true", help="print JSON")
         if name == "freeze-frame":
-            action.add_argument("code", nargs="*", metavar="CODE", help="default: every code")
+            action.add_argument("code", nargs="*", metavar="CODE", help="code (default: all)")
 
 
 def _check(path: Path) -> None:
-    """Raise UsageError if there is no fault memory: none is to be made by looking for one."""
+    """Raise UsageError if the fault memory does not exist; opening it would create one."""
     if not path.exists():
         raise UsageError(f"{path}: no such fault memory")
     if path.is_file() and path.stat().st_size == 0:
@@ -52,7 +52,7 @@ def _check(path: Path) -> None:
 
 
 def _load(path: Path) -> "DtcStore":
-    """Return what a fault memory holds."""
+    """Return the content of a fault memory."""
     from monitor.memory.dtc import DtcStore
     from monitor.memory.store import Memory
 
@@ -146,7 +146,7 @@ def _freeze_frame(args: argparse.Namespace) -> int:
     return _print(args, fields, lines())
 
 
-_EPOCH_FROM_NS = 10**18  # 2001; what is smaller counts from a recording's own zero
+_EPOCH_FROM_NS = 10**18  # the year 2001; a smaller time counts from the start of a recording
 
 
 def _when(t_ns: int) -> str:

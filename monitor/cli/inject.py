@@ -1,4 +1,4 @@
-"""``o2mon inject``: faults between two buses, or from log to log."""
+"""``o2mon inject``: put faults into frames between two buses, or from log to log."""
 
 import argparse
 from collections.abc import Iterable, Iterator
@@ -34,42 +34,45 @@ _INJECT = """examples:
   o2mon inject -i socketcan -c can0 --to-channel can1 --fault gain_low=0.5@60-300
   o2mon inject -i socketcan -c vcan0 --to-channel vcan1 --scenario late.toml --assert --duration 900
 
-Between buses -i and -c name the ECU's side, --to-... the other one. Faults act on the bus only:
-the ECU's own control loop has its sensor on a wire and does not see them.
+Between buses, -i and -c name the bus of the ECU, --to-... the other bus. A fault acts on the frames
+only. The ECU's control loop does not see it: its sensor is wired to the ECU.
 
-exit code: 0 done, and with --assert all expectations are met; 1 one is not; 2 unusable input"""
+exit code: 0 done, with --assert all expectations are met; 1 an expectation is not met; 2 unusable
+input"""
 
 _HEARS_ITSELF = "udp_multicast"
 
 
 def add(commands: Any) -> None:
-    """Add the subcommand."""
+    """Add the subcommand ``inject``."""
     from can.cli import add_bus_arguments
 
     inject = add_command(commands, "inject", "put faults into an engine's frames", _INJECT, _inject)
     inject.add_argument("log", nargs="?", type=Path, metavar="LOG", help="CAN log instead of buses")
-    inject.add_argument("--out", type=Path, metavar="LOG", help="log to write, from LOG")
+    inject.add_argument("--out", type=Path, metavar="LOG", help="log to write")
     inject.add_argument(
         "--fault",
         action="append",
         default=[],
         metavar="NAME[=SEVERITY][@START[-END]]",
-        help="fault to put in, times in s after the first frame; may repeat",
+        help="fault to inject, times in s after the first frame; may repeat",
     )
     inject.add_argument("--scenario", type=Path, metavar="TOML", help="faults and expectations")
     inject.add_argument(
         "--assert",
         dest="check",
         action="store_true",
-        help="judge the frames that go out and compare with the scenario's expectations",
+        help="judge the changed frames and compare the result with the scenario's expectations",
     )
-    inject.add_argument("--seed", type=int, help="of everything random (default: the scenario's)")
+    inject.add_argument("--seed", type=int, help="seed of random faults (default: the scenario's)")
     inject.add_argument(
         "--keep-counters",
         action="store_true",
-        help="no gaps in alive counters where frames are lost or doubled on purpose",
+        help="renumber alive counters, so that lost or doubled frames leave no gap in them",
     )
-    inject.add_argument("--duration", type=positive, metavar="S", help="between buses: stop then")
+    inject.add_argument(
+        "--duration", type=positive, metavar="S", help="stop after this time in s (buses only)"
+    )
     add_bus(inject)
     add_bus_arguments(inject, prefix="to", group_title="bus arguments of the other side")
     add_setup(inject, memory=False)
@@ -117,8 +120,8 @@ def _bus_map(args: argparse.Namespace) -> "BusMap":
         raise UsageError(
             f"--dbc and --map come in pairs: {len(args.dbc)} --dbc, {len(args.map)} --map"
         )
-    own = [(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))]
-    return load_pairs(list(zip(args.dbc, args.map, strict=True)) or own)
+    default = [(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))]
+    return load_pairs(list(zip(args.dbc, args.map, strict=True)) or default)
 
 
 def _logs(
@@ -198,7 +201,7 @@ def _buses(
             say(f"{bus_name(args)} to {bus_name(other)}: {', '.join(map(str, scenario.faults))}")
             try:
                 gateway.run(args.duration)
-            finally:  # a bus that fails takes no result with it
+            finally:  # report the result even if the bus fails
                 for line in gateway.lines():
                     say(line)
         return [judge.finish(bus_name(other))] if judge else []
@@ -212,8 +215,8 @@ def _side(bus: "can.BusABC", options: argparse.Namespace) -> "Side":
 
 
 def _other_side(args: argparse.Namespace) -> argparse.Namespace:
-    """Return the options of the other bus, its interface that of the ECU's unless given."""
-    own = {k.removeprefix("to_"): v for k, v in vars(args).items() if k.startswith("to_")}
-    if "interface" not in own and "interface" in args:
-        own["interface"] = args.interface
-    return argparse.Namespace(**own)
+    """Return the options of the other bus; its interface defaults to that of the ECU's bus."""
+    options = {k.removeprefix("to_"): v for k, v in vars(args).items() if k.startswith("to_")}
+    if "interface" not in options and "interface" in args:
+        options["interface"] = args.interface
+    return argparse.Namespace(**options)

@@ -1,4 +1,4 @@
-"""``--live`` of ``o2mon run``: the page that shows the monitor at work."""
+"""The option ``--live`` of ``o2mon run``: a web page that shows the monitor at work."""
 
 import argparse
 from collections.abc import Callable, Iterator
@@ -15,20 +15,20 @@ if TYPE_CHECKING:
 
 
 def add_live(parser: argparse.ArgumentParser) -> None:
-    """Add the option."""
+    """Add the option ``--live``."""
     parser.add_argument(
         "--live",
         type=parse,
         metavar="HOST:PORT",
-        help="serve a live page there, PORT alone for this machine only (127.0.0.1)",
+        help="serve a live page at this address; PORT alone means 127.0.0.1:PORT",
     )
 
 
 @contextmanager
 def live_server(args: argparse.Namespace) -> "Iterator[Server | None]":
-    """Give the page's server if one is asked for, and end it.
+    """Start the page's server if ``--live`` is given, and stop it at the end.
 
-    Raises UsageError if it cannot be had.
+    Raises UsageError if the server cannot start.
     """
     if args.live is None:
         yield None
@@ -45,7 +45,7 @@ def live_server(args: argparse.Namespace) -> "Iterator[Server | None]":
 def live_feed(
     server: "Server | None", setup: "Setup", loop: "Loop", channel: str, say: Callable[[str], None]
 ) -> "Iterator[LiveFeed]":
-    """Yield what feeds the page, if there is a server, and say where the page is."""
+    """Yield the attachment that feeds the page, and say the page's address."""
     if server is None:
         return
     from monitor.bus.live.feed import LiveFeed

@@ -10,28 +10,30 @@ from monitor.cli.options import NOT_JUDGED, add_command, say
 _MAP = """examples:
   o2mon map engine.dbc                             print a signal map
   o2mon map engine.dbc --out engine.toml           write it, to confirm line by line
-  o2mon map engine.dbc --log drive.log --out engine.toml   checked with a recording
+  o2mon map engine.dbc --log drive.log --out engine.toml   check the proposals with a recording
 
-What is not sure, or where there is a choice, is commented out. Nothing is sure before a person
-has looked at it: o2mon check then shows what the signals read.
+Uncertain and ambiguous proposals are commented out. Check every proposal yourself: o2mon check
+shows the values of the signals.
 
-exit code: 0 all that the shipped model needs is proposed, 3 something is missing"""
+exit code: 0 every signal of the shipped model is proposed, 3 a signal is missing"""
 
 
 def add(commands: Any) -> None:
-    """Add the subcommand."""
+    """Add the subcommand ``map``."""
     parser = add_command(commands, "map", "propose a signal map for a CAN database", _MAP, _map)
     parser.add_argument("dbc", type=Path, metavar="DBC", help="CAN database")
-    parser.add_argument("--out", type=Path, metavar="MAP.toml", help="file (default: printed)")
-    parser.add_argument("--log", type=Path, help="recording of a drive to check with")
+    parser.add_argument(
+        "--out", type=Path, metavar="MAP.toml", help="signal map to write (default: print it)"
+    )
+    parser.add_argument("--log", type=Path, help="recording of a drive that checks the proposals")
     parser.add_argument(
         "--cylinders",
         type=int,
         default=4,
         metavar="N",
-        help="for fuel and air per stroke from flows (default 4)",
+        help="cylinders, to convert flows to fuel and air per stroke (default: 4)",
     )
-    parser.add_argument("--force", action="store_true", help="overwrite --out")
+    parser.add_argument("--force", action="store_true", help="overwrite an existing --out")
 
 
 def _map(args: argparse.Namespace) -> int:
@@ -66,5 +68,5 @@ def _map(args: argparse.Namespace) -> int:
 
 
 def _tell_apart(line: str) -> None:
-    """Print beside the map that goes to the standard output."""
+    """Print to stderr, because the map goes to stdout."""
     print(line, file=sys.stderr)

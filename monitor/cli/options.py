@@ -1,4 +1,4 @@
-"""What the subcommands of ``o2mon`` share: options, opening a bus, writing results."""
+"""Options, opening of a bus and writing of results, shared by the subcommands of ``o2mon``."""
 
 import argparse
 import os
@@ -21,7 +21,7 @@ NOT_JUDGED = 3
 
 
 def positive(text: str) -> float:
-    """Return a positive number given as an option."""
+    """Return the option's value as a positive finite number."""
     value = float(text)
     if not 0.0 < value < float("inf"):
         raise argparse.ArgumentTypeError(f"{text}: a positive number is wanted")
@@ -29,12 +29,12 @@ def positive(text: str) -> float:
 
 
 def hexadecimal(text: str) -> int:
-    """Return a whole number given as hexadecimal digits."""
+    """Return the option's hexadecimal digits as a whole number."""
     return int(text, 16)
 
 
 def check_outputs(args: argparse.Namespace) -> None:
-    """Find out before the work whether its result can be written, and over nothing that is read.
+    """Check before the work that every output can be written and overwrites no input.
 
     Raises UsageError.
     """
@@ -43,7 +43,7 @@ def check_outputs(args: argparse.Namespace) -> None:
 
 
 def say(line: str) -> None:
-    """Print a line; when nobody reads any more go on without, for the verdict still counts."""
+    """Print a line; if the reader is gone, go on silently, because the exit code still counts."""
     try:
         print(line, flush=True)
     except BrokenPipeError:
@@ -53,7 +53,7 @@ def say(line: str) -> None:
 def add_command(
     commands: Any, name: str, text: str, examples: str, func: Any
 ) -> argparse.ArgumentParser:
-    """Add a subcommand with examples in its help."""
+    """Add a subcommand; its help ends with the examples."""
     parser: argparse.ArgumentParser = commands.add_parser(
         name,
         help=text,
@@ -66,21 +66,25 @@ def add_command(
 
 
 def add_setup(parser: argparse.ArgumentParser, *, memory: bool = True) -> None:
-    """Add model, database, map, settings and fault memory."""
+    """Add the options of model, database, signal map, settings and fault memory."""
     parser.add_argument("--model", type=Path, help="ONNX model with its card (default: shipped)")
-    parser.add_argument("--dbc", type=Path, action="append", default=[], help="CAN database")
-    parser.add_argument("--map", type=Path, action="append", default=[], help="its signal map")
-    parser.add_argument("--config", type=Path, help="TOML that changes shipped settings")
+    parser.add_argument(
+        "--dbc", type=Path, action="append", default=[], help="CAN database; may repeat with --map"
+    )
+    parser.add_argument(
+        "--map", type=Path, action="append", default=[], help="signal map of the --dbc before it"
+    )
+    parser.add_argument("--config", type=Path, help="TOML file that changes the shipped settings")
     if memory:
         parser.add_argument(
-            "--memory", type=Path, metavar="FILE", help="fault memory to go on from"
+            "--memory", type=Path, metavar="FILE", help="fault memory to continue, or to create"
         )
 
 
 def add_outputs(parser: argparse.ArgumentParser) -> None:
-    """Add where results are written."""
+    """Add the options of the result files."""
     parser.add_argument("--json", type=Path, metavar="OUT", help="write the result as JSON")
-    parser.add_argument("--html", type=Path, metavar="OUT", help="write a report")
+    parser.add_argument("--html", type=Path, metavar="OUT", help="write the result as a web page")
 
 
 def add_bus(parser: argparse.ArgumentParser) -> None:
@@ -91,31 +95,36 @@ def add_bus(parser: argparse.ArgumentParser) -> None:
 
 
 def add_obd(parser: argparse.ArgumentParser) -> None:
-    """Add the options of polling."""
+    """Add the options of OBD-II polling."""
     parser.add_argument(
         "--obd",
         action="store_true",
-        help="ask the engine for OBD-II parameters, 12 requests a second; "
-        "without --dbc and --map those of obd2.toml",
+        help="poll OBD-II parameters from the engine; the default of --dbc and --map is then "
+        "the shipped obd2.dbc with obd2.toml",
     )
     parser.add_argument(
-        "--obd-rate", type=positive, metavar="HZ", default=12.0, help="most requests a second"
+        "--obd-rate",
+        type=positive,
+        metavar="HZ",
+        default=12.0,
+        help="most requests per second (default: 12)",
     )
     parser.add_argument(
         "--obd-request",
         type=hexadecimal,
         metavar="ID",
-        help="identifier to ask under, hexadecimal (default: 7E0, 7DF and their 29-bit "
-        "counterparts, until one is answered)",
+        help="identifier of the requests, hexadecimal (default: 7E0, 7DF and their 29-bit "
+        "counterparts in turn, until one is answered)",
     )
 
 
 def obd_poller(
     args: argparse.Namespace, bus_map: "BusMap", tell: Callable[[str], None] = say
 ) -> "ObdPoller":
-    """Return what asks for everything the map provides; raises O2Error if there is nothing.
+    """Return a poller for every OBD-II parameter of the map.
 
-    tell : takes the line about what is supported
+    tell : receives a line about the supported parameters
+    Raises O2Error if the map has no OBD-II parameter.
     """
     from monitor.bus.polling.answer import Address
     from monitor.bus.polling.pids import lengths, wanted
@@ -133,7 +142,7 @@ def obd_poller(
 
 
 def tell_if_too_slow(args: argparse.Namespace, setup: "Setup", tell: Callable[[str], None]) -> None:
-    """Say so if polling cannot bring the signals as often as the model samples them."""
+    """Tell the user if polling brings signals less often than the model samples them."""
     from monitor.bus.polling.pids import interval_s, wanted
 
     served_s = interval_s(wanted(setup.bus_map, setup.bus_map.names), args.obd_rate)
@@ -147,7 +156,7 @@ def tell_if_too_slow(args: argparse.Namespace, setup: "Setup", tell: Callable[[s
 
 
 def set_up(args: argparse.Namespace) -> "Setup":
-    """Load what the options name; raises O2Error for what cannot be used."""
+    """Load the files of the options; raises O2Error if one is unusable."""
     import dbc
     from monitor.base import config
     from monitor.report import replay
@@ -166,7 +175,7 @@ def set_up(args: argparse.Namespace) -> "Setup":
 def write_outputs(
     args: argparse.Namespace, setup: "Setup", recordings: list[dict[str, Any]], traces: list[Any]
 ) -> None:
-    """Write JSON and report as asked for; raises UsageError if a file cannot be written."""
+    """Write the JSON and HTML that the options name; raises UsageError if that fails."""
     from monitor.report import replay, sinks
     from monitor.report.text import write_report
 
@@ -189,13 +198,13 @@ def write_outputs(
 
 
 def bus_name(args: argparse.Namespace) -> str:
-    """Return interface and channel as given; python-can leaves out what was not."""
-    given = (getattr(args, name, None) for name in ("interface", "channel"))
-    return " ".join(str(part) for part in given if part)
+    """Return interface and channel of the options, without those that are left out."""
+    parts = (getattr(args, name, None) for name in ("interface", "channel"))
+    return " ".join(str(part) for part in parts if part)
 
 
 def open_bus(args: argparse.Namespace) -> "can.BusABC":
-    """Open the bus of the options; raises BusError saying why it cannot be."""
+    """Open the bus of the options; raises BusError with the reason if it fails."""
     import can
     from can.cli import create_bus_from_namespace
 

@@ -1,4 +1,4 @@
-"""``o2mon replay``."""
+"""``o2mon replay``: judge recorded drives."""
 
 import argparse
 from contextlib import closing, nullcontext
@@ -16,8 +16,8 @@ from monitor.cli.options import (
 )
 
 _REPLAY = """examples:
-  o2mon replay drive.blf                     a log of the project's own ECU, shipped model
-  o2mon replay *.log --html report.html      several drives and a report to look at
+  o2mon replay drive.blf                     log of the project's own ECU, shipped model
+  o2mon replay *.log --html report.html      several drives, shown on a web page
   o2mon replay drive.log --dbc engine.dbc --map engine.toml --model mine.onnx
   o2mon replay table.csv --model mine.onnx --columns names.toml
 
@@ -26,13 +26,15 @@ exit code: 0 judged and no fault, 1 a fault code is pending or confirmed, 2 unus
 
 
 def add(commands: Any) -> None:
-    """Add the subcommand."""
+    """Add the subcommand ``replay``."""
     replay = add_command(commands, "replay", "judge recorded drives", _REPLAY, _replay)
     replay.add_argument("log", nargs="+", type=Path, metavar="LOG", help="CAN log or table")
     add_setup(replay)
-    replay.add_argument("--columns", type=Path, help="TOML: canonical name = column of the table")
+    replay.add_argument(
+        "--columns", type=Path, help="TOML file for tables: canonical name = column"
+    )
     replay.add_argument("--windows", action="store_true", help="print every window")
-    replay.add_argument("--quiet", action="store_true", help="print no verdicts")
+    replay.add_argument("--quiet", action="store_true", help="print nothing per recording")
     add_outputs(replay)
 
 

@@ -36,44 +36,47 @@ if TYPE_CHECKING:
     from monitor.bus.terminal import Out
 
 _RUN = """examples:
-  o2mon run -i socketcan -c can0                         listen only
+  o2mon run -i socketcan -c can0                         only listen
   o2mon run -i socketcan -c vcan0 --record drive.log --duration 600
   o2mon run -i socketcan -c can0 --memory o2.db --transmit
   o2mon run -i socketcan -c can0 --json-lines --realtime 50 --cpu 1
-  o2mon run -i socketcan -c can0 --obd --model own.onnx  ask for OBD-II parameters
-  o2mon run -i socketcan -c can0 --live 8765             and show it on http://127.0.0.1:8765/
+  o2mon run -i socketcan -c can0 --obd --model own.onnx  poll OBD-II parameters
+  o2mon run -i socketcan -c can0 --live 8765             live page on http://127.0.0.1:8765/
 
 exit code: 0 done, 2 the bus cannot be used, 3 nothing could be judged"""
 
 
 def add(commands: Any) -> None:
-    """Add the subcommand."""
+    """Add the subcommand ``run``."""
     run = add_command(commands, "run", "judge a live bus", _RUN, _run)
     add_bus(run)
     add_setup(run)
-    run.add_argument("--duration", type=positive, metavar="S", help="stop after so many seconds")
+    run.add_argument("--duration", type=positive, metavar="S", help="stop after this time in s")
     run.add_argument(
         "--record",
         type=Path,
         metavar="LOG",
-        help="write all frames to a log; one that is there is kept, and a number added",
+        help="write all frames to this log; if it exists, a number is added to the name",
     )
-    run.add_argument("--transmit", action="store_true", help="send fault flag and codes")
+    run.add_argument("--transmit", action="store_true", help="send fault flag and codes on the bus")
     add_diagnostics(run)
     add_obd(run)
     add_live(run)
     run.add_argument("--quiet", action="store_true", help="print only the final verdict")
     run.add_argument("--json-lines", action="store_true", help="print one JSON object per line")
     run.add_argument(
-        "--realtime", type=int, metavar="PRIORITY", help="run under SCHED_FIFO, 1 to 99"
+        "--realtime",
+        type=int,
+        metavar="PRIORITY",
+        help="run under SCHED_FIFO at this priority, 1 to 99",
     )
-    run.add_argument("--cpu", type=int, metavar="N", help="run on that processor alone")
+    run.add_argument("--cpu", type=int, metavar="N", help="run on this processor only")
     add_outputs(run)
 
 
 def _run(args: argparse.Namespace) -> int:
     check_outputs(args)
-    with live_server(args) as server:  # before the process takes its place before others
+    with live_server(args) as server:  # starts before this process takes its CPU and priority
         return _judge(args, server)
 
 
@@ -112,7 +115,7 @@ def _judge(args: argparse.Namespace, server: "Server | None") -> int:
         settle()
         try:
             run(loop, args.duration)
-        finally:  # a bus that fails takes no result with it
+        finally:  # write the result even if the bus fails
             recording = loop.result(str(getattr(args, "channel", None) or bus_name(args)))
             for line in _ending(args, recording):
                 say(line)
@@ -130,7 +133,7 @@ def _take_place(args: argparse.Namespace) -> None:
 
 
 def _speaker(args: argparse.Namespace, out: "Out") -> Callable[[str], None]:
-    """Return what takes the loop's lines about itself."""
+    """Return the function that prints the loop's messages."""
     from monitor.bus.terminal import json_line
 
     if args.json_lines:
@@ -139,7 +142,7 @@ def _speaker(args: argparse.Namespace, out: "Out") -> Callable[[str], None]:
 
 
 def _views(args: argparse.Namespace, loop: "Loop", out: "Out") -> "Iterator[Attachment]":
-    """Yield what shows the loop's state: to a person, a program, a journal, a service manager."""
+    """Yield the attachments that show the loop's state: screen, JSON or log lines, watchdog."""
     from monitor.bus.terminal import JsonLines, Lines, Screen, Status
     from monitor.bus.watchdog import Watchdog
 
@@ -157,7 +160,7 @@ def _views(args: argparse.Namespace, loop: "Loop", out: "Out") -> "Iterator[Atta
 
 
 def _ending(args: argparse.Namespace, recording: dict[str, Any]) -> Iterable[str]:
-    """Return the lines about the whole run."""
+    """Return the closing lines about the whole run."""
     from monitor.bus.terminal import json_line
     from monitor.report.sinks import print_recording, verdict_text
 

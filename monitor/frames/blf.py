@@ -1,6 +1,6 @@
-"""The outer structure of Vector's BLF files, to notice one that was cut short.
+"""The outer structure of Vector's BLF files, to detect a file that was cut short.
 
-python-can reads a BLF as far as it goes and says nothing when it ends too early.
+python-can reads a BLF up to its end and does not report that the end comes too early.
 """
 
 import struct
@@ -12,9 +12,9 @@ _OBJECT_HEADER: Final = struct.Struct("<4sHHLL")
 
 
 def check(file: IO[bytes]) -> int | None:
-    """Return the number of objects that the header announces, None if it announces none.
+    """Return the number of objects that the header announces; None if it announces no number.
 
-    Raises ValueError if this is no BLF file, or not a whole one.
+    Raises ValueError if the file is no BLF file or is incomplete.
     """
     head = file.read(_FILE_HEADER.size)
     if len(head) < _FILE_HEADER.size or head[:4] != b"LOGG":
@@ -34,9 +34,10 @@ def check(file: IO[bytes]) -> int | None:
 
 
 def objects(file: IO[bytes], position: int) -> Iterator[tuple[int, bytes, int]]:
-    """Yield type, body and bytes of padding of the objects from ``position``, where the file is.
+    """Yield type, body and number of padding bytes of each object from ``position`` on.
 
-    Raises ValueError if what comes is no whole object.
+    position : byte at which the file stands
+    Raises ValueError if an object is incomplete.
     """
     while start := file.read(_OBJECT_HEADER.size):
         if len(start) < _OBJECT_HEADER.size:
@@ -47,6 +48,6 @@ def objects(file: IO[bytes], position: int) -> Iterator[tuple[int, bytes, int]]:
         body = file.read(size - _OBJECT_HEADER.size)
         if len(body) < size - _OBJECT_HEADER.size:
             raise ValueError(f"the log object at byte {position} ends too early")
-        n_padding = len(file.read(size % 4))  # some writers leave it out behind the last object
+        n_padding = len(file.read(size % 4))  # some writers omit it after the last object
         position += size + n_padding
         yield kind, body, n_padding

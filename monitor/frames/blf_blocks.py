@@ -1,8 +1,8 @@
-"""Vector's BLF, a megabyte of objects at once.
+"""Vector's BLF files, read in blocks of about half a megabyte of objects.
 
-Gives the frames of python-can's ``BLFReader`` and the errors of ``monitor.frames.logs``. Containers
-are inflated and joined; their objects form a chain, each saying where the next one begins, and the
-chain's links are the places of the signature that fit to each other.
+The frames are those of python-can's ``BLFReader``, the errors those of ``monitor.frames.logs``.
+Containers are inflated and joined. Their objects form a chain, because each object's length gives
+the start of the next one. The reader finds all signatures at once and keeps those on the chain.
 """
 
 import zlib
@@ -24,15 +24,15 @@ from monitor.frames.candump import LATEST_S, LogCounters
 Words = NDArray[np.uint32]
 
 CHUNK_BYTES: Final = 1 << 19
-_MARGIN: Final = 512  # bytes behind them that may be read
+_MARGIN: Final = 512  # bytes after a chunk that may be read
 _SIGNATURE: Final = int.from_bytes(b"LOBJ", "little")
-_TEN_MICROSECONDS: Final = 1  # flag of an object's time
+_TEN_MICROSECONDS: Final = 1  # flag of an object: its time counts in units of 10 us
 _BASE_HEADER: Final = python_can.OBJ_HEADER_BASE_STRUCT.size
-_EXACT: Final = 1 << 53  # integers up to here are doubles
-_LENGTHS: Final = np.array([dlc2len(code) for code in range(256)])  # of CAN FD
-_DATA: Final = swar.masks([swar.kept_first(n) for n in range(9)])  # of a frame of n bytes
+_EXACT: Final = 1 << 53  # a double holds every integer up to this one
+_LENGTHS: Final = np.array([dlc2len(code) for code in range(256)])  # bytes per CAN FD length code
+_DATA: Final = swar.masks([swar.kept_first(n) for n in range(9)])  # mask of n bytes of data
 
-# what an object is, by its type, and the bytes that must be there behind its header
+# Class of an object by its type, and the bytes needed after its header.
 _OTHER, _SKIPPED, _CLASSIC, _FD, _FD_64 = range(5)
 _CLASS: Final = np.zeros(256, dtype=np.uint8)
 _NEEDED: Final = np.zeros(256, dtype=np.int64)
@@ -44,27 +44,27 @@ for _type, _class, _struct in (
     (python_can.CAN_FD_MESSAGE_64, _FD_64, python_can.CAN_FD_MSG_64_STRUCT),
 ):
     _CLASS[_type], _NEEDED[_type] = _class, _struct.size
-_HEADER: Final = np.array([0, 32, 40])  # bytes, by version; others are passed over
+_HEADER: Final = np.array([0, 32, 40])  # bytes by header version; other versions are skipped
 
 
 class Contents(NamedTuple):
-    """What n objects hold, as far as they hold frames."""
+    """The fields of n objects; valid where the object is a frame."""
 
     key: Words  # (n,)
     is_remote: BoolArray  # (n,)
-    announced: IntArray  # (n,) bytes
-    length: IntArray  # (n,) bytes of data that are there
+    announced: IntArray  # (n,) bytes of data by the length code
+    length: IntArray  # (n,) bytes of data in the object
     data: NDArray[np.uint8]  # (n, 8) or (n, 64)
 
 
 class Objects(NamedTuple):
-    """A run of n objects of the chain, all of which begin at a word."""
+    """A run of n objects on the chain; all begin at a 32-bit word."""
 
-    data: NDArray[np.uint8]  # what they lie in
-    words: Words  # the same
-    at: IntArray  # (n,) the word at which each begins
-    body: IntArray  # (n,) the word at which what it holds begins
-    kind: NDArray[np.uint8]  # (n,) what it is
+    data: NDArray[np.uint8]  # bytes that contain the objects
+    words: Words  # the same bytes as 32-bit words
+    at: IntArray  # (n,) word at which the object begins
+    body: IntArray  # (n,) word at which the object's body begins
+    kind: NDArray[np.uint8]  # (n,) class: _OTHER, _SKIPPED, _CLASSIC, _FD or _FD_64
     size: IntArray  # (n,) bytes
 
 
@@ -73,9 +73,9 @@ def read_blocks(
 ) -> Iterator[FrameBlock]:
     """Yield the frames of a BLF file.
 
-    chunk_bytes : inflated bytes to be worked on at once
+    chunk_bytes : inflated bytes per chunk
     Raises ValueError if the file is damaged or holds fewer objects than its header announces, and
-    what zlib and python-can raise, behind the frames before.
+    the errors of zlib and python-can. The frames before the damage are yielded first.
     """
     announced = blf.check(file)
     file.seek(0)
@@ -94,7 +94,7 @@ def read_blocks(
 
 
 def _inflated(file: IO[bytes], chunk_bytes: int) -> Iterator[list[bytes]]:
-    """Yield what containers hold; what zlib raises comes behind what came before it."""
+    """Yield the contents of containers in chunks; an error is raised after them."""
     parts: list[bytes] = []
     try:
         for kind, body, _ in blf.objects(file, 0):
@@ -105,7 +105,7 @@ def _inflated(file: IO[bytes], chunk_bytes: int) -> Iterator[list[bytes]]:
             if method == python_can.ZLIB_DEFLATE:
                 content = zlib.decompressobj().decompress(content)
             elif method != python_can.NO_COMPRESSION:
-                continue  # python-can passes it over, too
+                continue  # python-can skips it, too
             parts.append(content)
             if sum(map(len, parts)) >= chunk_bytes:
                 yield parts
@@ -117,9 +117,9 @@ def _inflated(file: IO[bytes], chunk_bytes: int) -> Iterator[list[bytes]]:
 
 
 def _run(raw: bytes, position: int) -> tuple[Objects, int] | None:
-    """Return the run of objects from ``position`` on and where it ends, None if none is whole.
+    """Return the run of objects from ``position`` on and its end; None if no object is complete.
 
-    Raises ValueError if there is no object where one must be.
+    Raises ValueError if an object must begin there and does not.
     """
     end = len(raw) - _MARGIN
     first = raw.find(b"LOBJ", position, position + 8)
@@ -135,13 +135,13 @@ def _run(raw: bytes, position: int) -> tuple[Objects, int] | None:
     begin = 4 * at + place
     kind = np.minimum(words.take(at + 3), 255)
     version = words.take(at + 1) >> 16
-    is_known = (version == 1) | (version == 2)
-    header = _HEADER.take(version, mode="clip") * is_known
+    is_supported = (version == 1) | (version == 2)
+    header = _HEADER.take(version, mode="clip") * is_supported
     size = words.take(at + 2).astype(np.int64)
-    # an object ends in the chunk, with its header and all that its type needs
-    needed = np.maximum(begin + size, begin + header + _NEEDED.take(kind) * is_known)
+    # an object is whole if the chunk holds its header and the struct of its type
+    needed = np.maximum(begin + size, begin + header + _NEEDED.take(kind) * is_supported)
     is_whole = np.maximum(needed, begin + _BASE_HEADER) <= end
-    behind = begin[1:] - (begin + size)[:-1]  # padding
+    behind = begin[1:] - (begin + size)[:-1]  # bytes of padding
     if size[0] == 0:
         raise ValueError("an object has no length")
     is_linked = is_whole & (size > 0)
@@ -150,14 +150,14 @@ def _run(raw: bytes, position: int) -> tuple[Objects, int] | None:
     if n == 0:
         return None
     following = int(begin[n - 1] + size[n - 1])
-    known = _CLASS.take(kind[:n]) * is_known[:n]
+    classes = _CLASS.take(kind[:n]) * is_supported[:n]
     data = np.frombuffer(raw, dtype=np.uint8, offset=place)
-    run = Objects(data, words, at[:n], (at + header // 4)[:n], known, size[:n])
+    run = Objects(data, words, at[:n], (at + header // 4)[:n], classes, size[:n])
     return run, following
 
 
 def _blocks(objects: Objects, start_s: float, counters: LogCounters) -> Iterator[FrameBlock]:
-    """Yield a run's frames as one block; raises ValueError as ``sources`` does, behind it."""
+    """Yield a run's frames as one block, then raise ValueError if a frame is damaged."""
     times_s = _times_s(objects, start_s)
     is_late = ~(np.abs(times_s) < LATEST_S)
     t_ns = np.rint(np.where(is_late, 0.0, times_s) * 1e6).astype(np.int64) * 1000
@@ -182,7 +182,7 @@ def _blocks(objects: Objects, start_s: float, counters: LogCounters) -> Iterator
 
 
 def _times_s(objects: Objects, start_s: float) -> FloatArray:
-    """Return the times as python-can gives them: the decimal number to the nearest double."""
+    """Return the times in s as python-can computes them: the nearest double of the decimal."""
     words, at = objects.words, objects.at
     ticks = words.take(at + 7).astype(np.uint64) << np.uint64(32)
     ticks |= words.take(at + 6)
@@ -196,7 +196,7 @@ def _times_s(objects: Objects, start_s: float) -> FloatArray:
 
 def _contents(objects: Objects) -> Contents:
     words, body = objects.words, objects.body
-    head = words.take(body)  # channel of 16 bits, flags, length
+    head = words.take(body)  # 16 bits of channel, 8 of flags, 8 of length
     key = words.take(body + 1)
     is_extended = key >> np.uint32(31)
     key &= np.uint32(0x1FFFFFFF)
@@ -207,43 +207,43 @@ def _contents(objects: Objects) -> Contents:
     data = words.take(body + 3).astype(np.uint64) << np.uint64(32)
     data |= words.take(body + 2)
     data &= _DATA.take(length)
-    found = Contents(key, is_remote, announced, length, data.view(np.uint8).reshape(-1, 8))
+    contents = Contents(key, is_remote, announced, length, data.view(np.uint8).reshape(-1, 8))
     if (objects.kind >= _FD).any():
-        return _with_fd(objects, found)
-    return found
+        return _with_fd(objects, contents)
+    return contents
 
 
-def _with_fd(objects: Objects, found: Contents) -> Contents:
-    """Put in what is different in CAN FD."""
-    data = np.zeros((len(found.key), 64), dtype=np.uint8)
-    data[:, :8] = found.data
+def _with_fd(objects: Objects, contents: Contents) -> Contents:
+    """Return the contents with the fields of the CAN FD objects filled in."""
+    data = np.zeros((len(contents.key), 64), dtype=np.uint8)
+    data[:, :8] = contents.data
     rows = np.flatnonzero(objects.kind == _FD)
     body = objects.body[rows]
-    state = objects.words.take(body + 3)  # bits, flags, valid bytes of 8 bits each
-    found.announced[rows] = _LENGTHS.take(objects.words.take(body) >> 24)
-    found.length[rows] = length = np.minimum(state >> 16 & 0xFF, 64)
+    state = objects.words.take(body + 3)  # 8 bits each: bit count, flags, valid bytes
+    contents.announced[rows] = _LENGTHS.take(objects.words.take(body) >> 24)
+    contents.length[rows] = length = np.minimum(state >> 16 & 0xFF, 64)
     data[rows] = _bytes(objects, body, 20, length)
 
     rows = np.flatnonzero(objects.kind == _FD_64)
     body = objects.body[rows]
-    head = objects.words.take(body)  # channel, length code, valid bytes of 8 bits each
-    found.announced[rows] = _LENGTHS.take(head >> 8 & 0xFF)
-    found.length[rows] = length = head.astype(np.int64) >> 16 & 0xFF
-    found.is_remote[rows] = objects.words.take(body + 3) & 0x10 != 0
-    # valid bytes behind the end of the object, or where its extension begins, are zero
+    head = objects.words.take(body)  # 8 bits each: channel, length code, valid bytes
+    contents.announced[rows] = _LENGTHS.take(head >> 8 & 0xFF)
+    contents.length[rows] = length = head.astype(np.int64) >> 16 & 0xFF
+    contents.is_remote[rows] = objects.words.take(body + 3) & 0x10 != 0
+    # valid bytes beyond the object's end, or beyond the start of its extension, are zero
     behind = (objects.words.take(body + 8) >> 24).astype(np.int64)
     size = objects.size[rows]
     behind = np.where(behind, np.minimum(behind, size), size)
     header = (objects.words.take(objects.at[rows] + 1) & 0xFFFF).astype(np.int64)
     there = behind - header - python_can.CAN_FD_MSG_64_STRUCT.size
     data[rows] = _bytes(objects, body, 40, np.minimum(length, there))
-    return found._replace(data=data)
+    return contents._replace(data=data)
 
 
 def _bytes(
     objects: Objects, body: IntArray, offset: int, length: NDArray[np.integer[Any]]
 ) -> NDArray[np.uint8]:
-    """Return up to 64 bytes from ``offset`` in the bodies, zero behind each one's length."""
+    """Return (n, 64) bytes from ``offset`` in the bodies, zero after each length."""
     data = swar.gathered(objects.data, offset, 4 * body, 64)
     data[np.arange(64) >= length[:, np.newaxis]] = 0
     return data

@@ -1,4 +1,4 @@
-"""Frames one by one as blocks of frames side by side."""
+"""Blocks of frames side by side: made from frames, turned back into frames, cut and joined."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import islice
@@ -9,28 +9,28 @@ import numpy as np
 from monitor.base.errors import RecordingError
 from monitor.base.types import BoolArray, Frame, FrameBlock, IntArray
 
-EXTENDED: Final = 1 << 31  # in a block's keys: an identifier of 29 bits
-FRAMES: Final = 1 << 16  # in a block
+EXTENDED: Final = 1 << 31  # bit of a block's key: the identifier has 29 bits
+FRAMES: Final = 1 << 16  # most frames in a block
 
 
 def blocks_of(frames: Iterable[Frame]) -> Iterator[FrameBlock]:
-    """Yield frames side by side; those before a RecordingError come before it."""
+    """Yield frames as blocks; the frames before a RecordingError are yielded before it."""
     source = iter(frames)
     while True:
-        found: list[Frame] = []
+        chunk: list[Frame] = []
         try:
-            found.extend(islice(source, FRAMES))
+            chunk.extend(islice(source, FRAMES))
         except RecordingError:
-            if found:
-                yield block_of(found)
+            if chunk:
+                yield block_of(chunk)
             raise
-        if not found:
+        if not chunk:
             return
-        yield block_of(found)
+        yield block_of(chunk)
 
 
 def block_of(frames: list[Frame]) -> FrameBlock:
-    """Return frames side by side."""
+    """Return the frames as one block; its data is 8 bytes wide, or 64 if a frame is longer."""
     lengths = [len(frame.data) for frame in frames]
     width = 8 if max(lengths, default=0) <= 8 else 64
     data = b"".join([frame.data.ljust(width, b"\0") for frame in frames])
@@ -57,7 +57,7 @@ def chosen(block: FrameBlock, rows: slice | BoolArray | IntArray) -> FrameBlock:
 
 
 def joined(blocks: Sequence[FrameBlock]) -> FrameBlock:
-    """Return one block behind the other."""
+    """Return the blocks joined to one, in order."""
     width = max(block.data.shape[1] for block in blocks)
     return FrameBlock(
         np.concatenate([block.t_ns for block in blocks]),
@@ -67,19 +67,19 @@ def joined(blocks: Sequence[FrameBlock]) -> FrameBlock:
     )
 
 
-def put(block: FrameBlock, rows: list[int], found: FrameBlock) -> FrameBlock:
-    """Put ``found`` into the rows of a block; return the block, wider if it must be."""
-    width = max(block.data.shape[1], found.data.shape[1])
-    block, found = widened(block, width), widened(found, width)
-    block.t_ns[rows] = found.t_ns
-    block.key[rows] = found.key
-    block.length[rows] = found.length
-    block.data[rows] = found.data
+def put(block: FrameBlock, rows: list[int], new: FrameBlock) -> FrameBlock:
+    """Write the frames of ``new`` into ``rows`` of the block; return it, widened if needed."""
+    width = max(block.data.shape[1], new.data.shape[1])
+    block, new = widened(block, width), widened(new, width)
+    block.t_ns[rows] = new.t_ns
+    block.key[rows] = new.key
+    block.length[rows] = new.length
+    block.data[rows] = new.data
     return block
 
 
 def widened(block: FrameBlock, width: int) -> FrameBlock:
-    """Return the block with room for ``width`` bytes of data."""
+    """Return the block with its data ``width`` bytes wide."""
     n, now = block.data.shape
     if now == width:
         return block

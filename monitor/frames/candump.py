@@ -7,28 +7,28 @@ from typing import Final
 from monitor.base.types import Frame
 
 CUT_SHORT: Final = "the last line is cut short; remove it to use the rest"
-LATEST_S: Final = 9.2e9  # what 64 bits hold as nanoseconds; the year 2261
-MAX_BYTES: Final = 64  # of data, CAN FD
+LATEST_S: Final = 9.2e9  # 64 bits of nanoseconds end in the year 2262
+MAX_BYTES: Final = 64  # data of a CAN FD frame
 ERROR_FLAG: Final = 0x20000000
 _REMOTE = ("R", "r")
 
 
 @dataclass(slots=True)
 class LogCounters:
-    """What a log held."""
+    """Counts of the frames in a log."""
 
-    frames: int = 0  # handed on
+    frames: int = 0  # data frames
     skipped: int = 0  # error frames and remote frames
 
 
 def read_candump(lines: Iterable[tuple[int, str]], counters: LogCounters) -> Iterator[Frame]:
-    """Yield the frames; error frames and remote frames are skipped and counted.
+    """Yield the data frames; error frames and remote frames are skipped and counted.
 
-    lines : with their numbers in the file, read no further than needed
-    Raises ValueError naming the line if one cannot be understood.
+    lines : line number in the file, and text
+    Raises ValueError with the line's number if a line has another format.
     """
-    identifiers: dict[str, tuple[int, bool, bool]] = {}  # as parsed; a bus has few
-    new, from_hex = tuple.__new__, bytes.fromhex  # Frame(...) itself takes twice as long
+    identifiers: dict[str, tuple[int, bool, bool]] = {}  # parsed once: a bus has few of them
+    new, from_hex = tuple.__new__, bytes.fromhex  # calling Frame(...) takes twice as long
     for number, line in lines:
         parts = line.split()
         if not parts:
@@ -36,10 +36,10 @@ def read_candump(lines: Iterable[tuple[int, str]], counters: LogCounters) -> Ite
         try:
             identifier, mark, data = parts[2].partition("#")
             stamp = parts[0]
-            known = identifiers.get(identifier)
-            if known is None:
-                known = identifiers[identifier] = _identifier(identifier)
-            can_id, is_extended, is_error = known
+            parsed = identifiers.get(identifier)
+            if parsed is None:
+                parsed = identifiers[identifier] = _identifier(identifier)
+            can_id, is_extended, is_error = parsed
             if not mark or stamp[0] != "(" or stamp[-1] != ")":
                 raise ValueError("not a candump line")
             first = data[:1]
@@ -48,7 +48,7 @@ def read_candump(lines: Iterable[tuple[int, str]], counters: LogCounters) -> Ite
                 continue
             seconds = float(stamp[1:-1])
             t_ns = round(seconds * 1e6) * 1000
-            payload = from_hex(data if first != "#" else data[2:])  # CAN FD: ##, flags, data
+            payload = from_hex(data if first != "#" else data[2:])  # CAN FD: ##, flag digit, data
             if not -LATEST_S < seconds < LATEST_S or len(payload) > MAX_BYTES:
                 raise ValueError("no CAN frame")
             frame = new(Frame, (t_ns, can_id, is_extended, payload))
@@ -61,6 +61,6 @@ def read_candump(lines: Iterable[tuple[int, str]], counters: LogCounters) -> Ite
 
 
 def _identifier(text: str) -> tuple[int, bool, bool]:
-    """Return identifier, is_extended and whether it marks an error frame."""
+    """Return the identifier, whether it has 29 bits, and whether it marks an error frame."""
     number = int(text, 16)
     return number & 0x1FFFFFFF, len(text) > 3, bool(number & ERROR_FLAG)

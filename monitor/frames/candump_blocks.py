@@ -1,9 +1,9 @@
-"""The log format of ``candump -L``, thousands of lines at once.
+"""The log format of ``candump -L``, parsed in chunks of thousands of lines.
 
-Gives the frames, counters and errors of ``monitor.frames.candump``, which reads those lines that
-are not written as candump, python-can and this project write them. Each step runs over all lines
-of a chunk: marks (space, #, newline) are found once, and the text around them is gathered as words
-of eight characters.
+The frames, counters and errors are those of ``monitor.frames.candump``. A plain line is one as
+candump, python-can and this project write it; ``monitor.frames.candump`` parses all other lines.
+Every step runs over all lines of a chunk: it finds the marks (space, #, newline) once and gathers
+the text around them as words of eight characters.
 """
 
 from collections.abc import Callable, Iterator
@@ -22,16 +22,16 @@ from monitor.frames.lines import CHUNK_BYTES, MARGIN, Bytes, line_chunks
 Keys = NDArray[np.uint32]
 
 _SPACE, _HASH, _NEWLINE, _OPEN = b" #\n("
-_LAST_MARK: Final = _HASH  # no other character of a plain line is lower
-_SPARE: Final = 5  # marks behind the last line, for lines that have too few
+_LAST_MARK: Final = _HASH  # every other character of a plain line is higher
+_SPARE: Final = 5  # marks added after the last line, for lines with too few marks
 _CLASSIC: Final = [int.from_bytes(marks, "little") for marks in (b"  # ", b"  #\n")]
 _FD: Final = int.from_bytes(b"  ##", "little")
-_BYTE: Final = np.uint64(8)  # bits
+_BYTE: Final = np.uint64(8)  # bits in a byte
 _STAMP_ENDS: Final = np.uint64(int.from_bytes(b".\0\0\0\0\0\0)", "little"))
 _STAMP_MARKS: Final = np.uint64(0xFF000000000000FF)
-LATEST_S: Final = 1 << 32  # up to here a double, rounded, is the microsecond that was written
+LATEST_S: Final = 1 << 32  # up to this time a double rounds to the microsecond in the text
 
-# the characters of a word that belong to a field, by the field's length
+# Masks of the characters of a word that belong to a field, by the field's length.
 _SIX: Final = np.uint64(swar.kept_last(6))
 _HIGH_SECONDS: Final = swar.masks([swar.kept_last(n - 8) for n in range(11)])
 _LOW_SECONDS: Final = swar.masks([swar.kept_last(n) for n in range(11)])
@@ -40,12 +40,12 @@ _DATA: Final = [swar.masks([swar.kept_first(n - 8 * i) for n in range(129)]) for
 
 
 class Lines(NamedTuple):
-    """What the n lines of a chunk hold, row by row."""
+    """The contents of the n lines of a chunk."""
 
-    begin: IntArray  # (n + 1,) where they begin in the chunk, and where the last one ends
-    plain: BoolArray  # (n,) whether the line was understood
-    is_data: BoolArray  # (n,) whether it holds a data frame
-    frames: FrameBlock  # of n rows
+    begin: IntArray  # (n + 1,) start of each line in the chunk, then the end of the last line
+    plain: BoolArray  # (n,) True: the line is plain and parsed
+    is_data: BoolArray  # (n,) True: a data frame
+    frames: FrameBlock  # n rows
 
 
 Parser = Callable[[Bytes], Lines]
@@ -57,20 +57,20 @@ def read_blocks(
     parse: Parser | None = None,
     chunk_bytes: int = CHUNK_BYTES,
 ) -> Iterator[FrameBlock]:
-    """Yield the frames of candump text as ``monitor.frames.candump.read_candump`` reads them.
+    """Yield the frames of candump text, the same as ``monitor.frames.candump.read_candump``.
 
-    parse : what parses a chunk of lines, by default ``parse_lines``
-    Raises ValueError naming a line that cannot be understood, behind the frames before it, or if
-    the last line is cut short, and what reading the file raises.
+    parse : parser of a chunk of lines, by default ``parse_lines``
+    Raises ValueError if a line has another format (with its number) or the last line is cut
+    short, and the errors of reading the file. The frames before the error are yielded first.
     """
     first = 1
     for text in line_chunks(cast(BufferedIOBase, file), chunk_bytes):
         lines = (parse or parse_lines)(text)
-        found, error = _understood(text, lines, first, counters)
+        block, error = _understood(text, lines, first, counters)
         first += len(lines.plain)
-        counters.frames += len(found.t_ns)
-        if len(found.t_ns):
-            yield found
+        counters.frames += len(block.t_ns)
+        if len(block.t_ns):
+            yield block
         if error:
             raise error
 
@@ -78,9 +78,9 @@ def read_blocks(
 def _understood(
     text: Bytes, lines: Lines, first: int, counters: LogCounters
 ) -> tuple[FrameBlock, ValueError | None]:
-    """Return the frames up to the first line that cannot be understood, and its error.
+    """Return the frames up to the first line of another format, and that line's error.
 
-    first : number of the first line in the file
+    first : number in the file of the chunk's first line
     """
     if lines.is_data.all():
         return lines.frames, None
@@ -96,10 +96,10 @@ def _understood(
 def _odd_frames(
     text: Bytes, lines: Lines, first: int, counters: LogCounters
 ) -> tuple[list[int], list[Frame], int, ValueError | None]:
-    """Read the lines that are not plain one by one.
+    """Parse the lines that are not plain one by one.
 
-    Returns the rows that are frames, the frames, how many rows can be understood, and the error of
-    the next.
+    Returns the rows that are frames, the frames, the number of rows before the first bad line, and
+    that line's error.
     """
     row = 0
 
@@ -124,13 +124,16 @@ def _odd_frames(
 
 
 def parse_lines(text: Bytes) -> Lines:
-    """Return what lines hold, with ``MARGIN`` bytes around them; the last ends with a newline."""
+    """Parse the lines of ``text``; it has ``MARGIN`` bytes before and after them.
+
+    The last line must end with a newline.
+    """
     n_bytes = len(text) - 2 * MARGIN
     is_mark = np.ones(n_bytes + _SPARE, dtype=np.bool_)
     np.less_equal(text[MARGIN : MARGIN + n_bytes], _LAST_MARK, out=is_mark[:n_bytes])
     marks = np.flatnonzero(is_mark)
     codes = text[MARGIN:].take(marks)
-    last = np.flatnonzero(codes[:-_SPARE] == _NEWLINE)  # of each line's marks
+    last = np.flatnonzero(codes[:-_SPARE] == _NEWLINE)  # index of each line's last mark
     begin = np.zeros(len(last) + 1, dtype=np.int64)
     np.add(marks.take(last), 1, out=begin[1:])
     mark = np.zeros_like(last)
@@ -156,12 +159,13 @@ def parse_lines(text: Bytes) -> Lines:
 def _with_fd(
     text: Bytes, marks: IntArray, mark: IntArray, rows: IntArray, frames: FrameBlock
 ) -> tuple[FrameBlock, BoolArray]:
-    """Return the frames with the data of the rows that hold CAN FD, and which of them are plain.
+    """Return the frames with the data of CAN FD lines, and which of these lines are plain.
 
-    mark : (n,) number of each line's first mark
+    mark : (n,) index of each line's first mark
+    rows : the CAN FD lines
     """
     first, second, end = (marks.take(mark[rows] + i) for i in (2, 3, 4))
-    length, data, right = _payloads(text, first + 3, end, 8)  # behind ## and the flags
+    length, data, right = _payloads(text, first + 3, end, 8)  # after ## and the flag digit
     ending = text[MARGIN:].take(end)
     right &= (second == first + 1) & ((ending == _SPACE) | (ending == _NEWLINE))
     width = 8 if length.max(where=right, initial=0) <= 8 else 64
@@ -176,16 +180,16 @@ def _has_other_than_ascii(text: Bytes) -> bool:
 
 
 def _is_ascii(text: Bytes, begin: IntArray) -> BoolArray:
-    """Return which lines hold only ASCII."""
+    """Return which lines are pure ASCII, shape (n,)."""
     others = np.flatnonzero(text[MARGIN:-MARGIN] >= 0x80)
     before = np.searchsorted(others, begin)
     return np.equal(before[1:], before[:-1])
 
 
 def _times(text: Bytes, begin: IntArray, space: IntArray) -> tuple[IntArray, BoolArray]:
-    """Return the times in ns, and where they are written ``(1436509052.249713)``.
+    """Return the times in ns, and which lines write them as ``(1436509052.249713)``.
 
-    begin, space : where the lines begin, and where their first space is
+    begin, space : start and first space of each line
     """
     digits = space - begin - len("(.249713)")
     right = text[MARGIN:].take(begin) == _OPEN
@@ -194,7 +198,7 @@ def _times(text: Bytes, begin: IntArray, space: IntArray) -> tuple[IntArray, Boo
     right &= (end & _STAMP_MARKS) == _STAMP_ENDS
     micro, is_number = swar.decimal(swar.only(end << _BYTE, _SIX))
     right &= is_number
-    # the seconds change rarely: they are read where they do
+    # the seconds change rarely, so only the changes are parsed
     high = high & _HIGH_SECONDS.take(digits, mode="clip")
     low = low & _LOW_SECONDS.take(digits, mode="clip")
     changed = np.ones(len(begin), dtype=np.bool_)
@@ -202,17 +206,17 @@ def _times(text: Bytes, begin: IntArray, space: IntArray) -> tuple[IntArray, Boo
     changed[1:] |= high[1:] != high[:-1]
     rows = np.flatnonzero(changed)
     seconds, is_number = _seconds(high[rows], low[rows], digits[rows])
-    n_each = np.diff(rows, append=len(begin))
+    n_lines = np.diff(rows, append=len(begin))
     if not is_number.all():
-        right &= np.repeat(is_number, n_each)
-    t_ns = np.repeat(seconds * 1_000_000, n_each)
+        right &= np.repeat(is_number, n_lines)
+    t_ns = np.repeat(seconds * 1_000_000, n_lines)
     t_ns += micro
     t_ns *= 1000
     return t_ns, right
 
 
 def _seconds(high: swar.Words, low: swar.Words, digits: IntArray) -> tuple[IntArray, BoolArray]:
-    """Return the numbers of up to ten digits, and where they are such."""
+    """Return numbers of up to ten digits, and which are valid."""
     upper, is_upper = swar.decimal(swar.only(high, _HIGH_SECONDS.take(digits, mode="clip")))
     lower, is_lower = swar.decimal(swar.only(low, _LOW_SECONDS.take(digits, mode="clip")))
     seconds = upper * 10**8 + lower
@@ -220,9 +224,9 @@ def _seconds(high: swar.Words, low: swar.Words, digits: IntArray) -> tuple[IntAr
 
 
 def _keys(text: Bytes, second: IntArray, sign: IntArray) -> tuple[Keys, BoolArray, BoolArray]:
-    """Return the keys, where they mark error frames, and where they have 3 or 8 digits.
+    """Return the keys, which mark error frames, and which have 3 or 8 hexadecimal digits.
 
-    second, sign : where the line's second space and its # are
+    second, sign : second space and # of each line
     """
     digits = sign - second - 1
     is_extended = digits == 8
@@ -230,9 +234,9 @@ def _keys(text: Bytes, second: IntArray, sign: IntArray) -> tuple[Keys, BoolArra
     first, rest = swar.gathered(text, MARGIN - 15, sign, 16).view(np.uint64).T
     words = rest << _BYTE
     words |= first >> np.uint64(56)
-    found, is_number = swar.hexadecimal(swar.only(words, _IDENTIFIER.take(digits, mode="clip")))
+    value, is_number = swar.hexadecimal(swar.only(words, _IDENTIFIER.take(digits, mode="clip")))
     right &= is_number
-    key = found.astype(np.uint32).byteswap()
+    key = value.astype(np.uint32).byteswap()
     is_error = (key & ERROR_FLAG) != 0
     key &= np.uint32(0x1FFFFFFF)
     key |= is_extended * np.uint32(EXTENDED)
@@ -242,9 +246,9 @@ def _keys(text: Bytes, second: IntArray, sign: IntArray) -> tuple[Keys, BoolArra
 def _payloads(
     text: Bytes, first: IntArray, end: IntArray, n_words: int
 ) -> tuple[Bytes, Bytes, BoolArray]:
-    """Return lengths and data of up to ``8 * n_words`` bytes, and where they are such.
+    """Return lengths and data of up to ``8 * n_words`` bytes, and which lines are valid.
 
-    first, end : where the digits begin and end
+    first, end : start and end of the hexadecimal digits
     """
     digits = end - first
     right = (digits >= 0) & (digits <= 16 * n_words) & (digits & 1 == 0)

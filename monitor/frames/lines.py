@@ -1,4 +1,4 @@
-"""A text file as chunks of whole lines, in a buffer whose ends may be read over."""
+"""A text file as chunks of whole lines, with readable margins around each chunk."""
 
 import gzip
 from collections.abc import Iterator
@@ -12,17 +12,17 @@ from monitor.frames.candump import CUT_SHORT
 
 Bytes = NDArray[np.uint8]
 
-CHUNK_BYTES: Final = 1 << 20  # about what a processor's second cache holds
-MARGIN: Final = 256  # before and behind the lines that may be read, whatever they hold
-_GZIP_STEP: Final = 8192  # what a text file reads at once, so that damage is noticed as late
+CHUNK_BYTES: Final = 1 << 20  # about the size of a processor's second cache
+MARGIN: Final = 256  # bytes before and after the lines that may be read; their content is open
+_GZIP_STEP: Final = 8192  # read size of a text file, so that damage shows after the same line
 
 
 def line_chunks(file: BufferedIOBase, chunk_bytes: int = CHUNK_BYTES) -> Iterator[Bytes]:
-    """Yield whole lines with ``MARGIN`` bytes before and behind them; the array is used again.
+    """Yield whole lines with ``MARGIN`` bytes before and after them; the array is reused.
 
-    chunk_bytes : read at once; a longer line is read as a whole
-    Each line ends with a newline, whatever line ends the file has. Raises ValueError behind a
-    last line that has none, and what reading the file raises behind the whole lines before.
+    chunk_bytes : bytes per chunk; a longer line gets a longer chunk
+    Every line ends with a newline, whatever line end the file has. If the last line has no line
+    end it is yielded, then ValueError is raised. Read errors are raised after the whole lines.
     """
     step = _GZIP_STEP if isinstance(file, gzip.GzipFile) else None
     buffer = bytearray(MARGIN + max(chunk_bytes, step or 1) + MARGIN)
@@ -53,13 +53,13 @@ class _EndError(Exception):
 def _fill(
     file: BufferedIOBase, buffer: bytearray, filled: int, step: int | None
 ) -> tuple[int, Exception | None]:
-    """Fill the buffer up; return how far it is filled and, if the file ends here, why."""
+    """Fill the buffer; return how far it is filled, and the reason if the file ends here."""
     end = len(buffer) - MARGIN
     with memoryview(buffer) as view:
         while end - filled >= (step or 1):
             try:
                 n = file.readinto1(view[filled : filled + step if step else end])
-            except Exception as error:  # gzip raises whatever its parts raise
+            except Exception as error:  # gzip has no common base for its errors
                 return filled, error
             if n == 0:
                 return filled, _EndError()
@@ -68,7 +68,7 @@ def _fill(
 
 
 def _last_end(buffer: bytearray, filled: int) -> int:
-    """Return where the last whole line ends; a return at the very end may be half a line end."""
+    """Return the end of the last whole line; a final return may be half a line end."""
     return (
         buffer.rfind(b"\n", MARGIN, filled) + 1
         or buffer.rfind(b"\r", MARGIN, filled - 1) + 1
@@ -77,7 +77,7 @@ def _last_end(buffer: bytearray, filled: int) -> int:
 
 
 def _with_newlines(buffer: bytearray, cut: int) -> Bytes:
-    """Return the lines up to ``cut`` and what is around them."""
+    """Return the lines up to ``cut`` with their margins, line ends as newlines."""
     if buffer.find(b"\r", MARGIN, cut) < 0:
         return np.frombuffer(buffer, dtype=np.uint8, count=cut + MARGIN)
     text = buffer[MARGIN:cut].replace(b"\r\n", b"\n").replace(b"\r", b"\n")

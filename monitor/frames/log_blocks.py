@@ -1,4 +1,4 @@
-"""Logs as blocks of frames: the frames, counters and errors of ``sources.read_frames``."""
+"""Logs as blocks of frames, with the counters and errors of ``logs.read_frames``."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,8 +12,8 @@ from monitor.frames.blocks import blocks_of
 from monitor.frames.candump import LogCounters
 from monitor.frames.logs import checked_kind, guarded, open_binary, read_frames
 
-_LARGEST_BLOCK: Final = 31 << 20  # bytes; glibc learns from less than 32 MB
-_KINDS: Final = (".log", ".blf", ".mf4")  # the others come frame by frame
+_LARGEST_BLOCK: Final = 31 << 20  # bytes; glibc's threshold grows only up to 32 MB
+_KINDS: Final = (".log", ".blf", ".mf4")  # read in blocks; other formats frame by frame
 
 
 def read_blocks(
@@ -21,11 +21,11 @@ def read_blocks(
     counters: LogCounters | None = None,
     parse: candump_blocks.Parser | None = None,
 ) -> Iterator[FrameBlock]:
-    """Return the frames of the log ``path`` in the order of the file, many at a time.
+    """Return the frames of a log in blocks, in the order of the file.
 
-    counters : is kept up to date, block by block
-    parse : of lines of candump text, instead of numpy's
-    Raises RecordingError as ``sources.read_frames`` does, after the frames before the damage.
+    counters : updated with every block
+    parse : parser of candump lines, by default numpy's
+    Raises RecordingError as ``logs.read_frames`` does, after the frames before the damage.
     """
     path = Path(path)
     counters = LogCounters() if counters is None else counters
@@ -50,9 +50,9 @@ def _blocks(
 
 
 def _keep_freed_memory() -> None:
-    """Let glibc keep freed memory for the next chunk, instead of fetching it anew page by page.
+    """Let glibc keep freed memory for the next chunk, instead of mapping it page by page again.
 
-    The largest block that was mapped and freed sets how much it keeps: mallopt(3),
-    M_MMAP_THRESHOLD. The block is never touched. A tenth of the time of candump and BLF.
+    Freeing a large mapped block raises the limit up to which glibc keeps memory: mallopt(3),
+    M_MMAP_THRESHOLD. The block is never touched. This saves 10 % of the time of candump and BLF.
     """
     np.empty(_LARGEST_BLOCK, dtype=np.uint8)

@@ -1,8 +1,9 @@
-"""Frames from a log.
+"""Frames from a log file.
 
 Formats: candump ``.log``, Vector ``.asc`` and ``.blf``, PEAK ``.trc``, python-can's ``.csv`` and,
-with the extra [mdf], ``.mf4``; each may be gzipped (``.log.gz``). Time is rounded to microseconds,
-the resolution of every format, so that a log recorded from a bus replays to the same bytes.
+with the extra [mdf], ``.mf4``; any of them may be gzipped (``.log.gz``). Times are rounded to
+microseconds, the resolution of all formats, so a log recorded from a bus replays to the same
+bytes.
 """
 
 import gzip
@@ -26,11 +27,11 @@ T = TypeVar("T")
 
 
 def read_frames(path: str | Path, counters: LogCounters | None = None) -> Iterator[Frame]:
-    """Return the frames of the log ``path`` in the order of the file.
+    """Return the frames of a log in the order of the file.
 
-    counters : is kept up to date while the frames are read
-    Raises RecordingError naming the file, how many frames came before and the reason, if the log
-    is missing, empty, unknown, damaged or cut short; what is known at once is raised at once.
+    counters : updated while the frames are read
+    Raises RecordingError with file, reason and number of frames read if the log is missing, empty,
+    of unknown format, damaged or cut short. Errors visible without reading are raised at once.
     """
     path = Path(path)
     counters = LogCounters() if counters is None else counters
@@ -40,7 +41,7 @@ def read_frames(path: str | Path, counters: LogCounters | None = None) -> Iterat
 def checked_kind(path: Path) -> str:
     """Return the log's format as ``log_kind`` does.
 
-    Raises RecordingError if it is unknown, or the log cannot be opened or is empty.
+    Raises RecordingError if the format is unknown, or the log is unreadable or empty.
     """
     kind = log_kind(path)
     try:
@@ -67,13 +68,13 @@ def frame_of(message: can.Message) -> Frame:
 
 
 def log_kind(path: Path) -> str:
-    """Return the format's suffix, without .gz; raises RecordingError if it is unknown."""
+    """Return the format's suffix without .gz; raises RecordingError if it is unknown."""
     suffixes = [suffix.lower() for suffix in path.suffixes]
     is_gzip = bool(suffixes) and suffixes[-1] == ".gz"
     kind = suffixes[-2] if is_gzip and len(suffixes) > 1 else suffixes[-1] if suffixes else ""
     if kind not in LOG_SUFFIXES:
-        known = " ".join(LOG_SUFFIXES)
-        raise RecordingError(f"{path}: unknown log format {kind!r}, known are {known} and .gz")
+        formats = " ".join(LOG_SUFFIXES)
+        raise RecordingError(f"{path}: unknown log format {kind!r}, known are {formats} and .gz")
     return kind
 
 
@@ -86,11 +87,11 @@ def _require_mdf(path: Path) -> None:
         ) from error
 
 
-def guarded(path: Path, counters: LogCounters, found: Iterator[T]) -> Iterator[T]:
-    """Yield what a reader finds and turn everything that it raises into RecordingError."""
+def guarded(path: Path, counters: LogCounters, items: Iterator[T]) -> Iterator[T]:
+    """Yield a reader's items; every error of the reader becomes a RecordingError."""
     try:
-        yield from found
-    except Exception as error:  # the readers raise whatever their parsers raise
+        yield from items
+    except Exception as error:  # readers have no common base for their errors
         reason = " ".join(str(error).split()) or type(error).__name__
         after = f" after {counters.frames} frames" if counters.frames else ""
         raise RecordingError(f"{path}: damaged or cut short{after}: {reason}") from error
@@ -121,7 +122,7 @@ def _one_by_one(
     file: BinaryIO,
     counters: LogCounters,
 ) -> Iterator[Frame]:
-    """Yield the frames that ``read`` finds; each is counted when it is handed on."""
+    """Yield the frames of a block reader one by one; a frame is counted when it is yielded."""
     ahead, skipped = LogCounters(), counters.skipped
     try:
         for block in read(file, ahead):
@@ -134,9 +135,9 @@ def _one_by_one(
 
 
 def through_python_can(path: Path, counters: LogCounters) -> Iterator[Frame]:
-    """Yield the frames that python-can's reader of the format finds.
+    """Yield the frames that python-can's reader of the format returns.
 
-    Raises ValueError for one that cannot be, and what the reader raises.
+    Raises ValueError if a frame is impossible, and the reader's errors.
     """
     with can.LogReader(path) as reader:
         for message in reader:
@@ -155,17 +156,16 @@ def through_python_can(path: Path, counters: LogCounters) -> Iterator[Frame]:
 
 
 def open_binary(path: Path) -> BinaryIO:
-    """Return the file for reading, decompressed if its name ends in .gz."""
+    """Open the file for reading; it is decompressed if its name ends in .gz."""
     if path.suffix.lower() == ".gz":
         return cast(BinaryIO, gzip.open(path, "rb"))
     return path.open("rb")
 
 
 def open_text(path: Path) -> IO[str]:
-    """Return the text file for reading, decompressed if its name ends in .gz.
+    """Open the text file for reading; it is decompressed if its name ends in .gz.
 
-    Bytes that are no UTF-8 are kept as lone surrogates: whether they matter is for the line that
-    holds them to say.
+    Bytes that are not UTF-8 become lone surrogates; the parser of the line decides on them.
     """
     if path.suffix.lower() == ".gz":
         return gzip.open(path, "rt", encoding="utf-8", errors="surrogateescape")

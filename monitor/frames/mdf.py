@@ -1,7 +1,7 @@
-"""CAN frames in MDF 4 files, and their block structure, to notice a file that was cut short.
+"""CAN frames in MDF 4 files, and a check of the block structure that detects a cut file.
 
-The libraries that read MDF fail in many ways, some of them silent, on a file that ends too early,
-and python-can takes 60 microseconds for each frame; here a group of frames is read at once.
+The MDF libraries fail in many ways, some silent, on a file that ends too early. python-can takes
+60 microseconds per frame, so this module reads a whole channel group at once.
 """
 
 import io
@@ -17,15 +17,15 @@ from monitor.base.types import FrameBlock
 from monitor.frames.blocks import EXTENDED, FRAMES, chosen, joined
 from monitor.frames.candump import LATEST_S, MAX_BYTES, LogCounters
 
-_BUS_EVENT: Final = 2  # flag of channel groups that hold what happened on a bus
+_BUS_EVENT: Final = 2  # flag of channel groups with bus events
 _BLOCK_HEADER: Final = struct.Struct("<4s4xQQ")  # id, length, number of links
-_FIRST_BLOCK: Final = 64  # behind the identification
+_FIRST_BLOCK: Final = 64  # byte after the identification
 
 
 def check(file: IO[bytes]) -> None:
-    """Walk all blocks that the header leads to.
+    """Follow the links from the header through all blocks.
 
-    Raises ValueError if this is no finished MDF 4 file, or not a whole one.
+    Raises ValueError if the file is no MDF 4 file, unfinished or incomplete.
     """
     if file.read(8) != b"MDF     ":
         raise ValueError("not an MDF file, or one that was never finished")
@@ -55,7 +55,7 @@ def check(file: IO[bytes]) -> None:
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Silence asammdf, which prints tracebacks of errors that it raises as well."""
+    """Silence asammdf's logger: it prints tracebacks of errors that it also raises."""
     logger = logging.getLogger("asammdf")
     level = logger.level
     logger.setLevel(logging.CRITICAL + 1)
@@ -66,10 +66,10 @@ def quiet() -> Iterator[None]:
 
 
 def read_blocks(file: IO[bytes], counters: LogCounters) -> Iterator[FrameBlock]:
-    """Yield the CAN frames of all groups in the order of time.
+    """Yield the CAN frames of all channel groups in order of time.
 
     Error frames and remote frames are skipped and counted.
-    Raises ValueError if the file is damaged; asammdf may raise anything else.
+    Raises ValueError if the file is damaged; asammdf may raise other errors.
     """
     from asammdf import MDF  # noqa: PLC0415
 
@@ -78,8 +78,8 @@ def read_blocks(file: IO[bytes], counters: LogCounters) -> Iterator[FrameBlock]:
     groups: list[FrameBlock] = []
     with MDF(io.BytesIO(file.read())) as measurement:
         start_us = round(measurement.header.start_time.timestamp() * 1e6)
-        found: list[Any] = list(measurement.groups)
-        for number, group in enumerate(found):
+        channel_groups: list[Any] = list(measurement.groups)
+        for number, group in enumerate(channel_groups):
             names = {channel.name for channel in group.channels}
             n = group.channel_group.cycles_nr
             if not group.channel_group.flags & _BUS_EVENT or n == 0:

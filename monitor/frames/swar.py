@@ -1,6 +1,6 @@
-"""Numbers from text, eight characters of a 64-bit word at once (SIMD within a register).
+"""Numbers from text, eight characters at once in a 64-bit word (SIMD within a register).
 
-A word holds eight ASCII characters, the first in its lowest byte. Source of the steps: Lamport,
+A word holds eight ASCII characters, the first in its lowest byte. Sources: Lamport,
 Multiple byte processing with full-word instructions, CACM 18 (1975); Lemire, Quickly parsing eight
 digits (2018).
 """
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 Words = NDArray[np.uint64]
 
-_EACH: Final = 0x0101010101010101  # times a byte: the byte in all eight places
+_EACH: Final = 0x0101010101010101  # this times a byte puts the byte into all eight places
 ZEROS: Final = np.uint64(0x30 * _EACH)
 
 
@@ -36,14 +36,14 @@ def kept_first(n: int) -> int:
 
 
 def masks(numbers: list[int]) -> Words:
-    """Return masks as an array to be looked up."""
+    """Return masks as a lookup table."""
     return np.array(numbers, dtype=np.uint64)
 
 
 def gathered(
     text: NDArray[np.uint8], offset: int, places: NDArray[np.int64], n_bytes: int
 ) -> NDArray[np.uint8]:
-    """Return the bytes from ``places + offset`` on, (n, n_bytes).
+    """Return ``n_bytes`` bytes from each of ``places + offset`` on, shape (n, n_bytes).
 
     >>> text = np.frombuffer(b"0123456789", dtype=np.uint8)
     >>> gathered(text, 1, np.array([2, 0]), 3).tobytes()
@@ -55,15 +55,15 @@ def gathered(
 
 
 def only(words: Words, mask: Words | np.uint64) -> Words:
-    """Return the characters under ``mask``, "0" in place of the others."""
-    found = words ^ ZEROS
-    found &= mask
-    found ^= ZEROS
-    return found
+    """Return the characters under ``mask``, and "0" in all other places."""
+    kept = words ^ ZEROS
+    kept &= mask
+    kept ^= ZEROS
+    return kept
 
 
 def decimal(words: Words) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Return the numbers that eight digits each say, and where they are digits.
+    """Return the number of each word's eight decimal digits, and which words are all digits.
 
     >>> numbers, right = decimal(np.frombuffer(b"001234560012/456", dtype=np.uint64))
     >>> int(numbers[0]), right.tolist()
@@ -89,12 +89,12 @@ def decimal(words: Words) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
 
 
 def hexadecimal(words: Words) -> tuple[Words, NDArray[np.bool_]]:
-    """Return the four bytes that eight hexadecimal digits each say, and where they are such.
+    """Return the four bytes of each word's eight hexadecimal digits, and which words are valid.
 
-    The byte that comes first is the lowest of the word.
+    The first byte is the lowest of the result.
 
-    >>> found, right = hexadecimal(np.frombuffer(b"0102aAff0000000G", dtype=np.uint64))
-    >>> hex(found[0]), right.tolist()
+    >>> values, right = hexadecimal(np.frombuffer(b"0102aAff0000000G", dtype=np.uint64))
+    >>> hex(values[0]), right.tolist()
     ('0xffaa0201', [True, False])
     """
     letter = words >> np.uint64(6)
@@ -102,7 +102,7 @@ def hexadecimal(words: Words) -> tuple[Words, NDArray[np.bool_]]:
     nibbles = words & np.uint64(0x0F * _EACH)
     wrong = letter * np.uint64(9)
     nibbles += wrong
-    # the lower-case digits of the nibbles must be the text, its letters in lower case
+    # check: writing the nibbles as lower-case digits must give the text in lower case
     np.add(nibbles, np.uint64(0x06 * _EACH), out=wrong)
     wrong >>= np.uint64(4)
     wrong &= np.uint64(_EACH)
@@ -113,12 +113,12 @@ def hexadecimal(words: Words) -> tuple[Words, NDArray[np.bool_]]:
     letter |= words
     wrong ^= letter
     wrong |= np.bitwise_and(nibbles, np.uint64(0xF0 * _EACH), out=letter)
-    found = np.left_shift(nibbles, np.uint64(4), out=letter)
+    value = np.left_shift(nibbles, np.uint64(4), out=letter)
     nibbles >>= np.uint64(8)
-    found |= nibbles
-    found &= np.uint64(0x00FF00FF00FF00FF)
-    found |= np.right_shift(found, np.uint64(8), out=nibbles)
-    found &= np.uint64(0x0000FFFF0000FFFF)
-    found |= np.right_shift(found, np.uint64(16), out=nibbles)
-    found &= np.uint64(0xFFFFFFFF)
-    return found, wrong == 0
+    value |= nibbles
+    value &= np.uint64(0x00FF00FF00FF00FF)
+    value |= np.right_shift(value, np.uint64(8), out=nibbles)
+    value &= np.uint64(0x0000FFFF0000FFFF)
+    value |= np.right_shift(value, np.uint64(16), out=nibbles)
+    value &= np.uint64(0xFFFFFFFF)
+    return value, wrong == 0

@@ -1,8 +1,9 @@
-"""The assembler for whole recordings: the samples of ``assemble.Assembler``, bit for bit.
+"""The assembler for blocks of frames: the samples of ``assembler.Assembler``, bit for bit.
 
-Frames come in blocks, in the order of the log. Their times are looked at in a few passes: where
-they rise, every frame is in time; where some do not, those older than the open tick are found by
-the newest time before each. A property test holds the two assemblers together.
+Frames come in blocks, in the order of the log; state goes from block to block. Their times are
+looked at in a few passes: where they rise, every frame is in time; where some do not, those older
+than the open tick are found by the newest time before each. A property test holds the two
+assemblers together.
 """
 
 from collections.abc import Iterable, Sequence
@@ -11,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from monitor.base.errors import SignalMapError
-from monitor.base.types import BoolArray, FloatArray, IntArray, Quality, QualityArray, SampleBlock
+from monitor.base.types import FloatArray, IntArray, Quality, QualityArray, SampleBlock
 from monitor.decode.block_decoder import BlockDecoder, Decoded
 from monitor.decode.signal_map import Derived
 from monitor.grid.assembler import MAX_JUMP_NS, MAX_LATE, AssemblerCounters, check_grid
@@ -19,10 +20,11 @@ from monitor.grid.derived import Output
 
 Series = tuple[IntArray, FloatArray]  # times and values of one channel, both (n,)
 _NONE = np.empty(0, dtype=np.int64)
+_STALE, _OFF_BUS = int(Quality.STALE), int(Quality.OFF_BUS)
 
 
 class BlockAssembler:
-    """Collects the values of frames into the samples of one recording.
+    """Collects the values of frames into samples.
 
     channels, names, period_ns, timeouts_ns, derived : as for ``Assembler``
     """
@@ -39,62 +41,67 @@ class BlockAssembler:
         if len(timeouts_ns) != len(channels):
             raise SignalMapError(f"{len(channels)} channels have {len(timeouts_ns)} timeouts")
         self.counters = AssemblerCounters()
+        self.is_off_bus = False  # the monitor itself hears nothing, from the last frame pushed on
         self._period_ns, self._timeouts_ns = period_ns, timeouts_ns
         self._output = Output(channels, names, derived)
         self._n_names = len(names)
         self._received_ns = [0] * len(channels)  # time of each channel's last value
-        self._blocks: list[SampleBlock] = []
-        self._n = 0  # samples in them
-        self._segment: _Segment | None = None
-        self._newest_ns = 0  # time in the segment
+        self._n = 0  # samples that are complete
+        self._grid: _Grid | None = None
+        self._newest_ns = 0  # time on the grid
         self._late_in_a_row = 0
-        self._is_off_bus = False
 
     @classmethod
     def of(cls, decoder: BlockDecoder, period_ns: int) -> "BlockAssembler":
         """Return an assembler for what ``decoder`` yields."""
         return cls(decoder.channels, decoder.names, period_ns, decoder.timeouts_ns, decoder.derived)
 
-    @property
-    def complete(self) -> int:
-        """Return how many samples are complete, those that mark breaks included."""
-        return self._n + (self._segment.open_tick(self._newest_ns) if self._segment else 0)
+    def push(self, t_ns: IntArray, decoded: Iterable[Decoded] = ()) -> SampleBlock:
+        """Take the times of a block's frames, (n,), wanted or not, and their values.
 
-    def set_off_bus(self, is_off_bus: bool) -> None:
-        """Say whether the monitor itself hears nothing, from the last frame pushed on."""
-        self._is_off_bus = is_off_bus
-        if self._segment:
-            self._segment.off_bus.append((self._segment.open_tick(self._newest_ns), is_off_bus))
-
-    def push(self, t_ns: IntArray, decoded: Iterable[Decoded] = ()) -> None:
-        """Take the times of a block's frames, (n,), wanted or not, and what they say."""
-        parts = list(decoded)
+        Returns the samples that are complete before the last frame.
+        """
+        parts, found = list(decoded), []
         begin = 0
         while begin < len(t_ns):
-            if self._segment is None:
-                self._anchor(int(t_ns[begin]))
-            segment = self._segment
-            assert segment is not None
-            stop, late, is_jump = self._until_break(segment, t_ns[begin:])
+            grid = self._grid or self._anchor(int(t_ns[begin]))
+            stop, late, is_jump = self._until_break(grid, t_ns[begin:])
             for part in parts:
                 inside = slice(*np.searchsorted(part.rows, (begin, begin + stop)).tolist())
                 rows, values = part.rows[inside], part.values[:, inside]
                 if late.size:
                     kept = ~np.isin(rows, late + begin)
                     rows, values = rows[kept], values[:, kept]
-                segment.keep(part.channels, t_ns[rows], values)
+                grid.keep(part.channels, t_ns[rows], values)
             begin += stop
             if begin < len(t_ns):
-                self._break(segment, int(t_ns[begin]), is_jump=is_jump)
+                found += self._break(grid, int(t_ns[begin]), is_jump=is_jump)
+            else:
+                found.append(self._close(grid, grid.open_tick(self._newest_ns)))
+        return joined(found, self._n_names)
 
-    def finish(self) -> SampleBlock:
-        """Return all samples; the tick that is still open gives none."""
-        if self._segment is not None:
-            self._close(self._segment, self._segment.open_tick(self._newest_ns))
-            self._segment = None
-        return joined(self._blocks, self._n_names)
+    def push_series(self, t_ns: IntArray, series: Sequence[Series]) -> SampleBlock:
+        """Take the times of frames, (n,), never decreasing, and the values of each channel.
 
-    def _until_break(self, segment: "_Segment", t_ns: IntArray) -> tuple[int, IntArray, bool]:
+        Breaks of the recording lie between the times of one call and those of the next.
+        """
+        found = []
+        if self._grid is None:
+            grid = self._anchor(int(t_ns[0]))
+        else:
+            found = self._break(self._grid, int(t_ns[0]), is_jump=True)
+            grid = self._grid
+        self._newest_ns = int(t_ns[-1])
+        for channel, (times_ns, values) in enumerate(series):
+            inside = slice(
+                np.searchsorted(times_ns, t_ns[0], "left"),
+                np.searchsorted(times_ns, t_ns[-1], "right"),
+            )
+            grid.keep((channel,), times_ns[inside], values[np.newaxis, inside])
+        found.append(self._close(grid, grid.open_tick(self._newest_ns)))
+        return joined(found, self._n_names)
+
+    def _until_break(self, grid: "_Grid", t_ns: IntArray) -> tuple[int, IntArray, bool]:
         """Return how many frames come before a break, which of them are late, and if it is a jump.
 
         Moves the newest time, counts what is late; t_ns : (n,) at least one
@@ -115,7 +122,7 @@ class BlockAssembler:
         newest_ns = np.maximum.accumulate(np.concatenate([[self._newest_ns], t_ns]))
         before_ns = newest_ns[:-1]
         older = np.flatnonzero(t_ns < before_ns)
-        late = older[t_ns[older] < segment.first_ns(before_ns[older])]
+        late = older[t_ns[older] < grid.first_ns(before_ns[older])]
         jumps = np.flatnonzero(t_ns - before_ns > MAX_JUMP_NS)
         # those late before the block's begin count in the row, too
         places = np.concatenate([np.arange(-self._late_in_a_row, 0), late])
@@ -132,51 +139,44 @@ class BlockAssembler:
         self._newest_ns = int(newest_ns[stop])
         return stop, late, is_jump
 
-    def _anchor(self, t_ns: int) -> None:
-        self._segment = _Segment(t_ns, self._period_ns, off_bus=self._is_off_bus)
+    def _anchor(self, t_ns: int) -> "_Grid":
+        self._grid = _Grid(t_ns, self._period_ns, len(self._timeouts_ns))
         self._newest_ns, self._late_in_a_row = t_ns, 0
+        return self._grid
 
-    def _break(self, segment: "_Segment", t_ns: int, *, is_jump: bool) -> None:
-        """Anchor the grid anew after a sample that marks the break."""
-        self._close(segment, segment.open_tick(self._newest_ns) + is_jump)
+    def _break(self, grid: "_Grid", t_ns: int, *, is_jump: bool) -> list[SampleBlock]:
+        """Anchor the grid anew; return the samples up to the one that marks the break."""
+        rest = self._close(grid, grid.open_tick(self._newest_ns) + is_jump)
+        grid.note_times(self._received_ns)
         self.counters.discontinuities += 1
         self._anchor(t_ns)
-        quality = np.full((1, self._n_names), int(Quality.STALE), dtype=np.uint8)
-        self._add(np.array([t_ns], dtype=np.int64), np.full(quality.shape, np.nan), quality)
+        quality = np.full((1, self._n_names), _STALE, dtype=np.uint8)
+        mark = np.array([t_ns], dtype=np.int64), np.full(quality.shape, np.nan), quality
+        return [rest, self._numbered(*mark)]
 
-    def _close(self, segment: "_Segment", n: int) -> None:
-        """Add the first ``n`` ticks of a segment."""
-        values, quality = segment.close(n, self._received_ns, self._timeouts_ns)
-        t_ns = segment.anchor_ns + np.arange(1, n + 1, dtype=np.int64) * self._period_ns
-        self._add(t_ns, *self._output.of_arrays(values, quality))
+    def _close(self, grid: "_Grid", until: int) -> SampleBlock:
+        """Return the samples of the ticks before ``until`` that are still open."""
+        values, quality = grid.close(
+            until, self._received_ns, self._timeouts_ns, off_bus=self.is_off_bus
+        )
+        ticks = np.arange(until - len(values) + 1, until + 1, dtype=np.int64)
+        t_ns = grid.anchor_ns + ticks * self._period_ns
+        return self._numbered(t_ns, *self._output.of_arrays(values, quality))
 
-    def _add(self, t_ns: IntArray, values: FloatArray, quality: QualityArray) -> None:
+    def _numbered(self, t_ns: IntArray, values: FloatArray, quality: QualityArray) -> SampleBlock:
         index = np.arange(self._n + 1, self._n + 1 + len(t_ns), dtype=np.int64)
-        self._blocks.append(SampleBlock(index, t_ns, values, quality))
         self._n += len(t_ns)
-
-    def add_series(self, t_ns: IntArray, series: Sequence[Series]) -> None:
-        """Take a whole stretch without a break, (n,) never falling, and each channel's values."""
-        if self._segment is None:
-            self._anchor(int(t_ns[0]))
-        else:
-            self._break(self._segment, int(t_ns[0]), is_jump=True)
-        segment, self._newest_ns = self._segment, int(t_ns[-1])
-        assert segment is not None
-        for channel, (times_ns, values) in enumerate(series):
-            inside = slice(
-                np.searchsorted(times_ns, t_ns[0], "left"),
-                np.searchsorted(times_ns, t_ns[-1], "right"),
-            )
-            segment.keep((channel,), times_ns[inside], values[np.newaxis, inside])
+        return SampleBlock(index, t_ns, values, quality)
 
 
-class _Segment:
-    """The grid between two breaks, and what was received in it."""
+class _Grid:
+    """The grid between two breaks, and the values of its open ticks."""
 
-    def __init__(self, anchor_ns: int, period_ns: int, *, off_bus: bool) -> None:
+    def __init__(self, anchor_ns: int, period_ns: int, n_channels: int) -> None:
         self.anchor_ns, self._period_ns = anchor_ns, period_ns
-        self.off_bus = [(0, off_bus)]  # from which tick on, counted from 0
+        self._n = 0  # ticks closed
+        self._held = np.full(n_channels, np.nan)  # of the last tick closed
+        self._held_quality = np.full(n_channels, _STALE, dtype=np.uint8)
         self._kept: dict[tuple[int, ...], list[Series]] = {}
 
     def open_tick(self, newest_ns: int) -> int:
@@ -194,53 +194,81 @@ class _Segment:
             self._kept.setdefault(channels, []).append((t_ns - self.anchor_ns, values))
 
     def close(
-        self, n: int, received_ns: list[int], timeouts_ns: Sequence[int]
+        self, until: int, received_ns: list[int], timeouts_ns: Sequence[int], *, off_bus: bool
     ) -> tuple[FloatArray, QualityArray]:
-        """Return values and quality of the first ``n`` ticks, both (n, n_channels).
+        """Close the ticks before ``until``; return values and quality, both (n, n_channels).
 
-        received_ns : when each channel's last value before the segment came; moved on
+        received_ns : when each channel's last value came; moved on
+        off_bus : whether the monitor itself hears nothing
         """
-        values = np.full((n, len(timeouts_ns)), np.nan)
-        quality = np.full(values.shape, int(Quality.STALE), dtype=np.uint8)
-        off = np.zeros(n, dtype=np.bool_)
-        for tick, is_off in self.off_bus:
-            off[tick:] = is_off
-        end_ns = np.arange(1, n + 1, dtype=np.int64) * self._period_ns
-        if off.any():
-            for channel, timeout_ns in enumerate(timeouts_ns):
-                age_ns = end_ns - (received_ns[channel] - self.anchor_ns)
-                quality[off & (age_ns > timeout_ns), channel] = Quality.OFF_BUS
+        n = max(until - self._n, 0)
+        values = np.empty((n, len(timeouts_ns)))
+        quality = np.empty(values.shape, dtype=np.uint8)
+        values[:], quality[:] = self._held, self._held_quality
+        silent = _OFF_BUS if off_bus else _STALE
+        end_ns = np.arange(self._n + 1, self._n + n + 1, dtype=np.int64) * self._period_ns
+        silent_channels = set(range(len(timeouts_ns)))
         for channels, parts in self._kept.items():
             t_ns = np.concatenate([t for t, _ in parts])
             data = np.concatenate([each for _, each in parts], axis=1)
-            tick = np.maximum((t_ns + self._period_ns - 1) // self._period_ns, 1) - 1
-            n_inside = _n_before(tick, n)
-            came = _Came(tick[:n_inside], t_ns[:n_inside], end_ns, off)
-            for channel, each in zip(channels, data, strict=True):
-                came.fill(
-                    each[:n_inside], timeouts_ns[channel], values[:, channel], quality[:, channel]
-                )
-                received_ns[channel] = self.anchor_ns + int(t_ns[-1])
+            tick = np.maximum((t_ns + self._period_ns - 1) // self._period_ns, 1) - 1 - self._n
+            n_inside = int(np.searchsorted(tick, n))  # ticks never fall
+            self._kept[channels] = [(t_ns[n_inside:], data[:, n_inside:])]
+            if not n_inside:
+                continue
+            before_ns = received_ns[channels[0]] - self.anchor_ns  # all of them come together
+            came = _Came(tick[:n_inside], t_ns[:n_inside], end_ns, before_ns)
+            for channel, each in zip(channels, data[:, :n_inside], strict=True):
+                column = values[:, channel], quality[:, channel]
+                came.fill(each, timeouts_ns[channel], silent, *column)
+                received_ns[channel] = self.anchor_ns + int(t_ns[n_inside - 1])
+            silent_channels.difference_update(channels)
+        for channel in silent_channels:
+            old = end_ns - (received_ns[channel] - self.anchor_ns) > timeouts_ns[channel]
+            values[old, channel], quality[old, channel] = np.nan, silent
+        self._n += n
+        if n:
+            self._held, self._held_quality = values[-1].copy(), quality[-1].copy()
         return values, quality
+
+    def note_times(self, received_ns: list[int]) -> None:
+        """Note when the values of the open tick came, which a break forgets."""
+        for channels, parts in self._kept.items():
+            for t_ns, _ in parts:
+                for channel in channels if len(t_ns) else ():
+                    received_ns[channel] = self.anchor_ns + int(t_ns[-1])
 
 
 class _Came:
-    """When the values of one message came within the ticks of a segment."""
+    """When the values of one message came within some ticks.
 
-    def __init__(self, tick: IntArray, t_ns: IntArray, end_ns: IntArray, off: BoolArray) -> None:
+    tick, t_ns : (m,) of the values; end_ns : (n,) of the ticks
+    before_ns : when the last value before these ticks came
+    """
+
+    def __init__(self, tick: IntArray, t_ns: IntArray, end_ns: IntArray, before_ns: int) -> None:
         n = len(end_ns)
-        self._tick, self._off = tick, off
+        self._tick = tick
         self._count = np.bincount(tick, minlength=n)
         self._came = self._count > 0
         self._source = np.maximum.accumulate(np.where(self._came, np.arange(n), -1))
+        self._begun = self._source >= 0
         last_ns = np.zeros(n, dtype=np.int64)
         last_ns[tick] = t_ns  # of several in one tick the last stays
-        self._age_ns = end_ns - last_ns[self._source]
+        self._age_ns = end_ns - np.where(self._begun, last_ns[self._source], before_ns)
 
     def fill(
-        self, data: FloatArray, timeout_ns: int, values: FloatArray, quality: QualityArray
+        self,
+        data: FloatArray,
+        timeout_ns: int,
+        silent: int,
+        values: FloatArray,
+        quality: QualityArray,
     ) -> None:
-        """Fill one channel's ticks, (n,), from the first value on."""
+        """Fill one channel's ticks, (n,), which hold the value from before them.
+
+        data : (m,) values; silent : Quality of a value that is too old
+        """
         n, tick, count = len(values), self._tick, self._count
         good = np.isfinite(data)
         grade = np.zeros(n, dtype=np.uint8)
@@ -253,17 +281,10 @@ class _Came:
             grade[tick[np.isinf(data)]] = Quality.OUT_OF_RANGE
             grade[count > 0] = Quality.GOOD
         mean = np.divide(total, count, out=np.full(n, np.nan), where=count > 0)
-        begun = self._source >= 0
-        np.copyto(values, mean[self._source], where=begun)
-        np.copyto(quality, grade[self._source], where=begun)
-        old = begun & ~self._came & (self._age_ns > timeout_ns)
-        values[old] = np.nan
-        quality[old] = np.where(self._off[old], int(Quality.OFF_BUS), int(Quality.STALE))
-
-
-def _n_before(tick: IntArray, n: int) -> int:
-    """Return how many values came before tick ``n``; ticks never fall."""
-    return int(np.searchsorted(tick, n))
+        np.copyto(values, mean[self._source], where=self._begun)
+        np.copyto(quality, grade[self._source], where=self._begun)
+        old = ~self._came & (self._age_ns > timeout_ns)
+        values[old], quality[old] = np.nan, silent
 
 
 def assemble_arrays(
@@ -291,14 +312,18 @@ def assemble_arrays(
     if np.any(steps_ns < 0):
         raise SignalMapError("the times of the frames decrease")
     cuts = [0, *(np.flatnonzero(steps_ns > MAX_JUMP_NS) + 1).tolist(), len(frame_times_ns)]
-    for begin, end in pairwise(cuts):
-        if begin < end:
-            assembler.add_series(frame_times_ns[begin:end], series)
-    return assembler.finish()
+    blocks = [
+        assembler.push_series(frame_times_ns[begin:end], series)
+        for begin, end in pairwise(cuts)
+        if begin < end
+    ]
+    return joined(blocks, len(names))
 
 
 def joined(blocks: Sequence[SampleBlock], n_names: int) -> SampleBlock:
     """Return blocks one after the other."""
+    if len(blocks) == 1:
+        return blocks[0]
     if not blocks:
         none = np.empty((0, n_names))
         return SampleBlock(_NONE, _NONE, none, none.astype(np.uint8))

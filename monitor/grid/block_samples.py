@@ -1,4 +1,4 @@
-"""Blocks of frames to the samples of one recording, with the loop's own frames among them."""
+"""Blocks of frames to blocks of samples, with the loop's own frames among them."""
 
 from collections.abc import Iterable, Iterator
 from itertools import pairwise
@@ -9,11 +9,13 @@ import numpy as np
 from monitor.base.types import FrameBlock, IntArray, SampleBlock
 from monitor.decode.block_decoder import BlockDecoder
 from monitor.decode.decoder import EXTENDED
-from monitor.frames.blocks import chosen, joined
+from monitor.frames.blocks import chosen
+from monitor.frames.blocks import joined as joined_frames
 from monitor.frames.loop_frames import BUS_STATE_ID, CLEARED_ID
-from monitor.grid.block_assembler import BlockAssembler
+from monitor.grid.block_assembler import BlockAssembler, joined
 
 _FRAMES = 1 << 20  # decoded at once
+_NONE = np.empty(0, dtype=np.int64)
 _BUS_STATE, _CLEARED = BUS_STATE_ID | EXTENDED, CLEARED_ID | EXTENDED
 
 
@@ -24,34 +26,43 @@ class Clearing(NamedTuple):
     t_ns: int
 
 
-class LogSamples(NamedTuple):
-    """What frames say on the grid."""
-
-    samples: SampleBlock
-    clearings: tuple[Clearing, ...]
-
-
 def log_samples(
     blocks: Iterable[FrameBlock], decoder: BlockDecoder, assembler: BlockAssembler
-) -> LogSamples:
-    """Return what ``FramePipeline.samples`` gives of the frames of a log.
+) -> Iterator[SampleBlock | Clearing]:
+    """Yield the samples of a log's frames, block by block, with the clearings between them.
 
     Raises what reading the blocks raises.
     """
-    clearings: list[Clearing] = []
     held = _Held(decoder, assembler)
+    n = 0
     for block in blocks:
         for part in _up_to_own(block):
-            held.push(part)
             last = part.key[-1]
-            if last in (_BUS_STATE, _CLEARED):
-                held.flush()
+            held.push(part)
+            if last not in (_BUS_STATE, _CLEARED) and held.n < _FRAMES:
+                continue
+            samples = held.flush()
+            n += len(samples.t_ns)
+            yield samples
             if last == _BUS_STATE:
-                assembler.set_off_bus(part.length[-1] == 1 and part.data[-1, 0] == 1)
+                assembler.is_off_bus = bool(part.length[-1] == 1 and part.data[-1, 0] == 1)
             elif last == _CLEARED:
-                clearings.append(Clearing(assembler.complete, int(part.t_ns[-1])))
-    held.flush()
-    return LogSamples(assembler.finish(), tuple(clearings))
+                yield Clearing(n, int(part.t_ns[-1]))
+    yield held.flush()
+
+
+def whole(
+    parts: Iterable[SampleBlock | Clearing], n_names: int
+) -> tuple[SampleBlock, tuple[Clearing, ...]]:
+    """Return a recording's samples as one block, and its clearings."""
+    blocks: list[SampleBlock] = []
+    clearings: list[Clearing] = []
+    for part in parts:
+        if isinstance(part, Clearing):
+            clearings.append(part)
+        else:
+            blocks.append(part)
+    return joined(blocks, n_names), tuple(clearings)
 
 
 class _Held:
@@ -68,29 +79,27 @@ class _Held:
         self._t_ns: list[IntArray] = []
         self._rows: list[IntArray] = []
         self._needed: list[FrameBlock] = []
-        self._n = 0
+        self.n = 0
 
     def push(self, block: FrameBlock) -> None:
         """Take some frames."""
         rows = self._decoder.needed(block)
         self._t_ns.append(block.t_ns)
-        self._rows.append(rows + self._n)
+        self._rows.append(rows + self.n)
         self._needed.append(chosen(block, rows))
-        self._n += len(block.t_ns)
-        if self._n >= _FRAMES:
-            self.flush()
+        self.n += len(block.t_ns)
 
-    def flush(self) -> None:
-        """Pass the frames on."""
-        if not self._n:
-            return
+    def flush(self) -> SampleBlock:
+        """Pass the frames on; return the samples that are complete."""
+        if not self.n:
+            return self._assembler.push(_NONE)
         rows = np.concatenate(self._rows)
-        self._decoder.unmapped += self._n - len(rows)
-        decoded = [
-            part._replace(rows=rows[part.rows]) for part in self._decoder.push(joined(self._needed))
-        ]
-        self._assembler.push(np.concatenate(self._t_ns), decoded)
+        self._decoder.unmapped += self.n - len(rows)
+        needed = joined_frames(self._needed)
+        decoded = [part._replace(rows=rows[part.rows]) for part in self._decoder.push(needed)]
+        t_ns = np.concatenate(self._t_ns)
         self._clear()
+        return self._assembler.push(t_ns, decoded)
 
 
 def _up_to_own(block: FrameBlock) -> Iterator[FrameBlock]:

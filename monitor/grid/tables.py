@@ -28,6 +28,7 @@ TIME: Final = "time_s"
 DEFAULT_PERIOD_NS: Final = 100_000_000
 LONGEST_IN_NS_S: Final = 1e6
 UNIFORM: Final = 0.01  # a table whose steps differ by less is used sample for sample
+_ROWS: Final = 1 << 14  # read before they become an array, which takes less memory
 _LOG_HEADER: Final = "timestamp,arbitration_id,"
 
 
@@ -194,6 +195,7 @@ def _cells(path: Path, header: Sequence[str], lines: IO[str]) -> FloatArray:
     """Return all cells, (n, n_columns); blank cells are NaN."""
     width = len(header)
     rows: list[list[float]] = []
+    blocks = [np.empty((0, width))]
     for number, line in enumerate(lines, 2):
         text = line.strip()
         if not text:
@@ -207,7 +209,11 @@ def _cells(path: Path, header: Sequence[str], lines: IO[str]) -> FloatArray:
             rows.append([float(part) for part in parts])
         except ValueError:
             rows.append([_cell(path, number, *each) for each in zip(header, parts, strict=True)])
-    return np.array(rows, dtype=np.float64).reshape(len(rows), width)
+        if len(rows) == _ROWS:
+            blocks.append(np.array(rows))
+            rows = []
+    blocks.append(np.array(rows, dtype=np.float64).reshape(len(rows), width))
+    return np.concatenate(blocks)
 
 
 def _cell(path: Path, number: int, name: str, text: str) -> float:

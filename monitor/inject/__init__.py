@@ -1,1 +1,1 @@
-"""Faults put into the frames of an ECU: of the sensor and of the frames, with what is expected."""
+"""Faults injected into an ECU's frames (sensor faults and frame faults), and expected codes."""

@@ -1,4 +1,4 @@
-"""Judges the frames that go out, drive by drive, and compares with what a scenario expects."""
+"""Judges the frames of each drive and compares the codes with a scenario's expectations."""
 
 import math
 import tempfile
@@ -12,7 +12,7 @@ from monitor.base.types import Frame
 from monitor.inject.scenario import NO_CODE, Expectation, Scenario
 from monitor.memory.dtc import DtcStore
 from monitor.memory.store import Memory
-from monitor.pipeline.stream import FramePipeline
+from monitor.pipeline.frames import FramePipeline
 from monitor.report.replay import Setup, frame_counters
 from monitor.report.sinks import Collector
 
@@ -20,7 +20,7 @@ Recording = Mapping[str, Any]  # an entry of o2mon.replay/1
 
 
 class Judge:
-    """The shipped pipeline on the frames of one driving cycle, as ``o2mon replay`` has it."""
+    """The pipeline on the frames of one driving cycle, as in ``o2mon replay``."""
 
     def __init__(self, setup: Setup, memory: Memory) -> None:
         self._memory, self._setup = memory, setup
@@ -33,7 +33,7 @@ class Judge:
         self._collector = Collector(self._pipeline.monitor)
 
     def push(self, frame: Frame) -> None:
-        """Take a frame."""
+        """Judge one frame."""
         for event in self._pipeline.push(frame):
             self._collector.push(event)
 
@@ -47,7 +47,7 @@ class Judge:
 
 @contextmanager
 def fresh_memory() -> Iterator[Memory]:
-    """Give an empty fault memory that is gone afterwards."""
+    """Yield an empty fault memory that is deleted afterwards."""
     with (
         tempfile.TemporaryDirectory(prefix="o2mon-") as folder,
         closing(Memory(Path(folder, "memory.db"))) as memory,
@@ -57,7 +57,7 @@ def fresh_memory() -> Iterator[Memory]:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One line of the table: what was expected of a drive, what came."""
+    """One line of the table: an expectation, and the codes that were set."""
 
     drive: int
     expected: str
@@ -66,22 +66,22 @@ class Row:
 
 
 def compare(scenario: Scenario, recordings: Sequence[Recording]) -> list[Row]:
-    """Return a row for every expectation, and one for every code that nothing expects.
+    """Return a row per expectation, and a row per unexpected code.
 
-    recordings : of the scenario's drives, in their order
+    recordings : results of the scenario's drives, in order
     """
     rows = []
     for drive, recording in enumerate(recordings, 1):
-        expected = [each for each in scenario.expectations if each.drive == drive]
+        expected = [e for e in scenario.expectations if e.drive == drive]
         begin_s = scenario.begin_s(drive)
-        rows += [_row(each, recording, begin_s) for each in expected]
-        if not expected or any(each.code == NO_CODE for each in expected):
-            continue  # nothing is said of this drive, or the row above tells
-        known = {each.code for each in expected}
+        rows += [_row(expectation, recording, begin_s) for expectation in expected]
+        if not expected or any(e.code == NO_CODE for e in expected):
+            continue  # the drive has no expectation, or the row above covers every code
+        codes = {e.code for e in expected}
         rows += [
             Row(drive, "no other code", _seen(dtc, begin_s), False)
             for dtc in recording["dtcs"]
-            if dtc["code"] not in known
+            if dtc["code"] not in codes
         ]
     return rows
 

@@ -1,4 +1,4 @@
-"""Faults of frames: lost, doubled, corrupted, late, and a flood of others."""
+"""Faults of frames: loss, duplication, corruption, delay, and a flood of other frames."""
 
 import heapq
 import math
@@ -18,7 +18,7 @@ FLOOD: Final = "frame_flood"
 
 @dataclass(slots=True)
 class _Flood:
-    """A flood and when its next frame is due."""
+    """A flood, and the time of its next frame."""
 
     what: Injection
     random: random.Random
@@ -28,7 +28,7 @@ class _Flood:
 
 @dataclass(slots=True)
 class _Fault:
-    """A fault of frames under some identifiers; None is all."""
+    """A fault of the frames under some identifiers; None means all frames."""
 
     what: Injection
     random: random.Random
@@ -37,21 +37,21 @@ class _Fault:
 
 @dataclass(slots=True)
 class _Fate:
-    """What becomes of one frame."""
+    """The changes to one frame."""
 
     copies: int = 1
-    flipped: int = 0  # bits, the first byte's lowest is bit 0
+    flipped: int = 0  # mask of flipped bits; bit 0 is the lowest of the first byte
     delay_s: float = 0.0
 
 
 class FrameFaults:
-    """Takes frames one by one and gives those that go out, at once or when they are due.
+    """Takes the frames one by one; returns the outgoing ones at once or when they are due.
 
-    writers : of the messages that a fault may be for by name
-    own : identifier of the message that a fault without names is for
-    counts : is raised by what is done
-    keep_counters : give the alive counters no gaps or repetitions by what is done here
-    Raises UsageError if a fault names a message that is not there.
+    writers : writers of the messages that a fault may name
+    own : identifier of the message that a fault without message names acts on
+    counts : counts of changed frames, updated here
+    keep_counters : renumber alive counters, so that lost or doubled frames leave no gap
+    Raises UsageError if a fault names an unknown message.
     """
 
     def __init__(
@@ -74,33 +74,33 @@ class FrameFaults:
         self._floods: list[_Flood] = []
         self._waiting: list[tuple[int, int, Frame]] = []  # time, order, frame
         self._order = 0
-        self._shift: Counter[Key] = Counter()  # what is added to a message's counter
+        self._shift: Counter[Key] = Counter()  # offset added to a message's alive counter
 
     def _keys(self, what: Injection) -> frozenset[Key] | None:
         if ALL in what.messages:
             return None
-        known = {writer.name: key for key, writer in self._writers.items()}
+        keys = {writer.name: key for key, writer in self._writers.items()}
         for name in what.messages:
-            if name not in known:
+            if name not in keys:
                 raise UsageError(
                     f"fault {what.name}: message {name!r} is not in the signal map; "
-                    f"there are {', '.join(known)} and all"
+                    f"there are {', '.join(keys)} and all"
                 )
-        return frozenset(known[name] for name in what.messages) or frozenset({self._own})
+        return frozenset(keys[name] for name in what.messages) or frozenset({self._own})
 
     def begin(self, t_ns: int) -> None:
-        """Begin a drive whose first frame has this time."""
+        """Begin a drive whose first frame comes at ``t_ns``."""
         self._t0_ns = t_ns
         self._floods = [
-            _Flood(each.what, each.random, *each.what.span_ns(t_ns))
-            for each in self._faults
-            if each.what.name == FLOOD
+            _Flood(fault.what, fault.random, *fault.what.span_ns(t_ns))
+            for fault in self._faults
+            if fault.what.name == FLOOD
         ]
 
     def push(self, frame: Frame, *, sound: bool) -> list[Frame]:
-        """Return what goes out at once of a frame.
+        """Return the frames that go out at once for one incoming frame.
 
-        sound : its checksum holds, so that its counter may be shifted
+        sound : its checksum is right, so its alive counter may be shifted
         """
         fate = self._fate(frame)
         key = (frame.can_id, frame.is_extended)
@@ -117,31 +117,31 @@ class FrameFaults:
             return out
         self._counts["delayed"] += len(out)
         t_ns = frame.t_ns + round(fate.delay_s * 1e6) * 1000
-        for each in out:
-            self._wait(each._replace(t_ns=t_ns))
+        for late in out:
+            self._wait(late._replace(t_ns=t_ns))
         return []
 
     def left_out(self, key: Key) -> None:
-        """Note that a frame of that message does not go out."""
+        """Record that a frame of a message does not go out."""
         self._shift[key] -= self._keep
 
     def _fate(self, frame: Frame) -> _Fate:
         fate, key = _Fate(), (frame.can_id, frame.is_extended)
-        for each in self._faults:
-            name, severity = each.what.name, each.what.severity
-            is_for_it = each.keys is None or key in each.keys
-            if name == FLOOD or not is_for_it or not each.what.acts(frame.t_ns - self._t0_ns):
+        for fault in self._faults:
+            name, severity = fault.what.name, fault.what.severity
+            concerns = fault.keys is None or key in fault.keys
+            if name == FLOOD or not concerns or not fault.what.acts(frame.t_ns - self._t0_ns):
                 continue
             if name == "frame_delay":
                 fate.delay_s += severity
-            elif each.random.random() >= severity:
+            elif fault.random.random() >= severity:
                 continue
             elif name == "frame_loss":
                 fate.copies = 0
             elif name == "frame_duplication":
                 fate.copies += fate.copies > 0
             elif frame.data:
-                fate.flipped ^= 1 << each.random.randrange(8 * len(frame.data))
+                fate.flipped ^= 1 << fault.random.randrange(8 * len(frame.data))
         return fate
 
     def _changed(self, frame: Frame, shift: int, flipped: int) -> Frame:
@@ -155,7 +155,7 @@ class FrameFaults:
         return frame if data == frame.data else frame._replace(data=data)
 
     def advance(self, t_ns: float) -> list[Frame]:
-        """Return the delayed and flooding frames that are due by then, in the order of time."""
+        """Return the delayed and flooding frames due by ``t_ns``, in order of time."""
         for flood in self._floods:
             while flood.next_ns <= t_ns and flood.next_ns < flood.end_ns:
                 self._counts["flooded"] += 1
@@ -168,13 +168,13 @@ class FrameFaults:
         return out
 
     def flush(self) -> list[Frame]:
-        """Return the delayed frames that are left at the end."""
+        """Return the remaining delayed frames at the end of a drive."""
         self._floods.clear()
         return self.advance(math.inf)
 
     @property
     def due_ns(self) -> float:
-        """Return when ``advance`` has something to give, inf if nothing is to come."""
+        """Return the time in ns of the next due frame, inf if there is none."""
         times = [flood.next_ns for flood in self._floods if flood.next_ns < flood.end_ns]
         if self._waiting:
             times.append(self._waiting[0][0])

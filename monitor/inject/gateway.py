@@ -1,4 +1,4 @@
-"""Faults between two buses, or from log to log."""
+"""Fault injection between two buses, and writing of a changed log."""
 
 import select
 import signal
@@ -19,17 +19,17 @@ from monitor.frames.loop_frames import bus_state, is_own, time_mark
 from monitor.inject.injector import Injector
 from monitor.inject.side import Side
 
-POLL_S: Final = 0.001  # between two looks at buses that cannot be waited for together
-IDLE_S: Final = 0.1  # the longest wait, so that a signal is heard
-BURST: Final = 200  # frames of one side before the other is looked at
+POLL_S: Final = 0.001  # polling interval of interfaces without a file descriptor
+IDLE_S: Final = 0.1  # longest wait, so that a signal is noticed
+BURST: Final = 200  # most frames from one side before the other side is read
 
 
 def write_log(path: Path, frames: Iterable[Frame]) -> int:
-    """Write frames to a log in the format of its suffix; return how many there were.
+    """Write frames to a log in the format of its suffix; return their number.
 
     Raises RecordingError if the format is unknown or the file cannot be written.
     """
-    log_kind(path)  # under its own name, not that of the file begun
+    log_kind(path)  # checks the final name, not that of the temporary file
     n, begun = 0, path.with_name(f".begun_{path.name}")
     try:
         with Recorder(begun) as recorder:
@@ -44,21 +44,21 @@ def write_log(path: Path, frames: Iterable[Frame]) -> int:
 
 @dataclass(slots=True)
 class Passed:
-    """What went through a gateway."""
+    """Counts of the frames that passed a gateway."""
 
     to_ecu: int = 0
-    failed: int = 0  # frames an interface did not take, or that was gone
-    error_frames: int = 0  # seen on either side, never passed on
+    failed: int = 0  # frames that could not be sent
+    error_frames: int = 0  # received on either side; they are never passed on
     flags: dict[tuple[int, bool], can.Message] = field(default_factory=dict)
 
 
 class Gateway:
-    """Passes frames between the ECU's bus and another, faults put into those of the ECU.
+    """Passes frames between the ECU's bus and another, and injects faults into the ECU's frames.
 
-    An interface that goes away is opened again; the other one is emptied meanwhile.
+    A lost interface is opened again; meanwhile the frames of the other one are discarded.
 
-    taken : takes every frame of the ECU's side that goes out, a time mark where none does, and
-        whether one of the interfaces is gone
+    taken : receives every sent frame of the ECU, a time mark on a silent bus, and a frame that
+        reports whether an interface is lost
     """
 
     def __init__(
@@ -72,18 +72,18 @@ class Gateway:
         self._ecu, self._other, self._injector, self._taken = ecu, other, injector, taken
         self._now_s = monotonic_s
         self._stop = self._is_off = False
-        self._heard: tuple[int, float] | None = None  # bus time and clock of the last ECU frame
-        self._last_ns = 0  # bus time of what was last given or marked
+        self._heard: tuple[int, float] | None = None  # last ECU frame: bus time, monotonic s
+        self._last_ns = 0  # bus time of the last sent frame or time mark
         self.passed = Passed()
 
     def stop(self, *_: object) -> None:
-        """End after the frame in hand; may be called from a signal handler."""
+        """End the run after the current frame; a signal handler may call it."""
         self._stop = True
 
     def run(self, duration_s: float | None = None) -> None:
-        """Pass frames until stopped, or for so long.
+        """Pass frames until stopped, or for ``duration_s``.
 
-        Raises BusError when an interface fails and cannot be opened again.
+        Raises BusError if an interface fails and cannot be opened again.
         """
         until_s = float("inf") if duration_s is None else self._now_s() + duration_s
         try:
@@ -96,14 +96,14 @@ class Gateway:
             self.close()
 
     def step(self) -> bool:
-        """Pass what is there and due; return whether more may be there already."""
+        """Pass the received and due frames; return whether more may be waiting."""
         busy = self._from_ecu()
         busy = self._to_ecu() or busy
         self._due()
         return busy
 
     def close(self) -> None:
-        """Let go of buses that were opened again; the first ones are their opener's."""
+        """Shut down buses that were opened again; the caller owns the first ones."""
         self._ecu.close()
         self._other.close()
 
@@ -119,7 +119,7 @@ class Gateway:
                 self._send(self._other, message)
             else:
                 frame = frame_of(message)
-                if not message.timestamp:  # the interface gives none
+                if not message.timestamp:  # the interface gives no time
                     frame = frame._replace(t_ns=time.time_ns() // 1000 * 1000)
                 if self._heard is None:
                     self._last_ns = frame.t_ns
@@ -142,9 +142,9 @@ class Gateway:
         return True
 
     def _due(self) -> None:
-        """Give what is due although the ECU says nothing just now; say what the gateway knows.
+        """Send the frames that are due while the ECU is silent.
 
-        Time passes while nothing goes out, and an interface may be gone.
+        Report lost interfaces and the passing of time to ``taken``.
         """
         if self._heard is None:
             return
@@ -169,7 +169,7 @@ class Gateway:
             message.is_fd, message.bitrate_switch = True, like.bitrate_switch
         if self._send(self._other, message):
             self._last_ns = frame.t_ns
-            if not is_own(frame):  # a monitor takes nothing under its own identifiers from a bus
+            if not is_own(frame):  # a monitor refuses the loop's identifiers from a bus
                 self._taken(frame)
 
     def _send(self, side: Side, message: can.Message) -> bool:
@@ -178,7 +178,7 @@ class Gateway:
         return taken
 
     def _wait(self, left_s: float) -> None:
-        """Wait until a frame is there or something is due."""
+        """Wait until a frame arrives or is due, at most ``left_s``."""
         limit_s = min(IDLE_S, max(left_s, 0.0))
         if self._heard is not None:
             t_ns, at_s = self._heard
@@ -193,7 +193,7 @@ class Gateway:
             time.sleep(min(POLL_S, limit_s))
 
     def lines(self) -> Iterator[str]:
-        """Yield what to print at the end."""
+        """Yield the closing lines."""
         yield from self._injector.counts.lines()
         done = self.passed
         yield (

@@ -1,4 +1,4 @@
-"""What can be put into frames: the name of a fault, how strong it is and when it acts."""
+"""One injected fault: name, severity and time span."""
 
 import math
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from typing import Final
 from monitor.base.errors import UsageError
 from monitor.base.faults import DEFAULT_DISTURBANCE, DEFAULT_SEVERITY, resolve
 
-INVALID: Final = "signal_invalid"  # the ECU says not available although the sensor is ready
+INVALID: Final = "signal_invalid"  # the ECU sends "not available" although the sensor is ready
 FRAME_FAULTS: Final = {
     "frame_loss": 0.1,  # share of frames
     "frame_delay": 0.1,  # s
@@ -23,18 +23,18 @@ ALL: Final = "all"
 
 @dataclass(frozen=True, slots=True)
 class Injection:
-    """One fault, when it acts and how strong it is.
+    """One fault with its severity and time span.
 
-    Raises UsageError for an unknown name or impossible values.
+    Raises UsageError if the name is unknown or a value impossible.
     """
 
     name: str
     severity: float
     start_s: float = 0.0  # after the first frame
     end_s: float = math.inf
-    messages: tuple[str, ...] = ()  # of a frame fault: names or "all"; () is that of lambda
+    messages: tuple[str, ...] = ()  # of a frame fault: names, or "all"; () means lambda's message
     can_id: int = 0  # of frame_flood
-    drives: tuple[int, ...] = ()  # numbers from 1; () is every drive
+    drives: tuple[int, ...] = ()  # numbers from 1; () means every drive
 
     def __post_init__(self) -> None:
         if self.name not in NAMES:
@@ -61,16 +61,16 @@ class Injection:
 
     @classmethod
     def of(cls, name: str, severity: float | None = None, **others: object) -> "Injection":
-        """Return the injection with the name's usual severity if none is given."""
-        usual = DEFAULT_SEVERITY | {INVALID: 1.0} | DEFAULT_DISTURBANCE | FRAME_FAULTS
-        return cls(name, usual.get(name, 1.0) if severity is None else severity, **others)  # type: ignore[arg-type]
+        """Return the injection; without a severity, the default of its name holds."""
+        defaults = DEFAULT_SEVERITY | {INVALID: 1.0} | DEFAULT_DISTURBANCE | FRAME_FAULTS
+        return cls(name, defaults.get(name, 1.0) if severity is None else severity, **others)  # type: ignore[arg-type]
 
     def acts(self, since_ns: int) -> bool:
-        """Return whether it acts so long after the first frame."""
+        """Return whether the fault acts at this time after the first frame."""
         return self.start_s * 1e9 <= since_ns < self.end_s * 1e9
 
     def span_ns(self, t0_ns: int) -> tuple[float, float]:
-        """Return when it begins and ends if the first frame comes at ``t0_ns``."""
+        """Return its begin and end in bus time; the first frame comes at ``t0_ns``."""
         return t0_ns + round(self.start_s * 1e9), t0_ns + self.end_s * 1e9
 
     def __str__(self) -> str:

@@ -1,7 +1,7 @@
-"""Faults put into a stream of frames: the sensor's in the lambda signal, and those of frames.
+"""Injects sensor faults into the lambda signal, and faults into frames.
 
-Time comes with the frames, so a log and a bus are treated alike, and the same seed gives the same
-frames. A fault begins and ends by seconds after the first frame.
+Time comes with the frames, so a log and a bus are handled alike, and the same seed gives the same
+frames. Begin and end of a fault count in seconds from the first frame.
 """
 
 import math
@@ -24,14 +24,14 @@ READY: Final = "sensor_ready"
 
 @dataclass(slots=True)
 class Counts:
-    """What was done to the frames."""
+    """Counts of incoming, outgoing and changed frames."""
 
     taken: int = 0
     given: int = 0
-    changed: Counter[str] = field(default_factory=Counter)  # by what was done
+    changed: Counter[str] = field(default_factory=Counter)  # by kind of change
 
     def lines(self) -> Iterator[str]:
-        """Yield what to print."""
+        """Yield the counts as text."""
         done = ", ".join(f"{name} {n}" for name, n in sorted(self.changed.items()) if n)
         yield f"{self.taken} frames from the ECU, {self.given} passed on" + (
             f"; {done}" if done else ""
@@ -39,7 +39,7 @@ class Counts:
 
 
 class _SensorFault:
-    """A fault of the sensor with its state; without one the reading is not available."""
+    """A sensor fault with its state; signal_invalid has no reading, so it reads NaN."""
 
     def __init__(self, what: Injection, seed: str) -> None:
         self.what = what
@@ -49,7 +49,7 @@ class _SensorFault:
         self._reading = _reading_of(what, self.fault, seed)
 
     def read(self, t_ns: int, healthy: float) -> float:
-        """Return what is read."""
+        """Return the faulty reading in lambda, NaN for not available."""
         return self._reading.push(t_ns, healthy) if self._reading else math.nan
 
 
@@ -64,11 +64,11 @@ def _reading_of(
 
 
 class Injector:
-    """Takes the ECU's frames and gives those that go out.
+    """Takes the ECU's frames and returns the outgoing ones.
 
-    seed : of everything random
-    keep_counters : give the alive counters no gaps or repetitions of the injector's own making
-    Raises UsageError or SignalMapError if a fault cannot be put into these messages.
+    seed : seed of all random faults
+    keep_counters : renumber alive counters, so that the injector's changes leave no gap
+    Raises UsageError or SignalMapError if a fault is impossible in these messages.
     """
 
     def __init__(
@@ -102,7 +102,7 @@ class Injector:
             keep_counters=keep_counters,
         )
         self._t0_ns: int | None = None
-        self._held = math.nan  # the last reading sent, for messages that cannot say not available
+        self._held = math.nan  # last sent reading, for messages without "not available"
 
     def _check(self, bus_map: BusMap, names: set[str]) -> None:
         if self._signal.can_be_missing:
@@ -115,7 +115,7 @@ class Injector:
             )
 
     def push(self, frame: Frame) -> list[Frame]:
-        """Take a frame of the ECU; return the frames that go out now, in the order of time."""
+        """Take a frame of the ECU; return the frames that go out now, in order of time."""
         if self._t0_ns is None:
             self._t0_ns = frame.t_ns
             self._frames.begin(frame.t_ns)
@@ -126,24 +126,24 @@ class Injector:
         return out
 
     def advance(self, t_ns: int) -> list[Frame]:
-        """Return the frames that are due without one of the ECU's: delayed ones and the flood."""
+        """Return the delayed and flooding frames that are due without a frame of the ECU."""
         out = self._frames.advance(t_ns)
         self.counts.given += len(out)
         return out
 
     @property
     def due_ns(self) -> float:
-        """Return when ``advance`` has something to give, inf if nothing is to come."""
+        """Return the time in ns of the next due frame, inf if there is none."""
         return self._frames.due_ns
 
     def flush(self) -> list[Frame]:
-        """Return the delayed frames that are left at the end."""
+        """Return the remaining delayed frames at the end."""
         out = self._frames.flush()
         self.counts.given += len(out)
         return out
 
     def stream(self, frames: Iterable[Frame]) -> Iterator[Frame]:
-        """Yield all that goes out for a whole log."""
+        """Yield all outgoing frames of a log."""
         for frame in frames:
             yield from self.push(frame)
         yield from self.flush()

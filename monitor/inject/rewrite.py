@@ -1,8 +1,7 @@
-"""Puts other values into an ECU's frames: any DBC and map, counter and checksum repaired.
+"""Rewrites signals in an ECU's frames, for any DBC and map, and repairs counter and checksum.
 
-Only the bits of the signal, the counter and the checksum change. A frame that is not sound as it
-comes (wrong length, checksum that does not hold) is not for rewriting: repairing it would hide
-what is wrong with it.
+Only the bits of the signal, the counter and the checksum change. An unsound frame (wrong length or
+checksum) must not be rewritten: the repair would hide its defect.
 """
 
 import math
@@ -21,7 +20,7 @@ _FLOATS: Final = {16: struct.Struct("<e"), 32: struct.Struct("<f"), 64: struct.S
 
 
 class Field:
-    """Where the raw value of one signal of a message lies in the payload."""
+    """The place of one signal's raw value in a payload."""
 
     def __init__(self, channel: Channel, signal_name: str) -> None:
         message = channel.message
@@ -34,12 +33,12 @@ class Field:
         self.last_byte = last_byte(message, signal)
 
     def get(self, data: bytes) -> int:
-        """Return the unsigned raw value; a payload that is shorter than the message reads as 0."""
+        """Return the unsigned raw value; missing bytes of a short payload count as 0."""
         word = int.from_bytes(data.ljust(self._length, b"\0"), self._order)  # type: ignore[arg-type]
         return word >> self._position & self.mask
 
     def set(self, data: bytes, raw: int) -> bytes:
-        """Return the payload with this raw value, as long as it was."""
+        """Return the payload with this raw value; its length stays."""
         order = self._order
         word = int.from_bytes(data.ljust(self._length, b"\0"), order)  # type: ignore[arg-type]
         word = word & ~(self.mask << self._position) | (raw & self.mask) << self._position
@@ -47,7 +46,7 @@ class Field:
 
 
 class SignalWriter:
-    """Reads and writes one mapped signal in its message's payloads, in the map's unit."""
+    """Reads and writes one mapped signal in payloads of its message, in the map's unit."""
 
     def __init__(self, channel: Channel) -> None:
         signal, mapped = channel.signal, channel.mapped
@@ -67,7 +66,7 @@ class SignalWriter:
 
     @property
     def can_be_missing(self) -> bool:
-        """Return whether the message can say that the value is not available."""
+        """Return whether the message can mark the value as not available."""
         return self._missing is not None or self._is_float
 
     @property
@@ -76,7 +75,7 @@ class SignalWriter:
         return 0.0 if self._is_float else abs(self._scale * self._factor)
 
     def is_in(self, data: bytes) -> bool:
-        """Return whether this payload carries the signal: long enough, its multiplexer set so."""
+        """Return whether a payload carries the signal: long enough, and multiplexed to it."""
         return len(data) > self._field.last_byte and all(
             len(data) > field.last_byte and field.get(data) in values
             for field, values in self._conditions
@@ -95,10 +94,10 @@ class SignalWriter:
         return (raw * self._scale + self._offset) * self._factor + self._shift
 
     def write(self, data: bytes, value: float) -> bytes:
-        """Return the payload with the value, rounded; what does not fit saturates.
+        """Return the payload with the value, rounded and limited to the signal's raw range.
 
         value : in the map's unit; NaN is written as not available
-        Raises SignalMapError for NaN if the message cannot say so.
+        Raises SignalMapError for NaN if the message cannot mark it.
         """
         return self._field.set(data, self._raw(value))
 
@@ -128,7 +127,7 @@ class SignalWriter:
 class MessageWriter:
     """Rewrites the frames of one message.
 
-    channels : what the map takes from that message
+    channels : the message's mapped signals
     """
 
     def __init__(self, channels: Sequence[Channel]) -> None:
@@ -147,18 +146,17 @@ class MessageWriter:
         self._algorithm = integrity.algorithm
 
     def is_sound(self, data: bytes) -> bool:
-        """Return whether length and checksum hold."""
+        """Return whether length and checksum are right."""
         if len(data) not in self._lengths:
             return False
         return self._checksum is None or self._checksum.get(data) == self._sum(data)
 
     def write(self, data: bytes, values: Mapping[str, float], shift: int = 0) -> bytes:
-        """Return the payload with other values of some signals, its checksum repaired.
+        """Return the payload with new signal values and a repaired checksum.
 
-        values : by mapped name, in the map's unit; a signal that this payload does not carry is
-            left out
-        shift : is added to the counter, for frames left out or added before this one
-        Raises SignalMapError for NaN where the message cannot say not available.
+        values : by mapped name, in the map's unit; signals that the payload lacks are ignored
+        shift : added to the alive counter, for frames lost or added before this one
+        Raises SignalMapError for NaN if the message cannot mark it as not available.
         """
         changed = data
         for name, value in values.items():

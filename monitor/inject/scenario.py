@@ -1,27 +1,27 @@
-"""Scenario files: which faults, when and how strong, and what the monitor is expected to say.
+"""Scenario files: faults with severity and time span, and the expected codes.
 
 ::
 
     title = "a late sensor is confirmed in the second drive"
-    seed = 1                    # of everything random
-    drives = 2                  # the log so many times, one driving cycle each, with one memory
-    keep_counters = false       # alive counters without gaps of the injector's own making
+    seed = 1                    # of all random faults
+    drives = 2                  # replay the log this many times: driving cycles with one memory
+    keep_counters = false       # true: lost or doubled frames leave no gap in alive counters
 
     [[fault]]
     name = "delay_rich_to_lean"
-    severity = 0.8              # s, gain, lambda, share or frames/s; each name has a usual one
-    start_s = 60.0              # after the first frame of the drive
-    end_s = 600.0               # default: to the end
+    severity = 0.8              # s, gain, lambda, share or frames/s; default depends on the name
+    start_s = 60.0              # after the drive's first frame
+    end_s = 600.0               # default: the end of the drive
     drives = [1, 2]             # default: every drive
-    messages = ["ECU_Lambda"]   # of a frame fault: names of the map, or ["all"]
+    messages = ["ECU_Lambda"]   # of a frame fault: names in the map, or ["all"]
     can_id = 0x123              # of frame_flood
 
     [[expect]]
     code = "P015A"              # or "none"
     state = "confirmed"         # or "pending"; default: either
     within_s = 300.0            # after the drive's first fault begins; default: any time
-    drive = 2                   # default: the last
-    judged = true               # of "none": the response test completed
+    drive = 2                   # default: the last drive
+    judged = true               # with "none": the response test must have completed
 """
 
 import math
@@ -37,18 +37,18 @@ from monitor.memory.dtc import CODES
 
 NO_CODE: Final = "none"
 MOST_DRIVES: Final = 100
-_KNOWN_CODES: Final = sorted({code for group in CODES.values() for code in group})
+_CODES: Final = sorted({code for group in CODES.values() for code in group})
 
 
 @dataclass(frozen=True, slots=True)
 class Expectation:
-    """What is expected of one drive."""
+    """The expected code of one drive."""
 
     code: str  # or NO_CODE
     drive: int  # from 1
-    state: str = ""  # pending, confirmed; "" is either
+    state: str = ""  # "pending", "confirmed", or "" for either
     within_s: float = math.inf  # after the drive's first fault begins
-    judged: bool = True  # of NO_CODE: the response test must have completed
+    judged: bool = True  # with NO_CODE: the response test must have completed
 
     def __str__(self) -> str:
         if self.code == NO_CODE:
@@ -60,7 +60,7 @@ class Expectation:
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """Faults and what is expected."""
+    """Faults and expectations of one test."""
 
     faults: tuple[Injection, ...]
     expectations: tuple[Expectation, ...] = ()
@@ -70,18 +70,18 @@ class Scenario:
     keep_counters: bool = False
 
     def faults_of(self, drive: int) -> tuple[Injection, ...]:
-        """Return the faults of one drive, numbered from 1."""
-        return tuple(each for each in self.faults if not each.drives or drive in each.drives)
+        """Return the faults of a drive; drives count from 1."""
+        return tuple(f for f in self.faults if not f.drives or drive in f.drives)
 
     def begin_s(self, drive: int) -> float:
-        """Return when the drive's first fault begins, 0 without one."""
-        return min((each.start_s for each in self.faults_of(drive)), default=0.0)
+        """Return the start in s of the drive's first fault, 0 without a fault."""
+        return min((fault.start_s for fault in self.faults_of(drive)), default=0.0)
 
 
 def parse_fault(text: str) -> Injection:
     """Return the fault of ``NAME[=SEVERITY][@START[-END]]``, times in s.
 
-    Raises UsageError.
+    Raises UsageError if the text has another form.
 
     >>> parse_fault("delay_symmetric=0.8@60-90").end_s
     90.0
@@ -105,7 +105,7 @@ def parse_fault(text: str) -> Injection:
 def load(path: Path) -> Scenario:
     """Return the scenario of a TOML file.
 
-    Raises ConfigError naming the file and the key of what is unknown, missing or impossible.
+    Raises ConfigError with file and key if a key is unknown or missing, or a value impossible.
     """
     try:
         raw = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -171,8 +171,8 @@ class _Reader:
         drive = self._whole(table, where, "drive", n_drives)
         within_s = self._number(table, where, "within_s", math.inf)
         assert within_s is not None
-        if code not in (*_KNOWN_CODES, NO_CODE):
-            raise self._error(where, "code", code, f"{', '.join(_KNOWN_CODES)} or {NO_CODE}")
+        if code not in (*_CODES, NO_CODE):
+            raise self._error(where, "code", code, f"{', '.join(_CODES)} or {NO_CODE}")
         if state not in ("", "pending", "confirmed"):
             raise self._error(where, "state", state, "pending or confirmed")
         if not 1 <= drive <= n_drives:

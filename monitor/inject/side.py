@@ -13,9 +13,9 @@ SEND_TIMEOUT_S: Final = 0.05
 
 
 class Side:
-    """A bus that is received from and sent to without its own frames, and opened again when lost.
+    """A bus to receive from and send to; it drops its sent frames and is opened again after a loss.
 
-    connection : holds the bus, which is open
+    connection : connection to the open bus
     """
 
     def __init__(self, connection: Connection) -> None:
@@ -25,37 +25,37 @@ class Side:
 
     def _use(self, bus: can.BusABC) -> None:
         self._is_socketcan = _set_up(bus)
-        self.fileno = _fileno(bus)  # what to wait for, -1 if there is nothing
+        self.fileno = _fileno(bus)  # file descriptor to wait for, -1 if there is none
 
     @property
     def is_lost(self) -> bool:
-        """Return whether the interface is gone."""
+        """Return whether the interface is lost."""
         return self._connection.is_lost
 
     @property
     def losses(self) -> int:
-        """Return how often the interface went away."""
+        """Return how many times the interface was lost."""
         return self._connection.losses
 
     @property
     def reconnects(self) -> int:
-        """Return how often it came back."""
+        """Return how many times the interface came back."""
         return self._connection.reconnects
 
     @property
     def is_open(self) -> bool:
-        """Return whether there is something to receive from."""
+        """Return whether the bus is open."""
         return self._connection.bus is not None
 
     @property
     def wait_s(self) -> float:
-        """Return how long it is until a lost interface is tried again, inf if it is open."""
+        """Return the time in s until a lost interface is opened again, inf if it is open."""
         return math.inf if self.is_open else self._connection.wait_s
 
     def receive(self) -> can.Message | None:
-        """Return the next message, None if none is there.
+        """Return the next message, None if none is waiting.
 
-        Raises BusError when the interface fails and cannot be opened again.
+        Raises BusError if the interface fails and cannot be opened again.
         """
         connection = self._connection
         try:
@@ -75,14 +75,14 @@ class Side:
         return message
 
     def _is_own(self, message: can.Message) -> bool:
-        """Return whether it is one that was sent here, on a bus opened to hear these.
+        """Return whether a message was sent by this process and heard back.
 
-        SocketCAN gives none, and calls what other processes of this machine send not received.
+        SocketCAN gives no such message; it marks those of other local processes as not received.
         """
         return not (message.is_rx or message.is_error_frame or self._is_socketcan)
 
     def send(self, message: can.Message) -> bool:
-        """Send a message; return whether the interface took it."""
+        """Send a message; return whether the interface accepted it."""
         bus = self._connection.bus
         if bus is None:
             return False
@@ -93,7 +93,7 @@ class Side:
         return True
 
     def close(self) -> None:
-        """Let go of a bus that was opened again; the first is its opener's."""
+        """Shut down a bus that was opened again; the caller owns the first bus."""
         self._connection.close()
 
 
@@ -105,15 +105,15 @@ def _fileno(bus: can.BusABC) -> int:
 
 
 def _set_up(bus: can.BusABC) -> bool:
-    """Give SocketCAN's socket room for a burst and keep its own frames off it.
+    """Enlarge the buffer of a SocketCAN socket and stop it from hearing its sent frames.
 
-    Returns whether it is one; other interfaces stay as they are.
+    Returns whether the bus is SocketCAN; other interfaces stay unchanged.
     """
-    own = getattr(bus, "socket", None)
-    if not isinstance(own, socket.socket):
+    can_socket = getattr(bus, "socket", None)
+    if not isinstance(can_socket, socket.socket):
         return False
-    own.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
-    if own.family == getattr(socket, "AF_CAN", None):
-        own.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_RECV_OWN_MSGS, 0)
+    can_socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
+    if can_socket.family == getattr(socket, "AF_CAN", None):
+        can_socket.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_RECV_OWN_MSGS, 0)
         return True
     return False

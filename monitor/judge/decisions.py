@@ -1,7 +1,6 @@
 """Steps 8 and 9: windows and single results become verdicts, debounce counters and codes.
 
-What is decided here comes in the order of time, one result after the other, whether samples
-stream or a recording is judged as a whole.
+Results come in the order of time, one after the other.
 """
 
 import math
@@ -11,10 +10,10 @@ from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
-from monitor.base.config import Config
+from monitor.base.config import Config, DebounceConfig
 from monitor.base.types import FloatArray
+from monitor.judge.bank import Hypothesis
 from monitor.judge.bias import Bias, BiasRule, paper_failed
-from monitor.judge.hypotheses import Hypothesis
 from monitor.judge.limits import Limits
 from monitor.judge.plausibility import TickResult
 from monitor.judge.residual import lambda_of, means_and_stds
@@ -99,33 +98,11 @@ class Decisions:
             limits.gain,
         )
         self._bias = BiasRule(config.bias, limits.offset_low, limits.offset_high, limits.offset_std)
-        self._fail_by, self._pass_by = (
-            max(1, math.ceil(-PASSED * period_s / seconds))
-            for seconds in (config.debounce.tick_fail_s, config.debounce.tick_pass_s)
-        )
         self._debounce = dict.fromkeys(TESTS, Debounce())
         self._named: dict[str, str] = {}  # the fault that each matured test has set
         self.completed = False  # the response test reached a decision
         self._suspicious = False  # a window failed
         self._windows, self._offset_sum = 0, 0.0
-
-    @property
-    def ticks_to_mature(self) -> tuple[int, int]:
-        """Return how many failed, and how many passed, results in a row mature.
-
-        A counter begins a row from zero, so nothing before it counts.
-        """
-        return math.ceil(FAILED / self._fail_by), math.ceil(-PASSED / self._pass_by)
-
-    def ticks(self, results: Sequence[TickResult], t_ns: int) -> list[Change]:
-        """Take what one sample says about the signal."""
-        changed: list[Change] = []
-        debounce = self._debounce
-        for result in results:
-            if debounce[result.test].count != (FAILED if result.failed else PASSED):
-                by = self._fail_by if result.failed else self._pass_by
-                changed += self._step(result.test, result.failed, by, result.fault, (), t_ns)
-        return changed
 
     def matured(self, result: TickResult, t_ns: int) -> list[Change]:
         """Take the last of so many alike results in a row; those before it are not needed."""
@@ -137,7 +114,7 @@ class Decisions:
         return self._step("activity", failed, self._by(failed), fault, (), t_ns)
 
     def facts(self, windows: Sequence[Window]) -> list[Facts]:
-        """Return what windows that follow each other say, bit for bit as one after the other.
+        """Return the facts of windows that follow each other.
 
         Every window goes through here once, before ``window`` decides.
         """
@@ -148,7 +125,7 @@ class Decisions:
         # an offset in lambda would change the gain in phi
         phi = self._orient(measured - mean[:, np.newaxis])
         banks = [window.bank for window in windows]
-        responses = self._response.judge_all(phi, banks, frozen)
+        responses = self._response.judge(phi, banks, frozen)
         # a sensor slow or late on one edge rectifies the modulation, which shifts its mean
         likeliest = [bank[:, each.column] for bank, each in zip(banks, responses, strict=True)]
         beside = measured - lambda_of(np.array(likeliest), self._transform)
@@ -156,9 +133,9 @@ class Decisions:
         columns = mean.tolist(), std.tolist(), frozen.tolist(), offset.tolist(), responses
         return list(map(Facts, *columns))
 
-    def window(self, window: Window, facts: Facts | None = None) -> Iterator[WindowJudged | Change]:
+    def window(self, window: Window, facts: Facts) -> Iterator[WindowJudged | Change]:
         """Take a full window; yield its verdict, then the codes that it changes."""
-        mean, std, frozen, offset, response = facts or self.facts([window])[0]
+        mean, std, frozen, offset, response = facts
         bias = self._bias.judge(offset, ignore=frozen)
         if response.outcome == "inconclusive" and bias.outcome == "failed":
             bias = replace(bias, outcome="inconclusive", fault=None)
@@ -274,3 +251,15 @@ class Decisions:
             return ()
         self._named[test] = fault
         return [DtcChanged(t_ns, dtc) for dtc in self.store.fail(fault, t_ns, also)]
+
+
+def ticks_to_mature(config: DebounceConfig, period_s: float) -> tuple[int, int]:
+    """Return how many failed, and how many passed, results on samples in a row mature.
+
+    A counter begins a row from zero, so nothing before it counts.
+    """
+    fail_by, pass_by = (
+        max(1, math.ceil(-PASSED * period_s / seconds))
+        for seconds in (config.tick_fail_s, config.tick_pass_s)
+    )
+    return math.ceil(FAILED / fail_by), math.ceil(-PASSED / pass_by)

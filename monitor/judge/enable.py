@@ -2,21 +2,17 @@
 
 A condition whose signal the recording does not provide is unavailable: listed, never blocking.
 A provided signal that is not valid blocks.
-
-``step`` takes one sample, ``block`` a whole recording; a property test holds the two together.
 """
 
 import math
-from collections import deque
 from collections.abc import Sequence
-from operator import itemgetter
 from typing import Final
 
 import numpy as np
 
 from monitor.base.config import EnableConfig
 from monitor.base.runs import since
-from monitor.base.types import BoolArray, FloatArray, Sample
+from monitor.base.types import BoolArray, FloatArray
 from monitor.model.card import ModelCard
 
 SIGNALS: Final = (
@@ -54,12 +50,17 @@ _NEEDS: Final = {
     "vehicle_speed": "vehicle_speed_km_h",
     "purge_steady": "purge_duty_percent",
 }
+# conditions that a time of recovery follows: they hold so many samples after they were last broken
+_RECOVERING: Final = [
+    CONDITIONS.index(name)
+    for name in ("model_settled", "trained_range", "fuel_cut_recovered", "purge_steady")
+]
 
 
 class Enable:
     """Checks every condition on each sample; recovery times count samples.
 
-    names : what a sample holds
+    names : signals of a sample
     inputs, output : names of the model's signals among them
     trained_low, trained_high : (n_inputs,) range of each input in training
     """
@@ -74,37 +75,46 @@ class Enable:
         trained_high: FloatArray,
         period_s: float,
     ) -> None:
-        self._config = config
         at = {name: i for i, name in enumerate(names)}
-        # what an unavailable signal reads is put behind the sample's values
-        self._harmless = [
-            1.0,
-            0.0,
-            1.0,
-            config.coolant_min_degc,
-            config.engine_speed_min_rpm,
-            config.manifold_pressure_min_kpa,
-            config.vehicle_speed_min_km_h,
-            0.0,
-        ]
-        n = len(at)
-        self._places = [at.get(name, n + i) for i, name in enumerate(SIGNALS)]
-        self._read = itemgetter(*self._places)
         self.unavailable = tuple(c for c in CONDITIONS if c in _NEEDS and _NEEDS[c] not in at)
-        self._output = at[output]
+        ranges = {
+            "closed_loop": (1.0, math.inf),
+            "fuel_cut_recovered": (-math.inf, math.nextafter(NO_CUT, 0.0)),
+            "sensor_ready": (1.0, math.inf),
+            "coolant_warm": (config.coolant_min_degc, math.inf),
+            "engine_speed": (config.engine_speed_min_rpm, config.engine_speed_max_rpm),
+            "engine_load": (config.manifold_pressure_min_kpa, config.manifold_pressure_max_kpa),
+            "vehicle_speed": (config.vehicle_speed_min_km_h, math.inf),
+        }
+        checked = [name for name in ranges if name not in self.unavailable]
         margin = config.range_margin * (trained_high - trained_low)
         ignored = np.isin(inputs, config.range_ignored)
-        low = np.where(ignored, -np.inf, trained_low - margin).tolist()
-        high = np.where(ignored, np.inf, trained_high + margin).tolist()
-        self._ranges = tuple(zip((at[name] for name in inputs), low, high, strict=True))
-        self._settle = config.model_settle_samples
-        self._recovery = round(config.fuel_cut_recovery_s / period_s)
-        self._range_recovery = round(config.range_recovery_s / period_s)
-        self._purge_recovery = round(config.purge_recovery_s / period_s)
+        # columns that are checked against a range: the model's inputs, its output, the others
+        self._n_inputs = len(inputs)
+        self._places = np.array(
+            [at[name] for name in (*inputs, output, *(_NEEDS[name] for name in checked))]
+        )
+        low, high = np.array([ranges[name] for name in checked]).reshape(-1, 2).T
+        anything = [-math.inf], [math.inf]
+        self._low = np.concatenate(
+            [np.where(ignored, -np.inf, trained_low - margin), anything[0], low]
+        )
+        self._high = np.concatenate(
+            [np.where(ignored, np.inf, trained_high + margin), anything[1], high]
+        )
+        # the columns of CONDITIONS that follow from the ranges of the output and the others
+        self._follow = [CONDITIONS.index(name) for name in ("measured_valid", *checked)]
+        self._cut = CONDITIONS.index("fuel_cut_recovered")
+        self._purge = at.get("purge_duty_percent")
+        self._open_percent, self._step_percent = (
+            config.purge_open_percent,
+            config.purge_step_percent,
+        )
+        recovery_s = config.range_recovery_s, config.fuel_cut_recovery_s, config.purge_recovery_s
+        self._recovery = np.array(
+            [config.model_settle_samples + 1, *(round(each / period_s) for each in recovery_s)]
+        )
         self._second = max(round(1.0 / period_s), 1)  # samples
-        self._since_start = self._since_cut = self._since_range = self._since_purge = 0
-        self._duties = deque[float](maxlen=self._second)  # of the purge valve, oldest first
-        self._open = False
         self.reset()
 
     @classmethod
@@ -117,95 +127,41 @@ class Enable:
 
     def reset(self) -> None:
         """Start as after switching on."""
-        self._since_start = 0
-        self._since_cut = self._recovery
-        self._since_range = self._range_recovery
-        self._since_purge = self._purge_recovery
-        self._duties.clear()
+        self._since = self._recovery.copy()  # samples since each of _RECOVERING was broken
+        self._since[0] = 0
+        self._duties: FloatArray | None = None  # of the purge valve in the last second
 
-    def step(self, sample: Sample) -> tuple[bool, ...]:
-        """Return the conditions in the order of CONDITIONS; the sample is enabled if all hold."""
-        config = self._config
-        values = sample.values.tolist() + self._harmless
-        closed_loop, cut, ready, coolant_degc, speed_rpm, load_kpa, speed_km_h, purge = self._read(
-            values
-        )
-        inputs_valid = inside = True
-        for i, low, high in self._ranges:
-            if not low <= values[i] <= high:
-                inside = False
-                inputs_valid = inputs_valid and not math.isnan(values[i])
-        self._since_start = self._since_start + 1 if inputs_valid else 0
-        self._since_range = self._since_range + 1 if inside else 0
-        self._since_cut = self._since_cut + 1 if cut < NO_CUT else 0
-        self._since_purge = 0 if self._purge_steps(purge) else self._since_purge + 1
-        return (
-            inputs_valid,
-            not math.isnan(values[self._output]),
-            self._since_start > self._settle,
-            self._since_range >= self._range_recovery,
-            closed_loop >= 1.0,
-            self._since_cut >= self._recovery,
-            ready >= 1.0,
-            coolant_degc >= config.coolant_min_degc,
-            config.engine_speed_min_rpm <= speed_rpm <= config.engine_speed_max_rpm,
-            config.manifold_pressure_min_kpa <= load_kpa <= config.manifold_pressure_max_kpa,
-            speed_km_h >= config.vehicle_speed_min_km_h,
-            self._since_purge >= self._purge_recovery,
-        )
+    def push(self, values: FloatArray) -> BoolArray:
+        """Return the conditions of samples, (n, n_conditions) in the order of CONDITIONS.
 
-    def _purge_steps(self, duty: float) -> bool:
-        """Return whether the purge valve opens, closes or moves fast, or is not known."""
-        was_open, self._open = self._open, duty >= self._config.purge_open_percent
-        duties = self._duties
-        if not duties:
-            duties.extend([duty] * self._second)
-            was_open = self._open
-        before = duties[0]
-        duties.append(duty)
-        return (
-            was_open is not self._open
-            or not -self._config.purge_step_percent
-            <= duty - before
-            <= self._config.purge_step_percent
-        )
-
-    def block(self, values: FloatArray) -> BoolArray:
-        """Return the conditions of a recording from switching on, (n, n_conditions).
-
-        values : (n, n_names); each row is what ``step`` returns for it
+        values : (n, n_names); a sample is enabled if all its conditions hold
         """
-        config, n = self._config, len(values)
-        padded = np.hstack([values, np.broadcast_to(self._harmless, (n, len(self._harmless)))])
-        closed_loop, cut, ready, coolant_degc, speed_rpm, load_kpa, speed_km_h, purge = padded.T[
-            self._places
-        ]
-        inside, inputs_valid = np.ones(n, dtype=np.bool_), np.ones(n, dtype=np.bool_)
-        for i, low, high in self._ranges:
-            inside &= (low <= values[:, i]) & (values[:, i] <= high)
-            inputs_valid &= ~np.isnan(values[:, i])
-        moved = self._purge_moves(purge)
-        held = (
-            inputs_valid,
-            ~np.isnan(values[:, self._output]),
-            since(~inputs_valid, 0) > self._settle,
-            since(~inside, self._range_recovery) >= self._range_recovery,
-            closed_loop >= 1.0,
-            since(~(cut < NO_CUT), self._recovery) >= self._recovery,
-            ready >= 1.0,
-            coolant_degc >= config.coolant_min_degc,
-            (config.engine_speed_min_rpm <= speed_rpm) & (speed_rpm <= config.engine_speed_max_rpm),
-            (config.manifold_pressure_min_kpa <= load_kpa)
-            & (load_kpa <= config.manifold_pressure_max_kpa),
-            speed_km_h >= config.vehicle_speed_min_km_h,
-            since(moved, self._purge_recovery) >= self._purge_recovery,
-        )
-        return np.stack(held, axis=1)
+        n = len(values)
+        held = np.ones((n, len(CONDITIONS)), dtype=np.bool_)
+        if n == 0:
+            return held
+        x = values.take(self._places, axis=1)
+        inside = (self._low <= x) & (x <= self._high)
+        inputs = slice(self._n_inputs)
+        held[:, 0] = ~np.logical_or.reduce(np.isnan(x[:, inputs]), axis=1)
+        held[:, self._follow] = inside[:, self._n_inputs :]
+        broken = np.empty((n, len(_RECOVERING)), dtype=np.bool_)
+        np.logical_not(held[:, 0], out=broken[:, 0])
+        np.logical_not(np.logical_and.reduce(inside[:, inputs], axis=1), out=broken[:, 1])
+        np.logical_not(held[:, self._cut], out=broken[:, 2])
+        broken[:, 3] = self._purge is not None and self._purge_steps(values[:, self._purge])
+        count = since(broken, self._since)
+        self._since = count[-1]
+        held[:, _RECOVERING] = count >= self._recovery
+        return held
 
-    def _purge_moves(self, duty: FloatArray) -> BoolArray:
-        """Return ``_purge_steps`` of a recording, (n,)."""
-        before = duty[np.maximum(np.arange(len(duty)) - self._second, 0)]
-        moved = ~(np.abs(duty - before) <= self._config.purge_step_percent)
-        is_open = duty >= self._config.purge_open_percent
-        moved[1:] |= is_open[1:] != is_open[:-1]
-        return moved
+    def _purge_steps(self, duty: FloatArray) -> BoolArray:
+        """Return whether the purge valve opens, closes, moves fast or is not known, (n,)."""
+        second = self._second
+        if self._duties is None:  # at the first sample it has not moved
+            self._duties = np.full(second, duty[0])
+        duties = np.concatenate([self._duties, duty])
+        self._duties = duties[-second:]
+        is_open = duties[second - 1 :] >= self._open_percent
+        steady = np.abs(duty - duties[:-second]) <= self._step_percent
+        return np.asarray((is_open[1:] != is_open[:-1]) | ~steady)

@@ -1,8 +1,4 @@
-"""Tests that need no model: the signal is missing, implausible, not ready or frozen.
-
-``step`` and ``push`` take one sample, ``block`` a whole recording; a property test holds them
-together.
-"""
+"""Tests that need no model: the signal is missing, implausible, not ready or frozen."""
 
 import math
 from collections.abc import Sequence
@@ -12,19 +8,21 @@ from typing import NamedTuple
 import numpy as np
 
 from monitor.base.config import PlausibilityConfig
-from monitor.base.runs import since, stretches
-from monitor.base.types import BoolArray, FloatArray, IntArray, Quality, QualityArray, Sample
+from monitor.base.runs import alike
+from monitor.base.types import BoolArray, FloatArray, Quality, QualityArray
 from monitor.model.card import Channel
 
 _ENGINE = ("engine_speed_rpm", "sensor_ready")  # tell whether the sensor can be heated
 _GOOD, _STALE, _INVALID, _OUT_OF_RANGE, _OFF_BUS = (int(quality) for quality in Quality)
+_N_QUALITIES = len(Quality)
+_UNKNOWN, _NO, _YES = range(3)  # of a signal: it is not valid, below its threshold, above it
 
 
 @dataclass(frozen=True, slots=True)
 class TickResult:
     """One result of one test on one sample."""
 
-    test: str  # "communication", "range" or "ready"
+    test: str  # "communication", "ready" or "range"
     failed: bool
     fault: str
 
@@ -37,19 +35,18 @@ _READY, _NOT_READY = (TickResult("ready", failed, "not_ready") for failed in (Fa
 _INSIDE, _OUTSIDE = (TickResult("range", failed, "out_of_range") for failed in (False, True))
 
 
-class TickResults(NamedTuple):
-    """All results of one test on a recording."""
+class Results(NamedTuple):
+    """The same result of one test on some samples in a row."""
 
-    at: IntArray  # (m,) numbers of the samples that allow a result, ascending
-    kind: IntArray  # (m,) place in ``kinds``
-    kinds: tuple[TickResult, ...]
-    failed: BoolArray  # (m,)
+    begin: int
+    end: int
+    result: TickResult
 
 
 class Plausibility:
-    """Judges the quality of the measured signal, sample by sample.
+    """Judges the quality of the measured signal, one run of alike samples after the other.
 
-    names : what a sample holds
+    names : signals of a sample
     output : name of the measured signal among them
     """
 
@@ -72,104 +69,107 @@ class Plausibility:
         self._heard = False
         self._stood = False  # the engine stood when its speed was last known
 
-    def step(self, sample: Sample) -> list[TickResult]:
-        """Return the results this sample allows."""
-        quality = sample.quality.item(self._output)
-        ready = self._is_ready(sample, quality)
-        gone = self._ready is not None and math.isnan(sample.values.item(self._ready))
-        waiting = not ready and not gone and self.is_running(sample)
-        self._not_ready = self._not_ready + 1 if waiting else 0
-        # a blank in a table reads as invalid; with the readiness blank, too, nothing came
-        missing = quality in (_STALE, _OFF_BUS) or (quality == _INVALID and gone)
-        invalid = quality == _INVALID and ready
-        self._heard = self._heard or not missing
-        self._unheard += not self._heard
-        if self._speed is not None and not math.isnan(rpm := sample.values.item(self._speed)):
-            self._stood = rpm < self._running_rpm
-        # with the ignition off an ECU falls silent, which is no fault
-        asleep = missing and self._stood and quality != _OFF_BUS
-        results = []
-        if (self._heard or self._unheard > self._start_patience) and not asleep:
-            if quality == _OFF_BUS:
-                results.append(_BUS_OFF)
-            elif invalid:
-                results.append(_NOT_VALID)
-            else:
-                results.append(_MISSING if missing else _HEARD)
-        if self._not_ready > self._patience or (ready and not missing):  # else not known yet
-            results.append(_READY if ready else _NOT_READY)
-        if quality in (_GOOD, _OUT_OF_RANGE):
-            results.append(_INSIDE if quality == _GOOD else _OUTSIDE)
-        return results
-
-    def block(self, values: FloatArray, quality: QualityArray) -> tuple[TickResults, ...]:
-        """Return the results of a recording from switching on, those of ``step`` in its order.
+    def push(self, values: FloatArray, quality: QualityArray) -> list[Results]:
+        """Return the results that samples allow, test by test within each run of alike ones.
 
         values, quality : (n, n_names)
         """
-        n, q = len(values), quality[:, self._output]
-        told = np.full(n, np.nan) if self._ready is None else values[:, self._ready]
-        ready = np.where(np.isnan(told), q != _INVALID, told > 0.0)
-        gone = np.zeros(n, dtype=np.bool_) if self._ready is None else np.isnan(told)
-        not_ready = since(~(~ready & ~gone & self.running(values)))
-        off_bus = q == _OFF_BUS
-        missing = (q == _STALE) | off_bus | ((q == _INVALID) & gone)
-        invalid = (q == _INVALID) & ready
-        asleep = missing & self._standing(values) & ~off_bus
-        unheard = np.cumsum(np.minimum.accumulate(missing))
-        heard = ~np.minimum.accumulate(missing)
-        return (
-            _results(
-                (heard | (unheard > self._start_patience)) & ~asleep,
-                np.where(off_bus, 3, np.where(invalid, 2, missing)),
-                _HEARD,
-                _MISSING,
-                _NOT_VALID,
-                _BUS_OFF,
-            ),
-            _results(
-                (not_ready > self._patience) | (ready & ~missing),
-                ~ready,
-                _READY,
-                _NOT_READY,
-            ),
-            _results(
-                (q == _GOOD) | (q == _OUT_OF_RANGE),
-                q == _OUT_OF_RANGE,
-                _INSIDE,
-                _OUTSIDE,
-            ),
+        code = quality[:, self._output].astype(np.int64)
+        if self._ready is not None:
+            ready = values[:, self._ready]
+            code += _N_QUALITIES * ((ready == ready).astype(np.int64) + (ready > 0.0))  # noqa: PLR0124
+        if self._speed is not None:
+            speed_rpm = values[:, self._speed]
+            known = (speed_rpm == speed_rpm).astype(np.int64)  # noqa: PLR0124
+            code += 3 * _N_QUALITIES * (known + (speed_rpm >= self._running_rpm))
+        found: list[Results] = []
+        for begin, end, each in alike(code):
+            rest, q = divmod(each, _N_QUALITIES)
+            engine, told = divmod(rest, 3)
+            self._run(begin, end, q, told, engine, found)
+        return found
+
+    def _run(
+        self, begin: int, end: int, quality: int, told: int, engine: int, found: list[Results]
+    ) -> None:
+        """Add the results of samples that are alike.
+
+        told, engine : what ``sensor_ready`` and the engine's speed say
+        """
+        ready = quality != _INVALID if told == _UNKNOWN else told == _YES
+        gone = self._ready is not None and told == _UNKNOWN
+        # a blank in a table reads as invalid; with the readiness blank, too, nothing came
+        missing = quality in (_STALE, _OFF_BUS) or (quality == _INVALID and gone)
+        if engine != _UNKNOWN:
+            self._stood = engine == _NO
+        # with the ignition off an ECU falls silent, which is no fault
+        asleep = missing and self._stood and quality != _OFF_BUS
+        self._heard = self._heard or not missing
+        first = begin
+        if not self._heard:  # an ECU that was never heard may still be starting
+            first += max(self._start_patience - self._unheard, 0)
+            self._unheard += end - begin
+        if first < end and not asleep:
+            result = _MISSING if missing else _HEARD
+            if quality == _OFF_BUS:
+                result = _BUS_OFF
+            elif quality == _INVALID and ready:
+                result = _NOT_VALID
+            found.append(Results(first, end, result))
+        self._ready_run(
+            begin,
+            end,
+            found,
+            ready=ready,
+            missing=missing,
+            waits=not ready and not gone and (self._speed is None or engine == _YES),
         )
+        if quality in (_GOOD, _OUT_OF_RANGE):
+            found.append(Results(begin, end, _INSIDE if quality == _GOOD else _OUTSIDE))
 
-    def _is_ready(self, sample: Sample, quality: int) -> bool:
-        ready = math.nan if self._ready is None else sample.values.item(self._ready)
-        return quality != _INVALID if math.isnan(ready) else ready > 0.0
+    def _ready_run(
+        self, begin: int, end: int, found: list[Results], *, ready: bool, missing: bool, waits: bool
+    ) -> None:
+        if not waits:
+            self._not_ready = 0
+            if ready and not missing:  # else it is not known yet
+                found.append(Results(begin, end, _READY))
+            return
+        first = begin + max(self._patience - self._not_ready, 0)
+        self._not_ready += end - begin
+        if first < end:
+            found.append(Results(first, end, _NOT_READY))
 
-    def is_running(self, sample: Sample) -> bool:
-        """Return whether the engine runs; without its speed it does."""
-        return self._speed is None or sample.values.item(self._speed) >= self._running_rpm
-
-    def running(self, values: FloatArray) -> BoolArray:
-        """Return ``is_running`` of a recording, (n,)."""
-        if self._speed is None:
-            return np.ones(len(values), dtype=np.bool_)
-        return np.asarray(values[:, self._speed] >= self._running_rpm)
-
-    def _standing(self, values: FloatArray) -> BoolArray:
-        """Return whether the engine stood when its speed was last known, (n,)."""
-        n = len(values)
-        if self._speed is None:
-            return np.zeros(n, dtype=np.bool_)
-        speed_rpm = values[:, self._speed]
-        known = np.maximum.accumulate(np.where(np.isnan(speed_rpm), -1, np.arange(n)))
-        return np.asarray((known >= 0) & (speed_rpm[known] < self._running_rpm))
+    def running(self, values: FloatArray) -> BoolArray | bool:
+        """Return whether the engine runs, (n,); without its speed it does."""
+        return self._speed is None or values[:, self._speed] >= self._running_rpm
 
 
-def _results(allowed: BoolArray, kind: np.ndarray, *kinds: TickResult) -> TickResults:
-    at = np.flatnonzero(allowed)
-    kind = kind[at].astype(np.int64)
-    failed = np.array([each.failed for each in kinds])
-    return TickResults(at, kind, kinds, failed[kind])
+class Maturing:
+    """Finds the samples at which so many alike results of a test in a row mature.
+
+    failed, passed : how many failed, and how many passed, results mature
+    """
+
+    def __init__(self, failed: int, passed: int) -> None:
+        self._needed = {True: failed, False: passed}
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin every row anew."""
+        self._rows: dict[str, tuple[bool, int]] = {}  # failed, and how many in a row
+
+    def push(self, results: Sequence[Results]) -> list[tuple[int, TickResult]]:
+        """Return sample and result where a row matures; rows go on from block to block."""
+        found = []
+        for begin, end, result in results:
+            failed, count = self._rows.get(result.test, (result.failed, 0))
+            count = count if failed is result.failed else 0
+            needed = self._needed[result.failed]
+            if count < needed <= count + end - begin:
+                found.append((begin + needed - count - 1, result))
+            self._rows[result.test] = result.failed, count + end - begin
+        return found
 
 
 class ActivityTest:
@@ -207,38 +207,36 @@ class ActivityTest:
     def reset(self) -> None:
         """Begin anew."""
         self._count = 0
-        self._low = self._high = 0.0
+        self._low, self._high = math.inf, -math.inf
 
-    def push(self, measured: float) -> tuple[bool, str] | None:
-        """Take one sample; return (failed, fault) when the stretch is judged."""
-        if self._count == 0:
-            self._low = self._high = measured
-        self._low, self._high = min(self._low, measured), max(self._high, measured)
-        self._count += 1
-        if self._count < self._n:
-            return None
-        self._count = 0
-        return self._judged(self._low, self._high, measured)
+    def push(self, measured: FloatArray, active: BoolArray) -> list[tuple[int, bool, str]]:
+        """Return (sample, failed, fault) of every stretch that is judged.
 
-    def block(self, measured: FloatArray, active: BoolArray) -> list[tuple[int, bool, str]]:
-        """Return (sample, failed, fault) of every stretch of a recording that is judged.
-
-        active : (n,) whether ``push`` would take the sample; any other is a ``reset``
+        measured : (n,)
+        active : (n,) whether the signal must move; any other sample begins a stretch anew
         """
-        begin = stretches(active, self._n)
-        parts = measured[begin[:, np.newaxis] + np.arange(self._n)]
-        ends, low, high = begin + self._n - 1, parts.min(axis=1), parts.max(axis=1)
         found = []
-        for i, *part in zip(
-            ends.tolist(), low.tolist(), high.tolist(), measured[ends].tolist(), strict=True
-        ):
-            judged = self._judged(*part)
-            if judged is not None:
-                found.append((i, *judged))
+        for first, end, is_active in alike(active):
+            if not is_active:
+                self.reset()
+                continue
+            begin = first
+            while begin < end:
+                stop = min(begin + self._n - self._count, end)
+                part = measured[begin:stop]
+                self._low = min(self._low, np.minimum.reduce(part).item())
+                self._high = max(self._high, np.maximum.reduce(part).item())
+                self._count += stop - begin
+                begin = stop
+                if self._count == self._n:
+                    judged = self._judged(measured.item(stop - 1))
+                    self.reset()
+                    if judged is not None:
+                        found.append((stop - 1, *judged))
         return found
 
-    def _judged(self, low: float, high: float, last: float) -> tuple[bool, str] | None:
-        frozen = high - low <= self._config.stuck_range
+    def _judged(self, last: float) -> tuple[bool, str] | None:
+        frozen = self._high - self._low <= self._config.stuck_range
         at_rest = last >= self._saturated or last <= self._cold + self._config.stuck_range
         if frozen and at_rest:
             return None

@@ -17,15 +17,15 @@ def means_and_stds(residual: FloatArray) -> tuple[FloatArray, FloatArray]:
     return mean, np.sqrt(np.add.reduce(centred * centred, axis=1) / n)
 
 
-def oriented(value: float, transform: str) -> float:
-    """Return a value oriented like phi.
+def oriented(values: FloatArray, transform: str) -> FloatArray:
+    """Return values oriented like phi; NaN where lambda is not above zero.
 
     transform : "phi" for lambda, which becomes 1/lambda; "none" for an output that rises towards
         lean as lambda does, which is negated
     """
-    if transform == "phi":
-        return 1.0 / value if value > 0.0 else float("nan")
-    return -value
+    if transform != "phi":
+        return -values
+    return np.divide(1.0, values, out=np.full_like(values, np.nan), where=values > 0.0)
 
 
 def lambda_of(oriented_values: FloatArray, transform: str) -> FloatArray:

@@ -20,7 +20,7 @@ import numpy as np
 
 from monitor.base.config import ResponseConfig
 from monitor.base.types import BoolArray, FloatArray
-from monitor.judge.hypotheses import Hypothesis
+from monitor.judge.bank import Hypothesis
 from monitor.judge.residual import means_and_stds
 
 Outcome = Literal["passed", "failed", "inconclusive"]
@@ -138,44 +138,33 @@ class ResponseRule:
         sxx, sxy, _ = self._drive_sums[:, sound].tolist()
         return sxy / sxx if sxx > 0.0 else 1.0
 
-    def judge(self, measured: FloatArray, bank: FloatArray, *, ignore: bool = False) -> Response:
-        """Return the verdict after one more window; an ignored one is inconclusive.
-
-        measured : (n,) phi, or the output oriented like it
-        bank : (n, n_hypotheses) what each hypothesis reads, column 0 the prediction itself
-        """
-        return self.judge_all(measured[np.newaxis], [bank], np.array([ignore]))[0]
-
-    def judge_all(
+    def judge(
         self, measured: FloatArray, banks: Sequence[FloatArray], ignore: BoolArray
     ) -> list[Response]:
-        """Return the verdicts after windows that follow each other, bit for bit as one by one.
+        """Return the verdicts after windows that follow each other; ignored ones are inconclusive.
 
-        measured : (w, n); banks : w of (n, n_hypotheses); ignore : (w,)
+        measured : (w, n) phi, or the output oriented like it
+        banks : w of (n, n_hypotheses) what each hypothesis reads, column 0 the prediction itself
+        ignore : (w,)
         """
         _, excitation = means_and_stds(np.array([bank[:, 0] for bank in banks]))
         usable = ~ignore & (excitation >= self._excitation_min)
-        if len(banks) == 1:  # a bus in real time: no need to pick
-            moments = self._regressed(measured, banks) if usable[0] else np.empty((0,))
-        else:
-            moments = self._all_regressed(measured, banks, usable)
-        evidence, gain_sums = self._summed(usable, moments)
+        evidence, gain_sums = self._summed(usable, self._regressed(measured, banks, usable))
         return self._reports(usable, excitation, evidence, gain_sums)
 
-    def _all_regressed(
+    def _regressed(
         self, measured: FloatArray, banks: Sequence[FloatArray], usable: BoolArray
     ) -> FloatArray:
-        """Return ``_regressed`` of the usable windows."""
+        """Return sxx, sxy and log likelihood of each claim in usable windows, (w, 3, n_claims)."""
         places = np.flatnonzero(usable)
         moments = np.empty((len(places), 3, len(self._claims)))
         for first in range(0, len(places), _WINDOWS):
             chosen = places[first : first + _WINDOWS]
             part = [banks[i] for i in chosen.tolist()]
-            moments[first : first + _WINDOWS] = self._regressed(measured[chosen], part)
+            moments[first : first + _WINDOWS] = self._regressed_some(measured[chosen], part)
         return moments
 
-    def _regressed(self, measured: FloatArray, banks: Sequence[FloatArray]) -> FloatArray:
-        """Return sxx, sxy and log likelihood of each claim in some windows, (w, 3, n_claims)."""
+    def _regressed_some(self, measured: FloatArray, banks: Sequence[FloatArray]) -> FloatArray:
         n = measured.shape[1]
         m = n - self._ahead
         x = np.empty((len(banks), m, self._n_columns + 1))

@@ -1,15 +1,18 @@
 """Windows of consecutive enabled samples."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from monitor.base.types import FloatArray
+from monitor.base.runs import runs
+from monitor.base.types import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """A full window; the arrays are copies."""
+    """A full window; nothing writes to its arrays any more."""
 
     index: int
     t_start_ns: int  # of its first sample
@@ -24,43 +27,94 @@ class Window:
         return self.measured - self.predicted
 
 
-class WindowCollector:
-    """Fills windows that do not overlap; whatever interrupts discards the window begun."""
+class Span(NamedTuple):
+    """Samples begin to end of a block that fill windows, and the bank's readings in them."""
+
+    begin: int
+    end: int
+    read: FloatArray  # (end - begin, n_hypotheses)
+
+
+class Series(NamedTuple):
+    """The samples of a block, as far as windows need them."""
+
+    t_ns: IntArray  # (n,)
+    measured: FloatArray  # (n,) output's unit
+    predicted: FloatArray  # (n,) output's unit
+
+
+class Windows:
+    """Fills windows that do not overlap; an interruption discards the window begun."""
 
     def __init__(self, n_samples: int, n_hypotheses: int) -> None:
         self._n = n_samples
-        self._measured = np.empty(n_samples)
-        self._predicted = np.empty(n_samples)
-        self._bank = np.empty((n_samples, n_hypotheses))
-        self._filled = 0
+        self._shape = n_samples, n_hypotheses
+        self._filled = 0  # samples of the window begun
         self._t_start_ns = 0
         self.completed = 0
         self.discarded = 0
 
-    def push(self, t_ns: int, measured: float, predicted: float, bank: FloatArray) -> Window | None:
-        """Take one enabled sample; return the window it completes."""
-        i = self._filled
-        if i == 0:
-            self._t_start_ns = t_ns
-        self._measured[i] = measured
-        self._predicted[i] = predicted
-        self._bank[i] = bank
-        self._filled = i + 1
-        if self._filled < self._n:
-            return None
-        self._filled = 0
-        self.completed += 1
-        return Window(
-            self.completed - 1,
-            self._t_start_ns,
-            t_ns,
-            self._measured.copy(),
-            self._predicted.copy(),
-            self._bank.copy(),
-        )
+    def spans(self, usable: BoolArray, *, goes_on: bool, is_last: bool) -> list[tuple[int, int]]:
+        """Return (begin, end) of the samples that fill windows; counts windows not filled.
 
-    def interrupt(self) -> None:
-        """Discard the window begun."""
-        if self._filled:
+        usable : (n,) of a segment, the samples that may stand in windows
+        goes_on : the segment goes on from the last block, with the window begun
+        is_last : the segment goes on in the next block
+        """
+        found = []
+        for begin, end in runs(usable):
+            filled = self._filled if goes_on and begin == 0 else 0
+            total, rest = filled + end - begin, 0
+            if not (is_last and end == len(usable)):
+                rest = total % self._n
+                self.discarded += rest > 0 and (total > self._n or not filled)
+            if begin < end - rest:
+                found.append((begin, end - rest))
+        return found
+
+    def push(
+        self, spans: Sequence[Span], series: Series, *, goes_on: bool
+    ) -> list[tuple[int, Window]]:
+        """Return the windows that spans fill, each with the number of its last sample.
+
+        goes_on : the block's first sample may go on with the window begun
+        """
+        if self._filled and not (goes_on and spans and spans[0].begin == 0):
             self.discarded += 1
-        self._filled = 0
+            self._filled = 0
+        found = []
+        for begin, end, read in spans:
+            k = begin
+            while k < end:
+                stop = min(k + self._n - self._filled, end)
+                part, bank = slice(k, stop), read[k - begin : stop - begin]
+                if stop - k == self._n:
+                    self._t_start_ns = series.t_ns.item(k)
+                    arrays = series.measured[part].copy(), series.predicted[part].copy(), bank
+                    found.append((stop - 1, self._window(series.t_ns.item(stop - 1), *arrays)))
+                else:
+                    self._fill(part, series, bank)
+                    if self._filled == self._n:
+                        arrays = self._measured, self._predicted, self._bank
+                        found.append((stop - 1, self._window(series.t_ns.item(stop - 1), *arrays)))
+                        self._filled = 0
+                k = stop
+        return found
+
+    def _fill(self, part: slice, series: Series, bank: FloatArray) -> None:
+        """Add samples to the window begun."""
+        if self._filled == 0:
+            self._t_start_ns = series.t_ns.item(part.start)
+            self._measured, self._predicted = np.empty(self._n), np.empty(self._n)
+            self._bank = np.empty(self._shape)
+        place = slice(self._filled, self._filled + part.stop - part.start)
+        self._measured[place] = series.measured[part]
+        self._predicted[place] = series.predicted[part]
+        self._bank[place] = bank
+        self._filled = place.stop
+
+    def _window(
+        self, t_end_ns: int, measured: FloatArray, predicted: FloatArray, bank: FloatArray
+    ) -> Window:
+        self.completed += 1
+        return Window(self.completed - 1, self._t_start_ns, t_end_ns, measured, predicted, bank)

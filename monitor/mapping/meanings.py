@@ -27,13 +27,18 @@ def _meaning(
     typical: tuple[float, float],
     *,
     without_unit: float = 0.85,
-    never: str = "",
+    never: str,
     is_flag: bool = False,
 ) -> Meaning:
     """Return a meaning; ``phrases`` as "concept concept 1.0, concept 0.9"."""
     pairs = (each.strip().rsplit(" ", 1) for each in phrases.split(","))
     weights = {concepts: float(weight) for concepts, weight in pairs}
     return Meaning(weights, dimensions, typical, without_unit, _words(never), is_flag)
+
+
+def _flag(phrases: str, never: str) -> Meaning:
+    unitless, on = {"number": 1.0}, (1.0, 1.0)
+    return _meaning(phrases, unitless, on, without_unit=1.0, never=never, is_flag=True)
 
 
 # stems anywhere in a name that make it another quantity, a limit or a state
@@ -54,8 +59,8 @@ _TARGET: Final = (
 
 MEANINGS: Final[dict[str, Meaning]] = {
     "lambda_measured": _meaning(
-        "lambda 0.9, lambda_measured 1.0, lambda sensor 0.97, airfuel ratio 0.9, air fuel ratio "
-        "0.95, equivalence ratio 0.95, equivalence 0.75, equivalence sensor 0.9",
+        "lambda 0.9, lambda_measured 1.0, lambda sensor 0.97, airfuel ratio 0.9, "
+        "air fuel ratio 0.95, equivalence ratio 0.95, equivalence 0.75, equivalence sensor 0.9",
         {"number": 1.0, "afr": 1 / 14.7, "phi": 1.0},
         (0.85, 1.15),
         without_unit=1.0,
@@ -63,16 +68,16 @@ MEANINGS: Final[dict[str, Meaning]] = {
         "stft valid ready rdy active aktiv enable closed loop dfco",
     ),
     "lambda_target": _meaning(
-        "lambda target 1.0, lambda_target 1.0, airfuel ratio target 0.95, air fuel ratio target "
-        "0.95, equivalence target 0.95",
+        "lambda target 1.0, lambda_target 1.0, airfuel ratio target 0.95, "
+        "air fuel ratio target 0.95, equivalence target 0.95",
         {"number": 1.0, "afr": 1 / 14.7, "phi": 1.0},
         (0.85, 1.05),
         without_unit=1.0,
         never=f"{_LAMBDA_NOT} trim correction active valid",
     ),
     "lambda_controller": _meaning(
-        "lambda control 1.0, fuel trim short 1.0, fuel trim 0.9, trim short 0.9, fr 0.75, fuel "
-        "control 0.75, trim 0.6, sensor control 0.7",
+        "lambda control 1.0, fuel trim short 1.0, fuel trim 0.9, trim short 0.9, fr 0.75, "
+        "fuel control 0.75, trim 0.6, sensor control 0.7",
         {"number": 1.0, "ratio": 1.0},
         (0.92, 1.08),
         without_unit=0.95,
@@ -101,8 +106,8 @@ MEANINGS: Final[dict[str, Meaning]] = {
         never="fuel kraftstoff temp exhaust abgas egr agr target soll",
     ),
     "rail_pressure_mpa": _meaning(
-        "rail pressure 1.0, fuel pressure high 1.0, fuel pressure 0.75, rail 0.8, pressure high "
-        "0.75",
+        "rail pressure 1.0, fuel pressure high 1.0, fuel pressure 0.75, rail 0.8, "
+        "pressure high 0.75",
         {"pressure": 0.001},
         (4.0, 15.0),
         without_unit=0.5,
@@ -188,29 +193,17 @@ MEANINGS: Final[dict[str, Meaning]] = {
         without_unit=0.75,
         never="pressure temp leak level status active",
     ),
-    "closed_loop": _meaning(
+    "closed_loop": _flag(
         "closed loop 1.0, lambda control active 0.95, b_lr 0.9",
-        {"number": 1.0},
-        (1.0, 1.0),
-        without_unit=1.0,
         never="idle cruise boost vvt temp correction speed",
-        is_flag=True,
     ),
-    "fuel_cut": _meaning(
+    "fuel_cut": _flag(
         "fuel cut 1.0, dfco 0.9",
-        {"number": 1.0},
-        (1.0, 1.0),
-        without_unit=1.0,
         never="speed rpm limiter crash ignition count time",
-        is_flag=True,
     ),
-    "sensor_ready": _meaning(
+    "sensor_ready": _flag(
         "lambda sensor ready 1.0, lambda ready 0.95, sensor ready 0.95, b_sbb 0.9",
-        {"number": 1.0},
-        (1.0, 1.0),
-        without_unit=1.0,
         never="cam crank knock speed temp pressure abs",
-        is_flag=True,
     ),
 }
 # not canonical: fuel per stroke follows from it

@@ -1,4 +1,4 @@
-"""The words of this trade: what names and units in a database mean.
+"""The words of this trade: the meaning of names and units in a database.
 
 Names are English, German or abbreviations. A concept is a set of stems: one that ends in ``*``
 matches anywhere in a name, any other one a whole word; ``=name`` is the whole name but for endings

@@ -1,4 +1,4 @@
-"""Which codes a fault has, and which test finds it. Source: SAE J2012 (codes)."""
+"""The trouble codes of each fault, and the test that finds it. Source of the codes: SAE J2012."""
 
 CODES: dict[str, tuple[str, ...]] = {
     "slow_rich_to_lean": ("P014C",),
@@ -18,9 +18,9 @@ CODES: dict[str, tuple[str, ...]] = {
     "out_of_range": ("P2A00",),
     "signal_missing": ("U0100",),
     "signal_invalid": ("U0401",),
-    "bus_off": ("U0001",),  # of the monitor itself, which then blames no sender
+    "bus_off": ("U0001",),  # the monitor itself is off the bus, so no sender is blamed
 }
-# test → the faults it can find
+# test → faults that it can find
 TESTS: dict[str, tuple[str, ...]] = {
     "response": tuple(
         name for name in CODES if name.startswith(("slow_", "delay_", "transient", "gain_"))
@@ -31,7 +31,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "range": ("out_of_range",),
     "ready": ("not_ready",),
 }
-# tests that judge every sample; in-use performance asks nothing of these (13 CCR 1968.2 (d)(3.2))
+# Tests that judge every sample; they have no in-use performance ratio (13 CCR 1968.2 (d)(3.2)).
 CONTINUOUS = ("communication", "range", "ready")
 TEST_OF: dict[str, str] = {fault: test for test, faults in TESTS.items() for fault in faults}
 

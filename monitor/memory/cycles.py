@@ -1,4 +1,4 @@
-"""Driving cycles in one stream of samples, and what counts in them.
+"""Driving cycles in the samples of a vehicle, and the moments at which something counts in them.
 
 A driving cycle is an engine start, the drive and the time until the next engine start. Sources:
 13 CCR 1968.2 (c) (driving cycle, engine start, warm-up cycle), (d)(4.3.2) (general denominator)
@@ -7,10 +7,13 @@ and (d)(5.5) (ignition cycle); UN R83 annex 11. Time comes with the samples.
 
 import math
 from collections.abc import Sequence
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
+
+import numpy as np
 
 from monitor.base.config import CyclesConfig, ProfileConfig
-from monitor.base.types import Quality, Sample
+from monitor.base.runs import alike
+from monitor.base.types import FloatArray, IntArray, Quality, SampleBlock
 
 SIGNALS: Final = (
     "engine_speed_rpm",
@@ -20,28 +23,53 @@ SIGNALS: Final = (
     "ambient_pressure_kpa",
 )
 Moment = Literal["driving_cycle", "ignition_cycle", "warm_up", "general_denominator"]
-_NONE: Final[tuple[Moment, ...]] = ()
+_ORDER: Final[tuple[Moment, ...]] = (
+    "driving_cycle",
+    "ignition_cycle",
+    "warm_up",
+    "general_denominator",
+)
+_DUE: Final = frozenset(_ORDER[1:])  # counted once in each driving cycle
+_SECOND_NS: Final = 1_000_000_000  # driving is counted in steps of so much
+_HOURS_PER_NS: Final = 1.0 / 3.6e12
+_N_QUALITIES: Final = len(Quality)
+# bits of a sample, as ``Cycles._codes`` packs them
+_RUNS, _MOVES, _WARM, _MILD, _LOW, _STANDS, _IDLES = (1 << bit for bit in range(7, 0, -1))
+
+
+class Driven(NamedTuple):
+    """Time that the engine ran, and distance, since the last of these."""
+
+    engine_run_s: float
+    distance_km: float
+
+
+class Counting(NamedTuple):
+    """What counts in a block; sample numbers never fall."""
+
+    moments: list[tuple[int, Moment]]
+    driven: list[tuple[int, Driven]]
 
 
 class EngineWatch:
     """Tells engine starts within a driving cycle from those that begin the next one."""
 
     def __init__(self, config: CyclesConfig) -> None:
-        self._config = config
+        self._off_ns, self._silent_ns = _ns(config.engine_off_s), _ns(config.silent_s)
         self._has_run = False  # since the first sample
         self._restart()
 
     def _restart(self) -> None:
-        self._off_s = 0.0  # since the engine was last seen running
-        self._silence_s = 0.0  # of the ECU, at present
+        self._stopped_ns = 0  # since the engine was last seen running
+        self._silence_ns = 0  # of the ECU, at present
         self._was_asleep = False  # the ECU was silent for long since then
         self._stood = False  # and was heard again with the engine standing
 
-    def stand(self, elapsed_s: float, *, is_silent: bool, is_standing: bool) -> None:
-        """Take a sample in which the engine does not run."""
-        self._off_s += elapsed_s
-        self._silence_s = self._silence_s + elapsed_s if is_silent else 0.0
-        self._was_asleep |= self._silence_s >= self._config.silent_s
+    def stand(self, elapsed_ns: int, *, is_silent: bool, is_standing: bool) -> None:
+        """Take samples that are alike and in which the engine does not run."""
+        self._stopped_ns += elapsed_ns
+        self._silence_ns = self._silence_ns + elapsed_ns if is_silent else 0
+        self._was_asleep |= self._silence_ns >= self._silent_ns
         self._stood |= self._was_asleep and is_standing
 
     def run(self) -> tuple[bool, bool]:
@@ -49,18 +77,88 @@ class EngineWatch:
 
         The very first start belongs to the driving cycle that has begun already.
         """
-        if self._has_run and self._off_s == 0.0:
+        if self._has_run and self._stopped_ns == 0:
             return False, False
-        is_next = self._has_run and (self._stood or self._off_s >= self._config.engine_off_s)
+        is_next = self._has_run and (self._stood or self._stopped_ns >= self._off_ns)
         self._has_run = True
         self._restart()
         return True, is_next
 
 
+class _Flags(NamedTuple):
+    """What holds on samples that are alike."""
+
+    moves: bool  # fast enough for the general denominator
+    idles: bool
+    fits: bool  # neither too cold nor too high for the general denominator
+    is_warm: bool
+
+
+class _Span:
+    """Samples begin to end of a block, and the time that passes in them."""
+
+    def __init__(self, begin: int, end: int, until_ns: IntArray) -> None:
+        self.begin, self.end, self._until_ns = begin, end, until_ns
+        self._before_ns = until_ns.item(begin)  # until_ns[k + 1] includes sample k
+        self.elapsed_ns = until_ns.item(end) - self._before_ns
+
+    def reached(self, sum_ns: int, least_ns: int) -> int | None:
+        """Return at which sample a sum, so far ``sum_ns``, has come to ``least_ns``."""
+        if sum_ns >= least_ns:
+            return self.begin
+        if sum_ns + self.elapsed_ns < least_ns:
+            return None
+        if self.end - self.begin == 1:
+            return self.begin
+        inside = self._until_ns[self.begin + 1 : self.end + 1]
+        return self.begin + int(np.searchsorted(inside, least_ns - sum_ns + self._before_ns))
+
+
+class _Denominator:
+    """The general denominator of one driving cycle: long enough, fast enough, and one idle."""
+
+    def __init__(self, config: CyclesConfig) -> None:
+        self._run_least_ns, self._moving_least_ns, self._idle_least_ns = map(
+            _ns, (config.denominator_run_s, config.denominator_moving_s, config.denominator_idle_s)
+        )
+        self._run_ns = self._moving_ns = self._idle_ns = 0
+        self._has_idled = False
+
+    def interrupt(self) -> None:
+        """End the idling."""
+        self._idle_ns = 0
+
+    def push(self, span: _Span, flags: _Flags) -> int | None:
+        """Take samples that are alike, the engine running; return where all is reached."""
+        if not flags.fits:
+            self._idle_ns = 0
+            return None
+        moves_ns, idles_ns = (span.elapsed_ns * on for on in (flags.moves, flags.idles))
+        self._idle_ns *= flags.idles
+        at = (
+            span.reached(self._run_ns, self._run_least_ns),
+            self._reached(span, self._moving_ns, self._moving_least_ns, on=flags.moves),
+            span.begin
+            if self._has_idled
+            else self._reached(span, self._idle_ns, self._idle_least_ns, on=flags.idles),
+        )
+        self._run_ns += span.elapsed_ns
+        self._moving_ns += moves_ns
+        self._idle_ns += idles_ns
+        self._has_idled |= at[2] is not None
+        reached = [k for k in at if k is not None]
+        return max(reached) if len(reached) == len(at) else None
+
+    def _reached(self, span: _Span, sum_ns: int, least_ns: int, *, on: bool) -> int | None:
+        if on:
+            return span.reached(sum_ns, least_ns)
+        return span.begin if sum_ns >= least_ns else None
+
+
 class Cycles:
     """Finds the moments at which something is to be counted.
 
-    names : what a sample holds
+    names : signals of a sample
     output : name of the measured signal among them; where no engine speed is provided the engine
         runs while it is heard
     running_rpm : engine speed from which the engine runs
@@ -76,110 +174,164 @@ class Cycles:
     ) -> None:
         at = {name: i for i, name in enumerate(names)}
         self._config, self._profile, self._running_rpm = config, profile, running_rpm
-        # a signal that is not there is the NaN behind a sample's values
-        self._speed, self._vehicle, self._coolant, self._ambient, self._pressure = (
-            at.get(name, -1) for name in SIGNALS
+        self._speed, self._vehicle, self._coolant, self._ambient, self._pressure = map(
+            at.get, SIGNALS
         )
-        self._heard = at[output] if self._speed < 0 else self._speed
+        self._heard = at[output] if self._speed is None else self._speed
+        least = (
+            running_rpm,
+            config.denominator_moving_km_h,
+            profile.warm_up_degc,
+            config.denominator_ambient_min_degc,
+            config.denominator_pressure_min_kpa,
+        )
+        # bits of a sample: each signal is at its least or above; engine and vehicle are below
+        self._places = np.array([at.get(name, 0) for name in SIGNALS])
+        self._least = np.array(least)
+        self._most = np.array([np.nextafter(running_rpm, -np.inf), config.denominator_idle_km_h])
         self.unavailable = tuple(name for name in SIGNALS if name not in at)
         self._engine = EngineWatch(config)
+        self._start_least_ns = _ns(config.start_s)
         self._last_ns: int | None = None
         self._begin()
 
     def _begin(self) -> None:
         """Begin a driving cycle."""
-        self._start_s = 0.0  # since the engine's last start
-        self._run_s = self._moving_s = self._idle_s = 0.0  # as the general denominator has them
-        self._has_idled = False
-        self._due: set[Moment] = {"ignition_cycle", "warm_up", "general_denominator"}
+        self._start_ns = 0  # since the engine's last start
+        self._denominator = _Denominator(self._config)
+        self._due: frozenset[Moment] = _DUE
         self._first_degc = math.nan  # coolant at the engine's start
-        self.engine_run_s = self.distance_km = 0.0  # not taken yet
+        self._run_ns, self._run_km = 0, 0.0  # in the driving cycle
+        self._taken_ns, self._taken_km = 0, 0.0  # of these, given out in ``Driven``
 
-    def take(self) -> tuple[float, float]:
-        """Return engine running time in s and distance in km since they were last taken."""
-        taken = self.engine_run_s, self.distance_km
-        self.engine_run_s = self.distance_km = 0.0
-        return taken
-
-    def push(self, sample: Sample) -> Sequence[Moment]:
-        """Take one sample; return what is to be counted, a new driving cycle first."""
-        last_ns, self._last_ns = self._last_ns, sample.t_ns
-        elapsed_s = 0.0 if last_ns is None else max(sample.t_ns - last_ns, 0) * 1e-9
-        values = sample.values.tolist()
-        values.append(math.nan)
-        is_running, is_standing = self._is_running(sample, values)
-        if not is_running:
-            quality = sample.quality.item(self._heard)
-            if quality != Quality.OFF_BUS:  # else nothing is known of the engine
-                is_silent = quality == Quality.STALE
-                self._engine.stand(elapsed_s, is_silent=is_silent, is_standing=is_standing)
-            self._idle_s = 0.0
-            return _NONE
-        started, is_next = self._engine.run()
-        found: list[Moment] = []
-        if is_next:
-            self._begin()
-            found.append("driving_cycle")
-        if started:
-            self._start_s = self._idle_s = 0.0
-        else:
-            self._drive(elapsed_s, values)
-        if self._due:
-            self._count(values[self._coolant], found)
+    def push(self, block: SampleBlock) -> Counting:
+        """Return what is to be counted on samples, at each a new driving cycle first."""
+        n = len(block.t_ns)
+        found = Counting([], [])
+        if n == 0:
+            return found
+        until_ns = np.zeros(n + 1, dtype=np.int64)  # [k + 1]: time until sample k
+        if self._last_ns is not None:
+            until_ns[1] = max(block.t_ns.item(0) - self._last_ns, 0)
+        if n > 1:
+            np.maximum(block.t_ns[1:] - block.t_ns[:-1], 0, out=until_ns[2:])
+            np.cumsum(until_ns, out=until_ns)
+        self._last_ns = block.t_ns.item(n - 1)
+        values = block.values
+        coolant_degc = None if self._coolant is None else values[:, self._coolant]
+        speed_km_h = None if self._vehicle is None else values[:, self._vehicle]
+        for begin, end, code in alike(self._codes(block)):
+            bits, heard = divmod(code, _N_QUALITIES)
+            runs, stands = bits & _RUNS, bits & _STANDS
+            if self._speed is None:
+                runs, stands = heard not in (Quality.STALE, Quality.OFF_BUS), 0
+            if runs:
+                span = _Span(begin, end, until_ns)
+                self._run(span, self._flags(bits), coolant_degc, speed_km_h, until_ns, found)
+                continue
+            self._denominator.interrupt()
+            if heard != Quality.OFF_BUS:  # else nothing is known of the engine
+                elapsed_ns = until_ns.item(end) - until_ns.item(begin)
+                is_silent = heard == Quality.STALE
+                self._engine.stand(elapsed_ns, is_silent=is_silent, is_standing=bool(stands))
         return found
 
-    def _is_running(self, sample: Sample, values: list[float]) -> tuple[bool, bool]:
-        """Return whether the engine runs, and whether it is known to stand."""
-        if self._speed < 0:
-            is_heard = sample.quality.item(self._heard) not in (Quality.STALE, Quality.OFF_BUS)
-            return is_heard, False
-        speed_rpm = values[self._speed]
-        return speed_rpm >= self._running_rpm, speed_rpm < self._running_rpm
+    def _codes(self, block: SampleBlock) -> IntArray:
+        """Return an integer for each sample, (n,): samples with the same one are alike."""
+        x = block.values.take(self._places, axis=1)
+        flags = np.zeros((len(x), 8), dtype=np.bool_)
+        np.greater_equal(x, self._least, out=flags[:, :5])
+        np.less_equal(x[:, :2], self._most, out=flags[:, 5:7])
+        bits = np.packbits(flags, axis=1)[:, 0].astype(np.int64)
+        return bits * _N_QUALITIES + block.quality[:, self._heard]
 
-    def _drive(self, elapsed_s: float, values: list[float]) -> None:
-        """Take the time since the last sample, in which the engine ran, too."""
-        config = self._config
-        self._start_s += elapsed_s
-        self.engine_run_s += elapsed_s
-        speed_km_h = values[self._vehicle]
-        if speed_km_h > 0.0:
-            self.distance_km += speed_km_h * elapsed_s / 3600.0
-        if "general_denominator" not in self._due:
-            return
-        too_cold = self._ambient >= 0 and not (
-            values[self._ambient] >= config.denominator_ambient_min_degc
+    def _flags(self, bits: int) -> _Flags:
+        return _Flags(
+            self._vehicle is not None and bool(bits & _MOVES),
+            self._vehicle is not None and bool(bits & _IDLES),
+            (self._ambient is None or bool(bits & _MILD))
+            and (self._pressure is None or bool(bits & _LOW)),
+            self._coolant is not None and bool(bits & _WARM),
         )
-        too_high = self._pressure >= 0 and not (
-            values[self._pressure] >= config.denominator_pressure_min_kpa
-        )
-        if too_cold or too_high:
-            self._idle_s = 0.0
-            return
-        self._run_s += elapsed_s
-        if speed_km_h >= config.denominator_moving_km_h:
-            self._moving_s += elapsed_s
-        idles = speed_km_h <= config.denominator_idle_km_h
-        self._idle_s = self._idle_s + elapsed_s if idles else 0.0
-        self._has_idled |= self._idle_s >= config.denominator_idle_s
 
-    def _count(self, coolant_degc: float, found: list[Moment]) -> None:
-        """Find what is due and reached."""
-        config, profile, due = self._config, self._profile, self._due
+    def _run(
+        self,
+        span: _Span,
+        flags: _Flags,
+        coolant_degc: FloatArray | None,
+        speed_km_h: FloatArray | None,
+        until_ns: IntArray,
+        found: Counting,
+    ) -> None:
+        """Take samples that are alike, the engine running."""
+        started, is_next = self._engine.run()
+        if is_next:
+            self._begin()
+            found.moments.append((span.begin, "driving_cycle"))
+        driven = span
+        if started:  # the time since the last sample is not driven
+            self._start_ns = 0
+            self._denominator.interrupt()
+            driven = _Span(span.begin + 1, span.end, until_ns)
+        reached: dict[Moment, int | None] = {}
+        if "ignition_cycle" in self._due:
+            is_long = self._start_ns >= self._start_least_ns
+            reached["ignition_cycle"] = (
+                span.begin if is_long else driven.reached(self._start_ns, self._start_least_ns)
+            )
+        if "warm_up" in self._due and coolant_degc is not None:
+            reached["warm_up"] = self._warm_up(span, flags, coolant_degc)
+        if "general_denominator" in self._due and driven.begin < driven.end:
+            reached["general_denominator"] = self._denominator.push(driven, flags)
+        self._start_ns += driven.elapsed_ns
+        at: list[tuple[int, Moment]] = [(k, m) for m, k in reached.items() if k is not None]
+        if at:
+            self._due = self._due.difference(moment for _, moment in at)
+            found.moments.extend(sorted(at, key=lambda each: (each[0], _ORDER.index(each[1]))))
+        if driven.begin < driven.end:
+            self._drive(driven, speed_km_h, until_ns, found)
+
+    def _warm_up(self, span: _Span, flags: _Flags, coolant_degc: FloatArray) -> int | None:
+        """Return where the coolant is warm and has risen enough since the engine's start."""
+        if not flags.is_warm and not math.isnan(self._first_degc):
+            return None
+        inside = coolant_degc[span.begin : span.end]
         if math.isnan(self._first_degc):
-            self._first_degc = coolant_degc
-        if "ignition_cycle" in due and self._start_s >= config.start_s:
-            found.append("ignition_cycle")
-        if (
-            "warm_up" in due
-            and coolant_degc >= profile.warm_up_degc
-            and coolant_degc - self._first_degc >= profile.warm_up_rise_degc
-        ):
-            found.append("warm_up")
-        if (
-            "general_denominator" in due
-            and self._has_idled
-            and self._run_s >= config.denominator_run_s
-            and self._moving_s >= config.denominator_moving_s
-        ):
-            found.append("general_denominator")
-        due.difference_update(found)
+            known = np.flatnonzero(inside == inside)  # noqa: PLR0124
+            if not known.size:
+                return None
+            self._first_degc = inside.item(known.item(0))
+        if not flags.is_warm:
+            return None
+        rise_degc = self._profile.warm_up_rise_degc
+        if not np.fmax.reduce(inside) - self._first_degc >= rise_degc:
+            return None
+        return span.begin + int(np.argmax(inside - self._first_degc >= rise_degc))
+
+    def _drive(
+        self, span: _Span, speed_km_h: FloatArray | None, until_ns: IntArray, found: Counting
+    ) -> None:
+        """Count running time and distance whenever a whole second has passed."""
+        before_ns, self._run_ns = self._run_ns, self._run_ns + span.elapsed_ns
+        totals_km = None
+        if speed_km_h is not None:
+            elapsed_ns = until_ns[span.begin + 1 : span.end + 1] - until_ns[span.begin : span.end]
+            totals_km = np.fmax(speed_km_h[span.begin : span.end], 0.0) * elapsed_ns
+            totals_km *= _HOURS_PER_NS
+            totals_km[0] += self._run_km
+            np.cumsum(totals_km, out=totals_km)
+            self._run_km = totals_km.item(-1)
+        if self._run_ns // _SECOND_NS == before_ns // _SECOND_NS:
+            return
+        run_ns = until_ns[span.begin + 1 : span.end + 1] - until_ns[span.begin] + before_ns
+        seconds = run_ns // _SECOND_NS
+        for k in np.flatnonzero(np.diff(seconds, prepend=before_ns // _SECOND_NS)).tolist():
+            now_ns, now_km = run_ns.item(k), 0.0 if totals_km is None else totals_km.item(k)
+            driven = Driven((now_ns - self._taken_ns) * 1e-9, now_km - self._taken_km)
+            found.driven.append((span.begin + k, driven))
+            self._taken_ns, self._taken_km = now_ns, now_km
+
+
+def _ns(seconds: float) -> int:
+    """Return whole nanoseconds; as many as no drive has for an infinite time."""
+    return round(seconds * 1e9) if math.isfinite(seconds) else 1 << 62

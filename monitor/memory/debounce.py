@@ -1,4 +1,4 @@
-"""Fault detection counter: single results become a matured test result."""
+"""Fault detection counter: single results add up to a test result."""
 
 from dataclasses import dataclass
 
@@ -16,10 +16,10 @@ class Debounce:
     count: int = 0
 
     def step(self, *, failed: bool, by: int) -> "Debounce":
-        """Return the counter after one more result.
+        """Return the counter after one more result, which counts ``by`` steps.
 
-        A result against the counter's sign starts from zero, so that a long healthy time does
-        not slow the detection down.
+        A result against the counter's sign first sets it to zero, so a long healthy time does not
+        slow down the detection.
         """
         if failed:
             return Debounce(min(max(self.count, 0) + by, FAILED))
@@ -27,10 +27,10 @@ class Debounce:
 
     @property
     def failed(self) -> bool:
-        """True when the fault has matured."""
+        """Return True if the test has failed: the counter is at +127."""
         return self.count == FAILED
 
     @property
     def passed(self) -> bool:
-        """True when the test has completed without a fault."""
+        """Return True if the test has passed: the counter is at -128."""
         return self.count == PASSED

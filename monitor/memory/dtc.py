@@ -1,12 +1,12 @@
-"""Diagnostic trouble codes: status byte, driving cycles, and what is remembered with them.
+"""Diagnostic trouble codes (DTCs): status byte, driving cycles, freeze frames and counts.
 
-A code becomes pending in the driving cycle in which its test fails, and confirmed, with the lamp
-on, in a later driving cycle in which the test fails again. Sources: ISO 14229-1 annex D (status
-byte), 13 CCR 1968.2 (d)(2) and (d)(4), 40 CFR 86.1806, UN R83 annex 11. The counts stand in the
-configuration, as a profile.
+A code becomes pending in the driving cycle in which its test fails. It becomes confirmed, with the
+lamp on, in a later driving cycle in which the test fails again. Sources: ISO 14229-1 annex D
+(status byte), 13 CCR 1968.2 (d)(2) and (d)(4), 40 CFR 86.1806, UN R83 annex 11. The configuration
+holds the numbers of cycles per regulation.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntFlag
 from types import MappingProxyType
@@ -18,7 +18,7 @@ from monitor.memory.obd_records import Counts, FreezeFrame, Ratio, TestResult
 
 __all__ = ["CODES", "FRESH", "TESTS", "Dtc", "DtcStore", "Saved", "Status"]
 
-RATIO_MOST = 0xFFFF  # a counter at its end is halved together with its partner
+RATIO_MOST = 0xFFFF  # when a counter of a ratio reaches it, numerator and denominator are halved
 
 
 class Status(IntFlag):
@@ -34,25 +34,25 @@ class Status(IntFlag):
     WARNING_INDICATOR = 0x80
 
 
-_LAMP = int(Status.WARNING_INDICATOR)  # plain integers are looked at ten times as fast
+_LAMP = int(Status.WARNING_INDICATOR)  # an int: testing its bits is ten times faster
 FRESH = Status.NOT_COMPLETED_SINCE_CLEAR | Status.NOT_COMPLETED_THIS_CYCLE
 
 
 @dataclass(frozen=True, slots=True)
 class Dtc:
-    """One trouble code and its history; every change gives a new value."""
+    """One trouble code and its history, immutable."""
 
     code: str
-    fault: str = ""  # name of the fault that set it, "" if none did
-    also: tuple[str, ...] = ()  # faults that cannot be told from it
+    fault: str = ""  # fault that set the code; "" if it was never set
+    also: tuple[str, ...] = ()  # faults that cannot be told apart from it
     status: Status = FRESH
-    t_ns: int = 0  # when it failed first in this driving cycle
-    failed_cycles: int = 0  # earlier driving cycles in which it failed, no passed one in between
-    passed_cycles: int = 0  # in a row, towards healing
-    warm_ups: int = 0  # with the lamp off again, towards erasing
+    t_ns: int = 0  # time of the first failure in this driving cycle
+    failed_cycles: int = 0  # earlier driving cycles with a failure, since the last that passed
+    passed_cycles: int = 0  # passed driving cycles in a row; enough of them turn the lamp off
+    warm_ups: int = 0  # warm-up cycles since the lamp went off; enough of them erase the code
 
     def fail(self, fault: str, also: tuple[str, ...], t_ns: int, confirm_cycles: int) -> "Dtc":
-        """Return the code after its test has matured to failed."""
+        """Return the code after its test has failed."""
         first = not self.status & Status.FAILED_THIS_CYCLE
         status = self.status & ~FRESH | Status.TEST_FAILED | Status.FAILED_THIS_CYCLE
         status |= Status.PENDING | Status.FAILED_SINCE_CLEAR
@@ -69,7 +69,7 @@ class Dtc:
         )
 
     def complete(self) -> "Dtc":
-        """Return the code after its test has matured to passed."""
+        """Return the code after its test has passed."""
         return replace(self, status=self.status & ~FRESH & ~Status.TEST_FAILED)
 
     def warm_up(self) -> "Dtc":
@@ -103,7 +103,7 @@ class Dtc:
 
     @property
     def state(self) -> Literal["pending", "confirmed"] | None:
-        """Return how far the code has matured."""
+        """Return "pending", "confirmed" or None."""
         if self.status & Status.CONFIRMED:
             return "confirmed"
         return "pending" if self.status & Status.PENDING else None
@@ -111,22 +111,22 @@ class Dtc:
 
 @dataclass(frozen=True, slots=True)
 class Saved:
-    """All that outlives a driving cycle."""
+    """The content of the fault memory that outlives a driving cycle."""
 
     dtcs: tuple[Dtc, ...] = ()
-    freeze_frames: tuple[FreezeFrame, ...] = ()  # in the order of their setting
-    permanent: Mapping[str, str] = field(default_factory=dict)  # code → the fault that set it
+    freeze_frames: tuple[FreezeFrame, ...] = ()  # in the order in which they were set
+    permanent: Mapping[str, str] = field(default_factory=dict)  # code → fault that set it
     results: tuple[TestResult, ...] = ()
     ratios: tuple[Ratio, ...] = ()
     counts: Counts = field(default_factory=Counts)
-    completed: frozenset[str] = frozenset()  # tests since the last clearing
+    completed: frozenset[str] = frozenset()  # tests completed since the codes were cleared
 
 
 class DtcStore:
-    """Fault memory of one monitor, the side that is in memory.
+    """Fault memory of one monitor, held in RAM.
 
-    saved : what to go on from; by default nothing
-    profile : counts until codes change; by default as shipped
+    saved : content to start from, by default empty
+    profile : numbers of cycles until codes change, by default the shipped ones
     """
 
     def __init__(self, saved: Saved | None = None, profile: ProfileConfig | None = None) -> None:
@@ -142,13 +142,13 @@ class DtcStore:
         self._counts = saved.counts
         self._completed = set(saved.completed)
         self._passed: set[str] = set()  # tests that have passed in this driving cycle
-        self._failed: set[str] = set()  # codes that have failed in it, also if cleared since
-        self._judged: set[str] = set()  # tests whose numerator has counted it
-        self._is_general = False  # the general denominator has counted it
+        self._failed: set[str] = set()  # codes that have failed in it, even if cleared since
+        self._judged: set[str] = set()  # tests whose numerator counts this driving cycle
+        self._is_general = False  # the general denominator counts this driving cycle
         self.clearings = 0
 
     def fail(self, fault: str, t_ns: int, also: tuple[str, ...] = ()) -> list[Dtc]:
-        """Set the codes of a fault; return those that changed."""
+        """Set the codes of a fault that failed at ``t_ns``; return the codes that changed."""
         self._completed.add(TEST_OF[fault])
         needed = self._profile.confirm_cycles
         new = {c: self._dtcs[c].fail(fault, also, t_ns, needed) for c in CODES[fault]}
@@ -158,7 +158,7 @@ class DtcStore:
             if lit and (code in self._permanent or self._has_room):
                 self._permanent[code] = fault
             if dtc.state == "confirmed" != self._dtcs[code].state:
-                self._frames.pop(code, None)  # those of its confirming replace the pending ones
+                self._frames.pop(code, None)  # the frame of the confirmed state replaces it
         was_lit = self.mil
         changed = self._update(new)
         if self.mil and not was_lit:
@@ -172,10 +172,10 @@ class DtcStore:
         return len(self._permanent) < self._profile.permanent_most
 
     def complete(self, test: str) -> list[Dtc]:
-        """Note that a test has completed and passed; return what changed.
+        """Record that a test has passed; return the codes that changed.
 
-        A code that a fault of this test has set is complete; one that another test's fault has set
-        keeps its status; one that was never set needs every test that can set it.
+        Completed are the codes set by a fault of this test, and never-set codes once every test
+        that can set them has passed. A code set by another test keeps its status.
         """
         self._passed.add(test)
         self._completed.add(test)
@@ -188,7 +188,7 @@ class DtcStore:
         return not self._dtcs[code].fault and self._passed >= tests_of(code)
 
     def freeze(self, frame: FreezeFrame) -> None:
-        """Keep the signals at the moment of a code's setting; the first of a state are kept."""
+        """Keep the signals of the time when a code was set, unless its state has a frame."""
         self._frames.setdefault(frame.code, frame)
 
     def start_driving_cycle(self) -> list[Dtc]:
@@ -206,10 +206,10 @@ class DtcStore:
         return changed
 
     def _heals(self, code: str, new: Mapping[str, Dtc]) -> bool:
-        """Return whether the driving cycle that ends takes a permanent code away.
+        """Return whether the driving cycle that ends erases a permanent code.
 
-        Either its lamp goes out; or the code was cleared, and its test has passed since, for a
-        test that judges every sample in a driving cycle of the general denominator.
+        It does if the lamp goes out. It also does if the code was cleared and its test has passed
+        since; a continuous test then also needs a cycle that the general denominator counts.
         """
         if new[code].status & Status.WARNING_INDICATOR:
             return False
@@ -239,11 +239,11 @@ class DtcStore:
         return changed
 
     def report(self, results: Sequence[TestResult]) -> None:
-        """Keep the latest results of a test against their limits."""
+        """Keep the latest results of a test with their limits."""
         self._results |= {(r.test, r.quantity): r for r in results}
 
     def count_judged(self, test: str) -> bool:
-        """Count that a fault of a test would have been found; return whether it is new."""
+        """Count that a test could have found a fault; return whether it is new in this cycle."""
         if test in self._judged or self._is_paused(test):
             return False
         self._judged.add(test)
@@ -252,7 +252,7 @@ class DtcStore:
         return True
 
     def count_general_denominator(self) -> None:
-        """Count a driving cycle that was driven as the standard asks, once."""
+        """Count this driving cycle in the general denominator, at most once."""
         if self._is_general:
             return
         self._is_general = True
@@ -264,7 +264,7 @@ class DtcStore:
             self._ratios[test] = _bounded(replace(ratio, denominator=ratio.denominator + 1))
 
     def _is_paused(self, test: str) -> bool:
-        """Return whether a code of another test keeps this one from judging, (d)(4)."""
+        """Return whether a code of a continuous test stops this test from counting, (d)(4)."""
         if test in CONTINUOUS:
             return False
         return any(d.state and TEST_OF.get(d.fault) in CONTINUOUS for d in self._dtcs.values())
@@ -279,42 +279,47 @@ class DtcStore:
         self._counts = replace(self._counts, warm_ups_since_clear=warm_ups)
         self._dtcs = {code: dtc.warm_up() for code, dtc in self._dtcs.items()}
 
-    def drive(self, engine_run_s: float, distance_km: float) -> None:
-        """Count what was driven."""
+    def drive(self, driven: Iterable[tuple[float, float]]) -> None:
+        """Count stretches of driving: engine running time in s and distance in km of each."""
         counts, lit = self._counts, float(self.mil)
+        run_s, km = counts.engine_run_since_clear_s, counts.distance_since_clear_km
+        lit_s, lit_km = counts.engine_run_with_mil_s, counts.distance_with_mil_km
+        for engine_run_s, distance_km in driven:
+            run_s, km = run_s + engine_run_s, km + distance_km
+            lit_s, lit_km = lit_s + lit * engine_run_s, lit_km + lit * distance_km
         self._counts = replace(
             counts,
-            distance_since_clear_km=counts.distance_since_clear_km + distance_km,
-            engine_run_since_clear_s=counts.engine_run_since_clear_s + engine_run_s,
-            distance_with_mil_km=counts.distance_with_mil_km + lit * distance_km,
-            engine_run_with_mil_s=counts.engine_run_with_mil_s + lit * engine_run_s,
+            distance_since_clear_km=km,
+            engine_run_since_clear_s=run_s,
+            distance_with_mil_km=lit_km,
+            engine_run_with_mil_s=lit_s,
         )
 
     @property
     def all(self) -> tuple[Dtc, ...]:
-        """Return every code, also those that never failed."""
+        """Return every code, including those that never failed."""
         return tuple(self._dtcs.values())
 
     @property
     def active(self) -> list[Dtc]:
-        """Return the codes that are pending or confirmed, in the order of their failing."""
+        """Return the pending and confirmed codes, in the order of their failures."""
         return sorted((d for d in self.all if d.state), key=lambda d: (d.t_ns, d.code))
 
     @property
     def fault_flag(self) -> bool:
-        """True when a code is pending or confirmed."""
+        """Return True if a code is pending or confirmed."""
         return any(d.state for d in self.all)
 
     @property
     def mil(self) -> bool:
-        """True when a code asks for the malfunction indicator lamp."""
+        """Return True if a code turns the malfunction indicator lamp on."""
         return any(int(dtc.status) & _LAMP for dtc in self._dtcs.values())
 
     @property
     def freeze_frames(self) -> Mapping[str, FreezeFrame]:
-        """Return the freeze frame of each code, the most important first.
+        """Return the freeze frame per code, the most important first.
 
-        Confirmed codes go before pending ones, earlier ones before later ones.
+        Confirmed codes come before pending ones, earlier frames before later ones.
         """
         frames = sorted(
             self._frames.values(), key=lambda frame: self._dtcs[frame.code].state != "confirmed"
@@ -328,7 +333,7 @@ class DtcStore:
 
     @property
     def results(self) -> tuple[TestResult, ...]:
-        """Return the latest results against their limits."""
+        """Return the latest test results with their limits."""
         return tuple(self._results.values())
 
     @property
@@ -338,16 +343,16 @@ class DtcStore:
 
     @property
     def counts(self) -> Counts:
-        """Return what is counted."""
+        """Return the counts over the vehicle's life and since the codes were cleared."""
         return self._counts
 
     def completed_since_clear(self, test: str) -> bool:
-        """Return whether a test has passed or failed since the last clearing."""
+        """Return whether a test has passed or failed since the codes were cleared."""
         return test in self._completed
 
     @property
     def saved(self) -> Saved:
-        """Return all that outlives this driving cycle."""
+        """Return the content that outlives this driving cycle."""
         return Saved(
             self.all,
             tuple(self._frames.values()),
@@ -360,7 +365,7 @@ class DtcStore:
 
 
 def _bounded(ratio: Ratio) -> Ratio:
-    """Halve both numbers when one is at its end, as 13 CCR 1968.2 (d)(4) asks."""
+    """Halve both numbers when one reaches ``RATIO_MOST``, as 13 CCR 1968.2 (d)(4) asks."""
     if max(ratio.numerator, ratio.denominator) < RATIO_MOST:
         return ratio
     return Ratio(ratio.test, ratio.numerator // 2, ratio.denominator // 2)

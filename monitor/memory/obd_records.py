@@ -1,4 +1,4 @@
-"""What on-board diagnostics remembers beside the status of each code."""
+"""Records of on-board diagnostics beside the codes: freeze frames, test results, counts."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -6,22 +6,22 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class FreezeFrame:
-    """The signals at the moment at which a code was set."""
+    """The signals at the time when a code was set."""
 
     code: str
     t_ns: int
-    values: Mapping[str, float]  # canonical names, in their units; what was not good is left out
+    values: Mapping[str, float]  # by canonical name, in its unit; only values of good quality
 
 
 @dataclass(frozen=True, slots=True)
 class TestResult:
-    """The latest result of a test against its limits, as service $06 reports it."""
+    """The latest result of a test with its limits, as service $06 reports it."""
 
     test: str  # a key of dtc.TESTS
-    quantity: str  # with its unit, as lag_rich_to_lean_s
+    quantity: str  # name with its unit, for example lag_rich_to_lean_s
     value: float
-    low: float  # least value that passes
-    high: float  # greatest value that passes
+    low: float  # lowest value that passes
+    high: float  # highest value that passes
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,13 +29,13 @@ class Ratio:
     """In-use monitor performance of one test."""
 
     test: str  # a key of dtc.TESTS
-    numerator: int = 0  # driving cycles in which all conditions to find a fault were met
+    numerator: int = 0  # driving cycles in which the test could have found a fault
     denominator: int = 0
 
 
 @dataclass(frozen=True, slots=True)
 class Counts:
-    """What is counted over a vehicle's life and since the last clearing."""
+    """Counts over the vehicle's life and since the codes were cleared."""
 
     ignition_cycles: int = 0
     general_denominator: int = 0

@@ -1,15 +1,14 @@
-"""What is healthy for this vehicle: offset and gain of its sensor against the model, learned.
+"""The vehicle's healthy reference: offset and gain of its sensor against the model, learned.
 
-Injectors, air meter and sensor differ from piece to piece, and fuel with ethanol burns with less
-air, so a model of one vehicle is off by some percent on another. One drive shows the sum of both;
-the fuel's part changes with every filling but stays within a known span, the vehicle's part does
-not change. So every healthy drive narrows down where the vehicle can be (set-membership: Schweppe,
-Uncertain Dynamic Systems, 1973), and an offset that no fuel explains is a fault.
+Injectors, air meter and sensor differ from piece to piece, and fuel with ethanol needs less air.
+A model of one vehicle is therefore off by some percent on another. A drive shows the sum of both
+offsets. The fuel's part changes with every filling but has a known span; the vehicle's part is
+constant. Every healthy drive thus narrows the range of the vehicle's part (set-membership:
+Schweppe, Uncertain Dynamic Systems, 1973), and an offset that no fuel explains is a fault.
 
-The reference cannot hide a fault. A drive in which anything looked suspicious teaches nothing; the
-offsets learned never span more than the fuel does, whatever the number of drives, so that a slow
-drift leaves the span like a step does; the gain is learned from the first drives only and then
-held.
+The reference cannot hide a fault. A suspicious drive does not change it. The span of the learned
+offsets never exceeds the fuel's span, so a slow drift leaves it as a step does. The gain is
+learned from the first drives only and is then fixed.
 """
 
 from dataclasses import dataclass, replace
@@ -19,15 +18,15 @@ from monitor.base.config import BiasConfig
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """What one healthy drive shows."""
+    """Offset and gain of one healthy drive."""
 
-    offset: float  # mean residual over the drive's windows, output's unit
-    gain: float  # of the measurement over the prediction
+    offset: float  # mean residual over the drive's windows, in the output's unit
+    gain: float  # measurement over prediction
 
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """The drives of one vehicle so far.
+    """Range of offsets and mean gain over the healthy drives of one vehicle.
 
     >>> from monitor.base.config import load
     >>> bias = load().bias
@@ -36,7 +35,7 @@ class Reference:
     [-0.01, 0.05]
     """
 
-    offset_low: float = 0.0  # of all drives, output's unit
+    offset_low: float = 0.0  # over all drives, in the output's unit
     offset_high: float = 0.0
     gain: float = 1.0
     drives: int = 0
@@ -58,7 +57,7 @@ class Reference:
         return grown
 
     def offset_range(self, config: BiasConfig) -> tuple[float, float]:
-        """Return the offsets that some fuel explains, lowest and highest; needs a drive."""
+        """Return the lowest and highest offset that some fuel explains; needs a drive."""
         span = config.fuel_span_lambda
         return self.offset_high - span, self.offset_low + span
 

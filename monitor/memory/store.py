@@ -1,6 +1,6 @@
-"""The fault memory on disk: what on-board diagnostics and the vehicle's reference remember.
+"""The fault memory on disk: trouble codes, counts and the vehicle's healthy reference.
 
-SQLite in WAL mode with full synchronisation: what ``save`` has returned from survives a kill.
+SQLite in WAL mode with full synchronisation: when ``save`` returns, the data survives a kill.
 """
 
 import fcntl
@@ -20,8 +20,8 @@ from monitor.memory.obd_records import Counts, FreezeFrame, Ratio, TestResult
 from monitor.memory.reference import Reference, Seen
 
 SCHEMA_VERSION = 3
-BUSY_MS: Final = 250  # how long another process may hold the file up: the live loop waits for it
-# what makes a file of version n out of one of version n - 1
+BUSY_MS: Final = 250  # longest wait for another process; the live loop waits as long
+# Statements that turn a file of version n - 1 into one of version n.
 _STEPS = (
     (
         """
@@ -86,24 +86,24 @@ CREATE TABLE ratio (
         "CREATE TABLE completed (test TEXT PRIMARY KEY) STRICT",
     ),
 )
-# what the tables hold, by table: the rows of each are replaced together
+# Rows by table; all rows of a table are replaced together.
 Rows = dict[str, list[tuple[Any, ...]]]
 _ORDER: Final = {"freeze_frame": "place", "permanent": "place"}
 
 
 class Memory:
-    """Stores the fault memory in an SQLite file, made when it does not exist.
+    """Stores the fault memory in an SQLite file, which is created if it does not exist.
 
-    hold : keep every other process that would hold it off, until ``close``
-    Raises RecordingError if the file is no fault memory or of another schema version, or if
-    another process holds it.
+    hold : lock the file against other processes that hold it, until ``close``
+    Raises RecordingError if the file is no fault memory, has another schema version, or is held
+    by another process.
     """
 
     def __init__(self, path: Path, *, hold: bool = False) -> None:
         self._path = path
         self._hold = _hold(path) if hold else None
-        self._stored: Rows = {}  # what is known to stand in the file
-        self._data_version = -1  # of the file, as long as no other process has written to it
+        self._stored: Rows = {}  # rows in the file as of the last save
+        self._data_version = -1  # SQLite's; it stays equal until another process writes the file
         try:
             self._db = sqlite3.connect(path, isolation_level=None)
         except sqlite3.Error as error:
@@ -122,9 +122,9 @@ class Memory:
             raise
 
     def _migrate(self) -> None:
-        """Bring the tables up to date; a file of anyone else is left as it is."""
+        """Bring the tables up to date; a database of another program stays unchanged."""
         if self._number("PRAGMA user_version") < SCHEMA_VERSION:
-            with self._transaction():  # another process may have made the tables by now
+            with self._transaction():  # another process may have created the tables meanwhile
                 version = self._number("PRAGMA user_version")
                 if version == 0 and self._number("SELECT count(*) FROM sqlite_master"):
                     raise sqlite3.DatabaseError("the database belongs to another program")
@@ -144,7 +144,7 @@ class Memory:
 
     @contextmanager
     def _transaction(self) -> Iterator[None]:
-        """Write all or nothing."""
+        """Commit the statements together, or roll them all back."""
         self._db.execute("BEGIN IMMEDIATE")
         try:
             yield
@@ -154,17 +154,17 @@ class Memory:
                 self._db.execute("ROLLBACK")
 
     def load(self) -> Saved:
-        """Return what is stored.
+        """Return the stored content.
 
-        Raises RecordingError if the file cannot be read or holds what is not known.
+        Raises RecordingError if the file cannot be read or holds unknown codes or values.
         """
         try:
             rows = {table: self._read(table) for table in _rows_of(Saved())}
         except sqlite3.Error as error:
             raise RecordingError(f"{self._path}: cannot read the fault memory: {error}") from None
-        known = {code for group in CODES.values() for code in group}
+        codes = {code for group in CODES.values() for code in group}
         for code in (row[0] for row in rows["dtc"]):
-            if code not in known:
+            if code not in codes:
                 raise RecordingError(f"{self._path}: unknown trouble code {code!r}")
         try:
             return _saved_of(rows)
@@ -175,7 +175,7 @@ class Memory:
         return self._db.execute(f"SELECT * FROM {table} ORDER BY {_ORDER.get(table, 1)}").fetchall()
 
     def reference(self, model_sha256: str) -> Reference:
-        """Return what was learned of the vehicle with that model, an empty one if nothing.
+        """Return the vehicle's reference for a model; an empty one if there is none.
 
         Raises RecordingError if the file cannot be read.
         """
@@ -189,7 +189,7 @@ class Memory:
         return Reference(*row) if row else Reference()
 
     def learn(self, model_sha256: str, seen: Seen | None, config: BiasConfig) -> None:
-        """Store what a drive shows of the vehicle, beside what is known with that model.
+        """Add a healthy drive to the vehicle's reference for a model; None adds nothing.
 
         Raises RecordingError if the file cannot be read or written.
         """
@@ -200,27 +200,28 @@ class Memory:
             self._db.execute("INSERT OR REPLACE INTO reference VALUES (?, ?, ?, ?, ?)", row)
 
     def save(self, saved: Saved) -> None:
-        """Store all that differs from what is stored, in one transaction.
+        """Store the tables that changed, in one transaction.
 
-        What another process has written in the meantime is replaced. Raises RecordingError if the
+        Changes that another process made meanwhile are replaced. Raises RecordingError if the file
+        cannot be written; its content then stays unchanged.
         file cannot be written; it then holds what it held before.
         """
         rows = _rows_of(saved)
         if self._is_as_left and rows == self._stored:
             return
         with self._writing():
-            known = self._stored if self._is_as_left else {}
+            stored = self._stored if self._is_as_left else {}
             for table, new in rows.items():
-                if new != known.get(table):
+                if new != stored.get(table):
                     self._replace(table, new)
         self._stored = rows
 
     @property
     def _is_as_left(self) -> bool:
-        """Return whether nobody else has written since; inside a transaction it stays so."""
+        """Return whether no other process has written since; a transaction keeps it so."""
         try:
             return self._data_version == self._number("PRAGMA data_version")
-        except sqlite3.Error:  # writing will say what is wrong
+        except sqlite3.Error:  # the write that follows reports the error
             return False
 
     def _replace(self, table: str, rows: Iterable[tuple[Any, ...]]) -> None:
@@ -230,7 +231,7 @@ class Memory:
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
-        """Write all or nothing; raises RecordingError."""
+        """Commit or roll back together; raises RecordingError on failure."""
         try:
             with self._transaction():
                 yield
@@ -240,7 +241,7 @@ class Memory:
             raise RecordingError(f"{self._path}: cannot store the fault memory: {error}") from None
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the file and release its lock."""
         self._db.close()
         self._let_go()
 
@@ -251,17 +252,23 @@ class Memory:
 
 
 def _what(error: sqlite3.Error) -> str:
-    """Return what an error at opening means; most often another kind of file was named."""
-    own = ("SQLITE_READONLY", "SQLITE_FULL", "SQLITE_IOERR", "SQLITE_CANTOPEN", "SQLITE_BUSY")
-    if getattr(error, "sqlite_errorname", "").startswith(own):
+    """Return the meaning of an error at opening: a file problem, or the wrong kind of file."""
+    file_errors = (
+        "SQLITE_READONLY",
+        "SQLITE_FULL",
+        "SQLITE_IOERR",
+        "SQLITE_CANTOPEN",
+        "SQLITE_BUSY",
+    )
+    if getattr(error, "sqlite_errorname", "").startswith(file_errors):
         return "cannot open the fault memory"
     return "not a fault memory"
 
 
 def _hold(path: Path) -> int:
-    """Lock a file beside the memory, which nobody else has; return its descriptor.
+    """Lock a file beside the memory; return its descriptor.
 
-    SQLite's own locks are let go when any descriptor of the database is closed.
+    SQLite's locks do not serve: they end when any descriptor of the database is closed.
     """
     beside = path.with_name(f"{path.name}-lock")
     try:
@@ -279,7 +286,7 @@ def _hold(path: Path) -> int:
 
 
 def _rows_of(saved: Saved) -> Rows:
-    """Return what stands in the tables, in the order of their columns."""
+    """Return the rows of every table, in the order of its columns."""
     return {
         "dtc": [
             (
@@ -307,7 +314,7 @@ def _rows_of(saved: Saved) -> Rows:
 
 
 def _saved_of(rows: Mapping[str, list[tuple[Any, ...]]]) -> Saved:
-    """Return what rows of the tables say; raises ValueError or TypeError if they say nothing."""
+    """Return the content of the tables' rows; raises ValueError or TypeError if damaged."""
     dtcs = []
     for code, fault, also, status, t_ns, failed, passed, warm_ups in rows["dtc"]:
         names = tuple(name for name in also.split(",") if name)

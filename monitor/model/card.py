@@ -1,7 +1,7 @@
-"""The model card: what a model is, what it was trained on and what its limits are.
+"""The model card: kind of model, training recordings, fit measures and limits.
 
-It travels as JSON in the ONNX file's metadata under ``o2_monitor_card``. A key that is missing,
-unknown or of the wrong type is a ModelError that names the file.
+It is JSON in the ONNX file's metadata under ``o2_monitor_card``. A missing or unknown key, or a
+value of the wrong type, is a ModelError that names the file.
 """
 
 import dataclasses
@@ -22,7 +22,7 @@ WINDOW_SAMPLES = 50  # Model Based Diagnosis of Oxygen Sensors, section 2
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """One input or the output: its unit and what the training saw of it, in that unit."""
+    """One input or the output, with its unit and its range in training, in that unit."""
 
     name: str
     unit: str
@@ -34,9 +34,9 @@ class Channel:
 
 @dataclass(frozen=True, slots=True)
 class StateLayout:
-    """Where the outputs lie in ``state``, newest first, in model units (phi or output).
+    """Places of past outputs in ``state``, newest first, in model units (phi or output).
 
-    A NARX holds as many as its lags, a greybox the newest alone, beside what else it remembers.
+    A NARX holds as many past outputs as lags; a greybox holds one, beside its own state variables.
     """
 
     size: int
@@ -57,17 +57,17 @@ class StateLayout:
 
 @dataclass(frozen=True, slots=True)
 class TrainingRecording:
-    """A recording that the training used."""
+    """A recording used in training."""
 
-    path: str  # file name without folders: models travel
+    path: str  # file name without folders, because models move between machines
     sha256: str
     samples: int
-    source: str = ""  # "simulated", or "" where no manifest says what it is
+    source: str = ""  # "simulated", or "" if no manifest names its source
 
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """One decision limit and how it was obtained."""
+    """One decision limit and its origin."""
 
     value: float
     unit: str
@@ -76,26 +76,26 @@ class Limit:
 
 @dataclass(frozen=True, slots=True)
 class ModelCard:
-    """Everything about a model that is not its graph."""
+    """All that is known of a model beside its graph."""
 
     kind: str  # "narx", "greybox"
     inputs: tuple[Channel, ...]
     output: Channel
     transform: str  # "phi": the model works on 1/output; "none"
-    output_limits: tuple[float, float]  # predictions are clipped to this, in model units
+    output_limits: tuple[float, float]  # predictions are clipped to this range, in model units
     period_ns: int
-    lags: int  # longest lag of inputs and output; greybox: samples that a steady input fills it in
+    lags: int  # NARX: longest lag of inputs and output; greybox: samples to fill it at steady input
     input_lag_start: int
-    layers: tuple[int, ...]  # hidden layers, none in a greybox
+    layers: tuple[int, ...]  # neurons per hidden layer; empty for a greybox
     state: StateLayout
     recordings: tuple[TrainingRecording, ...]
-    residual_mean: float  # of the healthy vehicle, enabled samples, in the output's unit
+    residual_mean: float  # healthy vehicle, enabled samples, in the output's unit
     residual_std: float
     window_samples: int = WINDOW_SAMPLES
     transforms: tuple[Mapping[str, Any], ...] = ()  # of inputs, inside the graph
     effects: tuple[Mapping[str, Any], ...] = ()  # added by the gap workflow
-    structure: Mapping[str, Any] = field(default_factory=dict)  # how lags enter, kind's own words
-    fit: Mapping[str, Any] = field(default_factory=dict)  # measures on held-out samples
+    structure: Mapping[str, Any] = field(default_factory=dict)  # form of the lags, by kind
+    fit: Mapping[str, Any] = field(default_factory=dict)  # fit measures on held-out samples
     checks: Mapping[str, Any] = field(default_factory=dict)  # parity, stability
     limits: Mapping[str, Limit] = field(default_factory=dict)
     reference: Mapping[str, Any] = field(default_factory=dict)  # healthy reference of this vehicle
@@ -104,11 +104,11 @@ class ModelCard:
 
     @property
     def input_names(self) -> tuple[str, ...]:
-        """Names of the inputs in the order of ``u``."""
+        """Return the names of the inputs in the order of ``u``."""
         return tuple(channel.name for channel in self.inputs)
 
     def to_json(self) -> str:
-        """Return the card as JSON, keys in the order of the fields.
+        """Return the card as JSON, with the keys in the order of the fields.
 
         Raises ValueError if a number is not finite.
         """
@@ -116,9 +116,10 @@ class ModelCard:
 
     @classmethod
     def from_json(cls, text: str, path: str = "model card") -> "ModelCard":
-        """Return the card in ``text``; ``path`` names the file in errors.
+        """Return the card from JSON.
 
-        Raises ModelError for anything that is not a card of this schema.
+        path : name of the file, for errors
+        Raises ModelError if ``text`` is no card of this schema.
         """
         try:
             data = json.loads(text)
@@ -134,7 +135,7 @@ class ModelCard:
 
 
 def _card(data: dict[str, Any], path: str) -> ModelCard:
-    data = {"structure": {}} | data  # cards written before it was stored
+    data = {"structure": {}} | data  # older cards lack it
     _keys(data, ModelCard, path, "model card")
     try:
         data["inputs"] = tuple(_part(Channel, c, path, "inputs") for c in data["inputs"])
@@ -170,7 +171,7 @@ def _keys(data: Mapping[str, Any], kind: type, path: str, where: str) -> None:
 
 
 def _part(kind: type[T], data: Any, path: str, where: str) -> T:
-    """Return a dataclass of strings, ints and floats; nothing else may stand in the JSON."""
+    """Return a dataclass whose fields are strings, ints and floats; check the JSON's types."""
     if not isinstance(data, dict):
         raise ModelError(f"{path}: {where} holds {data!r}, wanted an object")
     _keys(data, kind, path, where)

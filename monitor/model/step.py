@@ -1,8 +1,8 @@
-"""Step 5: one closed-loop step of the model, state inside.
+"""Step 5: one closed-loop step of the model, which keeps its state.
 
 The ONNX graph ``step`` maps inputs in physical units and a state to the prediction and the next
-state; scaling, clipping and added effects are inside it. Input and output memory is bound once
-and the state alternates between two buffers, so that a step allocates nothing.
+state; scaling, clipping and added effects are inside the graph. Input and output memory is bound
+once, and the state alternates between two buffers, so a step allocates nothing.
 """
 
 import math
@@ -19,12 +19,12 @@ from monitor.model.card import METADATA_KEY, ModelCard
 
 Float32Array = NDArray[np.float32]
 Inputs = NDArray[np.float32] | NDArray[np.float64]
-LAMBDA_MAX = 16.0  # what a UEGO reads in air; phi below 1/16 is this
+LAMBDA_MAX = 16.0  # reading of a UEGO in air; smaller phi than 1/16 reads the same
 PHI_MAX = 1.7
 
 
 def to_model_units(transform: str, output: FloatArray | float) -> FloatArray:
-    """Return phi = 1/lambda in 0 .. 1.7 for "phi", else ``output`` itself; NaN stays NaN.
+    """Return phi = 1/lambda in 0 .. 1.7 for "phi", otherwise ``output``; NaN stays NaN.
 
     >>> to_model_units("phi", np.array([0.8, 2.0, np.inf])).tolist()
     [1.25, 0.5, 0.0]
@@ -36,7 +36,7 @@ def to_model_units(transform: str, output: FloatArray | float) -> FloatArray:
 
 
 def from_model_units(transform: str, value: FloatArray | float) -> FloatArray:
-    """Return lambda = 1/phi, at most 16, for "phi", else ``value`` itself.
+    """Return lambda = 1/phi, at most 16, for "phi", otherwise ``value``.
 
     >>> from_model_units("phi", np.array([1.25, 0.0])).tolist()
     [0.8, 16.0]
@@ -48,7 +48,7 @@ def from_model_units(transform: str, value: FloatArray | float) -> FloatArray:
 
 
 class _Binding:
-    """One wiring of the session: state from one buffer, next state to the other."""
+    """One binding of the session: it reads one state buffer and writes the other."""
 
     def __init__(
         self,
@@ -67,9 +67,9 @@ class _Binding:
 
 
 class Model:
-    """The model on ``batch`` vehicles side by side; by default one.
+    """The model on ``batch`` vehicles side by side, one by default.
 
-    Inputs must be finite: what a stale or invalid signal means is decided before the model.
+    Inputs must be finite; the caller replaces stale and invalid signals.
     """
 
     def __init__(self, session: ort.InferenceSession, card: ModelCard, batch: int = 1) -> None:
@@ -88,9 +88,9 @@ class Model:
 
     @classmethod
     def load(cls, path: Path | str, batch: int = 1) -> "Model":
-        """Return the model in an ONNX file.
+        """Return the model of an ONNX file.
 
-        Raises ModelError if the file is not ONNX, has no card, or the two disagree.
+        Raises ModelError if the file is not ONNX, has no card, or card and graph disagree.
         """
         session = open_session(path)
         text = session.get_modelmeta().custom_metadata_map.get(METADATA_KEY)
@@ -101,17 +101,18 @@ class Model:
         return cls(session, card, batch)
 
     def with_batch(self, batch: int) -> "Model":
-        """Return a model of the same file with its own state for ``batch`` vehicles."""
+        """Return the same model with a new state for ``batch`` vehicles."""
         return Model(self._session, self.card, batch)
 
     @property
     def state(self) -> Float32Array:
-        """The current state (batch, n_state), the live buffer."""
+        """Return the current state, shape (batch, n_state); the array is live."""
         return self._state
 
     def step(self, u: FloatArray) -> float:
-        """Return the prediction for the tick of ``u`` (n_inputs,), in the output's unit.
+        """Return the prediction for one tick, in the output's unit.
 
+        u : shape (n_inputs,)
         Raises ValueError if an input is not finite.
         """
         self._row[:] = u
@@ -121,8 +122,9 @@ class Model:
         return self._lambda_hat.item()
 
     def step_batch(self, u: Inputs) -> Float32Array:
-        """Return the predictions (batch,) for ``u`` (batch, n_inputs).
+        """Return the predictions for one tick, shape (batch,), in the output's unit.
 
+        u : shape (batch, n_inputs)
         Raises ValueError if an input is not finite.
         """
         self._u[:] = u
@@ -144,9 +146,9 @@ class Model:
         self._state = current.next_state
 
     def force_output(self, y: FloatArray | float) -> None:
-        """Overwrite the newest output in the history with the measured one (washout).
+        """Overwrite the newest past output in the state with the measured one (washout).
 
-        y : scalar or (batch,), in the output's unit; where it is NaN the prediction stays
+        y : scalar or (batch,), in the output's unit; NaN keeps the prediction
         """
         value = to_model_units(self.card.transform, y)
         newest = self._state[:, self.card.state.output_start]
@@ -154,10 +156,10 @@ class Model:
         newest[:] = np.where(np.isnan(value), newest, limited)
 
     def reset(self, u: Inputs, y: FloatArray | float | None = None) -> None:
-        """Fill the state as if ``u`` and ``y`` had been there for all lags.
+        """Fill the state as if ``u`` and ``y`` had been constant over all lags.
 
-        u : (n_inputs,) or (batch, n_inputs); y : scalar or (batch,), default the model's own
-        prediction from zero on
+        u : (n_inputs,) or (batch, n_inputs)
+        y : scalar or (batch,), in the output's unit; by default the model predicts it from zero
         """
         self._state[:] = 0.0
         for _ in range(self.card.lags):
@@ -166,9 +168,10 @@ class Model:
                 self.force_output(y)
 
     def run_batch(self, u: Inputs) -> FloatArray:
-        """Return the predictions (batch, n) of ``u`` (batch, n, n_inputs), step by step.
+        """Return the predictions of whole recordings, shape (batch, n), step by step.
 
-        Every row is bit for bit what ``step`` would return for it alone.
+        u : shape (batch, n, n_inputs)
+        Every row equals bit for bit the result of ``step`` on that row alone.
         Raises ValueError if an input is not finite.
         """
         batch, n, _ = u.shape
@@ -186,7 +189,7 @@ class Model:
         return result.T
 
     def keep(self, rows: int) -> "Model":
-        """Return a model that goes on with the first ``rows`` vehicles."""
+        """Return a model that continues with the first ``rows`` vehicles and their state."""
         rest = self.with_batch(rows)
         rest.state[:] = self._state[:rows]
         return rest
@@ -201,13 +204,13 @@ def open_session(path: Path | str) -> ort.InferenceSession:
     options.log_severity_level = 4  # errors are raised, not printed
     try:
         return ort.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
-    except Exception as error:  # onnxruntime's errors have no common base but Exception
+    except Exception as error:  # onnxruntime's errors have no other common base
         reason = str(error).splitlines()[0]
         raise ModelError(f"{path}: not a usable ONNX file: {reason}") from None
 
 
 def check_graph(session: ort.InferenceSession, card: ModelCard, path: str) -> None:
-    """Raise ModelError if the graph's inputs and outputs are not those that the card implies."""
+    """Raise ModelError if the graph's inputs and outputs differ from those of the card."""
     n_state = card.state.size
     wanted = {"u": len(card.inputs), "state": n_state, "lambda_hat": 1, "next_state": n_state}
     graph = {a.name: a for a in (*session.get_inputs(), *session.get_outputs())}

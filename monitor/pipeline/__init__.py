@@ -1,1 +1,1 @@
-"""Steps 2 to 9 as one object without I/O, for a stream and for whole recordings."""
+"""Steps 2 to 9 without I/O, for a live bus and for whole recordings."""

@@ -1,4 +1,4 @@
-"""Listens to a log or a bus and says of every mapped signal whether it is there and plausible."""
+"""Checks a log or a bus: is every mapped signal present and plausible?"""
 
 import math
 from collections.abc import Iterable, Iterator
@@ -12,7 +12,7 @@ from monitor.decode.decoder import Decoder
 
 @dataclass(slots=True)
 class SignalSeen:
-    """What was seen of one signal."""
+    """Counts, range and times of one signal's values."""
 
     name: str
     unit: str
@@ -26,7 +26,7 @@ class SignalSeen:
     last_ns: int = 0
 
     def take(self, t_ns: int, value: float) -> None:
-        """Note one value; NaN is not available, infinity out of range."""
+        """Take one value; NaN means not available, infinity out of range."""
         if math.isnan(value):
             self.invalid += 1
         elif math.isinf(value):
@@ -40,16 +40,16 @@ class SignalSeen:
 
     @property
     def rate_hz(self) -> float:
-        """Return how often good values came."""
+        """Return the mean rate of good values in Hz."""
         span_s = (self.last_ns - self.first_ns) / 1e9
         return (self.count - 1) / span_s if span_s > 0 else 0.0
 
     def is_present(self, end_ns: int) -> bool:
-        """Return whether good values came, to the end."""
+        """Return whether good values came until ``end_ns``."""
         return self.count > 0 and end_ns - self.last_ns <= self.timeout_ns
 
     def verdict(self, end_ns: int) -> str:
-        """Return present, missing or what is wrong with it when listening ends at ``end_ns``."""
+        """Return the state of the signal in words, for a check that ends at ``end_ns``."""
         if self.count and not self.is_present(end_ns):
             return f"STOPPED {(end_ns - self.last_ns) / 1e9:.1f} s before the end"
         if not self.count:
@@ -64,22 +64,22 @@ class SignalSeen:
 
 @dataclass(frozen=True, slots=True)
 class CheckResult:
-    """All signals of the map, with the time the listening ended."""
+    """All signals of the map, and the time at which the check ended."""
 
     signals: tuple[SignalSeen, ...]
     frames: int
     end_ns: int
     rejected: dict[str, int]  # frames by reason
-    derived: dict[str, tuple[str, ...]]  # name → what it is made of
+    derived: dict[str, tuple[str, ...]]  # name → signals from which it is computed
 
     def missing(self, needed: Iterable[str]) -> list[str]:
-        """Return which of the needed signals never came with a good value, or stopped."""
+        """Return the needed signals without good values until the end."""
         seen = {s.name for s in self.signals if s.is_present(self.end_ns)}
         seen |= {name for name, sources in self.derived.items() if seen.issuperset(sources)}
         return [name for name in needed if name not in seen]
 
     def lines(self) -> Iterator[str]:
-        """Yield the table to print."""
+        """Yield the lines of the table."""
         yield (
             f"{'signal':<28}{'unit':<11}{'rate':>8}{'age':>8}"
             f"{'minimum':>12}{'maximum':>12}  verdict"
@@ -98,7 +98,7 @@ class CheckResult:
 
 
 def check(frames: Iterable[Frame], bus_map: BusMap) -> CheckResult:
-    """Return what the frames say of every signal the map provides."""
+    """Return counts and range of every mapped signal over the frames."""
     decoder = Decoder(bus_map, bus_map.names)
     seen = [
         SignalSeen(name, BY_NAME[name].unit if name in BY_NAME else "", timeout_ns)

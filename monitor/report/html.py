@@ -1,6 +1,6 @@
-"""The report's text as HTML: summary, verdicts, codes, windows, enable conditions, model.
+"""The text of the report as HTML: summary, verdicts, codes, windows, enable conditions, model.
 
-Every value from outside goes through ``text``. The plots are drawn by ``static/report.js``.
+Every value from outside passes through ``text``. ``static/report.js`` draws the plots.
 """
 
 import html
@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import PurePath
 from typing import Any
 
-OPEN_AT_FIRST = 4  # so many recordings, or fewer, are shown unfolded
+OPEN_AT_FIRST = 4  # up to this number, all recordings are shown unfolded
 
 MEANINGS = {
     "slow_rich_to_lean": "slow on rich-to-lean edges",
@@ -82,7 +82,7 @@ def body(
 
 
 def verdict_of(recording: Mapping[str, Any]) -> str:
-    """Return the verdict on a recording in the terms of a window's."""
+    """Return the verdict on a recording in the words of a window's verdict."""
     if recording["fault_flag"]:
         return "failed"
     return "passed" if recording["completed"] else "inconclusive"
@@ -112,11 +112,11 @@ def _summary(recordings: Sequence[Mapping[str, Any]]) -> str:
         '<th colspan="4" class="group">Windows</th><th rowspan="2">Enabled</th></tr>'
         "<tr><th>passed</th><th>failed</th><th>inconclusive</th><th>paper’s rule failed</th></tr>"
     )
-    found = [verdict_of(recording) for recording in recordings]
+    verdicts = [verdict_of(recording) for recording in recordings]
     words = " · ".join(
-        f"{label}: {found.count(verdict)}"
+        f"{label}: {verdicts.count(verdict)}"
         for verdict, (_, label) in _VERDICTS.items()
-        if verdict in found
+        if verdict in verdicts
     )
     return (
         f'<section><h2>Summary</h2><p class="quiet">{_many(len(recordings), "recording")} · {words}'
@@ -165,7 +165,7 @@ def _sentence(recording: Mapping[str, Any]) -> str:
 
 
 def _reason(recording: Mapping[str, Any]) -> str:
-    """Return why a recording was not judged."""
+    """Return the reason why a recording was not judged."""
     windows = len(recording["windows"])
     if windows:
         return f"The evidence of {_many(windows, 'window')} was not enough for a decision."
@@ -368,7 +368,7 @@ def _many(n: int, noun: str) -> str:
 
 
 def _path(path: object) -> str:
-    """Return a path that may break after its separators."""
+    """Return a path as HTML that may break after separators."""
     return re.sub(r"([/\\_])", r"\1<wbr>", text(path))
 
 

@@ -1,10 +1,9 @@
 """Replays recordings through the pipeline as fast as possible."""
 
 import hashlib
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import files
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -14,18 +13,21 @@ from monitor.base.config import Config
 from monitor.base.errors import RecordingError
 from monitor.base.manifest import source_of
 from monitor.base.signals import OUTPUT
-from monitor.base.types import Sample
+from monitor.base.types import SampleBlock
 from monitor.decode.bus_map import BusMap, load_pairs
-from monitor.frames.candump import LogCounters
-from monitor.frames.logs import read_frames
-from monitor.grid.tables import is_table, read_table, table_block
+from monitor.frames.candump_blocks import Parser
+from monitor.grid.block_samples import Clearing
 from monitor.judge.limits import Limits
 from monitor.memory.dtc import DtcStore
 from monitor.memory.store import Memory
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
-from monitor.pipeline.entry import check_long_enough, check_received, frame_counts, table_counts
-from monitor.pipeline.stream import CycleStarted, Event, FramePipeline, Monitor
+from monitor.pipeline.entry import check_long_enough, frame_counts
+from monitor.pipeline.events import BlockEvent, CycleStarted
+from monitor.pipeline.frames import FramePipeline
+from monitor.pipeline.monitor import Judge, Monitor
+from monitor.pipeline.recordings import RecordingReader
+from monitor.pipeline.side_by_side import slices
 from monitor.report.sinks import SCHEMA, Collector
 from monitor.report.text import Trace
 
@@ -43,6 +45,7 @@ class Setup:
     config: Config
     bus_map: BusMap
     columns: Path | None = None
+    parse: Parser | None = None  # of candump text, instead of numpy's
 
     def of_vehicle(self, memory: Memory) -> "Setup":
         """Return the setup for the vehicle whose reference stands in the memory."""
@@ -85,46 +88,6 @@ def sha256_of(path: Path) -> str:
         raise RecordingError(f"{path}: {error.strerror}") from None
 
 
-@dataclass(frozen=True, slots=True)
-class _Source:
-    """One recording as events, with the monitor that judges it."""
-
-    monitor: Monitor
-    events: Iterator[Event]
-    counters: Callable[[], dict[str, int]]  # what became of its frames
-
-
-def _open(path: Path, setup: Setup, store: DtcStore) -> _Source:
-    return (_open_table if is_table(path) else _open_log)(path, setup, store)
-
-
-def _open_table(path: Path, setup: Setup, store: DtcStore) -> _Source:
-    table = read_table(path, setup.columns)
-    try:
-        monitor = Monitor(setup.model, setup.limits, setup.config, table.names, store)
-    except RecordingError as error:
-        raise RecordingError(f"{path}: {error}") from None
-    block = table_block(table, table.names, setup.model.card.period_ns)
-    counters = table_counts(table, block, setup.model.card)
-    samples = map(Sample, block.index.tolist(), block.t_ns.tolist(), block.values, block.quality)
-    return _Source(monitor, chain.from_iterable(map(monitor.push, samples)), lambda: counters)
-
-
-def _open_log(path: Path, setup: Setup, store: DtcStore) -> _Source:
-    log = LogCounters()
-    pipeline = FramePipeline(setup.bus_map, setup.model, setup.limits, setup.config, store)
-    return _Source(
-        pipeline.monitor,
-        pipeline.push_all(read_frames(path, log)),
-        lambda: _log_counters(path, pipeline, log),
-    )
-
-
-def _log_counters(path: Path, pipeline: FramePipeline, log: LogCounters) -> dict[str, int]:
-    check_received(path, pipeline.decoder.counters, log.frames)
-    return frame_counters(pipeline) | {"skipped": log.skipped}
-
-
 def frame_counters(pipeline: FramePipeline) -> dict[str, int]:
     """Return what became of frames that could not be used, by reason."""
     decoder = pipeline.decoder
@@ -144,19 +107,30 @@ def replay(
     store = DtcStore(memory.load() if memory else None, setup.config.profile)
     store.start_driving_cycle()
     setup = setup.of_vehicle(memory) if memory else setup
-    source = _open(path, setup, store)
-    collector = Collector(source.monitor, trace=trace)
-    for event in source.events:
+    card = setup.model.card
+    opened = RecordingReader(setup.bus_map, card, setup.columns, setup.parse).open(path)
+    monitor = Monitor(Judge(opened.names, setup.model, setup.config), setup.limits, store)
+    collector = Collector(monitor, trace=trace)
+    for event in _events(monitor, opened.parts):
         collector.push(event)
         if memory and isinstance(event, CycleStarted):
             memory.learn(setup.model_sha256, event.seen, setup.config.bias)
-            source.monitor.adopt(setup.of_vehicle(memory).limits)
-    check_long_enough(path, source.monitor.samples)
-    recording = collector.result(str(path), sha256, source.counters())
+            monitor.adopt(setup.of_vehicle(memory).limits)
+    check_long_enough(path, monitor.samples)
+    recording = collector.result(str(path), sha256, opened.counters())
     if memory:
         memory.save(store.saved)
-        memory.learn(setup.model_sha256, source.monitor.seen, setup.config.bias)
+        memory.learn(setup.model_sha256, monitor.seen, setup.config.bias)
     return recording | {"source": source_of(path, sha256)}, collector.trace()
+
+
+def _events(monitor: Monitor, parts: Iterable[SampleBlock | Clearing]) -> Iterator[BlockEvent]:
+    for part in parts:
+        if isinstance(part, Clearing):
+            yield from monitor.clear(part.t_ns)
+            continue
+        for block in slices(part, 0, len(part.t_ns)):
+            yield from monitor.push(block)
 
 
 def replay_all(

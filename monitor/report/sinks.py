@@ -2,28 +2,29 @@
 
 import json
 import math
-from collections import Counter, deque
-from collections.abc import Iterable, Mapping
+from collections import deque
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from monitor.base.types import BoolArray, FloatArray
 from monitor.judge.enable import CONDITIONS
 from monitor.pipeline.entry import dtc_entry, enable_shares, limits_entry, seconds, window_entry
-from monitor.pipeline.stream import (
+from monitor.pipeline.events import (
+    BlockEvent,
     Counted,
     CycleStarted,
     DtcChanged,
-    Event,
-    Monitor,
-    Tick,
+    Happening,
+    Ticks,
     WindowJudged,
 )
+from monitor.pipeline.monitor import Monitor
 from monitor.report.text import Trace
 
 SCHEMA = "o2mon.replay/1"
-Happening = CycleStarted | WindowJudged | DtcChanged | Counted
 
 
 class Collector:
@@ -44,18 +45,16 @@ class Collector:
         """
         self._monitor = monitor
         self._t0_ns: int | None = None
-        self._conditions: Counter[tuple[bool, ...]] = Counter()  # samples by what held
+        self._held = np.zeros(len(CONDITIONS), dtype=np.int64)  # samples on which each held
         self._windows: deque[dict[str, Any]] = deque(maxlen=keep)
         self._n_windows = 0
-        self._series: deque[tuple[float, float, float, bool, bool]] | None = (
-            deque(maxlen=keep_samples) if trace else None
-        )
+        self._series = _Series(keep_samples) if trace else None
         self._output = monitor.names.index(monitor.output)
         self._flag = monitor.store.fault_flag
 
-    def push(self, event: Event) -> None:
+    def push(self, event: BlockEvent) -> None:
         """Take one event."""
-        if isinstance(event, Tick):
+        if isinstance(event, Ticks):
             self._tick(event)
         elif isinstance(event, WindowJudged):
             self._windows.append(window_entry(event, self._t0_ns or 0))
@@ -67,19 +66,18 @@ class Collector:
         """Return a time in seconds since the recording's first sample."""
         return seconds(t_ns, self._t0_ns or 0)
 
-    def _tick(self, tick: Tick) -> None:
+    def _tick(self, ticks: Ticks) -> None:
         if self._t0_ns is None:
-            self._t0_ns = tick.sample.t_ns
-        self._conditions[tick.conditions] += 1
+            self._t0_ns = ticks.block.t_ns.item(0)
+        self._held += np.add.reduce(ticks.conditions, axis=0, dtype=np.int64)
         if self._series is not None:
-            t_s = self.seconds(tick.sample.t_ns)
-            measured = float(tick.sample.values[self._output])
-            self._series.append((t_s, measured, tick.predicted, tick.enabled, self._flag))
+            t_s = (ticks.block.t_ns - self._t0_ns) / 1e9
+            measured = ticks.block.values[:, self._output]
+            self._series.push((t_s, measured, ticks.predicted, ticks.enabled, self._flag))
 
     def result(self, path: str, sha256: str | None, counters: Mapping[str, int]) -> dict[str, Any]:
         """Return the recording's entry of the JSON."""
         monitor = self._monitor
-        held = [self._held(i) for i in range(len(CONDITIONS))]
         return {
             "path": path,
             "sha256": sha256,
@@ -91,26 +89,45 @@ class Collector:
             "dtcs": [dtc_entry(dtc, self._t0_ns or 0) for dtc in monitor.store.active],
             "fault_flag": monitor.store.fault_flag,
             "completed": monitor.completed,
-            "enable": enable_shares(held, monitor.samples, monitor.unavailable),
+            "enable": enable_shares(self._held.tolist(), monitor.samples, monitor.unavailable),
             "limits": limits_entry(monitor.limits),
             "counters": dict(counters),
         }
 
-    def _held(self, condition: int) -> int:
-        """Return in how many samples a condition held."""
-        return sum(n for held, n in self._conditions.items() if held[condition])
-
     def trace(self) -> Trace:
         """Return the series on the sample grid, for the report."""
-        series = self._series or ()
-        columns = np.array([row[:3] for row in series]).reshape(-1, 3)
-        return Trace(
-            columns[:, 0],
-            columns[:, 1],
-            columns[:, 2],
-            np.array([enabled for *_, enabled, _ in series], dtype=np.bool_),
-            np.array([flag for *_, flag in series], dtype=np.bool_),
-        )
+        columns = (self._series or _Series(None)).columns()
+        on = (column.astype(np.bool_) for column in columns[3:])
+        return Trace(*columns[:3], *on)
+
+
+class _Series:
+    """Columns of a trace that grow block by block.
+
+    keep : how many samples to keep, the latest; None keeps all
+    """
+
+    def __init__(self, keep: int | None) -> None:
+        self._keep = keep
+        self._columns = np.empty((5, 1024))
+        self._n = 0
+
+    def push(self, columns: Sequence[FloatArray | BoolArray | bool]) -> None:
+        """Add samples, column by column."""
+        n = len(np.atleast_1d(columns[0]))
+        if self._n + n > self._columns.shape[1]:
+            kept = self.columns()
+            self._n = kept.shape[1]
+            self._columns = np.empty((5, 2 * max(self._n + n, 1024)))
+            self._columns[:, : self._n] = kept
+        for row, column in zip(self._columns, columns, strict=True):
+            row[self._n : self._n + n] = column
+        self._n += n
+
+    def columns(self) -> FloatArray:
+        """Return the samples kept, (5, n)."""
+        first = 0 if self._keep is None else max(self._n - self._keep, 0)
+        return self._columns[:, first : self._n]
 
 
 def verdict_text(recording: Mapping[str, Any]) -> str:

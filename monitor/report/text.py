@@ -1,7 +1,7 @@
-"""One self-contained HTML page for the recordings that ``o2mon replay`` judged.
+"""A self-contained HTML page about the recordings that ``o2mon replay`` judged.
 
-Template, style and script lie in ``static/``; everything is put into the page, which loads
-nothing. The same input gives the same bytes.
+Template, style and script in ``static/`` are embedded; the page loads nothing. The same input
+gives the same bytes.
 """
 
 import base64
@@ -21,18 +21,18 @@ from numpy.typing import NDArray
 from monitor.base.types import FloatArray
 from monitor.report import html
 
-MAX_SAMPLES = 50_000  # more are thinned out, keeping the extremes
-_BUCKETS = 10_000  # at most five samples are kept of each
-_DIGITS = 5  # significant, of every value embedded
+MAX_SAMPLES = 50_000  # longer recordings are thinned out; extremes are kept
+_BUCKETS = 10_000  # of a thinned recording; at most five samples of each are kept
+_DIGITS = 5  # significant digits of embedded values
 
 
 @dataclass(frozen=True, slots=True)
 class Trace:
-    """One recording's series on the sample grid."""
+    """The series of one recording on the sample grid."""
 
-    t_s: FloatArray  # (n,) since the recording's first sample
-    measured: FloatArray  # (n,) output's unit, NaN where not valid
-    predicted: FloatArray  # (n,) output's unit, NaN while an input is not valid
+    t_s: FloatArray  # (n,) time since the first sample
+    measured: FloatArray  # (n,) in the output's unit, NaN where invalid
+    predicted: FloatArray  # (n,) in the output's unit, NaN while an input is invalid
     enabled: NDArray[np.bool_]  # (n,)
     fault_flag: NDArray[np.bool_]  # (n,)
 
@@ -48,10 +48,10 @@ def write_report(
 ) -> None:
     """Write the page for a result of ``o2mon.replay/1``.
 
-    traces : one for each recording of the result; an empty one gives no plots
-    model_info : what the page shows of the model card, in this order
-    output : what the model predicts; lambda is shown from 0.7 to 1.3 at most
-    Raises ValueError if there are more or fewer traces than recordings, OSError as ``open``.
+    traces : one per recording of the result; an empty trace gives no plots
+    model_info : facts of the model card to show, in this order
+    output : quantity that the model predicts; lambda is plotted from 0.7 to 1.3 at most
+    Raises ValueError if the numbers of traces and recordings differ, OSError as ``open``.
     """
     recordings = [
         {"period_s": _period_s(trace.t_s)} | recording
@@ -85,10 +85,10 @@ def write_report(
 
 
 def series(recording: Mapping[str, Any], trace: Trace) -> dict[str, Any]:
-    """Return what the page's script draws of one recording, ready for JSON.
+    """Return the data of one recording's plots, ready for JSON.
 
-    Spans are [begin, end) in seconds; ``t_s`` is an object with start, period and count where the
-    samples stand on a grid.
+    Spans are [begin, end) in s. ``t_s`` is an object with start, period and count if the samples
+    are uniform, otherwise a list.
     """
     keep = thinned(trace)
     t_s = trace.t_s[keep]
@@ -107,7 +107,7 @@ def series(recording: Mapping[str, Any], trace: Trace) -> dict[str, Any]:
 
 
 def thinned(trace: Trace) -> NDArray[np.intp]:
-    """Return which samples to show: all, or the extremes and gaps of each of many buckets."""
+    """Return the samples to plot: all, or the extremes and gaps of each bucket."""
     n = len(trace.t_s)
     if n <= MAX_SAMPLES:
         return np.arange(n)
@@ -142,7 +142,7 @@ def _values(values: FloatArray) -> list[float | None]:
 
 
 def _spans(t_s: FloatArray, on: NDArray[np.bool_]) -> list[list[float]]:
-    """Return where ``on`` holds as [begin, end) in seconds."""
+    """Return the spans in which ``on`` is true, as [begin, end) in s."""
     if not len(on):
         return []
     step = np.diff(np.concatenate(([False], on, [False])).astype(np.int8))
@@ -156,13 +156,13 @@ def _rounded(value: float) -> float | None:
 
 
 def _json(value: Any) -> str:
-    """Return JSON that may stand inside a script element."""
+    """Return JSON that is safe inside a script element."""
     text = json.dumps(_finite(value), allow_nan=False, separators=(",", ":"))
     return text.replace("<", "\\u003c")
 
 
 def _finite(value: Any) -> Any:
-    """Make plain Python of numpy's scalars; what is not finite becomes null."""
+    """Turn numpy scalars into Python values; values that are not finite become null."""
     if isinstance(value, np.generic):
         value = value.item()
     if isinstance(value, float):
@@ -180,5 +180,5 @@ def _static(name: str) -> str:
 
 
 def _hash(text: str) -> str:
-    """Return a source hash for the Content Security Policy, of an element's whole text."""
+    """Return the hash of an element's text for the Content Security Policy."""
     return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()

@@ -8,7 +8,7 @@ from monitor.bus.diagnostics.answer import answer
 from monitor.bus.diagnostics.state import Identity, State
 from monitor.memory.dtc import Dtc, DtcStore, Saved, Status
 from monitor.memory.obd_records import Counts, FreezeFrame, Ratio, TestResult
-from monitor.pipeline.stream import Tick
+from monitor.pipeline.events import Tick
 
 SHA256 = "0123456789abcdef" * 4
 VIN = "WVWZZZ1JZXW386759"

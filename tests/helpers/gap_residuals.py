@@ -70,7 +70,14 @@ def drive(
     made = Made(signals, phi, t_s)
     measured = phi + coloured(rng, n, memory) + sum(effect(made) for effect in effects)
     cut = lfilter([1], [1, -0.99], (rng.random(n) < 0.002) * 1.0) > 0.6
-    return Comparison(name or f"drive {seed}", PERIOD_S, signals, measured, phi, ~cut)
+    return Comparison(
+        name=name or f"drive {seed}",
+        period_s=PERIOD_S,
+        signals=signals,
+        phi_measured=measured,
+        phi_predicted=phi,
+        scored=~cut,
+    )
 
 
 def at_sensor(made: Made) -> FloatArray:

@@ -12,7 +12,8 @@ from monitor.bus.live.feed import LiveFeed
 from monitor.bus.live.process import Server
 from monitor.frames.logs import read_frames
 from monitor.memory.dtc import DtcStore
-from monitor.pipeline.stream import FramePipeline
+from monitor.pipeline.events import Tick, singly
+from monitor.pipeline.frames import FramePipeline
 from monitor.report import replay
 from tests.conftest import ROOT
 
@@ -63,8 +64,14 @@ class Player:
         for frame in frames:
             self.health["frames"] += 1
             for event in self.pipeline.push(frame):
-                self.feed.push(event)
+                for each in singly(event):
+                    self.feed.push(each)
             self.feed.work(frame.t_ns / 1e9)
+
+    def ticks(self, frame: Frame) -> list[Tick]:
+        """Judge a frame without the feed; return its samples."""
+        events = [each for event in self.pipeline.push(frame) for each in singly(event)]
+        return [event for event in events if isinstance(event, Tick)]
 
     def play(self, frames: Iterable[Frame], speed: float | None = None) -> None:
         """Play frames, at so many times real time, or as fast as possible."""
@@ -73,7 +80,8 @@ class Player:
             first_ns = frame.t_ns if first_ns is None else first_ns
             self.health["frames"] += 1
             for event in self.pipeline.push(frame):
-                self.feed.push(event)
+                for each in singly(event):
+                    self.feed.push(each)
             due_s = start_s + (frame.t_ns - first_ns) / 1e9 / (speed or 1e9)
             while (wait_s := due_s - time.monotonic()) > 0.002:
                 time.sleep(min(wait_s, 0.05))

@@ -19,7 +19,7 @@ from monitor.bus.loop import Loop
 from monitor.frames.logs import read_frames
 from monitor.memory.dtc import Saved
 from monitor.memory.store import Memory
-from monitor.pipeline.stream import Event, Tick, WindowJudged
+from monitor.pipeline.events import Event, Tick, WindowJudged
 from monitor.report import replay
 from tests.helpers.played_bus import Ear, PlayedBus
 

@@ -1,21 +1,22 @@
-"""What the streaming monitor makes of samples, to compare with."""
+"""A recording through one monitor, block by block, to compare with."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import repeat
 
 import numpy as np
 
 from monitor.base import config
 from monitor.base.config import Config
-from monitor.base.types import Sample, SampleBlock
+from monitor.base.types import SampleBlock
 from monitor.grid.block_samples import Clearing
 from monitor.judge.limits import Limits
 from monitor.memory.dtc import DtcStore, Saved
-from monitor.memory.obd_records import Counts
 from monitor.memory.reference import Reference
 from monitor.model.step import Model
-from monitor.pipeline.block_judge import Judged
-from monitor.pipeline.stream import CycleStarted, DtcChanged, Event, Monitor, Tick, WindowJudged
+from monitor.pipeline.events import BlockEvent, CycleStarted, DtcChanged, Tick, Ticks, WindowJudged
+from monitor.pipeline.monitor import Judge, Monitor
+from monitor.pipeline.side_by_side import Judged
 
 PERIOD_NS = 100_000_000
 SHIPPED = config.load()
@@ -23,7 +24,7 @@ SHIPPED = config.load()
 
 @dataclass(frozen=True)
 class Streamed:
-    """What the streaming monitor makes of one recording."""
+    """What one monitor makes of one recording."""
 
     ticks: list[Tick]
     windows: list[WindowJudged]
@@ -42,27 +43,34 @@ def stream(
     store: DtcStore,
     reference: Reference | None = None,
     clearings: Sequence[Clearing] = (),
+    sizes: Iterable[int] = repeat(1),
 ) -> Streamed:
-    """Judge as ``replay`` does; with a reference the vehicle learns like one with a memory."""
+    """Judge as ``replay`` does; with a reference the vehicle learns like one with a memory.
+
+    sizes : samples of each block, by default one as on a live bus
+    """
     known = reference or Reference()
     own = limits.of_vehicle(known, settings.bias)
-    monitor = Monitor(model, own, settings, names, store)
-    rows = zip(block.index.tolist(), block.t_ns.tolist(), block.values, block.quality, strict=True)
-    events: list[Event] = []
-    for k, row in enumerate(rows):
+    monitor = Monitor(Judge(names, model, settings), own, store)
+    events: list[BlockEvent] = []
+    k, rest = 0, iter(sizes)
+    while k < len(block.t_ns):
         for each in clearings:
             if each.n_samples == k:
-                events += [DtcChanged(each.t_ns, dtc) for dtc in store.clear()]
-        for event in monitor.push(Sample(*row)):
+                events += monitor.clear(each.t_ns)
+        ends = [each.n_samples for each in clearings if each.n_samples > k]
+        end = min(k + next(rest, len(block.t_ns)), *ends, len(block.t_ns))
+        for event in monitor.push(SampleBlock(*(column[k:end] for column in block))):
             events.append(event)
             if reference is not None and isinstance(event, CycleStarted):
                 known = known if event.seen is None else known.learn(event.seen, settings.bias)
                 monitor.adopt(limits.of_vehicle(known, settings.bias))
+        k = end
     for each in clearings:
         if each.n_samples == len(block.t_ns):
-            events += [DtcChanged(each.t_ns, dtc) for dtc in store.clear()]
+            events += monitor.clear(each.t_ns)
     return Streamed(
-        [event for event in events if isinstance(event, Tick)],
+        [tick for event in events if isinstance(event, Ticks) for tick in event.each()],
         [event for event in events if isinstance(event, WindowJudged)],
         [event for event in events if isinstance(event, DtcChanged)],
         [event for event in events if isinstance(event, CycleStarted)],
@@ -99,7 +107,5 @@ def fresh() -> DtcStore:
 
 
 def kept(store: DtcStore) -> Saved:
-    """Return what outlives the drive but distances and running times."""
-    counts = store.counts
-    numbers = counts.ignition_cycles, counts.general_denominator, counts.warm_ups_since_clear
-    return replace(store.saved, counts=Counts(*numbers))
+    """Return all that outlives the drive."""
+    return store.saved

@@ -11,7 +11,11 @@ USAGE_ERROR, INTERNAL_ERROR, INTERRUPTED, BROKEN_PIPE = 2, 4, 130, 141
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run ``o2train``; return the exit code."""
+    """Run the command ``o2train`` and return its exit code.
+
+    Exit codes: 0 done, 2 the user can correct the error, 4 internal error, 130 interrupted, 141
+    broken pipe. A command documents further codes.
+    """
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")  # two BLAS threads are slower than one here
     try:
@@ -32,7 +36,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _users_part(error: Exception) -> str | None:
-    """Return what the user can do about an error, None for a bug of ours."""
+    """Return the message for an error that the user can correct, None for a bug."""
     if isinstance(error, O2Error):
         return str(error)
     if isinstance(error, ModuleNotFoundError):

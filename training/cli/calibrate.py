@@ -1,4 +1,4 @@
-"""Subcommand ``o2train calibrate``: the decision limits of a model."""
+"""The command ``o2train calibrate``: set the decision limits of a model."""
 
 import argparse
 import json
@@ -14,29 +14,33 @@ _EXAMPLES = """examples:
   o2train calibrate --model model.onnx --healthy good/*.log --faulty limit/*.log \\
       --false-alarms 0.005 --out calibrated.onnx --report calibration.html
 
-The rate is that of the paper's rule per window of 50 samples, not per drive: the limits keep it
-with 95 % confidence, both counting windows as independent and drawing whole drives. A rate of 0.01
-needs 299 healthy windows, 517 with --faulty, since the pair of limits is chosen among nine."""
+--false-alarms counts windows of 50 samples, not drives, and applies to the paper's rule. The limits
+keep this rate with 95 % confidence, by two bounds: one treats all windows as independent, the other
+draws whole drives. A rate of 0.01 needs 299 healthy windows. With --faulty it needs 517, because
+the command then chooses the limits among nine pairs."""
 
 
 def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
-    """Add the subcommand ``calibrate``; it sets ``func``."""
+    """Add the command ``calibrate`` to ``subparsers``."""
     parser = subparsers.add_parser(
         "calibrate",
         help="set a model's decision limits for a false-alarm rate",
-        description="Set the decision limits of a model from healthy recordings and, where given, "
-        "recordings of sensors at the limit severity, and write them into its card.",
+        description="Set the decision limits of a model and write them into its model file. The\n"
+        "limits come from healthy recordings and, optionally, from recordings with a sensor fault\n"
+        "at the limit severity.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--model", type=Path, required=True, metavar="MODEL.onnx")
+    parser.add_argument(
+        "--model", type=Path, required=True, metavar="MODEL.onnx", help="model file to calibrate"
+    )
     parser.add_argument(
         "--healthy",
         type=Path,
         nargs="+",
         required=True,
         metavar="RECORDING",
-        help="the model should not have been trained on them",
+        help="healthy recordings that the model was not trained on",
     )
     parser.add_argument(
         "--faulty",
@@ -44,27 +48,36 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         nargs="+",
         default=[],
         metavar="RECORDING",
-        help="sensors at the limit severity",
+        help="recordings with a sensor fault at the limit severity (default: none)",
     )
     parser.add_argument(
         "--false-alarms",
         type=float,
         default=0.01,
         metavar="RATE",
-        help="most false alarms of the paper's rule per healthy window (default 0.01)",
+        help="highest accepted false-alarm rate of the paper's rule per healthy window, above 0 "
+        "and below 0.5 (default 0.01)",
     )
     parser.add_argument(
-        "--out", type=Path, metavar="MODEL.onnx", help="file to write (default: --model itself)"
+        "--out",
+        type=Path,
+        metavar="MODEL.onnx",
+        help="model file to write (default: the file of --model is changed)",
     )
-    parser.add_argument("--config", type=Path, help="TOML that changes shipped settings")
+    parser.add_argument("--config", type=Path, help="TOML file that changes shipped settings")
     add_bus_options(parser)
-    parser.add_argument("--json", type=Path, metavar="OUT", help="write limits and figures")
-    parser.add_argument("--report", type=Path, metavar="HTML", help="write a page")
+    parser.add_argument(
+        "--json", type=Path, metavar="OUT", help="write the limits and all figures as JSON"
+    )
+    parser.add_argument("--report", type=Path, metavar="HTML", help="write an HTML report")
     parser.set_defaults(func=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Calibrate and write the card; returns the exit code."""
+    """Calibrate the model, write its card and the reports, and return exit code 0.
+
+    Raises UsageError, ConfigError, ModelError or RecordingError (exit code 2).
+    """
     from monitor.base import config
     from monitor.base.errors import UsageError
     from monitor.model.step import Model

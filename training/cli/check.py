@@ -1,4 +1,4 @@
-"""Subcommand ``o2train check``: is the data enough?"""
+"""The command ``o2train check``: judge before a training whether recordings suffice."""
 
 import argparse
 import json
@@ -15,42 +15,58 @@ _EXAMPLES = """examples:
   o2train check run_*.csv.gz --inputs speed_z load_z ignition_angle_z fuel_cutoff_z \\
       --output lambda_z --html check.html
 
-Each finding is ok, a warning or an error. Exit code 0 when the data can be used, with warnings or
-not; 2 when it cannot."""
+Every finding is ok, a warning or an error. Exit code 0: no errors, the recordings can be used.
+Exit code 2: at least one error, the recordings cannot be used."""
 
 
 def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
-    """Add the subcommand ``check``; it sets ``func``."""
+    """Add the command ``check`` to ``subparsers``."""
     check = subparsers.add_parser(
         "check",
-        help="say before any training whether recordings are enough",
-        description="Duration, coverage of speed and load, excitation of each input, time in "
-        "closed loop, missing channels, gaps, copies of the output, collinear inputs.",
+        help="judge before a training whether recordings suffice",
+        description="Judge whether recordings suffice to train a model. The command checks\n"
+        "duration, coverage of speed and load, excitation of every input, time in closed loop,\n"
+        "missing channels, gaps, inputs that copy the output, and collinear inputs.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    check.add_argument("recordings", nargs="+", type=Path, metavar="RECORDING")
+    check.add_argument(
+        "recordings",
+        nargs="+",
+        type=Path,
+        metavar="RECORDING",
+        help="CAN logs, tables or measurement files",
+    )
     add_signal_options(check)
-    check.add_argument("--lags", type=int, default=5, metavar="N", help="longest lag (default 5)")
+    check.add_argument(
+        "--lags",
+        type=int,
+        default=5,
+        metavar="N",
+        help="longest lag of the planned model in samples (default 5)",
+    )
     check.add_argument(
         "--hidden",
         type=int,
         nargs="+",
         default=[8, 8],
         metavar="N",
-        help="neurons of each hidden layer (default 8 8)",
+        help="neurons per hidden layer of the planned model (default 8 8)",
     )
     add_period_option(check)
     add_bus_options(check)
-    check.add_argument("--json", type=Path, metavar="OUT", help="write findings and figures")
-    check.add_argument("--html", type=Path, metavar="OUT", help="write a page")
+    check.add_argument(
+        "--json", type=Path, metavar="OUT", help="write findings and figures as JSON"
+    )
+    check.add_argument("--html", type=Path, metavar="OUT", help="write an HTML report")
     check.set_defaults(func=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the findings; returns the exit code.
+    """Print the findings, write the reports and return exit code 0.
 
-    Raises RecordingError, which ends with exit code 2, if the data cannot be used.
+    Raises RecordingError if the recordings cannot be used, UsageError for an impossible option
+    (both exit code 2).
     """
     from monitor.base.errors import RecordingError, UsageError
     from monitor.base.signals import NARX_INPUTS, OUTPUT
@@ -83,7 +99,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _load(args: argparse.Namespace) -> tuple["list[Recording]", list[str]]:
-    """Return the recordings that can be read, and what was wrong with the others."""
+    """Return the readable recordings, and one error message per unreadable file."""
     from monitor.base.errors import RecordingError
 
     recordings: list[Recording] = []

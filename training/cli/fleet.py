@@ -1,4 +1,4 @@
-"""Subcommand ``o2train fleet``: a fleet's recordings judged, one row for each."""
+"""The command ``o2train fleet``: judge all recordings of a fleet, one table row per recording."""
 
 import argparse
 from pathlib import Path
@@ -13,20 +13,22 @@ _EXAMPLES = """examples:
       --scheduler tcp://scheduler:8786
   o2train fleet manifest.csv --model model.onnx --out results.parquet
 
-A manifest is a .csv with the columns path and vehicle; the drives of a vehicle, in their order,
-share its fault memory and its reference, as with o2mon replay --memory. Writes results.parquet
-(a row for each recording), results.windows.parquet (a row for each window), results.html and
-results.json. A run that was killed goes on where it was when the same command is given again.
-Without manifest and --vehicle every recording is judged by itself."""
+A manifest is a CSV file with the columns path and vehicle. The drives of one vehicle, in the order
+of the manifest, share its fault memory and its reference, as with o2mon replay --memory. Without a
+manifest and without --vehicle, every recording is judged alone.
+
+The command writes results.parquet (one row per recording), results.windows.parquet (one row per
+window), results.html and results.json. Repeat the same command to continue a killed run.
+Exit code 3: no recording could be judged."""
 
 
 def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
-    """Add the subcommand ``fleet``; it sets ``func``."""
+    """Add the command ``fleet`` to ``subparsers``."""
     fleet = subparsers.add_parser(
         "fleet",
         help="judge all recordings of a fleet, here or on a Dask cluster",
-        description="Every recording judged: a table with a row for each, one with a row for each "
-        "window, and a report over the fleet.",
+        description="Judge every recording of a fleet. The command writes a table with one row\n"
+        "per recording, a table with one row per window, and a report on the fleet.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -34,37 +36,44 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         "recordings",
         nargs="+",
         metavar="DIR|GLOB|MANIFEST",
-        help="folders (with those below), patterns, manifests, single recordings; paths or URLs "
-        "that fsspec knows",
+        help="recordings, folders (searched with all their subfolders), patterns or manifests; "
+        "paths, or URLs that fsspec can read",
     )
     fleet.add_argument(
-        "--model", type=Path, required=True, metavar="FILE", help="model with its limits, .onnx"
+        "--model", type=Path, required=True, metavar="FILE", help="model file with limits, .onnx"
     )
     fleet.add_argument(
-        "--out", type=Path, required=True, metavar="FILE", help="table to write, .parquet"
+        "--out",
+        type=Path,
+        required=True,
+        metavar="FILE",
+        help="table of recordings to write, .parquet",
     )
     fleet.add_argument(
         "--vehicle",
         metavar="REGEX",
-        help="expression whose first group names the vehicle in a path, unless a manifest does",
+        help=r"regular expression whose first group is the vehicle in a path, for example "
+        r"'car_(\d+)'; a vehicle in the manifest wins",
     )
     fleet.add_argument(
         "--false-alarms",
         type=float,
         default=0.001,
         metavar="RATE",
-        help="wished rate per window, or drive, for which limits are proposed (default 0.001)",
+        help="false-alarm rate, per window or per drive, for the limits that the report proposes "
+        "(default 0.001)",
     )
     add_cores_options(fleet)
-    fleet.add_argument("--config", type=Path, help="TOML that changes shipped settings")
+    fleet.add_argument("--config", type=Path, help="TOML file that changes shipped settings")
     add_bus_options(fleet)
     fleet.set_defaults(func=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Judge the fleet and write tables and report; returns 0, or 3 if nothing could be judged.
+    """Judge the fleet, write tables and report, and return the exit code.
 
-    Raises UsageError, ModelError, ConfigError or SignalMapError, which end with exit code 2.
+    Exit code 0 is a judged fleet; 3 means that no recording could be judged.
+    Raises UsageError, ModelError, ConfigError or SignalMapError (exit code 2).
     """
     from tqdm import tqdm
 
@@ -89,13 +98,13 @@ def run(args: argparse.Namespace) -> int:
             bar.set_postfix_str(f"{faults} with a code, {errors} not judged", refresh=False)
             bar.update(chunk["drives"])
 
-        found = fleet.run(drives, bench, args.out, done, jobs=jobs, scheduler=args.scheduler)
-    html, tree = fleet_page.write(args.out, bench, found, args.false_alarms)
+        result = fleet.run(drives, bench, args.out, done, jobs=jobs, scheduler=args.scheduler)
+    html, json_path = fleet_page.write(args.out, bench, result, args.false_alarms)
     fleet.finish(args.out)
     print(
-        f"{found['drives']} recordings, {found['driving_s'] / 3600.0:.1f} h: {found['faults']} "
-        f"with a code, {found['errors']} could not be judged"
+        f"{result['drives']} recordings, {result['driving_s'] / 3600.0:.1f} h: {result['faults']} "
+        f"with a code, {result['errors']} could not be judged"
     )
     print(f"recordings: {args.out}\nwindows: {fleet.windows_path(args.out)}")
-    print(f"figures: {tree}\nreport: {html}")
-    return 0 if found["errors"] < found["drives"] else 3
+    print(f"figures: {json_path}\nreport: {html}")
+    return 0 if result["errors"] < result["drives"] else 3

@@ -1,4 +1,4 @@
-"""``o2train gap``: what the model lacks, its name, a model that has it, and a report."""
+"""The command ``o2train gap``: find a missing effect, name it, add it to the model, verify it."""
 
 import argparse
 import sys
@@ -18,20 +18,26 @@ _EXAMPLES = """examples:
   o2train gap --model chain.onnx new*.log --healthy old*.log --out gap --add exhaust_leak
   o2train gap --model chain.onnx new*.csv --healthy old*.csv --columns channels.toml --out gap
 
-needed are fuel_mass_mg, lambda_measured and air_mass_mg (or maf_kg_h with engine_speed_rpm);
-names and units of all signals: docs/reference/signals.md
+Every recording needs fuel_mass_mg, lambda_measured and signals of the charge, one of:
+  air_mass_mg with engine_speed_rpm or maf_kg_h
+  maf_kg_h with engine_speed_rpm
+  manifold_pressure_kpa and manifold_temperature_degc with engine_speed_rpm, for a chain that
+    computes its charge from them (o2train fit --kind greybox --inputs)
+docs/reference/signals.md lists names and units of all signals. --columns renames columns.
+
+Give several recordings of ten minutes each, of mixed driving, both as RECORDING and as --healthy.
+Repeat the same command to continue a stopped run.
 """
 
 
 def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
-    """Add the subcommand ``gap``; it sets ``func``."""
+    """Add the command ``gap`` to ``subparsers``."""
     gap = subparsers.add_parser(
         "gap",
-        help="find what a model lacks on a healthy vehicle, name it and add it",
-        description="Where the model and the recordings disagree, which effect explains it, and "
-        "a new model that has the effect, verified on recordings that no fit saw. Several "
-        "recordings of ten minutes each, of mixed driving, are wanted on either side. A run that "
-        "was stopped goes on when it is begun again.",
+        help="find the effect that a model lacks on a healthy vehicle, name it and add it",
+        description="Locate the regimes in which a model disagrees with recordings of a healthy\n"
+        "vehicle, name the physical effect that explains the disagreement, add the effect to a\n"
+        "new model, and verify the new model on recordings that no fit has seen.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -40,19 +46,25 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         nargs="+",
         type=Path,
         metavar="RECORDING",
-        help="of a healthy vehicle on which the model disagrees",
+        help="recordings of a healthy vehicle on which the model disagrees",
     )
-    gap.add_argument("--model", type=Path, required=True, metavar="MODEL.onnx")
+    gap.add_argument(
+        "--model",
+        type=Path,
+        required=True,
+        metavar="MODEL.onnx",
+        help="model file of a grey-box chain or a network from o2train fit",
+    )
     gap.add_argument(
         "--healthy",
         nargs="+",
         type=Path,
         default=[],
         metavar="RECORDING",
-        help="of the same vehicle without the gap, as a rule those on which the "
-        "model was accepted: without them the reference that fit left in the model "
-        "serves; if it has none, a weakness of the model itself cannot be told from "
-        "an effect",
+        help="recordings of the same vehicle without the gap, usually the recordings on which the "
+        "model was accepted (default: the healthy reference that o2train fit stored in the "
+        "model; if the model has none, the command cannot tell a weakness of the model from an "
+        "effect)",
     )
     gap.add_argument(
         "--verify",
@@ -60,45 +72,43 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         type=Path,
         default=[],
         metavar="RECORDING",
-        help="on which the new model is verified and which no fit sees; they also "
-        "say what is better where a network is trained anew or the model knows the "
-        "others (default: every third RECORDING, which the naming sees, "
-        "too)",
+        help="recordings that verify the new model; no fit sees them. They also choose between "
+        "the ways to add the effect (default: every third RECORDING, which the naming sees)",
     )
     gap.add_argument(
         "--out",
         type=Path,
         required=True,
         metavar="DIR",
-        help="folder of report.html, gap.json and model.onnx",
+        help="folder for report.html, gap.json and model.onnx",
     )
     gap.add_argument(
         "--steps",
         type=int,
         default=1,
         metavar="N",
-        help="effects to add at most, one after the other: 1 (default) to 3",
+        help="highest number of effects to add, one after the other: 1 to 3 (default 1)",
     )
     gap.add_argument(
         "--sensor-known-good",
         action="store_true",
-        help="the sensor was checked: explain nothing by its faults",
+        help="the sensor was checked: try and suspect no sensor fault",
     )
     gap.add_argument(
         "--add",
         nargs="+",
         default=[],
         metavar="EFFECT",
-        help="effects that may be faults and are known to be none, such as exhaust_leak",
+        help="effects to add although they may be faults, for example exhaust_leak, because the "
+        "vehicle was checked",
     )
     gap.add_argument(
         "--retrain",
         type=float,
         default=3.0,
         metavar="MIN",
-        help="minutes to train a network anew with the effect as an input, on the "
-        "healthy recordings, too; the better of both ways is kept (default 3, 0 is "
-        "none)",
+        help="minutes to train a network again with the effect as an additional input; the "
+        "command keeps the better of both ways to add the effect (default 3; 0: no training)",
     )
     add_period_option(gap)
     add_bus_options(gap)
@@ -106,7 +116,10 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Look for the gap and write what was found; returns the exit code."""
+    """Run the gap workflow, write model and reports, and return exit code 0 for any verdict.
+
+    Raises UsageError, ModelError or RecordingError (exit code 2).
+    """
     from tqdm import tqdm
 
     from monitor.base.outputs import check
@@ -122,7 +135,10 @@ def run(args: argparse.Namespace) -> int:
     period_s = args.period if args.period is not None else _period_s(args.model)
     material = Material(
         args.model,
-        *(load_all(args, each, period_s) for each in (args.recordings, args.healthy, args.verify)),
+        *(
+            load_all(args, paths, period_s)
+            for paths in (args.recordings, args.healthy, args.verify)
+        ),
     )
     args.out.mkdir(parents=True, exist_ok=True)
     stages = Checkpoints.of(args.out / STAGES, _identity(material, options))
@@ -132,16 +148,15 @@ def run(args: argparse.Namespace) -> int:
             bar.set_description_str(text)
             bar.update()
 
-        found = investigate(material, args.out, options, stages=stages, progress=progress)
-    of_before = args.out / NEW_MODEL
-    if found.new_model is None:
-        of_before.unlink(missing_ok=True)
-    for warning in cautions(found):
+        result = investigate(material, args.out, options, stages=stages, progress=progress)
+    if result.new_model is None:  # an earlier run may have left a model
+        (args.out / NEW_MODEL).unlink(missing_ok=True)
+    for warning in cautions(result):
         print(f"o2train: warning: {warning}", file=sys.stderr)
-    save(found, args.out / RESULT)
-    gap_page.save(found, args.out / REPORT)
+    save(result, args.out / RESULT)
+    gap_page.save(result, args.out / REPORT)
     stages.clear()
-    _print(found, args.out)
+    _print(result, args.out)
     return 0
 
 
@@ -162,7 +177,7 @@ def _effects(names: list[str]) -> list[str]:
 
 
 def _identity(material: "Material", options: "Options") -> dict[str, Any]:
-    """Return what the results depend on."""
+    """Return digests of model, options, code and recordings; equal digests give equal results."""
     from training import __file__ as package
     from training.jobs.run_folder import code_sha256
     from training.recordings.recording import sha256
@@ -173,30 +188,30 @@ def _identity(material: "Material", options: "Options") -> dict[str, Any]:
         "options": repr(options),
         "code": code_sha256([*root.rglob("*.py"), *root.rglob("*.toml")], root),
         **{
-            each: [(r.path.name, r.read_sha256) for r in getattr(material, each)]
-            for each in ("recordings", "healthy", "verify")
+            role: [(r.path.name, r.read_sha256) for r in getattr(material, role)]
+            for role in ("recordings", "healthy", "verify")
         },
     }
 
 
-def _print(found: "Result", out: Path) -> None:
+def _print(result: "Result", out: Path) -> None:
     from training.gap.name.decision import T_LEAST
     from training.gap.pages.verdict_words import verdict_sentence
 
-    print(verdict_sentence(found))
-    before, after, floor, measured_on = found.rmse
+    print(verdict_sentence(result))
+    before, after, floor, measured_on = result.rmse
     then = "" if after is None else f", {after:.4f} after"
     print(f"RMSE in phi on {measured_on}: {before:.4f} before{then}, noise floor {floor:.4f}")
-    for candidate in found.naming.ranking[:5]:
+    for candidate in result.naming.ranking[:5]:
         print(
             f"  {candidate.name}: score {candidate.score:.0f} ({candidate.needed:.0f} needed), "
             f"t {candidate.t:.1f} ({T_LEAST:.0f} needed)"
             + ("" if candidate.physical else ", with constants that it cannot have")
         )
-    if found.naming.experiment is not None:
-        print(f"to tell them apart: {found.naming.experiment}")
-    if found.unknown:
-        print(found.unknown)
-    if found.new_model is not None:
-        print(f"model: {found.new_model}")
+    if result.naming.experiment is not None:
+        print(f"to tell them apart: {result.naming.experiment}")
+    if result.unknown:
+        print(result.unknown)
+    if result.new_model is not None:
+        print(f"model: {result.new_model}")
     print(f"report: {out / REPORT}")

@@ -1,4 +1,4 @@
-"""``o2train gap-study``: the gap workflow on many simulated cases, and its report."""
+"""The command ``o2train gap-study``: run the gap workflow on many simulated cases."""
 
 import argparse
 from pathlib import Path
@@ -11,60 +11,99 @@ if TYPE_CHECKING:
     from training.studies.gap.plan import Study
 
 REPORT, RESULT = "report.html", "gap_study.json"
+_EXAMPLES = """examples:
+  o2train gap-study --out study
+  o2train gap-study --out study --base narx --kinds effect,null --cases 40
+  o2train gap-study --out study --cases effect=80 fault=20 --jobs 4
+
+Repeat the same command to continue a stopped run."""
 
 
 def add_parsers(commands: "argparse._SubParsersAction[Any]") -> None:
-    """Add ``gap-study``."""
+    """Add the command ``gap-study`` to ``commands``."""
     study = commands.add_parser(
-        "gap-study", help="hide effects and faults in simulated vehicles and count the answers"
+        "gap-study",
+        help="hide effects and faults in simulated vehicles and count the right answers",
+        description="Hide effects and sensor faults in simulated vehicles, run the gap workflow\n"
+        "on every case, and report how often it names the truth.",
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     study.add_argument(
         "--base",
         default="greybox",
         metavar="NAME",
-        help="greybox (default) or narx, fitted to healthy recordings",
+        help="kind of the model under study, greybox or narx (default greybox); the study fits it "
+        "to healthy recordings",
     )
     study.add_argument(
         "--out",
         type=Path,
         required=True,
         metavar="DIR",
-        help="folder of the cases and of report.html; a run that was stopped goes on there",
+        help="folder for the cases, report.html and gap_study.json",
     )
     study.add_argument(
-        "--kinds", metavar="NAME,…", help="effect, null, unknown, two, onset, fault; default: all"
+        "--kinds",
+        metavar="NAME,…",
+        help="kinds of cases: effect, null, unknown, two, onset, fault (default: all)",
     )
     study.add_argument(
-        "--cases", nargs="+", default=[], metavar="[KIND=]N", help="cases of each kind, or of one"
+        "--cases",
+        nargs="+",
+        default=[],
+        metavar="[KIND=]N",
+        help="number of cases of every kind (40) or of one kind (effect=80); default: 60 to 400 "
+        "per kind",
     )
-    study.add_argument("--vehicles", type=int, default=20, metavar="N")
-    study.add_argument("--first-vehicle", type=int, default=2100, metavar="N")
+    study.add_argument(
+        "--vehicles",
+        type=int,
+        default=20,
+        metavar="N",
+        help="number of simulated vehicles (default 20)",
+    )
+    study.add_argument(
+        "--first-vehicle",
+        type=int,
+        default=2100,
+        metavar="N",
+        help="number of the first simulated vehicle (default 2100)",
+    )
     study.add_argument(
         "--seed",
         type=int,
         default=2_000_000,
         metavar="N",
-        help="of the first drive, the others count up",
+        help="seed of the first drive; every further drive takes the next seed (default 2000000)",
     )
-    study.add_argument("--drives", type=int, default=6, metavar="N", help="recordings of a case")
-    study.add_argument("--minutes", type=float, default=10.0, help="of a recording")
+    study.add_argument(
+        "--drives", type=int, default=6, metavar="N", help="recordings per case (default 6)"
+    )
+    study.add_argument(
+        "--minutes", type=float, default=10.0, help="length of a recording (default 10)"
+    )
     study.add_argument(
         "--fitted-with-effect",
         action="store_true",
-        help="fit the base to the case's own recordings not held out; a "
-        "network may be trained anew then",
+        help="fit the model to the recordings of its case, except the held-out recordings; the "
+        "workflow may then train a network again",
     )
     study.add_argument(
         "--sensor-known-good",
         action="store_true",
-        help="tell the workflow so; leaves onset and fault out",
+        help="pass --sensor-known-good to the workflow; leaves the kinds onset and fault out",
     )
     add_cores_options(study)
     study.set_defaults(func=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Do the cases and write the report, also of a run that is interrupted; returns 0."""
+    """Run the cases, write the report and return exit code 0.
+
+    An interrupted run also writes a report, with the finished cases.
+    Raises UsageError for an impossible option (exit code 2).
+    """
     from tqdm import tqdm
 
     from training.jobs import run_folder

@@ -1,4 +1,4 @@
-"""The grey-box half of ``o2train fit``."""
+"""The grey-box part of ``o2train fit``: check options, fit the chain, print its constants."""
 
 import argparse
 from collections.abc import Mapping
@@ -12,23 +12,26 @@ if TYPE_CHECKING:
 
 
 def check(args: argparse.Namespace) -> None:
-    """Raise UsageError for options that shape a NARX."""
+    """Raise UsageError if an option is set that only a NARX has."""
     from monitor.base.errors import UsageError
 
-    given = {
+    is_set = {
         "--lags": args.lags is not None,
         "--lag-zero": args.lag_zero,
         "--hidden": args.hidden is not None,
         "--ratio": args.ratio,
         "--starts": args.starts is not None,
     }
-    wrong = [name for name, on in given.items() if on]
+    wrong = [option for option, value in is_set.items() if value]
     if wrong:
         raise UsageError(f"{', '.join(wrong)}: a grey-box model has no such thing, a NARX has")
 
 
 def fit(args: argparse.Namespace, recordings: "list[Recording]") -> "GreyboxResult":
-    """Fit the chain and write the model file."""
+    """Fit the constants of the chain, write the model file and return the result.
+
+    Raises RecordingError if the recordings cannot hold a fit.
+    """
     from monitor.base.signals import OUTPUT
     from training.greybox.model import fit_greybox
 
@@ -43,17 +46,17 @@ def fit(args: argparse.Namespace, recordings: "list[Recording]") -> "GreyboxResu
 
 
 def print_fit(result: "GreyboxResult") -> None:
-    """Print the constants with their standard errors."""
+    """Print the constants of the chain with their standard errors."""
     n = len(result.data.role)
     print(f"{result.path}: {n} samples, grey-box chain, {result.seconds:.0f} s")
     for name, constant in result.card.structure["constants"].items():
         print(constant_line(name, constant))
-    for own in result.greybox.own:
-        print(f"healthy vehicle's {own.in_words}")
+    for effect in result.greybox.own:
+        print(f"healthy vehicle's {effect.in_words}")
 
 
 def constant_line(name: str, constant: Mapping[str, Any]) -> str:
-    """Return a constant of a card in words."""
+    """Return one line of text for a constant of the model card, with its unit and error."""
     value, error, unit = (constant[key] for key in ("value", "standard_error", "unit"))
     if error > abs(value):
         return f"constant {name}: {value:.4f} {unit} (the recordings hardly hold it)"

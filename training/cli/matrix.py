@@ -1,4 +1,4 @@
-"""``o2train evaluate --matrix``: many simulated drives through the monitor, and their report."""
+"""The command ``o2train evaluate --matrix``: judge many simulated drives and report the rates."""
 
 import argparse
 from pathlib import Path
@@ -14,63 +14,95 @@ REPORT, RESULT = "report.html", "matrix.json"
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the matrix to ``evaluate``."""
+    """Add the options of the matrix to the command ``evaluate``."""
     group = parser.add_argument_group(
         "matrix",
-        "simulated vehicles × cycles × ambient × fault × severity × placement × repetitions",
+        "The monitor judges simulated drives: vehicles × cycles × ambient conditions × faults ×\n"
+        "severities × placements × repetitions. Repeat the same command to continue a stopped run.",
     )
-    group.add_argument("--matrix", action="store_true", help="drive the matrix, no RECORDING")
+    group.add_argument(
+        "--matrix", action="store_true", help="simulate and judge the matrix; takes no RECORDING"
+    )
     group.add_argument(
         "--out",
         type=Path,
         metavar="DIR",
-        help="folder of the rows and of report.html; a run that was stopped goes on there",
+        help="folder for the rows, report.html and matrix.json (required)",
     )
-    group.add_argument("--vehicles", type=int, default=60, metavar="N")
-    group.add_argument("--first-vehicle", type=int, default=5000, metavar="N")
+    group.add_argument(
+        "--vehicles",
+        type=int,
+        default=60,
+        metavar="N",
+        help="number of simulated vehicles (default 60)",
+    )
+    group.add_argument(
+        "--first-vehicle",
+        type=int,
+        default=5000,
+        metavar="N",
+        help="number of the first simulated vehicle (default 5000)",
+    )
     group.add_argument(
         "--seed",
         type=int,
         default=5_000_000,
         metavar="N",
-        help="of the first drive, the others count up",
+        help="seed of the first drive; every further drive takes the next seed (default 5000000)",
     )
     group.add_argument(
         "--repetitions",
         type=int,
         default=100,
         metavar="N",
-        help="drives of each fault and placement at its limit severity, a quarter "
-        "of it at other severities",
+        help="drives per fault and placement at the limit severity (default 100); other "
+        "severities get a quarter",
     )
-    group.add_argument("--healthy", type=int, default=600, metavar="N", help="healthy drives")
+    group.add_argument(
+        "--healthy",
+        type=int,
+        default=600,
+        metavar="N",
+        help="number of healthy drives (default 600)",
+    )
     group.add_argument(
         "--reference-drives",
         type=int,
         default=40,
         metavar="N",
-        help="healthy drives of each vehicle before all others",
+        help="healthy drives per vehicle that teach its reference before its other drives "
+        "(default 40)",
     )
     group.add_argument(
         "--cycles",
         nargs="+",
         default=[],
         metavar="CYCLE",
-        help="default: WLTC, for some healthy drives others, too",
+        help="cycles to drive: wltc_3b, udds, us06, hwfet, micro_trips, steady (default: wltc_3b "
+        "with a fault, a mixture of cycles when healthy)",
     )
     group.add_argument(
         "--faults",
         nargs="+",
         metavar="NAME[=SEVERITY,…]",
-        help="default: all, below, at and above their limit severities",
+        help="sensor faults, for example slow_symmetric=0.3,0.5 (default: all faults at severities "
+        "below, at and above the limit)",
     )
-    group.add_argument("--ambient", nargs="+", metavar="NAME", help="mild, hot, cold, altitude")
+    group.add_argument(
+        "--ambient",
+        nargs="+",
+        metavar="NAME",
+        help="ambient conditions: mild, hot, cold, altitude (default: all)",
+    )
     add_cores_options(group)
-    group.add_argument("--config", type=Path, help="TOML that changes shipped settings")
+    group.add_argument("--config", type=Path, help="TOML file that changes shipped settings")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Drive the matrix and write its report; returns the exit code."""
+    """Simulate and judge the matrix, write its report and return exit code 0.
+
+    Raises UsageError for an impossible option (exit code 2).
+    """
     import json
 
     from tqdm import tqdm
@@ -91,10 +123,10 @@ def run(args: argparse.Namespace) -> int:
     cores = matrix_run.Cores(jobs_of(args), args.scheduler)
     with tqdm(total=matrix_run.count(matrix), unit="drive", disable=None) as bar:
         rows = matrix_run.run(matrix, args.model, settings, args.out, bar.update, cores)
-    found = matrix_result.result(rows, run_folder.identity_of(args.out), args.model.name)
-    print(matrix_result.as_text(found))
-    (args.out / REPORT).write_text(as_page(found, rows))
-    text = json.dumps(found, indent=1, allow_nan=False) + "\n"
+    result = matrix_result.result(rows, run_folder.identity_of(args.out), args.model.name)
+    print(matrix_result.as_text(result))
+    (args.out / REPORT).write_text(as_page(result, rows))
+    text = json.dumps(result, indent=1, allow_nan=False) + "\n"
     for path in (args.out / RESULT, args.json):
         if path is not None:
             path.write_text(text)

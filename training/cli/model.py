@@ -1,4 +1,4 @@
-"""Subcommands ``o2train fit`` and ``o2train evaluate``."""
+"""The commands ``o2train fit`` and ``o2train evaluate``."""
 
 import argparse
 import sys
@@ -28,30 +28,34 @@ _EVALUATE_EXAMPLES = """examples:
   o2train evaluate --model model.onnx drive4.log
   o2train evaluate --model model.onnx drive4.log drive5.log --washout 20 --json figures.json
   o2train evaluate --model model.onnx --matrix --out matrix
+  o2train evaluate --model model.onnx --matrix --out matrix --faults delay_symmetric=0.4 --jobs 4
 """
 
 
 def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
-    """Add the subcommands ``fit`` and ``evaluate``; each sets ``func``."""
+    """Add the commands ``fit`` and ``evaluate`` to ``subparsers``."""
     fit = subparsers.add_parser(
         "fit",
         help="train a model on recordings of a healthy vehicle",
-        description="Train a NARX: choose its memory and size by free run on held-out blocks, "
-        "train it series-parallel, then in closed loop over growing horizons, and keep what "
-        "predicts held-out blocks best. --lags or --hidden give the shape instead, without a "
-        "linear path. --kind greybox fits the constants of the physical chain instead; its charge "
-        "is the air per stroke, or with --inputs manifold pressure and temperature times a map.",
+        description="Train a NARX. The command chooses memory and size by free run on held-out\n"
+        "blocks, trains the network series-parallel, then in closed loop over growing horizons,\n"
+        "and keeps the network that predicts the held-out blocks best. --lags or --hidden fix the\n"
+        "shape, without a linear path. --kind greybox fits the constants of the physical chain\n"
+        "instead. The chain reads its charge as air per stroke; with manifold pressure and\n"
+        "temperature among --inputs it computes the charge from them and a map.",
         epilog=_FIT_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     _add_recordings(fit)
-    fit.add_argument("--out", type=Path, required=True, metavar="MODEL.onnx", help="file to write")
+    fit.add_argument(
+        "--out", type=Path, required=True, metavar="MODEL.onnx", help="model file to write"
+    )
     fit.add_argument(
         "--kind",
         choices=("narx", "greybox"),
         default="narx",
-        help="a network, or the chain charge and fuel, transport, mixing, sensor "
-        "with a few constants (default narx)",
+        help="narx: a network; greybox: the physical chain of charge and fuel, transport, mixing "
+        "and sensor with a few constants (default narx)",
     )
     add_signal_options(fit)
     fit.add_argument(
@@ -60,66 +64,81 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         type=Path,
         default=[],
         metavar="RECORDING",
-        help="recordings that choose and stop the training and are not trained on "
-        "(default: blocks held out of every recording)",
+        help="recordings that choose the network and stop the training; no training uses them "
+        "(default: held-out blocks of every recording)",
     )
     fit.add_argument(
         "--lags",
         type=int,
         metavar="N",
-        help="longest lag (default: chosen by the data; 5 with --hidden)",
+        help="longest lag in samples (default: chosen from the data; 5 with --hidden)",
     )
     fit.add_argument(
         "--lag-zero",
         action="store_true",
-        help="let the inputs of the same tick enter, too (they do if the data choose)",
+        help="let the network also read the inputs of the predicted tick (without --lags and "
+        "--hidden the data choose the lags)",
     )
     fit.add_argument(
         "--hidden",
         type=int,
         nargs="+",
         metavar="N",
-        help="neurons of each hidden layer (default: chosen by the data; 8 8 with --lags)",
+        help="neurons per hidden layer (default: chosen from the data; 8 8 with --lags)",
     )
     fit.add_argument(
-        "--ratio", action="store_true", help="give the network fuel over air, not fuel mass"
+        "--ratio",
+        action="store_true",
+        help="give the network the fuel-air ratio instead of the fuel mass",
     )
     fit.add_argument(
         "--starts",
         type=int,
         metavar="N",
-        help="trainings (default 3, on short recordings 8); up to three more while none forgets "
-        "how it began",
+        help="number of trainings from random weights (default 3; 8 below 5000 samples); up to "
+        "three more if no network forgets its initial state",
     )
     fit.add_argument(
         "--budget",
         type=float,
         default=10.0,
         metavar="MIN",
-        help="minutes after which the best so far is kept (default 10)",
+        help="minutes after which the training stops and keeps its best network (default 10)",
     )
-    fit.add_argument("--seed", type=int, default=0, metavar="N", help="of weights and blocks")
     fit.add_argument(
-        "--report", type=Path, metavar="HTML", help="the report (default: beside the model)"
+        "--seed",
+        type=int,
+        default=0,
+        metavar="N",
+        help="seed of the initial weights and of the held-out blocks (default 0)",
+    )
+    fit.add_argument(
+        "--report",
+        type=Path,
+        metavar="HTML",
+        help="report to write (default: beside the model file)",
     )
     fit.set_defaults(func=run_fit)
 
     evaluate = subparsers.add_parser(
         "evaluate",
-        help="predict recordings with a model and say how well",
-        description="Free run of the model over each recording, in the output's unit. With "
-        "--matrix the monitor judges many simulated drives, healthy and faulty, instead.",
+        help="predict recordings with a model and report the errors",
+        description="Predict every recording by free run of a model and report the errors in the\n"
+        "unit of the output. With --matrix, the monitor judges many simulated drives instead,\n"
+        "healthy drives and drives with sensor faults.",
         epilog=_EVALUATE_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    evaluate.add_argument("--model", type=Path, required=True, metavar="MODEL.onnx")
+    evaluate.add_argument(
+        "--model", type=Path, required=True, metavar="MODEL.onnx", help="model file to evaluate"
+    )
     _add_recordings(evaluate, "*")
     evaluate.add_argument(
         "--washout",
         type=int,
         metavar="N",
-        help="first samples that drive the state with the measured output and are not scored "
-        "(default: the longest lag)",
+        help="number of first samples that set the state from the measured output and are not "
+        "scored (default: the longest lag)",
     )
     evaluate.add_argument("--json", type=Path, metavar="OUT", help="write the figures as JSON")
     matrix.add_options(evaluate)
@@ -127,13 +146,22 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
 
 
 def _add_recordings(parser: argparse.ArgumentParser, number: str = "+") -> None:
-    parser.add_argument("recordings", nargs=number, type=Path, metavar="RECORDING")
+    parser.add_argument(
+        "recordings",
+        nargs=number,
+        type=Path,
+        metavar="RECORDING",
+        help="CAN logs, tables or measurement files",
+    )
     add_period_option(parser)
     add_bus_options(parser)
 
 
 def run_fit(args: argparse.Namespace) -> int:
-    """Train and write a model; returns the exit code."""
+    """Train a model, write it with limits, reference and report, and return exit code 0.
+
+    Raises UsageError or RecordingError (exit code 2).
+    """
     from training.greybox import fit_page
     from training.narx import training_page
     from training.narx.fit import FitResult
@@ -158,7 +186,7 @@ def run_fit(args: argparse.Namespace) -> int:
 
 
 def _check_fit(args: argparse.Namespace) -> Path:
-    """Return where the report goes; raises UsageError for impossible options."""
+    """Return the path of the report; raise UsageError for impossible options."""
     from monitor.base.errors import UsageError
     from monitor.base.outputs import check as check_outputs
     from monitor.base.signals import NARX_INPUTS
@@ -207,7 +235,7 @@ def _narx(args: argparse.Namespace, recordings: "list[Recording]") -> "FitResult
 
 
 def _set_limits(result: "FitResult | GreyboxResult", recordings: "list[Recording]") -> list[str]:
-    """Set the decision limits from the blocks held out; return warnings."""
+    """Set the decision limits from the held-out blocks; return warnings."""
     from monitor.base import config
     from monitor.base.errors import RecordingError
     from training.limits.decision_limits import MANY_WINDOWS, set_limits
@@ -227,7 +255,7 @@ def _set_limits(result: "FitResult | GreyboxResult", recordings: "list[Recording
 
 
 def _set_reference(result: "FitResult | GreyboxResult", recordings: "list[Recording]") -> list[str]:
-    """Put into the card what the recordings teach ``o2train gap``; return warnings."""
+    """Store the healthy reference for ``o2train gap`` in the model card; return warnings."""
     from tqdm import tqdm
 
     from training.gap.reference import set_reference
@@ -261,10 +289,10 @@ def _print_fit(result: "FitResult") -> None:
 
 def _print_measures(card: "ModelCard") -> None:
     every, enabled = card.fit["test"], card.fit["test_enabled"]
-    told_apart = enabled != every  # else nothing says what is enabled
-    if told_apart:
+    differ = enabled != every  # equal if no recorded signal tells which samples are enabled
+    if differ:
         _print_measure("held-out blocks, enabled samples", enabled, card)
-    title = "held-out blocks, all samples, fuel cuts too" if told_apart else "held-out blocks"
+    title = "held-out blocks, all samples, fuel cuts too" if differ else "held-out blocks"
     _print_measure(title, every, card)
 
 
@@ -284,7 +312,10 @@ def _number(value: float | None) -> str:
 
 
 def run_evaluate(args: argparse.Namespace) -> int:
-    """Predict recordings with a model, or drive the matrix; returns the exit code."""
+    """Predict recordings with a model, or run the matrix, and return exit code 0.
+
+    Raises UsageError, ModelError or RecordingError (exit code 2).
+    """
     from monitor.base.errors import UsageError
     from monitor.base.outputs import check as check_outputs
     from monitor.model.step import Model

@@ -1,4 +1,4 @@
-"""Subcommands ``o2train table`` and ``o2train log``: logs to tables and tables to logs."""
+"""The commands ``o2train table`` (log to table) and ``o2train log`` (table to log)."""
 
 import argparse
 import sys
@@ -20,12 +20,12 @@ _LOG_EXAMPLES = """examples:
 
 
 def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
-    """Add the subcommands ``table`` and ``log``; each sets ``func``."""
+    """Add the commands ``table`` and ``log`` to ``subparsers``."""
     table = subparsers.add_parser(
         "table",
         help="write a CAN log or measurement file as a table",
-        description="Decode a recording and write it on one grid, one column per signal. "
-        "Cells without a valid value are blank.",
+        description="Decode a recording and write it as a table on one sample grid, one column\n"
+        "per signal. A cell without a valid value stays blank.",
         epilog=_TABLE_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -34,15 +34,18 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         "--out", type=Path, required=True, help="table to write: .csv, .csv.gz or .parquet"
     )
     add_period_option(table)
-    table.add_argument("--signals", nargs="+", metavar="NAME", help="only these (default all)")
+    table.add_argument(
+        "--signals", nargs="+", metavar="NAME", help="signals to write (default: all)"
+    )
     add_bus_options(table)
     table.set_defaults(func=run_table)
 
     log = subparsers.add_parser(
         "log",
         help="write a table as a CAN log",
-        description="Send a table's signals as an ECU would, each message on its cycle time with "
-        "the last row's values. Signals that the table lacks are sent as not available.",
+        description="Write the frames that an ECU with these signals would send. Every message\n"
+        "comes at its cycle time and carries the values of the latest row. A signal that the\n"
+        "table lacks is sent as not available.",
         epilog=_LOG_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -51,40 +54,52 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         "--out",
         type=Path,
         required=True,
-        help="log to write: .log .asc .blf .csv .trc .mf4, text formats also with .gz",
+        help="log to write: .log, .asc, .blf, .csv, .trc or .mf4; text formats also with .gz",
     )
     log.add_argument(
         "--start",
         type=float,
         metavar="S",
-        help="time of the first row in the log (default its own)",
+        help="time of the first row in the log in seconds (default: its time in the table)",
     )
     add_bus_options(log)
     log.set_defaults(func=run_log)
 
 
 def add_period_option(parser: argparse.ArgumentParser) -> None:
-    """Add the option that says on which grid recordings are read."""
+    """Add the option ``--period`` of the sample grid."""
     parser.add_argument(
-        "--period", type=float, metavar="S", help="grid period in seconds (default 0.1 for logs)"
+        "--period",
+        type=float,
+        metavar="S",
+        help="period of the sample grid in seconds (default: 0.1 for logs, the period of the rows "
+        "for tables, the period of the model if there is one)",
     )
 
 
 def add_signal_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options that say what a model predicts from what."""
-    parser.add_argument("--inputs", nargs="+", metavar="NAME", help="default: the paper's seven")
-    parser.add_argument("--output", metavar="NAME", help="default: lambda_measured")
+    """Add the options ``--inputs`` and ``--output`` of a model."""
+    parser.add_argument(
+        "--inputs",
+        nargs="+",
+        metavar="NAME",
+        help="input signals of the model (default: the seven inputs of the paper)",
+    )
+    parser.add_argument(
+        "--output", metavar="NAME", help="signal that the model predicts (default lambda_measured)"
+    )
 
 
 def add_bus_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options that say how a log or table is read."""
+    """Add the options ``--dbc``, ``--map`` and ``--columns`` for reading logs and tables."""
     parser.add_argument(
         "--dbc",
         type=Path,
         action="append",
         default=[],
         metavar="FILE",
-        help="CAN database, repeat together with --map (default: the project's own ECU)",
+        help="CAN database of the log; repeat it together with --map for several databases "
+        "(default: the ECU of this project)",
     )
     parser.add_argument(
         "--map",
@@ -92,17 +107,20 @@ def add_bus_options(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="FILE",
-        help="signal map of the database before it",
+        help="signal map of the preceding --dbc",
     )
     parser.add_argument(
-        "--columns", type=Path, metavar="FILE", help="TOML file that renames a table's columns"
+        "--columns",
+        type=Path,
+        metavar="FILE",
+        help="TOML file that renames the columns of a table or measurement file",
     )
 
 
 def pairs_of(args: argparse.Namespace) -> list[tuple[Path, Path]] | None:
-    """Return the pairs of --dbc and --map, None if there are none.
+    """Return the pairs of ``--dbc`` and ``--map``, None if there are none.
 
-    Raises UsageError if there are not as many of one as of the other.
+    Raises UsageError if the numbers of both options differ.
     """
     from monitor.base.errors import UsageError
 
@@ -117,9 +135,10 @@ def pairs_of(args: argparse.Namespace) -> list[tuple[Path, Path]] | None:
 def load_all(
     args: argparse.Namespace, paths: list[Path], period_s: float | None
 ) -> "list[Recording]":
-    """Return the recordings in ``paths``, read as the bus options say.
+    """Return the recordings in ``paths``, read with the bus options of ``args``.
 
-    Raises RecordingError or UsageError naming the file and what is wrong.
+    period_s : sample period of logs and, if set, of tables; None as in ``recording.load``
+    Raises RecordingError or UsageError; the message names the file and the reason.
     """
     from training.recordings.recording import load
 
@@ -129,7 +148,10 @@ def load_all(
 
 
 def run_table(args: argparse.Namespace) -> int:
-    """Write a recording as a table; returns the exit code."""
+    """Write a recording as a table and return exit code 0.
+
+    Raises RecordingError or UsageError (exit code 2).
+    """
     from monitor.base.outputs import check
     from training.recordings.recording import load, write_table
 
@@ -151,7 +173,10 @@ def run_table(args: argparse.Namespace) -> int:
 
 
 def run_log(args: argparse.Namespace) -> int:
-    """Write a table as a CAN log; returns the exit code."""
+    """Write a table as a CAN log and return exit code 0.
+
+    Raises RecordingError or UsageError (exit code 2).
+    """
     from monitor.base.errors import UsageError
     from monitor.base.outputs import check
     from monitor.decode.bus_map import load_pairs

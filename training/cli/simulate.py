@@ -1,4 +1,4 @@
-"""``o2train simulate``: drives of the simulated vehicle as logs or tables."""
+"""The command ``o2train simulate``: write drives of the simulated vehicle as logs or tables."""
 
 import argparse
 from pathlib import Path
@@ -12,54 +12,90 @@ _EXAMPLES = """examples:
   o2train simulate --out drives --fault delay_rich_to_lean=0.6 --vehicle 12
   o2train simulate --out drives --effect wall_film=4 --effect purge=2 --count 20
 
-Everything it writes is synthetic. The vehicle number fixes the piece, the seed driver, noise and
-weather; the same call gives the same bytes, but for the clock's time in .asc, the path in .trc."""
+All written drives are synthetic. --vehicle fixes the production spread of the vehicle. --seed fixes
+driver, noise and weather. The same command writes the same bytes, except for the time of writing in
+.asc and the path in .trc."""
 FORMATS = ("log", "blf", "asc", "trc", "mf4", "parquet", "csv", "csv.gz")
 
 
 def add_parsers(commands: Any) -> None:
-    """Register the subcommand."""
+    """Add the command ``simulate`` to ``commands``."""
     from monitor.base import faults
     from training.dyno import effects
 
     parser = commands.add_parser(
         "simulate",
-        help="drive the simulated vehicle",
-        description="Drive the simulated vehicle on a chassis dynamometer.",
+        help="simulate drives and write them as logs or tables",
+        description="Drive the simulated vehicle on a chassis dynamometer and write one recording\n"
+        "per drive.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
-    parser.add_argument("--vehicle", type=int, default=1, help="which piece (default 1)")
     parser.add_argument(
-        "--cycle", default="wltc_3b", help="wltc_3b, udds, us06, hwfet, micro_trips or steady"
+        "--out", type=Path, required=True, metavar="DIR", help="folder for the drives"
+    )
+    parser.add_argument(
+        "--vehicle", type=int, default=1, help="number of the simulated vehicle (default 1)"
+    )
+    parser.add_argument(
+        "--cycle",
+        default="wltc_3b",
+        help="wltc_3b, udds, us06, hwfet, micro_trips or steady (default wltc_3b)",
     )
     parser.add_argument(
         "--fault",
         action="append",
         default=[],
         metavar="NAME[=SEVERITY]",
-        help=f"sensor fault in the control loop: {', '.join(faults.NAMES)}; "
-        "severity in s, as gain or in lambda",
+        help=f"sensor fault in the control loop: {', '.join(faults.NAMES)}; the unit of the "
+        "severity depends on the fault: s (slow, delay), gain or lambda (bias)",
     )
-    parser.add_argument("--fault-start", type=float, default=0.0, metavar="S")
+    parser.add_argument(
+        "--fault-start",
+        type=float,
+        default=0.0,
+        metavar="S",
+        help="time at which the fault begins, in seconds (default 0)",
+    )
     parser.add_argument(
         "--effect",
         action="append",
         default=[],
         metavar="NAME=SEVERITY",
-        help=f"1 is about the noise: {', '.join(effects.NAMES)}",
+        help=f"effect of the vehicle: {', '.join(effects.NAMES)}; an effect of severity 1 is about "
+        "as large as the noise",
     )
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--count", type=int, default=1, help="so many drives, seeds counting up")
-    parser.add_argument("--duration", type=float, metavar="S", help="only so much of the cycle")
-    parser.add_argument("--period", type=float, default=0.1, metavar="S", help="grid of a table")
-    parser.add_argument("--format", choices=FORMATS, default="log")
+    parser.add_argument("--seed", type=int, default=1, help="seed of the first drive (default 1)")
+    parser.add_argument(
+        "--count",
+        type=int,
+        default=1,
+        help="number of drives; every further drive takes the next seed (default 1)",
+    )
+    parser.add_argument(
+        "--duration",
+        type=float,
+        metavar="S",
+        help="end every drive after so many seconds (default: the whole cycle)",
+    )
+    parser.add_argument(
+        "--period",
+        type=float,
+        default=0.1,
+        metavar="S",
+        help="period of the sample grid of a table in seconds (default 0.1)",
+    )
+    parser.add_argument(
+        "--format", choices=FORMATS, default="log", help="file format of the drives (default log)"
+    )
     parser.set_defaults(func=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Simulate and write; print the paths."""
+    """Simulate the drives, write them, print their paths and return exit code 0.
+
+    Raises UsageError for an impossible option (exit code 2).
+    """
     from tqdm import tqdm
 
     from monitor.base import faults

@@ -1,4 +1,4 @@
-"""Subcommand ``o2train study``: the paper's whole study on any recordings."""
+"""The command ``o2train study``: repeat the whole study of the paper on any recordings."""
 
 import argparse
 import sys
@@ -12,38 +12,56 @@ _EXAMPLES = """examples:
   o2train study run_1*.csv.gz run_3*.csv.gz --test run_000053.csv.gz --out study \\
       --inputs speed_z load_z ignition_angle_z fuel_cutoff_z --output lambda_z
 
-Writes DIR/report.html, DIR/study.json and DIR/model.onnx. Finished parts lie in DIR/parts: a study
-that was killed goes on where it was when the same command is given again."""
+The command writes DIR/report.html, DIR/study.json and DIR/model.onnx, and keeps finished parts in
+DIR/parts. Repeat the same command to continue a killed study."""
 
 
 def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
-    """Add the subcommand ``study``; it sets ``func``."""
+    """Add the command ``study`` to ``subparsers``."""
     study = subparsers.add_parser(
         "study",
-        help="the whole study of the paper on recordings, as one report",
-        description="Check, preparation, input selection, linear baselines, 29 NARX models, "
-        "closed-loop training, choice, residuals healthy and faulty, steady against mixed.",
+        help="repeat the whole study of the paper on recordings",
+        description="Repeat the study of the paper and report it: data check, preparation, input\n"
+        "selection, linear baselines, 29 NARX models, closed-loop training, choice of the model,\n"
+        "residuals of healthy and faulty drives, training on steady against mixed driving.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    study.add_argument("recordings", nargs="+", type=Path, metavar="RECORDING")
-    study.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write")
+    study.add_argument(
+        "recordings",
+        nargs="+",
+        type=Path,
+        metavar="RECORDING",
+        help="drives of a healthy vehicle, for training",
+    )
+    study.add_argument(
+        "--out", type=Path, required=True, metavar="DIR", help="folder for report and model"
+    )
     for name, text in (
-        ("test", "held-out drives of the healthy vehicle, which only judge"),
-        ("faulty", "drives with sensor faults (default: faults are put on afterwards)"),
-        ("steady", "steady operating points (default: steady stretches of the recordings)"),
+        ("test", "drives of the healthy vehicle that no training uses; they judge the models"),
+        ("faulty", "drives with sensor faults (default: faults are added to healthy drives)"),
+        (
+            "steady",
+            "drives at steady operating points (default: steady stretches of the recordings)",
+        ),
     ):
         study.add_argument(
             f"--{name}", nargs="+", type=Path, default=[], metavar="RECORDING", help=text
         )
     add_signal_options(study)
-    study.add_argument("--starts", type=int, default=3, metavar="N", help="per model (default 3)")
+    study.add_argument(
+        "--starts",
+        type=int,
+        default=3,
+        metavar="N",
+        help="trainings per model, from different random weights (default 3)",
+    )
     study.add_argument(
         "--iterations",
         type=int,
         default=200,
         metavar="N",
-        help="at most, of a series-parallel training of the 29 models (default 200)",
+        help="most iterations of a series-parallel training of the 29 models (default 200)",
     )
     study.add_argument(
         "--samples",
@@ -58,28 +76,45 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         nargs="+",
         default=[],
         metavar="N",
-        help="train only these of the 29 (default: all)",
+        help="numbers of the models to train, 1 to 29 (default: all)",
     )
     study.add_argument(
         "--budget",
         type=float,
         default=10.0,
         metavar="MIN",
-        help="minutes for the model whose memory and size the data choose, as in fit (default 10); "
-        "input selection takes at most 0.4 of it more, steady against mixed 0.6 over --jobs",
+        help="minutes for the model whose memory and size the data choose, as in o2train fit "
+        "(default 10); input selection may take 0.4 of the budget more, the training on steady "
+        "against mixed driving 0.6 divided by --jobs",
     )
-    study.add_argument("--seed", type=int, default=0, metavar="N", help="of weights and blocks")
-    study.add_argument("--jobs", type=int, default=2, metavar="N", help="processes (default 2)")
-    study.add_argument("--scheduler", metavar="URL", help="Dask scheduler, tcp://host:port")
+    study.add_argument(
+        "--seed",
+        type=int,
+        default=0,
+        metavar="N",
+        help="seed of the initial weights and of the held-out blocks (default 0)",
+    )
+    study.add_argument(
+        "--jobs",
+        type=int,
+        default=2,
+        metavar="N",
+        help="number of processes on this machine (default 2)",
+    )
+    study.add_argument(
+        "--scheduler",
+        metavar="URL",
+        help="run the jobs on the Dask cluster of this scheduler, for example tcp://host:8786",
+    )
     add_period_option(study)
     add_bus_options(study)
     study.set_defaults(func=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the study; returns the exit code.
+    """Run the study, write report and model, and return exit code 0.
 
-    Raises RecordingError or UsageError, which end with exit code 2.
+    Raises RecordingError or UsageError (exit code 2).
     """
     from monitor.base.errors import UsageError
     from monitor.base.signals import NARX_INPUTS, OUTPUT
@@ -93,7 +128,12 @@ def run(args: argparse.Namespace) -> int:
     if args.out.exists() and not args.out.is_dir():
         raise UsageError(f"--out {args.out}: is a file, a folder is wanted")
     settings = Settings(
-        args.starts, args.iterations, args.samples, args.budget, args.seed, tuple(args.models)
+        starts=args.starts,
+        iterations=args.iterations,
+        n_samples=args.samples,
+        budget_minutes=args.budget,
+        seed=args.seed,
+        models=tuple(args.models),
     )
     task = Task(
         recordings=tuple(load_all(args, args.recordings, args.period)),

@@ -1,6 +1,6 @@
 """Speed traces for the chassis dynamometer: legislated cycles, micro-trips, steady points.
 
-The legislated traces (1 Hz) are those of NREL fastsim; see NOTICE.
+The legislated traces (1 Hz) come from NREL fastsim; see NOTICE.
 """
 
 from importlib import resources
@@ -25,17 +25,19 @@ MINIMUM_GEAR_HOLD_S = 2.0
 
 
 class Trace(NamedTuple):
-    """What the dynamometer asks of driver and vehicle, on a 10 ms grid."""
+    """Speed, gear, brake load and mixture steps of a cycle on a 10 ms grid."""
 
     speed_m_s: FloatArray  # (n,)
     gear: np.ndarray  # (n,) int64, 0 is neutral
-    brake_force_n: FloatArray  # (n,) additional load of the dynamometer
-    phi_step: FloatArray  # (n,) added to the commanded mixture, as a test bench does
+    brake_force_n: FloatArray  # (n,) load of the dynamometer beside the road load
+    phi_step: FloatArray  # (n,) step of phi that the test bench adds to the commanded mixture
 
 
 def load(name: str, rng: np.random.Generator, duration_s: float | None = None) -> Trace:
-    """Return the trace of a cycle; ``rng`` makes the micro-trips and the order of steady points.
+    """Return the trace of a cycle.
 
+    rng : draws the driver's shift habit, the micro-trips and the order of the steady points
+    duration_s : length of the trace; None is the whole cycle, 1200 s for micro-trips
     Raises UsageError for an unknown cycle or a duration that is not positive.
     """
     if duration_s is not None and duration_s <= 0:
@@ -61,7 +63,7 @@ def _resample(time_s: FloatArray, speed_m_s: FloatArray) -> FloatArray:
 
 
 def _micro_trips(rng: np.random.Generator, duration_s: float) -> FloatArray:
-    """Random stop-to-stop trips: a mix of urban, rural and motorway stretches."""
+    """Return the speeds of random trips from stop to stop: urban, rural and motorway."""
     time_s, speed = [0.0, 6.0], [0.0, 0.0]
     while time_s[-1] < duration_s + 60.0:
         top = rng.choice([35.0, 50.0, 70.0, 100.0, 130.0], p=[0.25, 0.3, 0.2, 0.15, 0.1]) * KM_H
@@ -83,7 +85,10 @@ def _append(time_s: list[float], speed: list[float], target: float, slope_m_s2: 
 
 
 def _with_gears(speed_m_s: FloatArray, rng: np.random.Generator) -> Trace:
-    """Choose gears by engine speed with hysteresis; the driver's habit varies by 8 percent."""
+    """Choose gears by engine speed with hysteresis.
+
+    The driver's habit scales both shift speeds; its standard deviation is 8 %.
+    """
     habit = 1.0 + 0.08 * rng.standard_normal()
     every = 10  # gears are chosen at 10 Hz
     gear, hold = 1, 0
@@ -103,9 +108,9 @@ def _with_gears(speed_m_s: FloatArray, rng: np.random.Generator) -> Trace:
 
 
 def _steady_points(rng: np.random.Generator) -> Trace:
-    """Hold 25 s at each point of a grid over engine speed and torque, in random order.
+    """Hold every point of a grid over engine speed and torque for 25 s, in random order.
 
-    At each point the commanded mixture steps to rich and to lean, as on a test bench.
+    At every point the commanded mixture steps to rich, to lean and back, as on a test bench.
     """
     points = [
         (rpm, torque)
@@ -116,7 +121,7 @@ def _steady_points(rng: np.random.Generator) -> Trace:
     gear = 4
     ratio = TOTAL_RATIO[gear - 1]
     time_s, speed, force = [0.0, 10.0], [0.0, 0.0], [0.0, 0.0]
-    steps: list[tuple[float, float]] = []  # when, to which commanded change of phi
+    steps: list[tuple[float, float]] = []  # time in s, change of the commanded phi from then on
     for rpm, torque in points:
         v = rpm * np.pi / 30.0 / ratio * WHEEL_RADIUS_M
         f = torque * ratio * 0.92 / WHEEL_RADIUS_M - road_load_n(v)
@@ -136,5 +141,5 @@ def _steady_points(rng: np.random.Generator) -> Trace:
 
 
 def road_load_n(speed_m_s: float) -> float:
-    """Return rolling and air drag of the vehicle in N."""
+    """Return rolling resistance plus air drag of the vehicle in N."""
     return 130.0 + 1.2 * speed_m_s + 0.42 * speed_m_s**2

@@ -1,11 +1,13 @@
 """First half of the plant: driver, vehicle, engine speed, air path, temperatures, fuel cut.
 
-Nothing here depends on lambda, so it runs once before the mixture loop. The state is integrated
-at 100 Hz, part by part, those further down seen as they were a step ago. Manifold filling and
-throttle flow follow the mean value engine model (Hendricks and Sorenson, SAE 900616).
+This half does not depend on lambda, so it runs once before the mixture loop. The loop integrates
+the state at 100 Hz, one part after the other. A part that needs a later part reads its state of
+the last step. Manifold filling and throttle flow follow the mean value engine model (Hendricks and
+Sorenson, SAE 900616).
 
-The parts stay in the file of their loop: numba's cache of a loop notices changes in its own file
-only. The large ones are inlined: calls that hand two dozen numbers over cost a tenth of its time.
+All parts stand in the file of their loop, because numba's cache of the loop notices changes in
+that file only. The large parts are inlined: calls with two dozen numbers would cost a tenth of the
+run time.
 """
 
 from typing import NamedTuple
@@ -28,7 +30,7 @@ THROTTLE_MAX = 5.0e-4  # effective area in m2
 
 
 class Drive(NamedTuple):
-    """The plant's air side on the 10 ms grid, every field (n,)."""
+    """Air side of the plant on the 10 ms grid; every field has shape (n,)."""
 
     speed_m_s: FloatArray
     engine_rpm: FloatArray
@@ -36,9 +38,9 @@ class Drive(NamedTuple):
     throttle_percent: FloatArray
     manifold_kpa: FloatArray
     manifold_degc: FloatArray
-    air_true_mg: FloatArray  # per stroke, what enters the cylinder
-    air_ecu_mg: FloatArray  # per stroke, what the ECU believes
-    maf_kg_h: FloatArray  # as the air meter reads it
+    air_true_mg: FloatArray  # per stroke, enters the cylinder
+    air_ecu_mg: FloatArray  # per stroke, estimate of the ECU
+    maf_kg_h: FloatArray  # reading of the air meter
     exhaust_kg_h: FloatArray
     coolant_degc: FloatArray
     fuel_cut: FloatArray
@@ -60,13 +62,16 @@ def _bilinear(table: FloatArray, xs: FloatArray, ys: FloatArray, x: float, y: fl
 
 @numba.njit(cache=True)
 def _nominal_ve(rpm: float, kpa: float) -> float:
-    """Volumetric efficiency as calibrated."""
+    """Return the volumetric efficiency that the ECU was calibrated with."""
     return 0.80 + 0.11 * np.exp(-(((rpm - 3200.0) / 1900.0) ** 2)) + 0.05 * (1 - 35.0 / (kpa + 15))
 
 
 @numba.njit(cache=True)
 def _psi(ratio: float) -> float:
-    """Throttle flow function, linear close to equal pressures so that it stays differentiable."""
+    """Return the throttle flow function of the pressure ratio.
+
+    The function is linear near equal pressures, where the exact form has an infinite slope.
+    """
     if ratio > 0.95:
         return 0.3765 * max(1.0 - ratio, -0.02) / 0.05
     if ratio < 0.528:
@@ -76,7 +81,7 @@ def _psi(ratio: float) -> float:
 
 @numba.njit(cache=True)
 def _charge_mg(ve: float, kpa: float, degc: float) -> float:
-    """Air per stroke in mg from volumetric efficiency, pressure and temperature."""
+    """Return the air per stroke in mg from volumetric efficiency, pressure and temperature."""
     return ve * DISPLACEMENT_M3 / 4.0 * kpa * 1e3 / (R_AIR * (degc + 273.15)) * 1e6
 
 
@@ -89,44 +94,44 @@ def _engine_target_rpm(v: float, gear: int) -> float:
 
 
 class _Motion(NamedTuple):
-    """Driver, gearbox and vehicle."""
+    """State of driver, gearbox and vehicle."""
 
     speed_m_s: float
     engine_rpm: float
     torque_nm: float
     friction_nm: float
-    integral: float  # of the driver, m
+    integral: float  # the driver's integrated speed error, m
     pedal_noise: float
     gear: int
-    shift_s: float  # until the clutch closes again
+    shift_s: float  # time until the clutch closes again
     engaged: bool
 
 
 class _Air(NamedTuple):
-    """Air path from compressor to cylinder."""
+    """State of the air path from compressor to cylinder."""
 
     manifold_kpa: float
     boost_kpa: float
     throttle_m2: float
     runner_kpa: float
-    charge_mg: float  # per stroke, what enters the cylinder
+    charge_mg: float  # per stroke, enters the cylinder
     throttle_kg_s: float
 
 
 class _Meters(NamedTuple):
-    """Air meter, pressure sensor and what the ECU makes of them."""
+    """State of air meter, pressure sensor and the ECU's estimate of the charge."""
 
-    lag_kg_h: float  # element of the air meter
+    lag_kg_h: float  # flow that the slow element of the air meter shows
     maf_kg_h: float
     map_kpa: float
-    charge_mg: float  # by speed and density
+    charge_mg: float  # per stroke, by speed and density
     maf_slow_kg_h: float
     charge_slow_kg_h: float
     correction: float
 
 
 class _Purge(NamedTuple):
-    """Canister purge."""
+    """State of the canister purge."""
 
     wanted: float
     timer_s: float
@@ -140,7 +145,7 @@ def _road_n(v: float) -> float:
 
 @numba.njit(cache=True)
 def _slope_ahead(speed_ref: FloatArray, k: int) -> float:
-    """Acceleration that the driver sees in the next 0.3 s of the trace."""
+    """Return the mean acceleration of the next 0.3 s of the trace in m/s²."""
     ahead = min(k + 30, len(speed_ref) - 1)
     return (speed_ref[ahead] - speed_ref[k]) / ((ahead - k) * STEP_S) if ahead > k else 0.0
 
@@ -162,7 +167,7 @@ def _move(
     driver_noise: float,
     noise: float,
 ) -> _Motion:
-    """Driver, gearbox, torque and vehicle one step on."""
+    """Return the state of driver, gearbox and vehicle one step later."""
     v, rpm, torque = m.speed_m_s, m.engine_rpm, m.torque_nm
     pedal_noise = m.pedal_noise + ((-m.pedal_noise * STEP_S / 0.8) + 0.16 * np.sqrt(STEP_S) * noise)
     integral = min(max(m.integral + (v_ref - v) * STEP_S, -8.0), 8.0)
@@ -178,7 +183,7 @@ def _move(
     torque += (torque_ref - torque) * STEP_S / 0.12
     force = torque * ratio * 0.92 / WHEEL_RADIUS_M if engaged else 0.0
     if wanted < -friction or (not engaged and demand_n < 0.0):
-        force = demand_n  # the brakes do the rest
+        force = demand_n  # the brakes supply the difference
     v = max(v + (force - _road_n(v) - brake_n) / MASS_KG * STEP_S, 0.0)
     if v_ref < 0.05 and v < 0.6:
         v, integral = max(v - 1.5 * STEP_S, 0.0), 0.0
@@ -188,7 +193,7 @@ def _move(
 
 @numba.njit(cache=True)
 def _overrun(m: _Motion, cut: float) -> bool:
-    """Whether fuel may be cut, with hysteresis in engine speed."""
+    """Return whether the ECU may cut fuel; the engine speed limit has hysteresis."""
     limit_rpm = 1350.0 if cut > 0 else 1600.0
     return m.engaged and m.torque_nm < -0.55 * m.friction_nm and m.engine_rpm > limit_rpm
 
@@ -205,7 +210,7 @@ def _breathe(
     ambient_kpa: float,
     e: Effects,
 ) -> _Air:
-    """Desired charge, boost, throttle, manifold and runner one step on."""
+    """Return the state of boost, throttle, manifold and runner one step later."""
     p_man, t_k, strokes_per_s = a.manifold_kpa, t_man + 273.15, rpm / 30.0
     ve_nominal = _nominal_ve(rpm, p_man)
     p_ref = charge_ref / max(_charge_mg(ve_nominal, 1.0, t_man), 1e-6)
@@ -244,7 +249,7 @@ def _measure(
     maf_noise: float,
     map_noise: float,
 ) -> _Meters:
-    """Air meter, pressure sensor and the ECU's charge one step on."""
+    """Return the state of air meter, pressure sensor and estimated charge one step later."""
     pulse = np.exp(-(((rpm - 1300.0) / 450.0) ** 2)) * max(a.manifold_kpa / ambient_kpa - 0.55, 0.0)
     reading = (
         a.throttle_kg_s * 3600.0 * maf_gain * (1.0 + 2.0 * e.maf_pulsation * pulse) + e.maf_offset
@@ -265,7 +270,7 @@ def _measure(
 def _warm(
     coolant: float, t_man: float, flow_kg_h: float, boost_kpa: float, ambient_degc: float
 ) -> tuple[float, float]:
-    """Coolant and manifold temperature one step on."""
+    """Return coolant and manifold temperature in °C one step later."""
     heat = 0.6 * (0.02 + flow_kg_h / 1500.0) * (1.0 if coolant < 88.0 else -0.3)
     coolant += STEP_S * (3.0 * heat - 0.0004 * (coolant - ambient_degc))
     soak = 0.18 * (coolant - ambient_degc) / (1.0 + flow_kg_h / 45.0) + 0.12 * boost_kpa
@@ -274,14 +279,14 @@ def _warm(
 
 @numba.njit(cache=True)
 def _rail_step(rail: float, charge_ref: float, rpm: float, noise: float) -> float:
-    """Rail pressure in MPa one step on."""
+    """Return the rail pressure in MPa one step later."""
     rail_ref = 5.0 + 9.0 * min(charge_ref / 700.0, 1.0) + 5.0 * min(rpm / 4500.0, 1.0)
     return rail + ((rail_ref - rail) * STEP_S / 0.25 + 0.02 * noise * np.sqrt(STEP_S))
 
 
 @numba.njit(cache=True)
 def _purge_step(u: _Purge, allowed: bool, flow_kg_h: float, noise: float) -> _Purge:
-    """Canister purge one step on: half a minute on, half a minute off."""
+    """Return the state of the purge one step later; it opens and closes every half minute."""
     wanted, timer = u.wanted, u.timer_s - STEP_S
     if timer <= 0.0:
         timer = 20.0 + 15.0 * abs(noise)
@@ -300,8 +305,9 @@ def simulate(
     e: Effects,
     noise: FloatArray,
 ) -> Drive:
-    """Integrate the air side over the trace.
+    """Return the air side of the plant over the trace.
 
+    speed_ref : (n,) m/s; gears : (n,) 0 is neutral; brake_n : (n,) load of the dynamometer in N
     noise : (n, 5) standard normal: pedal, air meter, manifold pressure, rail, battery load
     """
     n = len(speed_ref)
@@ -378,6 +384,6 @@ def simulate(
 
 
 def run(trace: Trace, p: Piece, c: Conditions, e: Effects, rng: np.random.Generator) -> Drive:
-    """Return the air side of a drive; ``rng`` makes the driver and the sensor noise."""
+    """Return the air side of a drive; ``rng`` draws the noise of driver and sensors."""
     noise = rng.standard_normal((len(trace.speed_m_s), 5))
     return simulate(trace.speed_m_s, trace.gear, trace.brake_force_n, p, c, e, noise)

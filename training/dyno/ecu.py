@@ -1,7 +1,7 @@
-"""The simulated ECU on the bus: messages at their own cycle times, with jitter and quantisation.
+"""The simulated ECU on the bus: messages at their cycle times, with jitter and quantisation.
 
-Log and table of a drive come from the same values: what the table holds is what the runtime's
-grid makes of the frames.
+Log and table of a drive hold the same values: the table equals the samples that the monitor
+assembles from the frames of the log.
 """
 
 from collections.abc import Mapping
@@ -20,21 +20,21 @@ from training.dyno.cycles import STEP_S
 from training.recordings.can_log import FrameBlock, Outgoing, block_of, merge, outgoing
 
 STEP_NS: Final = round(STEP_S * 1e9)
-JITTER_NS: Final = 400_000  # standard deviation of a frame's time on the bus
+JITTER_NS: Final = 400_000  # standard deviation of a frame's send time
 LAMBDA_MESSAGE: Final = "ECU_Lambda"
 
 
 @dataclass(frozen=True, slots=True)
 class Broadcast:
-    """One message over a whole drive."""
+    """Send times and values of one message over a whole drive."""
 
     outgoing: Outgoing
-    times_ns: IntArray  # (n,) rising, whole microseconds
+    times_ns: IntArray  # (n,) rising, multiples of 1000 ns
     values: dict[str, FloatArray]  # canonical name → (n,) before quantisation
 
 
 def own_bus() -> BusMap:
-    """Return the map of the project's own ECU."""
+    """Return the bus map of the project's ECU."""
     return load_pairs([(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))])
 
 
@@ -45,28 +45,29 @@ def broadcast(
     fault: Fault | None = None,
     fault_start_s: float = 0.0,
 ) -> list[Broadcast]:
-    """Return every message of the drive.
+    """Return every message of the drive with its send times and values.
 
     signals : canonical name → (n,) at 100 Hz
-    fault : ``signal_missing`` stops the message that carries lambda
+    rng : draws phase and jitter of the messages
+    fault : the fault signal_missing stops the lambda message at ``fault_start_s``
     """
     n = len(next(iter(signals.values())))
     sent = []
-    for each in outgoing(bus_map):
-        start_ns = int(rng.integers(0, each.cycle_ns // 1000)) * 1000
-        times_ns = np.arange(start_ns, (n - 1) * STEP_NS, each.cycle_ns)
+    for planned in outgoing(bus_map):
+        start_ns = int(rng.integers(0, planned.cycle_ns // 1000)) * 1000
+        times_ns = np.arange(start_ns, (n - 1) * STEP_NS, planned.cycle_ns)
         jitter_ns = np.clip(rng.standard_normal(len(times_ns)), -5.0, 5.0) * JITTER_NS
         times_ns = np.maximum(times_ns + np.rint(jitter_ns / 1000).astype(np.int64) * 1000, 0)
-        if fault is not None and fault.missing and each.message.name == LAMBDA_MESSAGE:
+        if fault is not None and fault.missing and planned.message.name == LAMBDA_MESSAGE:
             times_ns = times_ns[times_ns < fault_start_s * 1e9]
-        names = [channel.mapped.name for channel in each.channels]
+        names = [channel.mapped.name for channel in planned.channels]
         values = {name: signals[name][times_ns // STEP_NS] for name in names}
-        sent.append(Broadcast(each, times_ns, values))
+        sent.append(Broadcast(planned, times_ns, values))
     return sent
 
 
 def frames(sent: list[Broadcast]) -> FrameBlock:
-    """Return the drive's frames in the order of time."""
+    """Return the frames of the drive in time order."""
     return merge(
         [
             block_of(b.outgoing.message, b.times_ns, b.outgoing.encode(b.values, len(b.times_ns)))
@@ -76,9 +77,9 @@ def frames(sent: list[Broadcast]) -> FrameBlock:
 
 
 def samples(sent: list[Broadcast], bus_map: BusMap, period_ns: int) -> SampleBlock:
-    """Return the drive on the sample grid, as the runtime makes it of the frames.
+    """Return the samples that the monitor assembles from the frames of the drive.
 
-    The columns stand in the order of ``bus_map.names``.
+    The columns have the order of ``bus_map.names``.
     """
     names = bus_map.names
     series = {
@@ -97,7 +98,7 @@ def samples(sent: list[Broadcast], bus_map: BusMap, period_ns: int) -> SampleBlo
 
 
 def _as_read(channel: Channel, values: FloatArray) -> FloatArray:
-    """Return values after quantisation; infinite where the decoder finds them implausible."""
+    """Return the values after quantisation, infinite if the decoder rejects them."""
     scale, offset = float(channel.signal.scale), float(channel.signal.offset)
     read = np.rint((values - offset) / scale) * scale + offset
     low, high = plausible_range(channel.mapped.name)

@@ -1,8 +1,8 @@
-"""Effects that a vehicle may have and its model may lack, each switched on by a severity.
+"""Effects of the simulated vehicle that a model may lack; a severity switches an effect on.
 
-An effect of severity 1 moves the sensor's phi by about the noise (0.004 RMS outside fuel cut, see
-``tests/test_dyno_effects.py``). The forms are the plant's own: maps over the operating point and
-continuous dynamics, in ``drive`` and ``mixture``.
+An effect of severity 1 moves the phi of the sensor by about the noise: 0.004 RMS outside fuel cut,
+see ``tests/training/dyno/test_dyno_effects.py``. ``drive`` and ``mixture`` implement the effects
+as maps over the operating point and as continuous dynamics.
 """
 
 import math
@@ -13,21 +13,21 @@ from monitor.base.errors import UsageError
 
 
 class Effects(NamedTuple):
-    """Severity times the scale that makes severity 1 about the noise; 0 is absent."""
+    """Magnitude of every effect: its severity times ``SCALE``; 0 is absent."""
 
-    wall_film: float = 0.0  # fraction of the fuel that lands on the wall when warm
+    wall_film: float = 0.0  # fraction of the fuel that wets the wall of a warm engine
     delay_flow: float = 0.0  # litres of exhaust volume between valve and sensor
     mix_flow: float = 0.0  # litres of well-mixed volume
-    sensor_asymmetry: float = 0.0  # relative difference of the time constants
+    sensor_asymmetry: float = 0.0  # relative difference of the sensor's two time constants
     injector_offset: float = 0.0  # mg per stroke at short injections
     rail_exponent: float = 0.0  # deviation from the square root of the rail pressure
     maf_offset: float = 0.0  # kg/h
     maf_pulsation: float = 0.0  # relative error at the worst point
     purge: float = 0.0  # vapour concentration
-    exhaust_leak: float = 0.0  # air drawn in, as a fraction at idle
+    exhaust_leak: float = 0.0  # air drawn in at idle, as a fraction of the exhaust
     back_pressure: float = 0.0  # relative sensitivity per bar
     scavenging: float = 0.0  # fraction of the air at the worst point
-    fuel_cut_tail: float = 0.0  # phi
+    fuel_cut_tail: float = 0.0  # fall of phi after a long fuel cut
     charge_temperature: float = 0.0  # fraction of the wall's excess temperature
     manifold_filling: float = 0.0  # s, lag of the runner pressure at 1,500 rpm
     ethanol: float = 0.0  # fraction of ethanol
@@ -61,9 +61,9 @@ NAMES = Effects._fields
 
 
 def from_severities(severities: Mapping[str, float]) -> Effects:
-    """Return the effects of these severities.
+    """Return the effects with the given severities, name → severity.
 
-    Raises UsageError for an unknown name or an impossible severity.
+    Raises UsageError for an unknown name or a severity that is negative or infinite.
     """
     for name, severity in severities.items():
         if name not in NAMES:

@@ -1,7 +1,7 @@
 """Second half of the plant: fuel, mixture, exhaust, wideband sensor and lambda control.
 
-The sensor, healthy or faulty, sits inside the control loop, as in a car. The parts stay in the file
-of their loop, as in ``drive``.
+The sensor, healthy or faulty, sits inside the control loop, as in a car. All parts stand in the
+file of their loop, for the reason that ``drive`` gives.
 """
 
 from typing import NamedTuple
@@ -17,8 +17,8 @@ from training.dyno.drive import Drive
 from training.dyno.effects import Effects
 from training.dyno.vehicle import STOICHIOMETRIC_AIR_FUEL, Conditions, Piece
 
-LAMBDA_MAX = 15.9  # what the ECU sends at most, in fuel cut
-HISTORY = 512  # samples of 10 ms that delays may look back
+LAMBDA_MAX = 15.9  # highest lambda that the ECU sends, in fuel cut
+HISTORY = 512  # steps of 10 ms in a ring, the longest delay
 TRIM_LIMIT = 0.30
 SENSOR_WARM_UP_S = 15.0
 
@@ -27,7 +27,7 @@ _one_sided = numba.njit(cache=True)(faults.one_sided)
 
 
 class SensorParameters(NamedTuple):
-    """A fault as the compiled loop takes it."""
+    """A sensor fault as plain numbers for the compiled loop."""
 
     tau_rising_s: float
     tau_falling_s: float
@@ -41,22 +41,22 @@ class SensorParameters(NamedTuple):
 
 
 class Mixture(NamedTuple):
-    """Fuel and lambda on the 10 ms grid, every field (n,)."""
+    """Fuel and lambda on the 10 ms grid; every field has shape (n,)."""
 
-    fuel_ecu_mg: FloatArray  # per stroke, as the ECU commands it
+    fuel_ecu_mg: FloatArray  # per stroke, commanded by the ECU
     lambda_measured: FloatArray
     lambda_target: FloatArray
     lambda_controller: FloatArray
     closed_loop: FloatArray
     sensor_ready: FloatArray
-    phi_sensor: FloatArray  # what a healthy sensor of this piece would read
+    phi_sensor: FloatArray  # reading of a healthy sensor in this vehicle
 
 
 @numba.njit(cache=True)
 def _target_phi(
     t_s: float, coolant: float, rpm: float, air_mg: float, since_cut_s: float, modulation: float
 ) -> float:
-    """Commanded mixture: cold and component protection rich, rich after overrun, modulated."""
+    """Return the commanded phi: modulated, and rich when cold, at high load and after overrun."""
     phi = 1.0 + modulation
     phi += 0.06 * min(max((45.0 - coolant) / 60.0, 0.0), 1.0)
     phi += 0.05 * min(max((12.0 - t_s) / 12.0, 0.0), 1.0)
@@ -69,14 +69,14 @@ def _target_phi(
 
 @numba.njit(cache=True)
 def _triangle(phase: float) -> float:
-    """Trapezoid between -1 and 1 with short ramps, as a forced modulation is made."""
+    """Return the forced modulation, -1 to 1: a trapezoid with short ramps, of period 1."""
     x = np.sin(2.0 * np.pi * phase) * 2.5
     return min(max(x, -1.0), 1.0)
 
 
 @numba.njit(cache=True)
 def _look_back(history: FloatArray, k: int, delay_s: float) -> float:
-    """Return the value ``delay_s`` ago from a ring, linear between its samples."""
+    """Return the value ``delay_s`` before step ``k`` from a ring, interpolated linearly."""
     steps = min(max(delay_s / STEP_S, 0.0), HISTORY - 2.0)
     whole = int(steps)
     part = steps - whole
@@ -87,7 +87,7 @@ def _look_back(history: FloatArray, k: int, delay_s: float) -> float:
 def _injected_mg(
     commanded: float, rail_mpa: float, battery_v: float, p: Piece, e: Effects
 ) -> float:
-    """Fuel per stroke that the injectors give for a command in mg."""
+    """Return the fuel per stroke in mg that the injectors deliver for a command in mg."""
     short = np.exp(-commanded / 9.0)
     injected = commanded * p.injector_gain * (rail_mpa / 10.0) ** e.rail_exponent
     injected += p.injector_curve_mg * short - 0.12 * e.battery_voltage * (battery_v - 13.9) * 8.0
@@ -96,11 +96,11 @@ def _injected_mg(
 
 
 class _Fuel(NamedTuple):
-    """Fuel that comes late or from elsewhere, and what reaches the cylinder."""
+    """State of wall film, canister vapour and fuel in the oil, and the fuel in the cylinder."""
 
     film_mg: float
     vapour_mg_s: float
-    oil: float  # fraction of the fuel in the oil that is still there
+    oil: float  # remaining fraction of the fuel in the oil
     cylinder_mg: float  # per stroke
 
 
@@ -117,7 +117,7 @@ def _fuel_step(
     c: Conditions,
     e: Effects,
 ) -> _Fuel:
-    """Wall film, canister vapour and oil one step on."""
+    """Return the state of wall film, canister vapour and oil one step later."""
     cold = max(88.0 - coolant, 0.0) / 60.0
     share = min((e.wall_film + 0.02 * e.ethanol) * (1.0 + 1.5 * cold), 0.6)
     film_tau = (0.35 + 0.5 * cold) * (1.0 + 0.4 * 40.0 / (manifold_kpa + 20.0))
@@ -142,17 +142,17 @@ def _fuel_step(
 
 @numba.njit(cache=True)
 def _scavenged(manifold_kpa: float, ambient_kpa: float, rpm: float, scavenging: float) -> float:
-    """Fraction of air that blows through while both valves are open."""
+    """Return the fraction of air that blows through while both valves are open."""
     blown = scavenging * max(manifold_kpa / ambient_kpa - 0.9, 0.0) * 2.5
     blown *= 1.0 / (1.0 + np.exp((rpm - 2200.0) / 200.0))
     return min(blown, 0.3)
 
 
 class _Disturbance(NamedTuple):
-    """Combustion noise and the disturbance line."""
+    """State of the combustion noise and of the disturbance line."""
 
     noise: float
-    line_phase: float
+    line_phase: float  # periods
 
 
 @numba.njit(cache=True)
@@ -164,11 +164,11 @@ def _disturb(s: _Disturbance, line_hz: float, noise: float, drift: float) -> _Di
 
 
 class _Exhaust(NamedTuple):
-    """Transport from the valves to the sensor; all but ``behind`` in phi."""
+    """State of the exhaust between the valves and the sensor; in phi except ``behind``."""
 
-    behind: int  # step at which the gas that now leaves the pipe entered it
-    mixed: float
-    pipe: float
+    behind: int  # step at which the gas now leaving the pipe entered it
+    mixed: float  # after the first mixed volume
+    pipe: float  # after the second mixed volume
     tail: float  # of the fuel cut
     gas: float  # at the sensor
 
@@ -185,7 +185,7 @@ def _transport(
     mixing_tau_s: float,
     e: Effects,
 ) -> _Exhaust:
-    """A pipe that the exhaust itself pushes on, then two mixed volumes, one step on."""
+    """Return the state of the exhaust one step later: a pipe with plug flow, two mixed volumes."""
     litres_per_s = flow / 3600.0 / 0.45 * 1e3
     entered[k] = delayed
     advected[k + 1] = advected[k] + litres_per_s * STEP_S
@@ -203,7 +203,10 @@ def _transport(
 def _pumping(
     uego: float, gas: float, flow: float, sensor_tau_s: float, ambient_kpa: float, e: Effects
 ) -> float:
-    """What the sensor's cell pumps: pressure, diffusion and its direction, one step on."""
+    """Return the phi that the cell of the sensor shows one step later.
+
+    The cell depends on exhaust pressure and lags by diffusion, faster in one direction.
+    """
     pressure_bar = (flow / 220.0) ** 2 + (ambient_kpa - 98.5) / 100.0
     gas = 1.0 + (gas - 1.0) * (1.0 + e.back_pressure * pressure_bar * (1.2 if gas < 1 else 0.8))
     skew = e.sensor_asymmetry * np.tanh((gas - uego) / 0.01)
@@ -214,7 +217,7 @@ def _pumping(
 def _read(
     slow: float, k: int, sensed: FloatArray, faulty: bool, f: SensorParameters
 ) -> tuple[float, float]:
-    """Return the lagged phi and the lambda that the ECU reads of a sensor, faulty or not."""
+    """Return the lagged phi and the lambda that the ECU reads; ``faulty`` applies the fault."""
     phi = sensed[k % HISTORY]
     if faulty:
         phi = _one_sided(phi, _look_back(sensed, k, f.delay_s), f.delay_direction)
@@ -234,7 +237,7 @@ def _read(
 
 
 class _Control(NamedTuple):
-    """Lambda controller: what it expects to read, and its two parts."""
+    """State of the lambda controller: expected phi, integral and proportional part."""
 
     model: float
     integral: float
@@ -243,7 +246,10 @@ class _Control(NamedTuple):
 
 @numba.njit(cache=True)
 def _control(s: _Control, expected: float, reading: float, active: bool) -> _Control:
-    """The command seen through the nominal plant, against the reading, one step on."""
+    """Return the state of the controller one step later.
+
+    The error compares the command, seen through the nominal plant, with the reading.
+    """
     model = s.model + (expected - s.model) * STEP_S / 0.10
     error = model - min(max(1.0 / max(reading, 0.05), 0.0), 1.6)
     if not active:
@@ -267,11 +273,11 @@ def simulate(
     phi_step: FloatArray,
     forced_trim: FloatArray,
 ) -> Mixture:
-    """Integrate mixture and control over the drive.
+    """Return fuel and lambda over the drive.
 
     noise : (n, 3) standard normal: mixture, sensor electronics, drift of the disturbance line
-    phi_step : (n,) added to the commanded mixture in closed loop
-    forced_trim : (n,) lambda controller to follow instead of the own one, or of length 0
+    phi_step : (n,) added to the commanded phi in closed loop
+    forced_trim : (n,) replaces the output of the lambda controller; length 0 replaces nothing
     """
     n = len(d.engine_rpm)
     out = np.empty((7, n))
@@ -315,7 +321,7 @@ def simulate(
         phi *= 1.0 - min(e.exhaust_leak * np.exp(-(flow - 10.0) / 30.0) * 1.4, 0.5)
         cylinder[k % HISTORY] = max(phi, 0.0)
 
-        # transport, sensor and what it is read as; the engine's own revolutions delay first
+        # transport, sensor and reading; the delay begins with 90 / rpm s in the cylinder
         delayed = _look_back(cylinder, k, 90.0 / rpm + p.transport_delay_s)
         exhaust = _transport(exhaust, k, delayed, flow, cut, entered, advected, p.mixing_tau_s, e)
         uego = _pumping(uego, exhaust.gas, flow, p.sensor_tau_s, c.ambient_kpa, e)
@@ -344,19 +350,25 @@ def run(
     phi_step: FloatArray,
     forced_trim: FloatArray | None = None,
 ) -> Mixture:
-    """Return the mixture side of a drive with an optional sensor fault from ``start_s`` on."""
+    """Return the mixture side of a drive.
+
+    fault : sensor fault from ``start_s`` until the end of the drive, None is a healthy sensor
+    rng : draws the noise of mixture and sensor
+    phi_step : (n,) added to the commanded phi in closed loop
+    forced_trim : (n,) replaces the output of the lambda controller, None replaces nothing
+    """
     noise = rng.standard_normal((len(drive.engine_rpm), 3))
     f = fault or Fault("healthy", 0.0)
     sensor = SensorParameters(
-        f.tau_rising_s,
-        f.tau_falling_s,
-        f.delay_s,
-        f.delay_direction,
-        f.gain,
-        f.offset_lambda,
-        f.stuck_lambda,
-        float(f.not_ready or f.missing),
-        start_s if fault else np.inf,
+        tau_rising_s=f.tau_rising_s,
+        tau_falling_s=f.tau_falling_s,
+        delay_s=f.delay_s,
+        delay_direction=f.delay_direction,
+        gain=f.gain,
+        offset_lambda=f.offset_lambda,
+        stuck_lambda=f.stuck_lambda,
+        not_ready=float(f.not_ready or f.missing),
+        start_s=start_s if fault else np.inf,
     )
     trim = np.empty(0) if forced_trim is None else forced_trim
     return simulate(drive, p, c, e, sensor, noise, phi_step, trim)

@@ -1,4 +1,4 @@
-"""Simulated drives as files, named after what was driven."""
+"""Files of simulated drives; the file name lists cycle, vehicle, seed, fault and effects."""
 
 from pathlib import Path
 from typing import Any
@@ -15,10 +15,10 @@ TABLES = ("parquet", "csv", "csv.gz")
 
 
 def write(experiment: Experiment, folder: Path, suffix: str, period_s: float = 0.1) -> Path:
-    """Simulate one drive and write it into ``folder``; return the path.
+    """Simulate one drive, write it and its manifest entry into ``folder``, and return the path.
 
-    suffix : "log", "blf", "asc", "trc" or "mf4" for a CAN log of the project's own ECU, or
-        "parquet", "csv", "csv.gz" for a table on a grid of ``period_s``
+    suffix : "log", "blf", "asc", "trc" or "mf4" for a CAN log of the project's ECU; "parquet",
+        "csv" or "csv.gz" for a table on a sample grid of ``period_s``
     Raises UsageError for an unknown cycle, RecordingError if the file cannot be written.
     """
     path = folder / f"{experiment.name}.{suffix}"
@@ -38,7 +38,7 @@ def write(experiment: Experiment, folder: Path, suffix: str, period_s: float = 0
 
 
 def describe(experiment: Experiment, path: Path) -> dict[str, Any]:
-    """Return the manifest's entry of a simulated drive."""
+    """Return the manifest entry of a simulated drive."""
     fault = experiment.fault
     return {
         "file": path.name,

@@ -1,4 +1,4 @@
-"""One simulated drive: the canonical signals as the ECU knows them, on a 10 ms grid."""
+"""One simulated drive: the canonical signals of the ECU on a 10 ms grid."""
 
 from dataclasses import dataclass, field
 
@@ -16,7 +16,7 @@ from training.dyno.vehicle import Conditions
 
 @dataclass(frozen=True, slots=True)
 class Experiment:
-    """What is to be driven; equal experiments give equal bytes."""
+    """Plan of one simulated drive; equal experiments give equal bytes."""
 
     cycle: str = "wltc_3b"
     vehicle: int = 1
@@ -25,21 +25,25 @@ class Experiment:
     fault_start_s: float = 0.0
     effects: Effects = field(default_factory=Effects)
     duration_s: float | None = None  # None is the whole cycle
-    conditions: Conditions | None = None  # None is what the seed draws
-    forced_trim: FloatArray | None = None  # lambda controller to follow instead of the own one
+    conditions: Conditions | None = None  # None: the seed draws them
+    forced_trim: FloatArray | None = None  # (n,) replaces the output of the lambda controller
 
     @property
     def name(self) -> str:
-        """Return the file name's stem: cycle, vehicle, seed, fault and effects, or healthy."""
+        """Return the stem of the file name: cycle, vehicle, seed, then fault and effects.
+
+        >>> Experiment(cycle="udds", seed=7).name
+        'udds_v1_s7_healthy'
+        """
         effects = [name for name, scale in self.effects._asdict().items() if scale]
-        what = [*([self.fault.name] if self.fault else []), *effects] or ["healthy"]
-        return "_".join([self.cycle, f"v{self.vehicle}", f"s{self.seed}", *what])
+        content = [*([self.fault.name] if self.fault else []), *effects] or ["healthy"]
+        return "_".join([self.cycle, f"v{self.vehicle}", f"s{self.seed}", *content])
 
 
 def simulate(experiment: Experiment) -> dict[str, FloatArray]:
-    """Return every canonical signal of the drive, each (n,) at 100 Hz, NaN where not available.
+    """Return the canonical signals of the drive, name → (n,) at 100 Hz, NaN where not available.
 
-    Raises UsageError for an unknown cycle.
+    Raises UsageError for an unknown cycle or a duration that is not positive.
     """
     key = [0x0_2, 3, experiment.seed, experiment.vehicle]
     trace = cycles.load(experiment.cycle, np.random.default_rng(key), experiment.duration_s)
@@ -52,11 +56,11 @@ def simulate(experiment: Experiment) -> dict[str, FloatArray]:
         piece,
         conditions,
         effects,
-        experiment.fault,
-        experiment.fault_start_s,
-        np.random.default_rng([*key, 2]),
-        trace.phi_step,
-        experiment.forced_trim,
+        fault=experiment.fault,
+        start_s=experiment.fault_start_s,
+        rng=np.random.default_rng([*key, 2]),
+        phi_step=trace.phi_step,
+        forced_trim=experiment.forced_trim,
     )
     return _canonical(air, fuel, conditions, np.random.default_rng([*key, 4]))
 

@@ -1,7 +1,7 @@
-"""Parameters of one piece of the simulated vehicle, and the conditions of one drive.
+"""Parameters of one simulated vehicle, and the conditions of one drive.
 
-A turbocharged four-cylinder engine of 2.0 l with direct injection, in a car of 1,450 kg. The
-vehicle number draws what differs from piece to piece; the seed draws driver, noise and weather.
+The vehicle is a car of 1,450 kg with a turbocharged 2.0 l four-cylinder engine and direct
+injection. The vehicle number draws the production spread; the seed draws driver, noise and weather.
 """
 
 from typing import NamedTuple
@@ -10,24 +10,24 @@ import numpy as np
 
 from monitor.base.types import FloatArray
 
-STOICHIOMETRIC_AIR_FUEL = 14.7  # by mass, the fuel the ECU was calibrated for
+STOICHIOMETRIC_AIR_FUEL = 14.7  # by mass, of the fuel that the ECU was calibrated for
 VE_SPEEDS_RPM = np.array([700.0, 1500.0, 2500.0, 3500.0, 5000.0])
 VE_LOADS_KPA = np.array([20.0, 50.0, 90.0, 140.0, 200.0])
 
 
 class Piece(NamedTuple):
-    """What differs between two vehicles of the type, all within production spread."""
+    """Parameters that differ between two vehicles of the type, within production spread."""
 
     maf_gain: float
     map_offset_kpa: float
     injector_gain: float
     injector_curve_mg: float  # static flow error of a short injection
-    transport_delay_s: float  # exhaust, beside the part that follows engine speed
+    transport_delay_s: float  # of the exhaust, without the part that depends on engine speed
     mixing_tau_s: float
     sensor_tau_s: float
     sensor_gain: float
     sensor_offset: float  # in phi
-    ve_error: FloatArray  # (5, 5) relative error over speed and load that the ECU does not know
+    ve_error: FloatArray  # (5, 5) relative error of the ECU's volumetric efficiency, speed × load
 
 
 class Conditions(NamedTuple):
@@ -38,13 +38,13 @@ class Conditions(NamedTuple):
     coolant_start_degc: float
     canister_load: float  # 0 to 1
     driver_noise: float  # relative
-    line_hz: float  # disturbance line
-    line_phi: float  # its amplitude
+    line_hz: float  # frequency of the disturbance line
+    line_phi: float  # amplitude of the disturbance line
     combustion_noise_phi: float  # standard deviation of the mixture noise
 
 
 def piece(vehicle: int) -> Piece:
-    """Return the piece with that vehicle number; the same number is always the same piece."""
+    """Return the parameters of the vehicle with this number; equal numbers, equal parameters."""
     rng = np.random.default_rng([0x0_2, 1, vehicle])
     spread = rng.standard_normal
     return Piece(
@@ -62,7 +62,7 @@ def piece(vehicle: int) -> Piece:
 
 
 def conditions(seed: int) -> Conditions:
-    """Return the conditions that belong to a seed: two thirds of the drives start warm."""
+    """Return the conditions that a seed draws; two thirds of the drives start warm."""
     rng = np.random.default_rng([0x0_2, 2, seed])
     ambient_degc = float(np.clip(rng.normal(17.0, 9.0), -10.0, 40.0))
     warm = rng.random() < 2.0 / 3.0

@@ -1,1 +1,1 @@
-"""A fleet's recordings, judged on this machine's cores or on a cluster."""
+"""Judge the recordings of a fleet on the cores of this machine or on a Dask cluster."""

@@ -1,4 +1,4 @@
-"""What judges a fleet, as bytes that travel to a worker, and as the objects made of them there."""
+"""Model, settings and signal maps for a fleet: as bytes for the worker, and as objects there."""
 
 import json
 import shutil
@@ -19,8 +19,8 @@ from monitor.frames.lines import Bytes
 from monitor.grid.tables import load_columns
 from monitor.judge.limits import Limits
 from monitor.model.step import Model
-from monitor.pipeline.block_judge import BlockJudge
-from monitor.pipeline.logs import RecordingReader
+from monitor.pipeline.recordings import RecordingReader
+from monitor.pipeline.side_by_side import RecordingJudge
 from training.fleet import places
 from training.fleet.reading import FleetReader
 from training.jobs import run_folder
@@ -28,18 +28,21 @@ from training.jobs.model_bytes import model_of
 from training.recordings.recording import default_pairs
 
 File = tuple[str, bytes]  # name and content
-ROWS: Final = 64  # recordings, and segments of theirs, that run side by side
+ROWS: Final = 64  # recordings, or segments of recordings, that run side by side
 
 
 @dataclass(frozen=True, slots=True)
 class Bench:
-    """Model, settings and how logs are read, as content and not as paths."""
+    """Model, settings, databases and signal maps, as file contents.
+
+    Contents, not paths: a worker on another machine cannot open the files.
+    """
 
     model: File
     config: Config
-    pairs: tuple[tuple[File, File], ...]  # of DBC and signal map
-    columns: File | None = None
-    root: Path = Path()  # folder that relative paths of recordings are meant from
+    pairs: tuple[tuple[File, File], ...]  # pairs of DBC and signal map
+    columns: File | None = None  # columns map
+    root: Path = Path()  # folder that relative paths of recordings refer to
 
     @classmethod
     def of(
@@ -49,72 +52,74 @@ class Bench:
         pairs: Sequence[tuple[Path, Path]] | None = None,
         columns: Path | None = None,
     ) -> "Bench":
-        """Return the bench of these files.
+        """Return the bench with the contents of these files.
 
-        Raises ModelError, ConfigError or SignalMapError if they cannot judge anything.
+        pairs : pairs of DBC and signal map; None is the project's ECU
+        columns : columns map for tables
+        Raises ModelError, ConfigError or SignalMapError if a file cannot be used.
         """
-        own = [(Path(a), Path(b)) for a, b in pairs or default_pairs()]
+        pair_paths = [(Path(a), Path(b)) for a, b in pairs or default_pairs()]
         Limits.from_card(Model.load(model).card, config, str(model))
-        load_pairs(own)
+        load_pairs(pair_paths)
         if columns is not None:
             load_columns(columns)
         return cls(
             _file(model),
             config,
-            tuple((_file(a), _file(b)) for a, b in own),
+            tuple((_file(a), _file(b)) for a, b in pair_paths),
             None if columns is None else _file(columns),
             Path.cwd(),
         )
 
     def identity(self) -> dict[str, Any]:
-        """Return what results depend on, beside the recordings."""
+        """Return digests of model, settings, maps and code; equal digests give equal results."""
         files = {"bus": self.pairs, "columns": self.columns}
         return {
             "model": self.model[0],
             "model_sha256": places.sha256_of(self.model[1]),
             "config_sha256": places.sha256_of(json.dumps(asdict(self.config))),
-            **{f"{key}_sha256": places.sha256_of(repr(each)) for key, each in files.items()},
+            **{f"{key}_sha256": places.sha256_of(repr(file)) for key, file in files.items()},
             "code_sha256": _code_sha256(),
         }
 
 
 @dataclass(frozen=True, slots=True)
 class Tools:
-    """The bench on a worker, for one thread."""
+    """The objects that a worker makes from a bench, one set per thread."""
 
     model: Model
     limits: Limits
     config: Config
     reader: FleetReader
     folder: "_Folder | None"  # of the columns map, which is read with every table
-    judges: dict[tuple[str, ...], BlockJudge] = field(default_factory=dict)
+    judges: dict[tuple[str, ...], RecordingJudge] = field(default_factory=dict)
 
-    def judge_for(self, names: tuple[str, ...]) -> BlockJudge:
+    def judge_for(self, names: tuple[str, ...]) -> RecordingJudge:
         """Return the judge of recordings with these signals, made when it is needed.
 
-        Raises RecordingError if the model needs a signal that is not among them.
+        Raises RecordingError if ``names`` lacks an input of the model.
         """
         if names not in self.judges:
-            self.judges[names] = BlockJudge(
+            self.judges[names] = RecordingJudge(
                 names, self.model, self.limits, self.config, ROWS, keep_banks=False
             )
         return self.judges[names]
 
 
 def tools_of(bench: Bench) -> Tools:
-    """Return the tools of a bench, made once by each thread of a worker."""
-    if getattr(_own, "bench", None) != bench:
-        _own.tools = _made(bench)
-        _own.bench = bench
-    tools: Tools = _own.tools
+    """Return the tools of a bench; every thread of a worker makes them once."""
+    if getattr(_thread, "bench", None) != bench:
+        _thread.tools = _made(bench)
+        _thread.bench = bench
+    tools: Tools = _thread.tools
     return tools
 
 
-_own = local()
+_thread = local()
 
 
 class _Folder:
-    """A temporary folder that is there as long as this object is."""
+    """A temporary folder that lives as long as this object."""
 
     def __init__(self) -> None:
         self.path = Path(mkdtemp(prefix="o2-bench-"))
@@ -144,7 +149,10 @@ def _made(bench: Bench) -> Tools:
 
 
 def _lay(folder: Path, file: File) -> Path:
-    """Write a file under its own name, which errors about it say."""
+    """Write a file into ``folder`` and return its path.
+
+    The file keeps its name, because error messages show it.
+    """
     folder.mkdir(exist_ok=True)
     path = folder / file[0]
     path.write_bytes(file[1])
@@ -152,7 +160,7 @@ def _lay(folder: Path, file: File) -> Path:
 
 
 def _parse(text: Bytes) -> Lines:
-    """Parse candump text by numba, which is loaded with the first log."""
+    """Parse candump text with the compiled parser; the first log imports numba."""
     from training.fleet.candump_parser import parse_lines  # noqa: PLC0415
 
     return parse_lines(text)
@@ -163,7 +171,7 @@ def _file(path: Path) -> File:
 
 
 def _code_sha256() -> str:
-    """Return the digest of all that reads and judges, not of what makes a report of it."""
+    """Return the digest of the code that reads and judges; report code does not count."""
     root = Path(str(training.__file__)).parent.parent
     paths = {*Path(str(monitor.__file__)).parent.rglob("*.toml")}
     return run_folder.code_sha256(

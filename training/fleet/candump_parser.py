@@ -1,6 +1,6 @@
-"""Lines of candump text, compiled: as ``frames.candump_blocks.parse_lines``, but faster.
+"""Compiled parser of candump text, a faster ``monitor.frames.candump_blocks.parse_lines``.
 
-A line is read once, eight characters at a time in the steps of ``monitor.frames.swar``.
+The parser reads every line once, eight characters at a time, as ``monitor.frames.swar`` does.
 """
 # mypy: disable-error-code="no-untyped-def"
 
@@ -18,13 +18,16 @@ _SIX = np.uint64(0x06) * _EACH
 _LOW_HALF, _HIGH_HALF = np.uint64(0x0F) * _EACH, np.uint64(0xF0) * _EACH
 _TOP_BIT, _REST = np.uint64(0x80) * _EACH, np.uint64(0x7F) * _EACH
 _LAST_THREE = np.uint64(0xFFFFFF0000000000)
-_KEPT = np.array([(1 << 8 * n) - 1 for n in range(9)], dtype=np.uint64)  # the first n bytes
+_KEPT = np.array([(1 << 8 * n) - 1 for n in range(9)], dtype=np.uint64)  # mask of n first bytes
 _LATEST_S = candump_blocks.LATEST_S
-_PLAIN, _DATA, _FD = 1, 2, 4  # of a line: understood; a data frame; perhaps CAN FD
+_PLAIN, _DATA, _FD = 1, 2, 4  # bits of a line's state: parsed, data frame, perhaps CAN FD
 
 
 def parse_lines(text: Bytes) -> candump_blocks.Lines:
-    """Return the frames of lines as ``parse_lines`` does; it also parses chunks with CAN FD."""
+    """Return the lines of candump text; the result equals ``candump_blocks.parse_lines(text)``.
+
+    Text with a CAN FD line goes to ``candump_blocks.parse_lines``.
+    """
     n = int(np.count_nonzero(text[MARGIN:-MARGIN] == ord("\n")))
     begin = np.empty(n + 1, dtype=np.int64)
     state = np.empty(n, dtype=np.uint8)
@@ -40,7 +43,7 @@ def parse_lines(text: Bytes) -> candump_blocks.Lines:
 
 @njit(inline="always")
 def _word(text, at):  # pragma: no cover
-    """Return eight characters; the compiler makes it one load."""
+    """Return the eight characters at ``at`` as one word; compiled, this is one load."""
     place = np.uint64(at)
     word = np.uint64(text[place])
     for i in range(1, 8):
@@ -50,7 +53,7 @@ def _word(text, at):  # pragma: no cover
 
 @njit(inline="always")
 def _decimal(word):  # pragma: no cover
-    """Return the number that eight digits say, and bits that are set where they are none."""
+    """Return the number of eight decimal digits; set bits in the second value mark wrong digits."""
     value = word ^ _ZEROS
     wrong = (value | (value + _SIX)) & _HIGH_HALF
     value = (value * np.uint64(10) + (value >> np.uint64(8))) & np.uint64(0x00FF00FF00FF00FF)
@@ -61,7 +64,7 @@ def _decimal(word):  # pragma: no cover
 
 @njit(inline="always")
 def _hexadecimal(word):  # pragma: no cover
-    """Return the four bytes that eight digits say, and bits that are set where they are none."""
+    """Return the four bytes of eight hexadecimal digits, and bits that mark wrong digits."""
     letter = (word >> np.uint64(6)) & _EACH
     nibbles = (word & _LOW_HALF) + letter * np.uint64(9)
     text = (((nibbles + _SIX) >> np.uint64(4)) & _EACH) * np.uint64(39) + nibbles + _ZEROS
@@ -74,7 +77,7 @@ def _hexadecimal(word):  # pragma: no cover
 
 @njit(inline="always")
 def _n_right(wrong):  # pragma: no cover
-    """Return how many of eight characters come before the first wrong one."""
+    """Return how many of the eight characters stand before the first wrong character."""
     tops = (((wrong & _REST) + _REST) | wrong) & _TOP_BIT
     lowest = tops & (~tops + np.uint64(1))
     before = ((lowest - np.uint64(1)) >> np.uint64(7)) & _EACH
@@ -83,7 +86,7 @@ def _n_right(wrong):  # pragma: no cover
 
 @njit(inline="always")
 def _time(text, at):  # pragma: no cover
-    """Return the time in microseconds, negative if it is odd, and where its line goes on."""
+    """Return the time in µs, negative if malformed, and the position after it."""
     if text[at] != 40:  # (
         return -1, at
     n_digits = 10
@@ -112,7 +115,7 @@ def _time(text, at):  # pragma: no cover
 
 @njit(inline="always")
 def _identifier(text, at):  # pragma: no cover
-    """Return the number before the # and its digits, 0 if there are neither 3 nor 8."""
+    """Return the identifier before the # and its number of digits: 3, 8, or 0 if malformed."""
     if text[at + 3] == 35:
         word = (_word(text, at - 5) & _LAST_THREE) | (_ZEROS & ~_LAST_THREE)
         n_digits = 3
@@ -130,7 +133,7 @@ def _identifier(text, at):  # pragma: no cover
 
 @njit(cache=True, error_model="numpy")
 def _parse(text, first, end, begin, state, t_ns, key, length, data):  # pragma: no cover
-    """Fill in the lines from ``first`` to ``end``; return whether one may be CAN FD."""
+    """Parse the lines from ``first`` to ``end`` into the arrays; return True at a CAN FD line."""
     at = first
     for row in range(len(state)):
         begin[row] = at - first
@@ -159,7 +162,7 @@ def _parse(text, first, end, begin, state, t_ns, key, length, data):  # pragma: 
                     length[row] = n >> 1
                     data[row] = (low | (high << np.uint64(32))) & _KEPT[n >> 1]
                     at += n
-        while text[at] != 10:  # a comment, or the rest of an odd line
+        while text[at] != 10:  # skip a comment or the rest of a malformed line
             at += 1
         at += 1
         state[row] = found

@@ -1,4 +1,4 @@
-"""What a worker returns of a chunk: its rows as parquet files, and what they cost."""
+"""Result of a chunk: its rows as parquet files and its cost, sent back by the worker."""
 
 import io
 import time
@@ -14,25 +14,25 @@ from training.fleet.rows import Row, failed_row
 
 @dataclass(frozen=True, slots=True)
 class Done:
-    """A chunk's rows, as parquet files, and what they cost."""
+    """Rows of a chunk as parquet files, and the cost of the chunk."""
 
-    recordings: bytes
-    windows: bytes
+    recordings: bytes  # parquet file, one row per recording
+    windows: bytes  # parquet file, one row per window
     drives: int
-    errors: int
+    errors: int  # drives that could not be judged
     faults: int  # drives with a code
-    seconds: dict[str, float]  # of the processor: read, judge, rows
+    seconds: dict[str, float]  # processor time by step: read, judge, rows
     driving_s: float
-    size_bytes: int
+    size_bytes: int  # of the recordings
 
 
 def failed(drives: Sequence[Drive], reason: str) -> Done:
-    """Return the rows of recordings none of which could be judged, for the same reason."""
+    """Return the result for drives that all failed for the same reason."""
     return of_rows([failed_row(drive, f"{drive.path}: {reason}") for drive in drives], [], {})
 
 
 def joined(parts: Sequence[Done]) -> Done:
-    """Return several parts as one."""
+    """Return several results as one."""
     steps = dict.fromkeys(step for part in parts for step in part.seconds)
     return Done(
         recordings=_concatenated([part.recordings for part in parts]),
@@ -47,11 +47,14 @@ def joined(parts: Sequence[Done]) -> Done:
 
 
 def of_rows(rows: Sequence[Row], windows: Sequence[Row], seconds: dict[str, float]) -> Done:
-    """Return the rows of a chunk, of which making the tables takes some seconds, too."""
+    """Return the result of a chunk from its rows.
+
+    seconds : processor time by step; the time to make the tables is added as the step ``rows``
+    """
     began_s = time.process_time()
     tables = [
-        _parquet(pl.DataFrame(each, schema=columns.schema(wanted)))
-        for each, wanted in ((rows, columns.RECORDINGS), (windows, columns.WINDOWS))
+        _parquet(pl.DataFrame(content, schema=columns.schema(wanted)))
+        for content, wanted in ((rows, columns.RECORDINGS), (windows, columns.WINDOWS))
     ]
     return Done(
         recordings=tables[0],

@@ -1,4 +1,7 @@
-"""The two tables of a fleet: their columns, with units."""
+"""Columns of the two tables of a fleet, with types, units and descriptions.
+
+docs/reference/fleet_tables.md repeats the descriptions; a test compares them.
+"""
 
 from typing import Final
 
@@ -10,10 +13,10 @@ Columns = dict[str, tuple[pl.DataType, str]]
 _TEXTS: Final = pl.List(pl.String())
 
 _WHICH: Final[Columns] = {
-    "recording": (pl.UInt32(), "number, in the order in which the recordings were given"),
-    "path": (pl.String(), "path or URL"),
-    "vehicle": (pl.String(), "as the manifest or --vehicle says; else the file's name"),
-    "drive": (pl.UInt32(), "number of this vehicle's drive, from 0"),
+    "recording": (pl.UInt32(), "number of the recording in the order of the command, from 0"),
+    "path": (pl.String(), "path or URL of the recording"),
+    "vehicle": (pl.String(), "vehicle by the manifest or --vehicle, otherwise the file name"),
+    "drive": (pl.UInt32(), "number of the drive among the drives of its vehicle, from 0"),
 }
 
 ESTIMATES: Final[Columns] = {
@@ -29,87 +32,144 @@ ESTIMATES: Final[Columns] = {
 
 RECORDINGS: Final[Columns] = {
     **_WHICH,
-    "error": (pl.String(), "why it could not be judged, null if it could"),
-    "sha256": (pl.String(), "of the file"),
-    "size_bytes": (pl.UInt64(), "of the file, in bytes"),
-    "source": (pl.String(), "what the manifest.json beside it says: simulated"),
-    "samples": (pl.UInt32(), "on the model's grid"),
-    "duration_s": (pl.Float64(), "samples times the grid's period, s"),
-    "enabled_s": (pl.Float64(), "of it all enable conditions hold, s"),
-    "windows": (pl.UInt32(), "full windows"),
-    "windows_interrupted": (pl.UInt32(), "windows that were begun and discarded"),
-    "windows_passed": (pl.UInt32(), "judged sound"),
-    "windows_failed": (pl.UInt32(), "judged faulty"),
-    "windows_inconclusive": (pl.UInt32(), "without enough evidence"),
-    "windows_excited": (pl.UInt32(), "in which the prediction moves enough to be judged"),
-    "windows_paper_failed": (pl.UInt32(), "that fail the paper's rule"),
-    "completed": (pl.Boolean(), "the response test reached a decision"),
-    "fault_flag": (pl.Boolean(), "a code is pending or confirmed at the end"),
-    "codes": (_TEXTS, "trouble codes that are pending or confirmed at the end"),
-    "faults": (_TEXTS, "the fault's name, for each of the codes"),
-    "states": (_TEXTS, "pending or confirmed, for each of the codes"),
-    "first_code_s": (pl.Float64(), "when the first code was set in this drive, s from its begin"),
-    "first_code_enabled_s": (pl.Float64(), "enabled time until then, s"),
-    "residual_mean": (pl.Float64(), "mean of the windows' mean residuals, output's unit"),
-    "residual_std": (pl.Float64(), "root mean square of the windows' spreads, output's unit"),
+    "error": (pl.String(), "reason why the recording could not be judged, null if judged"),
+    "sha256": (pl.String(), "sha256 of the file"),
+    "size_bytes": (pl.UInt64(), "size of the file, bytes"),
+    "source": (pl.String(), "source in the manifest.json beside the file, for example simulated"),
+    "samples": (pl.UInt32(), "number of samples on the grid of the model"),
+    "duration_s": (pl.Float64(), "number of samples times the period of the grid, s"),
+    "enabled_s": (pl.Float64(), "time in which all enable conditions hold, s"),
+    "windows": (pl.UInt32(), "number of complete windows"),
+    "windows_interrupted": (pl.UInt32(), "number of windows that began and were discarded"),
+    "windows_passed": (pl.UInt32(), "number of windows with the verdict passed"),
+    "windows_failed": (pl.UInt32(), "number of windows with the verdict failed"),
+    "windows_inconclusive": (pl.UInt32(), "number of windows with the verdict inconclusive"),
+    "windows_excited": (pl.UInt32(), "number of windows whose prediction moves enough to judge"),
+    "windows_paper_failed": (pl.UInt32(), "number of windows that fail the paper's rule"),
+    "completed": (pl.Boolean(), "true if the response test reached a decision"),
+    "fault_flag": (pl.Boolean(), "true if a code is pending or confirmed at the end of the drive"),
+    "codes": (_TEXTS, "trouble codes that are pending or confirmed at the end of the drive"),
+    "faults": (_TEXTS, "name of the fault, one per code"),
+    "states": (_TEXTS, "pending or confirmed, one per code"),
+    "first_code_s": (pl.Float64(), "time from the start to the first code of this drive, s"),
+    "first_code_enabled_s": (pl.Float64(), "enabled time up to the first code of this drive, s"),
+    "residual_mean": (pl.Float64(), "mean of the residual over all windows, output's unit"),
+    "residual_std": (
+        pl.Float64(),
+        "root mean square of the residual's standard deviations in the windows, output's unit",
+    ),
     "offset": (pl.Float64(), "last estimate of the sensor's offset, output's unit"),
-    "gain": (pl.Float64(), "last estimate of measurement over prediction, 1 is the model's"),
+    "gain": (
+        pl.Float64(),
+        "last estimate of the gain of measurement over prediction, 1 if the sensor follows the "
+        "model",
+    ),
     **{name: (kind, f"last estimate: {text}") for name, (kind, text) in ESTIMATES.items()},
-    "evidence": (pl.Float64(), "for a faulty sensor, the largest that two windows in a row reach"),
+    "evidence": (
+        pl.Float64(),
+        "log likelihood of the best faulty sensor over the best sound sensor, largest value that "
+        "two successive windows reach",
+    ),
     "offset_beyond": (
         pl.Float64(),
-        "standard deviations that the offset lies outside the healthy ones, the largest that two "
-        "windows in a row reach; below 0 inside",
+        "distance of the offset from the healthy offsets in standard deviations, below 0 inside "
+        "them; largest value that two successive windows reach",
     ),
-    "reference_drives": (pl.UInt32(), "earlier drives that the vehicle's reference had learned"),
+    "reference_drives": (
+        pl.UInt32(),
+        "number of earlier drives in the reference of the vehicle",
+    ),
     "offset_low": (pl.Float64(), "lower limit of the offset in this drive, output's unit"),
     "offset_high": (pl.Float64(), "upper limit of the offset in this drive, output's unit"),
-    "reference_gain": (pl.Float64(), "gain that is healthy for this vehicle"),
-    "samples_stale": (pl.UInt32(), "samples at which a signal the model needs was too old"),
-    "samples_invalid": (pl.UInt32(), "at which one was marked as not available, or no number"),
-    "samples_out_of_range": (pl.UInt32(), "at which one was implausible"),
-    "frames_unmapped": (pl.UInt64(), "frames nobody asked for; null for tables, as below"),
-    "frames_skipped": (pl.UInt64(), "error frames and remote frames"),
-    "frames_length": (pl.UInt64(), "dropped: wrong number of bytes"),
-    "frames_checksum": (pl.UInt64(), "dropped: checksum does not hold"),
-    "frames_stuck": (pl.UInt64(), "dropped: counter did not advance"),
-    "frames_lost": (pl.UInt64(), "that the counters say are missing"),
-    "frames_late": (pl.UInt64(), "dropped: older than the sample under way"),
-    "discontinuities": (pl.UInt64(), "breaks of the time, at which the grid began anew"),
-    "values_not_available": (pl.UInt64(), "values that the sender marked so"),
-    "values_out_of_range": (pl.UInt64(), "implausible values; also of tables"),
-    "never_received": (_TEXTS, "messages of the signal map that never came"),
+    "reference_gain": (pl.Float64(), "healthy gain of this vehicle"),
+    "samples_stale": (pl.UInt32(), "number of samples with a stale signal of the model"),
+    "samples_invalid": (
+        pl.UInt32(),
+        "number of samples with a signal of the model that is not available or not a number",
+    ),
+    "samples_out_of_range": (
+        pl.UInt32(),
+        "number of samples with an implausible signal of the model",
+    ),
+    "frames_unmapped": (
+        pl.UInt64(),
+        "number of frames without a signal that the monitor needs; null for tables",
+    ),
+    "frames_skipped": (pl.UInt64(), "number of error frames and remote frames; null for tables"),
+    "frames_length": (
+        pl.UInt64(),
+        "number of frames dropped for a wrong number of bytes; null for tables",
+    ),
+    "frames_checksum": (
+        pl.UInt64(),
+        "number of frames dropped for a wrong checksum; null for tables",
+    ),
+    "frames_stuck": (
+        pl.UInt64(),
+        "number of frames dropped because their counter did not advance; null for tables",
+    ),
+    "frames_lost": (
+        pl.UInt64(),
+        "number of missing frames by the counters of the messages; null for tables",
+    ),
+    "frames_late": (
+        pl.UInt64(),
+        "number of frames dropped because they are older than the current sample; null for tables",
+    ),
+    "discontinuities": (
+        pl.UInt64(),
+        "number of time jumps at which the sample grid starts again; null for tables",
+    ),
+    "values_not_available": (
+        pl.UInt64(),
+        "number of values that the sender marks as not available; null for tables",
+    ),
+    "values_out_of_range": (pl.UInt64(), "number of implausible values"),
+    "never_received": (
+        _TEXTS,
+        "messages of the signal map that the recording does not contain; null for tables",
+    ),
     **{
-        f"held_{name}": (pl.Float64(), f"share of the samples at which {name} holds, 0 to 1")
+        f"held_{name}": (
+            pl.Float64(),
+            f"share of the samples at which {name} holds, 0 to 1, null if unavailable",
+        )
         for name in CONDITIONS
     },
 }
 
 WINDOWS: Final[Columns] = {
     **_WHICH,
-    "window": (pl.UInt32(), "number in the recording, from 0"),
-    "t_start_s": (pl.Float64(), "its first sample, s from the recording's first"),
-    "t_end_s": (pl.Float64(), "its last sample, s from the recording's first"),
-    "mean": (pl.Float64(), "of the residual, output's unit"),
-    "std": (pl.Float64(), "of the residual, output's unit"),
-    "paper_failed": (pl.Boolean(), "the paper's rule: both reach their limits"),
+    "window": (pl.UInt32(), "number of the window in the recording, from 0"),
+    "t_start_s": (pl.Float64(), "time of the first sample, s from the start of the recording"),
+    "t_end_s": (pl.Float64(), "time of the last sample, s from the start of the recording"),
+    "mean": (pl.Float64(), "mean of the residual, output's unit"),
+    "std": (pl.Float64(), "standard deviation of the residual, output's unit"),
+    "paper_failed": (pl.Boolean(), "true if mean and std fail the paper's rule"),
     "verdict": (pl.String(), "passed, failed or inconclusive"),
-    "fault": (pl.String(), "name of the fault, null without one"),
-    "also": (_TEXTS, "faults that cannot be told from it"),
-    "excited": (pl.Boolean(), "the prediction moves enough to be judged"),
+    "fault": (pl.String(), "name of the fault, null without a fault"),
+    "also": (_TEXTS, "further faults that the window cannot distinguish from the named fault"),
+    "excited": (pl.Boolean(), "true if the prediction moves enough to judge"),
     "excitation": (pl.Float64(), "standard deviation of the prediction, phi"),
-    "evidence": (pl.Float64(), "log likelihood of the best faulty sensor over the best sound one"),
-    "hypothesis": (pl.String(), "likeliest sensor: healthy or a fault's name"),
+    "evidence": (
+        pl.Float64(),
+        "log likelihood of the best faulty sensor over the best sound sensor",
+    ),
+    "hypothesis": (pl.String(), "likeliest sensor: healthy or the name of a fault"),
     **ESTIMATES,
     "gain": (pl.Float64(), "estimated gain of measurement over prediction"),
-    "gain_std": (pl.Float64(), "its standard deviation"),
+    "gain_std": (pl.Float64(), "standard deviation of the gain"),
     "offset": (pl.Float64(), "estimated offset, output's unit"),
-    "offset_std": (pl.Float64(), "its standard deviation, output's unit"),
-    "offset_beyond": (pl.Float64(), "standard deviations outside the healthy offsets"),
+    "offset_std": (pl.Float64(), "standard deviation of the offset, output's unit"),
+    "offset_beyond": (
+        pl.Float64(),
+        "distance of the offset from the healthy offsets in standard deviations, below 0 inside "
+        "them",
+    ),
 }
 
 
-# name of a counter of ``o2mon.replay/1`` by column
+# column → name of the counter in the JSON of ``o2mon replay``
 COUNTERS: Final = {
     "frames_unmapped": "unmapped",
     "frames_skipped": "skipped",
@@ -125,5 +185,5 @@ COUNTERS: Final = {
 
 
 def schema(columns: Columns) -> dict[str, pl.DataType]:
-    """Return the types of a table's columns."""
+    """Return the types of the columns of a table, name → type."""
     return {name: kind for name, (kind, _) in columns.items()}

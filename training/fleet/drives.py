@@ -1,4 +1,4 @@
-"""Which recordings a fleet has, whose they are, and which are judged together."""
+"""Drives of a fleet: their recordings, vehicles and chunks."""
 
 import csv
 import json
@@ -14,26 +14,26 @@ from monitor.base import manifest
 from monitor.base.errors import RecordingError, UsageError
 from training.fleet import places
 
-SIDE_BY_SIDE: Final = 32  # vehicles of a chunk
-LEAST_SIDE: Final = 4  # of a small fleet, so that its chunks occupy several cores
-DRIVES: Final = 512  # of a chunk, unless one vehicle has more
+SIDE_BY_SIDE: Final = 32  # most vehicles of a chunk
+LEAST_SIDE: Final = 4  # most vehicles of a chunk in a small fleet, so that several cores work
+DRIVES: Final = 512  # most drives of a chunk; a vehicle with more drives is one chunk
 
 
 @dataclass(frozen=True, slots=True)
 class Drive:
     """One recording of a fleet."""
 
-    recording: int  # its number in the order in which the recordings are given
-    path: str  # or URL
+    recording: int  # number of the recording in the order of the command, from 0
+    path: str  # path or URL
     vehicle: str
-    drive: int  # of this vehicle, from 0
-    declared: tuple[str, str] | None = None  # sha256 and source in the manifest beside it
-    is_alone: bool = False  # nobody says whose it is: nothing is learned from it
+    drive: int  # number among the drives of its vehicle, from 0
+    declared: tuple[str, str] | None = None  # sha256 and source in the manifest.json beside it
+    is_alone: bool = False  # the vehicle is unknown, so no reference learns from the drive
 
 
 @dataclass(frozen=True, slots=True)
 class Chunk:
-    """Vehicles that are judged together: of each the first drive, then the second, and so on."""
+    """Vehicles that are judged together: first their first drives, then their second drives."""
 
     name: str
     vehicles: tuple[tuple[Drive, ...], ...]
@@ -44,76 +44,77 @@ class Chunk:
         return sum(map(len, self.vehicles))
 
     def rounds(self) -> Iterator[list[Drive]]:
-        """Yield the first drive of every vehicle, then the second."""
+        """Yield the first drives of all vehicles, then their second drives, and so on."""
         for i in range(max(map(len, self.vehicles))):
-            yield [own[i] for own in self.vehicles if i < len(own)]
+            yield [drives[i] for drives in self.vehicles if i < len(drives)]
 
 
 def drives_of(
     given: Sequence[str], pattern: str | None = None, besides: Sequence[Path] = ()
 ) -> list[Drive]:
-    """Return the recordings that files, folders, patterns and manifests stand for.
+    """Return the drives behind files, folders, patterns and manifests.
 
-    given : a ``.csv`` file with a column ``path`` is a manifest
+    given : paths or URLs; a ``.csv`` file with a column ``path`` is a manifest
     pattern : regular expression whose first group names the vehicle in a path
-    besides : files, and folders with what is in them, that are no recordings wherever they lie
-    Vehicles of the manifest, or of the pattern, are those of their drives in the order given; any
-    other recording is a vehicle of its own, named like its file.
-    Raises UsageError naming what is wrong, also for a recording that is there twice.
+    besides : files and folders that hold no recordings, for example the output of the run
+    A recording without a vehicle in the manifest or by the pattern is a vehicle alone, named after
+    its file. The drives of a vehicle keep their order.
+    Raises UsageError if there is no recording, a recording is listed twice, or a manifest, path or
+    pattern is wrong.
     """
-    others = tuple(str(path.absolute()) for path in besides)
-    inside = tuple(f"{path}/" for path in others)
-    found: dict[str, str] = {}
-    known = set[str]()
+    excluded = tuple(str(path.absolute()) for path in besides)
+    inside = tuple(f"{path}/" for path in excluded)
+    vehicle_of: dict[str, str] = {}
+    seen = set[str]()
     for path, vehicle in chain.from_iterable(map(_listed, given)):
         place = str(Path(path).absolute()) if places.is_local(path) else path
-        if place in others or place.startswith(inside):
+        if place in excluded or place.startswith(inside):
             continue
-        if place in known:
+        if place in seen:
             raise UsageError(f"{path}: is there twice")
-        known.add(place)
-        found[path] = vehicle or _named(path, pattern)
-    if not found:
+        seen.add(place)
+        vehicle_of[path] = vehicle or _named(path, pattern)
+    if not vehicle_of:
         raise UsageError(f"{', '.join(given)}: no recording there but what the run itself writes")
-    names = Counter(vehicle or places.name_of(path) for path, vehicle in found.items())
+    names = Counter(vehicle or places.name_of(path) for path, vehicle in vehicle_of.items())
     declared = _Declared()
     count: dict[str, int] = {}
     drives = []
-    for number, (path, named) in enumerate(found.items()):
+    for number, (path, named) in enumerate(vehicle_of.items()):
         name = places.name_of(path)
         vehicle = named or (name if names[name] == 1 else path)
-        own = count.setdefault(vehicle, 0)
-        drives.append(Drive(number, path, vehicle, own, declared.of(path), not named))
+        drive = count.setdefault(vehicle, 0)
+        drives.append(Drive(number, path, vehicle, drive, declared.of(path), not named))
         count[vehicle] += 1
     return drives
 
 
 def chunks_of(drives: Iterable[Drive]) -> list[Chunk]:
-    """Return the chunks, vehicles in the order in which they appear first."""
+    """Return the chunks; the vehicles keep the order of their first drives."""
     vehicles: dict[str, list[Drive]] = {}
     for drive in drives:
         vehicles.setdefault(drive.vehicle, []).append(drive)
     most = min(max(len(vehicles) // 8, LEAST_SIDE), SIDE_BY_SIDE)
     groups: list[list[tuple[Drive, ...]]] = [[]]
-    for own in vehicles.values():
+    for of_vehicle in vehicles.values():
         held = sum(map(len, groups[-1]))
-        if groups[-1] and (len(groups[-1]) == most or held + len(own) > DRIVES):
+        if groups[-1] and (len(groups[-1]) == most or held + len(of_vehicle) > DRIVES):
             groups.append([])
-        groups[-1].append(tuple(own))
+        groups[-1].append(tuple(of_vehicle))
     return [Chunk(f"chunk_{i:06d}", tuple(group)) for i, group in enumerate(groups)]
 
 
 def digest(drives: Sequence[Drive]) -> str:
-    """Return the sha256 of all that says which recordings there are and whose."""
+    """Return the sha256 of the paths, vehicles and declared digests of all drives."""
     lines = (json.dumps([d.path, d.vehicle, d.declared]) for d in drives)
     return places.sha256_of("\n".join(lines))
 
 
 def _listed(given: str) -> list[tuple[str, str]]:
-    """Return paths and vehicles, "" where nothing is said."""
+    """Return pairs of path and vehicle; the vehicle is "" without a manifest."""
     if places.name_of(given).lower().endswith(".csv") and not places.is_pattern(given):
         if places.is_local(given):
-            places.find(given)  # that it is there
+            places.find(given)  # raises UsageError if the file does not exist
         text = places.read_text(given).lstrip("\ufeff")
         header = next(csv.reader(text.splitlines()[:1], skipinitialspace=True), [])
         if "path" in (name.strip() for name in header):
@@ -133,7 +134,7 @@ def _manifest(url: str, text: str) -> list[tuple[str, str]]:
         path, vehicle = ((row.get(key) or "").strip() for key in ("path", "vehicle"))
         if not path:
             raise UsageError(f"{url}: line {reader.line_num}: no path")
-        if None in row:  # where DictReader puts what is too much
+        if None in row:  # DictReader stores surplus cells under None
             raise UsageError(
                 f"{url}: line {reader.line_num}: more than {' and '.join(reader.fieldnames)}; a "
                 "comma within one wants quotes"
@@ -145,7 +146,7 @@ def _manifest(url: str, text: str) -> list[tuple[str, str]]:
 
 
 def _named(path: str, pattern: str | None) -> str:
-    """Return the vehicle that the pattern finds in a path, "" if none."""
+    """Return the vehicle that the pattern matches in a path, "" without a match."""
     if pattern is None:
         return ""
     try:
@@ -158,13 +159,13 @@ def _named(path: str, pattern: str | None) -> str:
 
 
 class _Declared:
-    """What the manifests beside recordings say of them, each read once."""
+    """Entries of the manifest.json files beside recordings; every file is read once."""
 
     def __init__(self) -> None:
         self._entries: dict[str, dict[str, dict[str, Any]]] = {}
 
     def of(self, path: str) -> tuple[str, str] | None:
-        """Return sha256 and source of a recording, None if nothing is said."""
+        """Return the declared sha256 and source of a recording, None without an entry."""
         folder = places.folder_of(path)
         if folder not in self._entries:
             self._entries[folder] = _entries(folder)
@@ -177,5 +178,5 @@ def _entries(folder: str) -> dict[str, dict[str, Any]]:
     try:
         with places.fetched(f"{folder}/{manifest.NAME}") as path:
             return manifest.load(path.parent)
-    except RecordingError:  # elsewhere: there is none
+    except RecordingError:  # a remote folder without a manifest.json
         return {}

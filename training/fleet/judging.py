@@ -1,7 +1,7 @@
-"""One chunk of a fleet: every recording read and judged, those of many vehicles side by side.
+"""Judge one chunk of a fleet: read its recordings and judge many vehicles side by side.
 
-A vehicle's drives share its fault memory and its reference, in their order, as with
-``o2mon replay --memory``. What cannot be read or judged is a row with its reason.
+The drives of a vehicle share its fault memory and its reference, in their order, as with
+``o2mon replay --memory``. A recording that cannot be read or judged gives a row with the reason.
 """
 
 import time
@@ -19,12 +19,12 @@ from training.fleet.drives import Chunk, Drive
 from training.fleet.reading import Read
 from training.fleet.rows import Row, failed_row, recording_row, window_rows
 
-SAMPLES = 400_000  # held side by side; their windows take some megabytes per ten thousand
+SAMPLES = 400_000  # read before judging; 10,000 samples need some megabytes for their windows
 
 
 @dataclass(slots=True)
 class _Vehicle:
-    """What one drive leaves to the next."""
+    """Fault memory and reference that one drive of a vehicle leaves to the next."""
 
     saved: Saved | None = None
     reference: Reference = field(default_factory=Reference)
@@ -32,7 +32,7 @@ class _Vehicle:
 
 @dataclass(slots=True)
 class _Work:
-    """A chunk under way."""
+    """State of a chunk while it is judged."""
 
     bench: Bench
     tools: Tools
@@ -43,9 +43,12 @@ class _Work:
 
 
 def judge_chunk(bench: Bench, chunk: Chunk) -> Done:
-    """Return the rows of a chunk, in the order of its vehicles and their drives."""
+    """Return the rows of a chunk in the order of its vehicles and their drives.
+
+    No recording raises: a recording that cannot be read or judged gives a row with an error.
+    """
     tools = tools_of(bench)
-    names = [own[0].vehicle for own in chunk.vehicles]
+    names = [drives[0].vehicle for drives in chunk.vehicles]
     work = _Work(bench, tools, {name: _Vehicle() for name in names})
     for drives in chunk.rounds():
         held: list[tuple[Drive, Read]] = []
@@ -53,7 +56,7 @@ def judge_chunk(bench: Bench, chunk: Chunk) -> Done:
             read = _read(work, drive)
             if read is not None:
                 held.append((drive, read))
-            if sum(len(each.block.t_ns) for _, each in held) >= SAMPLES:
+            if sum(len(samples.block.t_ns) for _, samples in held) >= SAMPLES:
                 _judge(work, held)
                 held = []
         _judge(work, held)
@@ -61,14 +64,17 @@ def judge_chunk(bench: Bench, chunk: Chunk) -> Done:
 
 
 def _read(work: _Work, drive: Drive) -> Read | None:
-    """Return a recording's samples, None if it cannot be read; it then has its row."""
+    """Return the samples of a recording.
+
+    If the recording cannot be read, add its row with the error to ``work`` and return None.
+    """
     began_s = time.process_time()
     try:
         with places.fetched(drive.path, work.bench.root) as path:
             return _read_file(path, drive, work.tools)
     except O2Error as error:
         work.recordings.append(failed_row(drive, str(error)))
-    except Exception as error:  # no file may stop a fleet
+    except Exception as error:  # a bad file must not stop the fleet
         reason = f"{drive.path}: internal error: {type(error).__name__}: {error}"
         work.recordings.append(failed_row(drive, reason))
     finally:
@@ -84,7 +90,7 @@ def _read_file(path: Path, drive: Drive, tools: Tools) -> Read:
 
 
 def _judge(work: _Work, held: Sequence[tuple[Drive, Read]]) -> None:
-    """Judge recordings of different vehicles; those with the same signals side by side."""
+    """Judge recordings of different vehicles; recordings with equal signals run side by side."""
     began_s = time.process_time()
     alike: dict[tuple[bool, tuple[str, ...]], list[tuple[Drive, Read]]] = {}
     for drive, read in held:
@@ -92,9 +98,9 @@ def _judge(work: _Work, held: Sequence[tuple[Drive, Read]]) -> None:
     for group in alike.values():
         try:
             _judge_alike(work, group)
-        except Exception:  # which one it is shows when each is judged alone
-            for each in group:
-                _judge_alone(work, each)
+        except Exception:  # judge the recordings one by one to find the bad recording
+            for one in group:
+                _judge_alone(work, one)
     work.seconds["judge"] += time.process_time() - began_s
 
 
@@ -110,29 +116,29 @@ def _judge_alone(work: _Work, one: tuple[Drive, Read]) -> None:
 
 
 def _judge_alike(work: _Work, group: Sequence[tuple[Drive, Read]]) -> None:
-    """Judge recordings with the same signals; either all of them get their rows or none."""
+    """Judge recordings with equal signals; add the rows of all recordings or, on error, none."""
     config, tools = work.bench.config, work.tools
     is_alone, names = group[0][0].is_alone, group[0][1].names
-    known = [work.vehicles[drive.vehicle] for drive, _ in group]
-    stores = [DtcStore(each.saved, config.profile) for each in known]
+    vehicles = [work.vehicles[drive.vehicle] for drive, _ in group]
+    stores = [DtcStore(vehicle.saved, config.profile) for vehicle in vehicles]
     for store in stores:
         store.start_driving_cycle()
     judged = tools.judge_for(names).judge(
         [read.block for _, read in group],
         stores,
-        None if is_alone else [each.reference for each in known],
+        None if is_alone else [vehicle.reference for vehicle in vehicles],
         [read.clearings for _, read in group],
     )
-    card, found = tools.model.card, []
-    for (drive, read), vehicle, each in zip(group, known, judged, strict=True):
-        row = recording_row(drive, read, each, card, vehicle.reference.drives)
-        found.append((row, window_rows(drive, read, each)))
-    for (row, windows), vehicle, store, each in zip(found, known, stores, judged, strict=True):
+    card, rows = tools.model.card, []
+    for (drive, read), vehicle, result in zip(group, vehicles, judged, strict=True):
+        row = recording_row(drive, read, result, card, vehicle.reference.drives)
+        rows.append((row, window_rows(drive, read, result)))
+    for (row, windows), vehicle, store, result in zip(rows, vehicles, stores, judged, strict=True):
         work.recordings.append(row)
         work.windows += windows
-        vehicle.saved, vehicle.reference = store.saved, each.reference
-        if each.seen is not None:
-            vehicle.reference = each.reference.learn(each.seen, config.bias)
+        vehicle.saved, vehicle.reference = store.saved, result.reference
+        if result.seen is not None:
+            vehicle.reference = result.reference.learn(result.seen, config.bias)
 
 
 def _done(work: _Work, names: Sequence[str]) -> Done:

@@ -1,12 +1,12 @@
-"""Vehicles that stand out of their fleet, with a stated chance of calling a sound one so.
+"""Vehicles that stand out of their fleet, with a bounded chance of a false alarm.
 
-A vehicle's value is the median over its drives. It is compared with the fleet's median, in units of
-the fleet's spread (1.4826 times the median absolute deviation, which a few faulty vehicles do not
-widen). The limit is the distance that the farthest of so many normally distributed values exceeds
-with the chance given, divided by the number of statistics (Bonferroni): in a fleet of sound
-vehicles whose values are normally distributed, that is the chance that any vehicle at all is named.
-Sources: Hampel, The influence curve and its role in robust estimation, JASA 69, 1974 (median and
-MAD); the limit is found by simulation, since for small fleets the MAD itself varies.
+The value of a vehicle is the median over its drives. Its distance is measured from the median of
+the fleet, in units of the fleet's spread: 1.4826 times the median absolute deviation (MAD), which a
+few faulty vehicles do not widen. In a fleet of sound vehicles with normally distributed values, the
+chance that any vehicle exceeds the limit is the given rate, shared among the statistics
+(Bonferroni). For small fleets a simulation sets the limit, because the MAD varies.
+Source of median and MAD: Hampel, The influence curve and its role in robust estimation, JASA 69,
+1974.
 """
 
 import math
@@ -21,22 +21,22 @@ from scipy import stats
 
 from monitor.base.types import FloatArray
 
-RATE: Final = 0.05  # chance that a fleet of sound vehicles has one that stands out
-LEAST_VEHICLES: Final = 10
-LEAST_WINDOWS: Final = 10  # of a drive that counts
-MANY: Final = 1000  # vehicles from which on the spread is as good as known
-DRAWS: Final = 8000
+RATE: Final = 0.05  # chance that any vehicle of a sound fleet stands out
+LEAST_VEHICLES: Final = 10  # with a value of the statistic
+LEAST_WINDOWS: Final = 10  # of a drive; drives with fewer windows do not count
+MANY: Final = 1000  # vehicles from which the spread of the MAD no longer matters
+DRAWS: Final = 8000  # simulated fleets
 MAD_TO_STD: Final = 1.4826
 
 
 @dataclass(frozen=True, slots=True)
 class Statistic:
-    """What vehicles are compared by."""
+    """A value by which vehicles are compared."""
 
     column: str  # of the table of recordings
     title: str
     unit: str
-    is_log: bool = False  # compared by its logarithm: a spread, which is never negative
+    is_log: bool = False  # compare logarithms, for a spread, which is never negative
 
 
 STATISTICS: Final = (
@@ -48,53 +48,53 @@ STATISTICS: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """One statistic over a fleet."""
+    """One statistic over the vehicles of a fleet."""
 
     statistic: Statistic
-    vehicles: tuple[str, ...]
-    values: FloatArray  # (n,) of each vehicle, statistic's unit
-    distance: FloatArray  # (n,) robust standard deviations from the fleet's median, signed
-    limit: float  # of the distance
+    vehicles: tuple[str, ...]  # n names
+    values: FloatArray  # (n,) unit of the statistic
+    distance: FloatArray  # (n,) from the median of the fleet, signed, robust standard deviations
+    limit: float  # of the absolute distance
 
     @property
     def out(self) -> tuple[int, ...]:
-        """Return which vehicles stand out, the farthest first."""
+        """Return the indices of the vehicles that stand out, the farthest first."""
         order = np.argsort(-np.abs(self.distance), kind="stable")
         return tuple(int(i) for i in order if abs(self.distance[i]) > self.limit)
 
 
 def standings(recordings: pl.DataFrame, rate: float = RATE) -> list[Standing]:
-    """Return every statistic for which enough vehicles were judged.
+    """Return the statistics that at least 10 vehicles have.
 
     recordings : the table of recordings
-    rate : chance that a fleet of sound vehicles has one that stands out
+    rate : chance that any vehicle of a sound fleet stands out
     """
     counted = recordings.filter(pl.col("windows") >= LEAST_WINDOWS)
-    own = counted.group_by("vehicle", maintain_order=True).agg(
-        pl.col(each.column).median() for each in STATISTICS
+    medians = counted.group_by("vehicle", maintain_order=True).agg(
+        pl.col(statistic.column).median() for statistic in STATISTICS
     )
-    found = []
+    by_statistic = []
     for statistic in STATISTICS:
-        part = own.select("vehicle", statistic.column).drop_nulls()
+        part = medians.select("vehicle", statistic.column).drop_nulls()
         if len(part) >= LEAST_VEHICLES:
             values = part[statistic.column].to_numpy()
-            found.append((statistic, tuple(part["vehicle"]), values))
+            by_statistic.append((statistic, tuple(part["vehicle"]), values))
     return [
         Standing(
             statistic,
             vehicles,
             values,
             robust(_compared(statistic, values)),
-            limit_of(len(values), rate, len(found)),
+            limit_of(len(values), rate, len(by_statistic)),
         )
-        for statistic, vehicles, values in found
+        for statistic, vehicles, values in by_statistic
     ]
 
 
 def robust(values: FloatArray) -> FloatArray:
-    """Return distances from the median in robust standard deviations, along the last axis.
+    """Return the distances from the median in robust standard deviations, along the last axis.
 
-    Values that are all alike, but for some, are infinitely far from those.
+    If most values are equal, the other values have an infinite distance.
     """
     centred = values - np.median(values, axis=-1, keepdims=True)
     spread = MAD_TO_STD * np.median(np.abs(centred), axis=-1, keepdims=True)
@@ -104,9 +104,10 @@ def robust(values: FloatArray) -> FloatArray:
 
 @lru_cache(maxsize=32)
 def limit_of(n: int, rate: float = RATE, statistics: int = 1) -> float:
-    """Return the distance that the farthest of ``n`` sound vehicles exceeds with the chance given.
+    """Return the distance that the farthest of ``n`` sound vehicles exceeds with chance ``rate``.
 
-    statistics : how many are looked at, among which the chance is shared
+    statistics : number of statistics that share the chance
+    The distance is in robust standard deviations.
 
     >>> 4.4 < limit_of(10_000) < 4.7
     True
@@ -127,10 +128,13 @@ def _compared(statistic: Statistic, values: FloatArray) -> FloatArray:
 
 
 def named(found: Sequence[Standing]) -> dict[str, list[tuple[Standing, int]]]:
-    """Return the vehicles that stand out by any statistic, the farthest first."""
-    every = [(each, i) for each in found for i in each.out]
+    """Return the vehicles that stand out by any statistic, the farthest first.
+
+    The result maps a vehicle to its statistics and to its index in them.
+    """
+    every = [(standing, i) for standing in found for i in standing.out]
     every.sort(key=lambda pair: -abs(float(pair[0].distance[pair[1]])))
     vehicles: dict[str, list[tuple[Standing, int]]] = {}
-    for each, i in every:
-        vehicles.setdefault(each.vehicles[i], []).append((each, i))
+    for standing, i in every:
+        vehicles.setdefault(standing.vehicles[i], []).append((standing, i))
     return vehicles

@@ -1,4 +1,4 @@
-"""Recordings wherever fsspec reaches: found by folder or pattern, brought to a local file."""
+"""Paths and URLs of recordings: list folders and patterns, fetch remote files (by fsspec)."""
 
 import hashlib
 import shutil
@@ -18,21 +18,25 @@ _WEB: Final = ("http://", "https://")
 
 
 def is_local(url: str) -> bool:
-    """Return whether a recording lies in this machine's file system."""
+    """Return whether a path or URL is a path in the local file system."""
     return "://" not in url
 
 
 def is_pattern(url: str) -> bool:
-    """Return whether a place is a pattern: not what is there under this very name, nor a query."""
+    """Return whether a path or URL is a pattern.
+
+    A web address is no pattern, because its ``?`` begins a query. A local path is no pattern if a
+    file or folder has exactly this name.
+    """
     if url.startswith(_WEB) or not any(sign in url for sign in _MAGIC):
         return False
     return not (is_local(url) and Path(url).exists())
 
 
 def find(url: str) -> list[str]:
-    """Return the recordings that a file, a folder (with those below it) or a pattern stands for.
+    """Return the recordings of a file, a folder (with all its subfolders) or a pattern.
 
-    Raises UsageError if there is none, or the place cannot be reached.
+    Raises UsageError if there is no recording or the place cannot be reached.
     """
     try:
         system, path = fsspec.core.url_to_fs(url)
@@ -43,7 +47,7 @@ def find(url: str) -> list[str]:
         elif is_local(url) and not system.exists(path):
             raise UsageError(f"{url}: no such file or folder")
         else:
-            return [url]  # whether it is there is known when it is read
+            return [url]  # a missing remote file gives an error when it is read
     except UsageError:
         raise
     except Exception as error:  # file systems raise whatever their libraries raise
@@ -51,35 +55,35 @@ def find(url: str) -> list[str]:
     if not found:
         raise UsageError(f"{url}: no recording there; wanted {' '.join(SUFFIXES)}, also with .gz")
     local = is_local(url)
-    return sorted(_as_given(url, path, p) if local else system.unstrip_protocol(p) for p in found)
+    return sorted(_as_written(url, p) if local else system.unstrip_protocol(p) for p in found)
 
 
 def is_recording(name: str) -> bool:
-    """Return whether a name has the suffix of a log or table."""
+    """Return whether a file name has the suffix of a log or table, also with .gz."""
     return name.lower().removesuffix(".gz").endswith(SUFFIXES)
 
 
 def folder_of(url: str) -> str:
-    """Return the folder in which a recording lies."""
+    """Return the folder of a recording, a path or URL."""
     return str(Path(url).parent) if is_local(url) else _without_query(url).rpartition("/")[0]
 
 
 def name_of(url: str) -> str:
-    """Return a recording's file name."""
+    """Return the file name of a recording."""
     return PurePosixPath(_without_query(url)).name
 
 
 def joined(folder: str, path: str) -> str:
-    """Return ``path`` as it is meant from a folder."""
+    """Return ``path`` relative to ``folder``; an absolute path or a URL stays."""
     if "://" in path or path.startswith("/"):
         return path
     return str(Path(folder) / path) if is_local(folder) else f"{folder}/{path}"
 
 
 def read_text(url: str) -> str:
-    """Return a text file's content.
+    """Return the content of a text file.
 
-    Raises UsageError if it cannot be read.
+    Raises UsageError if the file cannot be read.
     """
     try:
         with fsspec.open(url, "r", encoding="utf-8", newline="") as file:
@@ -90,10 +94,12 @@ def read_text(url: str) -> str:
 
 @contextmanager
 def fetched(url: str, root: Path | None = None) -> Iterator[Path]:
-    """Give a local file with the recording; a copy, removed at the end, if it lies elsewhere.
+    """Yield the path of a local file with the recording.
 
-    root : folder that a relative path is meant from; None is the current one
-    Raises RecordingError naming the recording if it cannot be reached.
+    A remote recording is copied to a temporary file, which is removed at the end of the context.
+
+    root : folder that a relative path refers to; None is the current folder
+    Raises RecordingError with the URL if a remote recording cannot be read.
     """
     if is_local(url):
         yield (root or Path()) / url
@@ -109,7 +115,7 @@ def fetched(url: str, root: Path | None = None) -> Iterator[Path]:
 
 
 def sha256_of(text: str | bytes) -> str:
-    """Return the sha256 as hexadecimal digits."""
+    """Return the sha256 of a text (UTF-8) or of bytes as hexadecimal digits."""
     data = text.encode() if isinstance(text, str) else text
     return hashlib.sha256(data).hexdigest()
 
@@ -118,17 +124,17 @@ def _without_query(url: str) -> str:
     return url.partition("?")[0] if url.startswith(_WEB) else url
 
 
-def _as_given(url: str, path: str, found: str) -> str:
-    """Return a local path as the user would have written it, relative where ``url`` is."""
+def _as_written(url: str, absolute: str) -> str:
+    """Return a local path relative to the current folder if the user wrote a relative ``url``."""
     if Path(url).is_absolute():
-        return found
-    rest = Path(found)
+        return absolute
+    path = Path(absolute)
     cwd = Path.cwd()
-    return str(rest.relative_to(cwd)) if rest.is_relative_to(cwd) else found
+    return str(path.relative_to(cwd)) if path.is_relative_to(cwd) else absolute
 
 
 def _reason(error: Exception) -> str:
     if isinstance(error, ImportError):
         return f"{error.name or error} is not installed"
-    said: Any = getattr(error, "strerror", None) or " ".join(str(error).split())
-    return f"cannot be read: {said or type(error).__name__}"
+    message: Any = getattr(error, "strerror", None) or " ".join(str(error).split())
+    return f"cannot be read: {message or type(error).__name__}"

@@ -1,8 +1,9 @@
-"""Limits that a fleet's own vehicles propose for a wished false-alarm rate, with their bounds.
+"""Proposed limits for a wished false-alarm rate, from the vehicles of the fleet, with bounds.
 
-Vehicles without a code are taken as sound. A limit is an order statistic that keeps the rate with
-95 % confidence by two bounds: Clopper and Pearson's, as if all values were independent, and one
-from drawing whole vehicles, whose own values are alike. Nothing is assumed about distributions.
+Vehicles without a code count as sound. A proposed limit is an order statistic that keeps the rate
+with 95 % confidence by two bounds: the bound of Clopper and Pearson, which treats all values as
+independent, and a bound from drawing whole vehicles, because values of one vehicle resemble each
+other. Both bounds hold for any distribution.
 """
 
 from collections.abc import Callable, Mapping
@@ -18,19 +19,19 @@ from monitor.base.types import FloatArray, IntArray
 from training.limits.rates import Figures, rate
 from training.limits.tolerance import CONFIDENCE, tolerance_limit, windows_needed
 
-GROUPS: Final = 500  # of vehicles that are drawn together where there are more
+GROUPS: Final = 500  # most groups to draw; more vehicles share groups
 
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """What a limit is set on."""
+    """A quantity with a limit in the model card."""
 
     name: str  # of the limit in the model card
     title: str
-    of: str  # window or drive
-    column: str
-    score: Callable[[FloatArray], FloatArray]
-    why: str
+    of: str  # "window" or "drive"
+    column: str  # of the table of windows or of recordings
+    score: Callable[[FloatArray], FloatArray]  # column → score; a score at the limit alarms
+    why: str  # use of the limit
 
 
 QUANTITIES: Final = (
@@ -50,30 +51,31 @@ QUANTITIES: Final = (
 def proposals(
     recordings: pl.DataFrame, windows: Path, wished: float, now: Mapping[str, float]
 ) -> list[Figures]:
-    """Return a proposal for every quantity.
+    """Return one proposal per quantity.
 
-    windows : the table of windows
-    wished : false-alarm rate per window or drive
-    now : the model's present limits by name
-    Each has ``now`` with its rate and bounds, ``quantile`` with its bounds (None where the values
-    do not reach so far), ``proposed`` (None with too few values) and ``needed``, how many it takes.
+    recordings : the table of recordings; windows : path of the table of windows
+    wished : false-alarm rate per window or per drive
+    now : present limits of the model, name → limit
+    A proposal holds the present limit ``now`` with its rate ``now_rate``; the ``quantile`` of the
+    wished rate with its bounds, None beyond the values; the limit ``proposed``, None with fewer
+    than ``needed`` values.
     """
     faulty = recordings.filter(pl.col("fault_flag"))["vehicle"].unique()
     sound = recordings.filter(
         pl.col("error").is_null() & ~pl.col("vehicle").is_in(faulty.implode())
     )
     places = sound.select("recording", pl.col("vehicle").rank("dense").alias("place") - 1)
-    found = []
-    for each in QUANTITIES:
-        if each.of == "window":
-            part = pl.scan_parquet(windows).select("recording", each.column).collect()
+    result = []
+    for quantity in QUANTITIES:
+        if quantity.of == "window":
+            part = pl.scan_parquet(windows).select("recording", quantity.column).collect()
         else:
-            part = sound.select("recording", each.column)
+            part = sound.select("recording", quantity.column)
         part = part.join(places, on="recording", maintain_order="left").drop_nulls()
-        scores = np.asarray(each.score(part[each.column].to_numpy()))
+        scores = np.asarray(quantity.score(part[quantity.column].to_numpy()))
         groups = part["place"].to_numpy().astype(np.int64) % GROUPS
-        found.append(_proposal(each, scores, groups, wished, now[each.name]))
-    return found
+        result.append(_proposal(quantity, scores, groups, wished, now[quantity.name]))
+    return result
 
 
 def _proposal(
@@ -101,7 +103,9 @@ def _proposal(
 def quantile_bounds(
     values: FloatArray, probability: float, confidence: float = CONFIDENCE
 ) -> tuple[float | None, float | None, float | None]:
-    """Return a quantile and its two-sided bounds, order statistics; None beyond the values.
+    """Return a quantile and its two-sided confidence bounds, None beyond the values.
+
+    values : (n,); the bounds are order statistics and hold for any distribution
 
     Source: Conover, Practical Nonparametric Statistics, 3rd ed., section 3.2.
 

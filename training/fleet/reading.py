@@ -1,4 +1,4 @@
-"""A recording of any kind on the model's grid, as the monitor reads it."""
+"""Read a recording of any format onto the sample grid of the model."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,27 +12,27 @@ from monitor.base.types import SampleBlock
 from monitor.grid.block_samples import Clearing
 from monitor.judge.enable import Enable
 from monitor.model.card import ModelCard
-from monitor.pipeline.logs import RecordingReader
-from monitor.pipeline.stream import needed_names
+from monitor.pipeline.monitor import needed_names
+from monitor.pipeline.recordings import RecordingReader
 from training.recordings import recording
 from training.recordings.measurement import is_measurement
 
 
 @dataclass(frozen=True, slots=True)
 class Read:
-    """One recording on the model's grid."""
+    """One recording on the sample grid of the model."""
 
     names: tuple[str, ...]
     block: SampleBlock
     clearings: tuple[Clearing, ...]
     counters: Mapping[str, int]
-    unavailable: tuple[str, ...]  # enable conditions whose signals it does not have
-    sha256: str
+    unavailable: tuple[str, ...]  # enable conditions whose signals the recording lacks
+    sha256: str  # of the file
     size_bytes: int
 
 
 class FleetReader:
-    """Reads what ``o2mon replay`` reads, and parquet tables and measurement files."""
+    """Reads logs and tables like ``o2mon replay``, and parquet tables and measurement files."""
 
     def __init__(
         self, reader: RecordingReader, card: ModelCard, config: Config, columns: Path | None
@@ -41,39 +41,39 @@ class FleetReader:
         self._config = config
 
     def read(self, path: Path) -> Read:
-        """Return a recording's samples.
+        """Return the samples of a recording.
 
-        Raises RecordingError naming the file, or ConfigError for the columns map.
+        Raises RecordingError with the name of the file, or ConfigError for the columns map.
         """
         counters: Mapping[str, int] = {}
         clearings: tuple[Clearing, ...] = ()
         if path.suffix.lower() == ".parquet" or is_measurement(path, self._columns):
             names, block = self._load(path)
         else:
-            found = self._reader.read(path)
-            names, block = found.names, found.block
-            counters, clearings = found.counters, found.clearings
+            log = self._reader.read(path)
+            names, block = log.names, log.block
+            counters, clearings = log.counters, log.clearings
         return Read(
             names,
             block,
             clearings,
             counters,
-            Enable.of(self._config.enable, names, self._card).unavailable,
-            recording.sha256(path),
-            path.stat().st_size,
+            unavailable=Enable.of(self._config.enable, names, self._card).unavailable,
+            sha256=recording.sha256(path),
+            size_bytes=path.stat().st_size,
         )
 
     def _load(self, path: Path) -> tuple[tuple[str, ...], SampleBlock]:
         period_s = self._card.period_ns / 1e9
-        found = recording.load(path, period_s=period_s, columns=self._columns)
-        names = needed_names(self._card, found.names)
+        table = recording.load(path, period_s=period_s, columns=self._columns)
+        names = needed_names(self._card, table.names)
         wanted = (*self._card.input_names, self._card.output.name)
         empty = [
-            name for name in wanted if name in names and not np.isfinite(found.column(name)).any()
+            name for name in wanted if name in names and not np.isfinite(table.column(name)).any()
         ]
         if empty:
             raise RecordingError(f"{path}: no number in column {', '.join(empty)}")
-        order = [found.names.index(name) for name in names]
-        t_ns = np.rint(found.t_s * 1e9).astype(np.int64)
+        order = [table.names.index(name) for name in names]
+        t_ns = np.rint(table.t_s * 1e9).astype(np.int64)
         index = np.arange(len(t_ns))
-        return names, SampleBlock(index, t_ns, found.values[:, order], found.quality[:, order])
+        return names, SampleBlock(index, t_ns, table.values[:, order], table.quality[:, order])

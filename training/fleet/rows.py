@@ -1,4 +1,4 @@
-"""What the monitor says of one recording, as rows of the two tables."""
+"""Rows of the two tables of a fleet, from the verdicts on one recording."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -10,7 +10,7 @@ from monitor.base.types import Quality, SampleBlock
 from monitor.judge.decisions import WindowJudged
 from monitor.judge.enable import CONDITIONS
 from monitor.model.card import ModelCard
-from monitor.pipeline.block_judge import Judged
+from monitor.pipeline.side_by_side import Judged
 from training.fleet.columns import COUNTERS, ESTIMATES
 from training.fleet.drives import Drive
 from training.fleet.reading import Read
@@ -20,14 +20,14 @@ Row = dict[str, Any]
 
 
 def failed_row(drive: Drive, reason: str) -> Row:
-    """Return the row of a recording that could not be judged."""
+    """Return the row of a recording that could not be judged, with the reason as its error."""
     return _which(drive) | {"error": reason}
 
 
 def recording_row(drive: Drive, read: Read, judged: Judged, card: ModelCard, known: int) -> Row:
     """Return the row of a judged recording.
 
-    known : drives that the vehicle's reference had learned before
+    known : number of earlier drives in the reference of the vehicle
     """
     period_s = card.period_ns * 1e-9
     windows = judged.windows
@@ -71,24 +71,24 @@ def recording_row(drive: Drive, read: Read, judged: Judged, card: ModelCard, kno
 
 
 def window_rows(drive: Drive, read: Read, judged: Judged) -> list[Row]:
-    """Return a row for every window."""
+    """Return one row per window of a judged recording."""
     t0_ns, which = int(read.block.t_ns[0]), _which(drive)
     return [
         {
             **which,
-            "window": each.window.index,
-            "t_start_s": (each.window.t_start_ns - t0_ns) / 1e9,
-            "t_end_s": (each.window.t_end_ns - t0_ns) / 1e9,
-            "mean": each.mean,
-            "std": each.std,
-            "paper_failed": each.paper_failed,
-            "verdict": each.outcome,
-            "fault": each.fault,
-            "also": list(each.also),
-            "excited": each.excited,
-            **each.statistics,
+            "window": verdict.window.index,
+            "t_start_s": (verdict.window.t_start_ns - t0_ns) / 1e9,
+            "t_end_s": (verdict.window.t_end_ns - t0_ns) / 1e9,
+            "mean": verdict.mean,
+            "std": verdict.std,
+            "paper_failed": verdict.paper_failed,
+            "verdict": verdict.outcome,
+            "fault": verdict.fault,
+            "also": list(verdict.also),
+            "excited": verdict.excited,
+            **verdict.statistics,
         }
-        for each in judged.windows
+        for verdict in judged.windows
     ]
 
 
@@ -102,7 +102,7 @@ def _which(drive: Drive) -> Row:
 
 
 def _first_code(block: SampleBlock, judged: Judged, period_s: float) -> Row:
-    """Return when the first code was set; those remembered from earlier drives have no time."""
+    """Return the time of the first code of this drive; codes of earlier drives do not count."""
     at_ns = min((d.t_ns for d in judged.dtcs if d.t_ns), default=None)
     if at_ns is None:
         return {"first_code_s": None, "first_code_enabled_s": None}
@@ -119,28 +119,28 @@ def _scores(windows: Sequence[WindowJudged]) -> Row:
 
 
 def _quality(read: Read, card: ModelCard) -> Row:
-    """Return at how many samples a signal that the model needs was not good, by reason."""
+    """Return the numbers of samples with a bad signal of the model, by reason."""
     needed = [read.names.index(name) for name in (*card.input_names, card.output.name)]
-    found = read.block.quality[:, needed]
+    quality = read.block.quality[:, needed]
     kinds = {
-        "stale": found == Quality.STALE,
-        "invalid": found == Quality.INVALID,
-        "out_of_range": found == Quality.OUT_OF_RANGE,
+        "stale": quality == Quality.STALE,
+        "invalid": quality == Quality.INVALID,
+        "out_of_range": quality == Quality.OUT_OF_RANGE,
     }
     return {f"samples_{name}": int(bad.any(axis=1).sum()) for name, bad in kinds.items()}
 
 
 def _counters(counters: Mapping[str, int]) -> Row:
-    """Return what became of frames, or of a table's cells."""
+    """Return the counters of frames and values as columns of the table of recordings."""
     if not counters:
         return {}
     never = "never_received_"
-    found: Row = {column: counters.get(name) for column, name in COUNTERS.items()}
-    if found["values_out_of_range"] is None:  # a table has one counter for each column
-        found["values_out_of_range"] = sum(counters.values())
-        return found
+    row: Row = {column: counters.get(name) for column, name in COUNTERS.items()}
+    if row["values_out_of_range"] is None:  # a table has one counter per column
+        row["values_out_of_range"] = sum(counters.values())
+        return row
     names = [name.removeprefix(never) for name in counters if name.startswith(never)]
-    return found | {"never_received": names}
+    return row | {"never_received": names}
 
 
 def _mean(values: Sequence[float]) -> float | None:

@@ -1,7 +1,8 @@
-"""All chunks of a fleet, each stored as it is done; then the tables of all of them.
+"""Run a fleet: judge its chunks, store every finished chunk, and join the chunks to tables.
 
-Workers return, this process writes. A chunk's files are renamed into place, the one that says what
-it cost last: a run that was killed finds every finished chunk and judges only the others.
+Workers return results; this process writes them. It renames the files of a chunk into place, the
+file with the cost last. So a run that continues after a kill finds every finished chunk and judges
+only the missing chunks.
 """
 
 import json
@@ -21,23 +22,23 @@ from training.fleet.drives import Chunk, Drive
 from training.fleet.judging import judge_chunk
 from training.jobs import parallel, run_folder, worker
 
-Progress = Callable[[dict[str, Any]], None]  # takes what a chunk cost and found
+Progress = Callable[[dict[str, Any]], None]  # takes the counts and the cost of a finished chunk
 TABLES: Final = ("recordings", "windows")
 DIED: Final = "the process that judged this vehicle died: out of memory, or a crash in a library"
 
 
 def work_folder(out: Path) -> Path:
-    """Return the folder in which the finished chunks of a run lie until all are."""
+    """Return the folder that holds the finished chunks until the run ends."""
     return out.with_name(f"{out.name}.work")
 
 
 def written_paths(out: Path) -> tuple[Path, ...]:
-    """Return what a run writes that might be taken for recordings."""
+    """Return the files and folders of a run that must not count as recordings."""
     return out, windows_path(out), work_folder(out), _old_folder(out)
 
 
 def windows_path(out: Path) -> Path:
-    """Return the table of windows that belongs to a table of recordings."""
+    """Return the path of the table of windows beside the table of recordings ``out``."""
     return out.with_name(f"{out.stem}.windows{out.suffix}")
 
 
@@ -50,10 +51,16 @@ def run(
     jobs: int = 1,
     scheduler: str | None = None,
 ) -> dict[str, Any]:
-    """Judge all drives, write both tables and return what the run rests on and what it cost.
+    """Judge all drives, write both tables, and return the identity and the cost of the run.
 
-    Chunks that an earlier run of the same has finished are taken up.
-    Raises UsageError if the work folder holds another run, or the scheduler cannot be used.
+    The run uses the finished chunks of an earlier, killed run with the same drives and bench.
+
+    out : table of recordings to write, .parquet
+    done : takes the counts and the cost of every finished chunk, also of earlier ones
+    jobs : number of processes on this machine
+    scheduler : URL of a Dask scheduler; None uses this machine
+    Raises UsageError if ``out`` is impossible, the work folder holds another run, or the scheduler
+    cannot be used.
     """
     if out.suffix != ".parquet" or out.is_dir():
         raise UsageError(f"--out {out}: a table .parquet is wanted")
@@ -65,11 +72,11 @@ def run(
     chunks = fleet_drives.chunks_of(drives)
     missing: dict[str, Chunk] = {}
     for chunk in chunks:
-        found = _stored(folder, chunk.name)
-        if found is None:
+        stored = _stored(folder, chunk.name)
+        if stored is None:
             missing[chunk.name] = chunk
         else:
-            done(found)
+            done(stored)
     while missing:
         try:
             for name, result in parallel.run(
@@ -88,9 +95,9 @@ def run(
 
 
 def finish(out: Path) -> None:
-    """Remove the chunks of a run whose tables and report are written.
+    """Remove the chunks of a run after its tables and report are written.
 
-    Under another name first: a folder that is half removed must not be taken for a run.
+    The folder is renamed first: a half removed folder must not look like a run.
     """
     old = _old_folder(out)
     shutil.rmtree(old, ignore_errors=True)
@@ -103,11 +110,12 @@ def _old_folder(out: Path) -> Path:
 
 
 def _apart(chunk: Chunk, bench: Bench, scheduler: str | None) -> Done:
-    """Return a chunk that may kill its worker; its halves are tried when it does.
+    """Return the result of a chunk that may kill its worker.
 
-    A vehicle whose worker dies although it is judged alone has failed.
+    If the worker dies, the function tries both halves of the chunk. If the worker dies with a
+    single vehicle, the drives of this vehicle have failed.
     """
-    try:  # with two jobs it is another process, which may die
+    try:  # two jobs use another process, which may die
         only = [(chunk.name, chunk)]
         run = parallel.run(judge_chunk, bench, only, jobs=2, scheduler=scheduler)
         return dict(run)[chunk.name]
@@ -121,24 +129,24 @@ def _apart(chunk: Chunk, bench: Bench, scheduler: str | None) -> Done:
 
 def _stored(folder: Path, name: str) -> dict[str, Any] | None:
     try:
-        found = json.loads((folder / f"{name}.json").read_text())
+        stored = json.loads((folder / f"{name}.json").read_text())
     except FileNotFoundError:
         return None
-    return dict(found)
+    return dict(stored)
 
 
 def _store(folder: Path, name: str, result: Done) -> dict[str, Any]:
-    found = asdict(result)
+    content = asdict(result)
     for table in TABLES:
         begun = folder / f"{name}.begun"
-        begun.write_bytes(found.pop(table))
+        begun.write_bytes(content.pop(table))
         begun.replace(folder / f"{name}.{table}.parquet")
-    run_folder.write_json(folder / f"{name}.json", found)
-    return found
+    run_folder.write_json(folder / f"{name}.json", content)
+    return content
 
 
 def _join(folder: Path, table: str, chunks: Sequence[Chunk], path: Path) -> None:
-    """Write one table of all chunks, some of them at a time."""
+    """Write one table from all chunks; only a part of them is in memory at a time."""
     begun = folder / f"{table}.begun"
     parts = [folder / f"{chunk.name}.{table}.parquet" for chunk in chunks]
     pl.scan_parquet(parts).sink_parquet(begun)
@@ -146,11 +154,11 @@ def _join(folder: Path, table: str, chunks: Sequence[Chunk], path: Path) -> None
 
 
 def _cost(folder: Path, chunks: Sequence[Chunk]) -> dict[str, Any]:
-    found = [each for chunk in chunks if (each := _stored(folder, chunk.name)) is not None]
-    steps = dict.fromkeys(key for each in found for key in each["seconds"])
+    costs = [cost for chunk in chunks if (cost := _stored(folder, chunk.name)) is not None]
+    steps = dict.fromkeys(step for cost in costs for step in cost["seconds"])
     total: dict[str, Any] = {
-        key: sum(each[key] for each in found)
+        key: sum(cost[key] for cost in costs)
         for key in ("drives", "errors", "faults", "driving_s", "size_bytes")
     }
-    total["seconds"] = {step: sum(each["seconds"][step] for each in found) for step in steps}
+    total["seconds"] = {step: sum(cost["seconds"][step] for cost in costs) for step in steps}
     return total

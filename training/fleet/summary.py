@@ -1,4 +1,4 @@
-"""A fleet's tables as figures: what was found, what was not judged and why, what it cost."""
+"""Figures of a fleet from its tables: codes, outliers, limits, failed recordings, cost."""
 
 import re
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ from training.fleet.outliers import Standing
 from training.limits.rates import Figures, per_1000_h, rate
 
 SCHEMA: Final = "o2train.fleet/1"
-EXAMPLES: Final = 3  # files named for each reason, vehicles for each code
+EXAMPLES: Final = 3  # files per reason, vehicles per code
 
 
 def summary(
@@ -25,12 +25,13 @@ def summary(
     wished: float,
     found: list[Standing],
 ) -> Figures:
-    """Return the whole result of a fleet.
+    """Return the whole result of a fleet as JSON values.
 
-    recordings, windows : the tables
-    run : what the run rests on and what it cost, as ``run.run`` returns it
-    limits : the model's present limits by name
-    wished : false-alarm rate for the limits to propose
+    recordings : the table of recordings; windows : path of the table of windows
+    run : identity and cost of the run, from ``run.run``
+    limits : present limits of the model, name → limit
+    wished : false-alarm rate, per window or per drive, for the proposed limits
+    found : statistics over the vehicles, from ``outliers.standings``
     """
     judged = recordings.filter(pl.col("error").is_null())
     return {
@@ -48,7 +49,7 @@ def summary(
         "codes": codes(judged),
         "standing_out": {
             "chance": outliers.RATE,
-            "statistics": [_standing(each) for each in found],
+            "statistics": [_standing(standing) for standing in found],
         },
         "limits": proposal.proposals(recordings, windows, wished, limits),
         "not_judged": reasons(recordings),
@@ -58,7 +59,7 @@ def summary(
 
 
 def codes(judged: pl.DataFrame) -> list[Figures]:
-    """Return every code that is set, the most frequent first, with some of its vehicles."""
+    """Return all codes that are set, the most frequent first, with up to 3 of their vehicles."""
     if not judged["fault_flag"].any():
         return []
     every = judged.select("vehicle", "recording", "codes", "faults", "states").explode(
@@ -84,33 +85,39 @@ def codes(judged: pl.DataFrame) -> list[Figures]:
 
 
 def reasons(recordings: pl.DataFrame) -> list[Figures]:
-    """Return why recordings could not be judged, the most frequent first, with examples."""
+    """Return the reasons of recordings that were not judged, the most frequent first.
+
+    Reasons that differ only in numbers count as one; every reason has up to 3 example files.
+    """
     alike: dict[str, list[str]] = {}
     bad = recordings.filter(pl.col("error").is_not_null())
     for path, error in bad.select("path", "error").iter_rows():
         text = str(error).removeprefix(f"{path}: ")
         alike.setdefault(re.sub(r"\d+", "N", text), []).append(path)
-    found = [
+    rows = [
         {"reason": reason, "recordings": len(paths), "examples": paths[:EXAMPLES]}
         for reason, paths in alike.items()
     ]
-    return sorted(found, key=lambda each: -int(str(each["recordings"])))
+    return sorted(rows, key=lambda row: -int(str(row["recordings"])))
 
 
 def not_completed(judged: pl.DataFrame) -> Figures:
-    """Return how many drives reached no decision, and how often each condition held in them."""
-    own = judged.filter(~pl.col("completed"))
-    held = own.select(pl.col(f"held_{name}").mean() for name in CONDITIONS).to_dicts()
+    """Return the number of drives without a decision, and how often their conditions held."""
+    undecided = judged.filter(~pl.col("completed"))
+    held = undecided.select(pl.col(f"held_{name}").mean() for name in CONDITIONS).to_dicts()
     shares = held[0] if held else {}
     return {
-        "drives": len(own),
-        "without_window": int((own["windows"] == 0).sum()),
+        "drives": len(undecided),
+        "without_window": int((undecided["windows"] == 0).sum()),
         "held": {name: shares.get(f"held_{name}") for name in CONDITIONS},
     }
 
 
 def cost(run: Mapping[str, Any]) -> Figures | None:
-    """Return processor seconds, by step, and bytes for 1,000 hours of driving; None without any."""
+    """Return processor seconds by step, and bytes, per 1,000 hours of driving.
+
+    The result is None if nothing was driven.
+    """
     hours = float(run["driving_s"]) / 3600.0
     if hours <= 0.0:
         return None
@@ -124,24 +131,24 @@ def cost(run: Mapping[str, Any]) -> Figures | None:
     }
 
 
-def _standing(each: Standing) -> Figures:
+def _standing(standing: Standing) -> Figures:
     return {
-        "statistic": each.statistic.column,
-        "vehicles": len(each.vehicles),
-        "limit": each.limit,
+        "statistic": standing.statistic.column,
+        "vehicles": len(standing.vehicles),
+        "limit": standing.limit,
         "out": [
             {
-                "vehicle": each.vehicles[i],
-                "value": float(each.values[i]),
-                "distance": _finite(float(each.distance[i])),
+                "vehicle": standing.vehicles[i],
+                "value": float(standing.values[i]),
+                "distance": _finite(float(standing.distance[i])),
             }
-            for i in each.out
+            for i in standing.out
         ],
     }
 
 
 def _finite(value: float) -> float:
-    return max(min(value, 1e9), -1e9)  # JSON knows no infinity
+    return max(min(value, 1e9), -1e9)  # JSON has no infinity
 
 
 def _sum(table: pl.DataFrame, column: str) -> float:

@@ -110,18 +110,11 @@ def _naming(
         )
     return Naming(
         verdict=verdict,
-        effects=(),
         suspected=suspected,
-        ranking=(),
         skipped={effect.name: tuple(missing) for effect in ALL},
-        base=None,
-        reference=None,
-        base_shift=None,
         rmse_before=float(np.sqrt(found.excess.mean_square)),
-        rmse_after=None,
         noise_floor=found.floor.rms,
         explained_share=nan,
-        experiment=None,
         warnings=tuple(warnings),
     )
 

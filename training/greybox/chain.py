@@ -1,11 +1,11 @@
 """The grey-box chain as arrays: charge and fuel, transport, mixing, sensor.
 
-phi at the valve is stoichiometric ratio · fuel / air · factor. It travels for a dead time, is mixed
-by a first-order lag, becomes what the sensor pumps, 1 + span · (gas - 1), and is read through
-a second lag whose time constant may differ by direction. Everything is in phi = 1/lambda, which is
-0 in fuel cut. Lags are exact for inputs that run straight between samples (ramp invariance;
-Franklin, Powell, Workman, Digital Control of Dynamic Systems, section 6.3), so that a time constant
-means the same at any sample period and moves the output by itself, not by a half sample more.
+phi at the valve is stoichiometric ratio · fuel / air · factor. It travels for a dead time and is
+mixed by a first-order lag. The sensor pumps 1 + span · (gas - 1) of the mixed gas and reads it
+behind a second lag, whose time constant may differ by direction. All values are in phi = 1/lambda,
+which is 0 in fuel cut. Lags are exact for inputs that run straight between samples (ramp
+invariance; Franklin, Powell, Workman, Digital Control of Dynamic Systems, section 6.3): a time
+constant means the same at any sample period.
 """
 
 from collections.abc import Collection, Mapping
@@ -18,23 +18,23 @@ from numba import njit
 from monitor.base.types import BoolArray, FloatArray
 from monitor.model.step import PHI_MAX
 
-STOICHIOMETRIC = 14.7  # air over fuel by mass; another fuel's is part of the gain
+STOICHIOMETRIC = 14.7  # air over fuel by mass; for another fuel the gain differs
 AIR_LEAST_MG = 5.0  # per stroke; below it the engine stands
 SPEED_LEAST_RPM, SPEED_MOST_RPM = 300.0, 9000.0
 PHI_VALVE_MOST = 3.0
-TIME_LEAST_S = 1e-4  # of a lag; below it there is none
-CYLINDERS = 4  # between air meter, charge and engine speed; another number is part of a constant
+TIME_LEAST_S = 1e-4  # time constant of a lag
+CYLINDERS = 4  # between air meter, charge and engine speed; for another number constants differ
 MG_RPM_PER_KG_H = 1e6 / 3600.0 * 120.0 / CYLINDERS  # four strokes
 RECOVERY_S = 2.0  # after fuel cut, before a sample counts
 
 
 class Constants(NamedTuple):
-    """The base's calibration constants, those that a fit may move."""
+    """The chain's calibration constants, which a fit may move."""
 
     gain: float = 1.0  # of fuel over air: injector, air meter and fuel in one
-    dead_time_s: float = 0.15  # part that does not follow engine speed
-    dead_time_revolutions: float = 1.5  # part that does: 90 / rpm seconds
-    mixing_s: float = 0.06  # never above sensor_s: the two cannot be told apart otherwise
+    dead_time_s: float = 0.15  # part without engine speed
+    dead_time_revolutions: float = 1.5  # part over engine speed: 90 / rpm seconds
+    mixing_s: float = 0.06  # at most sensor_s: the two lags read the same in either order
     sensor_s: float = 0.10
     span: float = 1.0  # sensor sensitivity about phi = 1
 
@@ -58,11 +58,11 @@ RANGES: Mapping[str, Range] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Path:
-    """What happens to the mixture on its way, every field (n,) at the sample period."""
+    """The mixture's way from valve to sensor, each field (n,) at the sample period."""
 
-    fuel_mg: FloatArray  # per stroke, what really enters
+    fuel_mg: FloatArray  # per stroke, into the cylinder
     air_mg: FloatArray  # per stroke
     factor: FloatArray  # on phi at the valve; the base's gain
     dead_time_s: FloatArray
@@ -77,7 +77,7 @@ class Path:
 
 
 def charge_mg(signals: Mapping[str, FloatArray]) -> FloatArray:
-    """Return the air per stroke (n,) in mg: as broadcast, or from air meter and engine speed.
+    """Return the air per stroke (n,) in mg, as broadcast or from air meter and engine speed.
 
     >>> charge_mg({"maf_kg_h": np.array([36.0]), "engine_speed_rpm": np.array([1500.0])}).tolist()
     [200.0]
@@ -89,21 +89,24 @@ def charge_mg(signals: Mapping[str, FloatArray]) -> FloatArray:
 
 
 def with_speed(signals: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-    """Return the signals with engine speed (n,): as broadcast, or from air meter and charge.
+    """Return the signals with engine speed (n,), as broadcast or from air meter and charge.
 
     >>> with_speed({"maf_kg_h": np.array([36.0]), "air_mass_mg": np.array([200.0])})[
     ...     "engine_speed_rpm"].tolist()
     [1500.0]
     """
-    known = dict(signals)
-    if "engine_speed_rpm" not in known:
-        rpm = known["maf_kg_h"] * MG_RPM_PER_KG_H / np.maximum(known["air_mass_mg"], AIR_LEAST_MG)
-        known["engine_speed_rpm"] = np.clip(rpm, SPEED_LEAST_RPM, SPEED_MOST_RPM)
-    return known
+    complete = dict(signals)
+    if "engine_speed_rpm" not in complete:
+        air_mg = np.maximum(signals["air_mass_mg"], AIR_LEAST_MG)
+        rpm = signals["maf_kg_h"] * MG_RPM_PER_KG_H / air_mg
+        complete["engine_speed_rpm"] = np.clip(rpm, SPEED_LEAST_RPM, SPEED_MOST_RPM)
+    return complete
 
 
 def inputs_of(available: Collection[str]) -> tuple[str, ...]:
-    """Return what the chain reads of the signals that are available, or what it lacks.
+    """Return the inputs of a chain for vehicles with the ``available`` signals.
+
+    If these make no chain, the returned names tell the missing ones.
 
     >>> inputs_of(["fuel_mass_mg", "air_mass_mg", "maf_kg_h"])
     ('fuel_mass_mg', 'air_mass_mg', 'maf_kg_h')
@@ -115,7 +118,7 @@ def inputs_of(available: Collection[str]) -> tuple[str, ...]:
 
 
 def base_path(constants: Constants, signals: Mapping[str, FloatArray]) -> Path:
-    """Return the path of the base without any effect.
+    """Return the path of the chain without effects.
 
     signals : (n,) each: fuel_mass_mg, engine_speed_rpm, and air_mass_mg or maf_kg_h
     """
@@ -145,16 +148,16 @@ def valve_phi(path: Path) -> FloatArray:
 def simulate(path: Path, period_s: float) -> FloatArray:
     """Return the phi that the sensor reads (n,), within 0 .. 1.7.
 
-    Before the first sample everything is taken to have stood as it stands there.
+    The chain starts settled at the first sample.
     """
     return _run(
-        valve_phi(path),
-        path.dead_time_s / period_s,
-        path.mixing_s / period_s,
-        path.sensor_rising_s / period_s,
-        path.sensor_falling_s / period_s,
-        path.gas_factor,
-        path.span,
+        valve=valve_phi(path),
+        dead=path.dead_time_s / period_s,
+        mixing=path.mixing_s / period_s,
+        rising=path.sensor_rising_s / period_s,
+        falling=path.sensor_falling_s / period_s,
+        gas_factor=path.gas_factor,
+        span=path.span,
     )
 
 
@@ -164,7 +167,7 @@ def part(path: Path, rows: slice) -> Path:
 
 
 def settled(fuel_mg: FloatArray, period_s: float, recovery_s: float = RECOVERY_S) -> BoolArray:
-    """Return (n,) bool: samples outside fuel cut for longer than ``recovery_s``.
+    """Return (n,) bool: fuel has been injected for longer than ``recovery_s``.
 
     >>> settled(np.array([9.0, 0.0, 9.0, 9.0, 9.0]), 0.1, recovery_s=0.2).tolist()
     [True, False, False, False, True]
@@ -177,9 +180,9 @@ def settled(fuel_mg: FloatArray, period_s: float, recovery_s: float = RECOVERY_S
 
 @njit(cache=True)
 def _weights(time: float) -> tuple[float, float]:  # pragma: no cover
-    """Return what a lag of ``time`` samples keeps of its state, and the newest input's weight.
+    """Return the weights of the state and of the newest input in a lag of ``time`` samples.
 
-    The last input has the rest: keep + newest + last = 1.
+    The last input has the remaining weight: the three add up to 1.
     """
     time = max(time, TIME_LEAST_S)
     keep = np.exp(-1.0 / time)
@@ -196,12 +199,12 @@ def _run(
     gas_factor: FloatArray,
     span: FloatArray,
 ) -> FloatArray:  # pragma: no cover
-    """Return the reading (n,); times in samples."""
+    """Return the reading (n,); all times are in samples."""
     n = len(valve)
     reading = np.empty(n)
     if n == 0:
         return reading
-    sensor = np.nan  # the time that the weights of the sensor's lag are for
+    sensor = np.nan  # time constant of the present weights of the sensor's lag
     late_last = mixed = valve[0]
     pumped_last = read = 1.0 + span[0] * (mixed * gas_factor[0] - 1.0)
     for k in range(n):

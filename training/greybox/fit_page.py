@@ -10,7 +10,7 @@ from training.pages.page import page
 MEANING: Final = {
     "gain": "of fuel over air: injector, air meter and fuel in one",
     "dead_time_s": "part of the dead time that does not follow engine speed",
-    "dead_time_revolutions": "part that does",
+    "dead_time_revolutions": "part that follows engine speed",
     "mixing_s": "first lag, the shorter one: mixing in the exhaust",
     "sensor_s": "second lag: the sensor",
     "span": "sensitivity of the sensor about lambda 1",

@@ -39,32 +39,31 @@ from training.recordings.preparation import MARGIN, Prepared, Role, prepare
 if TYPE_CHECKING:
     from training.recordings.recording import Recording
 
-POOR_CORRELATION = 0.6  # below it constants are warned of
-WASHOUT_S = 5.0  # at the beginning of every stretch, not fitted
+POOR_CORRELATION = 0.6  # a lower one is a warning
+WASHOUT_S = 5.0  # start of a stretch that is not fitted
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class GreyboxResult:
-    """The model and how it was obtained."""
+    """The model and its fit."""
 
     path: Path
     card: ModelCard
     greybox: Greybox
     fitted: Fitted
     data: Prepared
-    predicted: FloatArray  # (n,) free run over data.samples in phi, NaN at the beginnings
+    predicted: FloatArray  # (n,) free run over data.samples in phi, NaN at starts of stretches
     held_out: tuple[HeldOut, ...]
     seconds: float
     warnings: tuple[str, ...]
 
 
 def greybox_inputs(recordings: "Sequence[Recording]") -> tuple[str, ...]:
-    """Return the inputs: with the charge, else with what tells it at once, else the air meter."""
-
-    known = frozenset.intersection(*(recording.known for recording in recordings))
-    if "air_mass_mg" not in known and set(CHARGE_INPUTS) <= known:
+    """Return the chain's inputs: with the charge, else with its density, else the air meter."""
+    common = frozenset.intersection(*(recording.known for recording in recordings))
+    if "air_mass_mg" not in common and set(CHARGE_INPUTS) <= common:
         return CHARGE_INPUTS
-    return inputs_of(known)
+    return inputs_of(common)
 
 
 def fit_greybox(
@@ -78,10 +77,10 @@ def fit_greybox(
 ) -> GreyboxResult:
     """Fit the chain's constants to ``recordings`` and write the model file ``out``.
 
-    inputs : default those of the chain and of what the vehicle has beside it; with manifold
-        pressure and temperature but without the air per stroke the chain makes its own charge;
-        more are for effects to be added
-    validate : recordings that are not fitted; without, blocks held out of all of them
+    inputs : default those of the chain and of the vehicle's own effects. With manifold pressure
+        and temperature but without air per stroke the chain makes its own charge. Further inputs
+        are for effects to be added.
+    validate : recordings that are not fitted; by default blocks are held out of all recordings
     Raises RecordingError or UsageError if the recordings or names cannot be used, ModelError if
     ONNX and numpy disagree.
     """
@@ -94,8 +93,9 @@ def fit_greybox(
     limits = _input_limits(data)
     signals = _signals(data, limits)
     scored = scored_rows(data, signals) & (data.role == Role.TRAIN)
-    charge_map, charge_error, known = None, None, (signals, _phi(data), scored, _period_s(data))
-    own = () if has_own_charge(inputs) else own_of(*known)
+    charge_map, charge_error = None, None
+    measured = (signals, _phi(data), scored, _period_s(data))
+    own = () if has_own_charge(inputs) else own_of(*measured)
     further = [] if chosen else _further_inputs(own, everything, inputs)
     if further:  # a cold engine's walls
         wider = (*inputs, *further)
@@ -103,11 +103,11 @@ def fit_greybox(
             recordings, out, inputs=wider, output=output, seed=seed, validate=validate
         )
     if has_own_charge(inputs):
-        fitted, charge_map = fit_with_charge(*known)
+        fitted, charge_map = fit_with_charge(*measured)
     elif "air_mass_mg" in inputs:
-        fitted, charge_error = fit_with_charge_error(*known, own)
+        fitted, charge_error = fit_with_charge_error(*measured, own)
     else:
-        fitted = fit_constants(*known, own=own)
+        fitted = fit_constants(*measured, own=own)
     greybox = replace(
         _greybox(data, limits, fitted.constants),
         charge_map=charge_map,
@@ -118,35 +118,35 @@ def fit_greybox(
     card = write_model(out, greybox, fitted, data, predicted, seed)
     warnings = (*data.warnings, *_warnings(fitted, card))
     return GreyboxResult(
-        Path(out),
-        card,
-        greybox,
-        fitted,
-        data,
-        predicted,
-        held_out(data),
-        time.monotonic() - began,
-        warnings,
+        path=Path(out),
+        card=card,
+        greybox=greybox,
+        fitted=fitted,
+        data=data,
+        predicted=predicted,
+        held_out=held_out(data),
+        seconds=time.monotonic() - began,
+        warnings=warnings,
     )
 
 
 def _further_inputs(
     own: Own, recordings: "Sequence[Recording]", inputs: Sequence[str]
 ) -> list[str]:
-    """Return what the vehicle's own effects read beside the inputs, of what every file has."""
-    known = frozenset.intersection(*(recording.known for recording in recordings))
-    wanted = dict.fromkeys(name for effect, _ in own for name in effect.signals_of(known))
-    there = {*inputs, "engine_speed_rpm"}  # worked out where it is not broadcast
-    return [name for name in wanted if name not in there]
+    """Return the signals of the vehicle's own effects that are no inputs but in all recordings."""
+    common = frozenset.intersection(*(recording.known for recording in recordings))
+    wanted = dict.fromkeys(name for effect, _ in own for name in effect.signals_of(common))
+    present = {*inputs, "engine_speed_rpm"}  # the chain computes a speed that is not broadcast
+    return [name for name in wanted if name not in present]
 
 
 def has_own_charge(inputs: Sequence[str]) -> bool:
-    """Return whether the chain makes its own charge: no air per stroke, but density."""
+    """Return whether the chain makes its own charge: from density, without air per stroke."""
     return "air_mass_mg" not in inputs and set(CHARGE_INPUTS) <= set(inputs)
 
 
 def scored_rows(data: Prepared, signals: Mapping[str, FloatArray]) -> BoolArray:
-    """Return (n,) bool: enabled, clear of fuel cut, and not at the beginning of a stretch."""
+    """Return (n,) bool: enabled, clear of fuel cut, and not at the start of a stretch."""
     rows = np.zeros(len(data.role), dtype=bool)
     period_s = _period_s(data)
     for s in data.segments:
@@ -164,7 +164,7 @@ def write_model(
     predicted: FloatArray,
     seed: int = 0,
 ) -> ModelCard:
-    """Write the model file, its parity proved; return its card.
+    """Write the model file and check its parity; return its card.
 
     Raises ModelError if ONNX and numpy disagree by more than 1e-5 in phi.
     """
@@ -205,7 +205,7 @@ def _phi(data: Prepared) -> FloatArray:
 
 
 def _input_limits(data: Prepared) -> tuple[FloatArray, FloatArray]:
-    """Return the range to clip inputs to: the trained one with a margin, fuel from 0 on."""
+    """Return the range to clip inputs to: the trained one with a margin, and fuel from 0."""
     low, high = [], []
     least = {"air_mass_mg": AIR_LEAST_MG, "engine_speed_rpm": SPEED_LEAST_RPM}
     for channel in data.inputs:
@@ -223,7 +223,7 @@ def _signals(data: Prepared, limits: tuple[FloatArray, FloatArray]) -> dict[str,
 
 
 def _free_run(data: Prepared, greybox: Greybox) -> FloatArray:
-    """Return the prediction (n,) in phi, NaN at the beginning of every stretch."""
+    """Return the prediction (n,) in phi, NaN at the start of each stretch."""
     predicted = np.full(len(data.role), np.nan)
     washout = round(WASHOUT_S / greybox.period_s)
     u = physical_inputs(data)
@@ -239,7 +239,14 @@ def _greybox(
 ) -> Greybox:
     longest_s = longest_dead_time_s(constants, data.names, limits[0])
     register = register_for(longest_s, _period_s(data))
-    return Greybox(constants, data.names, *limits, _period_s(data), register)
+    return Greybox(
+        constants=constants,
+        inputs=data.names,
+        u_low=limits[0],
+        u_high=limits[1],
+        period_s=_period_s(data),
+        register=register,
+    )
 
 
 def _card(

@@ -1,4 +1,4 @@
-"""The side of a worker: one job, and the error for a worker that has died."""
+"""One job on a worker, and the error for a worker that has died."""
 
 import pickle
 from collections.abc import Iterable
@@ -9,7 +9,7 @@ from threadpoolctl import threadpool_limits
 
 
 class WorkerDiedError(Exception):
-    """A worker was killed or has crashed, by one of the jobs ``keys`` or beside them."""
+    """A worker was killed or has crashed while the jobs ``keys`` ran."""
 
     def __init__(self, keys: Iterable[str]) -> None:
         self.keys = tuple(keys)
@@ -20,7 +20,7 @@ class WorkerDiedError(Exception):
 
 
 def of_bytes(shared: bytes, job: bytes) -> bytes:
-    """Return what ``run`` pickled for a worker of a cluster, done and pickled again."""
+    """Return the pickled result of a pickled job."""
     function, item = pickle.loads(job)
     with threadpool_limits(1):
         return pickle.dumps(function(_unpickled(shared), item))

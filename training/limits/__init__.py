@@ -1,1 +1,1 @@
-"""Decision limits, calibration, rules of the literature, data check."""
+"""Decision limits, their calibration, decision rules of the literature, and the data check."""

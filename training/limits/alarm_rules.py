@@ -1,7 +1,7 @@
-"""Rules beside each other on whole drives: the monitor's two scores and those of the literature.
+"""Compare decision rules on whole drives: the monitor's two scores and the rules of the literature.
 
-A drive's score is the largest that two windows in a row both reach, as the monitor's own debounce
-wants two; a drive alarms where two windows in a row do.
+The monitor's debounce wants two failed windows in a row. So the score of a drive is the largest
+value that two successive windows both reach, and a drive alarms if two successive windows alarm.
 """
 
 from collections.abc import Sequence
@@ -31,15 +31,15 @@ TITLES: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Scored:
-    """What a rule says of one drive."""
+    """Verdict of one rule on one drive."""
 
-    score: float | None  # None without two windows
-    alarm: int | None  # second of the first two windows in a row that alarm
-    failed: int  # windows that alarm
+    score: float | None  # None for a drive with fewer than two windows
+    alarm: int | None  # index of the second of the first two successive windows that alarm
+    failed: int  # number of windows that alarm
 
     @classmethod
     def of(cls, scores: FloatArray, failed: np.ndarray) -> "Scored":
-        """Return what is said of a drive from its windows' scores and verdicts, each (n,)."""
+        """Return the verdict on a drive from the scores and verdicts of its windows, both (n,)."""
         best = np.minimum(scores[1:], scores[:-1]).max(initial=-np.inf)
         twice = np.flatnonzero(failed[1:] & failed[:-1])
         return cls(
@@ -52,8 +52,10 @@ class Scored:
 def fitted(
     good: Sequence[Sequence[WindowJudged]], bad: Sequence[Sequence[WindowJudged]], limits: Limits
 ) -> dict[str, Rule]:
-    """Return the literature's rules set on calibration drives, and the paper's with given limits.
+    """Return the rules of the literature, name → rule, set on calibration drives.
 
+    good, bad : windows of healthy drives and of drives with a fault, one list per drive
+    limits : limits of the paper's rule named ``paper_card``
     Raises RecordingError if the drives hold too few windows.
     """
     healthy, faulty = Windows.of(good), Windows.of(bad)
@@ -62,23 +64,23 @@ def fitted(
 
 
 def drive_scores(windows: Sequence[WindowJudged], rules: dict[str, Rule]) -> dict[str, Scored]:
-    """Return what every rule of the literature says of one drive."""
+    """Return the verdict of every rule on one drive, name of the rule → verdict."""
     if not windows:
         return dict.fromkeys(rules, Scored(None, None, 0))
-    own = Windows.of([windows])
-    return {name: Scored.of(rule.score(own), rule.faulty(own)) for name, rule in rules.items()}
+    drive = Windows.of([windows])
+    return {name: Scored.of(rule.score(drive), rule.faulty(drive)) for name, rule in rules.items()}
 
 
 def own_scores(windows: Sequence[WindowJudged]) -> dict[str, float | None]:
-    """Return the drive's scores of the monitor's response rule and of its bias rule.
+    """Return the scores of a drive by the monitor's two rules, ``response`` and ``bias``.
 
-    The one is the evidence for a faulty sensor, the other how far the offset lies beyond the
-    vehicle's range, in standard deviations; negative inside.
+    ``response`` is the evidence for a faulty sensor. ``bias`` is the distance of the offset from
+    the healthy range of the vehicle in standard deviations, negative inside the range.
     """
-    nothing = np.zeros(len(windows), dtype=np.bool_)
-    found = {}
+    no_alarm = np.zeros(len(windows), dtype=np.bool_)
+    by_rule = {}
     for name, key in (("response", "evidence"), ("bias", "offset_beyond")):
         values = [w.statistics[key] for w in windows]
         scores = np.array([-np.inf if v is None else v for v in values], dtype=np.float64)
-        found[name] = Scored.of(scores, nothing).score
-    return found
+        by_rule[name] = Scored.of(scores, no_alarm).score
+    return by_rule

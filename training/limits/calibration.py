@@ -1,7 +1,7 @@
 """Decision limits of a model from healthy drives and drives with sensors at the limit severity.
 
-The limits are those of the model card: the paper's two for a chosen false-alarm rate with its
-bounds, noise, excitation and offset as after training.
+Calibration sets all limits of the model card. The paper's two limits keep a chosen false-alarm
+rate within its bounds. Noise, excitation and offset follow the rules of ``decision_limits``.
 """
 
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ from monitor.base.errors import ConfigError, UsageError
 from monitor.judge.limits import Limits
 from monitor.model.card import Limit, ModelCard
 from monitor.model.step import Model
-from monitor.pipeline.stream import WindowJudged
+from monitor.pipeline.events import WindowJudged
 from training.limits.decision_limits import NO_LIMITS, limits_of
 from training.limits.judging import Judged, judge_recordings
 from training.limits.paper_limits import PaperLimits, Residuals, choose, held_out
@@ -25,7 +25,7 @@ from training.limits.tolerance import CONFIDENCE, rate_bounds
 from training.recordings.recording import Recording, check_each_once, sha256
 
 SCHEMA = "o2train.calibrate/1"
-FEW_DRIVES = 5  # drawing fewer drives says little of the spread between drives
+FEW_DRIVES = 5  # with fewer drives, drawing whole drives shows little of their spread
 
 Drives = list[list[WindowJudged]]
 
@@ -37,12 +37,16 @@ def calibrate(
     rate: float,
     config: Config,
 ) -> tuple[ModelCard, dict[str, Any]]:
-    """Return the model's card with new limits, and all that a report says, as JSON-able values.
+    """Return the model card with new limits, and the figures of the report as JSON values.
 
-    faulty : with sensors at the limit severity; may be empty
-    rate : false alarms of the paper's rule per healthy window, 0 to 0.5
-    Nothing is written. Raises RecordingError if there are too few healthy windows, UsageError for a
-    recording that cannot be what it is given as, ConfigError for windows of another length.
+    The function writes no file.
+
+    path : model file
+    faulty : recordings with a sensor fault at the limit severity; may be empty
+    rate : false alarms of the paper's rule per healthy window, above 0 and below 0.5
+    Raises RecordingError if there are too few healthy windows, UsageError for an impossible rate or
+    a recording whose manifest contradicts its role, ConfigError if model and configuration differ
+    in the window length.
     """
     if not 0.0 < rate < 0.5:
         raise UsageError(f"--false-alarms {rate:g}: wanted more than 0 and less than 0.5")
@@ -54,12 +58,12 @@ def calibrate(
             f"[window] n_samples is {config.window.n_samples}"
         )
     good, bad = (
-        [each.windows for each in judge_recordings(drives, model, NO_LIMITS, config)]
+        [judged.windows for judged in judge_recordings(drives, model, NO_LIMITS, config)]
         for drives in (healthy, faulty)
     )
     seen, seen_bad = _residuals(good), _residuals(bad) if any(bad) else None
     chosen = choose(seen, seen_bad, rate)
-    alarms, found = held_out(seen, seen_bad, rate)
+    alarms, detected = held_out(seen, seen_bad, rate)
     card = _with_limits(model.card, good, bad, chosen, rate, config)
     limits = Limits.from_card(card, config, str(path))
     healthy_rows = _rows(healthy, good, model, limits, config)
@@ -76,7 +80,7 @@ def calibrate(
         "healthy": healthy_rows,
         "faulty": faulty_rows,
         "monitor": {"healthy": _codes(healthy_rows), "faulty": _codes(faulty_rows)},
-        "detection": _detection(bad, limits, found),
+        "detection": _detection(bad, limits, detected),
         "warnings": _warnings(model.card, healthy, good, faulty, bad),
     }
 
@@ -94,7 +98,7 @@ def _check(healthy: Sequence[Recording], faulty: Sequence[Recording]) -> None:
 
 
 def _entry(recording: Recording) -> dict[str, Any]:
-    """Return what a manifest says of this very file, {} if nothing."""
+    """Return the manifest entry of a recording, {} without an entry for this file content."""
     entry = manifest.load(Path(recording.path).parent).get(Path(recording.path).name, {})
     return entry if entry.get("sha256") == recording.sha256 else {}
 
@@ -132,8 +136,8 @@ def _with_limits(
             else "which alone bounds it without an alarm"
         )
     )
-    own = {"j_mu": chosen.j_mu, "j_sigma": chosen.j_sigma}
-    for name, value in own.items():
+    paper = {"j_mu": chosen.j_mu, "j_sigma": chosen.j_sigma}
+    for name, value in paper.items():
         limits[name] = Limit(value, card.output.unit, origin)
         limits[f"{name}_z"] = Limit(
             value / scale, "z", f"{name} over the measurement's spread {scale:.4g}"
@@ -166,9 +170,9 @@ def _false_alarms(chosen: PaperLimits, n_drives: int) -> dict[str, Any]:
 def _rows(
     recordings: Sequence[Recording], drives: Drives, model: Model, limits: Limits, config: Config
 ) -> list[dict[str, Any]]:
-    """Return what both rules say of each drive with the new limits."""
+    """Return the verdicts of the paper's rule and of the monitor on each drive, new limits."""
     judged = judge_recordings(recordings, model, limits, config)
-    return [_row(*each, limits) for each in zip(recordings, drives, judged, strict=True)]
+    return [_row(*drive, limits) for drive in zip(recordings, drives, judged, strict=True)]
 
 
 def _row(
@@ -199,12 +203,12 @@ def _row(
 
 
 def _evidence(window: WindowJudged) -> float:
-    """Return by how much the likeliest fault led the likeliest sound sensor."""
+    """Return the log likelihood of the likeliest fault over the likeliest sound sensor."""
     return float(window.statistics["evidence"] or 0.0)
 
 
 def _codes(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Return how many drives have a code, bounds of that share and the largest evidence."""
+    """Return the number of drives with a code, bounds of their share, and the largest evidence."""
     n, coded = len(rows), sum(bool(row["codes"]) for row in rows)
     low, high = rate_bounds(coded, n) if n else (0.0, 1.0)
     seen = [row["evidence"] for row in rows if row["evidence"] is not None]
@@ -222,8 +226,11 @@ def _short(value: float) -> float:
     return float(f"{value:.5g}")
 
 
-def _detection(bad: Drives, limits: Limits, found: int | None) -> dict[str, Any] | None:
-    """Return what the paper's rule finds of all faulty windows, None if there are none."""
+def _detection(bad: Drives, limits: Limits, detected: int | None) -> dict[str, Any] | None:
+    """Return the detection rate of the paper's rule over all faulty windows, None without any.
+
+    detected : number of faulty windows that fail limits set without their drive
+    """
     seen = _residuals(bad)
     n = len(seen.mean)
     if n == 0:
@@ -231,7 +238,7 @@ def _detection(bad: Drives, limits: Limits, found: int | None) -> dict[str, Any]
     failed = int(seen.failed(limits.j_mu, limits.j_sigma).sum())
     low, high = rate_bounds(failed, n)
     shares = {"failed": failed, "share": failed / n, "low": low, "high": high}
-    return {"windows": n, **shares, "held_out": found}
+    return {"windows": n, **shares, "held_out": detected}
 
 
 def _warnings(
@@ -261,5 +268,5 @@ def _warnings(
     return texts
 
 
-def _count(n: int, what: str) -> str:
-    return f"{n} {what}{'' if n == 1 else 's'}"
+def _count(n: int, noun: str) -> str:
+    return f"{n} {noun}{'' if n == 1 else 's'}"

@@ -1,4 +1,4 @@
-"""Decision limits from blocks of healthy recordings that neither trained nor chose the model."""
+"""Decision limits from held-out blocks of healthy recordings, unseen by training and choice."""
 
 import math
 from collections.abc import Sequence
@@ -15,18 +15,18 @@ from monitor.judge.limits import Limits
 from monitor.memory.dtc import TESTS
 from monitor.model.card import Limit, ModelCard
 from monitor.model.step import Model
-from monitor.pipeline.stream import WindowJudged
+from monitor.pipeline.events import WindowJudged
 from training.limits.judging import judge_recordings
 from training.narx.export import update_card
 from training.narx.model_file import HeldOut
 from training.recordings.recording import Recording
 
 MINIMUM_WINDOWS = 10
-MANY_WINDOWS = 100  # with fewer the 0.99 quantiles are the largest values seen
+MANY_WINDOWS = 100  # with fewer windows, the 0.99 quantile is the largest value
 PAPER_QUANTILE = 0.99
 HELD_OUT = "test blocks held out of the training recordings"
-MEMORY_MOST = 0.95  # of the noise; above it nothing would be left of a window
-EXCITATION_STEP = 1.25
+MEMORY_MOST = 0.95  # correlation of the noise; above it a window holds almost no information
+EXCITATION_STEP = 1.25  # factor between two tried excitation limits
 NO_LIMITS = Limits(
     j_mu=np.inf,
     j_sigma=np.inf,
@@ -42,27 +42,27 @@ NO_LIMITS = Limits(
 def held_out_windows(
     model: Model, recordings: Sequence[Recording], held_out: Sequence[HeldOut], config: Config
 ) -> list[list[WindowJudged]]:
-    """Return each recording's windows in blocks that neither trained nor chose the model."""
-    judged = judge_recordings(recordings, model, NO_LIMITS, config)
-    found = []
-    for number, (recording, each) in enumerate(zip(recordings, judged, strict=True)):
+    """Return the windows in held-out blocks with the role ``test``, one list per recording."""
+    all_judged = judge_recordings(recordings, model, NO_LIMITS, config)
+    windows = []
+    for number, (recording, judged) in enumerate(zip(recordings, all_judged, strict=True)):
         spans = [(h.first, h.stop) for h in held_out if h.recording == number and h.role == "test"]
         ticks = [
             (w.window.t_start_ns // recording.period_ns, w.window.t_end_ns // recording.period_ns)
-            for w in each.windows
+            for w in judged.windows
         ]
         inside = [any(a <= i and k < b for a, b in spans) for i, k in ticks]
-        found.append(list(compress(each.windows, inside)))
-    return found
+        windows.append(list(compress(judged.windows, inside)))
+    return windows
 
 
 def limits_of(
     drives: Sequence[Sequence[WindowJudged]], card: ModelCard, config: Config, origin: str
 ) -> dict[str, Limit]:
-    """Return every decision limit from the windows of healthy drives.
+    """Return all decision limits from the windows of healthy drives, name → limit.
 
-    origin : what the drives are, for the card
-    Raises RecordingError if there are too few windows.
+    origin : description of the drives for the model card
+    Raises RecordingError if there are fewer than 10 windows.
     """
     windows = [window for drive in drives for window in drive]
     if len(windows) < MINIMUM_WINDOWS:
@@ -114,7 +114,7 @@ def limits_of(
 
 
 def _noise(within: Sequence[FloatArray]) -> tuple[float, float]:
-    """Return the spread of the residual within windows, and how much a sample keeps of the last."""
+    """Return the standard deviation of the residual within windows, and its lag-1 correlation."""
     x = np.array(within)
     x -= x.mean(axis=1, keepdims=True)
     power = float((x**2).sum())
@@ -133,7 +133,10 @@ def set_limits(
     config: Config,
     origin: str = HELD_OUT,
 ) -> tuple[ModelCard, int]:
-    """Put ``with_limits`` into the model file ``path``; return the card and the windows."""
+    """Write the limits of ``with_limits`` into the model file ``path``.
+
+    Returns the new card and the number of windows. Raises as ``with_limits``.
+    """
     card, windows = with_limits(Model.load(path), recordings, held_out, config, origin)
     update_card(path, card)
     return card, windows
@@ -146,10 +149,10 @@ def with_limits(
     config: Config,
     origin: str = HELD_OUT,
 ) -> tuple[ModelCard, int]:
-    """Return the model's card with limits from held-out blocks, and how many windows they have.
+    """Return the model card with limits from held-out blocks, and the number of their windows.
 
-    A window needs so much movement that the response rule fails none of the recordings, which are
-    healthy. Raises RecordingError if there are too few windows.
+    The excitation limit rises until the response rule fails no window of the healthy recordings.
+    Raises RecordingError if there are fewer than 10 windows.
     """
     drives = held_out_windows(model, recordings, held_out, config)
     limits = limits_of(drives, model.card, config, origin)
@@ -163,16 +166,19 @@ def with_limits(
 
 
 def whole(recordings: Sequence[Recording]) -> list[HeldOut]:
-    """Return all of the recordings as held out: a few constants fitted to them hardly matter."""
-    return [HeldOut(i, 0, len(each.values), "test") for i, each in enumerate(recordings)]
+    """Return whole recordings as held-out blocks.
+
+    Use it for a model with a few constants: a fit to the same recordings changes little.
+    """
+    return [HeldOut(i, 0, len(r.values), "test") for i, r in enumerate(recordings)]
 
 
 def _sound_excitation(
     model: Model, recordings: Sequence[Recording], limits: Limits, config: Config
 ) -> float:
-    """Return the least excitation at which the response rule fails no healthy recording.
+    """Return the lowest excitation limit at which the response rule fails no healthy recording.
 
-    A model that follows its vehicle poorly makes a sound sensor look weak or late.
+    Without this limit a sound sensor looks weak or late if the model follows its vehicle poorly.
     """
     while any(
         window.outcome == "failed" and window.fault not in TESTS["bias"]

@@ -1,4 +1,4 @@
-"""Recordings through the monitor's own steps, without files or frames."""
+"""Judge recordings with the steps of the monitor, without files or frames."""
 
 from collections.abc import Sequence
 
@@ -11,23 +11,23 @@ from monitor.judge.enable import Enable
 from monitor.judge.limits import Limits
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
-from monitor.pipeline.block_judge import Judged, judge_all
+from monitor.pipeline.side_by_side import Judged, judge_all
 from training.recordings.recording import Recording
 
 __all__ = ["Judged", "enabled_samples", "judge", "judge_recordings"]
 
 
 def enabled_samples(recording: Recording, card: ModelCard, config: Config) -> BoolArray:
-    """Return (n,) bool: samples on which all of the monitor's enable conditions hold."""
+    """Return (n,) bool, True for samples at which all enable conditions hold."""
     names = _names(recording, card)
-    conditions = Enable.of(config.enable, names, card).block(_block(recording, names).values)
+    conditions = Enable.of(config.enable, names, card).push(_block(recording, names).values)
     return np.asarray(conditions.all(axis=1))
 
 
 def judge(recording: Recording, model: Model, limits: Limits, config: Config) -> Judged:
-    """Return the monitor's verdict on one driving cycle with empty memory.
+    """Return the verdict of a monitor with empty fault memory on one driving cycle.
 
-    Raises RecordingError if the model needs a signal that the recording lacks.
+    Raises RecordingError if the recording lacks an input of the model.
     """
     return judge_recordings([recording], model, limits, config)[0]
 
@@ -35,9 +35,10 @@ def judge(recording: Recording, model: Model, limits: Limits, config: Config) ->
 def judge_recordings(
     recordings: Sequence[Recording], model: Model, limits: Limits, config: Config
 ) -> list[Judged]:
-    """Return the monitor's verdict on each driving cycle with empty memory; many are faster.
+    """Return the verdicts of ``judge`` on several recordings, in their order.
 
-    Raises RecordingError if the model needs a signal that a recording lacks.
+    Recordings with the same signals run side by side, faster than one by one.
+    Raises RecordingError if a recording lacks an input of the model.
     """
     alike: dict[tuple[str, ...], list[int]] = {}
     for i, recording in enumerate(recordings):
@@ -55,7 +56,7 @@ def _names(recording: Recording, card: ModelCard) -> tuple[str, ...]:
 
 
 def _block(recording: Recording, names: Sequence[str]) -> SampleBlock:
-    """Return the named signals of a recording; its first sample is at 0 s."""
+    """Return the named signals of a recording; its first sample has the time 0 s."""
     order = [recording.names.index(name) for name in names]
     index = np.arange(len(recording.values))
     return SampleBlock(

@@ -1,4 +1,4 @@
-"""The two limits of the paper's rule: faulty where |mean| >= j_mu and std >= j_sigma.
+"""The two limits of the paper's rule: a window is faulty if |mean| >= j_mu and std >= j_sigma.
 
 Source of the rule: Model Based Diagnosis of Oxygen Sensors, section 2.
 """
@@ -12,46 +12,46 @@ from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray, IntArray
 from training.limits.tolerance import CONFIDENCE, cluster_bound, tolerance_limit, upper_bound
 
-# How far the two limits stand apart, in medians of the faulty windows; fixed before any window is
-# seen, so that the confidence pays for choosing among so many (Bonferroni) and for nothing else.
+# Ratios of j_mu to j_sigma that ``choose`` tries, both in medians of the faulty windows. The ratios
+# are fixed in advance, so the confidence only pays for choosing among nine (Bonferroni).
 RATIOS = tuple(2.0**power for power in range(-4, 5))
 
 
 @dataclass(frozen=True, slots=True)
 class Residuals:
-    """What the paper's rule sees of windows."""
+    """Mean and standard deviation of the residual in each window."""
 
     mean: FloatArray  # (n,) output's unit
     std: FloatArray  # (n,) output's unit
-    drive: IntArray  # (n,) number of the drive that a window is from
+    drive: IntArray  # (n,) number of the window's drive
 
     def failed(self, j_mu: float, j_sigma: float) -> np.ndarray:
-        """Return the paper's verdict on each window, (n,) bool."""
+        """Return the verdict of the paper's rule on each window, (n,) bool, True is faulty."""
         return (np.abs(self.mean) >= j_mu) & (self.std >= j_sigma)
 
     def of(self, chosen: np.ndarray) -> "Residuals":
-        """Return some of the windows; ``chosen`` is (n,) bool."""
+        """Return the windows with ``chosen``, (n,) bool, True."""
         return Residuals(self.mean[chosen], self.std[chosen], self.drive[chosen])
 
 
 @dataclass(frozen=True, slots=True)
 class PaperLimits:
-    """Both limits with the false alarms behind them."""
+    """Both limits of the paper's rule with their false alarms on the healthy windows."""
 
     j_mu: float  # output's unit
     j_sigma: float
-    alarms: int  # healthy windows that reach both
-    windows: int
-    confidence: float  # of the bound for independent windows, after paying for the choice
-    bound: float  # upper bound of the false-alarm rate, windows taken as independent
-    bound_drives: float  # the same from drawing whole drives
+    alarms: int  # healthy windows that reach both limits
+    windows: int  # healthy windows
+    confidence: float  # of ``bound``, higher than 0.95 if the limits were chosen among several
+    bound: float  # upper bound of the false-alarm rate for independent windows
+    bound_drives: float  # upper bound of the false-alarm rate from drawing whole drives
 
 
 def choose(healthy: Residuals, faulty: Residuals | None, rate: float) -> PaperLimits:
     """Return the limits for a false-alarm rate of at most ``rate`` per window.
 
-    Without faulty windows each limit alone keeps the rate; with them the pair, of those that keep
-    it, that misses the fewest.
+    Without faulty windows, each limit alone keeps the rate. With faulty windows, the pair of limits
+    keeps the rate and misses the fewest faulty windows.
     Raises RecordingError if there are too few healthy windows.
     """
     if faulty is None or len(faulty.mean) == 0:
@@ -60,8 +60,8 @@ def choose(healthy: Residuals, faulty: Residuals | None, rate: float) -> PaperLi
         return _with_bounds(healthy, j_mu, j_sigma, CONFIDENCE)
     confidence = 1.0 - (1.0 - CONFIDENCE) / len(RATIOS)
     pairs = boundary(healthy, faulty, rate, confidence)
-    found = [int(faulty.failed(*pair).sum()) for pair in pairs]
-    return _with_bounds(healthy, *pairs[int(np.argmax(found))], confidence)
+    detected = [int(faulty.failed(*pair).sum()) for pair in pairs]
+    return _with_bounds(healthy, *pairs[int(np.argmax(detected))], confidence)
 
 
 def held_out(
@@ -69,7 +69,7 @@ def held_out(
 ) -> tuple[int | None, int | None]:
     """Return how many healthy and how many faulty windows fail limits set without their drive.
 
-    None where the other drives are too few to set limits.
+    A number is None if the remaining drives do not suffice to set limits.
     """
     alarms = _failed_by_others(healthy, lambda others: choose(others, faulty, rate))
     if faulty is None:
@@ -85,19 +85,22 @@ def _failed_by_others(
         return None
     failed = 0
     for number in numbers:
-        own = residuals.drive == number
+        inside = residuals.drive == number
         try:
-            limits = limits_from(residuals.of(~own))
+            limits = limits_from(residuals.of(~inside))
         except RecordingError:
             return None
-        failed += int(residuals.of(own).failed(limits.j_mu, limits.j_sigma).sum())
+        failed += int(residuals.of(inside).failed(limits.j_mu, limits.j_sigma).sum())
     return failed
 
 
 def boundary(
     healthy: Residuals, faulty: Residuals, rate: float, confidence: float
 ) -> list[tuple[float, float]]:
-    """Return one pair of limits, each keeping the rate, for each of ``RATIOS``."""
+    """Return one pair of limits (j_mu, j_sigma) per ratio in ``RATIOS``; every pair keeps the rate.
+
+    Raises RecordingError if there are too few healthy windows.
+    """
     mu = max(float(np.median(np.abs(faulty.mean))), 1e-12)
     sigma = max(float(np.median(faulty.std)), 1e-12)
     pairs = []
@@ -112,11 +115,11 @@ def _with_bounds(healthy: Residuals, j_mu: float, j_sigma: float, confidence: fl
     alarms = healthy.failed(j_mu, j_sigma)
     n = len(alarms)
     return PaperLimits(
-        j_mu,
-        j_sigma,
-        int(alarms.sum()),
-        n,
-        confidence,
-        upper_bound(int(alarms.sum()), n, confidence),
-        cluster_bound(alarms, healthy.drive),
+        j_mu=j_mu,
+        j_sigma=j_sigma,
+        alarms=int(alarms.sum()),
+        windows=n,
+        confidence=confidence,
+        bound=upper_bound(int(alarms.sum()), n, confidence),
+        bound_drives=cluster_bound(alarms, healthy.drive),
     )

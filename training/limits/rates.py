@@ -1,4 +1,4 @@
-"""Counts as rates with bounds, times as medians with bounds."""
+"""Rates of counts and medians of times, with confidence bounds."""
 
 import math
 from collections.abc import Sequence
@@ -11,24 +11,24 @@ from monitor.base.types import FloatArray
 from training.limits.tolerance import CONFIDENCE, rate_bounds
 
 Figures = dict[str, Any]
-THINNED = 200  # points of a curve that are kept
+THINNED = 200  # most points of a ROC curve in a result
 
 
 def rate(events: int, trials: int) -> Figures:
-    """Return a rate and its two-sided bounds after Clopper and Pearson; None without a trial.
+    """Return a rate and its two-sided 95 % bounds (Clopper and Pearson 1934), None without trials.
 
     >>> [round(rate(99, 100)[k], 3) for k in ("rate", "low", "high")]
     [0.99, 0.946, 1.0]
     """
-    found = {"events": events, "trials": trials}
+    counts = {"events": events, "trials": trials}
     if trials == 0:
-        return found | {"rate": None, "low": None, "high": None}
+        return counts | {"rate": None, "low": None, "high": None}
     low, high = rate_bounds(events, trials)
-    return found | {"rate": events / trials, "low": low, "high": high}
+    return counts | {"rate": events / trials, "low": low, "high": high}
 
 
 def per_1000_h(events: int, seconds: float) -> Figures:
-    """Return events per 1,000 hours and the upper bound of a Poisson process's rate.
+    """Return events per 1,000 hours and the upper 95 % bound of the rate of a Poisson process.
 
     Source: Garwood, Fiducial limits for the Poisson distribution, Biometrika 28, 1936.
 
@@ -48,31 +48,33 @@ def per_1000_h(events: int, seconds: float) -> Figures:
 
 
 def median(times_s: Sequence[float | None]) -> Figures:
-    """Return the median and its two-sided bounds; None stands for never, also in the result.
+    """Return the median of times in s and its two-sided 95 % bounds; None means never.
 
-    The bounds are order statistics, whatever the distribution.
+    The bounds are order statistics and hold for any distribution.
     Source: Conover, Practical Nonparametric Statistics, 3rd ed., section 3.2.
     """
     x = np.sort([math.inf if t is None else t for t in times_s])
     n = len(x)
-    found: Figures = {"trials": n, "median": None, "low": None, "high": None}
+    figures: Figures = {"trials": n, "median": None, "low": None, "high": None}
     if n == 0:
-        return found
+        return figures
     below = int(stats.binom.ppf((1.0 - CONFIDENCE) / 2.0, n, 0.5))
-    found["median"] = _finite(float(x[(n - 1) // 2] + x[n // 2]) / 2.0)
-    found["low"] = _finite(float(x[below - 1])) if below else 0.0
-    found["high"] = _finite(float(x[n - below])) if below else None
-    return found
+    figures["median"] = _finite(float(x[(n - 1) // 2] + x[n // 2]) / 2.0)
+    figures["low"] = _finite(float(x[below - 1])) if below else 0.0
+    figures["high"] = _finite(float(x[n - below])) if below else None
+    return figures
 
 
 def roc(healthy: Sequence[float | None], faulty: Sequence[float | None]) -> Figures:
-    """Return the receiver operating characteristic of a score; None is a drive without a score.
+    """Return the receiver operating characteristic of a score over drives.
 
-    A drive without a score alarms at no limit. ``area`` counts ties as one half; ``at_none`` is the
-    share of faulty drives above every healthy one.
+    healthy, faulty : score of each drive; a drive with the score None alarms at no limit
+    ``area`` counts ties as one half. ``at_1_percent`` is the share of faulty drives that alarm when
+    at most 1 % of the healthy drives do; ``at_none`` is this share without any false alarm.
+    ``points`` are pairs of false-alarm rate and detection rate.
     """
     good, bad = (
-        np.array([-math.inf if s is None else s for s in each]) for each in (healthy, faulty)
+        np.array([-math.inf if s is None else s for s in scores]) for scores in (healthy, faulty)
     )
     if not len(good) or not len(bad):
         return {"area": None, "at_none": None, "at_1_percent": None, "points": []}

@@ -1,4 +1,4 @@
-"""What the monitor must reach, and from which severity on a fault must be found."""
+"""Targets of the monitor, and the limit severities from which it must detect a fault."""
 
 from typing import Final
 
@@ -9,25 +9,27 @@ LIMIT_SEVERITY: Final = {
     "delay_rich_to_lean": 0.4,  # s
     "delay_lean_to_rich": 0.4,
     "delay_symmetric": 0.4,
-    "transient": 0.5,  # s, with reduced amplitude
-    "gain_low": 0.6,  # of the amplitude is left
+    "transient": 0.5,  # s, together with a reduced amplitude
+    "gain_low": 0.6,  # remaining share of the amplitude
     "biased_lean": 0.05,  # lambda
     "biased_rich": 0.05,
 }
-DETECTED: Final = 0.99  # of trials within one WLTC
-NAMED: Final = 0.95  # of trials, by exactly their name
-MEDIAN_ENABLED_S: Final = 60.0
-COMPLETED: Final = 0.95  # of healthy WLTCs
-HEALTHY_DRIVES, HEALTHY_VEHICLES = 500, 50  # at least, for no false code at all
+DETECTED: Final = 0.99  # least share of trials detected within one WLTC
+NAMED: Final = 0.95  # least share of trials with exactly the right name
+MEDIAN_ENABLED_S: Final = 60.0  # longest median enabled time to the code
+COMPLETED: Final = 0.95  # least share of healthy WLTCs with a completed test
+HEALTHY_DRIVES, HEALTHY_VEHICLES = 500, 50  # least numbers that must stay without a false code
 
 
 def at_limit(fault: str, severity: float) -> bool:
-    """Return whether a fault is just severe enough that it must be found."""
+    """Return whether the severity is the limit severity of the fault."""
     return LIMIT_SEVERITY.get(fault) == severity
 
 
 def beyond_limit(fault: str, severity: float) -> bool:
-    """Return whether a fault is so severe that it must be found; electrical ones have no limit.
+    """Return whether the monitor must detect a fault of this severity.
+
+    The answer is False for electrical faults, which have no limit severity.
 
     >>> beyond_limit("gain_low", 0.5), beyond_limit("slow_symmetric", 0.3)
     (True, False)

@@ -1,8 +1,8 @@
-"""How large a false-alarm or detection rate can be, and the limits that keep it small.
+"""Confidence bounds of false-alarm and detection rates, and limits that keep a rate.
 
-A limit here is a value that alarms reach: ``score >= limit``. Nothing is assumed about how scores
-are distributed. Windows of one drive are alike, so beside the bound for independent windows there
-is one from drawing whole drives.
+A score alarms if ``score >= limit``. The bounds hold for any distribution of the scores. Windows
+of one drive resemble each other, so a second bound beside the one for independent windows draws
+whole drives.
 """
 
 import math
@@ -20,7 +20,7 @@ SEED = 0
 
 
 def rate_bounds(events: int, trials: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
-    """Return the two-sided bounds of a rate from counts, by Clopper and Pearson (1934).
+    """Return the two-sided confidence bounds of a rate, by Clopper and Pearson (1934).
 
     >>> [round(b, 3) for b in rate_bounds(0, 20)]
     [0.0, 0.168]
@@ -31,14 +31,14 @@ def rate_bounds(events: int, trials: int, confidence: float = CONFIDENCE) -> tup
 
 
 def upper_bound(events: int, trials: int, confidence: float = CONFIDENCE) -> float:
-    """Return the one-sided upper bound of a rate from counts, by Clopper and Pearson (1934)."""
+    """Return the one-sided upper confidence bound of a rate, by Clopper and Pearson (1934)."""
     if events >= trials:
         return 1.0
     return float(stats.beta.ppf(confidence, events + 1, trials - events))
 
 
 def windows_needed(rate: float, confidence: float = CONFIDENCE) -> int:
-    """Return the least number of windows whose largest score is a limit for ``rate``.
+    """Return the smallest number of windows whose largest score is a limit for ``rate``.
 
     Source: Wilks, Determination of sample sizes for setting tolerance limits, 1941.
 
@@ -49,9 +49,9 @@ def windows_needed(rate: float, confidence: float = CONFIDENCE) -> int:
 
 
 def most_alarms(trials: int, rate: float, confidence: float = CONFIDENCE) -> int:
-    """Return how many healthy windows may alarm while the rate is at most ``rate``.
+    """Return how many healthy windows may alarm while the rate is proved to be at most ``rate``.
 
-    Raises RecordingError if even none of them proves no such rate.
+    Raises RecordingError if the windows prove no such rate even without an alarm.
     """
     needed = windows_needed(rate, confidence)
     if trials < needed:
@@ -65,10 +65,10 @@ def most_alarms(trials: int, rate: float, confidence: float = CONFIDENCE) -> int
 
 
 def cluster_bound(alarms: np.ndarray, drives: IntArray, confidence: float = CONFIDENCE) -> float:
-    """Return the upper bound of the alarm rate from drawing whole drives with replacement.
+    """Return the upper confidence bound of the alarm rate from drawing whole drives (bootstrap).
 
-    alarms : (n,) bool; drives : (n,) the drive of each window
-    It is 0 where no window alarms: then only the number of windows speaks.
+    alarms : (n,) bool; drives : (n,) number of each window's drive
+    The bound is 0 if no window alarms; use ``upper_bound`` then.
     Source: Davison and Hinkley, Bootstrap Methods and their Application, section 3.8.
     """
     _, index = np.unique(drives, return_inverse=True)
@@ -80,13 +80,13 @@ def cluster_bound(alarms: np.ndarray, drives: IntArray, confidence: float = CONF
 
 @lru_cache(maxsize=4)
 def _drawn(n: int) -> FloatArray:
-    """Return how often each of ``n`` drives is drawn, (RESAMPLES, n)."""
+    """Return how often every resample draws every one of ``n`` drives, (RESAMPLES, n)."""
     drawn = np.random.default_rng(SEED).multinomial(n, np.full(n, 1.0 / n), RESAMPLES)
     return drawn.astype(np.float64)
 
 
 def just_above(value: float) -> float:
-    """Return a limit that ``value`` itself does not reach, whatever is rounded later."""
+    """Return a limit so far above ``value`` that ``value`` does not reach it after rounding."""
     return value + 1e-9 * max(abs(value), 1e-9)
 
 
@@ -95,7 +95,7 @@ def tolerance_limit(
 ) -> float:
     """Return the lowest limit whose false-alarm rate is at most ``rate`` by both bounds.
 
-    scores, drives : (n,) of healthy windows
+    scores, drives : (n,) score and drive of each healthy window
     The limit lies just above an order statistic, so that ties do not alarm.
     Raises RecordingError if there are too few windows.
     """

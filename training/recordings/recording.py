@@ -21,7 +21,7 @@ from monitor.decode.block_decoder import BlockDecoder
 from monitor.decode.bus_map import BusMap, load_pairs
 from monitor.frames.log_blocks import read_blocks
 from monitor.grid.block_assembler import BlockAssembler, assemble_arrays
-from monitor.grid.block_samples import log_samples
+from monitor.grid.block_samples import log_samples, whole
 from monitor.grid.tables import (
     DEFAULT_PERIOD_NS,
     Table,
@@ -179,7 +179,7 @@ def log_block(path: Path, bus_map: BusMap, names: Sequence[str], period_ns: int)
     """Return the samples of a CAN log, the same as those of the streaming pipeline."""
     decoder = BlockDecoder(bus_map, names)
     assembler = BlockAssembler.of(decoder, period_ns)
-    return log_samples(read_blocks(path), decoder, assembler).samples
+    return whole(log_samples(read_blocks(path), decoder, assembler), len(names))[0]
 
 
 def sha256(path: Path) -> str:

@@ -13,7 +13,7 @@ ENOUGH = 16  # averages wanted: 1 dB of standard deviation
 OVERLAP_LOSS = 1.056  # averages of half overlapping Hann segments count so much less: Welch 1967
 BACKGROUND_BINS = 41  # of the running median, several times as wide as a line
 LOWEST_BINS = 4  # the window smears trend and mean into these
-NARROW = 0.05  # of the Nyquist frequency: what is wider is part of the spectrum's shape
+NARROW = 0.05  # of the Nyquist frequency; a wider peak is part of the background
 LEAST_DB = 3.0  # above the background; less is of no use to anybody
 ALPHA = 0.001  # false lines per spectrum
 

@@ -1,1 +1,1 @@
-"""Studies: the paper, the detection matrix, the gap study."""
+"""Studies: the paper's study, the detection matrix, the gap study."""

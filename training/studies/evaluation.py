@@ -1,4 +1,4 @@
-"""How well a model predicts recordings: free run, one step, and the enabled samples alone."""
+"""Errors of a model on recordings, in free run and one step ahead, also on enabled samples."""
 
 import hashlib
 import json
@@ -27,9 +27,10 @@ def evaluate(
 ) -> dict[str, Any]:
     """Return the figures of the model file on ``recordings``, in the output's unit.
 
-    washout : samples at the beginning of every unbroken stretch that drive the state with the
-        measured output and are not scored; default the longest lag
-    Raises RecordingError if a recording lacks a signal, has another period or nothing to score.
+    washout : number of samples at the start of every unbroken stretch; they set the state from the
+        measured output and are not scored; default: the longest lag
+    Raises RecordingError if a recording lacks a signal, has another sample period or has no sample
+    to score; UsageError if ``washout`` is negative.
     """
     model = Model.load(path)
     washout = model.card.lags if washout is None else washout
@@ -46,17 +47,18 @@ def evaluate(
 
 
 def save(result: dict[str, Any], path: Path | str) -> None:
-    """Write the figures as JSON."""
+    """Write ``result`` to ``path`` as JSON."""
     Path(path).write_text(json.dumps(result, indent=1, allow_nan=False) + "\n")
 
 
 def predict(
     model: Model, recording: Recording, washout: int
 ) -> tuple[FloatArray, FloatArray, FloatArray, np.ndarray]:
-    """Return measured, free-run and one-step output (n,) and which rows are scored (n,) bool.
+    """Return measured, free-run and one-step output (n,) and a mask of the scored rows (n,) bool.
 
-    A stretch begins where all inputs and the output are valid and ends at an invalid input.
-    Measured values are brought to the range that the model can express (lambda at most 16).
+    A stretch begins where all inputs and the output are valid and ends at an invalid input. The
+    measured output is clipped to the range of the model (lambda at most 16).
+    Raises RecordingError if the sample periods of recording and model differ.
     """
     card = model.card
     if recording.period_ns != card.period_ns:

@@ -1,4 +1,4 @@
-"""Requests in, answers out: which service answers, and when silence is the answer.
+"""Answers to diagnostic requests: choice of the service, and when to stay silent.
 
 Sources: SAE J1979 (services $01 to $0A), ISO 14229-1 (the others, and negative responses).
 """
@@ -13,8 +13,8 @@ NEGATIVE: Final = 0x7F
 SERVICE_NOT_SUPPORTED: Final = 0x11
 RESPONSE_PENDING: Final = 0x78
 CLEARING: Final = (0x04, 0x14)
-# not sent to a request that went to every control unit: service, subfunction not supported,
-# request out of range, subfunction and service not supported in this session
+# Negative responses that are not sent to a functional request: service or subfunction not
+# supported, request out of range, subfunction or service not supported in this session.
 SILENT_IF_FUNCTIONAL: Final = (0x11, 0x12, 0x31, 0x7E, 0x7F)
 SERVICES: Final = {**obd.SERVICES, **uds.SERVICES}
 
@@ -22,7 +22,7 @@ SERVICES: Final = {**obd.SERVICES, **uds.SERVICES}
 def answer(request: bytes, functional: bool, state: State) -> bytes | None:
     """Return the answer to a request, None for silence.
 
-    functional : the request went to every control unit, not to this one alone
+    functional : the request went to all control units
     """
     if not request:
         return None
@@ -38,7 +38,7 @@ def answer(request: bytes, functional: bool, state: State) -> bytes | None:
 
 
 def takes_long(request: bytes, state: State) -> bool:
-    """Return whether the answer comes after something is written to disk."""
+    """Return whether the answer must wait for a write to disk."""
     if not request or request[0] not in CLEARING:
         return False
     rehearsed = answer(request, False, replace(state, clear=lambda: None))
@@ -46,5 +46,5 @@ def takes_long(request: bytes, state: State) -> bool:
 
 
 def pending(request: bytes) -> bytes:
-    """Return what keeps the tester waiting."""
+    """Return the answer "response pending", which makes the tester wait."""
     return bytes((NEGATIVE, request[0], RESPONSE_PENDING))

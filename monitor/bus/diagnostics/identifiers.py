@@ -1,7 +1,7 @@
-"""Data identifiers of UDS service 0x22: who answers, and what the monitor sees now.
+"""Data identifiers of UDS service 0x22: identification, and the monitor's present state.
 
-Numbers 0xF1xx are those of ISO 14229-1, 0xFDxx the monitor's own. Values are big endian; a
-floating-point number has four bytes (IEEE 754) and is NaN while there is none.
+Numbers 0xF1xx are those of ISO 14229-1; 0xFDxx are defined here. Values are big endian. A
+floating-point number has four bytes (IEEE 754) and is NaN if there is no value.
 """
 
 import struct
@@ -23,7 +23,7 @@ def _count(value: int) -> bytes:
 
 
 def _conditions(state: State) -> bytes:
-    """Return the enable conditions that hold, the first in bit 0."""
+    """Return the enable conditions that hold, as bits; the first is bit 0."""
     held = state.tick.conditions if state.tick else ()
     return struct.pack(">I", sum(holds << bit for bit, holds in enumerate(held)))
 

@@ -1,6 +1,6 @@
-"""ISO 15765-2 for one address: can-isotp's state machines, driven without threads.
+"""ISO 15765-2 for one address: can-isotp's state machines without threads.
 
-can-isotp keeps the standard's timeouts on its own clock, the monotonic one.
+can-isotp measures the standard's timeouts with the monotonic clock.
 """
 
 import logging
@@ -10,18 +10,18 @@ from typing import Final
 
 import isotp
 
-LONGEST_REQUEST: Final = 64  # bytes; longer ones are refused at their first frame, as overflow
-LEAST_SEPARATION_MS: Final = 2  # of our consecutive frames, whatever the tester allows
-PADDING: Final = 0xCC  # ISO 15765-4 wants eight bytes in every frame
+LONGEST_REQUEST: Final = 64  # bytes; a longer request is refused at its first frame (overflow)
+LEAST_SEPARATION_MS: Final = 2  # between consecutive frames, even if the tester allows less
+PADDING: Final = 0xCC  # fills every frame to eight bytes, as ISO 15765-4 asks
 SINGLE, FLOW_CONTROL = 0x0, 0x3  # first four bits of a frame
-LONGEST_SEPARATION: Final = 0x7F  # 127 ms, also what reserved values mean
+LONGEST_SEPARATION: Final = 0x7F  # 127 ms; reserved values mean the same
 
 _LOG: Final = "monitor.bus.diagnostics.isotp"
-logging.getLogger(_LOG).setLevel(logging.CRITICAL + 1)  # failed transfers are counted instead
+logging.getLogger(_LOG).setLevel(logging.CRITICAL + 1)  # failures are counted, not logged
 
 
 def single_frame(data: bytes) -> bytes | None:
-    """Return what a single frame carries, None if it is none.
+    """Return the content of a single frame, None for another kind of frame.
 
     >>> single_frame(bytes.fromhex("020100cc")), single_frame(bytes.fromhex("0301"))
     (b'\\x01\\x00', None)
@@ -32,7 +32,7 @@ def single_frame(data: bytes) -> bytes | None:
 
 
 class Transport:
-    """Requests out of frames and answers into frames, one at a time."""
+    """Turns frames into requests and answers into frames, one at a time."""
 
     def __init__(self, request_id: int, response_id: int, *, is_extended: bool) -> None:
         mode = isotp.AddressingMode.Normal_29bits if is_extended else None
@@ -67,17 +67,17 @@ class Transport:
 
     @property
     def is_sending(self) -> bool:
-        """Return whether an answer is under way."""
+        """Return whether an answer is being sent."""
         return self._layer.transmitting()
 
     @property
     def is_waiting(self) -> bool:
-        """Return whether a flow control frame must come before the answer goes on."""
+        """Return whether the answer waits for a flow control frame."""
         return self._layer.tx_state is self._layer.TxState.WAIT_FC
 
     @property
     def wait_s(self) -> float:
-        """Return after how long ``frames`` wants to be called, inf for never."""
+        """Return the time in s until ``frames`` must be called; inf if it need not be."""
         layer = self._layer
         waits = [
             t.remaining() for t in (layer.timer_rx_fc, layer.timer_rx_cf) if not t.is_stopped()
@@ -86,7 +86,7 @@ class Transport:
         return min((*waits, math.inf if delay_s is None else delay_s)) + 1e-4
 
     def receive(self, data: bytes) -> bytes | None:
-        """Take one frame of the tester and return the request that it completes."""
+        """Take a frame of the tester; return the request if the frame completes it."""
         self._received.append(
             isotp.CanMessage(
                 arbitration_id=self._request_id,
@@ -114,9 +114,9 @@ class Transport:
 
 
 def _paced(data: bytes) -> bytes:
-    """Return a flow control frame that allows no less than our own separation.
+    """Return a flow control frame whose separation is at least ``LEAST_SEPARATION_MS``.
 
-    Microseconds count as less, and reserved values as the longest, as the standard wants it.
+    Microseconds are raised to it; reserved values count as the longest, as the standard says.
     """
     if len(data) < 3 or data[0] >> 4 != FLOW_CONTROL:
         return data

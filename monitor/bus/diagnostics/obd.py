@@ -15,10 +15,10 @@ POSITIVE: Final = 0x40  # added to the service's number
 NOT_SUPPORTED: Final = 0x12  # subfunction not supported, or invalid format
 CONDITIONS_NOT_CORRECT: Final = 0x22
 STANDARDS: Final = {"carb": 0x01, "eobd": 0x06}  # PID 1C: OBD II (CARB), EOBD
-MOST_NUMBERS: Final = 6  # parameters, monitors or kinds of information in one request
-SENSOR_TESTS: Final = ("response", "bias", "activity")  # make up the oxygen sensor monitor
+MOST_NUMBERS: Final = 6  # parameters, monitors or kinds of information per request
+SENSOR_TESTS: Final = ("response", "bias", "activity")  # tests of the oxygen sensor monitor
 SENSOR_CODES: Final = {c for test in SENSOR_TESTS for fault in TESTS[test] for c in CODES[fault]}
-COMPONENTS: Final = 0x04  # byte B of PIDs 01 and 41: comprehensive components, judged all the time
+COMPONENTS: Final = 0x04  # byte B of PIDs 01 and 41: comprehensive components, continuous
 OXYGEN_SENSOR: Final = 0x20  # bytes C and D
 MONITOR_ID: Final = 0x01  # service $06: exhaust gas sensor, bank 1, sensor 1
 ECU_NAME: Final = b"O2M\0-OxygenMonitor\0\0"  # acronym, delimiter, name: 20 bytes
@@ -46,7 +46,7 @@ def current_parameters(state: State) -> dict[int, bytes]:
 
 
 def readiness(state: State) -> bytes:
-    """Return PID 01: lamp, number of codes, and which monitors have completed."""
+    """Return PID 01: lamp, number of confirmed codes, and completed monitors."""
     n_codes = sum(bool(d.status & Status.CONFIRMED) for d in state.store.all)
     done = all(map(state.store.completed_since_clear, SENSOR_TESTS))
     return bytes(
@@ -55,7 +55,7 @@ def readiness(state: State) -> bytes:
 
 
 def readiness_of_cycle(state: State) -> bytes:
-    """Return PID 41: which monitors have completed in this driving cycle."""
+    """Return PID 41: monitors completed in this driving cycle."""
     missing = any(
         d.status & Status.NOT_COMPLETED_THIS_CYCLE
         for d in state.store.all
@@ -65,19 +65,19 @@ def readiness_of_cycle(state: State) -> bytes:
 
 
 def _freeze_frame(request: bytes, state: State) -> bytes:
-    """Answer service $02: up to three pairs of parameter and frame number; there is frame 0."""
+    """Answer service $02: up to three pairs of parameter and frame number; only frame 0 exists."""
     pairs = request[1:]
     if len(pairs) % 2 or not 0 < len(pairs) <= MOST_NUMBERS:
         raise RefusedError(NOT_SUPPORTED)
     frame = next(iter(state.store.freeze_frames.values()), None)
     code = dtc_number(frame.code) if frame else 0
     data = _with_bitmaps({0x02: unsigned(code, 2)} | encoded(frame.values if frame else {}))
-    found = [
+    items = [
         bytes((pid, number)) + data[pid]
         for pid, number in zip(pairs[::2], pairs[1::2], strict=True)
         if pid in data and number == 0
     ]
-    return _positive(request, found)
+    return _positive(request, items)
 
 
 def _codes(request: bytes, state: State, wanted: Callable[[Dtc], bool]) -> bytes:
@@ -142,7 +142,7 @@ def _information(state: State) -> dict[int, bytes]:
 
 
 def in_use_performance(state: State) -> bytes:
-    """Return 20 counters for spark ignition; only those of the oxygen sensor of bank 1 are used."""
+    """Return the 20 counters of spark ignition; only the oxygen sensor's of bank 1 are used."""
     counts = state.store.counts
     ratio = lowest_ratio(r for r in state.store.ratios if r.test in SENSOR_TESTS)
     counters = [counts.general_denominator, counts.ignition_cycles] + [0] * 18
@@ -151,7 +151,7 @@ def in_use_performance(state: State) -> bytes:
 
 
 def lowest_ratio(ratios: Iterable[Ratio]) -> Ratio:
-    """Return the lowest ratio, of equal ones that with the highest denominator.
+    """Return the lowest ratio; among equal ones that with the highest denominator.
 
     >>> lowest_ratio([Ratio("response", 1, 2), Ratio("bias", 2, 4), Ratio("activity", 3, 4)]).test
     'bias'
@@ -169,7 +169,7 @@ def _with_bitmaps(data: Mapping[int, bytes]) -> dict[int, bytes]:
 
 
 def _listed(request: bytes, data: Mapping[int, bytes]) -> bytes:
-    """Return the answer with those of the numbers asked for that there are."""
+    """Return the answer with the available ones of the requested numbers."""
     numbers = request[1:]
     if not 0 < len(numbers) <= MOST_NUMBERS:
         raise RefusedError(NOT_SUPPORTED)
@@ -188,7 +188,7 @@ def _code_list(request: bytes, codes: Iterable[str]) -> bytes:
 
 
 def _check_alone(request: bytes) -> None:
-    """Raise RefusedError if anything follows the service's number."""
+    """Raise RefusedError if bytes follow the service number."""
     if len(request) != 1:
         raise RefusedError(NOT_SUPPORTED)
 

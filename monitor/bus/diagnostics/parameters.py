@@ -1,4 +1,4 @@
-"""Parameters of SAE J1979 made of canonical signals, in bytes as the services carry them."""
+"""Parameters (PIDs) of SAE J1979 made from canonical signals, encoded as bytes."""
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ from typing import Final
 
 
 def unsigned(value: float, length: int) -> bytes:
-    """Return a value rounded and held within so many bytes, most significant first.
+    """Return a value rounded and limited to ``length`` bytes, most significant first.
 
     >>> unsigned(300.4, 2), unsigned(-5.0, 1), unsigned(300.0, 1)
     (b'\\x01,', b'\\x00', b'\\xff')
@@ -16,13 +16,13 @@ def unsigned(value: float, length: int) -> bytes:
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """How one signal travels."""
+    """The signal of a parameter, and its encoding."""
 
     signal: str  # canonical name
     encode: Callable[[float], bytes]
 
 
-# What is not measured by a canonical signal, as calculated load, is left out.
+# Parameters without a canonical signal, such as calculated load, are left out.
 PARAMETERS: Final[Mapping[int, Parameter]] = {
     0x03: Parameter("closed_loop", lambda on: bytes((2 if on > 0.5 else 1, 0))),
     0x05: Parameter("coolant_temperature_degc", lambda degc: unsigned(degc + 40.0, 1)),
@@ -34,7 +34,7 @@ PARAMETERS: Final[Mapping[int, Parameter]] = {
     0x10: Parameter("maf_kg_h", lambda kg_h: unsigned(100.0 * kg_h / 3.6, 2)),
     0x11: Parameter("throttle_percent", lambda percent: unsigned(2.55 * percent, 1)),
     0x23: Parameter("rail_pressure_mpa", lambda mpa: unsigned(100.0 * mpa, 2)),
-    # lambda and the sensor's voltage, which no canonical signal holds
+    # lambda in two bytes, then two zero bytes for the sensor voltage, which has no signal
     0x24: Parameter("lambda_measured", lambda x: unsigned(32768.0 * x, 2) + bytes(2)),
     0x2E: Parameter("purge_duty_percent", lambda percent: unsigned(2.55 * percent, 1)),
     0x33: Parameter("ambient_pressure_kpa", lambda kpa: unsigned(kpa, 1)),
@@ -45,7 +45,7 @@ PARAMETERS: Final[Mapping[int, Parameter]] = {
 
 
 def encoded(values: Mapping[str, float]) -> dict[int, bytes]:
-    """Return the parameters that these signals give, by number."""
+    """Return the parameters of the available signals, by number."""
     return {
         number: parameter.encode(values[parameter.signal])
         for number, parameter in PARAMETERS.items()
@@ -54,9 +54,9 @@ def encoded(values: Mapping[str, float]) -> dict[int, bytes]:
 
 
 def bitmap(supported: Collection[int], base: int) -> bytes | None:
-    """Return which of the 32 numbers after ``base`` are supported, None if nothing is from there.
+    """Return four bytes that mark the supported numbers among the 32 after ``base``.
 
-    The last bit says that a number beyond is supported.
+    The last bit marks that a higher number is supported. None if no number above ``base`` is.
 
     >>> bitmap({0x01, 0x1C, 0x41}, 0x00).hex(), bitmap({0x01}, 0x20)
     ('80000011', None)

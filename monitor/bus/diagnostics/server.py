@@ -1,4 +1,4 @@
-"""Diagnostics on the live loop: frames of a tester in, frames of answers out."""
+"""Diagnostics on the live loop: a tester's frames come in, frames of the answers go out."""
 
 import math
 import re
@@ -12,19 +12,19 @@ from monitor.base.types import Frame
 from monitor.bus.diagnostics.answer import answer, pending, takes_long
 from monitor.bus.diagnostics.isotp import Transport, single_frame
 from monitor.bus.diagnostics.state import DEFAULT_SESSION, State
-from monitor.pipeline.stream import Event
+from monitor.pipeline.events import Event
 
 DEFAULT_RESPONSE_ID: Final = "7E9"
 SESSION_TIMEOUT_S: Final = 5.0  # S3 of ISO 14229-2
-FRAMES_PER_S: Final = 100.0  # of testers, in the long run; what comes faster is ignored
+FRAMES_PER_S: Final = 100.0  # mean rate accepted from testers; faster frames are ignored
 BURST_FRAMES: Final = 50
-CONTINUE: Final = b"\x30"  # a flow control frame that lets the answer go on; it counts as ours
-LONGEST_FRAME: Final = 8  # bytes; diagnostics of ISO 15765-4 is on classical CAN
+CONTINUE: Final = b"\x30"  # a flow control frame that continues an answer
+LONGEST_FRAME: Final = 8  # bytes; ISO 15765-4 uses classical CAN
 
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """Identifiers of ISO 15765-4, with 11 or 29 bits."""
+    """Identifiers of ISO 15765-4 with 11 or 29 bits."""
 
     request_id: int
     response_id: int
@@ -33,9 +33,9 @@ class Address:
 
     @classmethod
     def parse(cls, text: str) -> "Address":
-        """Return the address whose response identifier is given in hexadecimal.
+        """Return the address for a response identifier in hexadecimal.
 
-        Raises UsageError for anything but 7E9 to 7EF and 18DAF1xx, and for the engine's own.
+        Raises UsageError unless it is 7E9 to 7EF or 18DAF1xx, or if it is the engine's.
 
         >>> hex(Address.parse("7E9").request_id), hex(Address.parse("18DAF1A5").request_id)
         ('0x7e1', '0x18daa5f1')
@@ -45,9 +45,9 @@ class Address:
             return cls(response_id - 8, response_id, 0x7DF, is_extended=False)
         if re.fullmatch(r"(?i)(0x)?18DAF1[0-9A-F]{2}", text):
             response_id = int(text, 16)
-            own = response_id & 0xFF
-            if own not in (0x10, 0x11, 0x33, 0xF1):  # engines, everybody, the tester
-                return cls(0x18DA00F1 | own << 8, response_id, 0x18DB33F1, is_extended=True)
+            ecu = response_id & 0xFF
+            if ecu not in (0x10, 0x11, 0x33, 0xF1):  # engines, all ECUs, the tester
+                return cls(0x18DA00F1 | ecu << 8, response_id, 0x18DB33F1, is_extended=True)
         raise UsageError(
             f"diagnostics identifier {text!r}: wanted 7E9 to 7EF (7E8 is the engine's), or "
             "18DAF1xx with xx none of 10, 11, 33 and F1"
@@ -55,14 +55,14 @@ class Address:
 
 
 class Allowance:
-    """So many frames at once, then so many a second."""
+    """A token bucket: ``burst`` frames at once, then ``per_s`` per second."""
 
     def __init__(self, per_s: float, burst: float) -> None:
         self._per_s, self._burst, self._left = per_s, burst, burst
         self._since_s = -math.inf
 
     def take(self, now_s: float) -> bool:
-        """Take one; return whether there was one."""
+        """Take one frame; return False if the bucket is empty."""
         passed_s = max(now_s - self._since_s, 0.0)
         self._left = min(self._left + passed_s * self._per_s, self._burst)
         self._since_s = now_s
@@ -73,7 +73,7 @@ class Allowance:
 
 
 class Diagnostics:
-    """The Attachment that answers testers."""
+    """The attachment that answers testers."""
 
     def __init__(self, state: State, address: Address) -> None:
         self.state, self._address = state, address
@@ -82,18 +82,18 @@ class Diagnostics:
         )
         self._allowance = Allowance(FRAMES_PER_S, BURST_FRAMES)
         self._received: deque[Frame] = deque(maxlen=BURST_FRAMES)
-        self._pending: tuple[bytes, bool] | None = None  # request, functional; announced as pending
+        self._pending: tuple[bytes, bool] | None = None  # request and functional; "pending" sent
         self._session_ends_s = math.inf
         self.due_s = math.inf
 
     @property
     def identifiers(self) -> Collection[tuple[int, bool]]:
-        """Return the identifiers of requests to all and to this monitor alone."""
+        """Return the identifiers of requests to all ECUs and to this monitor."""
         address = self._address
         return [(i, address.is_extended) for i in (address.functional_id, address.request_id)]
 
     def receive(self, frame: Frame) -> Iterable[Frame]:
-        """Keep a frame of a tester for ``work``."""
+        """Keep a tester's frame for ``work``."""
         self._received.append(frame)
         return ()
 
@@ -102,7 +102,7 @@ class Diagnostics:
         self.state.push(event)
 
     def work(self, now_s: float) -> Iterable[Frame]:
-        """Return the frames that are due, among them answers to what came."""
+        """Return the frames that are due, among them answers to the kept frames."""
         if self._pending:
             (request, is_functional), self._pending = self._pending, None
             self._answer(request, is_functional, now_s)
@@ -115,7 +115,7 @@ class Diagnostics:
         return [Frame(0, address.response_id, address.is_extended, data) for data in sent]
 
     def close(self) -> None:
-        """Hold nothing."""
+        """Do nothing: it holds no resources."""
 
     def _take(self, frame: Frame, now_s: float) -> None:
         is_awaited = self._transport.is_waiting and frame.data[:1] == CONTINUE

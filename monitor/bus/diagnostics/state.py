@@ -1,4 +1,4 @@
-"""What diagnostics answers from: fault memory, identity and the latest of the pipeline."""
+"""State for diagnostic answers: fault memory, identity and the pipeline's latest events."""
 
 import math
 import re
@@ -8,14 +8,14 @@ from typing import Final
 
 from monitor.base.errors import UsageError
 from monitor.memory.dtc import DtcStore
-from monitor.pipeline.stream import Event, Tick, WindowJudged
+from monitor.pipeline.events import Event, Tick, WindowJudged
 
 DEFAULT_SESSION: Final = 0x01
 EXTENDED_SESSION: Final = 0x03
 
 
 class RefusedError(Exception):
-    """A request is answered in the negative; ``code`` says why (ISO 14229-1, annex A)."""
+    """A request gets a negative response; ``code`` is its reason (ISO 14229-1, annex A)."""
 
     def __init__(self, code: int) -> None:
         super().__init__(f"negative response 0x{code:02X}")
@@ -24,7 +24,7 @@ class RefusedError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """Who answers."""
+    """Identification of the monitor and its model."""
 
     model_name: str  # file name
     model_sha256: str
@@ -41,7 +41,7 @@ class Identity:
 
     @property
     def calibration_id(self) -> str:
-        """Return at most 16 characters that change with the model."""
+        """Return at most 16 characters that identify the model."""
         stem = self.model_name.rpartition(".")[0] or self.model_name
         ascii_stem = stem.encode("ascii", "replace").decode()
         return f"{ascii_stem[:7]}-{self.model_sha256[:8]}"
@@ -49,11 +49,11 @@ class Identity:
 
 @dataclass(slots=True)
 class State:
-    """Everything an answer may depend on.
+    """Everything that an answer depends on.
 
-    clear : clears the codes and stores that
-    names : of the signals in a sample
-    running_rpm : from this engine speed on the engine runs
+    clear : clears the codes and stores the change
+    names : names of the signals in a sample
+    running_rpm : the engine runs from this speed on
     """
 
     store: DtcStore
@@ -69,11 +69,11 @@ class State:
     samples: int = 0
     enabled_samples: int = 0
     windows: int = 0
-    ignored_frames: int = 0  # too many at once, or no request
-    failed_transfers: int = 0  # of several frames
+    ignored_frames: int = 0  # frames over the accepted rate, or without a request
+    failed_transfers: int = 0  # transfers of several frames that failed
 
     def push(self, event: Event) -> None:
-        """Note what the pipeline says."""
+        """Keep the latest sample and window, and count them."""
         if isinstance(event, Tick):
             self.tick = event
             self.samples += 1
@@ -92,16 +92,16 @@ class State:
 
     @property
     def measured(self) -> float:
-        """Return the measured output, NaN if it is not good."""
+        """Return the measured output, NaN if its quality is not good."""
         return self.values.get(self.output, math.nan)
 
     @property
     def predicted(self) -> float:
-        """Return the predicted output, NaN while there is none."""
+        """Return the predicted output, NaN if there is none."""
         return self.tick.predicted if self.tick else math.nan
 
     def check_may_clear(self) -> None:
-        """Raise RefusedError unless the engine is known to stand."""
+        """Raise RefusedError if the engine runs or its speed is unknown."""
         speed_rpm = self.values.get("engine_speed_rpm", math.inf)
         if speed_rpm >= self.running_rpm and not self.clear_while_running:
             raise RefusedError(0x22)

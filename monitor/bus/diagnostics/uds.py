@@ -1,4 +1,4 @@
-"""Unified diagnostic services of ISO 14229-1 that a monitor needs: 0x10, 0x14, 0x19, 0x22, 0x3E."""
+"""Unified diagnostic services of ISO 14229-1: 0x10, 0x14, 0x19, 0x22 and 0x3E."""
 
 from collections.abc import Callable, Iterable, Mapping
 from typing import Final
@@ -17,16 +17,16 @@ RESPONSE_TOO_LONG: Final = 0x14
 OUT_OF_RANGE: Final = 0x31
 PROGRAMMING_FAILURE: Final = 0x72
 SERVICE_NOT_IN_SESSION: Final = 0x7F
-SUPPRESS: Final = 0x80  # in the subfunction: no positive response
+SUPPRESS: Final = 0x80  # bit of the subfunction: send no positive response
 TIMING: Final = bytes((0x00, 0x32, 0x01, 0xF4))  # P2 50 ms, P2* 5 s
-GROUPS: Final = (0xFFFFFF, 0xFFFF33)  # all codes; those of the emission system
+GROUPS: Final = (0xFFFFFF, 0xFFFF33)  # all codes; codes of the emission system
 STATUS_AVAILABLE: Final = 0xFF
 DTC_FORMAT: Final = 0x00  # SAE J2012-DA: two bytes of code, one of failure type
 FAILURE_TYPES: Final = {"U0100": 0x87, "U0401": 0x81}  # message missing; invalid data received
 ALL_RECORDS: Final = 0xFF
-SNAPSHOT: Final = 0x01  # the record's number
-OBD_IDENTIFIERS: Final = 0xF400  # the last byte is a parameter of SAE J1979
-MOST_IDENTIFIERS: Final = 16  # in one request
+SNAPSHOT: Final = 0x01  # record number
+OBD_IDENTIFIERS: Final = 0xF400  # the low byte is a parameter of SAE J1979
+MOST_IDENTIFIERS: Final = 16  # per request
 LONGEST_ANSWER: Final = 512
 
 
@@ -58,7 +58,7 @@ def _tester_present(request: bytes, state: State) -> bytes | None:
 
 
 def _clear(request: bytes, state: State) -> bytes:
-    """Answer 0x14: clear in the extended session, with the engine off."""
+    """Answer 0x14: clear the codes, in the extended session with the engine off."""
     if state.session != EXTENDED_SESSION:
         raise RefusedError(SERVICE_NOT_IN_SESSION)
     _check_length(request, 4)
@@ -73,7 +73,7 @@ def _clear(request: bytes, state: State) -> bytes:
 
 
 def _codes(request: bytes, state: State) -> bytes | None:
-    """Answer 0x19: codes with status, snapshots and further data."""
+    """Answer 0x19: codes with status, freeze frames and counters."""
     subfunction, is_silent = _subfunction(request)
     report = REPORTS.get(subfunction)
     if report is None:
@@ -85,18 +85,18 @@ def _codes(request: bytes, state: State) -> bytes | None:
 
 
 def _count(mask: bytes, state: State) -> bytes:
-    """Subfunction 0x01: how many codes have a status in the mask."""
+    """Subfunction 0x01: number of codes with a status bit of the mask."""
     n_codes = sum(bool(d.status & mask[0]) for d in state.store.all)
     return bytes((STATUS_AVAILABLE, DTC_FORMAT)) + unsigned(n_codes, 2)
 
 
 def _by_mask(mask: bytes, state: State) -> bytes:
-    """Subfunction 0x02: the codes that have a status in the mask."""
+    """Subfunction 0x02: codes with a status bit of the mask."""
     return _with_status(d for d in state.store.all if d.status & mask[0])
 
 
 def _supported(_: bytes, state: State) -> bytes:
-    """Subfunction 0x0A: every code that can be set."""
+    """Subfunction 0x0A: all codes that can be set."""
     return _with_status(state.store.all)
 
 
@@ -153,7 +153,7 @@ def _find(wanted: bytes, state: State) -> Dtc:
     raise RefusedError(OUT_OF_RANGE)
 
 
-# subfunction of 0x19 → length of the whole request, and who answers what follows it
+# subfunction of 0x19 → length of the request in bytes, function that makes the answer
 REPORTS: Final[Mapping[int, tuple[int, Callable[[bytes, State], bytes]]]] = {
     0x01: (3, _count),
     0x02: (3, _by_mask),
@@ -164,14 +164,14 @@ REPORTS: Final[Mapping[int, tuple[int, Callable[[bytes, State], bytes]]]] = {
 
 
 def _read(request: bytes, state: State) -> bytes:
-    """Answer 0x22: the values of up to 16 identifiers; those that are not known are left out."""
+    """Answer 0x22: the values of up to 16 identifiers; unknown identifiers are left out."""
     if len(request) < 3 or len(request) % 2 == 0 or len(request) > 1 + 2 * MOST_IDENTIFIERS:
         raise RefusedError(WRONG_LENGTH)
     wanted = [request[i : i + 2] for i in range(1, len(request), 2)]
-    found = [name + data for name in wanted if (data := _value(name, state)) is not None]
-    if not found:
+    items = [name + data for name in wanted if (data := _value(name, state)) is not None]
+    if not items:
         raise RefusedError(OUT_OF_RANGE)
-    answer = bytes((request[0] + POSITIVE,)) + b"".join(found)
+    answer = bytes((request[0] + POSITIVE,)) + b"".join(items)
     if len(answer) > LONGEST_ANSWER:
         raise RefusedError(RESPONSE_TOO_LONG)
     return answer
@@ -180,14 +180,14 @@ def _read(request: bytes, state: State) -> bytes:
 def _value(name: bytes, state: State) -> bytes | None:
     number = int.from_bytes(name, "big")
     if number & 0xFF00 == OBD_IDENTIFIERS:
-        known = current_parameters(state) | encoded(state.values)
-        return known.get(number & 0xFF)
+        parameters = current_parameters(state) | encoded(state.values)
+        return parameters.get(number & 0xFF)
     identifier = IDENTIFIERS.get(number)
     return None if identifier is None else identifier(state)
 
 
 def _subfunction(request: bytes, length: int | None = None) -> tuple[int, bool]:
-    """Return subfunction, and whether a positive response is not wanted."""
+    """Return the subfunction, and whether a positive response is suppressed."""
     if len(request) < 2:
         raise RefusedError(WRONG_LENGTH)
     if length is not None:

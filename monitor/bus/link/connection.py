@@ -1,4 +1,4 @@
-"""A bus that is opened again, with longer and longer waits in between, after it was lost."""
+"""A bus that is opened again after a loss, with growing waits between the attempts."""
 
 import math
 import time
@@ -10,19 +10,19 @@ import can
 
 from monitor.base.errors import BusError
 
-FIRST_TRY_S: Final = 0.1  # after a loss; every further try waits twice as long
-LAST_TRY_S: Final = 5.0
-STEADY_S: Final = 10.0  # after which a bus that came back is sound: the waits begin anew
+FIRST_TRY_S: Final = 0.1  # wait after a loss; it doubles with every failed attempt
+LAST_TRY_S: Final = 5.0  # longest wait
+STEADY_S: Final = 10.0  # a bus that is back for this time is sound: the waits start small again
 
 
 class Connection:
-    """Keeps a bus and opens it again; whoever receives from it says when it has failed.
+    """Keeps a bus and opens it again; its user reports failures with ``lose``.
 
-    bus : None while it is lost
-    is_lost : from a loss until the bus has been read from again without an error
+    bus : None while the bus is lost
+    is_lost : True from a loss until the first read without an error
     reopen : opens the bus again; without it a loss is an error
-    say : takes a line when the bus is lost and one when it is back
-    name : what these lines begin with
+    say : receives a line when the bus is lost and when it is back
+    name : begins these lines
     """
 
     def __init__(
@@ -43,7 +43,7 @@ class Connection:
         self._back_off_s = FIRST_TRY_S
 
     def lose(self, error: Exception) -> None:
-        """Let go of a bus that has failed; raises BusError if it cannot be opened again."""
+        """Shut down a failed bus; raises BusError if there is no ``reopen``."""
         bus, self.bus = self.bus, None
         if self._reopen is None:
             raise BusError(f"{bus and bus.channel_info}: {error}") from None
@@ -61,11 +61,11 @@ class Connection:
 
     @property
     def wait_s(self) -> float:
-        """Return how long it is until a lost bus is tried again."""
+        """Return the time in s until the next attempt to open a lost bus."""
         return max(self._next_try_s - self._now_s(), 0.0) if self.bus is None else 0.0
 
     def try_again(self) -> can.BusABC | None:
-        """Open a lost bus if its time has come; return it, None if it is not open now."""
+        """Open a lost bus if the next attempt is due; return the bus, None if still lost."""
         if self.wait_s > 0.0:
             return None
         try:
@@ -76,7 +76,7 @@ class Connection:
         return self.bus
 
     def received(self) -> None:
-        """Note that the bus was read from without an error."""
+        """Record a read without an error."""
         if self.is_lost:
             self.is_lost = False
             self.reconnects += 1
@@ -84,11 +84,11 @@ class Connection:
             self._say(f"{self.name}: back after {self._back_s - self._lost_s:.1f} s")
 
     def close(self) -> None:
-        """Let go of a bus that was opened again; the first is its opener's."""
+        """Shut down a bus that was opened again; the caller owns the first bus."""
         if self.bus is not None and self.losses:
             _shut_down(self.bus)
 
 
 def _shut_down(bus: can.BusABC) -> None:
-    with suppress(can.CanError, OSError):  # it is broken already
+    with suppress(can.CanError, OSError):  # the bus is broken already
         bus.shutdown()

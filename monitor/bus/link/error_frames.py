@@ -1,4 +1,4 @@
-"""What SocketCAN's error frames say; source: Linux, include/uapi/linux/can/error.h."""
+"""Meaning of SocketCAN's error frames. Source: Linux, include/uapi/linux/can/error.h."""
 
 from dataclasses import dataclass
 from enum import IntFlag
@@ -8,7 +8,7 @@ State = Literal["active", "warning", "passive", "bus off"]
 
 
 class ErrorClass(IntFlag):
-    """What an error frame's identifier says."""
+    """Bits of an error frame's identifier."""
 
     TX_TIMEOUT = 0x001
     LOST_ARBITRATION = 0x002
@@ -22,7 +22,7 @@ class ErrorClass(IntFlag):
 
 
 class Controller(IntFlag):
-    """What byte 1 says of the controller."""
+    """Bits of byte 1: the controller's state."""
 
     RX_OVERFLOW = 0x01
     TX_OVERFLOW = 0x02
@@ -35,18 +35,18 @@ class Controller(IntFlag):
 
 @dataclass(frozen=True, slots=True)
 class ErrorFrame:
-    """One error frame in words."""
+    """The meaning of one error frame."""
 
-    state: State | None  # the controller's new state, None if it says nothing about it
-    overflow: bool  # the controller or its driver has lost received frames
-    no_acknowledge: bool  # nobody on the bus acknowledges what is sent
+    state: State | None  # new state of the controller, None if the frame does not tell
+    overflow: bool  # controller or driver has lost received frames
+    no_acknowledge: bool  # no node on the bus acknowledges sent frames
 
 
 def error_frame(can_id: int, data: bytes) -> ErrorFrame:
-    """Return what an error frame says.
+    """Return the meaning of an error frame.
 
-    can_id : without flags
-    data : the frame's bytes; what is missing counts as 0
+    can_id : identifier without flags
+    data : bytes of the frame; missing bytes count as 0
     """
     about = Controller(data[1]) if len(data) > 1 and can_id & ErrorClass.CONTROLLER else None
     return ErrorFrame(

@@ -1,4 +1,4 @@
-"""The bus of the live loop: received from, sent to, watched, and opened again when it is lost."""
+"""The bus of the live loop: receive, send, watch its health, open it again after a loss."""
 
 import math
 import time
@@ -15,7 +15,7 @@ from monitor.bus.link.recorder import message_of
 from monitor.bus.link.socketcan import ErrorMessage, SocketReader
 from monitor.frames.logs import frame_of
 
-QUIET_S: Final = 10.0  # between two lines about the controller's state
+QUIET_S: Final = 10.0  # least time between two messages about the controller's state
 
 State = Literal["active", "warning", "passive", "bus off", "gone"]
 OFF: Final = ("bus off", "gone")
@@ -23,27 +23,27 @@ OFF: Final = ("bus off", "gone")
 
 @dataclass(slots=True)
 class BusHealth:
-    """How the bus and the loop on it are."""
+    """Counters and state of the bus and of the loop."""
 
-    state: State = "active"  # of the controller; "gone": the interface itself
-    frames: int = 0  # received and not refused below
+    state: State = "active"  # of the controller; "gone" means that the interface is lost
+    frames: int = 0  # received data frames, without the refused ones
     error_frames: int = 0
     remote_frames: int = 0
-    refused: int = 0  # frames under identifiers that the loop keeps for itself
-    overruns: int = 0  # error frames that say the controller has lost frames
-    drops: int = 0  # frames that the socket's buffer had no room for
+    refused: int = 0  # frames under identifiers reserved for the loop
+    overruns: int = 0  # error frames that report frames lost in the controller
+    drops: int = 0  # frames lost because the socket's buffer was full
     bus_off: int = 0  # times the controller went off the bus
     passive: int = 0  # times it became error passive
     warning: int = 0  # times its error counters reached the warning limit
-    unacknowledged: int = 0  # error frames that say nobody acknowledges
-    losses: int = 0  # times the interface went away
-    reconnects: int = 0  # times it came back
+    unacknowledged: int = 0  # error frames that report a missing acknowledgement
+    losses: int = 0  # times the interface was lost
+    reconnects: int = 0  # times the interface came back
     transmit_errors: int = 0
-    stale: tuple[str, ...] = ()  # signals that no frame brings any more, now
-    stale_samples: int = 0  # samples with such a signal
-    memory_errors: int = 0  # times the fault memory could not be stored
-    detached: int = 0  # attachments that raised and were let go
-    receive_buffer_bytes: int = 0  # of SocketCAN, 0 if not known
+    stale: tuple[str, ...] = ()  # signals that are stale now
+    stale_samples: int = 0  # samples with a stale signal
+    memory_errors: int = 0  # failed attempts to store the fault memory
+    detached: int = 0  # attachments removed after an exception
+    receive_buffer_bytes: int = 0  # of the SocketCAN socket, 0 if unknown
     timestamps: Literal["kernel", "interface"] = "interface"
 
     def as_dict(self) -> dict[str, Any]:
@@ -52,11 +52,11 @@ class BusHealth:
 
 
 class Port:
-    """One bus, received from by one thread.
+    """One bus, used by one thread.
 
-    health : is kept up to date
-    reopen : opens the bus again after it was lost; without it a loss is an error
-    say : takes the lines about losses
+    health : updated by the port
+    reopen : opens the bus again after a loss; without it a loss is an error
+    say : receives messages about losses
     """
 
     def __init__(
@@ -73,7 +73,7 @@ class Port:
         self._connection = Connection(bus, reopen, say, monotonic_s)
         self._filters: list[Any] | None = None
         self._quiet_until_s = -math.inf
-        self._drops_before = 0  # on sockets that are closed
+        self._drops_before = 0  # frames dropped on earlier sockets
         self._use(bus)
 
     def _use(self, bus: can.BusABC) -> None:
@@ -88,11 +88,11 @@ class Port:
 
     @property
     def is_off(self) -> bool:
-        """Return whether the monitor itself cannot hear the bus."""
+        """Return whether the monitor cannot hear the bus."""
         return self._health.state in OFF
 
     def set_filters(self, identifiers: Collection[tuple[int, bool]]) -> None:
-        """Receive nothing but these identifiers, each with whether it has 29 bits."""
+        """Receive only these frames, given as identifier and whether it has 29 bits."""
         self._filters = [
             {"can_id": can_id, "can_mask": 0x1FFFFFFF if long else 0x7FF, "extended": long}
             for can_id, long in sorted(identifiers)
@@ -101,10 +101,10 @@ class Port:
             self._bus.set_filters(self._filters)
 
     def receive(self, timeout_s: float, tick_end_ns: int = 0) -> Frame | None:
-        """Return the next frame, None if none came in time.
+        """Return the next frame, None if none arrives within ``timeout_s``.
 
-        tick_end_ns : bus time before which nobody waits for a frame, so that frames may gather
-        Raises BusError when the interface fails and cannot be opened again.
+        tick_end_ns : bus time before which no frame is urgent, so frames may gather until then
+        Raises BusError if the interface fails and cannot be opened again.
         """
         if self._bus is None:
             self._try_again(timeout_s)
@@ -122,14 +122,14 @@ class Port:
         return frame
 
     def _read(self, reader: SocketReader, timeout_s: float, tick_end_ns: int) -> Frame | None:
-        got = reader.receive(timeout_s, tick_end_ns)
-        if type(got) is Frame:
+        received = reader.receive(timeout_s, tick_end_ns)
+        if type(received) is Frame:
             self._health.frames += 1
-            return got
+            return received
         self._health.remote_frames = reader.remote_frames
         self._health.drops = self._drops_before + reader.drops
-        if type(got) is ErrorMessage:
-            self._heed(got.can_id, got.data)
+        if type(received) is ErrorMessage:
+            self._heed(received.can_id, received.data)
         return None
 
     def _take(self, message: can.Message | None) -> Frame | None:
@@ -137,7 +137,7 @@ class Port:
             return None
         if message.is_error_frame and self._is_socketcan:
             self._heed(message.arbitration_id, bytes(message.data))
-        elif message.is_error_frame:  # every other interface has a form of its own
+        elif message.is_error_frame:  # other interfaces have other formats
             self._health.error_frames += 1
         elif message.is_remote_frame:
             self._health.remote_frames += 1
@@ -147,25 +147,26 @@ class Port:
         return None
 
     def _heed(self, can_id: int, data: bytes) -> None:
-        """Take an error frame."""
-        health, said = self._health, error_frame(can_id, data)
+        """Update the health from a SocketCAN error frame."""
+        health, meaning = self._health, error_frame(can_id, data)
         if health.state == "gone":
             self._recover(None)
         health.error_frames += 1
-        health.overruns += said.overflow
-        health.unacknowledged += said.no_acknowledge
-        if said.state is None or said.state == health.state:
+        health.overruns += meaning.overflow
+        health.unacknowledged += meaning.no_acknowledge
+        if meaning.state is None or meaning.state == health.state:
             return
-        health.state = said.state
-        health.bus_off += said.state == "bus off"
-        health.passive += said.state == "passive"
-        health.warning += said.state == "warning"
-        if said.state in ("bus off", "passive") and self._now_s() >= self._quiet_until_s:
+        health.state = meaning.state
+        health.bus_off += meaning.state == "bus off"
+        health.passive += meaning.state == "passive"
+        health.warning += meaning.state == "warning"
+        if meaning.state in ("bus off", "passive") and self._now_s() >= self._quiet_until_s:
             self._quiet_until_s = self._now_s() + QUIET_S
-            self._say(f"bus: the controller is {'error ' * (said.state == 'passive')}{said.state}")
+            kind = f"{'error ' * (meaning.state == 'passive')}{meaning.state}"
+            self._say(f"bus: the controller is {kind}")
 
     def _lose(self, error: Exception) -> None:
-        """Let go of a bus that has failed."""
+        """Give up a failed bus and schedule its opening."""
         if self._reader:
             self._drops_before += self._reader.drops
         self._bus = self._reader = None
@@ -174,7 +175,7 @@ class Port:
         self._health.state = "gone"
 
     def _try_again(self, timeout_s: float) -> None:
-        """Wait for the next try, or make it."""
+        """Open the lost bus if an attempt is due, otherwise wait."""
         wait_s = self._connection.wait_s
         if wait_s > 0.0:
             self._sleep(min(wait_s, timeout_s))
@@ -188,7 +189,7 @@ class Port:
             self._lose(error)
 
     def _recover(self, frame: Frame | None) -> None:
-        """Note that a bus that was off has been read from without an error."""
+        """Record a read without an error after the bus was off."""
         health = self._health
         self._connection.received()
         health.reconnects = self._connection.reconnects
@@ -196,7 +197,7 @@ class Port:
             health.state = "active"
 
     def send(self, frame: Frame) -> None:
-        """Send a frame or count that it could not be sent."""
+        """Send a frame; count it as a transmit error if that fails."""
         try:
             if self._bus is None:
                 raise can.CanOperationError("the bus is lost")
@@ -205,5 +206,5 @@ class Port:
             self._health.transmit_errors += 1
 
     def close(self) -> None:
-        """Let go of a bus that was opened again; the first is its opener's."""
+        """Shut down a bus that was opened again; the caller owns the first bus."""
         self._connection.close()

@@ -1,4 +1,4 @@
-"""The log of what the loop has seen, time marks and other frames of its own among it."""
+"""The log of all frames that the loop judges, including the frames it makes itself."""
 
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -11,21 +11,21 @@ from monitor.frames.logs import log_kind
 
 
 class Recorder(AbstractContextManager["Recorder"]):
-    """Writes every frame the loop has seen, in the order in which it has seen them.
+    """Writes every frame that the loop judges, in the same order.
 
-    Raises RecordingError if the file cannot be made or its format could not be replayed.
+    Raises RecordingError if the file cannot be created or its format cannot be replayed.
     """
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        log_kind(path)  # what cannot be replayed is not recorded
+        log_kind(path)  # refuses a format that cannot be replayed
         try:
             self._writer = can.Logger(path)
         except (OSError, ValueError, NotImplementedError, ImportError) as error:
             raise RecordingError(f"{path}: cannot record: {error}") from None
 
     def write(self, frame: Frame) -> None:
-        """Write one frame with its time in whole microseconds.
+        """Write one frame, its time in whole microseconds.
 
         Raises RecordingError if the file cannot be written.
         """
@@ -35,7 +35,7 @@ class Recorder(AbstractContextManager["Recorder"]):
             raise RecordingError(f"{self._path}: cannot record: {error}") from None
 
     def close(self) -> None:
-        """Write what is left; raises RecordingError if that cannot be done."""
+        """Write the remaining frames and close; raises RecordingError on failure."""
         try:
             self._writer.stop()
         except (OSError, ValueError) as error:
@@ -46,7 +46,7 @@ class Recorder(AbstractContextManager["Recorder"]):
 
 
 def message_of(frame: Frame) -> can.Message:
-    """Return a frame as python-can's message."""
+    """Return the frame as a message of python-can."""
     return can.Message(
         timestamp=frame.t_ns / 1e9,
         arbitration_id=frame.can_id,

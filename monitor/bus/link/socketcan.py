@@ -1,8 +1,8 @@
-"""Reads a SocketCAN socket that python-can has opened.
+"""Reads the SocketCAN socket of a python-can bus.
 
-python-can's own ``recv`` costs two system calls a frame, makes a Message and brings the kernel's
-nanoseconds to a float. This one costs one call and keeps the time an integer, and it lets frames
-gather in the kernel while nothing waits for them: the kernel has stamped them already.
+python-can's ``recv`` makes two system calls per frame, builds a Message and turns the kernel's
+nanoseconds into a float. This reader makes one call and keeps integer time. It also lets frames
+gather in the kernel while none is urgent: the kernel has already stamped them.
 """
 
 import select
@@ -21,9 +21,9 @@ SO_TIMESTAMPNS: Final = 35
 SO_RXQ_OVFL: Final = 40
 SO_RCVBUFFORCE: Final = 33
 RECEIVE_BUFFER_BYTES: Final = 8 << 20  # the default holds about 320 frames
-BLOCK_S: Final = 0.1  # longest wait in the kernel, so that a request to stop is heard
-GATHER_S: Final = 0.02  # longest time for which frames gather: a diagnostic request waits no longer
-AWAKE_S: Final = 0.002  # before the end of a tick from which every frame is read as it comes
+BLOCK_S: Final = 0.1  # longest wait in the kernel, so that a stop request is noticed
+GATHER_S: Final = 0.02  # longest time frames gather; a diagnostic request waits no longer
+AWAKE_S: Final = 0.002  # this long before a tick's end every frame is read at once
 
 _FRAME: Final = struct.Struct("=IB3x")
 _TIME: Final = struct.Struct("@ll")
@@ -35,49 +35,50 @@ _IS_EXTENDED, _IS_REMOTE, _IS_ERROR = 0x80000000, 0x40000000, 0x20000000
 
 
 class ErrorMessage(NamedTuple):
-    """An error frame as it came."""
+    """An error frame of SocketCAN."""
 
-    can_id: int  # without flags
+    can_id: int  # identifier without flags
     data: bytes
 
 
 class SocketReader:
     """Receives from the socket of a python-can bus."""
 
-    def __init__(self, own: socket.socket) -> None:
-        self._socket = own
-        self.buffer_bytes = _enlarge(own)
-        self.drops = 0  # frames that the socket had no room for
+    def __init__(self, can_socket: socket.socket) -> None:
+        self._socket = can_socket
+        self.buffer_bytes = _enlarge(can_socket)
+        self.drops = 0  # frames lost because the buffer was full
         self.remote_frames = 0
         with suppress(OSError):  # an old kernel does not count drops
-            own.setsockopt(socket.SOL_SOCKET, SO_RXQ_OVFL, 1)
-        own.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, _TIMEOUT.pack(0, int(BLOCK_S * 1e6)))
-        self._recvmsg = own.recvmsg
+            can_socket.setsockopt(socket.SOL_SOCKET, SO_RXQ_OVFL, 1)
+        timeout = _TIMEOUT.pack(0, int(BLOCK_S * 1e6))
+        can_socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, timeout)
+        self._recvmsg = can_socket.recvmsg
         self._is_drained = True
         self._wall_ns: Callable[[], int] = time.time_ns
 
     @classmethod
     def of(cls, bus: can.BusABC) -> "SocketReader | None":
-        """Return a reader for the bus, None if it is not SocketCAN with kernel timestamps."""
-        own = getattr(bus, "socket", None)
-        if not isinstance(own, socket.socket):
+        """Return a reader for a SocketCAN bus with kernel timestamps, None for another bus."""
+        can_socket = getattr(bus, "socket", None)
+        if not isinstance(can_socket, socket.socket):
             return None
         try:
-            stamped = own.getsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS)
+            stamped = can_socket.getsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS)
         except OSError:
             return None
-        return cls(own) if stamped else None
+        return cls(can_socket) if stamped else None
 
     def receive(self, timeout_s: float, tick_end_ns: int) -> Frame | ErrorMessage | None:
-        """Return the next frame, None if none came in time.
+        """Return the next frame, None if none arrives in time.
 
-        timeout_s : at most ``BLOCK_S`` counts
-        tick_end_ns : wall time before which nobody waits for a frame
-        Raises OSError when the interface fails.
+        timeout_s : longest wait; at most ``BLOCK_S`` counts
+        tick_end_ns : wall-clock time before which no frame is urgent
+        Raises OSError if the interface fails.
         """
         flags = 0
         if not self._is_drained:
-            flags = socket.MSG_DONTWAIT  # first what is there
+            flags = socket.MSG_DONTWAIT  # read the gathered frames first
         elif timeout_s < BLOCK_S:
             if not select.select([self._socket], [], [], timeout_s)[0]:
                 return None
@@ -91,7 +92,7 @@ class SocketReader:
         return self._frame(raw, ancillary)
 
     def _wait(self, timeout_s: float, tick_end_ns: int) -> None:
-        """Let frames gather if nobody waits for one; the next call blocks otherwise."""
+        """Let frames gather until shortly before the tick's end; then the next call blocks."""
         if self._is_drained:
             return
         calm_s = (tick_end_ns - self._wall_ns()) * 1e-9 - AWAKE_S
@@ -106,7 +107,7 @@ class SocketReader:
         for _, kind, content in ancillary:
             if kind == SO_TIMESTAMPNS:
                 seconds, nanoseconds = _TIME.unpack(content)
-                # whole microseconds, as logs have them, so that a recording replays the same
+                # whole microseconds, as in logs, so that a recording replays the same
                 t_ns = seconds * 1_000_000_000 + (nanoseconds + 500) // 1000 * 1000
             elif kind == SO_RXQ_OVFL:
                 (self.drops,) = _DROPS.unpack(content)
@@ -122,12 +123,13 @@ class SocketReader:
         return None
 
 
-def _enlarge(own: socket.socket) -> int:
-    """Ask for a larger receive buffer, with force first; return the bytes that were got."""
+def _enlarge(can_socket: socket.socket) -> int:
+    """Request a larger receive buffer, first with force; return its size in bytes."""
     for option in (SO_RCVBUFFORCE, socket.SO_RCVBUF):
         try:
-            own.setsockopt(socket.SOL_SOCKET, option, RECEIVE_BUFFER_BYTES)
+            can_socket.setsockopt(socket.SOL_SOCKET, option, RECEIVE_BUFFER_BYTES)
             break
         except OSError:  # not permitted
             continue
-    return own.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) // 2  # the kernel doubles it
+    size = can_socket.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+    return size // 2  # the kernel reports twice the size

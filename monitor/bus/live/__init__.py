@@ -1,7 +1,7 @@
-"""The live page: a feed in the loop, and a server of its own that no browser can make it wait for.
+"""The live page: a feed in the loop, and a separate server process for the browsers.
 
     loop → feed.LiveFeed → pipe → server (hub.Hub → app) → browsers
 
-The feed writes to a pipe without ever waiting; what does not fit is kept for later, then dropped
-and counted. The server lives as long as the pipe.
+The feed writes to the pipe without waiting, so no browser can delay the loop. Data that does not
+fit is kept for later, then dropped and counted. The server ends when the pipe is closed.
 """

@@ -1,6 +1,6 @@
-"""The server's process: ``python -m monitor.bus.live SOCKET HOST``, started by the keeper.
+"""The server process: ``python -m monitor.bus.live SOCKET HOST``, started by the keeper.
 
-It reads the loop's messages from its standard input and ends with it.
+It reads the loop's messages from standard input and ends with it.
 """
 
 import asyncio
@@ -20,7 +20,7 @@ LINE_BYTES: Final = 4 << 20  # longest message
 
 
 def main() -> None:
-    """Serve until the loop's end of the pipe is closed."""
+    """Serve until the loop closes the pipe."""
     number, host = int(sys.argv[1]), sys.argv[2]
     with socket.socket(fileno=number) as listening:
         hub = Hub()
@@ -31,8 +31,8 @@ def main() -> None:
 def server_of(hub: Hub, host: str, *, loopback: bool) -> uvicorn.Server:
     """Return the server of a hub's page.
 
-    host : what it was asked to listen on
-    loopback : only this machine can reach it
+    host : host that the user asked to listen on
+    loopback : only this machine can reach the server
     """
     config = uvicorn.Config(
         create_app(hub, lambda header: may_ask(header, host, loopback=loopback)),
@@ -50,19 +50,19 @@ def server_of(hub: Hub, host: str, *, loopback: bool) -> uvicorn.Server:
 
 
 async def serve(server: uvicorn.Server, hub: Hub, listening: socket.socket) -> None:
-    """Run the server beside the reader of the loop's messages."""
+    """Run the server and the reader of the loop's messages."""
     reading = asyncio.create_task(read(hub))
     reading.add_done_callback(lambda _: setattr(server, "should_exit", True))
     await server.serve([listening])
     if reading.done():
-        reading.result()  # what went wrong in it, if anything
+        reading.result()  # raises the reader's error, if there is one
     reading.cancel()
 
 
 async def read(hub: Hub) -> None:
-    """Give the hub every message until the loop's end.
+    """Pass every message to the hub until the pipe is closed.
 
-    The first one is a greeting; what comes before it was meant for a server that has died.
+    The first message is a greeting; earlier ones were meant for a server that has died.
     """
     reader = asyncio.StreamReader(limit=LINE_BYTES)
     loop = asyncio.get_running_loop()
@@ -71,7 +71,7 @@ async def read(hub: Hub) -> None:
     try:
         while line := await reader.readline():
             is_greeted = is_greeted or line.startswith(GREETING)
-            if is_greeted and line.endswith(b"\n"):  # the loop may die within a message
+            if is_greeted and line.endswith(b"\n"):  # a dying loop may cut its last message
                 hub.take(line)
     finally:
         hub.end()

@@ -1,4 +1,4 @@
-"""Where the live page is served, and by which names it may be asked for."""
+"""Address of the live page, and the host names under which browsers may request it."""
 
 import argparse
 import ipaddress
@@ -12,29 +12,27 @@ from monitor.base.errors import UsageError
 
 LOOPBACK: Final = "127.0.0.1"
 BACKLOG: Final = 64
-SEND_BUFFER_BYTES: Final = (
-    128 << 10
-)  # in the kernel, for each browser; its default may grow to 4 MB
+SEND_BUFFER_BYTES: Final = 128 << 10  # per browser, in the kernel; its default may grow to 4 MB
 _PLACE = re.compile(r"(?:(?:\[([0-9A-Fa-f:.]+)\]|([^\[\]:\s]+)):)?(\d{1,5})")
 
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """A host and a port to listen on; port 0 takes any that is free."""
+    """A host and a port to listen on; port 0 means any free port."""
 
     host: str
     port: int
 
     @property
     def url(self) -> str:
-        """Return the page's address for a browser on this machine."""
+        """Return the page's URL for a browser on this machine."""
         wild = {"0.0.0.0": LOOPBACK, "::": "::1"}
         host = wild.get(self.host, self.host)
         return f"http://{f'[{host}]' if ':' in host else host}:{self.port}/"
 
 
 def parse(text: str) -> Address:
-    """Return the address given as HOST:PORT, [IPV6]:PORT, or PORT for the loopback.
+    """Return the address of HOST:PORT, [IPV6]:PORT, or PORT for the loopback.
 
     Raises argparse.ArgumentTypeError.
 
@@ -48,9 +46,9 @@ def parse(text: str) -> Address:
 
 
 def listen(address: Address) -> socket.socket:
-    """Return a socket that listens there.
+    """Return a socket that listens at the address.
 
-    Raises UsageError saying why it cannot be.
+    Raises UsageError with the reason if that fails.
     """
     where = f"--live {address.host}:{address.port}"
     try:
@@ -59,7 +57,7 @@ def listen(address: Address) -> socket.socket:
         )[0]
         server = socket.create_server(place[:2], family=family, backlog=BACKLOG)
     except OSError as error:
-        number = error.errno or 0  # below 0 when the name is unknown
+        number = error.errno or 0  # negative if the name is unknown
         reason = os.strerror(number) if number > 0 else error.strerror
         raise UsageError(f"{where}: {reason}") from None
     server.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
@@ -72,13 +70,13 @@ def is_loopback(server: socket.socket) -> bool:
 
 
 def may_ask(header: str, host: str, *, loopback: bool) -> bool:
-    """Return whether a Host header names this page, and not a name that was bent to lead here.
+    """Return whether a Host header names this page.
 
-    A name of somebody else's may resolve to this machine (DNS rebinding), an address cannot.
+    Another site's name may resolve to this machine (DNS rebinding); an IP address cannot.
 
-    header : as received
-    host : what the page was asked to listen on
-    loopback : only this machine can reach it, so only its own names count
+    header : the received Host header
+    host : host that the user asked to listen on
+    loopback : only this machine can reach the page, so only loopback names count
     """
     name = _name(header)
     if name is None:
@@ -88,12 +86,12 @@ def may_ask(header: str, host: str, *, loopback: bool) -> bool:
     try:
         ip = ipaddress.ip_address(name)
     except ValueError:
-        own = socket.gethostname().lower()
-        return not loopback and name in {own, own.partition(".")[0], f"{own}.local"}
+        here = socket.gethostname().lower()
+        return not loopback and name in {here, here.partition(".")[0], f"{here}.local"}
     return ip.is_loopback or not loopback
 
 
 def _name(header: str) -> str | None:
-    """Return the host of a Host header in lower case, None if it is none."""
+    """Return the host of a Host header in lower case, None if the header is invalid."""
     match = re.fullmatch(r"(?:\[([0-9a-f:.]+)\]|([0-9a-z._-]+))(?::\d{1,5})?", header.lower())
     return (match[1] or match[2]) if match else None

@@ -1,4 +1,4 @@
-"""The page and its stream of events. It only ever reads: GET and HEAD, nothing else."""
+"""The page and its stream of events. It is read only: GET and HEAD."""
 
 from collections.abc import AsyncIterator, Callable
 from importlib.resources import files
@@ -46,7 +46,7 @@ HEADERS: Final = {
 
 
 class Guard:
-    """Lets through what this page may be asked for, and puts its headers on every answer."""
+    """Refuses requests with another host, method or origin, and adds the security headers."""
 
     def __init__(self, app: ASGIApp, may_ask: Callable[[str], bool]) -> None:
         self._app, self._may_ask = app, may_ask
@@ -69,7 +69,7 @@ class Guard:
             return PlainTextResponse("This page is not served under that name.\n", 421)
         if scope["method"] not in METHODS:
             return PlainTextResponse("Read only.\n", 405, {"Allow": ", ".join(METHODS)})
-        # another site's page cannot read this one, but could use up its streams
+        # another site's page cannot read this one, but it could occupy all its streams
         asker = headers.get("sec-fetch-site", "none")
         if scope["path"] == "/events" and asker not in ("same-origin", "none"):
             return PlainTextResponse("Not from another site.\n", 403)
@@ -77,7 +77,7 @@ class Guard:
 
 
 class EventStream(StreamingResponse):
-    """Server-sent events for one browser, counted while they run."""
+    """Server-sent events for one browser; open streams are counted."""
 
     media_type = "text/event-stream"
 
@@ -86,7 +86,7 @@ class EventStream(StreamingResponse):
         self._hub = hub
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Send until the browser leaves or the loop ends."""
+        """Send until the browser disconnects or the loop ends."""
         self._hub.streams += 1
         try:
             await super().__call__(scope, receive, send)
@@ -105,9 +105,9 @@ class EventStream(StreamingResponse):
 
 
 def create_app(hub: Hub, may_ask: Callable[[str], bool]) -> ASGIApp:
-    """Return the application.
+    """Return the web application.
 
-    may_ask : says of a Host header whether it names this page
+    may_ask : returns whether a Host header names this page
     """
     package = files("monitor")
     bodies = {path: package.joinpath(name).read_bytes() for path, name in FILES.items()}

@@ -1,4 +1,4 @@
-"""The fault memory as the page shows it."""
+"""The fault memory as data for the page."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -10,7 +10,7 @@ from monitor.report.html import MEANINGS
 
 
 def fault_memory(store: DtcStore) -> dict[str, Any]:
-    """Return codes, permanent codes, tests and counts; times are those of the frames."""
+    """Return codes, permanent codes, tests and counts; times are those of the frames, in ns."""
     shown = [dtc for dtc in store.all if dtc.state or dtc.status & Status.FAILED_SINCE_CLEAR]
     frames = store.freeze_frames
     counts = store.counts
@@ -67,5 +67,5 @@ def _code(dtc: Dtc, frames: Mapping[str, FreezeFrame]) -> dict[str, Any]:
 
 
 def _rounded(value: float) -> float | None:
-    """Return a value for JSON: an open limit has none."""
+    """Return a value for JSON; an open limit becomes None."""
     return round(value, 4) if abs(value) < float("inf") else None

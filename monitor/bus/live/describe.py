@@ -1,4 +1,4 @@
-"""What the page is told of the conditions, in words and with the values of the moment."""
+"""Enable conditions in words, with the present values of their signals."""
 
 import math
 from collections.abc import Sequence
@@ -11,7 +11,8 @@ from monitor.base.types import Quality, Sample
 from monitor.judge.enable import CONDITIONS
 from monitor.judge.limits import Limits
 from monitor.model.card import ModelCard
-from monitor.pipeline.stream import Monitor, Tick
+from monitor.pipeline.events import Tick
+from monitor.pipeline.monitor import Monitor
 
 _UNITS: Final = {"degC": "°C", "1/min": "rpm", "-": "", "mg/stroke": "mg"}
 _ENDINGS: Final = (
@@ -38,11 +39,11 @@ _SIGNAL_OF: Final = {
     "engine_load": "manifold_pressure_kpa",
     "vehicle_speed": "vehicle_speed_km_h",
 }
-_STATES: Final = {  # condition: its word while it holds, and while not
+_STATES: Final = {  # condition: word while it holds, word while it does not
     "model_settled": ("settled", "not settled yet"),
     "purge_steady": ("steady", "moving"),
 }
-_FLAGS: Final = {  # condition: signal, its word while 1, and below
+_FLAGS: Final = {  # condition: signal, word while it is 1, word below 1
     "closed_loop": ("closed_loop", "closed", "open loop"),
     "fuel_cut_recovered": ("fuel_cut", "fuel is cut", "fuel flows"),
     "sensor_ready": ("sensor_ready", "ready", "not ready"),
@@ -62,16 +63,16 @@ def words(name: str) -> str:
 
 def value_text(name: str, value: float) -> str:
     """Return a value with its unit."""
-    known = signals.BY_NAME.get(name)
-    if known and known.role == "enable":
+    signal = signals.BY_NAME.get(name)
+    if signal and signal.role == "enable":
         return f"{value:.3g}"
-    unit = _UNITS.get(known.unit, known.unit) if known else ""
+    unit = _UNITS.get(signal.unit, signal.unit) if signal else ""
     digits = 3 if "lambda" in name else 0 if abs(value) >= 100.0 else 1 if abs(value) >= 10.0 else 2
     return f"{value:.{digits}f} {unit}".strip().replace("-", "−")
 
 
 class Conditions:
-    """The enable conditions of one monitor: what each asks for, and what it sees."""
+    """The enable conditions of one monitor: the need of each, and its present value."""
 
     def __init__(self, monitor: Monitor, config: EnableConfig, card: ModelCard) -> None:
         self._signals = _SIGNAL_OF | {"measured_valid": monitor.output}
@@ -87,7 +88,7 @@ class Conditions:
         self._inputs = card.input_names
 
     def wanted(self) -> list[dict[str, Any]]:
-        """Return name, subject and need of each condition, in the order of CONDITIONS."""
+        """Return name, subject and need of every condition, in the order of CONDITIONS."""
         needs = _needs(self._config)
         return [
             {
@@ -100,7 +101,7 @@ class Conditions:
         ]
 
     def seen(self, tick: Tick) -> list[str]:
-        """Return what each condition sees in a sample, in the order of CONDITIONS."""
+        """Return the present value of every condition in words, in the order of CONDITIONS."""
         return [
             "no such signal" if name in self._unavailable else self._seen(name, tick, held=held)
             for name, held in zip(CONDITIONS, tick.conditions, strict=True)
@@ -123,13 +124,13 @@ class Conditions:
         return ", ".join(self._outside(sample)) or word
 
     def _outside(self, sample: Sample) -> list[str]:
-        found = []
+        parts = []
         for name, (low, high) in self._trained.items():
             value = sample.values.item(self._at[name])
             if value > high or value < low:
                 side = f"above {_number(high)}" if value > high else f"below {_number(low)}"
-                found.append(f"{self._reading(name, sample)}, {side}")
-        return found
+                parts.append(f"{self._reading(name, sample)}, {side}")
+        return parts
 
     def _flag(self, signal: str, on: str, off: str, sample: Sample, *, held: bool) -> str:
         value = sample.values.item(self._at[signal])
@@ -143,15 +144,15 @@ class Conditions:
         return sample.quality.item(self._at[name]) != Quality.GOOD
 
     def _reading(self, name: str, sample: Sample, *, bare: bool = False) -> str:
-        """Return a signal's value, or why there is none."""
+        """Return a signal's value in words, or the reason why it has none."""
         i = self._at[name]
         value, quality = sample.values.item(i), sample.quality.item(i)
-        what = value_text(name, value) if quality == Quality.GOOD else _QUALITY[Quality(quality)]
-        return what if bare else f"{words(name)} {what}"
+        text = value_text(name, value) if quality == Quality.GOOD else _QUALITY[Quality(quality)]
+        return text if bare else f"{words(name)} {text}"
 
 
 def signal_rows(names: Sequence[str], sample: Sample) -> list[list[str]]:
-    """Return name, value and quality word of each signal of a sample."""
+    """Return name, value and quality in words for every signal of a sample."""
     rows = []
     for name, value, quality in zip(names, sample.values, sample.quality.tolist(), strict=True):
         good = quality == Quality.GOOD
@@ -166,7 +167,7 @@ def signal_rows(names: Sequence[str], sample: Sample) -> list[list[str]]:
 
 
 def response_limits(config: Config, limits: Limits) -> dict[str, float]:
-    """Return what the estimates of the response rule are held against."""
+    """Return the limits of the response and bias rules and of the paper's rule."""
     response = config.response
     return {
         "lag_s": response.lag_limit_s,
@@ -186,7 +187,7 @@ def _number(value: float) -> str:
 
 
 def _needs(config: EnableConfig) -> dict[str, tuple[str, str]]:
-    """Return subject and need of each condition."""
+    """Return subject and need of every condition."""
     return {
         "inputs_valid": ("Model inputs", "received and plausible"),
         "measured_valid": ("Measured value", "received and plausible"),

@@ -1,8 +1,8 @@
-"""The live page's end in the loop: gathers events and writes them to the server, never waiting.
+"""The live page's feed in the loop: it gathers events and writes them to the server's pipe.
 
-Four messages a second, each one line of JSON. What the pipe has no room for stays for the next
-message, up to a minute of samples; older ones are dropped and counted. A server that was started
-again is greeted anew; that one has died is said once and then only counted.
+It never waits. It writes four messages a second, each one line of JSON. If the pipe is full, up to
+a minute of samples wait for the next message; older ones are dropped and counted. A restarted
+server gets a new greeting. The first death of a server is told, later ones are only counted.
 """
 
 import json
@@ -17,13 +17,14 @@ from monitor.bus.live.codes import fault_memory
 from monitor.bus.live.describe import Conditions, response_limits, signal_rows
 from monitor.bus.live.process import Server
 from monitor.judge.decisions import WindowJudged
-from monitor.pipeline.stream import Event, Monitor, Tick
+from monitor.pipeline.events import Event, Tick
+from monitor.pipeline.monitor import Monitor
 from monitor.report.replay import Setup
 
 MESSAGE_S: Final = 0.25
-SLOW_S: Final = 1.0  # for what changes slowly: health, fault memory
-SAMPLE_NS: Final = 100_000_000  # no more than ten samples a second are shown
-SAMPLES: Final = 600  # kept for the next messages
+SLOW_S: Final = 1.0  # interval of health and fault memory
+SAMPLE_NS: Final = 100_000_000  # at most ten samples a second are shown
+SAMPLES: Final = 600  # most samples kept for the next messages
 WINDOWS: Final = 100
 
 
@@ -31,8 +32,8 @@ class LiveFeed:
     """An attachment of the loop that feeds the live page.
 
     health : returns the loop's counters
-    channel : what the page calls the bus
-    say : takes the line to print when a server has died
+    channel : name of the bus on the page
+    say : receives the message that a server has died
     """
 
     identifiers: Collection[tuple[int, bool]] = ()
@@ -60,7 +61,7 @@ class LiveFeed:
         self._is_alive, self._restarts = True, 0
         self.dropped = 0
         self.due_s = -math.inf
-        self._greeting: dict[str, Any] = {  # begins as process.GREETING has it
+        self._greeting: dict[str, Any] = {  # its JSON begins with process.GREETING
             "version": __version__,
             "channel": channel,
             "model": setup.model_path.name,
@@ -73,11 +74,11 @@ class LiveFeed:
         self._is_greeted = False
 
     def receive(self, frame: Frame) -> Iterable[Frame]:
-        """Take nothing from the bus."""
+        """Return nothing: it makes no frames."""
         return ()
 
     def push(self, event: Event) -> None:
-        """Note an event for the next message."""
+        """Keep an event for the next message."""
         if isinstance(event, Tick):
             self._tick(event)
         elif isinstance(event, WindowJudged):
@@ -86,7 +87,7 @@ class LiveFeed:
             self._slow_s = -math.inf
 
     def work(self, now_s: float) -> Iterable[Frame]:
-        """Write what has come together, four times a second."""
+        """Write the gathered events, four times a second."""
         if now_s >= self.due_s and self._is_alive:
             self.due_s = now_s + MESSAGE_S
             try:
@@ -108,9 +109,9 @@ class LiveFeed:
         self._restarts, self._is_greeted, self._slow_s = restarts, False, -math.inf
 
     def close(self) -> None:
-        """Bring away the last events and end the server."""
+        """Send the last events and end the server."""
         self._slow_s = self.due_s = -math.inf
-        self._say = lambda _: None  # a service manager may have ended the server already
+        self._say = lambda _: None  # the service manager may have ended the server before
         self.work(0.0)
         self._server.close()
 
@@ -186,5 +187,5 @@ class LiveFeed:
 
 
 def _number(value: float) -> float | None:
-    """Return a value as JSON can carry it."""
+    """Return the value rounded for JSON, None if it is not finite."""
     return round(value, 5) if math.isfinite(value) else None

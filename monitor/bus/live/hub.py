@@ -1,7 +1,7 @@
-"""What the server knows: the last minutes for browsers that come, the last messages for the rest.
+"""State of the page's server: the last minutes for new browsers, the last messages for others.
 
-Memory is bounded whatever the loop says and however slow a browser is: a browser has no queue,
-only a place in the ring of messages; one that falls behind it gets the whole state anew.
+Memory is bounded whatever the loop sends and however slow a browser is. A browser has no queue,
+only a place in a ring of messages; if it falls behind the ring it gets the whole state again.
 """
 
 import asyncio
@@ -9,16 +9,16 @@ import json
 from collections import deque
 from typing import Any, Final
 
-SAMPLES: Final = 6000  # ten minutes at ten a second
+SAMPLES: Final = 6000  # ten minutes at ten samples a second
 WINDOWS: Final = 240
-RING: Final = 64  # messages, a quarter of a minute
-STREAMS: Final = 16  # browsers at once
+RING: Final = 64  # messages, about 16 s
+STREAMS: Final = 16  # most browsers at once
 
 _LISTS: Final = ("samples", "windows")
 
 
 class Hub:
-    """Takes the loop's messages, gives them to any number of streams."""
+    """Takes the loop's messages and passes them to any number of streams."""
 
     def __init__(self) -> None:
         self.streams = 0
@@ -29,11 +29,11 @@ class Hub:
             "windows": deque(maxlen=WINDOWS),
         }
         self._ring: deque[bytes] = deque(maxlen=RING)
-        self._count = 0  # messages ever taken
+        self._count = 0  # messages taken so far
         self._news = asyncio.Event()
 
     def take(self, line: bytes) -> None:
-        """Take one message of the loop: a JSON object in one line."""
+        """Take one message of the loop: a JSON object on one line."""
         message = json.loads(line)
         for name in _LISTS:
             self._kept[name].extend(message.pop(name, ()))
@@ -41,7 +41,7 @@ class Hub:
         self._announce(b"data: " + line.rstrip() + b"\n\n")
 
     def end(self) -> None:
-        """Say that the loop has ended."""
+        """Tell the browsers that the loop has ended."""
         self.ended = True
         self._announce(b"event: ended\ndata: {}\n\n")
 
@@ -52,14 +52,14 @@ class Hub:
         self._news = asyncio.Event()
 
     def snapshot(self) -> bytes:
-        """Return the event that brings a browser up to date."""
+        """Return the event with the whole state."""
         state = self._state | {name: list(kept) for name, kept in self._kept.items()}
         return b"event: snapshot\ndata: " + json.dumps(state).encode() + b"\n\n"
 
     async def after(self, place: int | None) -> tuple[int, bytes]:
-        """Return what a stream at ``place`` has not seen yet, and its new place.
+        """Return the events after ``place``, and the new place; wait if there are none.
 
-        Waits for news if there is none. None, or a place that has left the ring, gets a snapshot.
+        Without a place, or with one that has left the ring, it returns a snapshot.
         """
         if place is None or self._count - place > len(self._ring):
             return self._count, self.snapshot()

@@ -1,4 +1,4 @@
-"""The server as a process of its own, and the pipe to it that is never waited for."""
+"""The server process and the pipe to it; writing to the pipe never waits."""
 
 import contextlib
 import importlib.util
@@ -12,15 +12,15 @@ from monitor.base.errors import UsageError
 from monitor.bus.live.address import Address, is_loopback, listen
 
 NEEDED: Final = ("starlette", "uvicorn")
-END_S: Final = 2.0  # for the server to end after its pipe is closed
-TOLD_BYTES: Final = 4096  # of the keeper, a line for each server that it has started
-GREETING: Final = b'{"version":'  # how the first message to a server begins
+END_S: Final = 2.0  # time for the server to end after its pipe is closed
+TOLD_BYTES: Final = 4096  # most read from the keeper, which writes a line per started server
+GREETING: Final = b'{"version":'  # start of the first message to a server
 
 
 class Server:
-    """A running server, which a keeper starts again when it dies.
+    """A running server; a keeper starts it again when it dies.
 
-    Raises UsageError if its libraries are missing, or if it cannot listen at the address.
+    Raises UsageError if its libraries are missing or it cannot listen at the address.
     """
 
     def __init__(self, address: Address) -> None:
@@ -34,12 +34,12 @@ class Server:
             self.is_loopback = is_loopback(listening)
             number = listening.fileno()
             self._keeper = subprocess.Popen(
-                # -P: no module of the folder it is started in
+                # -P: do not import modules from the working folder
                 [sys.executable, "-P", "-m", "monitor.bus.live.keeper", str(number), address.host],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 pass_fds=[number],
-                start_new_session=True,  # the terminal's Ctrl-C is for the loop
+                start_new_session=True,  # Ctrl-C in the terminal is for the loop only
             )
         assert self._keeper.stdin is not None
         assert self._keeper.stdout is not None
@@ -55,33 +55,33 @@ class Server:
             raise UsageError("--live: the page's server could not be started")
 
     def _listen(self) -> None:
-        """Hear from the keeper what it has started."""
+        """Read the process numbers of started servers from the keeper."""
         with contextlib.suppress(BlockingIOError):
             told = os.read(self._reader.fileno(), TOLD_BYTES).split()
             self._n_started += len(told)
             if told:
-                self.pid = int(told[-1])  # process number of the server started last
+                self.pid = int(told[-1])  # process number of the latest server
 
     @property
     def restarts(self) -> int:
-        """Return how often a server that had died was started again."""
+        """Return how many times a dead server was started again."""
         self._listen()
         return self._n_started - 1
 
     @property
     def is_free(self) -> bool:
-        """Return whether nothing waits to be taken; tries to bring it away first.
+        """Return whether all data is written, after trying to write the rest.
 
-        Raises BrokenPipeError when the server and its keeper have died.
+        Raises BrokenPipeError if server and keeper have died.
         """
         if self._unsent:
             self.send(b"")
         return not self._unsent
 
     def send(self, line: bytes) -> None:
-        """Send a line without waiting; what the pipe has no room for is kept.
+        """Write a line without waiting; the part that does not fit into the pipe is kept.
 
-        Raises BrokenPipeError when the server and its keeper have died.
+        Raises BrokenPipeError if server and keeper have died.
         """
         self._unsent += line
         with contextlib.suppress(BlockingIOError):

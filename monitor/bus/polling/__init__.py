@@ -1,1 +1,1 @@
-"""OBD-II parameters as an input: asked for where a vehicle broadcasts nothing useful."""
+"""OBD-II polling, for vehicles that broadcast no useful signals."""

@@ -1,4 +1,4 @@
-"""What comes back on an OBD-II request: ISO-TP frames put together, answers taken apart.
+"""Answers to OBD-II requests: ISO-TP reassembly, and the values in an answer.
 
 Sources: ISO 15765-2 (frames, flow control), ISO 15765-4 (identifiers), SAE J1979 (service $01).
 """
@@ -24,18 +24,18 @@ _ENGINE_29: Final = 0x10
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """Identifiers of one conversation."""
+    """Identifiers of one tester and one ECU."""
 
-    request: int  # to one ECU or, functionally, to all
-    physical: int  # of the engine alone, for flow control
+    request: int  # to one ECU, or to all (functional)
+    physical: int  # to the engine alone, for flow control
     response: int
     is_extended: bool = False
 
     @classmethod
     def of(cls, request: int) -> "Address":
-        """Return the address whose request has this identifier.
+        """Return the address for a request identifier.
 
-        Raises UsageError for an identifier that ISO 15765-4 does not have.
+        Raises UsageError if ISO 15765-4 does not define the identifier.
         """
         if request == FUNCTIONAL:
             return cls(request, 0x7E0, 0x7E8)
@@ -57,7 +57,7 @@ def _pair_29(ecu: int) -> tuple[int, int]:
 
 
 def request_of(pids: Sequence[int]) -> bytes:
-    """Return the payload of the frame that asks for up to six PIDs.
+    """Return the payload of a request for up to six PIDs.
 
     >>> request_of([0x0C, 0x0D]).hex(" ")
     '03 01 0c 0d 00 00 00 00'
@@ -66,15 +66,15 @@ def request_of(pids: Sequence[int]) -> bytes:
 
 
 class Reassembly:
-    """Puts one answer together; what does not fit ends it."""
+    """Puts the frames of one answer together; an unexpected frame ends the answer."""
 
     def __init__(self) -> None:
-        self.is_running = False  # consecutive frames are due
+        self.is_running = False  # True while consecutive frames are due
         self._data = bytearray()
         self._length = self._count = 0
 
     def push(self, data: bytes) -> bytes | None:
-        """Take a frame's bytes; return the answer once it is whole."""
+        """Take the bytes of a frame; return the answer when it is complete."""
         kind, low = (data[0] >> 4, data[0] & 0xF) if data else (-1, 0)
         if kind == 0:
             self.is_running = False
@@ -98,21 +98,21 @@ class Reassembly:
 def values_of(
     answer: bytes, asked: Sequence[int], lengths: Mapping[int, int]
 ) -> list[tuple[int, bytes]]:
-    """Return each PID with its data, up to the first that was not asked for or is cut short.
+    """Return the PIDs of an answer with their data, up to the first unexpected or cut one.
 
-    answer : from the service's byte on
+    answer : bytes from the service number on
     """
-    found: list[tuple[int, bytes]] = []
+    values: list[tuple[int, bytes]] = []
     rest = answer[1:]
     while rest and rest[0] in asked and len(rest) > lengths[rest[0]]:
         pid, end = rest[0], 1 + lengths[rest[0]]
-        found.append((pid, rest[1:end]))
+        values.append((pid, rest[1:end]))
         rest = rest[end:]
-    return found
+    return values
 
 
 def supported(bitmap: int, data: bytes) -> set[int]:
-    """Return the PIDs that a support bitmap names.
+    """Return the PIDs that a support bitmap marks.
 
     >>> sorted(supported(0x20, bytes([0x80, 0, 0, 1])))
     [33, 64]

@@ -1,7 +1,7 @@
-"""Which OBD-II parameters (PIDs) carry what a signal map wants.
+"""The OBD-II parameters (PIDs) that carry the signals of a signal map.
 
-The CAN database says it: signals multiplexed by ``Pid`` in the message with the engine's answers,
-0x7E8. Its every byte of a PID belongs to a signal, so the lengths of PIDs follow from it, too.
+They follow from the CAN database: its message 0x7E8 holds the engine's answers, and its signals are
+multiplexed by ``Pid``. Every byte of a PID belongs to a signal, so the lengths follow, too.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -15,26 +15,26 @@ from monitor.decode.bus_map import BusMap, Channel
 from monitor.decode.raw_values import bit_position
 
 ANSWER_ID: Final = 0x7E8  # the engine's answers, ISO 15765-4
-HEADER_BYTES: Final = 3  # of an answer in one frame: length, service, PID
+HEADER_BYTES: Final = 3  # of an answer in a single frame: length, service, PID
 MULTIPLEXER: Final = "Pid"
-BITMAPS: Final = (0x00, 0x20, 0x40, 0x60, 0x80, 0xA0, 0xC0)  # PIDs that say which of the
-BITMAP_BYTES: Final = 4  # next 32 are supported, SAE J1979
+BITMAPS: Final = (0x00, 0x20, 0x40, 0x60, 0x80, 0xA0, 0xC0)  # PIDs that tell which of the
+BITMAP_BYTES: Final = 4  # next 32 PIDs are supported, SAE J1979
 
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """What one or several mapped signals are asked with."""
+    """One request item, which carries one or several mapped signals."""
 
-    pids: tuple[int, ...]  # alternatives: the first that is supported serves
-    names: tuple[str, ...]  # of the map
-    timeout_s: float  # shortest of its signals: after this the value is stale
+    pids: tuple[int, ...]  # alternatives; the first supported one is used
+    names: tuple[str, ...]  # canonical names of the signals
+    timeout_s: float  # shortest timeout of its signals
 
 
 def wanted(bus_map: BusMap, names: Sequence[str]) -> tuple[Parameter, ...]:
     """Return the parameters that carry ``names``, in the map's order.
 
-    names : canonical names of the map; those from other messages are left out
-    Raises SignalMapError if none can be asked for.
+    names : canonical names of the map; signals of other messages are left out
+    Raises SignalMapError if no signal can be polled.
     """
     channels = {name: bus_map.channels[name] for name in bus_map.sources(names)}
     groups: dict[tuple[int, ...], list[Channel]] = {}
@@ -59,23 +59,25 @@ def wanted(bus_map: BusMap, names: Sequence[str]) -> tuple[Parameter, ...]:
 
 
 def lengths(bus_map: BusMap, parameters: Iterable[Parameter]) -> Mapping[int, int]:
-    """Return how many data bytes each PID has, bitmaps included."""
-    found = dict.fromkeys(BITMAPS, BITMAP_BYTES)
-    asked = {pid for each in parameters for pid in each.pids}
+    """Return the number of data bytes of each PID, bitmaps included."""
+    n_bytes = dict.fromkeys(BITMAPS, BITMAP_BYTES)
+    asked = {pid for parameter in parameters for pid in parameter.pids}
     for message in {id(c.message): c.message for c in bus_map.channels.values()}.values():
         for signal in message.signals:
             for pid in asked.intersection(_pids(message, signal)):
-                found[pid] = max(found.get(pid, 0), _last_byte(message, signal) + 1 - HEADER_BYTES)
-    return found
+                last = _last_byte(message, signal) + 1 - HEADER_BYTES
+                n_bytes[pid] = max(n_bytes.get(pid, 0), last)
+    return n_bytes
 
 
 def interval_s(parameters: Sequence[Parameter], rate_hz: float, at_once: int = 6) -> float:
-    """Return about how often polling can bring the fastest signals, in seconds.
+    """Return the approximate interval in s at which polling brings the fastest signals.
 
-    rate_hz : requests a second, each with ``at_once`` PIDs; a PID's share goes with its timeout
+    rate_hz : requests per second, each with ``at_once`` PIDs
+    A PID is polled in inverse proportion to its timeout.
     """
-    fastest_s = min(each.timeout_s for each in parameters)
-    shares = sum(fastest_s / each.timeout_s for each in parameters)
+    fastest_s = min(parameter.timeout_s for parameter in parameters)
+    shares = sum(fastest_s / parameter.timeout_s for parameter in parameters)
     return shares / (at_once * rate_hz)
 
 

@@ -1,9 +1,8 @@
-"""Asks the engine for OBD-II parameters, where nothing useful is broadcast.
+"""Polls OBD-II parameters from the engine, for vehicles that broadcast no useful signals.
 
-One request at a time, with up to six PIDs; the next one goes out after the answer or a timeout,
-and never sooner than the rate allows. What a longer answer says comes back as frames with one PID
-each, as an engine that is asked for one sends them, so that live run, recording and replay decode
-the same.
+There is one request at a time, with up to six PIDs. The next one follows the answer or a timeout,
+within the rate. A longer answer becomes frames with one PID each, like those of an engine that is
+asked for one PID, so live run, recording and replay decode the same frames.
 """
 
 import math
@@ -28,38 +27,38 @@ from monitor.bus.polling.answer import (
 )
 from monitor.bus.polling.pids import ANSWER_ID, Parameter
 from monitor.bus.polling.schedule import Schedule
-from monitor.pipeline.stream import Event
+from monitor.pipeline.events import Event
 
-# tried in this order until one is answered, as ISO 15765-4 has it: 11 bits before 29
+# Tried in this order until one is answered: 11 bits before 29, as in ISO 15765-4.
 ADDRESSES: Final = tuple(map(Address.of, (0x7E0, FUNCTIONAL, 0x18DA10F1, FUNCTIONAL_29)))
-DEFAULT_RATE_HZ: Final = 12.0  # requests; ECUs answer about 10 to 20 a second
-TIMEOUT_S: Final = 0.25  # the standard gives an ECU 0.05 s; gateways and adapters add theirs
-PENDING_S: Final = 5.0  # after "response pending", P2* of ISO 15765-4
-BACK_OFF_S: Final = 0.25  # first pause; doubles
+DEFAULT_RATE_HZ: Final = 12.0  # requests; an ECU answers about 10 to 20 per second
+TIMEOUT_S: Final = 0.25  # an ECU has 0.05 s by the standard; gateways and adapters add to it
+PENDING_S: Final = 5.0  # timeout after "response pending", P2* of ISO 15765-4
+BACK_OFF_S: Final = 0.25  # first pause; it doubles
 MOST_BACK_OFF_S: Final = 5.0
-SILENT_MOST: Final = 4  # so many requests in a row without an answer: begin anew
-NOTHING_S: Final = 30.0  # with nothing to ask for, the bitmaps are read again after this
+SILENT_MOST: Final = 4  # requests in a row without an answer after which polling starts anew
+NOTHING_S: Final = 30.0  # with no supported PID, the bitmaps are read again after this time
 
 
 @dataclass(slots=True)
 class PollCounters:
-    """What became of the requests."""
+    """Counts of requests by outcome."""
 
     requests: int = 0
     answers: int = 0
     silent: int = 0
     busy: int = 0
     refused: int = 0  # other negative answers
-    malformed: int = 0  # answers that break off or do not fit
+    malformed: int = 0  # incomplete or unexpected answers
 
 
 class ObdPoller:
-    """The attachment that polls.
+    """The attachment that polls OBD-II parameters.
 
-    parameters, lengths : as from ``pids``
+    parameters, lengths : from ``pids.wanted`` and ``pids.lengths``
     addresses : tried in turn until one is answered
-    rate_hz : most requests a second
-    say : takes a line about what is supported, once it is known, and one at the end
+    rate_hz : most requests per second
+    say : receives a line about the supported parameters, and one at the end
     """
 
     def __init__(
@@ -77,27 +76,27 @@ class ObdPoller:
         self._addresses, self._at = tuple(addresses), 0
         self._pause_s = 1.0 / rate_hz
         self._reassembly = Reassembly()
-        self._asked: tuple[int, ...] = ()  # empty while no answer is due
+        self._asked: tuple[int, ...] = ()  # PIDs of the open request, empty if there is none
         self._sent_s = self._deadline_s = self._next_s = -math.inf
-        self._then: Callable[[float], None] | None = None  # what receive leaves to work
+        self._then: Callable[[float], None] | None = None  # next action of ``work``
         self._flow_control = False
-        self._silent = self._busy = 0  # in a row
+        self._silent = self._busy = 0  # times in a row
 
     @property
     def identifiers(self) -> Collection[tuple[int, bool]]:
-        """Return the identifiers under which answers may come."""
-        return {(each.response, each.is_extended) for each in self._addresses}
+        """Return the identifiers of possible answers."""
+        return {(address.response, address.is_extended) for address in self._addresses}
 
     @property
     def due_s(self) -> float:
-        """Return the time of the next request or of the end of waiting."""
+        """Return the time of the next request, or of the timeout of the open one."""
         return self._deadline_s if self._asked else self._next_s
 
     def push(self, event: Event) -> None:
-        """Events are of no concern."""
+        """Do nothing: events do not concern polling."""
 
     def close(self) -> None:
-        """Say how it went; nothing is held."""
+        """Say the counts."""
         counters = self.counters
         line = f"OBD-II: {counters.requests} requests, {counters.answers} answered"
         told = {
@@ -110,7 +109,7 @@ class ObdPoller:
         self._say(", ".join([line, *parts]))
 
     def receive(self, frame: Frame) -> Iterable[Frame]:
-        """Take a frame; return what its answer says beyond what it shows by itself."""
+        """Take a frame; return frames for those PIDs of its answer that it does not show itself."""
         address = self._addresses[self._at]
         if not self._asked or frame[1:3] != (address.response, address.is_extended):
             return ()
@@ -122,7 +121,7 @@ class ObdPoller:
                 self._negative(data[3] if len(data) > 3 else 0)
                 return ()
             if service != POSITIVE or about not in self._asked:
-                return ()  # the answer to somebody else
+                return ()  # the answer to another tester
         was_running = self._reassembly.is_running
         answer = self._reassembly.push(data)
         if answer is not None:
@@ -135,7 +134,7 @@ class ObdPoller:
         return ()
 
     def work(self, now_s: float) -> list[Frame]:
-        """Return the frames to be sent now: flow control or the next request."""
+        """Return the frames to send now: flow control or the next request."""
         frames = []
         if self._flow_control:
             self._flow_control = False
@@ -167,7 +166,7 @@ class ObdPoller:
         return then
 
     def _done(self, pause_s: float) -> Callable[[float], None]:
-        """Return what ends a request: the next one goes out after a pause."""
+        """Close the open request; return the action that schedules the next one after a pause."""
         self._asked = ()
         self._reassembly.is_running = self._flow_control = False
 
@@ -177,7 +176,7 @@ class ObdPoller:
         return then
 
     def _answered(self, frame: Frame, answer: bytes, *, is_shown: bool) -> list[Frame]:
-        """Take a whole answer; return a frame for each PID that no frame of its own shows."""
+        """Take a complete answer; return a frame for each PID that the bus does not show alone."""
         asked = self._asked
         values = values_of(answer, asked, self._lengths)
         if not values:
@@ -214,7 +213,7 @@ class ObdPoller:
         self.counters.silent += 1
         self._silent += 1
         if self.schedule.is_first:
-            if not self.counters.answers:  # nobody there, or not so
+            if not self.counters.answers:  # no ECU at this address
                 self._at = (self._at + 1) % len(self._addresses)
         elif self._silent >= SILENT_MOST:
             self.schedule.begin()
@@ -224,5 +223,5 @@ class ObdPoller:
 
 
 def _back_off_s(n: int) -> float:
-    """Return the n-th pause in a row."""
+    """Return the pause in s after ``n`` earlier pauses in a row."""
     return float(min(BACK_OFF_S * 2.0 ** min(n, 10), MOST_BACK_OFF_S))

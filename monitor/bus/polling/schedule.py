@@ -1,4 +1,4 @@
-"""Which PIDs are asked for next: first what is supported, then what is oldest."""
+"""Choice of the next PIDs to poll: first the support bitmaps, then the oldest values."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -7,37 +7,37 @@ from typing import Final
 from monitor.bus.polling.answer import supported
 from monitor.bus.polling.pids import BITMAPS, Parameter
 
-MOST_PIDS: Final = 6  # in one request, SAE J1979
-TRY_AGAIN: Final = 60  # answers to single PIDs, after which silence is put down to lost frames
-PATIENCE: Final = 3  # so often not answered, others being answered: asked alone, at last not at all
+MOST_PIDS: Final = 6  # per request, SAE J1979
+TRY_AGAIN: Final = 60  # answers to single PIDs after which several are requested again
+PATIENCE: Final = 3  # missing answers after which a PID is polled alone; twice as many drop it
 
 
 class Schedule:
-    """Chooses the PIDs of each request, from what is mapped and supported.
+    """Chooses the PIDs of each request from the mapped and supported ones.
 
-    The oldest go first, age counted in timeouts of the signals they carry. What an ECU leaves out
-    of its answers is asked for alone, and not any more if it does not answer that either.
+    The oldest come first; age counts in timeouts of the signals. A PID that the ECU leaves out of
+    its answers is polled alone, and dropped if it stays unanswered.
 
-    parameters : what is mapped
-    say : takes a line about what is supported, once it is known
+    parameters : the mapped parameters
+    say : receives a line about the supported parameters
     """
 
     def __init__(
         self, parameters: Sequence[Parameter], say: Callable[[str], None] = lambda _: None
     ) -> None:
         self._parameters, self._say = tuple(parameters), say
-        self._highest = max(pid for each in parameters for pid in each.pids)
+        self._highest = max(pid for parameter in parameters for pid in parameter.pids)
         self.begin()
 
     def begin(self) -> None:
-        """Know nothing of the ECU: the bitmaps are read first."""
-        self.bitmap: int | None = BITMAPS[0]  # asked next, None when all are known
-        self.timeouts_s: dict[int, float] = {}  # of what is polled
+        """Forget the ECU; the bitmaps are read first."""
+        self.bitmap: int | None = BITMAPS[0]  # next bitmap to read, None when all are read
+        self.timeouts_s: dict[int, float] = {}  # PID → timeout of its signals
         self._supported: set[int] = set()
         self._asked_s: dict[int, float] = {}
-        self._unanswered: dict[int, int] = {}  # PID → how often in a row
+        self._unanswered: dict[int, int] = {}  # PID → missing answers in a row
         self._most = MOST_PIDS
-        self._try_again = 0  # answers until more are asked for at once again; 0 is never
+        self._try_again = 0  # answers until several PIDs are requested again; 0 means never
 
     @property
     def is_first(self) -> bool:
@@ -45,7 +45,7 @@ class Schedule:
         return self.bitmap == BITMAPS[0]
 
     def choose(self, now_s: float) -> tuple[int, ...]:
-        """Return the PIDs of the next request, none if nothing is supported."""
+        """Return the PIDs of the next request, none if no PID is supported."""
         if self.bitmap is not None:
             return (self.bitmap,)
         age = {
@@ -61,7 +61,7 @@ class Schedule:
         return tuple(oldest)
 
     def answered(self, asked: Sequence[int], values: Mapping[int, bytes]) -> None:
-        """Note which of the PIDs asked for were answered."""
+        """Record the answered PIDs of a request."""
         for pid in values:
             self._unanswered.pop(pid, None)
         if self.bitmap is not None:
@@ -72,22 +72,22 @@ class Schedule:
             self._most = 1 if self._try_again else MOST_PIDS
         missing = [pid for pid in asked if pid not in values]
         if len(missing) == len(asked) - 1 > 0:
-            self._most, self._try_again = 1, 0  # this ECU answers one at a time
+            self._most, self._try_again = 1, 0  # this ECU answers one PID at a time
         self._miss(missing)
 
     def refused(self, asked: Sequence[int]) -> None:
-        """Note that the ECU will not say."""
+        """Record a negative answer."""
         if self.is_first:
             return
         if self.bitmap is not None:
-            self._know()  # the ranges known so far must do
+            self._know()  # the ranges read so far must do
         elif len(asked) > 1:
             self._most, self._try_again = 1, 0
         else:
             self._miss(asked)
 
     def silent(self, asked: Sequence[int], in_a_row: int) -> None:
-        """Note that nothing came."""
+        """Record a request without an answer."""
         if self.bitmap is not None:
             return
         if len(asked) == 1:
@@ -113,15 +113,16 @@ class Schedule:
             self._know()
 
     def _know(self) -> None:
-        """Choose what is polled, after the last bitmap."""
+        """Choose the PIDs to poll, after the last bitmap."""
         self.bitmap = None
         lacks = []
-        for each in self._parameters:
-            pid = next((pid for pid in each.pids if pid in self._supported), None)
+        for parameter in self._parameters:
+            pid = next((pid for pid in parameter.pids if pid in self._supported), None)
             if pid is None:
-                lacks.append(f"{' '.join(each.names)} ({'/'.join(map(_shown, each.pids))})")
+                pids = "/".join(map(_shown, parameter.pids))
+                lacks.append(f"{' '.join(parameter.names)} ({pids})")
             else:
-                self.timeouts_s[pid] = each.timeout_s
+                self.timeouts_s[pid] = parameter.timeout_s
         polled = " ".join(map(_shown, self.timeouts_s)) or "nothing"
         self._say(
             f"OBD-II: polled are the PIDs {polled}"

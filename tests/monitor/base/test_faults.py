@@ -18,9 +18,9 @@ from monitor.base.faults import (
     lag_step,
     resolve,
 )
-from monitor.judge import hypotheses
-from monitor.judge.hypotheses import SensorBank
+from monitor.judge.bank import DIRECTIONS, build
 from monitor.memory.dtc import CODES
+from tests.helpers.bank import readings
 
 PERIOD_S = 0.1
 CLOSE = 1e-12
@@ -250,12 +250,11 @@ def test_faults_that_contradict_each_other_are_refused(names: tuple[str, str]) -
 
 # The bank of hypotheses
 
-BANK = hypotheses.build(config.load().response)
+BANK = build(config.load().response)
 
 
 def bank_of(phi: list[float], period_s: float = PERIOD_S) -> np.ndarray:
-    bank = SensorBank(BANK, period_s)
-    return np.array([bank.push(value).copy() for value in phi])
+    return readings(BANK, period_s, np.array(phi))
 
 
 def test_the_bank_holds_every_lag_and_dead_time_on_each_edge() -> None:
@@ -269,7 +268,7 @@ def test_the_bank_holds_every_lag_and_dead_time_on_each_edge() -> None:
         held = {(h.fault, h.seconds): h.beyond_limit for h in BANK if h.kind == kind}
         assert held == {
             (f"{kind}_{side}", s): s > (symmetric_s if side == "symmetric" else limit_s)
-            for side in hypotheses.DIRECTIONS
+            for side in DIRECTIONS
             for s in grid
         }
     assert len(BANK) == 1 + 3 * (len(response.lags_s) + len(response.delays_s))
@@ -286,12 +285,8 @@ def test_each_hypothesis_reads_what_the_fault_of_its_name_is_defined_to_read(
         np.testing.assert_allclose(rows[:, i], expected, rtol=1e-9, err_msg=str(h))
 
 
-def test_after_a_reset_the_bank_knows_nothing_of_the_past() -> None:
-    bank = SensorBank(BANK, PERIOD_S)
-    for value in (0.8, 1.2, 0.7):
-        bank.push(value)
-    bank.reset()
-    np.testing.assert_allclose(bank.push(1.1), 1.1, rtol=CLOSE)
+def test_a_signal_that_begins_has_always_been_its_first_value() -> None:
+    np.testing.assert_allclose(bank_of([1.1]), 1.1, rtol=CLOSE)
 
 
 @pytest.mark.parametrize("period_s", [0.01, 0.03, 0.25])

@@ -12,7 +12,7 @@ from monitor.bus.diagnostics import results
 from monitor.bus.diagnostics.state import Identity
 from monitor.frames.logs import read_frames
 from monitor.memory.dtc import DtcStore
-from monitor.pipeline.stream import FramePipeline
+from monitor.pipeline.frames import FramePipeline
 from monitor.report import replay
 from tests.conftest import ROOT
 from tests.helpers.diagnostics_state import SHA256, VIN, Vehicle, ask

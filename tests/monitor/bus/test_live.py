@@ -28,7 +28,6 @@ from monitor.bus.live.process import Server
 from monitor.judge.decisions import DtcChanged
 from monitor.judge.enable import CONDITIONS
 from monitor.memory.dtc import DtcStore
-from monitor.pipeline.stream import Tick
 from tests.conftest import ROOT
 from tests.helpers.http_fuzz import ask, request
 from tests.helpers.live_player import Player, Sink, frames_of
@@ -178,7 +177,7 @@ def test_a_value_that_is_missing_says_why(quality: Quality) -> None:
 def test_an_input_outside_the_training_is_named_with_its_bound(late_sensor: list[Frame]) -> None:
     player = Player(server=Sink())
     monitor, setup = player.pipeline.monitor, player.setup
-    ticks = [e for f in late_sensor[:2000] for e in player.pipeline.push(f) if isinstance(e, Tick)]
+    ticks = [t for f in late_sensor[:2000] for t in player.ticks(f)]
     conditions = Conditions(monitor, setup.config.enable, setup.model.card)
     place, rail = CONDITIONS.index("trained_range"), monitor.names.index("rail_pressure_mpa")
     tick = ticks[-1]
@@ -192,7 +191,7 @@ def test_an_input_outside_the_training_is_named_with_its_bound(late_sensor: list
 def test_fast_samples_are_thinned_out_to_ten_a_second(late_sensor: list[Frame]) -> None:
     sink = Sink()
     player = Player(server=sink)
-    ticks = [e for f in late_sensor[:4000] for e in player.pipeline.push(f) if isinstance(e, Tick)]
+    ticks = [t for f in late_sensor[:4000] for t in player.ticks(f)]
     # GIVEN a model with samples every 30 ms
     card = replace(player.setup.model.card, period_ns=30_000_000)
     player.setup.model.card = card

@@ -15,7 +15,8 @@ from monitor.bus.transmit import Transmitter, dtc_number
 from monitor.judge.bias import Outcome
 from monitor.judge.window import Window
 from monitor.memory.dtc import CODES, DtcStore, Status
-from monitor.pipeline.stream import DtcChanged, Event, Monitor, Tick, WindowJudged
+from monitor.pipeline.events import DtcChanged, Event, Tick, WindowJudged
+from monitor.pipeline.monitor import Monitor
 
 DATABASE = cast(Database, load_file(dbc.path("o2_monitor.dbc")))
 STATUS = DATABASE.get_message_by_name("O2MON_Status").frame_id

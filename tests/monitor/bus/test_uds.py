@@ -16,7 +16,7 @@ from monitor.judge import enable
 from monitor.judge.window import Window
 from monitor.memory.dtc import DtcStore, Status
 from monitor.memory.obd_records import Ratio
-from monitor.pipeline.stream import WindowJudged
+from monitor.pipeline.events import WindowJudged
 from tests.conftest import ROOT
 from tests.helpers.diagnostics_state import NAMES, SHA256, VIN, Vehicle, ask, tick
 

@@ -8,11 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.base import config
-from monitor.base.runs import stretches
-from monitor.base.types import Quality, Sample
 from monitor.judge import enable
 from monitor.judge.enable import CONDITIONS, Enable
-from monitor.judge.window import Window, WindowCollector
+from monitor.judge.window import Series, Span, Window, Windows
 
 CONFIG = config.load().enable
 PERIOD_S = 0.1
@@ -59,8 +57,7 @@ class Bench:
     def step(self, **values: float) -> dict[str, bool]:
         held = GOOD | values
         row = np.array([held[name] for name in self.names])
-        quality = np.where(np.isnan(row), Quality.STALE, Quality.GOOD).astype(np.uint8)
-        conditions = self.subject.step(Sample(0, 0, row, quality))
+        (conditions,) = self.subject.push(row[np.newaxis]).tolist()
         return dict(zip(CONDITIONS, conditions, strict=True))
 
     def settle(self, n: int = SETTLE + 1) -> dict[str, bool]:
@@ -287,7 +284,7 @@ def test_purge_that_is_open_from_the_first_sample_is_no_step() -> None:
         assert blocking(bench.step()) == {"model_settled"}
 
 
-# Whole recordings
+# Blocks
 
 NUMBER = st.sampled_from([math.nan, 0.0, 1e-4, 0.5, 1.0, 1.1, 5.0, 20.0, 55.0, 90.0, 130.0, 1000.0])
 
@@ -304,43 +301,54 @@ def held_values(draw: st.DrawFn) -> np.ndarray:
     return values
 
 
-@given(held_values(), st.sets(st.sampled_from(enable.SIGNALS)), st.sampled_from([0.05, 0.1, 2.0]))
-def test_the_conditions_of_a_recording_are_those_of_its_samples(
-    values: np.ndarray, unavailable: set[str], period_s: float
+@given(
+    held_values(),
+    st.sets(st.sampled_from(enable.SIGNALS)),
+    st.sampled_from([0.05, 0.1, 2.0]),
+    st.lists(st.integers(0, 120)),
+)
+def test_the_conditions_do_not_depend_on_where_blocks_begin(
+    values: np.ndarray, unavailable: set[str], period_s: float, cuts: list[int]
 ) -> None:
     kept = [i for i, name in enumerate(NAMES) if name not in unavailable]
     names, values = tuple(NAMES[i] for i in kept), values[:, kept]
-    streamed, whole = (
-        Enable(CONFIG, names, INPUTS, "lambda_measured", LOW, HIGH, period_s) for _ in range(2)
+    one_by_one, cut, whole = (
+        Enable(CONFIG, names, INPUTS, "lambda_measured", LOW, HIGH, period_s) for _ in range(3)
     )
-    good = np.zeros(len(names), dtype=np.uint8)
-    expected = [streamed.step(Sample(0, 0, row, good)) for row in values]
-    got = whole.block(values)
+    got = whole.push(values)
     assert got.shape == (len(values), len(CONDITIONS))
-    assert list(map(tuple, got.tolist())) == expected
+    assert [one_by_one.push(row[np.newaxis])[0].tolist() for row in values] == got.tolist()
+    parts = [cut.push(part) for part in np.split(values, sorted(cuts))]
+    np.testing.assert_array_equal(np.concatenate(parts), got)
 
 
 # Windows
 
 
-def fill(enabled: list[bool], n_samples: int) -> tuple[list[Window], WindowCollector]:
-    collector = WindowCollector(n_samples, 2)
-    windows = []
-    for k, on in enumerate(enabled):
-        if on:
-            row = np.array([k, -k], dtype=float)
-            window = collector.push(k * 100, float(k), k + 0.5, row)
-            windows += [] if window is None else [window]
-        else:
-            collector.interrupt()
-    return windows, collector
+def fill(
+    enabled: list[bool], n_samples: int, sizes: list[int] | None = None
+) -> tuple[list[Window], Windows]:
+    """Return the windows of a segment whose blocks have these sizes, the last of any size."""
+    subject, windows, at = Windows(n_samples, 2), [], 0
+    for size in [*(sizes or ()), len(enabled)]:
+        usable = np.array(enabled[at : at + size], dtype=np.bool_)
+        k = np.arange(at, at + len(usable))
+        at += len(usable)
+        spans = [
+            Span(begin, end, np.stack([k[begin:end], -k[begin:end]], axis=1).astype(float))
+            for begin, end in subject.spans(usable, goes_on=True, is_last=True)
+        ]
+        series = Series(k * 100, k.astype(float), k + 0.5)
+        if len(usable):
+            windows += [window for _, window in subject.push(spans, series, goes_on=True)]
+    return windows, subject
 
 
-@given(st.lists(st.booleans(), max_size=120), st.integers(1, 12))
+@given(st.lists(st.booleans(), max_size=120), st.integers(1, 12), st.lists(st.integers(1, 30)))
 def test_windows_are_runs_of_consecutive_enabled_samples_and_do_not_overlap(
-    enabled: list[bool], n: int
+    enabled: list[bool], n: int, sizes: list[int]
 ) -> None:
-    windows, collector = fill(enabled, n)
+    windows, subject = fill(enabled, n, sizes)
     # the samples of each unbroken stretch, cut into whole windows from its start
     expected, run, discarded = [], list[int](), 0
     for k, on in enumerate([*enabled, False]):
@@ -353,7 +361,6 @@ def test_windows_are_runs_of_consecutive_enabled_samples_and_do_not_overlap(
             discarded += bool(run) and k < len(enabled)
             run = []
     assert [w.measured.tolist() for w in windows] == expected
-    assert stretches(np.array(enabled, dtype=np.bool_), n).tolist() == [w[0] for w in expected]
     assert [w.index for w in windows] == list(range(len(expected)))
     assert [(w.t_start_ns, w.t_end_ns) for w in windows] == [
         (run[0] * 100, run[-1] * 100) for run in expected
@@ -363,13 +370,13 @@ def test_windows_are_runs_of_consecutive_enabled_samples_and_do_not_overlap(
         np.testing.assert_array_equal(window.residual, -0.5)
         np.testing.assert_array_equal(window.bank[:, 0], window.measured)
         np.testing.assert_array_equal(window.bank[:, 1], -window.measured)
-    assert (collector.completed, collector.discarded) == (len(expected), discarded)
+    assert (subject.completed, subject.discarded) == (len(expected), discarded)
 
 
 def test_one_disabled_sample_costs_the_window_begun() -> None:
-    windows, collector = fill([True] * 49 + [False] + [True] * 50, 50)
+    windows, subject = fill([True] * 49 + [False] + [True] * 50, 50)
     assert [w.measured[0] for w in windows] == [50.0]
-    assert collector.discarded == 1
+    assert subject.discarded == 1
 
 
 def test_a_window_keeps_its_values_when_the_next_is_filled() -> None:

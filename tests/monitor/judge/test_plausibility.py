@@ -1,6 +1,7 @@
 """Tests that need no model: missing, invalid, not ready, out of range, frozen."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from hypothesis import strategies as st
 
 from monitor.base import config
 from monitor.base.types import Quality, Sample
-from monitor.judge.plausibility import ActivityTest, Plausibility, TickResult
+from monitor.judge.plausibility import ActivityTest, Maturing, Plausibility, Results, TickResult
 from monitor.memory.debounce import Debounce
 from monitor.memory.dtc import CODES
 from monitor.model.card import Channel
@@ -31,8 +32,17 @@ def sample(
     return Sample(0, 0, row, qualities)
 
 
-def subject(names: tuple[str, ...] = NAMES, period_s: float = PERIOD_S) -> Plausibility:
-    return Plausibility(CONFIG.plausibility, names, "lambda_measured", period_s)
+class OneByOne(Plausibility):
+    """Takes single samples."""
+
+    def step(self, one: Sample) -> list[TickResult]:
+        results = self.push(one.values[np.newaxis], one.quality[np.newaxis])
+        assert all((begin, end) == (0, 1) for begin, end, _ in results)
+        return [result for _, _, result in results]
+
+
+def subject(names: tuple[str, ...] = NAMES, period_s: float = PERIOD_S) -> OneByOne:
+    return OneByOne(CONFIG.plausibility, names, "lambda_measured", period_s)
 
 
 def by_test(results: list[TickResult]) -> dict[str, TickResult]:
@@ -47,7 +57,7 @@ def fails(results: list[TickResult], test: str) -> bool:
     return test in found and found[test].failed
 
 
-def heard(names: tuple[str, ...] = NAMES) -> Plausibility:
+def heard(names: tuple[str, ...] = NAMES) -> OneByOne:
     """Return the tests after the sensor has been heard once."""
     plausibility = subject(names)
     plausibility.step(sample(Quality.GOOD, names=names))
@@ -163,8 +173,16 @@ STUCK = round(CONFIG.plausibility.stuck_s / PERIOD_S)
 RANGE = CONFIG.plausibility.stuck_range
 
 
-def activity() -> ActivityTest:
-    return ActivityTest(CONFIG.plausibility, SATURATED, PERIOD_S)
+class ActivityOneByOne(ActivityTest):
+    """Takes single readings of a sensor that must move."""
+
+    def step(self, measured: float) -> tuple[bool, str] | None:
+        found = self.push(np.array([measured]), np.array([True]))
+        return found[0][1:] if found else None
+
+
+def activity() -> ActivityOneByOne:
+    return ActivityOneByOne(CONFIG.plausibility, SATURATED, PERIOD_S)
 
 
 def live(n: int, seed: int = 0) -> list[float]:
@@ -187,7 +205,7 @@ def test_a_frozen_signal_is_found_within_its_samples_and_named_by_its_value(
     reads: float, fault: str
 ) -> None:
     test = activity()
-    results = [test.push(reads) for _ in range(STUCK)]
+    results = [test.step(reads) for _ in range(STUCK)]
     assert results[:-1] == [None] * (STUCK - 1)
     assert results[-1] == (True, fault)
 
@@ -198,10 +216,10 @@ def test_a_signal_that_freezes_at_any_time_is_found_before_two_stretches_are_ove
 ) -> None:
     test = activity()
     for value in live(moves):
-        result = test.push(value)
+        result = test.step(value)
         assert result is None or not result[0]
     failed_after = next(
-        i for i in range(1, 2 * STUCK) if (result := test.push(reads)) is not None and result[0]
+        i for i in range(1, 2 * STUCK) if (result := test.step(reads)) is not None and result[0]
     )
     assert failed_after < 2 * STUCK
 
@@ -209,7 +227,7 @@ def test_a_signal_that_freezes_at_any_time_is_found_before_two_stretches_are_ove
 @given(st.integers(0, 2**32 - 1))
 def test_a_live_signal_passes_every_stretch(seed: int) -> None:
     test = activity()
-    results = [test.push(value) for value in live(3 * STUCK, seed)]
+    results = [test.step(value) for value in live(3 * STUCK, seed)]
     judged = [result for result in results if result is not None]
     assert [failed for failed, _ in judged] == [False] * 3
 
@@ -219,29 +237,29 @@ def test_two_quantisation_steps_are_no_life_and_three_are() -> None:
     for steps, frozen in ((2, True), (3, False)):
         test = activity()
         values = [1.0 if i % 2 else 1.0 + steps * step * 0.9999 for i in range(STUCK)]
-        assert [test.push(value) for value in values][-1] == (frozen, "stuck_at_one")
+        assert [test.step(value) for value in values][-1] == (frozen, "stuck_at_one")
 
 
 @pytest.mark.parametrize("reads", [SATURATED, 16.0])
 def test_a_signal_at_the_trained_lean_end_is_saturated_and_not_judged(reads: float) -> None:
     test = activity()
-    assert [test.push(reads) for _ in range(5 * STUCK)] == [None] * (5 * STUCK)
+    assert [test.step(reads) for _ in range(5 * STUCK)] == [None] * (5 * STUCK)
     # and just inside it is frozen
     inside = math.nextafter(SATURATED, 1.0)
-    assert [test.push(inside) for _ in range(STUCK)][-1] == (True, "stuck_lean")
+    assert [test.step(inside) for _ in range(STUCK)][-1] == (True, "stuck_lean")
 
 
 @pytest.mark.parametrize("reads", [0.83, 0.7, 0.51])
 def test_a_sensor_frozen_richer_than_training_ever_was_is_found(reads: float) -> None:
     test = activity()
-    assert [test.push(reads) for _ in range(STUCK)][-1] == (True, "stuck_rich")
+    assert [test.step(reads) for _ in range(STUCK)][-1] == (True, "stuck_rich")
 
 
 def rests(names: tuple[str, ...], reads: float, percentile_0_1: float = 0.5) -> bool:
     """Return whether a frozen reading is rest; the lowest that training saw is 0.5."""
     output = Channel("lambda_measured", "-", 0.5, SATURATED, percentile_0_1, SATURATED)
-    test = ActivityTest.of(CONFIG.plausibility, output, names, PERIOD_S)
-    return [test.push(reads) for _ in range(STUCK)][-1] is None
+    test = ActivityOneByOne.of(CONFIG.plausibility, output, names, PERIOD_S)
+    return [test.step(reads) for _ in range(STUCK)][-1] is None
 
 
 def test_a_cold_sensor_may_rest_where_training_saw_it_rest_if_nothing_tells_that_it_is_cold() -> (
@@ -262,8 +280,7 @@ def test_the_engine_runs_if_its_speed_says_so_or_nothing_does(
     names: tuple[str, ...], rpm: float, runs: bool
 ) -> None:
     one = sample(Quality.GOOD, rpm=rpm, names=names)
-    assert subject(names).is_running(one) is runs
-    assert subject(names).running(one.values[np.newaxis]).tolist() == [runs]
+    assert np.all(subject(names).running(one.values[np.newaxis])) == runs
 
 
 def test_an_ecu_that_was_never_heard_may_start_late_but_not_for_ever() -> None:
@@ -285,7 +302,83 @@ def test_while_a_sensor_warms_up_its_readiness_is_not_known() -> None:
 def test_an_interruption_begins_the_stretch_anew() -> None:
     test = activity()
     for _ in range(STUCK - 1):
-        test.push(1.2)
+        test.step(1.2)
     test.reset()
-    assert [test.push(1.2) for _ in range(STUCK - 1)] == [None] * (STUCK - 1)
-    assert test.push(1.2) == (True, "stuck_lean")
+    assert [test.step(1.2) for _ in range(STUCK - 1)] == [None] * (STUCK - 1)
+    assert test.step(1.2) == (True, "stuck_lean")
+
+
+# Blocks
+
+KINDS = [
+    sample(Quality.GOOD),
+    sample(Quality.GOOD, rpm=0.0),
+    sample(Quality.OUT_OF_RANGE),
+    sample(Quality.INVALID),
+    sample(Quality.INVALID, ready=0.0),
+    sample(Quality.INVALID, math.nan, math.nan),
+    sample(Quality.STALE, math.nan, math.nan),
+    sample(Quality.OFF_BUS, math.nan, math.nan),
+]
+stretches = st.lists(
+    st.tuples(st.sampled_from(KINDS), st.sampled_from([1, 2, 19, 51, 302])), max_size=8
+)
+
+
+@given(stretches, st.lists(st.integers(0, 3000)))
+def test_the_results_do_not_depend_on_where_blocks_begin(
+    drive: list[tuple[Sample, int]], cuts: list[int]
+) -> None:
+    rows = [one for one, n in drive for _ in range(n)]
+    values = np.array([one.values for one in rows]).reshape(-1, len(NAMES))
+    quality = np.array([one.quality for one in rows], dtype=np.uint8).reshape(-1, len(NAMES))
+
+    def found(
+        edges: list[int],
+    ) -> tuple[list[tuple[int, TickResult]], list[tuple[int, TickResult]]]:
+        plausibility, maturing = subject(), Maturing(20, 50)
+        results, matured = [], []
+        for begin, end in pairwise(edges):
+            part = plausibility.push(values[begin:end], quality[begin:end])
+            results += [(begin + k, r) for a, b, r in part for k in range(a, b)]
+            matured += [(begin + k, result) for k, result in maturing.push(part)]
+        return sorted(results, key=_order), sorted(matured, key=_order)
+
+    n = len(rows)
+    assert found([0, *sorted(k for k in cuts if k < n), n]) == found([0, n])
+
+
+def _order(each: tuple[int, TickResult]) -> tuple[int, str]:
+    return each[0], each[1].test
+
+
+def test_a_row_of_alike_results_matures_once_and_another_result_begins_it_anew() -> None:
+    failed, passed = (TickResult("range", each, "out_of_range") for each in (True, False))
+    maturing = Maturing(3, 2)
+    assert maturing.push([Results(0, 2, failed), Results(2, 3, passed)]) == []
+    assert maturing.push([Results(0, 2, failed)]) == []
+    assert maturing.push([Results(0, 1, failed), Results(1, 9, failed)]) == [(0, failed)]
+    assert maturing.push([Results(0, 5, passed)]) == [(1, passed)]
+    maturing.reset()
+    assert maturing.push([Results(0, 1, passed)]) == []
+    assert maturing.push([Results(4, 5, passed)]) == [(4, passed)]
+
+
+@given(
+    st.lists(st.sampled_from([1.0, 1.0, 1.0, 1.02]), max_size=400),
+    st.lists(st.integers(0, 399), max_size=3),
+    st.lists(st.integers(0, 400)),
+)
+def test_the_activity_does_not_depend_on_where_blocks_begin(
+    reads: list[float], pauses: list[int], cuts: list[int]
+) -> None:
+    measured, active = np.array(reads), np.ones(len(reads), dtype=np.bool_)
+    active[[k for k in pauses if k < len(reads)]] = False
+    whole, cut = activity(), activity()
+    edges = [0, *sorted(k for k in cuts if k < len(reads)), len(reads)]
+    found = [
+        (a + k, *judged)
+        for a, b in pairwise(edges)
+        for k, *judged in cut.push(measured[a:b], active[a:b])
+    ]
+    assert found == whole.push(measured, active)

@@ -19,14 +19,14 @@ from scipy.signal import lfilter
 
 from monitor.base import config
 from monitor.base.types import FloatArray
-from monitor.judge import hypotheses
-from monitor.judge.hypotheses import DIRECTIONS, SensorBank
+from monitor.judge.bank import DIRECTIONS, build
 from monitor.judge.response import Noise, Response, ResponseRule
 from monitor.memory.dtc import CODES
+from tests.helpers.bank import readings
 
 STEP_S, PERIOD_S, WINDOW = 0.01, 0.1, 50
 CONFIG = config.load().response
-BANK = hypotheses.build(CONFIG)
+BANK = build(CONFIG)
 Sensor = Callable[[FloatArray], FloatArray]
 
 
@@ -144,10 +144,11 @@ def new_rule(gain_reference: float = 1.0) -> ResponseRule:
 
 
 def judge(measured: FloatArray, predicted: FloatArray, rule: ResponseRule) -> list[Response]:
-    bank = SensorBank(BANK, PERIOD_S)
-    rows = np.array([bank.push(value).copy() for value in predicted])
+    rows = readings(BANK, PERIOD_S, predicted)
     starts = range(0, len(measured) - WINDOW + 1, WINDOW)
-    return [rule.judge(measured[i : i + WINDOW], rows[i : i + WINDOW]) for i in starts]
+    windows = np.array([measured[i : i + WINDOW] for i in starts])
+    ignore = np.zeros(len(windows), dtype=np.bool_)
+    return rule.judge(windows, [rows[i : i + WINDOW] for i in starts], ignore)
 
 
 def verdicts(sensor: Sensor, seed: int) -> list[Response]:
@@ -274,7 +275,7 @@ def test_an_ignored_window_leaves_no_evidence() -> None:
     judge(measured, predicted, rule)
     before = judge(measured, predicted, other)[-1].statistics["evidence"]
     rows = np.ones((WINDOW, len(BANK))) * predicted[:WINDOW, None]
-    ignored = rule.judge(measured[:WINDOW], rows, ignore=True)
+    (ignored,) = rule.judge(measured[np.newaxis, :WINDOW], [rows], np.array([True]))
     assert ignored.outcome == "inconclusive"
     assert ignored.statistics["evidence"] == before
     assert before != 0.0

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from monitor.base import config
 from monitor.base.types import Quality
 from monitor.memory.cycles import SIGNALS, Cycles
+from monitor.pipeline.frames import block_of
 from tests.helpers.stretches import (
     CONFIG,
     DRIVE,
@@ -42,7 +43,7 @@ def moments(
     return [
         (moment, sample.t_ns / 1e9)
         for sample in samples(list(stretches), period_s, names)
-        for moment in cycles.push(sample)
+        for _, moment in cycles.push(block_of([sample])).moments
     ]
 
 
@@ -115,7 +116,9 @@ def test_a_clock_that_steps_back_begins_nothing() -> None:
     cycles = cycles_of()
     drive = list(samples([DRIVE]))
     back = [sample._replace(t_ns=sample.t_ns - 200_000_000_000) for sample in drive]
-    assert "driving_cycle" not in [m for s in (*drive, *back, *drive) for m in cycles.push(s)]
+    assert "driving_cycle" not in [
+        m for _, m in cycles.push(block_of([*drive, *back, *drive])).moments
+    ]
 
 
 # What counts in it
@@ -241,8 +244,8 @@ def test_a_sensor_that_is_missing_is_no_silence_of_the_ecu(names: tuple[str, ...
     for sample in samples([DRIVE, lasting(STAND, 60), START], names=names):
         quality = sample.quality.copy()
         quality[names.index("lambda_measured")] = Quality.STALE
-        found += cycles.push(sample._replace(quality=quality))
-    assert "driving_cycle" not in found
+        found += cycles.push(block_of([sample._replace(quality=quality)])).moments
+    assert "driving_cycle" not in [moment for _, moment in found]
 
 
 def test_the_general_denominator_counts_once_in_a_driving_cycle() -> None:
@@ -265,19 +268,17 @@ def test_a_signal_that_is_not_provided_asks_for_nothing() -> None:
 def test_running_time_and_distance_are_those_of_the_running_engine() -> None:
     cycles = cycles_of()
     rolling = replace(STAND, speed_km_h=50.0)  # the engine is off, the car rolls
-    for sample in samples([lasting(DRIVE, 361), lasting(rolling, 100), lasting(DRIVE, 361)]):
-        cycles.push(sample)
-    run_s, distance_km = cycles.take()
-    assert run_s == pytest.approx(720.0)
-    assert distance_km == pytest.approx(10.0)
-    assert cycles.take() == (0.0, 0.0)
+    drive = samples([lasting(DRIVE, 361), lasting(rolling, 100), lasting(DRIVE, 361)])
+    driven = [each for _, each in cycles.push(block_of(list(drive))).driven]
+    assert sum(each.engine_run_s for each in driven) == pytest.approx(720.0)
+    assert sum(each.distance_km for each in driven) == pytest.approx(10.0)
 
 
 def test_creeping_counts_as_distance() -> None:
     cycles = cycles_of()
-    for sample in samples([START, replace(DRIVE, seconds=3600.0, speed_km_h=0.5)]):
-        cycles.push(sample)
-    assert cycles.take()[1] == pytest.approx(0.5)
+    drive = samples([START, replace(DRIVE, seconds=3600.0, speed_km_h=0.5)])
+    driven = [each for _, each in cycles.push(block_of(list(drive))).driven]
+    assert sum(each.distance_km for each in driven) == pytest.approx(0.5)
 
 
 KINDS = st.sampled_from([DRIVE, STAND, SILENCE, CITY, IDLE, replace(START, coolant_degc=20.0)])

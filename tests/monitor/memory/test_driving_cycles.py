@@ -11,7 +11,8 @@ from monitor.judge.decisions import Counted
 from monitor.judge.plausibility import Plausibility
 from monitor.memory.dtc import DtcStore, Status
 from monitor.memory.store import Memory
-from monitor.pipeline.stream import CycleStarted, DtcChanged, Event, FramePipeline
+from monitor.pipeline.events import CycleStarted, DtcChanged, Event
+from monitor.pipeline.frames import FramePipeline, block_of
 from monitor.report import replay
 from tests.conftest import ROOT
 from tests.helpers.played_bus import Pause, run_on
@@ -163,10 +164,13 @@ def communication(*stretches: Stretch) -> set[str]:
     """Return what the communication test says of the last stretch."""
     names = ("lambda_measured", "engine_speed_rpm")
     tests = Plausibility(CONFIG.plausibility, names, "lambda_measured", 1.0)
-    results = [tests.step(sample) for sample in samples(list(stretches), names=names)]
-    last = results[-round(stretches[-1].seconds) :]
+    block = block_of(list(samples(list(stretches), names=names)))
+    results = tests.push(block.values, block.quality)
+    first = len(block.t_ns) - round(stretches[-1].seconds)
     return {
-        r.fault if r.failed else "passed" for of in last for r in of if r.test == "communication"
+        r.fault if r.failed else "passed"
+        for _, end, r in results
+        if r.test == "communication" and end > first
     }
 
 

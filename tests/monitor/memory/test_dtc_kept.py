@@ -20,7 +20,7 @@ def test_clearing_leaves_permanent_codes_ratios_and_ignition_cycles() -> None:
     store.count_general_denominator()
     store.count_judged("bias")
     store.count_warm_up()
-    store.drive(60.0, 1.0)
+    store.drive([(60.0, 1.0)])
     ratios = store.ratios
     assert store.counts == Counts(1, 1, 1, 1.0, 1.0, 60.0, 60.0)
     assert [r.quantity for r in store.results] == ["offset"]
@@ -230,17 +230,17 @@ def test_a_counter_at_its_end_is_halved_with_its_partner(numerator: int, denomin
 def test_what_is_driven_counts_since_clearing_and_with_the_lamp_on() -> None:
     store = confirmed()
     store.clear()
-    store.drive(100.0, 2.0)
+    store.drive([(100.0, 2.0)])
     assert store.counts == Counts(distance_since_clear_km=2.0, engine_run_since_clear_s=100.0)
     store = confirmed()
-    store.drive(100.0, 2.0)
+    store.drive([(100.0, 2.0)])
     store.fail("gain_low", 1)  # another code, the lamp is on already
-    store.drive(50.0, 1.0)
+    store.drive([(50.0, 1.0)])
     store.fail("biased_lean", 1)
     assert store.counts == Counts(0, 0, 0, 3.0, 3.0, 150.0, 150.0)
     heal(store)
     store.fail("slow_symmetric", 1)  # a pending code lights no lamp
-    store.drive(50.0, 1.0)  # with the lamp off what was driven with it stays
+    store.drive([(50.0, 1.0)])  # with the lamp off what was driven with it stays
     assert store.counts == Counts(0, 0, 0, 4.0, 3.0, 150.0, 200.0)
     for _ in range(2):  # and begins anew with the lamp; P2195 fails in two more cycles
         store.start_driving_cycle()

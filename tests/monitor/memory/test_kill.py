@@ -25,7 +25,7 @@ from monitor.bus.loop import STORE_DRIVEN_S
 from monitor.frames.logs import read_frames
 from monitor.memory.dtc import Dtc, DtcStore, Saved
 from monitor.memory.store import Memory
-from monitor.pipeline.stream import Event, Tick, WindowJudged
+from monitor.pipeline.events import Event, Tick, WindowJudged
 from monitor.report.replay import set_up
 from tests.conftest import ROOT
 from tests.helpers.driven_memory import drive, told

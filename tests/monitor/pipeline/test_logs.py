@@ -1,9 +1,9 @@
-"""Whole logs as arrays give what the streaming pipeline gives."""
+"""Logs in blocks give the samples and events of the same frames on a live bus."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -11,21 +11,26 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from monitor.base import config
-from monitor.base.config import Config
 from monitor.base.errors import RecordingError
-from monitor.base.types import Frame, FrameBlock, Sample
+from monitor.base.types import Frame, FrameBlock, Sample, SampleBlock
 from monitor.decode.block_decoder import BlockDecoder
-from monitor.decode.bus_map import BusMap
 from monitor.frames.blocks import block_of
+from monitor.frames.candump import LogCounters
+from monitor.frames.logs import read_frames
 from monitor.frames.loop_frames import CLEARED_ID
+from monitor.grid import block_samples
 from monitor.grid.block_assembler import BlockAssembler
-from monitor.grid.block_samples import LogSamples, log_samples
+from monitor.grid.block_samples import log_samples, whole
+from monitor.grid.samples import FrameSamples
 from monitor.judge.limits import Limits
 from monitor.memory.dtc import DtcStore
 from monitor.model.step import Model
-from monitor.pipeline.logs import JudgedRecording, RecordingReader, judge_logs
-from monitor.pipeline.stream import FramePipeline, Tick
-from monitor.report.replay import Setup, replay, set_up, shipped_model
+from monitor.pipeline.entry import check_long_enough, check_received
+from monitor.pipeline.frames import FramePipeline
+from monitor.pipeline.monitor import needed_names
+from monitor.pipeline.recordings import RecordingReader
+from monitor.report.replay import Setup, frame_counters, replay, set_up, shipped_model
+from monitor.report.sinks import Collector
 from tests.conftest import ROOT
 from tests.helpers.batch_logs import ECU, S, logs
 from training.recordings.table_files import write_table
@@ -39,8 +44,7 @@ def blocks_of(frames: list[Frame], size: int) -> list[FrameBlock]:
     return [block_of(frames[first : first + size]) for first in range(0, len(frames), size)]
 
 
-def assert_same_samples(expected: list[Sample], got: LogSamples) -> None:
-    block = got.samples
+def assert_same_samples(expected: list[Sample], block: SampleBlock) -> None:
     assert block.index.tolist() == [s.index for s in expected]
     assert block.t_ns.tolist() == [s.t_ns for s in expected]
     assert block.values.tobytes() == b"".join(s.values.tobytes() for s in expected)
@@ -48,30 +52,40 @@ def assert_same_samples(expected: list[Sample], got: LogSamples) -> None:
 
 
 @settings(max_examples=150, deadline=None)
-@given(frames=logs(), size=st.sampled_from([1, 7, 100, 1000]))
-def test_spoilt_logs_give_the_same_samples_and_counters(frames: list[Frame], size: int) -> None:
-    pipeline = FramePipeline(ECU, MODEL, LIMITS, SETTINGS, DtcStore())
+@given(
+    frames=logs(),
+    size=st.sampled_from([1, 7, 100, 1000]),
+    decoded_at_once=st.sampled_from([1, 50, 1 << 20]),
+)
+def test_spoilt_logs_give_the_samples_and_counters_of_the_same_frames_on_a_bus(
+    frames: list[Frame], size: int, decoded_at_once: int
+) -> None:
+    names, period_ns = needed_names(MODEL.card, ECU.names), MODEL.card.period_ns
+    live = FrameSamples(ECU, names, period_ns)
     expected: list[Sample] = []
     clearings = []
     for frame in frames:
-        expected += [e.sample for e in pipeline.push(frame) if isinstance(e, Tick)]
+        expected += live.push(frame)
         if frame.can_id == CLEARED_ID:
             clearings.append((len(expected), frame.t_ns))
-    decoder = BlockDecoder(ECU, pipeline.decoder.names)
-    assembler = BlockAssembler.of(decoder, MODEL.card.period_ns)
-    got = log_samples(blocks_of(frames, size), decoder, assembler)
-    assert_same_samples(expected, got)
-    assert list(got.clearings) == clearings
-    assert decoder.counters == pipeline.decoder.counters
-    assert decoder.unmapped == pipeline.decoder.unmapped
-    assert assembler.counters == pipeline.assembler.counters
+    decoder = BlockDecoder(ECU, names)
+    assembler = BlockAssembler.of(decoder, period_ns)
+    with patch.object(block_samples, "_FRAMES", decoded_at_once):
+        parts = list(log_samples(blocks_of(frames, size), decoder, assembler))
+    block, cleared = whole(parts, len(names))
+    assert_same_samples(expected, block)
+    assert list(cleared) == clearings
+    assert decoder.counters == live.decoder.counters
+    assert decoder.unmapped == live.decoder.unmapped
+    assert assembler.counters == live.assembler.counters
 
 
 def test_a_log_without_frames_has_no_samples() -> None:
     decoder = BlockDecoder(ECU, ECU.names)
-    got = log_samples([], decoder, BlockAssembler.of(decoder, 100_000_000))
-    assert got.samples.values.shape == (0, len(ECU.names))
-    assert np.array_equal(got.samples.index, [])
+    parts = log_samples([], decoder, BlockAssembler.of(decoder, 100_000_000))
+    block, _ = whole(parts, len(ECU.names))
+    assert block.values.shape == (0, len(ECU.names))
+    assert np.array_equal(block.index, [])
 
 
 # From files to verdicts
@@ -100,12 +114,18 @@ SHORT = replace(
 )
 
 
-def _given(setup: Setup) -> tuple[BusMap, Model, Limits, Config]:
-    return setup.bus_map, setup.model, setup.limits, setup.config
-
-
-def judged(paths: list[Path], setup: Setup, side_by_side: int = 64) -> list[JudgedRecording]:
-    return list(judge_logs(paths, *_given(setup), columns=setup.columns, side_by_side=side_by_side))
+def live(path: Path, setup: Setup) -> dict[str, Any]:
+    """Return the entry of a recording whose frames come one by one."""
+    log, store = LogCounters(), DtcStore()
+    store.start_driving_cycle()
+    pipeline = FramePipeline(setup.bus_map, setup.model, setup.limits, setup.config, store)
+    collector = Collector(pipeline.monitor)
+    for frame in read_frames(path, log):
+        for event in pipeline.push(frame):
+            collector.push(event)
+    check_long_enough(path, pipeline.monitor.samples)
+    check_received(path, pipeline.decoder.counters, log.frames)
+    return collector.result(str(path), None, frame_counters(pipeline) | {"skipped": log.skipped})
 
 
 def replayed(path: Path, setup: Setup) -> dict[str, Any]:
@@ -124,87 +144,42 @@ def write(path: Path, frames: list[Frame]) -> None:
     path.write_text("".join(lines))
 
 
-def test_the_recorded_drives_are_judged_as_o2mon_replay_judges_them() -> None:
-    paths = sorted((ROOT / "replay_logs").glob("*.blf"))
-    found = judged(paths, SETUP, side_by_side=12)
-    assert [each.path for each in found] == paths
-    for each in found:
-        assert each.entry == replayed(each.path, SETUP)
-    assert sum(each.entry is not None and each.entry["fault_flag"] for each in found) > 10
+@pytest.mark.parametrize("drive", ["slow_symmetric", "signal_missing", "not_ready", "stuck_lean"])
+def test_a_recorded_drive_is_judged_alike_on_a_bus_and_in_a_replay(drive: str) -> None:
+    (path,) = (ROOT / "replay_logs").glob(f"{drive}_micro*.blf")
+    entry = replayed(path, SETUP)
+    assert entry == live(path, SETUP)
+    assert entry["fault_flag"]
 
 
-@settings(max_examples=150, deadline=None)
-@given(drives=st.lists(logs(), min_size=1, max_size=4))
-def test_spoilt_logs_are_judged_as_o2mon_replay_judges_them(
-    tmp_path_factory: pytest.TempPathFactory, drives: list[list[Frame]]
+@settings(max_examples=100, deadline=None)
+@given(frames=logs())
+def test_a_spoilt_log_is_judged_alike_on_a_bus_and_in_a_replay(
+    tmp_path_factory: pytest.TempPathFactory, frames: list[Frame]
 ) -> None:
-    folder = tmp_path_factory.mktemp("logs")
-    paths = [folder / f"{number}.log" for number in range(len(drives))]
-    for path, frames in zip(paths, drives, strict=True):
-        write(path, frames)
-    for path, got in zip(paths, judged(paths, SHORT, side_by_side=3), strict=True):
-        try:
-            expected = replayed(path, SHORT)
-        except RecordingError as error:
-            assert str(got.error) == str(error)
-            assert got.entry is None
-            continue
-        assert got.entry == expected
-        assert got.error is None
+    path = tmp_path_factory.mktemp("logs") / "drive.log"
+    write(path, frames)
+    try:
+        expected = live(path, SHORT)
+    except RecordingError as error:
+        with pytest.raises(RecordingError) as raised:
+            replay(path, SHORT)
+        assert str(raised.value) == str(error)
+        return
+    assert replayed(path, SHORT) == expected
 
 
-def test_a_recording_that_cannot_be_used_is_its_reason_and_the_others_go_on(
+def test_a_whole_recording_holds_only_the_signals_that_the_monitor_looks_at(
     tmp_path: Path,
 ) -> None:
-    (good,) = (ROOT / "replay_logs").glob("stuck_lean_*.blf")
-    cut, strange = tmp_path / "cut.blf", tmp_path / "drive.xyz"
-    cut.write_bytes(good.read_bytes()[:-100])
-    strange.write_text("?")
-    gone = tmp_path / "gone.log"
-    table = tmp_path / "table.csv"
-    table.write_text("time_s,lambda_measured\n0.0,1.0\n0.1,1.0\n")
-    paths = [cut, good, strange, gone, table, good]
-    found = judged(paths, SETUP, side_by_side=4)
-    assert [each.error is None for each in found] == [False, True, False, False, False, True]
-    for each in found:
-        if each.error is not None and each.path != gone:
-            with pytest.raises(RecordingError) as raised:
-                replay(each.path, SETUP)
-            assert str(each.error) == str(raised.value)
-    assert "cannot read it: No such file" in str(found[3].error)
-    assert found[1].entry == found[5].entry == replayed(good, SETUP)
-
-
-def test_recordings_are_read_only_as_many_at_a_time_as_are_judged_side_by_side() -> None:
-    (log,) = (ROOT / "replay_logs").glob("stuck_rich_*.blf")
-    asked: list[Path] = []
-
-    def paths() -> Iterator[Path]:
-        for _ in range(7):
-            asked.append(log)
-            yield log
-
-    found = judge_logs(paths(), *_given(SETUP), side_by_side=3)
-    entries = []
-    for number, each in enumerate(found):
-        assert len(asked) == min(3 * (number // 3 + 1), 7)
-        entries.append(each.entry)
-    assert len(entries) == 7
-    assert all(entry == entries[0] for entry in entries)
-
-
-@pytest.mark.parametrize("period_s", [0.1, 0.037])
-def test_tables_are_judged_as_o2mon_replay_judges_them(tmp_path: Path, period_s: float) -> None:
     (log,) = (ROOT / "replay_logs").glob("gain_low_*.blf")
-    block = RecordingReader(ECU, MODEL.card).read(log)
-    paths = []
-    for number, kept in enumerate((slice(None), slice(0, -1), slice(0, -3))):
-        names = block.names[kept]
-        path = tmp_path / f"{number}.csv{'.gz' if number else ''}"
-        t_s = np.arange(0.0, 250.0, period_s)
-        rows = np.minimum((t_s / 0.1).astype(np.int64) + 1500, len(block.block.t_ns) - 1)
-        write_table(path, t_s, list(names), block.block.values[rows][:, kept])
-        paths.append(path)
-    for path, got in zip(paths, judged(paths, SETUP), strict=True):
-        assert got.entry == replayed(path, SETUP)
-        assert got.entry["windows"]
+    reader = RecordingReader(ECU, MODEL.card)
+    recorded = reader.read(log)
+    path = tmp_path / "table.csv"
+    t_s = (recorded.block.t_ns - recorded.block.t_ns[0]) / 1e9
+    values = np.column_stack([np.zeros(len(t_s)), recorded.block.values])
+    write_table(path, t_s, ["wiper", *recorded.names], values)
+    read = reader.read(path)
+    assert "wiper" in reader.open(path).names
+    assert read.names == recorded.names
+    np.testing.assert_allclose(read.block.values, recorded.block.values, rtol=1e-6)

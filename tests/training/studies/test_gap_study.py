@@ -27,10 +27,10 @@ from training.studies.gap.answers import (
     right_or_beside_fault,
     wrong_names,
 )
-from training.studies.gap.assess import Target, assess, quantile
 from training.studies.gap.gap_study_page import as_page
 from training.studies.gap.gap_study_result import as_text
 from training.studies.gap.plan import CASES, SEVERITIES, Study, cases, healthy_parts
+from training.studies.gap.targets import Target, assess, quantile
 
 WHOLE = Study()
 TINY = [

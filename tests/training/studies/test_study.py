@@ -23,9 +23,9 @@ from training.narx.network import Spec, initial_weights
 from training.recordings.preparation import prepare
 from training.recordings.recording import load
 from training.studies.paper import study_page
-from training.studies.paper.choice import _decide
-from training.studies.paper.sensor import WINDOW, _put_on, _residuals, against_sensor
-from training.studies.paper.steady import _steady_parts
+from training.studies.paper.outcome.choice import _decide
+from training.studies.paper.outcome.sensor import WINDOW, _put_on, _residuals, against_sensor
+from training.studies.paper.outcome.steady_training import _steady_parts
 from training.studies.paper.task import Settings, Task, scaled_as
 
 SIGNALS = ["--inputs", "valve", "leak", "--output", "level_m"]

@@ -47,7 +47,7 @@ def test_a_finished_job_is_not_repeated_and_other_settings_are(
 KILLED = """
 import pickle, sys
 from pathlib import Path
-from training.study.narx.study import narx_study
+from training.studies.paper.narx.study import narx_study
 data, settings = pickle.loads(Path(sys.argv[1]).read_bytes())
 narx_study(data, Path(sys.argv[2]), jobs=2, **settings)
 """

@@ -1,10 +1,13 @@
 """Constants of the named effects, from the recordings that are not held out.
 
-Naming corrects the chain by what it misses on healthy drives and whitens its errors: that tells
-effects from each other, but takes part of an effect's size, because the corrections follow signals
-that the effect has moved. So constants are also fitted to the plain errors of the chain alone.
-Beside a network there are those, too, that suit the errors which the network makes beyond those it
-makes on healthy drives, because it reads an effect in its own way. What predicts best is kept.
+There are up to three sets of constants, of which the best predictor is kept.
+
+1. Those of the naming. It corrects the chain by its error on healthy drives and whitens errors:
+   that tells effects from each other, but takes part of an effect's size, because the corrections
+   follow signals that the effect has moved.
+2. Those fitted to the plain errors of the chain alone.
+3. Beside a network, those fitted to the network's errors beyond its errors on healthy drives,
+   because the network reads an effect in its own way.
 """
 
 from dataclasses import replace
@@ -25,20 +28,20 @@ from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.joint import Case, Fit, fit
 
 
-def refitted(
+def constant_choices(
     material: Material, naming: Naming, known: Healthy | None, start: Constants
 ) -> list[tuple[ModelEffect, ...]]:
     """Return the named effects with every possible set of constants, the naming's first.
 
-    Constants that, fitted to some of the recordings, predict the others no better than none are
-    left out. A grey-box model takes over the base of the naming, and gets those constants alone
-    that predict best. Beside a network there is the plain chain.
+    A set is left out if, fitted to some of the recordings, it predicts the rest no better than no
+    effect. A grey-box model takes over the base of the naming and gets the best set alone; beside
+    a network stands the plain chain.
     """
     recordings = material.fit
     drives = base.drives_of(material.model, recordings, material.healthy)
     state, last = base_state(drives, known, known.base if known else start), naming.effects[-1].fit
     alone = _alone(state)
-    # Constants of what is another in every drive would follow the drive in which it is strongest.
+    # An effect that varies between drives would follow the drive in which it is strongest.
     also = () if any(getattr(term, "varies", False) for term in last.terms) else (alone,)
     if base.check(material.model).kind == base.GREYBOX:
         found = [_alike(state, case, alone, last) for case in (state.case, *also)]

@@ -47,10 +47,10 @@ class Outcome:
     """The conclusion of a step and its ranking."""
 
     verdict: Verdict
-    best: tuple[Candidate, ...]  # the named one, the ambiguous set, or what looks like the fault
-    suspected: str | None
-    experiment: Experiment | None
-    ranking: tuple[Candidate, ...]
+    ranking: tuple[Candidate, ...]  # best first
+    best: tuple[Candidate, ...] = ()  # named, the ambiguous set, or effects alike to the fault
+    suspected: str | None = None
+    experiment: Experiment | None = None
 
 
 def step(
@@ -86,13 +86,7 @@ def step(
         (None if no_rival else _of_the_gain(state, ranking, sensor_known_good))
         or _at_fault(state, strong, ranking, sensor_known_good)
         or _of_effects(strong, ranking, more)
-        or Outcome(
-            verdict=_nothing(added, strange, plain),
-            best=(),
-            suspected=None,
-            experiment=None,
-            ranking=ranking,
-        )
+        or Outcome(_nothing(added, strange, plain), ranking)
     )
 
 
@@ -144,20 +138,10 @@ def _of_effects(
     best, among = strong[0], tuple(c for c in strong if c.kind == "effect")[:AMBIGUOUS_MOST]
     parts = all((c.adequacy or 0.0) < ADEQUATE for c in among)
     if len(among) == 1 or (parts and more):
-        return Outcome(
-            verdict="named", best=(best,), suspected=None, experiment=None, ranking=ranking
-        )
+        return Outcome("named", ranking, best=(best,))
     if parts:
-        return Outcome(
-            verdict="unknown_effect", best=(), suspected=None, experiment=None, ranking=ranking
-        )
-    return Outcome(
-        verdict="ambiguous",
-        best=among,
-        suspected=None,
-        experiment=separate(best.fit, among[1].fit),
-        ranking=ranking,
-    )
+        return Outcome("unknown_effect", ranking)
+    return Outcome("ambiguous", ranking, best=among, experiment=separate(best.fit, among[1].fit))
 
 
 def _nothing(
@@ -197,13 +181,7 @@ def _at_fault(
         return None
     if strong and strong[0].name == GAIN_CLASS[0]:
         factor = (strong[0],)
-        return Outcome(
-            verdict="sensor_fault_suspected",
-            best=factor,
-            suspected=GAIN_SUSPECTED,
-            experiment=None,
-            ranking=ranking,
-        )
+        return Outcome("sensor_fault_suspected", ranking, best=factor, suspected=GAIN_SUSPECTED)
     near = [c for c in ranking if strong and _is_near_bias(c, strong[0])]
     at_fault = [c for c in (*strong, *near) if c.kind == "sensor fault" and _is_felt(state, c)]
     words = at_fault[0].name if at_fault else None
@@ -223,11 +201,7 @@ def _at_fault(
     if words is None:
         return None
     return Outcome(
-        verdict="sensor_fault_suspected",
-        best=as_good[:AMBIGUOUS_MOST],
-        suspected=words,
-        experiment=None,
-        ranking=ranking,
+        "sensor_fault_suspected", ranking, best=as_good[:AMBIGUOUS_MOST], suspected=words
     )
 
 
@@ -268,16 +242,8 @@ def _of_the_gain(
         return None
     effect = tuple(c for c in ranking if c.name == GAIN_CLASS[0])
     if sensor_known_good and effect:
-        return Outcome(
-            verdict="named", best=effect, suspected=None, experiment=None, ranking=ranking
-        )
-    return Outcome(
-        verdict="sensor_fault_suspected",
-        best=effect,
-        suspected=GAIN_SUSPECTED,
-        experiment=None,
-        ranking=ranking,
-    )
+        return Outcome("named", ranking, best=effect)
+    return Outcome("sensor_fault_suspected", ranking, best=effect, suspected=GAIN_SUSPECTED)
 
 
 def _is_of_the_gain(state: State, ranking: Sequence[Candidate]) -> bool:

@@ -68,7 +68,7 @@ def name(
         candidates += FAULTS
     first, added, rounds = state, list[Candidate](), list[Round]()
     warnings = _doubts(state.case, known)
-    outcome = Outcome(verdict="no_gap", best=(), suspected=None, experiment=None, ranking=())
+    outcome = Outcome("no_gap", ())
     for number in range(steps):
         more = number + 1 < steps
         outcome = step(state, candidates, added, sensor_known_good, progress, more=more)

@@ -59,18 +59,18 @@ class Naming:
     """The answer of the workflow's second step."""
 
     verdict: Verdict
-    effects: tuple[Candidate, ...]  # added, or the ambiguous set
-    suspected: str | None  # the sensor fault, or the onset
-    ranking: tuple[Candidate, ...]  # of the last step, best first
     skipped: Mapping[str, tuple[str, ...]]  # effect → signals that are missing
-    base: Constants | None  # with what was added; None where no effect could be tried
-    reference: Constants | None
-    base_shift: Constants | None  # of the base refitted alone, against the reference
     rmse_before: float  # phi, on held-out blocks
-    rmse_after: float | None
     noise_floor: float  # phi, what the ceiling leaves on held-out blocks
     explained_share: float  # of the whitened deviance, by the ceiling
-    experiment: Experiment | None
     warnings: tuple[str, ...]
-    rounds: tuple[Round, ...] = ()  # of what was named, in the order found
+    effects: tuple[Candidate, ...] = ()  # named, or the ambiguous set
+    suspected: str | None = None  # the sensor fault, or the onset
+    ranking: tuple[Candidate, ...] = ()  # of the last step, best first
+    base: Constants | None = None  # with the named effects; None where no effect could be tried
+    reference: Constants | None = None
+    base_shift: Constants | None = None  # of the base refitted alone, against the reference
+    rmse_after: float | None = None
+    experiment: Experiment | None = None
+    rounds: tuple[Round, ...] = ()  # of the named effects, in the order found
     indistinguishable: tuple[Candidate, ...] = ()  # effects that the suspected fault looks like

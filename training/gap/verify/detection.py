@@ -14,7 +14,7 @@ from monitor.base.config import Config
 from monitor.base.faults import Fault, SensorFault
 from monitor.judge.limits import Limits
 from monitor.model.step import Model
-from monitor.pipeline.block_judge import Judged
+from monitor.pipeline.side_by_side import Judged
 from training.gap.inputs.roles import ACCEPTED
 from training.gap.verify.evidence import Count, Detection
 from training.greybox.fit.drive import OUTPUT

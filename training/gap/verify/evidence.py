@@ -80,10 +80,10 @@ class Verification:
     overall: Error
     regimes: tuple[Error, ...]
     healthy: Error | None  # on recordings on which the old model was accepted
-    faults: tuple[Detection, ...]  # empty if the monitor could not be asked
-    alarms: Detection | None  # without a fault, on the held-out drives
-    healthy_alarms: Detection | None  # without a fault, on healthy recordings
-    notes: tuple[str, ...]
+    faults: tuple[Detection, ...] = ()  # empty if the monitor could not be asked
+    alarms: Detection | None = None  # without a fault, on the held-out drives
+    healthy_alarms: Detection | None = None  # without a fault, on healthy recordings
+    notes: tuple[str, ...] = ()
     trace: Trace | None = None  # where the new model helps most; None without one
 
     @property

@@ -65,31 +65,13 @@ def verify(
     overall, regimes, trace = _errors(old, new, recordings, chain)
     on_healthy = _plain(old, new, healthy) if healthy else None
     if not faults:
-        return Verification(
-            overall=overall,
-            regimes=regimes,
-            healthy=on_healthy,
-            faults=(),
-            alarms=None,
-            healthy_alarms=None,
-            notes=(),
-            trace=trace,
-        )
+        return Verification(overall, regimes, on_healthy, trace=trace)
     progress("faults put on held-out recordings")
     try:
         monitors = _monitors(old, new, accepted)
     except (ModelError, ConfigError) as error:
         note = f"The monitor was not asked: {error}."
-        return Verification(
-            overall=overall,
-            regimes=regimes,
-            healthy=on_healthy,
-            faults=(),
-            alarms=None,
-            healthy_alarms=None,
-            notes=(note,),
-            trace=trace,
-        )
+        return Verification(overall, regimes, on_healthy, notes=(note,), trace=trace)
     alarms, *found = detection.detect(recordings, (None, *faults), monitors)
     healthy_alarms = detection.detect(healthy, (None,), monitors)[0] if healthy else None
     told = () if monitors.alike is None else (ALIKE,)

@@ -1,1 +1,1 @@
-"""The charge: a map of the volumetric efficiency, and the error of the air meter."""
+"""The charge of the chain: its own map of efficiency, or the error of the broadcast charge."""

@@ -1,11 +1,11 @@
-"""By how much the charge that the ECU broadcasts is wrong: over speed and charge, and over time.
+"""The error of the charge that the ECU broadcasts: over speed and charge, and over time.
 
 An ECU takes the charge from a table and lets its air meter correct it over some seconds (Guzzella
 and Onder, Introduction to Modeling and Control of Internal Combustion Engine Systems, section 4.2).
-So the error is a map of the operating point now, and another of where the engine has been. phi is
-linear in both maps: one linear regression on the lagged columns of the chain gives their values.
-Maps are smooth and their values of the order of a tenth, so where the engine was not, at idle speed
-with a full charge, neighbours count (P-splines: Eilers and Marx, Statistical Science 11, 1996).
+So the error has two maps: one at the present operating point, and one at those of the last seconds.
+phi is linear in both maps: one linear regression on the lagged columns of the chain gives their
+values. The maps are smooth and their values about a tenth, so that neighbours decide at operating
+points without samples (P-splines: Eilers and Marx, Statistical Science 11, 1996).
 """
 
 from collections.abc import Mapping
@@ -27,26 +27,26 @@ TIMES_S = (1.0, 2.0, 4.0, 8.0)  # over which an air meter may correct
 BLOCK_S, FOLDS = 30.0, 5  # of the held-out error that chooses
 ROUNDS = 2  # of maps and constants in turn
 LEAST, MOST = 0.5, 2.0  # of the factor on phi
-# Times the samples, on squared differences of neighbouring knots. The least stands for 0.1 between
-# neighbours beside an error of 0.01 in phi that lasts some ten samples.
+# Times the samples, on squared differences of neighbouring knots. The smallest one expects 0.1
+# between neighbours, beside an error of 0.01 in phi that lasts some ten samples.
 PENALTIES = (3e-6, 1e-5, 1e-4, 1e-3, 1e-2)
 SMALL = 0.1  # weight of the squared values themselves, beside their differences
 
 
 @dataclass(frozen=True, slots=True)
 class ChargeError:
-    """Relative error of the broadcast charge, linear between the knots, constant beyond them."""
+    """Relative error of the broadcast charge, linear between knots and constant beyond them."""
 
     speeds_rpm: FloatArray  # (a,)
     charges_mg: FloatArray  # (b,)
-    now: FloatArray  # (a, b) at the operating point
+    now: FloatArray  # (a, b) at the present operating point
     before: FloatArray  # (a, b) at the operating points of the last ``time_s``
     time_s: float
 
     def air_mass_mg(self, signals: Mapping[str, FloatArray], period_s: float) -> FloatArray:
-        """Return the charge (n,) in mg per stroke, beginning settled at the first sample.
+        """Return the corrected charge (n,) in mg per stroke, settled at the first sample.
 
-        signals : (n,) engine_speed_rpm and what the ECU says of the charge
+        signals : (n,) each: engine_speed_rpm, and air_mass_mg or maf_kg_h
         """
         air = charge_mg(signals)
         by_speed = hats(signals["engine_speed_rpm"], self.speeds_rpm)
@@ -58,7 +58,7 @@ class ChargeError:
         return np.asarray(air / np.clip(factor, LEAST, MOST))
 
     def to_card(self) -> dict[str, Any]:
-        """Return what ``from_card`` reads."""
+        """Return the entry for a card, see ``from_card``."""
         return {
             "speeds_rpm": self.speeds_rpm.tolist(),
             "charges_mg": self.charges_mg.tolist(),
@@ -69,7 +69,7 @@ class ChargeError:
 
     @classmethod
     def from_card(cls, given: Mapping[str, Any]) -> "ChargeError":
-        """Return the error of a card; raises KeyError if part of it is missing."""
+        """Return the error of a card's entry; raises KeyError if a field is missing."""
         speeds, charges, now, before = (
             np.array(given[name]) for name in ("speeds_rpm", "charges_mg", "now", "before")
         )
@@ -77,13 +77,13 @@ class ChargeError:
 
 
 def settled_lag(u: FloatArray, time_s: float, period_s: float) -> FloatArray:
-    """Return ``u`` (n, k) through a first-order lag that starts settled."""
+    """Return ``u`` (n, k) behind a first-order lag that starts settled."""
     share = share_of(time_s, period_s)
     return np.asarray(lfilter([share], [1.0, share - 1.0], u - u[:1], axis=0) + u[:1])
 
 
 def share_of(time_s: float, period_s: float) -> float:
-    """Return the part of the way that a lag goes in one sample."""
+    """Return the share of the remaining distance that a lag covers in one sample."""
     return float(1.0 - np.exp(-period_s / time_s))
 
 
@@ -94,11 +94,11 @@ def fit_with_charge_error(
     period_s: float,
     own: Own = (),
 ) -> tuple[Fitted, ChargeError | None]:
-    """Return the constants and the error of the charge that make the chain read ``phi`` best.
+    """Return the constants and the charge's error with which the chain reads ``phi`` best.
 
-    signals, phi, scored, own : see ``greybox.fit_constants``
-    There is no error where none makes held-out blocks better. Raises RecordingError if too few
-    samples count.
+    signals, phi, scored, own : see ``constants.fit_constants``
+    The error is None if it does not reduce the error on held-out blocks.
+    Raises RecordingError if too few samples count.
     """
     fitted = alone = fit_constants(signals, phi, scored, period_s, own=own)
     error = None
@@ -119,7 +119,7 @@ def _error(
     period_s: float,
     own: Own,
 ) -> ChargeError | None:
-    """Return the maps with the best held-out error, None if it is no better than without."""
+    """Return the maps with the least held-out error; None if no maps are as good."""
     path = along(base_path(constants._replace(span=1.0), signals), own, signals, period_s)
     speed, air = signals["engine_speed_rpm"], charge_mg(signals)
     speeds, charges = knots_of(speed[scored], SPEEDS), knots_of(air[scored], CHARGES)
@@ -130,7 +130,7 @@ def _error(
     fold = (np.flatnonzero(scored) // round(BLOCK_S / period_s)) % FOLDS
 
     def carried(shares: FloatArray) -> FloatArray:
-        """Return what each error of 1 at the valve makes of the reading, (m, k)."""
+        """Return the readings (m, k) for factors at the valve that are these shares."""
         factors = (path.factor * share for share in shares.T)
         return np.column_stack(
             [simulate(replace(path, factor=each), period_s)[scored] for each in factors]
@@ -150,7 +150,7 @@ def _error(
 
 
 def _smooth() -> FloatArray:
-    """Return the matrix that makes both maps' values (k,) of weights (k,) that are all alike."""
+    """Return the matrix (k, k) from weights of equal prior size to both maps' values."""
     by_speed, by_charge = (np.diff(np.eye(n), axis=0) for n in (SPEEDS, CHARGES))
     steps = np.vstack([np.kron(by_speed, np.eye(CHARGES)), np.kron(np.eye(SPEEDS), by_charge)])
     rough = steps.T @ steps + SMALL * np.eye(SPEEDS * CHARGES)

@@ -1,7 +1,7 @@
 """The chain's own charge: density in the manifold times a map of the efficiency, from recordings.
 
-Where the ECU's air per stroke follows its air meter only slowly, fuel over that air misses the
-mixture; manifold pressure and temperature tell the charge at once (speed-density; Heywood, Internal
+If the ECU's air per stroke follows its air meter slowly, fuel over this air is not the mixture.
+Manifold pressure and temperature tell the charge at once (speed-density; Heywood, Internal
 Combustion Engine Fundamentals, section 7.6). phi is linear in the inverse of the efficiency, so
 the map's values come from one linear regression on the lagged columns of the chain.
 """
@@ -22,8 +22,8 @@ RANGE = (0.005, 0.995)  # quantiles between which the knots are spread evenly
 ROUNDS = 3  # of map and constants in turn
 KELVIN = 273.15
 TEMPERATURE_LEAST_K = 200.0
-MG_K_PER_KPA = 1742.0  # of 0.5 l of air, by p V = m R T; another volume is part of the efficiency
-PULL_SAMPLES = 2.0  # weight with which a value that no sample knows stays at the mean
+MG_K_PER_KPA = 1742.0  # of 0.5 l of air, by p V = m R T; for another volume the efficiency differs
+PULL_SAMPLES = 2.0  # samples' weight of the mean, which decides for a knot without samples
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +42,7 @@ class ChargeMap:
         return np.asarray(dense_mg(signals) / inverse)
 
     def to_card(self) -> dict[str, Any]:
-        """Return what ``from_card`` reads."""
+        """Return the entry for a card, see ``from_card``."""
         return {
             "speeds_rpm": self.speeds_rpm.tolist(),
             "pressures_kpa": self.pressures_kpa.tolist(),
@@ -51,12 +51,12 @@ class ChargeMap:
 
     @classmethod
     def from_card(cls, given: Mapping[str, Any]) -> "ChargeMap":
-        """Return the map of a card; raises KeyError if part of it is missing."""
+        """Return the map of a card's entry; raises KeyError if a field is missing."""
         return cls(*(np.array(given[name]) for name in cls.__slots__))
 
 
 def dense_mg(signals: Mapping[str, FloatArray]) -> FloatArray:
-    """Return the air (n,) in mg that 0.5 l of the manifold hold."""
+    """Return the mass (n,) in mg of 0.5 l of air in the manifold."""
     kelvin = np.maximum(signals["manifold_temperature_degc"] + KELVIN, TEMPERATURE_LEAST_K)
     return np.asarray(MG_K_PER_KPA * signals["manifold_pressure_kpa"] / kelvin)
 
@@ -67,17 +67,16 @@ def hats(x: FloatArray, knots: FloatArray) -> FloatArray:
     >>> hats(np.array([0.0, 15.0, 99.0]), np.array([10.0, 20.0, 40.0])).tolist()
     [[1.0, 0.0, 0.0], [0.5, 0.5, 0.0], [0.0, 0.0, 1.0]]
     """
-    each = np.eye(len(knots))
-    return np.stack([np.interp(x, knots, one) for one in each], axis=1)
+    return np.stack([np.interp(x, knots, only) for only in np.eye(len(knots))], axis=1)
 
 
 def fit_with_charge(
     signals: Mapping[str, FloatArray], phi: FloatArray, scored: BoolArray, period_s: float
 ) -> tuple[Fitted, ChargeMap]:
-    """Return the constants and the charge map that make the chain read ``phi`` best, in turn.
+    """Return the constants and the charge map with which the chain reads ``phi`` best.
 
     signals : (n,) each of INPUTS; phi : (n,) measured; scored : (n,) bool, samples that count
-    The map is fitted for a gain of 1; the gain is fitted after it, with its standard error.
+    Both are fitted in turn: the map for a gain of 1, then the gain with its standard error.
     Raises RecordingError if too few samples count.
     """
     charge_map = _flat(signals, phi, scored)
@@ -101,7 +100,7 @@ def _flat(signals: Mapping[str, FloatArray], phi: FloatArray, scored: BoolArray)
 
 
 def knots_of(values: FloatArray, n: int) -> FloatArray:
-    """Return ``n`` knots spread evenly over nearly all values."""
+    """Return ``n`` knots, evenly spaced over nearly all values."""
     if not len(values):
         return np.arange(2.0)
     low, high = np.quantile(values, RANGE)
@@ -116,7 +115,7 @@ def _refitted(
     scored: BoolArray,
     period_s: float,
 ) -> ChargeMap:
-    """Return the map with other values: ridge regression on one column of the chain per value."""
+    """Return the map with new values: ridge regression on one column of the chain per value."""
     path = base_path(
         constants._replace(gain=1.0, span=1.0), dict(signals) | {"air_mass_mg": dense_mg(signals)}
     )

@@ -1,4 +1,4 @@
-"""An effect of the library with its constants, as it goes into a model and its card."""
+"""An effect of the library with its values, as a part of a model and its card."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -10,20 +10,20 @@ from monitor.base.errors import ModelError
 from monitor.base.types import FloatArray
 from training.greybox.effects import LIBRARY, Effect
 
-AS_EXPECTED: Final = 0.8  # of the spread about what is expected, above which nothing was learned
+AS_EXPECTED: Final = 0.8  # of the expected spread: a larger standard error tells nothing new
 
 
 @dataclass(frozen=True, slots=True)
 class ModelEffect:
-    """One effect that a model has beside its base.
+    """One effect of a model beside the plain chain.
 
     Raises ModelError if the library has no such effect, or one with other parameters.
     """
 
     name: str
-    says: str  # what the vehicle does, as a sentence's end
+    says: str  # effect on the vehicle, as the end of a sentence
     tag: str  # physics, fault-like or either
-    like: tuple[str, ...]  # what it cannot be told from by construction
+    like: tuple[str, ...]  # names from which the effect cannot be told by construction
     parameters: Mapping[str, float]
     standard_errors: Mapping[str, float]
     units: Mapping[str, str]
@@ -40,7 +40,7 @@ class ModelEffect:
     def with_values(
         cls, name: str, values: Sequence[float], standard_errors: Sequence[float] | None = None
     ) -> "ModelEffect":
-        """Return an effect from its values in the library's order, errors 0 if not given.
+        """Return an effect from its values in the library's order, with errors of 0 by default.
 
         >>> ModelEffect.with_values("mix_flow", [1.5]).parameters
         {'volume': 1.5}
@@ -49,13 +49,13 @@ class ModelEffect:
         names = [p.name for p in effect.parameters]
         errors = np.zeros(len(names)).tolist() if standard_errors is None else standard_errors
         return cls(
-            name,
-            effect.says,
-            effect.tag,
-            effect.like,
-            dict(zip(names, map(float, values), strict=True)),
-            dict(zip(names, map(float, errors), strict=True)),
-            {p.name: p.unit for p in effect.parameters},
+            name=name,
+            says=effect.says,
+            tag=effect.tag,
+            like=effect.like,
+            parameters=dict(zip(names, map(float, values), strict=True)),
+            standard_errors=dict(zip(names, map(float, errors), strict=True)),
+            units={p.name: p.unit for p in effect.parameters},
         )
 
     @property
@@ -79,14 +79,14 @@ class ModelEffect:
         return f"{self.name}: {', '.join(size.removesuffix(' -') for size in sizes)}"
 
     def to_card(self) -> dict[str, Any]:
-        """Return what ``from_card`` reads."""
+        """Return the entry for a card, see ``from_card``."""
         return asdict(self) | {"like": list(self.like)}
 
     @classmethod
     def from_card(cls, given: Mapping[str, Any]) -> "ModelEffect":
-        """Return the effect of a card's entry, which may say more than this.
+        """Return the effect of a card's entry; further fields of the entry are ignored.
 
-        Raises ModelError if part of it is missing or the library has no such effect.
+        Raises ModelError if a field is missing or the library has no such effect.
         """
         try:
             fields = {name: given[name] for name in cls.__slots__}
@@ -102,10 +102,10 @@ def _entry(name: str) -> Effect:
 
 
 def uncertain(added: Sequence[ModelEffect]) -> list[str]:
-    """Return warnings of constants that the recordings hardly determine, or not at all.
+    """Return warnings about parameters that the recordings determine poorly or not at all.
 
-    A constant that moves nothing on them has a standard error of 0. One that is expected about some
-    value is not determined if it is known hardly better than that; near 0 it may be exact.
+    A parameter that moves nothing on the recordings has a standard error of 0. A parameter with an
+    expected spread is not determined if its standard error is hardly below that spread.
     """
     warnings = []
     for each in added:

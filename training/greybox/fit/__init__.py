@@ -1,1 +1,1 @@
-"""Least squares fits of the constants of the chain and of effects."""
+"""Drives, and least-squares fits of the chain's constants and of effects to them."""

@@ -1,4 +1,4 @@
-"""One recording with what a model predicted for it, and blocks of time to resample."""
+"""Drives beside a model's prediction, and blocks of time for statistics over them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -10,22 +10,23 @@ from monitor.base.types import BoolArray, FloatArray, IntArray
 from training.greybox.chain import Path
 from training.greybox.fit.drive import Drive
 
-BLOCK_S = 30.0  # one block: many cycles of the lambda controller and a manoeuvre or two
-LEAST_BLOCKS = 10  # with fewer, no statistic over blocks is worth its name
+BLOCK_S = 30.0  # a block holds many cycles of the lambda controller and a manoeuvre or two
+LEAST_BLOCKS = 10  # for a statistic over blocks
+FOLDS = 5  # of blocks that are held out together
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
-    """A drive with the free run of the model on it, in phi on the model's grid.
+    """A drive beside a model's free run on it, in phi on the model's grid.
 
-    ``dead_time_s`` and ``lag_s`` are what the model's own chain says of the way from the engine to
-    the sensor; None where the model has no such chain.
+    ``dead_time_s`` and ``lag_s`` belong to the model's chain from engine to sensor; they are None
+    for a model without a chain.
     Raises RecordingError if the lengths differ.
     """
 
     name: str
     period_s: float
-    signals: Mapping[str, FloatArray]  # canonical names, each (n,), NaN where not good
+    signals: Mapping[str, FloatArray]  # canonical name → (n,), NaN where the signal is bad
     phi_measured: FloatArray  # (n,)
     phi_predicted: FloatArray  # (n,)
     scored: BoolArray  # (n,) enabled, outside fuel cut and its recovery
@@ -35,16 +36,19 @@ class Comparison:
 
     @classmethod
     def of(cls, drive: Drive, phi_predicted: FloatArray, path: Path | None = None) -> "Comparison":
-        """Return a drive with a model's prediction (n,) of its phi, and the path of its chain."""
+        """Return a drive beside a model's prediction (n,) in phi.
+
+        path : of the model's chain; None for a model without a chain
+        """
         return cls(
-            drive.name,
-            drive.period_s,
-            drive.signals,
-            drive.phi_measured,
-            phi_predicted,
-            drive.scored,
-            path.dead_time_s if path else None,
-            float(np.median(path.mixing_s + path.sensor_rising_s)) if path else None,
+            name=drive.name,
+            period_s=drive.period_s,
+            signals=drive.signals,
+            phi_measured=drive.phi_measured,
+            phi_predicted=phi_predicted,
+            scored=drive.scored,
+            dead_time_s=path.dead_time_s if path else None,
+            lag_s=float(np.median(path.mixing_s + path.sensor_rising_s)) if path else None,
         )
 
     def __post_init__(self) -> None:
@@ -69,12 +73,12 @@ class Comparison:
 
 @dataclass(frozen=True, slots=True)
 class Stack:
-    """The scored samples of several recordings one after the other."""
+    """The scored samples of several recordings, concatenated."""
 
     residual: FloatArray  # (m,)
     block: IntArray  # (m,) number of the block of time, 0 to n_blocks - 1
-    fold: IntArray  # (n_blocks,) which blocks are held out together
-    recording: IntArray  # (n_blocks,)
+    fold: IntArray  # (n_blocks,) number of the group of blocks that is held out together
+    recording: IntArray  # (n_blocks,) number of the recording
     rows: tuple[IntArray, ...]  # scored rows of each recording
 
     @property
@@ -87,14 +91,11 @@ class Stack:
         return np.asarray(np.bincount(self.block, values, self.n_blocks), dtype=np.float64)
 
 
-FOLDS = 5
-
-
 def stack(recordings: Sequence[Comparison], block_s: float = BLOCK_S) -> Stack:
     """Return the scored samples with their blocks.
 
-    From ``FOLDS`` recordings on whole recordings are held out, because what is peculiar to one
-    drive must not count as known; with fewer, every fifth pair of blocks.
+    With ``FOLDS`` recordings or more, whole recordings are held out, so that the peculiarities of
+    one drive do not count as learned; with fewer, every fifth pair of blocks is held out.
     Raises RecordingError if there are too few scored samples for a statistic over blocks.
     """
     residual, block, fold, recording, rows = [], [], [], [], []

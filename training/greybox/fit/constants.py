@@ -18,7 +18,7 @@ from monitor.base.types import BoolArray, FloatArray, IntArray
 from training.greybox.chain import RANGES, Constants
 from training.greybox.effects import Own
 from training.greybox.fit.drive import Drive
-from training.greybox.fit.joint import HIGH, LOW, WHITE, Case, Fit, fit, predict
+from training.greybox.fit.joint import HIGH, LOW, WHITE, Case, Fit, Search, fit, predict
 
 BLOCK_S = 45.0  # samples further apart than this count as independent in a standard error
 SAMPLES_LEAST = 500
@@ -31,6 +31,9 @@ STARTS = (
 REFERENCE_RPM = 1500.0  # at which the whole dead time is given
 NOISE_ORDER = 2  # of the residual's autoregression, as in ``joint.Case``
 ROUNDS = 4  # of constants and autoregression in turn
+# Shorter steps end in the worse of two minima. With a tolerance of 1e-5 a fit that starts at the
+# bound of ``mixing_s`` stays there.
+FROM_AFAR = Search(Constants(), 1e-8, 200)
 STANDARD_ERRORS = (
     f"from the Jacobian of the residual whitened by an AR({NOISE_ORDER}), whose remaining "
     f"correlation within blocks of {BLOCK_S:g} s is allowed for (sandwich over blocks)"
@@ -39,7 +42,7 @@ AT_BOUND = 1e-3  # of the range: a constant so near to its bound ended at it
 SWAPPED = (0, 1, 2, 4, 3, 5)  # mixing_s and sensor_s
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Fitted:
     """Constants and how well the data determine them."""
 
@@ -73,7 +76,9 @@ def fit_constants(
     own : effects of the healthy vehicle, with values that hold
     Raises RecordingError if too few samples count.
     """
-    drive = Drive("", period_s, signals, phi, scored, own=own)
+    drive = Drive(
+        name="", period_s=period_s, signals=signals, phi_measured=phi, scored=scored, own=own
+    )
     at = np.flatnonzero(drive.kept)
     if len(at) < SAMPLES_LEAST:
         raise RecordingError(
@@ -110,12 +115,12 @@ def _whitened(drive: Drive, at: IntArray, start: Constants) -> tuple[Case, Fit]:
     """
     past = at[:, None] - np.arange(1, NOISE_ORDER + 1)
     case = Case((drive,), (np.zeros(len(drive)),), WHITE)
-    found = fit(case, (), [start])
+    found = fit(case, (), [start], FROM_AFAR)
     for _ in range(ROUNDS - 1):
         e = predict(case, found.base, (), ())[0] - drive.phi_measured
         newest, older = np.linalg.lstsq(e[past], e[at])[0].tolist()
         case = replace(case, ar=(newest, older))
-        found = fit(case, (), [found.base])
+        found = fit(case, (), [found.base], FROM_AFAR)
     return case, found
 
 

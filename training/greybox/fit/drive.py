@@ -1,4 +1,4 @@
-"""Drives as the gap workflow sees them: signals on the model's grid, phi, and what counts."""
+"""Drives for a fit: signals on the model's grid, measured phi, and the samples that count."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ import numpy as np
 from monitor.base.errors import RecordingError
 from monitor.base.types import BoolArray, FloatArray
 from monitor.model.step import PHI_MAX
-from training.greybox.chain import Constants, Path, base_path, charge_mg, with_speed
+from training.greybox.chain import RECOVERY_S, Constants, Path, base_path, charge_mg, with_speed
 from training.greybox.effects import ALL, Effect, Own, along
 from training.greybox.effects.form.air_meter import following
 from training.recordings.preparation import hold
@@ -18,32 +18,32 @@ from training.recordings.recording import Recording
 
 OUTPUT: Final = "lambda_measured"
 NEEDED: Final = ("air_mass_mg", "fuel_mass_mg")
-AFTER_CUT_S: Final = 2.0  # transport, mixing and sensor have passed on phi = 0, as in the chain
-CUT_PHI: Final = 0.5  # read of burnt mixture never, of a fuel cut wherever it is by now
-AFTER_CUT_READ_S: Final = 1.0  # the end of a cut has passed the chain, whatever its dead time
+AFTER_CUT_S: Final = RECOVERY_S  # transport, mixing and sensor have passed on phi = 0
+CUT_PHI: Final = 0.5  # a sensor reads less in fuel cut only, never of burnt mixture
+AFTER_CUT_READ_S: Final = 1.0  # the end of a cut has passed the sensor, whatever the dead time
 AFTER_GAP_S: Final = 5.0  # a held value has left the chain
 CUT_FUEL_MG: Final = 0.3  # per stroke; below the smallest injection
 MIN_SCORED_S: Final = 60.0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Drive:
-    """One recording, ready for the chain."""
+    """One recording as the chain needs it."""
 
     name: str
     period_s: float
     signals: Mapping[str, FloatArray]  # canonical name → (n,), gaps held
     phi_measured: FloatArray  # (n,) 1 / lambda, held where not measured
     scored: BoolArray  # (n,) measured, outside fuel cut and the recovery from it
-    phi_of_model: FloatArray | None = None  # (n,) of a model that is not the chain alone
-    moved_phi: FloatArray | float = 0.0  # (n,) by which effects in the model move the chain
-    own: Own = ()  # part of the base on this drive
-    charged: bool = False  # its air per stroke is not as broadcast, but as healthy drives taught
-    meter_s: float | None = None  # over which the meter corrects the charge; None is not known
+    phi_of_model: FloatArray | None = None  # (n,) of a model that is more than the chain
+    moved_phi: FloatArray | float = 0.0  # (n,) by which the model's effects move the chain's phi
+    own: Own = ()  # effects of the healthy vehicle, part of the base
+    charged: bool = False  # whether the air per stroke is corrected as healthy drives taught
+    meter_s: float | None = None  # time in which the air meter corrects the charge; None: unknown
 
     @property
     def effects(self) -> tuple[Effect, ...]:
-        """Return the library as it suits the ECU."""
+        """Return the library for this ECU, see ``following``."""
         return tuple(following(effect, self.meter_s) for effect in ALL)
 
     def __len__(self) -> int:
@@ -51,7 +51,7 @@ class Drive:
 
     @property
     def kept(self) -> BoolArray:
-        """(n,): scored, as are the two samples before, which a whitened error needs."""
+        """(n,) bool: the sample and the two before it are scored, as a whitened error needs."""
         kept = self.scored.copy()
         kept[:2] = False
         kept[1:] &= self.scored[:-1]
@@ -60,17 +60,17 @@ class Drive:
 
 
 def path_of(drive: Drive, base: Constants) -> Path:
-    """Return the path of the base on a drive, with the effects that the healthy vehicle has."""
+    """Return the path of the base on a drive, with the healthy vehicle's own effects."""
     return along(base_path(base, drive.signals), drive.own, drive.signals, drive.period_s)
 
 
 def from_recording(recording: Recording, made: Mapping[str, FloatArray] | None = None) -> Drive:
     """Return the drive of a recording.
 
-    made : signals (n,) that the model makes of others, instead of those recorded
-    Charge is worked out of air meter and engine speed where it is missing, and engine speed of air
-    meter and charge. A sample is scored if lambda and every input the chain needs were measured for
-    some seconds and no fuel was cut.
+    made : signals (n,) that the model computes; they replace the recorded ones
+    A missing charge is computed from air meter and engine speed, a missing engine speed from air
+    meter and charge. A sample is scored if lambda and all inputs of the chain have been measured,
+    and fuel injected, for some seconds.
     Raises RecordingError if a signal is missing or less than a minute can be scored.
     """
     columns = {name: recording.column(name) for name in recording.names if name != OUTPUT}
@@ -94,9 +94,9 @@ def make(
     lambda_measured: FloatArray,
     needed: Sequence[str] | None = None,
 ) -> Drive:
-    """Return a drive from signals (n,) and measured lambda (n,), NaN where not good.
+    """Return a drive from signals (n,) and measured lambda (n,), NaN where they are bad.
 
-    needed : signals without which the model predicts nothing; None of the chain
+    needed : signals without which the model predicts nothing, default those of the chain
     Raises RecordingError if less than a minute can be scored.
     """
     good = np.isfinite(lambda_measured) & (lambda_measured > 0.0)
@@ -127,11 +127,17 @@ def make(
             f"{1.0 - cut.mean():.0%} are outside fuel cut (fuel_mass_mg from {CUT_FUEL_MG:g} mg)"
         )
     phi = np.where(good, phi, hold(np.where(good, phi, np.nan)))
-    return Drive(name, period_s, MappingProxyType(held), phi, scored)
+    return Drive(
+        name=name,
+        period_s=period_s,
+        signals=MappingProxyType(held),
+        phi_measured=phi,
+        scored=scored,
+    )
 
 
 def in_fuel_cut(signals: Mapping[str, FloatArray]) -> BoolArray | None:
-    """Return (n,) whether the flag or the fuel says that it is cut, None without either."""
+    """Return (n,) bool: the flag or the fuel mass tells a fuel cut; None without both signals."""
     said = [signals["fuel_cut"] > 0.5] if "fuel_cut" in signals else []
     if "fuel_mass_mg" in signals:
         said.append(signals["fuel_mass_mg"] < CUT_FUEL_MG)
@@ -139,7 +145,7 @@ def in_fuel_cut(signals: Mapping[str, FloatArray]) -> BoolArray | None:
 
 
 def _until(bad: BoolArray, seconds: float, period_s: float) -> BoolArray:
-    """Return (n,): bad now or within the last ``seconds``."""
+    """Return (n,) bool: ``bad`` at the sample or within the ``seconds`` before it."""
     steps = round(seconds / period_s)
     counts = np.concatenate([[0], np.cumsum(bad)])
     index = np.arange(len(bad))

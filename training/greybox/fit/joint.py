@@ -1,4 +1,4 @@
-"""Base constants and effects fitted together to several drives, in whitened errors."""
+"""The joint fit: constants of the chain and of effects to several drives, in whitened errors."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -19,15 +19,26 @@ from training.greybox.fit.variation import Shrink
 Term = Effect | SensorFault
 LOW: Final = np.array([RANGES[name].low for name in Constants._fields])
 HIGH: Final = np.array([RANGES[name].high for name in Constants._fields])
-SCALE: Final = Constants(0.01, 0.02, 0.2, 0.02, 0.02, 0.02)  # of a typical step of a fit
-STEP: Final = 1e-4  # relative to the scale, for derivatives
-WHITE: Final = (0.9, 0.0)  # differences, nearly: what changes slowly is for the correction
-INSIDE: Final = 1e-6  # relative distance from a bound at which a fit starts
+STEP: Final = 1e-4  # of a scale, for derivatives
+WHITE: Final = (0.9, 0.0)  # nearly differences: slow errors are left to the correction
+INSIDE: Final = 1e-6  # of the range: distance from a bound at which a fit starts
+
+
+@dataclass(frozen=True, slots=True)
+class Search:
+    """How far a fit looks for the base constants, and when it ends."""
+
+    scale: Constants  # typical step
+    tolerance: float  # relative, of cost and constants, at which a fit ends
+    steps_most: int
+
+
+NEARBY: Final = Search(Constants(0.01, 0.02, 0.2, 0.02, 0.02, 0.02), 1e-5, 40)
 
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """What is known of the base constants; None where nothing is."""
+    """Expected constants of the chain."""
 
     mean: Constants
     spread: Constants  # standard deviation
@@ -35,19 +46,19 @@ class Prior:
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """Drives to explain, with all that a fit needs besides its constants."""
+    """Drives to explain and everything that a fit needs beside its starting values."""
 
     drives: tuple[Drive, ...]
-    corrections: tuple[FloatArray, ...]  # per drive (n,) in phi: what the base misses when healthy
-    ar: tuple[float, float] = (0.0, 0.0)  # of the noise
+    corrections: tuple[FloatArray, ...]  # per drive (n,) in phi: error of the base when healthy
+    ar: tuple[float, float] = (0.0, 0.0)  # autoregression of the noise, newest first
     sigma: float = 1.0  # of the whitened noise, in phi
     prior: Prior | None = None
-    fixed: Constants | None = None  # base constants that hold; a fit moves the terms' only
-    shrinks: tuple[Shrink, ...] = ()  # per drive; empty where nothing is known of variation
-    scales: tuple[float, ...] = ()  # per drive, of its errors, in sigma; empty where all are 1
+    fixed: Constants | None = None  # of the base; a fit then moves the terms' parameters only
+    shrinks: tuple[Shrink, ...] = ()  # per drive; empty if the variation of drives is unknown
+    scales: tuple[float, ...] = ()  # per drive, of its errors, in sigma; empty if all are 1
 
     kept: tuple[BoolArray, ...] = field(init=False)  # per drive (n,), see ``Drive.kept``
-    paths: tuple[Path, ...] = field(init=False)  # per drive, of a base that holds
+    paths: tuple[Path, ...] = field(init=False)  # per drive, of a fixed base
 
     def __post_init__(self) -> None:
         fixed = self.fixed
@@ -57,7 +68,7 @@ class Case:
 
     @property
     def blocks(self) -> IntArray:
-        """Which block each kept sample belongs to, (m,), numbered through all drives."""
+        """The block of each kept sample, (m,), numbered through all drives."""
         numbers, first = [], 0
         for drive, kept in zip(self.drives, self.kept, strict=True):
             of = np.arange(len(drive)) // round(BLOCK_S / drive.period_s)
@@ -76,7 +87,7 @@ class Fit:
     parameters: tuple[FloatArray, ...]  # per term
     residual: FloatArray  # (m,) whitened, in sigma, kept samples of all drives
     jacobian: FloatArray  # (m, p)
-    hessian: FloatArray  # (p, p) with the prior; base first unless it is fixed
+    hessian: FloatArray  # (p, p) with the prior; first the base, unless it is fixed
     cost: float  # half the sum of squares, with the prior
 
     @property
@@ -89,18 +100,18 @@ class Fit:
 
 
 def has_its_signs(term: Term, values: FloatArray) -> bool:
-    """Whether the constants of a term that cannot be below 0 are above it."""
+    """Whether all parameters of a term that must be above 0 are above 0."""
     return all(v > 0.0 for p, v in zip(term.parameters, values, strict=True) if p.positive)
 
 
 def predict(
     case: Case, base: Constants, terms: Sequence[Term], parameters: Sequence[FloatArray]
 ) -> list[FloatArray]:
-    """Return what the sensor should read, per drive (n,) in phi."""
-    known = case.paths if base == case.fixed else (None,) * len(case.drives)
+    """Return the predicted reading of the sensor, per drive (n,) in phi."""
+    paths = case.paths if base == case.fixed else (None,) * len(case.drives)
     return [
         reading(drive, base, terms, parameters, correction, path)
-        for drive, correction, path in zip(case.drives, case.corrections, known, strict=True)
+        for drive, correction, path in zip(case.drives, case.corrections, paths, strict=True)
     ]
 
 
@@ -112,10 +123,10 @@ def reading(
     correction: FloatArray | float = 0.0,
     path: Path | None = None,
 ) -> FloatArray:
-    """Return the chain's phi (n,) with effects on the way and sensor faults after it.
+    """Return the chain's phi (n,) with effects on the path and sensor faults after the chain.
 
-    correction : (n,) in phi, by which the chain misses what a sound sensor reads
-    path : of the base on the drive, if it is there already
+    correction : (n,) in phi, from the chain to the reading of a healthy sensor
+    path : of the base on the drive, computed by default
     """
     path = path_of(drive, base) if path is None else path
     for term, values in zip(terms, parameters, strict=True):
@@ -146,15 +157,21 @@ def plain_errors(case: Case, phi: Sequence[FloatArray]) -> FloatArray:
     return errors(replace(case, ar=(0.0, 0.0), sigma=1.0, shrinks=(), scales=()), phi)
 
 
-def fit(case: Case, terms: Sequence[Term], starts: Sequence[Fit | Constants]) -> Fit:
-    """Return the best of the fits begun at every start with every start of the last term.
+def fit(
+    case: Case,
+    terms: Sequence[Term],
+    starts: Sequence[Fit | Constants],
+    search: Search = NEARBY,
+) -> Fit:
+    """Return the best fit over all starts.
 
-    starts : base constants, or a fit of all terms but the last, or of all terms
+    starts : base constants, or a fit of some of the terms, the first ones. The parameters of the
+    other terms start at all combinations of their starts.
     """
     best: Fit | None = None
     for start in starts:
         for values in _starting_points(terms, start):
-            found = _descend(case, tuple(terms), values)
+            found = _descend(case, tuple(terms), values, search)
             if best is None or found.cost < best.cost:
                 best = found
     assert best is not None
@@ -162,26 +179,26 @@ def fit(case: Case, terms: Sequence[Term], starts: Sequence[Fit | Constants]) ->
 
 
 def _starting_points(terms: Sequence[Term], start: Fit | Constants) -> list[FloatArray]:
-    known = [np.array(start)] if isinstance(start, Constants) else [np.array(start.base)]
+    begun = [np.array(start)] if isinstance(start, Constants) else [np.array(start.base)]
     if isinstance(start, Fit):
-        known += list(start.parameters)
-    rest = terms[len(known) - 1 :]
+        begun += list(start.parameters)
+    rest = terms[len(begun) - 1 :]
     grids = [product(*(p.start for p in term.parameters)) for term in rest]
     return [
-        np.concatenate([*known, *(np.array(values) for values in combination)])
+        np.concatenate([*begun, *(np.array(values) for values in combination)])
         for combination in product(*grids)
     ]
 
 
 @dataclass(frozen=True, slots=True)
 class _Layout:
-    """Where the constants that a fit moves stand in one array."""
+    """The moving constants of a fit in one array."""
 
     case: Case
     terms: tuple[Term, ...]
 
     def split(self, x: FloatArray) -> tuple[Constants, list[FloatArray]]:
-        """Return base and parameters of the moving constants."""
+        """Return the base and each term's parameters."""
         fixed = self.case.fixed
         first = 0 if fixed else len(LOW)
         sizes = np.cumsum([first, *(len(term.parameters) for term in self.terms)])
@@ -189,7 +206,7 @@ class _Layout:
         return base, [x[a:b] for a, b in pairwise(sizes)]
 
     def join(self, of_base: Sequence[float], of_terms: Sequence[Sequence[float]]) -> FloatArray:
-        """Return one value per moving constant."""
+        """Return the array for the base's values and each term's values."""
         parts = [] if self.case.fixed else [np.array(of_base)]
         return np.concatenate([np.empty(0), *parts, *(np.array(own) for own in of_terms)])
 
@@ -200,49 +217,65 @@ class _Layout:
         high = self.join(HIGH.tolist(), [[p.high for p in term.parameters] for term in self.terms])
         return low, high
 
-    def cost(self, x: FloatArray) -> FloatArray:
-        """Return the errors in sigma, the prior's after them."""
+    def errors(self, x: FloatArray) -> FloatArray:
+        """Return the errors in sigma, followed by those of the prior and of the terms."""
         base, own = self.split(x)
         e = errors(self.case, predict(self.case, base, self.terms, own))
         return np.concatenate([e, _prior_rows(self.case, base), _term_rows(self.terms, own)])
 
 
-def _descend(case: Case, terms: tuple[Term, ...], start: FloatArray) -> Fit:
+def _descend(case: Case, terms: tuple[Term, ...], start: FloatArray, search: Search) -> Fit:
     layout = _Layout(case, terms)
     low, high = layout.limits
-    scale = layout.join(SCALE, [[_scale(p.start) for p in term.parameters] for term in terms])
+    scale = layout.join(
+        search.scale, [[_scale(p.start) for p in term.parameters] for term in terms]
+    )
     x = start[len(start) - len(low) :]
     if len(x) == 0:
-        e = layout.cost(x)
-        nothing = np.empty((len(e), 0))
-        return Fit(terms, layout.split(x)[0], (), e, nothing, np.empty((0, 0)), float(e @ e) / 2.0)
+        e = layout.errors(x)
+        return Fit(
+            terms=terms,
+            base=layout.split(x)[0],
+            parameters=(),
+            residual=e,
+            jacobian=np.empty((len(e), 0)),
+            hessian=np.empty((0, 0)),
+            cost=float(e @ e) / 2.0,
+        )
 
     def slope(x: FloatArray) -> FloatArray:
-        at = layout.cost(x)
+        at = layout.errors(x)
         columns = []
         for i in range(len(x)):
             step = STEP * scale[i] * (1.0 if x[i] + STEP * scale[i] < high[i] else -1.0)
             moved = x.copy()
             moved[i] += step
-            columns.append((layout.cost(moved) - at) / step)
+            columns.append((layout.errors(moved) - at) / step)
         return np.column_stack(columns)
 
     margin = INSIDE * (high - low)
     found = least_squares(
-        layout.cost,
+        layout.errors,
         np.clip(x, low + margin, high - margin),
         slope,
         (low, high),
         x_scale=scale,
-        ftol=1e-5,
-        xtol=1e-5,
-        max_nfev=40,
+        ftol=search.tolerance,
+        xtol=search.tolerance,
+        max_nfev=search.steps_most,
     )
     base, own = layout.split(found.x)
     jacobian = np.asarray(found.jac, dtype=np.float64)
     m = len(found.fun) - len(_prior_rows(case, base)) - len(_term_rows(terms, own))
-    hessian = jacobian.T @ jacobian
-    return Fit(terms, base, tuple(own), found.fun[:m], jacobian[:m], hessian, float(found.cost))
+    return Fit(
+        terms=terms,
+        base=base,
+        parameters=tuple(own),
+        residual=found.fun[:m],
+        jacobian=jacobian[:m],
+        hessian=jacobian.T @ jacobian,
+        cost=float(found.cost),
+    )
 
 
 def _scale(start: Sequence[float]) -> float:
@@ -256,7 +289,7 @@ def _prior_rows(case: Case, base: Constants) -> FloatArray:
 
 
 def _term_rows(terms: Sequence[Term], own: Sequence[FloatArray]) -> FloatArray:
-    """Return how far constants are from where they are expected, for those that have a spread."""
+    """Return the distance of parameters from their start, in spreads, for those with a spread."""
     rows = [
         (value - p.start[0]) / p.spread
         for term, values in zip(terms, own, strict=True)
@@ -267,10 +300,10 @@ def _term_rows(terms: Sequence[Term], own: Sequence[FloatArray]) -> FloatArray:
 
 
 def held_out(found: Fit, blocks: IntArray) -> FloatArray:
-    """Return every sample's error (m,) by the fit without the fold of its block.
+    """Return each sample's error (m,) in sigma by the fit without the fold of its block.
 
-    The fit without a fold is one Gauss-Newton step away from the whole one: with a dozen constants
-    and thousands of samples nothing more is needed.
+    The fit without a fold is one Gauss-Newton step away from the whole fit, which is enough for a
+    dozen constants and thousands of samples.
     """
     fold = blocks % FOLDS
     result = found.residual.copy()
@@ -280,7 +313,7 @@ def held_out(found: Fit, blocks: IntArray) -> FloatArray:
 
 
 def held_out_rmse(case: Case, found: Fit) -> float:
-    """Return the RMSE in phi of every block by the fit without its fold."""
+    """Return the RMSE in phi over all blocks, each predicted by the fit without its fold."""
     fold = case.blocks % FOLDS
     layout = _Layout(case, found.terms)
     low, high = layout.limits
@@ -294,7 +327,7 @@ def held_out_rmse(case: Case, found: Fit) -> float:
 
 
 def _steps_without(found: Fit, fold: IntArray) -> list[FloatArray]:
-    """Return how the constants move, (p,), if each fold is left out."""
+    """Return the step of the constants (p,) for each fold that is left out."""
     steps = []
     for f in range(FOLDS):
         own = found.jacobian[fold == f]

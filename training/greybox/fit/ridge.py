@@ -14,12 +14,12 @@ SPREAD_MIN: Final = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class Ridge:
-    """A fitted ridge; columns are held within what it was fitted on."""
+    """A fitted ridge; it limits columns to the range of its fit."""
 
     weights: FloatArray  # (k,)
     low: FloatArray  # (k,)
     high: FloatArray
-    held_out: FloatArray  # (n,) prediction of every sample by a fit without its fold
+    held_out: FloatArray  # (n,) prediction of each sample by a fit without its fold
     penalty: float
 
     def predict(self, columns: FloatArray) -> FloatArray:
@@ -39,11 +39,11 @@ def fit(
 ) -> Ridge:
     """Return the ridge of ``target`` (n,) on ``columns`` (n, k) with the best held-out error.
 
-    fold : (n,) which samples are held out together
+    fold : (n,) number of the fold in which a sample is held out
     limits : low and high (k,) of columns to predict for, default those of ``columns``
-    penalties : times the samples, to choose from
-    alike : the weights are of one unit and size, so columns are not brought to unit size
-    prior : (k, k) precision of the weights, where the target's noise is 1
+    penalties : candidates, times the number of samples
+    alike : the weights have one unit and size; columns keep their size instead of unit size
+    prior : (k, k) precision of the weights for a target with noise 1
     Source: Hoerl and Kennard, Technometrics 12 (1970).
     """
     size = np.sqrt((columns**2).mean(axis=0))

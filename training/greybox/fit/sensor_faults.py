@@ -1,7 +1,7 @@
-"""What a faulty sensor does to a reading, as rivals of the effects: lag, dead time, gain, offset.
+"""Faults of the sensor as rivals of the effects: lag, dead time, gain and offset of the reading.
 
-They act on the measured channel alone, after everything else. Definitions as in the monitor's fault
-names; rising phi is lean to rich.
+They act on the reading, after the chain. The definitions are those of the monitor's fault names;
+rising phi is lean to rich.
 """
 # mypy: disable-error-code="no-untyped-def"
 
@@ -20,10 +20,10 @@ LAMBDA_MAX, LAMBDA_MIN = 16.0, 0.5
 
 @dataclass(frozen=True, slots=True)
 class SensorFault:
-    """One way in which a sensor fails gradually."""
+    """A gradual fault of the sensor."""
 
     name: str
-    says: str
+    says: str  # the sensor is ...
     parameters: tuple[Parameter, ...]
     read: Read  # healthy phi (n,), parameters (k,), period in s → phi as read
 

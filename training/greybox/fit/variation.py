@@ -1,8 +1,8 @@
-"""How healthy drives differ among themselves: random coefficients, one set per drive.
+"""How healthy drives differ from each other: random coefficients, one set per drive.
 
-A disagreement counts as much as it exceeds what healthy drives show against each other: message
-phases on the bus, weather, operating points that the correction has not seen. New drives' errors
-are judged with a set of random coefficients per drive integrated out.
+Healthy drives differ by message phases on the bus, weather, and operating points that the
+correction has not seen. A disagreement counts by its excess over these differences: the errors of a
+new drive are judged with its random coefficients integrated out.
 Source: Laird and Ware, Random-effects models for longitudinal data, Biometrics 38 (1982).
 """
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from monitor.base.types import FloatArray
 
-VALUE_LEAST = 0.02  # of a direction, in sigma squared: less changes errors by a hundredth at most
+VALUE_LEAST = 0.02  # of a direction, in sigma squared: a smaller one changes errors by under 1 %
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,13 +27,13 @@ class Shrink:
         return np.asarray(error - self.directions @ (self.share * (self.directions.T @ error)))
 
     def apply_columns(self, columns: FloatArray) -> FloatArray:
-        """Return columns (m, k) treated as the errors are."""
+        """Return columns (m, k) transformed like the errors."""
         inner = self.share[:, np.newaxis] * (self.directions.T @ columns)
         return np.asarray(columns - self.directions @ inner)
 
 
 def shrink(columns: FloatArray, spread: FloatArray) -> Shrink:
-    """Return the root for whitened columns (m, k) with coefficients of that spread (k,)."""
+    """Return the root for whitened columns (m, k) whose coefficients have this spread (k,)."""
     scaled = columns * spread
     values, vectors = np.linalg.eigh(scaled.T @ scaled)
     used = values > VALUE_LEAST

@@ -1,8 +1,8 @@
-"""Effects that some vehicles have when healthy, so strongly that the base needs them.
+"""Effects that some healthy vehicles have so strongly that the base needs them.
 
-With port injection much of the fuel goes by way of the walls, and an ECU that allows for it
-commands what the mixture does not do. A chain without walls then follows nothing, and all that is
-fitted to it, lags and charge alike, imitates them.
+With port injection much of the fuel passes over the walls, and an ECU that compensates for them
+commands a fuel mass that the mixture does not follow. A chain without walls then follows poorly,
+and its fitted lags and charge imitate the walls.
 """
 
 from collections.abc import Mapping
@@ -17,27 +17,27 @@ from training.greybox.fit.drive import Drive
 from training.greybox.fit.joint import WHITE, Case, Fit, fit, has_its_signs
 
 OF_SOME: Final = ("wall_film", "manifold_filling")
-FALL: Final = 0.3  # of the squared error, from which one of these is the vehicle's own
-FURTHER_FALL: Final = 0.1  # from which the other is, too: walls alone would stand for both
+FALL: Final = 0.3  # relative fall of the squared error with which the first effect is accepted
+FURTHER_FALL: Final = 0.1  # and the second: without it, walls would stand for both
 
 
 def own_of(
     signals: Mapping[str, FloatArray], phi: FloatArray, scored: BoolArray, period_s: float
 ) -> Own:
-    """Return what a healthy vehicle has of these, with its constants.
+    """Return the effects of a healthy vehicle with their values, none if it has no strong one.
 
-    signals, phi, scored : see ``greybox.fit_constants``
+    signals, phi, scored : see ``constants.fit_constants``
     """
-    drive = Drive("", period_s, signals, phi, scored)
+    drive = Drive(name="", period_s=period_s, signals=signals, phi_measured=phi, scored=scored)
     case = Case((drive,), (np.zeros(len(phi)),), WHITE)
     effects, found = with_more(case, fit(case, (), [Constants()]))
     return tuple(zip(effects, found.parameters, strict=True))
 
 
 def with_more(case: Case, found: Fit) -> tuple[list[Effect], Fit]:
-    """Return those of these that the drives show, the strongest first, and the fit with them.
+    """Return the effects that the drives show, the strongest first, and the fit with them.
 
-    found : the fit of the chain alone
+    found : the fit of the plain chain
     """
     effects, fall = list[Effect](), FALL
     left = [LIBRARY[name] for name in OF_SOME]

@@ -1,7 +1,7 @@
-"""What effects change in the chain's reading: the chain with them minus the chain without, in phi.
+"""The effects' change of the chain's reading: the chain with them minus the chain without, in phi.
 
-Both chains stand in the graph of a network, which has no places of its own where an effect could
-act. They share their constants and inputs, so what the chain itself gets wrong mostly cancels.
+Both chains stand in the graph of a network, which itself has no place where an effect could act.
+They share constants and inputs, so that the chain's error mostly cancels.
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,7 +26,7 @@ from training.greybox.graph.effect_inputs import SPEED, Ranges, limits_of, reads
 from training.greybox.graph.effect_parity import Entry, reading
 from training.narx.export import Graph
 
-PHI_PLACES = 4  # of a chain's state, beside the register, that hold a phi
+PHI_PLACES = 4  # states of a chain, beside the register, that hold a phi
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,9 +44,9 @@ class ChainDifference:
         constants: Constants,
         ranges: Ranges,
     ) -> "ChainDifference":
-        """Return the difference that ``added`` make, for a model of this card's inputs and period.
+        """Return the difference by ``added`` effects, for the inputs and period of a card.
 
-        ranges : low and high of every signal present in the drives of the fit
+        ranges : low and high of each signal in the drives of the fit
         Raises ModelError if a signal is missing.
         """
         known = {channel.name: channel for channel in card.inputs}
@@ -71,31 +71,36 @@ class ChainDifference:
         longest_s += sum(effect.dead_time_s for effect in _effects(entries, period_s))
         register = register_for(longest_s, period_s)
         low, high = bounds.T
-        return cls(Greybox(constants, inputs, low, high, period_s, register), entries)
+        without = Greybox(
+            constants=constants,
+            inputs=inputs,
+            u_low=low,
+            u_high=high,
+            period_s=period_s,
+            register=register,
+        )
+        return cls(without, entries)
 
     @classmethod
     def from_card(cls, card: ModelCard) -> "ChainDifference":
-        """Return the difference in a model of this card.
-
-        Raises ModelError if there is none.
-        """
+        """Return the difference of a model's card; raises ModelError if a field is missing."""
         try:
             given = card.structure["chain"]
             low, high = (np.array(given[name]) for name in ("inputs_low", "inputs_high"))
             without = Greybox(
-                Constants(**given["constants"]),
-                tuple(given["inputs"]),
-                low,
-                high,
-                card.period_ns / 1e9,
-                int(given["register_samples"]),
+                constants=Constants(**given["constants"]),
+                inputs=tuple(given["inputs"]),
+                u_low=low,
+                u_high=high,
+                period_s=card.period_ns / 1e9,
+                register=int(given["register_samples"]),
             )
             return cls(without, tuple(Entry.of(entry) for entry in card.effects))
         except (KeyError, TypeError) as error:
             raise ModelError(f"the card lacks part of its added effects: {error}") from None
 
     def to_card(self) -> dict[str, Any]:
-        """Return what ``from_card`` reads, beside the card's effects."""
+        """Return the entry for a card, without the effects, see ``from_card``."""
         return {
             "constants": self.without.constants._asdict(),
             "inputs": list(self.inputs),
@@ -125,7 +130,7 @@ class ChainDifference:
 
     @property
     def n_states(self) -> int:
-        """How much the two chains remember."""
+        """Size of the state of both chains."""
         return self.without.state_layout.size + self.with_effects.state_layout.size
 
     @property
@@ -136,7 +141,7 @@ class ChainDifference:
     def values(self, signals: Mapping[str, FloatArray]) -> FloatArray:
         """Return the difference (n,) in phi for signals (n,) in physical units, all of them good.
 
-        Before the first sample everything is taken to have stood as it stands there.
+        Both chains start settled at the first sample.
         """
         u = np.column_stack([signals[name] for name in self.inputs])
         return reading(self.without, self.entries, u) - reading(self.without, (), u)
@@ -165,7 +170,7 @@ class ChainDifference:
         return difference, graph.add("Sub", [ahead, middle], "next_state")
 
     def clipped(self, graph: Graph, signals: Mapping[str, str]) -> dict[str, str]:
-        """Add what limits the inputs to their ranges; return them by name."""
+        """Add the inputs, limited to their ranges; return them by name."""
         limited = {}
         for i, name in enumerate(self.inputs):
             bounds = [
@@ -185,6 +190,6 @@ def _trained(channel: Channel | None) -> tuple[float, float] | None:
 
 
 def _offset(*chains: Greybox) -> FloatArray:
-    """Return 1 for every place of the chains' states that holds a phi, 0 for those of effects."""
+    """Return 1 for each state of the chains that holds a phi, 0 for those of effects."""
     sizes = [(PHI_PLACES + chain.register, chain.state_layout.size) for chain in chains]
     return np.concatenate([np.arange(size) < phis for phis, size in sizes]).astype(np.float64)

@@ -1,10 +1,9 @@
 """The grey-box chain as the ONNX graph ``step``.
 
 State: the reading (phi, so that the monitor can force it), the shift register of phi at the valve,
-newest first, then what each lag remembers, what the charge's error remembers, and last the states
-of added effects. Every node works
-element by element, and the one sum has at most two terms that are not zero: single and batched
-runs give the same bits. Constants and names follow ``chain``; a change there is a change here.
+newest first, the states of the lags, those of the charge's error, and last those of the effects.
+All nodes work element by element, and the one sum has at most two terms that are not zero: single
+and batched runs give the same bits. Constants and names follow ``chain``; change both together.
 """
 
 import math
@@ -41,29 +40,29 @@ from training.greybox.graph.nodes import (
 )
 from training.narx.export import Graph, finished
 
-FORGOTTEN = 12.0  # time constants after which a lag's start no longer matters
+FORGOTTEN = 12.0  # time constants after which the start of a lag no longer matters
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Greybox:
-    """Everything that the graph contains."""
+    """A chain with its charge and effects, as the graph contains it."""
 
     constants: Constants
-    inputs: tuple[str, ...]  # more than the chain's are for effects
+    inputs: tuple[str, ...]  # of the chain and of effects
     u_low: FloatArray  # (n_inputs,), inputs are clipped to this range first
     u_high: FloatArray
     period_s: float
-    register: int  # samples of phi at the valve that the state remembers
-    charge_map: ChargeMap | None = None  # without, the charge is an input
+    register: int  # samples of phi at the valve in the state
+    charge_map: ChargeMap | None = None  # None: the charge is an input
     effects: tuple[GraphEffect, ...] = ()
-    charge_error: ChargeError | None = None  # of the charge that is an input
-    own: tuple[ModelEffect, ...] = ()  # what the healthy vehicle has on the way, before the effects
+    charge_error: ChargeError | None = None  # of a charge that is an input
+    own: tuple[ModelEffect, ...] = ()  # of the healthy vehicle, before the effects
 
     @classmethod
     def of(cls, card: ModelCard) -> "Greybox":
-        """Return what the graph of a model was built from.
+        """Return the chain of a model's card.
 
-        Raises ModelError if the card is not a grey-box model's.
+        Raises ModelError if the card is not of a grey-box model.
         """
         if card.kind != "greybox":
             raise ModelError(f"a {card.kind} model, a greybox is wanted")
@@ -72,11 +71,11 @@ class Greybox:
             constants = Constants(**{n: c["value"] for n, c in given["constants"].items()})
             low, high = (np.array(given[name]) for name in ("inputs_low", "inputs_high"))
             register = int(given["register_samples"])
-            own = given["charge_map"]
-            charge_map = None if own is None else ChargeMap.from_card(own)
-            wrong = given.get("charge_error")
-            charge_error = None if wrong is None else ChargeError.from_card(wrong)
-            volumes = tuple(
+            entry = given["charge_map"]
+            charge_map = None if entry is None else ChargeMap.from_card(entry)
+            entry = given.get("charge_error")
+            charge_error = None if entry is None else ChargeError.from_card(entry)
+            own = tuple(
                 ModelEffect.with_values(name, values)
                 for name, values in given.get("own", {}).items()
             )
@@ -90,20 +89,20 @@ class Greybox:
                 f"the card of a greybox lacks part of its structure: {error}"
             ) from None
         return cls(
-            constants,
-            card.input_names,
-            low,
-            high,
-            period_s,
-            register,
-            charge_map,
-            effects,
-            charge_error,
-            volumes,
+            constants=constants,
+            inputs=card.input_names,
+            u_low=low,
+            u_high=high,
+            period_s=period_s,
+            register=register,
+            charge_map=charge_map,
+            effects=effects,
+            charge_error=charge_error,
+            own=own,
         )
 
     def structure(self) -> dict[str, Any]:
-        """Return what the card's structure needs beside the constants."""
+        """Return the structure for a card, without the constants."""
         return {
             "register_samples": self.register,
             "charge_map": None if self.charge_map is None else self.charge_map.to_card(),
@@ -115,18 +114,18 @@ class Greybox:
 
     @property
     def state_layout(self) -> StateLayout:
-        """Size of the state; the reading lies first."""
+        """Size of the state; the reading comes first."""
         return StateLayout(self.chain_states + sum(e.n_states for e in self.on_the_way), 0, 1, 1)
 
     @property
     def on_the_way(self) -> tuple[GraphEffect, ...]:
-        """What acts beside the base: of the healthy vehicle, then the effects."""
+        """The healthy vehicle's own effects, then the added ones."""
         own = (graph_effect(e, self.period_s, e.effect.signals_of(self.inputs)) for e in self.own)
         return (*own, *self.effects)
 
     @property
     def chain_states(self) -> int:
-        """States before those of the effects; the last are those of the charge's error."""
+        """Number of states before those of the effects."""
         return 4 + self.register + (0 if self.charge_error is None else 2)
 
     @property
@@ -138,10 +137,10 @@ class Greybox:
         return self.register + math.ceil(FORGOTTEN * lags_s / self.period_s)
 
     def signals(self, u: FloatArray) -> dict[str, FloatArray]:
-        """Return the signals (n,) of ``u`` (n, n_inputs) as the graph sees them, with the speed.
+        """Return the signals (n,) of ``u`` (n, n_inputs) as the graph sees them.
 
-        The inputs are clipped; a charge map makes ``air_mass_mg``, whatever was measured, and where
-        the measured one is known to be wrong it is the right one.
+        The inputs are clipped. Engine speed is computed if it is no input; ``air_mass_mg`` comes
+        from the charge map or is corrected by the charge's error, if the chain has one.
         """
         limited = np.clip(u, self.u_low, self.u_high)
         signals = {name: limited[:, i] for i, name in enumerate(self.inputs)}
@@ -153,13 +152,13 @@ class Greybox:
         return signals
 
     def path(self, signals: Mapping[str, FloatArray]) -> ChainPath:
-        """Return the path of the healthy vehicle, without effects, for what ``signals`` returns."""
+        """Return the path of the healthy vehicle, without added effects, for these ``signals``."""
         own = tuple((each.effect, each.values) for each in self.own)
         return along(base_path(self.constants, signals), own, signals, self.period_s)
 
 
 def register_for(longest_s: float, period_s: float) -> int:
-    """Return the samples of register that a dead time of ``longest_s`` needs.
+    """Return the samples that a register for a dead time of ``longest_s`` holds.
 
     >>> register_for(0.25, 0.1)
     3
@@ -168,14 +167,14 @@ def register_for(longest_s: float, period_s: float) -> int:
 
 
 def longest_dead_time_s(constants: Constants, inputs: Sequence[str], u_low: FloatArray) -> float:
-    """Return the base's dead time at the slowest engine speed that the inputs' range allows.
+    """Return the chain's dead time at the lowest engine speed in the range of the inputs.
 
     >>> longest_dead_time_s(Constants(dead_time_s=0.1, dead_time_revolutions=2.0),
     ...                     ["engine_speed_rpm"], np.array([480.0]))
     0.35
     """
-    known = dict(zip(inputs, u_low.tolist(), strict=True))
-    slowest_rpm = max(known.get("engine_speed_rpm", SPEED_LEAST_RPM), SPEED_LEAST_RPM)
+    lowest = dict(zip(inputs, u_low.tolist(), strict=True))
+    slowest_rpm = max(lowest.get("engine_speed_rpm", SPEED_LEAST_RPM), SPEED_LEAST_RPM)
     return float(constants.dead_time_s + constants.dead_time_revolutions * 60.0 / slowest_rpm)
 
 
@@ -202,10 +201,10 @@ def build(greybox: Greybox) -> ModelProto:
 def chain_nodes(
     graph: Graph, greybox: Greybox, signals: Mapping[str, str], state: str
 ) -> tuple[str, list[str]]:
-    """Add the chain with its effects: return the reading phi and the parts of its next state.
+    """Add the chain with its effects; return the reading phi and the parts of its next state.
 
-    signals : clipped inputs by name; state : (batch, n) as ``state_layout`` has it
-    For two chains in one graph give each its own ``graph.part``.
+    signals : clipped inputs by name; state : (batch, n) as in ``state_layout``
+    Two chains in one graph need a ``graph.part`` each.
     """
     signals, register = dict(signals), greybox.register
     if greybox.charge_map is not None:
@@ -232,10 +231,14 @@ def chain_nodes(
     history = graph.add("Concat", [valve, past], "history", axis=1)
     late = late_nodes(graph, history, nodes.dead_time_s, register, greybox.period_s)
     weights = lag_weights(graph, nodes.mixing_s, "mixing", greybox.period_s)
-    mixed = lag_nodes(graph, old["mixed"], late, old["late"], weights, "mixed")
+    mixed = lag_nodes(
+        graph, "mixed", state=old["mixed"], new=late, last=old["late"], weights=weights
+    )
     pumped = pumped_nodes(graph, nodes, mixed)
     weights = sensor_weights(graph, nodes, pumped, old["read"], greybox.period_s)
-    read = lag_nodes(graph, old["read"], pumped, old["pumped"], weights, "read")
+    read = lag_nodes(
+        graph, "read", state=old["read"], new=pumped, last=old["pumped"], weights=weights
+    )
     limits = [graph.constant("phi_low", 0.0), graph.constant("phi_high", PHI_MAX)]
     phi = graph.add("Clip", [read, *limits], "phi")
     rest = graph.take(history, 0, register, "next_register")

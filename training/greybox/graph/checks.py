@@ -1,4 +1,4 @@
-"""Does a grey-box file compute what the arrays do, and does it forget where it started?"""
+"""Checks of a grey-box file: ONNX equals numpy, and the start of the state is forgotten."""
 
 from pathlib import Path
 
@@ -43,8 +43,8 @@ def parity(path: Path | str, greybox: Greybox, data: Prepared) -> tuple[int, flo
 def contraction(path: Path | str, data: Prepared, seed: int, pairs: int = PAIRS) -> Contraction:
     """Return how far predictions from random pairs of states are apart after 50 samples.
 
-    Every entry of the chain's state is drawn evenly from phi 0 .. 1.7; inputs are those of random
-    places, at which what follows the inputs alone starts settled.
+    All states of the chain are drawn evenly from phi 0 .. 1.7; the inputs start at random samples,
+    at which the states of effects start settled.
     """
     rng = np.random.default_rng(seed)
     model = Model.load(path, batch=2 * pairs)

@@ -1,4 +1,4 @@
-"""The inputs of a model with effects: which signals these read, and in which range."""
+"""The inputs of a model with effects: the signals that the effects read, and their ranges."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -12,14 +12,14 @@ from training.greybox.chain import AIR_LEAST_MG, SPEED_LEAST_RPM, inputs_of
 from training.greybox.effects.model_effect import ModelEffect
 from training.recordings.preparation import MARGIN
 
-Ranges = Mapping[str, tuple[float, float]]  # low and high of every signal in the drives of a fit
+Ranges = Mapping[str, tuple[float, float]]  # low and high of each signal in the drives of a fit
 SPEED = "engine_speed_rpm"
 LEAST = {"air_mass_mg": AIR_LEAST_MG, "engine_speed_rpm": SPEED_LEAST_RPM, "fuel_mass_mg": 0.0}
-SURROUNDINGS = "context"  # role of signals that hardly change in a drive but between drives
+SURROUNDINGS = "context"  # role of signals that change between drives and hardly within one
 
 
 def reads_of(added: ModelEffect, inputs: Sequence[str], ranges: Ranges) -> tuple[str, ...]:
-    """Return the signals of an effect; raises ModelError if one that it needs is missing."""
+    """Return the signals that an effect reads; raises ModelError if it lacks a signal."""
     available = {*inputs, *ranges}
     if SPEED not in inputs_of(available):  # then the chain works it out
         available.add(SPEED)
@@ -35,7 +35,10 @@ def reads_of(added: ModelEffect, inputs: Sequence[str], ranges: Ranges) -> tuple
 def limits_of(
     name: str, old: tuple[float, float] | None, seen: tuple[float, float] | None
 ) -> tuple[float, float]:
-    """Return the range to clip to: the base's and that of the effects' fit with a margin."""
+    """Return the range to clip to: that of the base and, with a margin, that of the fit.
+
+    old, seen : range of the base and of the effects' fit; at most one of them may be None
+    """
     ranges = [] if old is None else [old]
     if seen is not None:
         seen = _used(name, old is None, seen)
@@ -45,7 +48,7 @@ def limits_of(
 
 
 def channel_of(name: str, old: Channel | None, seen: tuple[float, float] | None) -> Channel:
-    """Return an input for the card; one of ``old`` and ``seen`` may be None."""
+    """Return an input for the card; at most one of ``old`` and ``seen`` may be None."""
     if seen is None:
         assert old is not None
         return old
@@ -56,10 +59,10 @@ def channel_of(name: str, old: Channel | None, seen: tuple[float, float] | None)
 
 
 def _used(name: str, new: bool, seen: tuple[float, float]) -> tuple[float, float]:
-    """Return the range in which an input is used: as the fit saw it, or wherever it may be.
+    """Return the range in which an input is used: that of the fit, or all plausible values.
 
-    A few drives hardly know more than one altitude or weather, but an effect's form holds in all:
-    the monitor must not stop judging because of an input that only the effect reads.
+    A few drives hold hardly more than one altitude and weather, but the form of an effect holds in
+    all of them: the monitor must not stop judging because of an input that only effects read.
     """
     signal = BY_NAME.get(name)
     if signal is None or not (new or signal.role == SURROUNDINGS):

@@ -1,4 +1,4 @@
-"""Does a grey-box file with effects compute what their numpy forms do, alone and in a batch?"""
+"""Parity of a grey-box file with effects: ONNX equals numpy, alone and in a batch."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -30,7 +30,7 @@ KNOT_SAMPLES = 10  # inputs run straight between places that far apart, or jump 
 
 
 class ParityError(ModelError):
-    """The forms of a model with effects compute different values."""
+    """ONNX and numpy compute different values for a model with effects."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,22 +48,22 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class Parity:
-    """What was compared, and how far the two were apart in phi."""
+    """Number of compared samples and differences in phi."""
 
     samples: int
-    onnx_numpy: float  # at most, but for one in a thousand samples of a run
+    onnx_numpy: float  # largest, leaving out one in a thousand samples of a run
     largest: float
 
 
 def reading(greybox: Greybox, entries: Sequence[Entry], u: FloatArray) -> FloatArray:
-    """Return the phi (n,) that the arrays read for inputs ``u`` (n, n_inputs)."""
+    """Return the phi (n,) of the arrays for inputs ``u`` (n, n_inputs)."""
     return simulate(path_with(greybox, entries, greybox.signals(u)), greybox.period_s)
 
 
 def path_with(
     greybox: Greybox, entries: Sequence[Entry], signals: Mapping[str, FloatArray]
 ) -> ChainPath:
-    """Return the path with effects, for what ``greybox.signals`` returns."""
+    """Return the path with effects, for signals from ``greybox.signals``."""
     path = greybox.path(signals)
     for entry in entries:
         seen = {name: signals[name] for name in (FUEL, *entry.reads)}
@@ -76,10 +76,10 @@ def parity(
 ) -> Parity:
     """Compare free runs of a file and of its numpy form over made inputs and ``drives``.
 
-    An effect with two branches (a sensor slower on one edge) takes the other one where both are
-    equal but for roundings; so one in a thousand samples may differ by more.
-    Raises ParityError if they differ by more than 1e-5 in phi, these samples by more than 1e-3, or
-    if a run in a batch differs from the same run alone in a single bit.
+    For an effect with two branches (a sensor slower on one edge), roundings decide the branch where
+    both are nearly equal; so one in a thousand samples may differ by up to 1e-3.
+    Raises ParityError if the other samples differ by more than 1e-5 in phi, or if a run in a batch
+    differs from the same run alone in a single bit.
     """
     made = made_inputs(greybox, greybox.memory + MADE_SAMPLES)
     runs = [np.column_stack([drive.signals[name] for name in greybox.inputs]) for drive in drives]
@@ -106,7 +106,7 @@ def parity(
 
 
 def made_inputs(greybox: Greybox, n: int, seed: int = 8) -> FloatArray:
-    """Return inputs (3, n, n_inputs) all over their ranges, with fuel near to the charge or cut."""
+    """Return inputs (3, n, n_inputs) over their whole ranges, with fuel near the charge or cut."""
     rng = np.random.default_rng(seed)
     knots = np.arange(0, n + KNOT_SAMPLES, KNOT_SAMPLES)
     u = np.empty((MADE, n, len(greybox.inputs)))

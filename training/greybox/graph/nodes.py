@@ -1,6 +1,6 @@
-"""The chain's steps as nodes of an ONNX graph, every one on (batch, 1) tensors.
+"""The chain's steps as nodes of an ONNX graph, all on (batch, 1) tensors.
 
-Each mirrors a step of ``chain`` or ``greybox_charge*``; a change there is a change here.
+Each function mirrors a step of ``chain`` or ``charge``; change both together.
 """
 
 from collections.abc import Mapping
@@ -27,7 +27,7 @@ from training.narx.export import Graph
 
 
 def base_nodes(graph: Graph, constants: Constants, signals: Mapping[str, str]) -> PathNodes:
-    """Add what ``chain.base_path`` computes; effects change what it returns."""
+    """Add ``chain.base_path``; return the path, which effects may change."""
     c = constants
     rpm = graph.add(
         "Max", [signals["engine_speed_rpm"], graph.constant("speed_least", SPEED_LEAST_RPM)], "rpm"
@@ -55,7 +55,7 @@ def base_nodes(graph: Graph, constants: Constants, signals: Mapping[str, str]) -
 
 
 def speed_nodes(graph: Graph, signals: Mapping[str, str]) -> str:
-    """Add what ``chain.with_speed`` computes; return the engine speed."""
+    """Add ``chain.with_speed``; return the engine speed."""
     scale = graph.constant("speed_scale", MG_RPM_PER_KG_H)
     scaled = graph.add("Mul", [signals["maf_kg_h"], scale], "speed_flow")
     least = graph.constant("speed_air_least", AIR_LEAST_MG)
@@ -68,7 +68,7 @@ def speed_nodes(graph: Graph, signals: Mapping[str, str]) -> str:
 
 
 def charge_nodes(graph: Graph, charge_map: ChargeMap, signals: Mapping[str, str]) -> str:
-    """Add ``ChargeMap.air_mass_mg``; no sum has more than two terms that are not zero."""
+    """Add ``ChargeMap.air_mass_mg``; each sum has at most two terms that are not zero."""
     by_speed = _hats(graph, signals["engine_speed_rpm"], charge_map.speeds_rpm, "speed")
     pressure = signals["manifold_pressure_kpa"]
     by_pressure = _hats(graph, pressure, charge_map.pressures_kpa, "pressure")
@@ -93,7 +93,7 @@ def charge_error_nodes(
 ) -> tuple[str, list[str]]:
     """Add ``ChargeError.air_mass_mg``; return it and the next states, each (batch, 1).
 
-    states : 1 once begun, and what the lag remembers; it settles at the first input
+    states : 1 after the first step, and the lag's state, which starts settled
     """
     graph = graph.part("charge_error_")
     air, (begun, held) = signals["air_mass_mg"], states
@@ -117,7 +117,7 @@ def charge_error_nodes(
 
 
 def _map_nodes(graph: Graph, by_row: str, by_column: str, values: FloatArray) -> str:
-    """Add a map (a, b) at the shares (batch, a) and (batch, b) of its knots."""
+    """Add the value of a map (a, b) for shares (batch, a) and (batch, b) of its knots."""
     middle = graph.constant("middle", [1], np.int64)
     last = graph.constant("last", [2], np.int64)
     wide = graph.add("Unsqueeze", [by_column, middle], "wide")  # (batch, 1, b)
@@ -128,7 +128,7 @@ def _map_nodes(graph: Graph, by_row: str, by_column: str, values: FloatArray) ->
 
 
 def _hats(graph: Graph, x: str, knots: FloatArray, name: str) -> str:
-    """Add the shares (batch, k) of the knots at ``x``: the lower of two ramps, within 0 .. 1."""
+    """Add the shares (batch, k) of the knots at ``x``: the lower of two ramps, at least 0."""
     inside = graph.add(
         "Min",
         [
@@ -179,7 +179,7 @@ def late_nodes(graph: Graph, history: str, dead_time_s: str, register: int, peri
 
 
 def lag_weights(graph: Graph, time_s: str, name: str, period_s: float) -> tuple[str, str]:
-    """Add 1 - keep and the newest input's weight of a lag, as in ``chain``."""
+    """Add the weights of a lag as in ``chain``: 1 minus the state's, and the newest input's."""
     scale = graph.constant(f"{name}_per_period", 1.0 / period_s)
     least = graph.constant(f"{name}_least", TIME_LEAST_S)
     one = graph.constant(f"{name}_one", 1.0)
@@ -193,9 +193,9 @@ def lag_weights(graph: Graph, time_s: str, name: str, period_s: float) -> tuple[
 
 
 def lag_nodes(
-    graph: Graph, state: str, new: str, last: str, weights: tuple[str, str], name: str
+    graph: Graph, name: str, *, state: str, new: str, last: str, weights: tuple[str, str]
 ) -> str:
-    """Add state + drop · (last - state) + newest · (new - last): a steady input is met exactly."""
+    """Add state + drop · (last - state) + newest · (new - last), exact for a steady input."""
     drop, newest = weights
     behind = graph.add("Sub", [last, state], f"{name}_behind")
     change = graph.add("Sub", [new, last], f"{name}_change")
@@ -208,7 +208,7 @@ def lag_nodes(
 
 
 def pumped_nodes(graph: Graph, nodes: PathNodes, mixed: str) -> str:
-    """Add what the sensor pumps of the mixed gas."""
+    """Add the phi that the sensor pumps of the mixed gas."""
     gas = graph.add("Mul", [mixed, nodes.gas_factor], "gas")
     one = graph.constant("pumped_one", 1.0)
     rich = graph.add("Mul", [graph.add("Sub", [gas, one], "gas_rich"), nodes.span], "rich")
@@ -218,7 +218,7 @@ def pumped_nodes(graph: Graph, nodes: PathNodes, mixed: str) -> str:
 def sensor_weights(
     graph: Graph, nodes: PathNodes, pumped: str, read: str, period_s: float
 ) -> tuple[str, str]:
-    """Add the weights of the sensor's lag, those of its direction where the two differ."""
+    """Add the weights of the sensor's lag, by direction if its time constants differ."""
     rising = lag_weights(graph, nodes.sensor_rising_s, "rising", period_s)
     if nodes.sensor_falling_s == nodes.sensor_rising_s:
         return rising

@@ -1,1 +1,1 @@
-"""Is the data enough? Said before any training."""
+"""Judge before a training whether recordings suffice to train a model."""

@@ -1,7 +1,7 @@
-"""Is the data enough? What recordings can teach a model, said before any training.
+"""The data check: judge before a training whether recordings suffice to train a model.
 
-Every finding is ok, a warning (training works, the model suffers) or an error (training is
-impossible or worthless), with one sentence that says what came and what is wanted.
+Every finding has a level: ok, warning (the training works, the model suffers) or error (the
+training is impossible or useless). Its text compares the recordings with the requirement.
 """
 
 from collections.abc import Sequence
@@ -26,16 +26,18 @@ def check(
     hidden: Sequence[int] = (8, 8),
     unreadable: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Return findings and figures as plain values; ``usable`` is False if there is an error.
+    """Return findings and figures as JSON values; ``usable`` is False if a finding is an error.
 
-    unreadable : what was wrong with recordings that could not be read at all
+    lags : longest lag of the planned model in samples
+    hidden : neurons per hidden layer of the planned model
+    unreadable : one error message per file that could not be read
     """
     findings = [Finding("error", "file", text) for text in unreadable]
     figures: dict[str, Any] = {"coverage": None, "excitation": [], "condition_number": None}
     findings += _setup(recordings, inputs, output)
     if not any(f.level == "error" for f in findings):
-        data, found = usable(recordings, inputs, output, lags)
-        findings += found
+        data, on_samples = usable(recordings, inputs, output, lags)
+        findings += on_samples
         if data.u:
             findings += enough(recordings, data, len(inputs), lags, hidden, output)
             findings += closed_loop(recordings, data)
@@ -68,21 +70,21 @@ def _recording(r: Recording) -> dict[str, Any]:
 
 
 def _setup(recordings: Sequence[Recording], inputs: Sequence[str], output: str) -> list[Finding]:
-    """Return what is wrong with names, periods and files; nothing else can be said before."""
-    found = []
+    """Return the findings on names, periods and files; an error here ends the check."""
+    findings = []
     if not recordings:
         return [Finding("error", "file", "no recording can be read, at least one is wanted")]
     if output in inputs:
-        found.append(Finding("error", "names", f"{output} is both an input and the output"))
+        findings.append(Finding("error", "names", f"{output} is both an input and the output"))
     twice = dict.fromkeys(n for n in inputs if list(inputs).count(n) > 1)
-    found += [Finding("error", "names", f"input {n} is named more than once") for n in twice]
+    findings += [Finding("error", "names", f"input {n} is named more than once") for n in twice]
     for r in recordings:
         lost = [n for n in (*inputs, output) if n not in r.names]
         if lost:
             text = f"{r.path}: no {', '.join(lost)}; there are {', '.join(r.names)}"
-            found.append(Finding("error", "missing channels", text))
-    if not found:
-        found.append(Finding("ok", "missing channels", "every recording has all signals"))
+            findings.append(Finding("error", "missing channels", text))
+    if not findings:
+        findings.append(Finding("ok", "missing channels", "every recording has all signals"))
     first = recordings[0]
     for r in recordings[1:]:
         if r.period_ns != first.period_ns:
@@ -90,11 +92,12 @@ def _setup(recordings: Sequence[Recording], inputs: Sequence[str], output: str) 
                 f"{r.path}: sample period {r.period_ns / 1e9:g} s, {first.path} has "
                 f"{first.period_ns / 1e9:g} s; one grid is wanted (--period)"
             )
-            found.append(Finding("error", "sample period", text))
-    known: dict[str, Recording] = {}
+            findings.append(Finding("error", "sample period", text))
+    by_sha256: dict[str, Recording] = {}
     for r in recordings:
-        if r.sha256 in known:
-            text = f"{r.path} and {known[r.sha256].path} are the same file: held-out blocks leak"
-            found.append(Finding("warning", "repeated file", text))
-        known.setdefault(r.sha256, r)
-    return found
+        if r.sha256 in by_sha256:
+            first = by_sha256[r.sha256]
+            text = f"{r.path} and {first.path} are the same file: held-out blocks leak"
+            findings.append(Finding("warning", "repeated file", text))
+        by_sha256.setdefault(r.sha256, r)
+    return findings

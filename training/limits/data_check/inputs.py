@@ -1,4 +1,4 @@
-"""What the inputs can teach: coverage, excitation, collinearity, copies of the output."""
+"""Findings on the inputs: coverage, excitation, collinearity, copies of the output."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -13,16 +13,16 @@ from training.limits.data_check.samples import Finding, Usable
 from training.recordings.linear_data import output_transform
 from training.recordings.recording import Recording
 
-MOVES = 20  # an input that changes less often shows its effect in a few places only
-COVERED = 0.5  # of the cells of speed and load; the regulatory cycles each visit 0.7 and more
-FULLEST = 0.5  # of all samples in one cell: mostly one operating point
-COPY_LAGS = 20  # samples by which a copy of the output may be shifted
+MOVES = 20  # least changes of an input; with fewer, few places show its effect
+COVERED = 0.5  # least share of visited speed × load cells; a regulatory cycle visits 0.7 and more
+FULLEST = 0.5  # largest share of samples in one cell; above it most samples are one operating point
+COPY_LAGS = 20  # largest shift between an input and the output that the search for copies tries
 SPEED = ("engine_speed_rpm", "speed_z", "rpm", "engine_speed", "speed")
 LOAD = ("manifold_pressure_kpa", "air_mass_mg", "load_z", "map_kpa", "load", "engine_torque_nm")
 
 
 def covered(recordings: Sequence[Recording], figures: dict[str, Any]) -> list[Finding]:
-    """Return the finding on speed and load, and put the histogram into ``figures``."""
+    """Return the finding on the coverage of speed and load; store its histogram in ``figures``."""
     names = [
         next((n for n in choice if all(n in r.names for r in recordings)), None)
         for choice in (SPEED, LOAD)
@@ -36,23 +36,23 @@ def covered(recordings: Sequence[Recording], figures: dict[str, Any]) -> list[Fi
     if not len(both):
         text = f"{names[0]} and {names[1]} are never valid together"
         return [Finding("warning", "coverage", text)]
-    found = measures.coverage(both[:, 0], both[:, 1], recordings[0].period_ns / 1e9)
+    cover = measures.coverage(both[:, 0], both[:, 1], recordings[0].period_ns / 1e9)
     figures["coverage"] = {
         "speed": names[0],
         "load": names[1],
-        "share": found.share,
-        "fullest": found.fullest,
-        "speed_edges": found.speed.tolist(),
-        "load_edges": found.load.tolist(),
-        "seconds": found.seconds.tolist(),
+        "share": cover.share,
+        "fullest": cover.fullest,
+        "speed_edges": cover.speed.tolist(),
+        "load_edges": cover.load.tolist(),
+        "seconds": cover.seconds.tolist(),
     }
     text = (
-        f"{100 * found.share:.0f} % of the {measures.CELLS}×{measures.CELLS} cells between "
-        f"{found.speed[0]:.4g} and {found.speed[-1]:.4g} {names[0]} and {found.load[0]:.4g} and "
-        f"{found.load[-1]:.4g} {names[1]} visited, {100 * found.fullest:.0f} % of the time in the "
+        f"{100 * cover.share:.0f} % of the {measures.CELLS}×{measures.CELLS} cells between "
+        f"{cover.speed[0]:.4g} and {cover.speed[-1]:.4g} {names[0]} and {cover.load[0]:.4g} and "
+        f"{cover.load[-1]:.4g} {names[1]} visited, {100 * cover.fullest:.0f} % of the time in the "
         "fullest"
     )
-    if found.share < COVERED or found.fullest > FULLEST:
+    if cover.share < COVERED or cover.fullest > FULLEST:
         text += (
             f"; {100 * COVERED:g} % of the cells and no cell above {100 * FULLEST:g} % are wanted"
         )
@@ -67,48 +67,48 @@ def excited(
     lags: int,
     figures: dict[str, Any],
 ) -> list[Finding]:
-    """Return findings on each input and on their collinearity; measures go into ``figures``."""
-    found = []
+    """Return the findings on excitation and collinearity; store the measures in ``figures``."""
+    findings = []
     period_s = recordings[0].period_ns / 1e9
     for i, name in enumerate(inputs):
-        own = measures.excitation([u[:, i] for u in data.u], period_s, 2 * lags)
+        motion = measures.excitation([u[:, i] for u in data.u], period_s, 2 * lags)
         figures["excitation"].append(
             {
                 "input": name,
-                "std": own.std,
-                "moving": own.moving,
-                "moves": own.moves,
-                "order": own.order,
+                "std": motion.std,
+                "moving": motion.moving,
+                "moves": motion.moves,
+                "order": motion.order,
                 "order_tested": 2 * lags,
-                "bandwidth_hz": own.bandwidth_hz,
+                "bandwidth_hz": motion.bandwidth_hz,
             }
         )
-        if own.moves == 0:
+        if motion.moves == 0:
             values = np.concatenate([r.column(name) for r in recordings])
-            if np.ptp(values[np.isfinite(values)]) > 0.0:  # else said already
+            if np.ptp(values[np.isfinite(values)]) > 0.0:  # else ``usable`` has reported it
                 text = f"{name} is constant where all inputs are valid: leave it out"
-                found.append(Finding("error", "constant", text))
-        elif own.order < lags:
+                findings.append(Finding("error", "constant", text))
+        elif motion.order < lags:
             text = (
-                f"{name} is persistently exciting of order {own.order} only, {lags} is wanted for "
-                f"{lags} lags: its lags cannot be told apart"
+                f"{name} is persistently exciting of order {motion.order} only, {lags} is wanted "
+                f"for {lags} lags: its lags cannot be told apart"
             )
-            found.append(Finding("warning", "excitation", text))
-        elif own.moves < MOVES:
+            findings.append(Finding("warning", "excitation", text))
+        elif motion.moves < MOVES:
             text = (
-                f"{name} changes {own.moves} times, {MOVES} times are wanted: its effect is seen "
-                "in a few places only"
+                f"{name} changes {motion.moves} times, {MOVES} times are wanted: its effect is "
+                "seen in a few places only"
             )
-            found.append(Finding("warning", "excitation", text))
-    if not found:
+            findings.append(Finding("warning", "excitation", text))
+    if not findings:
         text = f"every input moves and excites {lags} lags"
-        found.append(Finding("ok", "excitation", text))
-    return found + _collinear(np.concatenate(data.u), inputs, figures)
+        findings.append(Finding("ok", "excitation", text))
+    return findings + _collinear(np.concatenate(data.u), inputs, figures)
 
 
 def _collinear(u: FloatArray, inputs: Sequence[str], figures: dict[str, Any]) -> list[Finding]:
     if (u.std(axis=0) <= 1e-12 * np.maximum(1.0, np.abs(u).max(axis=0))).any():
-        return []  # said already, or constant in the usable stretches
+        return []  # an input is constant, which is an error of its own
     condition, groups = measures.collinear(u, inputs)
     figures["condition_number"] = condition
     text = f"condition number of the inputs {condition:.3g}"
@@ -123,17 +123,17 @@ def _collinear(u: FloatArray, inputs: Sequence[str], figures: dict[str, Any]) ->
 
 
 def copies(data: Usable, inputs: Sequence[str], output: str) -> list[Finding]:
-    """Return the findings on inputs that are the output itself, shifted or scaled."""
-    found = []
+    """Return the findings on inputs that are a shifted or scaled copy of the output."""
+    findings = []
     transform = output_transform(output)
     rows = [np.isfinite(y) for y in data.y]
     forms = [[y[r] for y, r in zip(data.y, rows, strict=True)]]
     if transform != "none":
         forms.append([to_model_units(transform, y) for y in forms[0]])
     for i, name in enumerate(inputs):
-        own = [u[r, i] for u, r in zip(data.u, rows, strict=True)]
+        values = [u[r, i] for u, r in zip(data.u, rows, strict=True)]
         level, change, lag = max(
-            (measures.copy_of(own, form, COPY_LAGS) for form in forms), key=lambda c: abs(c[0])
+            (measures.copy_of(values, form, COPY_LAGS) for form in forms), key=lambda c: abs(c[0])
         )
         if abs(level) <= measures.COPY:
             continue
@@ -141,11 +141,11 @@ def copies(data: Usable, inputs: Sequence[str], output: str) -> list[Finding]:
         text = f"{name} follows {output}{shift} with a correlation of {level:.5f}"
         if abs(change) > measures.COPY:
             text += ": a copy of the output is no input, leave it out"
-            found.append(Finding("error", "leak", text))
+            findings.append(Finding("error", "leak", text))
         else:
             text += f", changes with {change:.3f}: make sure that it is not made from the output"
-            found.append(Finding("warning", "leak", text))
-    if not found:
+            findings.append(Finding("warning", "leak", text))
+    if not findings:
         text = f"no input is a scaled or shifted copy of {output} (within {COPY_LAGS} samples)"
-        found.append(Finding("ok", "leak", text))
-    return found
+        findings.append(Finding("ok", "leak", text))
+    return findings

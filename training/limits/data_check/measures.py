@@ -1,4 +1,4 @@
-"""Measures of how much recordings can teach: excitation, copies, collinearity, coverage."""
+"""Measures of the data check: excitation, copies, collinearity, coverage."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,33 +9,34 @@ from scipy import linalg
 from monitor.base.types import FloatArray
 from training.recordings.spectrum import welch
 
-MOVING = 0.001  # of the span: a sample that differs so much from the one before moves
-PE_CONDITION = 1e10  # directions weaker by this in power (1e5 in size) drown in 16-bit rounding
-COPY = 0.999  # correlation beyond which one signal is a copy of the other
-CONDITION_INDEX = 30.0  # Belsley, Kuh and Welsch: beyond it coefficients are degraded
-PROPORTION = 0.5  # of a coefficient's variance that lies in one such direction
+MOVING = 0.001  # least change between two samples that counts as motion, as a share of the span
+PE_CONDITION = 1e10  # power ratio; weaker directions (1e5 in size) drown in 16-bit rounding
+COPY = 0.999  # correlation above which one signal is a copy of the other
+CONDITION_INDEX = 30.0  # above it coefficients are degraded (Belsley, Kuh and Welsch)
+PROPORTION = 0.5  # share of a coefficient's variance above which it belongs to a direction
 CELLS = 8  # of the histogram, per axis
-VISITED_S = 1.0  # a cell counts as visited from so many seconds on,
-VISITED_SHARE = 0.1  # or in short recordings from this share of an even spread on
-BANDWIDTH = 0.95  # of the variance lies below it
+VISITED_S = 1.0  # least time in a visited cell
+VISITED_SHARE = 0.1  # the same for short recordings, as a share of the time under even spread
+BANDWIDTH = 0.95  # share of the variance below the bandwidth
 
 
 @dataclass(frozen=True, slots=True)
 class Excitation:
-    """How one input moves."""
+    """Excitation of a model by one input."""
 
-    std: float
-    moves: int  # samples that differ at all from the one before
-    moving: float  # share of samples that differ by a thousandth of the span and more
-    order: int  # of persistent excitation, at most the one asked for
-    bandwidth_hz: float | None  # below which 95 % of the variance lies; None if too short
+    std: float  # unit of the input
+    moves: int  # samples that differ from the sample before
+    moving: float  # share of samples that differ from the sample before by more than 0.1 % of span
+    order: int  # of persistent excitation, at most the tested order
+    bandwidth_hz: float | None  # 95 % of the variance lies below it; None if too short
 
 
 def excitation(stretches: Sequence[FloatArray], period_s: float, order: int) -> Excitation:
-    """Return how the signal in ``stretches`` (n_i,) excites a model with ``order`` lags.
+    """Return the excitation of a model with ``order`` lags by one input.
 
-    The order of persistent excitation is the largest L for which the L × L autocovariance matrix,
-    the Hankel matrix of the samples times its transpose, is not singular.
+    stretches : unbroken stretches of the input, shapes (n_i,)
+    The order of persistent excitation is the largest L for which the L × L autocovariance matrix
+    is not singular; the matrix is the Hankel matrix of the samples times its transpose.
     Source: Ljung, System Identification, 2nd ed., section 13.2.
     """
     values = np.concatenate(stretches)
@@ -75,9 +76,10 @@ def _bandwidth(frequency_hz: FloatArray, density: FloatArray) -> float:
 def copy_of(
     u: Sequence[FloatArray], y: Sequence[FloatArray], most: int
 ) -> tuple[float, float, int]:
-    """Return correlation of levels, of changes, and the lag, where ``u`` follows ``y`` best.
+    """Return correlation of levels, correlation of changes, and the lag of their best match.
 
-    u, y : stretches (n_i,); the lag in samples is positive where ``u`` is later
+    u, y : unbroken stretches of input and output, shapes (n_i,)
+    most : largest lag to try in samples; the lag is positive if ``u`` follows ``y``
     """
     best = (0.0, 0.0, 0)
     for lag in range(-most, most + 1):
@@ -103,10 +105,10 @@ def _correlation(a: FloatArray, b: FloatArray) -> float:
 
 
 def collinear(u: FloatArray, names: Sequence[str]) -> tuple[float, list[list[str]]]:
-    """Return the condition number of the inputs (n, k), and the groups that make it large.
+    """Return the condition number of the inputs (n, k), and groups of collinear inputs.
 
-    A group is one direction with a condition index above 30 that holds more than half of the
-    variance of at least two coefficients.
+    A group belongs to one direction with a condition index above 30. Its inputs are the inputs
+    whose coefficients have more than half of their variance in this direction, at least two.
     Source: Belsley, Kuh and Welsch, Regression Diagnostics (1980), chapter 3.
     """
     z = (u - u.mean(axis=0)) / u.std(axis=0)
@@ -137,17 +139,20 @@ def variance_inflation(u: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class Coverage:
-    """Where the drives were in speed and load."""
+    """Coverage of the plane of speed and load by recordings."""
 
-    share: float  # of the cells between the extremes that were visited
+    share: float  # share of visited cells
     fullest: float  # share of the samples in the fullest cell
-    speed: FloatArray  # (CELLS + 1,) edges
-    load: FloatArray  # (CELLS + 1,) edges
-    seconds: FloatArray  # (CELLS, CELLS)
+    speed: FloatArray  # (CELLS + 1,) edges, unit of the speed signal
+    load: FloatArray  # (CELLS + 1,) edges, unit of the load signal
+    seconds: FloatArray  # (CELLS, CELLS) time in the cells, speed × load
 
 
 def coverage(speed: FloatArray, load: FloatArray, period_s: float) -> Coverage:
-    """Return how the samples (n,) fill the plane of speed and load between their extremes."""
+    """Return the coverage by samples of speed and load, both (n,).
+
+    The plane reaches from the 0.5 % to the 99.5 % quantile of both signals.
+    """
     across = np.linspace(*_extremes(speed), CELLS + 1)
     up = np.linspace(*_extremes(load), CELLS + 1)
     counts, *_ = np.histogram2d(speed, load, bins=[across, up])

@@ -1,4 +1,4 @@
-"""Are there enough samples? Gaps, outliers, constants, weights, windows of the enabled region."""
+"""Findings on the samples: gaps, outliers, constants, samples per weight, time in closed loop."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,18 +13,18 @@ from training.recordings.outliers import outlier_mask
 from training.recordings.preparation import BLOCK_S, ENABLE_COLUMNS, GROUP, enabled_rows, runs
 from training.recordings.recording import Recording
 
-SHORTEST_STRETCH = 8  # times the lags: what training.recordings.preparation uses at all
-SAMPLES_PER_WEIGHT = 10  # fewer and the network overfits
-SMALLEST = (2,)  # the smallest network worth training
+SHORTEST_STRETCH = 8  # times the lags: training.recordings.preparation drops shorter stretches
+SAMPLES_PER_WEIGHT = 10  # with fewer samples the network overfits
+SMALLEST = (2,)  # neurons per hidden layer of the smallest useful network
 WINDOW = 50  # samples of a window, Model Based Diagnosis of Oxygen Sensors, section 2
-LOST = 0.05  # share of samples without valid values from which it is worth asking why
-OUTLIERS = 0.001  # share of outliers from which a sensor or the decoding is suspect
-CLOSED_LOOP = 0.5  # share in the enabled region; warm drives are there in 0.7 and more
+LOST = 0.05  # share of invalid samples above which a signal gets a warning
+OUTLIERS = 0.001  # share of outliers above which sensor or decoding is suspect
+CLOSED_LOOP = 0.5  # least share of enabled samples; warm drives have 0.7 and more
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing looked at."""
+    """One finding of the data check."""
 
     level: str  # ok, warning or error
     topic: str
@@ -33,26 +33,26 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class Usable:
-    """The samples that a training could use, in unbroken stretches."""
+    """Samples that a training can use, in unbroken stretches."""
 
-    u: list[FloatArray]  # (n_i, k)
-    y: list[FloatArray]  # (n_i,) output as recorded, NaN where invalid
-    enabled: int  # samples
-    total: int  # samples of all recordings
+    u: list[FloatArray]  # inputs, (n_i, k)
+    y: list[FloatArray]  # output as recorded, (n_i,), NaN where invalid
+    enabled: int  # number of enabled samples
+    total: int  # number of samples of all recordings
 
     @property
     def samples(self) -> int:
-        """Number of samples with inputs and output valid."""
+        """Return the number of samples with valid inputs and output."""
         return int(sum(np.isfinite(y).sum() for y in self.y))
 
 
 def usable(
     recordings: Sequence[Recording], inputs: Sequence[str], output: str, lags: int
 ) -> tuple[Usable, list[Finding]]:
-    """Return the samples that ``preparation`` would use, and gaps, outliers, constants."""
+    """Return the samples that a training can use, and findings on gaps, outliers and constants."""
     names = (*inputs, output)
     columns = [np.column_stack([r.column(n) for n in names]) for r in recordings]
-    found, outliers = [], dict.fromkeys(names, 0)
+    findings, outliers = [], dict.fromkeys(names, 0)
     shortest = SHORTEST_STRETCH * lags
     for values in columns:
         for i, name in enumerate(names):
@@ -62,13 +62,13 @@ def usable(
     together = np.concatenate(columns)
     total = len(together)
     for i, name in enumerate(names):
-        found += _one_signal(name, together[:, i], outliers[name])
+        findings += _one_signal(name, together[:, i], outliers[name])
     data = Usable([], [], 0, total)
     enabled = 0
     for r, values in zip(recordings, columns, strict=True):
         good = np.asarray(np.isfinite(values[:, :-1]).all(axis=1))
-        on = enabled_rows(r) & good & np.isfinite(values[:, -1])
-        enabled += int(on.sum())
+        is_enabled = enabled_rows(r) & good & np.isfinite(values[:, -1])
+        enabled += int(is_enabled.sum())
         before = len(data.u)
         for a, b in runs(good):
             if b - a >= shortest and np.isfinite(values[a:b, -1]).any():
@@ -76,25 +76,25 @@ def usable(
                 data.y.append(values[a:b, -1])
         if len(data.u) == before:
             text = f"{r.path}: not used, no stretch of {shortest} samples with all inputs valid"
-            found.append(Finding("warning", "gaps", text))
+            findings.append(Finding("warning", "gaps", text))
     if not data.u:
         text = f"no recording has a stretch of {shortest} samples with all inputs valid"
-        found.append(Finding("error", "gaps", text))
-    elif not any(f.topic == "gaps" for f in found):
+        findings.append(Finding("error", "gaps", text))
+    elif not any(f.topic == "gaps" for f in findings):
         longest = max(len(u) for u in data.u)
         text = f"{len(data.u)} unbroken stretches, the longest of {longest} samples"
-        found.append(Finding("ok", "gaps", text))
-    return Usable(data.u, data.y, enabled, total), found
+        findings.append(Finding("ok", "gaps", text))
+    return Usable(data.u, data.y, enabled, total), findings
 
 
 def _one_signal(name: str, values: FloatArray, outliers: int) -> list[Finding]:
-    found = []
+    findings = []
     valid = values[np.isfinite(values)]
     if not len(valid):
         return [Finding("error", "missing channels", f"{name} is never valid")]
     if np.ptp(valid) <= 1e-9 * max(1.0, float(np.abs(valid).max())):
         text = f"{name} is constant ({valid[0]:g}): it teaches nothing, leave it out"
-        found.append(Finding("error", "constant", text))
+        findings.append(Finding("error", "constant", text))
     lost = 1.0 - (len(valid) + outliers) / len(values)
     if lost > LOST:
         longest = max(b - a for a, b in runs(np.isnan(values)))
@@ -102,14 +102,14 @@ def _one_signal(name: str, values: FloatArray, outliers: int) -> list[Finding]:
             f"{name} is not valid in {100 * lost:.1f} % of the samples, longest gap {longest} "
             f"samples; below {100 * LOST:g} % is wanted"
         )
-        found.append(Finding("warning", "gaps", text))
+        findings.append(Finding("warning", "gaps", text))
     if outliers > OUTLIERS * len(values):
         text = (
             f"{name} has {outliers} outliers, {100 * outliers / len(values):.2f} %; below "
             f"{100 * OUTLIERS:g} % is usual: look at sensor, unit and decoding"
         )
-        found.append(Finding("warning", "outliers", text))
-    return found
+        findings.append(Finding("warning", "outliers", text))
+    return findings
 
 
 def enough(
@@ -120,7 +120,7 @@ def enough(
     hidden: Sequence[int],
     output: str,
 ) -> list[Finding]:
-    """Return duration against blocks and windows, and samples against weights."""
+    """Return the findings on samples per weight, and on duration per block and per window."""
     period_s = recordings[0].period_ns / 1e9
     n, seconds = data.samples, data.samples * period_s
     n_train = n * (GROUP - 2) // GROUP
@@ -130,42 +130,42 @@ def enough(
     text = f"{n_train} training samples for the {weights} weights of layers {shape}"
     if n_train < least:
         text += f"; even {SMALLEST[0]} neurons have {least} weights: record more or take fewer lags"
-        found = [Finding("error", "samples", text)]
+        findings = [Finding("error", "samples", text)]
     elif n_train < SAMPLES_PER_WEIGHT * weights:
         text += (
             f", {SAMPLES_PER_WEIGHT * weights} are wanted: expect overfitting, take fewer neurons "
             "or lags"
         )
-        found = [Finding("warning", "samples", text)]
+        findings = [Finding("warning", "samples", text)]
     else:
-        found = [Finding("ok", "samples", text)]
+        findings = [Finding("ok", "samples", text)]
     wanted_s = GROUP * MANY_WINDOWS * WINDOW * period_s
     text = f"{seconds:.4g} s usable"
     if output_transform(output) != "phi":
-        found.append(Finding("ok", "duration", text))
+        findings.append(Finding("ok", "duration", text))
     elif seconds < GROUP * BLOCK_S:
         text += f", at least {GROUP * BLOCK_S:g} s are wanted to hold out whole blocks"
-        found.append(Finding("warning", "duration", text))
+        findings.append(Finding("warning", "duration", text))
     elif data.enabled * period_s < wanted_s:
         text += (
             f", {data.enabled * period_s:.0f} s in the enabled region; {wanted_s:.0f} s are wanted "
             f"for limits that rest on {MANY_WINDOWS} held-out windows"
         )
-        found.append(Finding("warning", "duration", text))
+        findings.append(Finding("warning", "duration", text))
     else:
-        found.append(Finding("ok", "duration", text))
-    return found
+        findings.append(Finding("ok", "duration", text))
+    return findings
 
 
 def closed_loop(recordings: Sequence[Recording], data: Usable) -> list[Finding]:
-    """Return the finding on the time in closed loop, outside fuel cut, with the sensor ready."""
-    known = [n for n in ENABLE_COLUMNS if any(n in r.names for r in recordings)]
-    if not known:
+    """Return the finding on the time in closed loop, outside fuel cut, with a ready sensor."""
+    recorded = [n for n in ENABLE_COLUMNS if any(n in r.names for r in recordings)]
+    if not recorded:
         text = "the recordings do not say when the loop was closed: every sample counts alike"
         return [Finding("ok", "closed loop", text)]
     share = data.enabled / max(data.samples, 1)
     seconds = data.enabled * recordings[0].period_ns / 1e9
-    text = f"{seconds:.0f} s, {100 * share:.0f} % of the usable samples (by {', '.join(known)})"
+    text = f"{seconds:.0f} s, {100 * share:.0f} % of the usable samples (by {', '.join(recorded)})"
     if share < CLOSED_LOOP:
         text += f"; {100 * CLOSED_LOOP:g} % are wanted, the rest weighs little in the training"
         return [Finding("warning", "closed loop", text)]

@@ -1,7 +1,7 @@
-"""Decision rules from the literature, for comparison with the monitor's own.
+"""Decision rules of the literature, for comparison with the rules of the monitor.
 
-Every rule is fitted with ``fit(healthy, faulty, false_alarm_rate)`` and then gives
-``score(windows)``, larger is more faulty, for ROC curves, and ``faulty(windows)``, (n,) bool.
+``fit(healthy, faulty, false_alarm_rate)`` sets a rule. ``score(windows)`` returns (n,) scores for
+ROC curves, larger is more faulty; ``faulty(windows)`` returns the verdicts, (n,) bool.
 """
 
 from training.limits.rules.adaptive import AdaptiveThreshold

@@ -1,4 +1,7 @@
-"""A limit that follows the activity of the input: where much moves, the model may err more."""
+"""Adaptive threshold: the limit of the residual rises with the activity of the inputs.
+
+The model errs more while its inputs move.
+"""
 
 from dataclasses import dataclass
 from typing import Self
@@ -10,18 +13,18 @@ from scipy.signal import lfilter
 from monitor.base.types import FloatArray
 from training.limits.rules.windows import Windows, limit_for
 
-ACTIVITY_SAMPLES = 5.0  # time constant of the activity's filter
-QUANTILE = 0.95  # of healthy |residual| that the line over activity follows
-MOST_SAMPLES = 4000  # for the fit; evenly thinned above
+ACTIVITY_SAMPLES = 5.0  # time constant of the activity filter in samples
+QUANTILE = 0.95  # of healthy |residual|; the limit is a line through it over the activity
+MOST_SAMPLES = 4000  # of the fit; more samples are thinned evenly
 
 
 @dataclass(frozen=True, slots=True)
 class AdaptiveThreshold:
-    """Faulty where the residual exceeds ``level * (base + slope * activity)``.
+    """A window is faulty if a |residual| exceeds ``level * (base + slope * activity)``.
 
     The activity is the filtered change per sample of the predicted output, which stands for the
-    inputs. Base and slope are the regression quantile of healthy |residual|, the level keeps the
-    false-alarm rate of whole windows. Faulty windows are not used.
+    inputs. Base and slope are a regression quantile of healthy |residual|. The level keeps the
+    false-alarm rate of whole windows. The rule does not use faulty windows.
     Sources: Emami-Naeini, Akhter and Rock, Effect of model uncertainty on failure detection: the
     threshold selector, IEEE Trans. Automatic Control 33, 1988; Koenker and Bassett, Regression
     quantiles, Econometrica 46, 1978.
@@ -42,11 +45,11 @@ class AdaptiveThreshold:
         return cls(base, slope, limit_for(rule.score(healthy), false_alarm_rate))
 
     def threshold(self, predicted: FloatArray) -> FloatArray:
-        """Return the limit of |residual| at each sample, (n, n_samples), output's unit."""
+        """Return the limit of |residual| at every sample, (n, n_samples), output's unit."""
         return self.level * (self.base + self.slope * _activity(predicted))
 
     def score(self, windows: Windows) -> FloatArray:
-        """Return the largest |residual| over base and slope, (n,), in parts of the line."""
+        """Return the largest |residual| / ``(base + slope * activity)`` per window, (n,)."""
         line = self.base + self.slope * _activity(windows.predicted)
         return np.asarray((np.abs(windows.residual) / line).max(axis=1))
 
@@ -56,7 +59,7 @@ class AdaptiveThreshold:
 
 
 def _activity(predicted: FloatArray) -> FloatArray:
-    """Return the filtered |change| per sample, (n, n_samples); it begins at its first value."""
+    """Return the filtered |change| per sample, (n, n_samples); the filter starts settled."""
     change = np.abs(np.diff(predicted, axis=1))
     change = np.concatenate([change[:, :1], change], axis=1)
     keep = float(np.exp(-1.0 / ACTIVITY_SAMPLES))
@@ -65,13 +68,14 @@ def _activity(predicted: FloatArray) -> FloatArray:
 
 
 def _regression_quantile(x: FloatArray, y: FloatArray, q: float) -> tuple[float, float]:
-    """Return base and slope, neither negative, of the q-quantile of y over x.
+    """Return base and slope, both at least 0, of the regression q-quantile of y over x.
 
-    The dual of Koenker and Bassett's programme has bounded weights and two rows.
+    The function solves the dual of Koenker and Bassett's linear programme, which has bounded
+    weights and two rows only.
     """
     scale = max(float(x.max()), 1e-12)
     rows = np.stack([np.ones_like(x), x / scale])
     wanted = (1.0 - q) * rows.sum(axis=1)
-    found = linprog(-y, A_ub=rows, b_ub=wanted, bounds=(0.0, 1.0))
-    base, slope = -found.ineqlin.marginals
+    solution = linprog(-y, A_ub=rows, b_ub=wanted, bounds=(0.0, 1.0))
+    base, slope = -solution.ineqlin.marginals
     return max(float(base), 0.0), max(float(slope), 0.0) / scale

@@ -1,11 +1,12 @@
-"""The distribution of differences between consecutive samples of the measured signal alone.
+"""Rule of Jammoussi and Makki: the distribution of differences between successive samples.
 
-After Jammoussi and Makki: the extreme values of sets of differences follow a generalised extreme
-value distribution. A sensor late or slow in one direction makes its two sides unlike or piles up
-differences in the middle, which is looked for first; then a sensor weak or late both ways, which
-makes both sides small. No model is needed, so what the engine does is in the score, too.
+The extreme values of sets of differences follow a generalised extreme value distribution. A sensor
+that is late or slow in one direction makes the two sides of the distribution unlike or piles up
+differences in its middle; the rule looks for this first. A sensor that is weak or late in both
+directions makes both sides small. The rule needs no model, so the driving also moves its score.
 Sources: Makki, Kumar, Kerns and Jammoussi, US patent 9 074 513, 2015; Jammoussi, Makki, Banker and
-Casedy, US patent 9 500 151, 2016. They judge sets collected over minutes; here one window.
+Casedy, US patent 9 500 151, 2016. The patents judge sets collected over minutes; this rule judges
+single windows.
 """
 
 from dataclasses import dataclass
@@ -17,15 +18,15 @@ from scipy.special import gamma
 from monitor.base.types import FloatArray
 from training.limits.rules.windows import Windows, limit_for
 
-SET = 5  # differences of which the extreme is taken; nine sets in a window of 50 samples
+SET = 5  # differences per extreme value; a window of 50 samples has nine sets
 LEVEL, ASYMMETRY, PEAK = range(3)
 
 
 def extreme_value_fit(extremes: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return location, scale and shape of the distribution of maxima, each (n,).
+    """Return location, scale and shape of the distribution of maxima, three arrays (n,).
 
-    extremes : (n, n_sets) maxima; location and scale in their unit; shape k as Hosking's, 0 is
-        Gumbel
+    extremes : (n, n_sets) maxima
+    Location and scale have the unit of the maxima. The shape k has Hosking's sign; 0 is Gumbel.
     Source: Hosking, Wallis and Wood, Estimation of the generalized extreme-value distribution by
     the method of probability-weighted moments, Technometrics 27, 1985.
     """
@@ -44,12 +45,13 @@ def extreme_value_fit(extremes: FloatArray) -> tuple[FloatArray, FloatArray, Flo
 
 
 def statistics(measured: FloatArray) -> FloatArray:
-    """Return level, asymmetry and peak of each window's differences, (n, 3).
+    """Return level, asymmetry and peak of the differences in each window, (n, 3).
 
-    measured : (n, n_samples); level is the logarithm of the typical extreme in the output's unit,
-    asymmetry the upper against the lower extreme, -1 to 1, peak the logarithm of root mean square
-    over mean magnitude: large where most differences are small and few are large (the moment that
-    gives a generalised Gaussian its shape: Mallat, IEEE Trans. PAMI 11, 1989).
+    measured : (n, n_samples) output's unit
+    Level is the logarithm of the typical extreme. Asymmetry compares the upper with the lower
+    extreme, -1 to 1. Peak is the logarithm of root mean square over mean magnitude; it is large if
+    most differences are small and few are large.
+    Source of the peak: the shape of a generalised Gaussian, Mallat, IEEE Trans. PAMI 11, 1989.
     """
     d = np.diff(measured, axis=1)
     sets = d[:, : d.shape[1] // SET * SET].reshape(len(d), -1, SET)
@@ -63,14 +65,14 @@ def statistics(measured: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class DifferencesRule:
-    """Faulty where the differences are too unlike up and down, too peaked or too small.
+    """A window is faulty if its differences are too asymmetric, too peaked or too small.
 
-    Set on healthy windows; faulty ones are not used.
+    The rule uses healthy windows only.
     """
 
-    centre: FloatArray  # (3,) medians of healthy windows
-    scale: FloatArray  # (3,) their spread
-    limit: float  # in spreads
+    centre: FloatArray  # (3,) medians of healthy statistics
+    scale: FloatArray  # (3,) robust standard deviations of healthy statistics
+    limit: float  # in robust standard deviations
 
     @classmethod
     def fit(cls, healthy: Windows, faulty: Windows | None, false_alarm_rate: float) -> Self:
@@ -81,7 +83,7 @@ class DifferencesRule:
         return cls(rule.centre, rule.scale, limit)
 
     def score(self, windows: Windows) -> FloatArray:
-        """Return the largest deviation, (n,), in spreads of healthy windows."""
+        """Return the largest deviation per window, (n,), in healthy standard deviations."""
         return np.asarray(self._deviations(windows).max(axis=1))
 
     def faulty(self, windows: Windows) -> np.ndarray:
@@ -89,10 +91,11 @@ class DifferencesRule:
         return self.score(windows) >= self.limit
 
     def pattern(self, windows: Windows) -> list[str]:
-        """Return what each window shows, one-sided first; "" where it is not faulty.
+        """Return the pattern of each window: a slow direction, "symmetric", or "" if not faulty.
 
-        A sensor slow on one side is on its way there most of the time, so that nearly every set
-        has an extreme to that side: on a slow rise of lambda, rich to lean, the upper are larger.
+        A sensor that is slow in one direction moves in this direction most of the time, so nearly
+        every set has an extreme on this side. If lambda rises slowly (rich to lean), the upper
+        extremes are larger.
         """
         deviations = self._deviations(windows)
         sign = statistics(windows.measured)[:, ASYMMETRY] - self.centre[ASYMMETRY]

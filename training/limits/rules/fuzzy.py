@@ -1,7 +1,7 @@
-"""Fuzzy clusters of window features: how much a window belongs to the faulty ones.
+"""Fuzzy rule: the membership of a window in clusters of faulty windows.
 
-The further work that *Model Based Diagnosis of Oxygen Sensors* proposes. The clustering is
-written here, since scikit-fuzzy brings no more of it than these lines.
+*Model Based Diagnosis of Oxygen Sensors* proposes this rule as further work. The clustering stands
+here because scikit-fuzzy would save only a few lines.
 """
 
 from dataclasses import dataclass
@@ -28,11 +28,11 @@ TOLERANCE = 1e-6
 
 
 def features(windows: Windows) -> FloatArray:
-    """Return what describes each window, (n, 7), in the order of ``FEATURES``.
+    """Return the features of each window, (n, 7), in the order of ``FEATURES``.
 
-    Output's unit for the first three and the last; logarithm of the ratio of spreads; correlation
-    of measured and predicted; lateness in samples, the least-squares slope of the residual on
-    minus the predicted change per sample.
+    The first three features and the last have the output's unit. The ratio of spreads is a
+    logarithm. Lateness, in samples, is the least-squares slope of the residual over the negative
+    predicted change per sample.
     """
     residual, predicted = windows.residual, windows.predicted
     spread, of_predicted = windows.measured.std(axis=1), predicted.std(axis=1)
@@ -40,7 +40,7 @@ def features(windows: Windows) -> FloatArray:
     change = np.gradient(predicted, axis=1)
     centred = residual - residual.mean(axis=1, keepdims=True)
     power = (change**2).sum(axis=1)
-    floor = max(0.1 * float(np.median(power)), 1e-18)  # no lateness where nothing moves
+    floor = max(0.1 * float(np.median(power)), 1e-18)  # pulls lateness to 0 in steady windows
     product = (
         (windows.measured - windows.measured.mean(axis=1, keepdims=True))
         * (predicted - predicted.mean(axis=1, keepdims=True))
@@ -60,8 +60,9 @@ def features(windows: Windows) -> FloatArray:
 
 
 def memberships(x: FloatArray, centres: FloatArray) -> FloatArray:
-    """Return how much each point belongs to each centre, (n, n_clusters), rows sum to 1.
+    """Return the memberships of points in clusters, (n, n_clusters); the rows sum to 1.
 
+    x : (n, n_features); centres : (n_clusters, n_features)
     Source: Bezdek, Pattern Recognition with Fuzzy Objective Function Algorithms, 1981, (11.3a).
     """
     weight = _distances(x, centres) ** (-1.0 / (FUZZINESS - 1.0))
@@ -71,8 +72,9 @@ def memberships(x: FloatArray, centres: FloatArray) -> FloatArray:
 def cluster(x: FloatArray, n_clusters: int, weight: FloatArray) -> FloatArray:
     """Return the centres of fuzzy c-means, (n_clusters, n_features).
 
-    x : (n, n_features); weight : (n,) of the points
-    It begins with points far from each other, so that the same points give the same centres.
+    x : (n, n_features) points; weight : (n,) weights of the points
+    The start is not random: the first centres are points far apart. So equal points give equal
+    centres.
     Source: Bezdek, 1981, algorithm A11.1.
     """
     centres = x[[int(_distances(x, x.mean(axis=0)[np.newaxis]).argmin())]]
@@ -91,27 +93,31 @@ def cluster(x: FloatArray, n_clusters: int, weight: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class FuzzyRule:
-    """Faulty where the membership in faulty clusters reaches its limit.
+    """A window is faulty if its membership in faulty clusters reaches the limit.
 
-    With limit-fault windows the clusters are those of both kinds, each with the share of its
-    members that is faulty. Without, they are healthy clusters and a window belongs to none of them
-    as far as it lies from all (noise cluster: Davé, Characterization and detection of noise in
-    clustering, Pattern Recognition Letters 12, 1991).
+    With faulty windows, the rule clusters healthy and faulty windows together and stores the faulty
+    share of every cluster. Without faulty windows, all clusters are healthy, and the score is the
+    membership in a noise cluster, which rises with the distance from all clusters.
+    Source of the noise cluster: Davé, Characterization and detection of noise in clustering,
+    Pattern Recognition Letters 12, 1991.
     """
 
-    centre: FloatArray  # (n_features,) of healthy features
-    scale: FloatArray  # (n_features,)
+    centre: FloatArray  # (n_features,) medians of healthy features
+    scale: FloatArray  # (n_features,) robust standard deviations of healthy features
     centres: FloatArray  # (n_clusters, n_features), scaled
-    share: FloatArray | None  # (n_clusters,) faulty share of each, None without faulty windows
-    limit: float
+    share: FloatArray | None  # (n_clusters,) faulty share, None without faulty windows
+    limit: float  # of the membership
 
     @classmethod
     def fit(cls, healthy: Windows, faulty: Windows | None, false_alarm_rate: float) -> Self:
-        """Return the rule; both kinds count alike, however many windows there are of each."""
-        own = features(healthy)
-        low, centre, high = np.quantile(own, [0.25, 0.5, 0.75], axis=0)
-        scale = np.maximum((high - low) / 1.349, 1e-9)  # of a normal distribution
-        x = np.arcsinh((own - centre) / scale)
+        """Return the rule; healthy and faulty windows weigh the same in total.
+
+        Raises RecordingError if there are too few healthy windows.
+        """
+        sound = features(healthy)
+        low, centre, high = np.quantile(sound, [0.25, 0.5, 0.75], axis=0)
+        scale = np.maximum((high - low) / 1.349, 1e-9)  # 1.349: quartile range of a unit normal
+        x = np.arcsinh((sound - centre) / scale)
         share = None
         if faulty is None or len(faulty) == 0:
             centres = cluster(x, min(CLUSTERS // 2, len(x)), np.ones(len(x)))
@@ -128,7 +134,7 @@ class FuzzyRule:
         return cls(centre, scale, centres, share, limit)
 
     def score(self, windows: Windows) -> FloatArray:
-        """Return the membership in what is faulty, (n,), 0 to 1."""
+        """Return the membership of each window in the faulty or noise clusters, (n,), 0 to 1."""
         x = np.arcsinh((features(windows) - self.centre) / self.scale)
         if self.share is not None:
             return np.asarray(memberships(x, self.centres) @ self.share)
@@ -141,6 +147,6 @@ class FuzzyRule:
 
 
 def _distances(x: FloatArray, centres: FloatArray) -> FloatArray:
-    """Return the squared distances, (n, n_clusters), none of them 0."""
+    """Return the squared distances of points and centres, (n, n_clusters), all above 0."""
     square = ((x[:, np.newaxis, :] - centres[np.newaxis]) ** 2).sum(axis=2)
     return np.asarray(np.maximum(square, 1e-12))

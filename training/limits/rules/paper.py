@@ -1,4 +1,4 @@
-"""The paper's own rule as baseline, with the interface of the others."""
+"""The rule of the paper as a baseline."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -12,10 +12,11 @@ from training.limits.rules.windows import Windows, limit_for
 
 @dataclass(frozen=True, slots=True)
 class PaperRule:
-    """Faulty where the residual's |mean| and std both reach their limits.
+    """A window is faulty if |mean| and standard deviation of its residual both reach their limits.
 
-    Source: Model Based Diagnosis of Oxygen Sensors, section 2. With limit-fault windows the pair,
-    of those with the wanted false-alarm rate, that misses the fewest of them.
+    With faulty windows, ``fit`` chooses the pair of limits that keeps the false-alarm rate and
+    misses the fewest faulty windows.
+    Source: Model Based Diagnosis of Oxygen Sensors, section 2.
     """
 
     j_mu: float  # output's unit
@@ -23,11 +24,14 @@ class PaperRule:
 
     @classmethod
     def fit(cls, healthy: Windows, faulty: Windows | None, false_alarm_rate: float) -> Self:
-        """Return the rule with both limits; without faulty windows both are healthy quantiles."""
+        """Return the rule with both limits; without faulty windows they are healthy quantiles.
+
+        Raises RecordingError if there are too few healthy windows.
+        """
         if faulty is None or len(faulty) == 0:
             mean, std = _mean_std(healthy)
             return cls(limit_for(mean, false_alarm_rate), limit_for(std, false_alarm_rate))
-        mu, sigma = (max(float(np.median(each)), 1e-12) for each in _mean_std(faulty))
+        mu, sigma = (max(float(np.median(values)), 1e-12) for values in _mean_std(faulty))
         rules = []
         for ratio in RATIOS:
             rule = cls(mu * ratio, sigma)
@@ -36,7 +40,7 @@ class PaperRule:
         return max(rules, key=lambda rule: int(rule.faulty(faulty).sum()))
 
     def score(self, windows: Windows) -> FloatArray:
-        """Return the smaller of |mean| and std, each over its limit, (n,); 1 is at the limits."""
+        """Return the smaller of |mean| / j_mu and std / j_sigma per window, (n,)."""
         mean, std = _mean_std(windows)
         return np.minimum(mean / self.j_mu, std / self.j_sigma)
 

@@ -1,4 +1,4 @@
-"""What the rules judge, and the limit that all of them set alike."""
+"""Windows for the rules of the literature, the interface of a rule, and its limit."""
 
 import math
 from collections.abc import Sequence
@@ -9,7 +9,7 @@ import numpy as np
 
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray, IntArray
-from monitor.pipeline.stream import WindowJudged
+from monitor.pipeline.events import WindowJudged
 from training.limits.tolerance import just_above
 
 
@@ -19,7 +19,7 @@ class Windows:
 
     measured: FloatArray  # (n, n_samples) output's unit
     predicted: FloatArray  # (n, n_samples)
-    drive: IntArray  # (n,) number of the drive that a window is from
+    drive: IntArray  # (n,) number of the window's drive
 
     def __len__(self) -> int:
         return len(self.measured)
@@ -33,7 +33,7 @@ class Windows:
     def of(cls, drives: Sequence[Sequence[WindowJudged]]) -> Self:
         """Return the windows of several drives in their order.
 
-        Raises RecordingError if there is none.
+        Raises RecordingError if the drives have no window.
         """
         windows = [w.window for drive in drives for w in drive]
         if not windows:
@@ -47,19 +47,20 @@ class Windows:
 
 
 class Rule(Protocol):
-    """A decision on single windows."""
+    """A decision rule for single windows."""
 
     @classmethod
     def fit(cls, healthy: Windows, faulty: Windows | None, false_alarm_rate: float) -> Self:
-        """Return the rule set on healthy windows and, where it uses them, limit-fault windows.
+        """Return the rule, set on healthy windows and optionally on windows with a fault.
 
-        false_alarm_rate : per window
+        faulty : windows of sensors at the limit severity; some rules ignore them
+        false_alarm_rate : per healthy window, above 0 and below 1
         Raises RecordingError if there are too few healthy windows.
         """
         ...
 
     def score(self, windows: Windows) -> FloatArray:
-        """Return how faulty each window looks, (n,)."""
+        """Return a score per window, (n,); larger is more faulty."""
         ...
 
     def faulty(self, windows: Windows) -> np.ndarray:
@@ -68,12 +69,13 @@ class Rule(Protocol):
 
 
 def limit_for(scores: FloatArray, false_alarm_rate: float) -> float:
-    """Return the limit that a further healthy window reaches with at most that probability.
+    """Return the limit that a new healthy window reaches with at most the false-alarm rate.
 
-    scores : (n,) of healthy windows; the limit lies just above the order statistic
-        ceil((n + 1) (1 - rate)), which holds for exchangeable windows of any distribution;
-        drives that differ from each other give other rates, so a comparison states the rate found
-    Raises RecordingError if there are too few.
+    scores : (n,) scores of healthy windows
+    The limit lies just above the order statistic ceil((n + 1) (1 - rate)). The rate holds for
+    exchangeable windows of any distribution. Windows of one drive resemble each other, so a
+    comparison of rules states the measured rate.
+    Raises RecordingError if there are too few scores.
     Source: Vovk, Gammerman and Shafer, Algorithmic Learning in a Random World, section 2.2.
 
     >>> limit_for(np.arange(19.0), 0.05) > 18.0

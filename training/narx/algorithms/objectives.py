@@ -56,7 +56,7 @@ class OneStep:
     def gradient(self, weights: FloatArray) -> tuple[float, FloatArray]:
         """Return the cost and its gradient (n_weights,), by back-propagation."""
         total, gradient = 0.0, np.zeros(self.spec.n_weights)
-        parts = layers(self.spec, gradient)  # views: what is added to them is added to it
+        parts = layers(self.spec, gradient)  # views into the gradient
         stack = layers(self.spec, weights)
         for at in range(0, len(self.target), GRADIENT_CHUNK):
             rows = slice(at, at + GRADIENT_CHUNK)

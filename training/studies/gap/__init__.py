@@ -1,1 +1,1 @@
-"""The study of the gap workflow: its answers on simulated vehicles with a hidden effect."""
+"""The gap study: answers of the gap workflow on simulated vehicles with a hidden effect."""

@@ -1,4 +1,4 @@
-"""Worth of an answer (right, in the ambiguous set, wrong) and strength of the gap."""
+"""Marks for an answer of the gap workflow: right, in the ambiguous set, wrong; size of the gap."""
 
 from collections.abc import Iterable, Sequence
 from typing import Final
@@ -14,7 +14,7 @@ ERROR: Final = "error"
 
 
 def done(rows: Iterable[Row], kind: str | None = None) -> list[Row]:
-    """Return the rows that hold an answer, all of them or those of a kind."""
+    """Return the rows without an error; ``kind`` keeps one kind of cases, None keeps all."""
     return [r for r in rows if r["error"] is None and kind in (None, r["kind"])]
 
 
@@ -34,9 +34,9 @@ def large(rows: Iterable[Row]) -> list[Row]:
 
 
 def errs(row: Row) -> bool:
-    """Return whether the base itself errs by an excess of at least twice the noise.
+    """Return whether the base model's excess error is at least twice the noise.
 
-    One that was fitted to what is hidden follows part of it, and may have little left to close.
+    A base model fitted to drives with the hidden effect may already follow part of the effect.
 
     >>> errs({"excess_before": 4e-4, "noise": 0.01}), errs({"excess_before": -1e-5, "noise": 0.01})
     (True, False)
@@ -45,7 +45,7 @@ def errs(row: Row) -> bool:
 
 
 def alike(hidden: str, answered: str) -> bool:
-    """Return whether a name is right: the same, or of the same declared gain class.
+    """Return whether the answered name counts as the hidden one: the same name or gain class.
 
     >>> alike("ethanol", "ethanol"), alike("purge", "ethanol")
     (True, False)
@@ -59,7 +59,7 @@ def alike(hidden: str, answered: str) -> bool:
 
 
 def right(row: Row) -> bool:
-    """Return whether everything hidden was named and nothing else was."""
+    """Return whether the answer names every hidden effect and no other."""
     return (
         bool(row["names"])
         and not wrong_names(row)
@@ -73,18 +73,18 @@ def right_or_among(row: Row) -> bool:
 
 
 def right_or_beside_fault(row: Row) -> bool:
-    """Return whether it is right or among, or looks like the suspected fault."""
+    """Return whether an answer is right, among, or lists the effect as like a suspected fault."""
     like = row["indistinguishable"]
     return right_or_among(row) or any(alike(h, n) for h in row["hidden"] for n in like)
 
 
 def wrong_names(row: Row) -> list[str]:
-    """Return the names given that nothing hidden deserves."""
+    """Return the answered names that match no hidden effect."""
     return [n for n in row["names"] if not any(alike(h, n) for h in row["hidden"])]
 
 
 def answer(row: Row) -> str:
-    """Return the answer as a column of the confusion matrix."""
+    """Return the column of the confusion matrix for an answer."""
     if row["error"] is not None:
         return ERROR
     if row["verdict"] == "ambiguous" and right_or_among(row):
@@ -96,7 +96,7 @@ def answer(row: Row) -> str:
 
 
 def hidden(row: Row) -> str:
-    """Return the hidden effect or fault as a row of the confusion matrix."""
+    """Return the row of the confusion matrix for a case."""
     names = {
         "null": "nothing",
         "two": "two effects",
@@ -107,9 +107,9 @@ def hidden(row: Row) -> str:
 
 
 def closed(row: Row) -> float | None:
-    """Return the share of the gap that the answer closes, 0 if nothing was added.
+    """Return the share of the excess error that the new model removes, 0 without a new model.
 
-    None where there was no gap to close.
+    Return None if the old model had no excess error.
     """
     if row["excess_before"] <= 0.0:
         return None

@@ -1,4 +1,4 @@
-"""The base models of a study: fitted to a vehicle's recordings, as ``o2train fit`` does."""
+"""Base models of the gap study, fitted to a vehicle's recordings like ``o2train fit`` does."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -14,13 +14,16 @@ from training.limits.decision_limits import set_limits
 from training.narx import fit
 from training.recordings.recording import Recording
 
-BUDGET_MINUTES: Final = 3.0  # of a training on two hours; it ends by itself in half a minute
+BUDGET_MINUTES: Final = 3.0  # upper bound; a training on two hours of driving takes half a minute
 LAGS: Final = 5
 HIDDEN: Final = (8, 8)
 
 
 def fit_base(base: str, recordings: Sequence[Recording], out: Path) -> None:
-    """Fit a model of the kind ``base`` and write it to ``out``, with limits if they can be set."""
+    """Fit a model of the kind ``base`` (``greybox`` or ``narx``) and write it to ``out``.
+
+    The model gets decision limits if the recordings hold enough windows.
+    """
     if base == GREYBOX:
         held_out = fit_greybox(recordings, out).held_out
     else:

@@ -1,12 +1,17 @@
-"""One case: its recordings made, the workflow asked, the answer as a row.
+"""One case of the gap study: simulate its recordings, run the workflow, return a row.
 
-The gap of a case is how far what is hidden moves the error of the base that was fitted to the
-vehicle's healthy recordings: the RMS, in phi over samples scored in both, of the difference between
-its error on the drives and on the same drives and seeds with nothing hidden. The noise is what the
-naming's ceiling leaves of the residual of the healthy recordings (``scoring.floor_phi``). The
-excess, of which a new model takes a share away, is the mean squared error on the recordings that
-the workflow holds out, less that of the same base, fitted alike, on the same drives with nothing
-hidden. A base of the case's own recordings is fitted to those that are not held out.
+Every drive is simulated twice with the same seed: with the hidden effect or fault, and without it
+(the reference drive). A row measures:
+
+gap : RMS, in phi, of the base model's error on the drives minus its error on the reference drives,
+    over the samples scored in both; the base is fitted to the vehicle's healthy recordings
+noise : RMS, in phi, of the residual that the naming's flexible model leaves on the healthy
+    recordings (``scoring.floor_phi``)
+excess : mean squared error on the held-out drives, minus the base's mean squared error on their
+    reference drives; a new model should remove it
+
+If the study fits the base to the case's recordings (``Study.fitted_with_effect``), the fit uses
+only drives that the workflow does not hold out.
 """
 
 import time
@@ -38,28 +43,31 @@ from training.studies.gap.base import fit_base
 from training.studies.gap.plan import Case, Study, healthy_parts
 
 Row = dict[str, Any]
-# A network that was trained on the effect has to be trained anew; the command takes three minutes.
+# Minutes to retrain a network that was trained on drives with the effect. The command's default is
+# three minutes.
 RETRAIN_MINUTES: Final = 0.5
-RANKED: Final = 5  # candidates of the last step that a row keeps
-# The workflow adds what may be a fault only if told to, and is told so in every case.
+RANKED: Final = 5  # number of candidates that a row keeps of the last naming step
+# The workflow adds these fault-like effects only if they are listed; every case lists them.
 ADD: Final = tuple(effect.name for effect in ALL if effect.tag == "fault-like")
 
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
-    """Base model, healthy recordings and noise of one vehicle, for all its cases."""
+    """Base model, healthy recordings and their statistics, shared by all cases of a vehicle."""
 
     number: int
-    model: Path  # the base, fitted to the healthy recordings
+    model: Path  # file of the base model, fitted to the healthy recordings
     healthy: tuple[Recording, ...]
     known: Healthy
     noise_phi: float
 
 
 def prepare(study: Study, number: int, model: Path) -> Vehicle:
-    """Return a vehicle with its healthy behaviour; the base goes to the file ``model``.
+    """Return a vehicle: its healthy recordings, the base model fitted to them, and the noise.
 
-    Where bases are fitted to the cases' own recordings it is taught without this base's charge.
+    model : file to which the base model is written
+    If the study fits a base to every case (``fitted_with_effect``), the air charge is taken as
+    broadcast and not from this base model.
     """
     made = drive.healthy(healthy_parts(study, number), number, study.duration_s)
     fit_base(study.base, made, model)
@@ -81,7 +89,11 @@ def ask(
     sensor_known_good: bool = False,
     retrain_minutes: float = 0.0,
 ) -> Result:
-    """Return the workflow's answer; ``faults`` are put on to see that they are still found."""
+    """Return the workflow's answer.
+
+    steps : largest number of effects that the workflow may name
+    faults : faults that the verification puts on drives, to see that the new model still finds them
+    """
     with TemporaryDirectory() as out:
         options = Options(
             steps, sensor_known_good, ADD, retrain_minutes, faults=faults, localise=False
@@ -90,7 +102,10 @@ def ask(
 
 
 def run(case: Case, study: Study, vehicle: Vehicle | str) -> Row:
-    """Return the case's row; an error of the case or its vehicle is part of the row."""
+    """Return the case's row; an error of the case or of its vehicle is written into the row.
+
+    vehicle : a text instead of a vehicle says why the vehicle could not be prepared
+    """
     if isinstance(vehicle, str):
         return case.as_row() | {"noise": None, "error": vehicle}
     row = case.as_row() | {"noise": vehicle.noise_phi, "error": None}
@@ -156,7 +171,10 @@ def _said(found: Result) -> Row:
 
 
 def _closed(verified: Verification | None, without: float) -> Row:
-    """Return errors on the held-out recordings, beside the reference ``without`` in phi."""
+    """Return the errors on the held-out recordings before and after the new model.
+
+    without : RMS error on the reference drives, in phi
+    """
     if verified is None:
         raise ValueError("nothing was held out")
     before, after = verified.overall.before, verified.overall.after
@@ -172,9 +190,11 @@ def _closed(verified: Verification | None, without: float) -> Row:
 
 
 def _counts(found: Sequence[Detection]) -> dict[str, int] | None:
-    """Return drives and how many of them each model finds faulty, None without a new model.
+    """Return the number of drives and how many of them each model finds faulty.
 
-    alike : the old model with its limits set as the new one's
+    Keys: ``before`` (old model), ``after`` (new model), ``alike`` (old model with limits set on the
+    same drives as the new model's), and the same with ``_named`` for right fault names.
+    Return None without a new model.
     """
     if not any(each.after for each in found):
         return None
@@ -190,7 +210,7 @@ def _counts(found: Sequence[Detection]) -> dict[str, int] | None:
 
 
 def moved_phi(model: Path, hidden: Sequence[Recording], nothing: Sequence[Recording]) -> float:
-    """Return how far a model's error differs between two series of the same drives, RMS in phi."""
+    """Return the RMS difference, in phi, of a model's errors on two series of the same drives."""
     errors = _errors(model, [*hidden, *nothing])  # side by side
     pairs = zip(errors[: len(hidden)], errors[len(hidden) :], strict=True)
     moved = np.concatenate([x - y for x, y in pairs])
@@ -198,7 +218,7 @@ def moved_phi(model: Path, hidden: Sequence[Recording], nothing: Sequence[Record
 
 
 def rms_phi(model: Path, recordings: Sequence[Recording]) -> float:
-    """Return the RMS of a model's error on scored samples, in phi."""
+    """Return the RMS of a model's error over the scored samples, in phi."""
     return float(np.sqrt(np.nanmean(np.concatenate(_errors(model, recordings)) ** 2)))
 
 

@@ -1,4 +1,4 @@
-"""The recordings of a case: simulated drives as decoded from the vehicle's bus."""
+"""Recordings of a case: simulated drives, decoded from the simulated vehicle's bus."""
 
 import hashlib
 from collections.abc import Mapping, Sequence
@@ -20,14 +20,18 @@ PERIOD_NS: Final = 100_000_000
 
 
 def recordings(case: Case, duration_s: float, *, hidden: bool = True) -> list[Recording]:
-    """Return the case's recordings, or the same drives with nothing hidden."""
+    """Return the case's recordings.
+
+    duration_s : length of every recording
+    hidden : False leaves out the hidden effects and the fault; the drives stay the same
+    """
     effects = dict(case.hidden) if hidden else {}
     fault = case.fault if hidden else None
     return [recording(p, case.vehicle, duration_s, effects, fault) for p in case.parts]
 
 
 def healthy(parts: Sequence[Part], vehicle: int, duration_s: float) -> list[Recording]:
-    """Return recordings of the vehicle with nothing hidden."""
+    """Return the vehicle's recordings without a hidden effect or fault."""
     return [recording(p, vehicle, duration_s, {}, None) for p in parts]
 
 
@@ -38,9 +42,10 @@ def recording(
     effects: Mapping[str, float],
     fault: tuple[str, float] | None,
 ) -> Recording:
-    """Return one recording on the monitor's grid, quantised and timed as on the bus.
+    """Return one recording on the monitor's sample grid, with the bus's quantisation and timing.
 
-    effects : name → severity in noises
+    effects : name → severity; severity 1 moves lambda by about the plant's noise
+    fault : name and severity; None or a part without ``fault_start_s`` means a healthy sensor
     """
     fails = resolve(*fault) if fault and part.fault_start_s is not None else None
     experiment = Experiment(

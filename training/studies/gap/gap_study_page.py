@@ -9,10 +9,10 @@ from training.gap.inputs.base import GREYBOX
 from training.pages.page import page
 from training.studies.gap import tables
 from training.studies.gap.answers import done, large
-from training.studies.gap.assess import assess
 from training.studies.gap.case import ADD, RETRAIN_MINUTES, Row
 from training.studies.gap.gap_study_result import ERRORS_SHOWN, cells, hidden, reached
 from training.studies.gap.plan import HEALTHY_DRIVES, Study
+from training.studies.gap.targets import assess
 from training.studies.matrix.detection_figures import confusion_figure
 
 FINAL: Final = 5000  # vehicles with lower numbers serve development

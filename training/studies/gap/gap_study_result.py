@@ -9,9 +9,9 @@ from typing import Any, Final
 import monitor
 from training.studies.gap import tables
 from training.studies.gap.answers import CLASSES
-from training.studies.gap.assess import Target, assess
 from training.studies.gap.case import Row
 from training.studies.gap.plan import Study
+from training.studies.gap.targets import Target, assess
 
 SCHEMA: Final = "o2train.gap-study/1"
 PACKAGES: Final = ("numpy", "scipy", "numba")

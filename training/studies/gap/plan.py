@@ -1,7 +1,8 @@
-"""The cases of a study: hidden effect or fault, vehicle, drives.
+"""Plan of the gap study: hidden effects and faults, vehicles, drives and seeds of every case.
 
-Every case has its own seeds, all of them counted up from one. The cases of a kind go through all
-vehicles; their order is random, so that a study that was stopped holds a fair part of every kind.
+Every drive has its seed, counted up from the seed of the study. The cases of a kind go through all
+vehicles. The order of the cases is random, so that an interrupted study holds a fair share of every
+kind.
 """
 
 from collections.abc import Iterator, Mapping
@@ -17,7 +18,7 @@ from training.studies.matrix.plan import ELECTRICAL
 from training.studies.matrix.plan import SEVERITIES as FAULT_SEVERITIES
 
 KINDS: Final = ("effect", "null", "unknown", "two", "onset", "fault")
-FAULTY: Final = ("onset", "fault")  # the kinds in which the sensor has a fault
+FAULTY: Final = ("onset", "fault")  # kinds of cases with a sensor fault
 BASES: Final = ("greybox", "narx")
 CASES: Final[Mapping[str, Mapping[str, int]]] = MappingProxyType(
     {
@@ -32,11 +33,11 @@ CASES: Final[Mapping[str, Mapping[str, int]]] = MappingProxyType(
         "narx": {"effect": 240, "null": 200, "unknown": 60, "two": 60, "onset": 110, "fault": 110},
     }
 )
-USUAL: Final = (0.5, 1.0, 2.0, 4.0, 8.0)  # severities, of which 1 is about the plant's noise
+USUAL: Final = (0.5, 1.0, 2.0, 4.0, 8.0)  # severities; 1 moves lambda by about the plant's noise
 TWICE: Final = tuple(2.0 * severity for severity in USUAL)
-# So that the strongest moves the base's error by about eight times the noise that the workflow
-# sees, which is more than the plant's, or as far as the plant's form goes: sensor_asymmetry is
-# unstable beyond, maf_pulsation saturates.
+# The largest severity moves the base model's error by about eight times the noise that the workflow
+# sees (this noise is larger than the plant's). Two effects cannot go so far: sensor_asymmetry
+# becomes unstable, maf_pulsation saturates.
 SEVERITIES: Final[Mapping[str, tuple[float, ...]]] = MappingProxyType(
     {
         "wall_film": USUAL,
@@ -58,22 +59,22 @@ SEVERITIES: Final[Mapping[str, tuple[float, ...]]] = MappingProxyType(
     }
 )
 UNKNOWN_SEVERITIES: Final = (4.0, 8.0, 16.0)
-OF_TWO: Final = (2, 3)  # places of the severities that two effects at once have
+OF_TWO: Final = (2, 3)  # indices into an effect's severities, for cases with two effects
 UNKNOWN: Final = ("oil_dilution", "battery_voltage", "intake_resonance")  # not in the library
 CYCLES: Final = ("micro_trips", "wltc_3b", "udds", "us06", "micro_trips", "hwfet")
 LENGTH_S: Final = {"wltc_3b": 1800.0, "udds": 1369.0, "us06": 596.0, "hwfet": 765.0}
 MICRO_TRIPS_S: Final = 1200.0
-COLD_SHARE: Final = 0.5  # of the drives begin with the start of the engine
-ONSET: Final = (0.2, 0.8)  # of the drive in which a fault begins
+COLD_SHARE: Final = 0.5  # share of the recordings that begin with the start of the engine
+ONSET: Final = (0.2, 0.8)  # a fault begins within this part of its recording
 HEALTHY_DRIVES: Final = 8
 MOST_DRIVES: Final = 10
-HEALTHY_SEEDS: Final = 500_000  # so far above the seeds of the cases
+HEALTHY_SEEDS: Final = 500_000  # distance of the healthy drives' seeds from the cases' first seed
 MOST_VEHICLES: Final = 10_000
 
 
 @dataclass(frozen=True, slots=True)
 class Study:
-    """Base, cases, vehicles and drives of a study."""
+    """Size and options of a gap study."""
 
     base: str = "greybox"
     cases: tuple[tuple[str, int], ...] = tuple(CASES["greybox"].items())
@@ -82,8 +83,8 @@ class Study:
     seed: int = 2_000_000
     drives: int = 6
     duration_s: float = 600.0
-    fitted_with_effect: bool = False  # the base, to the case's own recordings
-    sensor_known_good: bool = False  # the workflow is told so
+    fitted_with_effect: bool = False  # True: the base is fitted to the case's recordings
+    sensor_known_good: bool = False  # passed to the workflow
 
     def __post_init__(self) -> None:
         if self.base not in BASES:
@@ -111,29 +112,29 @@ class Part:
 
     cycle: str
     seed: int
-    start_s: float  # of the recording within the drive; 0 is with the start of the engine
-    fault_start_s: float | None  # within the drive; None is a healthy sensor all along
+    start_s: float  # start of the recording within the drive; 0 is the start of the engine
+    fault_start_s: float | None  # start of the fault within the drive; None: a healthy sensor
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """A hidden effect or fault in one vehicle, and its recordings."""
+    """One case: the hidden effects or fault, the vehicle and its recordings."""
 
     number: int
     kind: str
     vehicle: int
-    hidden: tuple[tuple[str, float], ...]  # effects and their severities, in noises
+    hidden: tuple[tuple[str, float], ...]  # effects with severities in units of the plant's noise
     fault: tuple[str, float] | None
     parts: tuple[Part, ...]
 
     @property
     def what(self) -> str:
-        """Return the hidden effects and fault in words."""
+        """Return the names of the hidden effects and fault, or ``nothing``."""
         names = [name for name, _ in self.hidden] + ([self.fault[0]] if self.fault else [])
         return " + ".join(names) or "nothing"
 
     def as_row(self) -> dict[str, Any]:
-        """Return the case as JSON has it."""
+        """Return the case as JSON values."""
         return {
             "number": self.number,
             "kind": self.kind,
@@ -150,20 +151,20 @@ class Case:
 
 
 def cases(study: Study) -> list[Case]:
-    """Return every case in the order in which they are done."""
+    """Return every case in the order of execution."""
     planned = [each for kind, number in study.cases for each in _of_kind(study, kind, number)]
     order = np.random.default_rng([0x0_2, 21, study.seed]).permutation(len(planned))
     return [planned[i] for i in order]
 
 
 def healthy_parts(study: Study, vehicle: int) -> tuple[Part, ...]:
-    """Return the vehicle's recordings without effect and fault, seeds of their own."""
+    """Return the vehicle's healthy recordings; no case shares their seeds."""
     first = study.seed + HEALTHY_SEEDS + MOST_DRIVES * (vehicle - study.first_vehicle)
     return tuple(_part(study, first + i, i, None) for i in range(HEALTHY_DRIVES))
 
 
 def _of_kind(study: Study, kind: str, number: int) -> Iterator[Case]:
-    """Yield the cases of one kind; what is hidden changes first, then the vehicle."""
+    """Yield the cases of one kind; every round uses each vehicle once, in random order."""
     rng = np.random.default_rng([0x0_2, 22, KINDS.index(kind), study.seed])
     hidden = _hidden(kind, rng)
     first, rounds = _first(study, kind), -(-number // study.vehicles)
@@ -192,7 +193,7 @@ Hidden = tuple[tuple[tuple[str, float], ...], tuple[str, float] | None]
 
 
 def _hidden(kind: str, rng: np.random.Generator) -> list[Hidden]:
-    """Return all that a kind hides, in an order in which any part of it is mixed."""
+    """Return all hidden effects and faults of a kind of cases, in random order."""
     found: list[Hidden]
     if kind == "null":
         return [((), None)]
@@ -217,7 +218,10 @@ def _hidden(kind: str, rng: np.random.Generator) -> list[Hidden]:
 
 
 def _begins(study: Study, kind: str, rng: np.random.Generator) -> list[float | None]:
-    """Return when in its recording a fault begins, None where it has not come yet."""
+    """Return the start of the fault in every recording, in seconds; None before the fault.
+
+    A fault with an onset begins within one recording and lasts through all later ones.
+    """
     if kind != "onset":
         return [0.0] * study.drives
     at = int(rng.integers(study.drives))
@@ -227,12 +231,16 @@ def _begins(study: Study, kind: str, rng: np.random.Generator) -> list[float | N
 
 
 def _part(study: Study, seed: int, turn: int, begins_s: float | None) -> Part:
-    """Return a recording; begins_s : of the fault, within the recording."""
+    """Return the plan of one recording.
+
+    turn : index that selects the driving cycle
+    begins_s : start of the fault within the recording; None means no fault
+    """
     rng = np.random.default_rng([0x0_2, 23, seed])
     cycle = CYCLES[turn % len(CYCLES)]
     room_s = LENGTH_S.get(cycle, MICRO_TRIPS_S) - study.duration_s
     cold = rng.random() < COLD_SHARE
     start_s = 0.0 if cold or room_s <= 0.0 else float(round(rng.uniform(0.0, room_s)))
-    # A fault of the whole recording is there before it begins.
+    # A fault that covers the whole recording is present from the start of the drive.
     fault_start_s = None if begins_s is None else begins_s + start_s if begins_s else 0.0
     return Part(cycle, seed, start_s, fault_start_s)

@@ -1,4 +1,4 @@
-"""All cases of a study in parallel, each in a file that a run begun again finds done."""
+"""Parallel run of a gap study; every case is one file, so that a killed study can resume."""
 
 import json
 import pickle
@@ -20,11 +20,11 @@ VEHICLES: Final = "vehicles"
 MODEL: Final = "base.onnx"
 ROOT: Final = Path(monitor.__file__).parent.parent
 Item = tuple[Case, Vehicle | str, bytes]  # a case, its vehicle, and the file of the vehicle's base
-Progress = Callable[[int], None]  # takes how many cases are done more
+Progress = Callable[[int], None]  # called with the number of newly finished cases
 
 
 def begin(study: Study, folder: Path) -> dict[str, Any]:
-    """Take the folder for a study; return the identity of its rows.
+    """Claim the folder for a study; return the study's identity.
 
     Raises UsageError if the folder holds another study.
     """
@@ -38,9 +38,10 @@ def begin(study: Study, folder: Path) -> dict[str, Any]:
 def run(
     study: Study, folder: Path, done: Progress, *, jobs: int = 1, scheduler: str | None = None
 ) -> None:
-    """Do all cases that the folder does not hold.
+    """Run all cases that the folder does not hold yet.
 
-    scheduler : address of a Dask scheduler; None uses ``jobs`` processes here
+    done : called with the number of newly finished cases
+    scheduler : address of a Dask scheduler; None uses ``jobs`` processes on this machine
     Raises UsageError if the scheduler cannot be used.
     """
     planned = {str(each.number): each for each in cases(study)}
@@ -48,7 +49,7 @@ def run(
     done(len(planned) - len(missing))
     numbers = dict.fromkeys(each.vehicle for each in missing.values())
     new = [(str(n), n) for n in numbers if not _pickle(folder, n).exists()]
-    # Workers return, this process writes: a cluster needs no common file system.
+    # Workers return results and this process writes them: a cluster needs no shared file system.
     for key, (found, model) in parallel.run(_prepare, study, new, jobs=jobs, scheduler=scheduler):
         _keep(folder, int(key), found, model)
     work = ((key, _item(each, folder)) for key, each in missing.items())
@@ -58,14 +59,14 @@ def run(
 
 
 def rows(study: Study, folder: Path) -> list[Row]:
-    """Return the rows that a folder holds, in the order of the plan's numbers."""
+    """Return the rows stored in the folder, in the order of the case numbers."""
     found = [_path(folder, each) for each in cases(study)]
     there = [json.loads(path.read_text()) for path in found if path.exists()]
     return sorted(there, key=lambda row: int(row["number"]))
 
 
 def identity(study: Study) -> dict[str, Any]:
-    """Return the study and the hash of all code and numbers that make its rows."""
+    """Return the study's settings and the digest of all code and numbers behind the rows."""
     return {
         "study": json.loads(json.dumps(asdict(study))),
         "code_sha256": run_folder.code_sha256(sources(), ROOT),
@@ -87,12 +88,12 @@ def _pickle(folder: Path, vehicle: int) -> Path:
 
 
 def _prepare(study: Study, number: int) -> tuple[Vehicle | str, bytes]:
-    """Return a vehicle, or why there is none, and the file of its base."""
+    """Return a vehicle, or the error as text, and the content of its base model's file."""
     with TemporaryDirectory() as temporary:
         model = Path(temporary) / MODEL
         try:
             return case.prepare(study, number, model), model.read_bytes()
-        except Exception as error:  # its cases say so, the others go on
+        except Exception as error:  # the vehicle's cases report it; other vehicles go on
             return f"{type(error).__name__}: {error}", b""
 
 
@@ -112,7 +113,7 @@ def _item(asked: Case, folder: Path) -> Item:
 
 
 def _do(study: Study, item: Item) -> Row:
-    """Return the row of a case."""
+    """Return the row of a case; runs on a worker."""
     asked, vehicle, model = item
     with TemporaryDirectory() as temporary:
         if isinstance(vehicle, Vehicle):

@@ -1,4 +1,4 @@
-"""The rows of a study as tables: who was taken for whom, by effect and severity, wrong names."""
+"""Tables of the gap study: confusion matrix, rates by effect and gap size, wrong names."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -29,19 +29,24 @@ LAST: Final = (AMONG, "ambiguous", "unknown_effect", SUSPECTED, SEVERAL, ERROR)
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """The cases of one effect and one class of the gap."""
+    """Counts over the cases of one effect and one class of the gap."""
 
     effect: str
     size: str
     cases: int
     right: int
-    among: int  # right, or in the ambiguous set
+    among: int  # right name, or the hidden effect in the ambiguous set
     wrong: int
-    verdicts: str  # of the others, counted
+    verdicts: str  # verdicts other than ``named`` with their counts, as text
 
 
 def confusion(rows: Sequence[Row]) -> dict[str, Any]:
-    """Return the confusion matrix: hidden by answer, as ``driven``, ``named``, ``counts``."""
+    """Return the confusion matrix.
+
+    driven : row names, the hidden effects and faults
+    named : column names, the answers
+    counts : number of cases, one list per row
+    """
     counts = Counter((hidden(r), answer(r)) for r in rows)
     order = ["nothing", *LIBRARY, *UNKNOWN, "two effects"]
     there = {what for what, _ in counts}
@@ -57,7 +62,7 @@ def confusion(rows: Sequence[Row]) -> dict[str, Any]:
 
 
 def by_size(rows: Sequence[Row]) -> list[Cell]:
-    """Return the effects, each class of the gap apart, and all effects together."""
+    """Return a cell for every effect and class of the gap, then cells for all effects together."""
     effect = done(rows, "effect")
     found = []
     for name in (*LIBRARY, None):
@@ -69,12 +74,12 @@ def by_size(rows: Sequence[Row]) -> list[Cell]:
 
 
 def wrong(rows: Sequence[Row]) -> list[Row]:
-    """Return the cases in which a name is wrong."""
+    """Return the rows with at least one wrong name."""
     return [r for r in done(rows) if wrong_names(r)]
 
 
 def two(rows: Sequence[Row]) -> dict[str, int]:
-    """Return the outcomes of the cases with two effects."""
+    """Return the number of cases with two hidden effects by result; empty without such cases."""
     own = done(rows, "two")
     found = Counter(_of_two(r) for r in own)
     order = ("both right", "one right, nothing wrong", "a wrong name")

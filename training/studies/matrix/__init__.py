@@ -1,1 +1,1 @@
-"""The matrix: many simulated drives, healthy and faulty, judged by the monitor, and the rates."""
+"""Detection matrix: detection and false-alarm rates on many simulated drives."""

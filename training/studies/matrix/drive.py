@@ -1,4 +1,4 @@
-"""A trial as the samples that the monitor would see."""
+"""Simulation of a trial: the samples that the monitor would see."""
 
 import math
 
@@ -22,7 +22,7 @@ _one_sided = numba.njit(cache=True)(faults.one_sided)
 
 
 def samples(trial: Trial, bus_map: BusMap, period_ns: int) -> SampleBlock:
-    """Return the drive on the sample grid, columns as in ``bus_map.names``.
+    """Return the trial's drive on the sample grid, with columns as in ``bus_map.names``.
 
     Raises UsageError for an unknown cycle or fault.
     """
@@ -45,10 +45,11 @@ def samples(trial: Trial, bus_map: BusMap, period_ns: int) -> SampleBlock:
 
 
 def put_on(lambda_healthy: FloatArray, fault: Fault) -> FloatArray:
-    """Return what ``faults.SensorFault`` makes of readings at 100 Hz, as the plant's ECU sends it.
+    """Return the lambda readings (n,) of a faulty sensor, clipped like the plant's ECU does.
 
-    lambda_healthy : (n,) NaN where not available
-    Raises UsageError for a fault of the communication.
+    The result equals that of ``faults.SensorFault``; this form is compiled.
+    lambda_healthy : (n,) healthy readings at 100 Hz, NaN where not available
+    Raises UsageError for ``not_ready`` and a missing signal: they are no readings.
     """
     if fault.not_ready or fault.missing:
         raise UsageError(f"fault {fault.name}: cannot be put on a reading")
@@ -56,12 +57,12 @@ def put_on(lambda_healthy: FloatArray, fault: Fault) -> FloatArray:
         return np.where(np.isfinite(lambda_healthy), fault.stuck_lambda, np.nan)
     read = _put_on(
         lambda_healthy,
-        fault.tau_rising_s,
-        fault.tau_falling_s,
-        round(fault.delay_s / STEP_S),
-        fault.delay_direction,
-        fault.gain,
-        fault.offset_lambda,
+        tau_rising_s=fault.tau_rising_s,
+        tau_falling_s=fault.tau_falling_s,
+        delay_steps=round(fault.delay_s / STEP_S),
+        direction=fault.delay_direction,
+        gain=fault.gain,
+        offset_lambda=fault.offset_lambda,
     )
     return np.asarray(np.minimum(read, LAMBDA_MAX))
 
@@ -77,7 +78,7 @@ def _put_on(
     offset_lambda: float,
 ) -> FloatArray:
     out = np.full(len(healthy), np.nan)
-    seen = np.empty(len(healthy))  # phi of what could be read, oldest first
+    seen = np.empty(len(healthy))  # phi of the available readings, oldest first
     n_seen, x = 0, math.nan
     for k in range(len(healthy)):
         if not math.isfinite(healthy[k]):

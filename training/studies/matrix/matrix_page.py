@@ -9,11 +9,11 @@ from training.limits.targets import LIMIT_SEVERITY, at_limit
 from training.pages.numbers import NBSP
 from training.pages.page import page
 from training.studies.matrix import detection_figures
-from training.studies.matrix.assess import PLACES, of_faults
 from training.studies.matrix.matrix_result import cells, number
 from training.studies.matrix.plan import PLACEMENTS, SEVERITIES, Matrix
 from training.studies.matrix.rows import Row
 from training.studies.matrix.tables import MONITOR, of_kind
+from training.studies.matrix.targets import PLACES, of_faults
 
 Times = dict[str, dict[str, list[float | None]]]
 

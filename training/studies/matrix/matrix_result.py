@@ -10,9 +10,9 @@ from training.limits.alarm_rules import FALSE_ALARM_RATE
 from training.limits.rates import Figures
 from training.limits.tolerance import CONFIDENCE
 from training.studies.matrix import tables
-from training.studies.matrix.assess import assess
 from training.studies.matrix.plan import CALIBRATION_SEED, CALIBRATION_VEHICLES, PLACEMENTS
 from training.studies.matrix.rows import Row
+from training.studies.matrix.targets import assess
 
 SCHEMA: Final = "o2train.matrix/1"
 PACKAGES: Final = ("numpy", "scipy", "numba", "onnxruntime")

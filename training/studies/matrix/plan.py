@@ -1,7 +1,8 @@
-"""Which drives a matrix holds: every trial with its own seed, all of them from one.
+"""Plan of the detection matrix: vehicle, cycle, weather, fault and seed of every trial.
 
-A vehicle is drawn by its number, driver, noise and weather by the trial's seed. The trials of one
-fault, severity and placement go through the vehicles in random order and through all weather.
+Seeds count up from the seed of the matrix. The vehicle number fixes the piece; the trial's seed
+fixes driver, noise and weather. The trials of one fault, severity and placement go through the
+vehicles in random order and through all kinds of weather.
 """
 
 import re
@@ -34,7 +35,7 @@ ELECTRICAL: Final = (
     "not_ready",
     "signal_missing",
 )
-NOT_AFTERWARDS: Final = ("not_ready", "signal_missing")  # the ECU itself says so
+NOT_AFTERWARDS: Final = ("not_ready", "signal_missing")  # the ECU sends them, no reading shows them
 SEVERITIES: Final[dict[str, tuple[float, ...]]] = {
     **{name: SLOW for name in faults.NAMES if name.startswith("slow")},
     **{name: DELAY for name in faults.NAMES if name.startswith("delay")},
@@ -49,31 +50,31 @@ HEALTHY_CYCLES: Final = (*("wltc_3b",) * 9, "udds", "us06", "hwfet", "micro_trip
 FAULTY_CYCLES: Final = ("wltc_3b",)
 CALIBRATION_VEHICLES: Final = range(3000, 3020)
 CALIBRATION_SEED: Final = 3_000_000
-REFERENCE_SEEDS: Final = 500_000  # so far above the seeds of the trials
-MOST_ETHANOL: Final = 0.10
-OTHER_SHARE: Final = 4  # beside the limit severity a trial is repeated so many times less
+REFERENCE_SEEDS: Final = 500_000  # distance of the reference drives' seeds from the first trial's
+MOST_ETHANOL: Final = 0.10  # fraction of the fuel
+OTHER_SHARE: Final = 4  # severities other than the limit get a quarter of the repetitions
 
 _TRAINED = re.compile(r"_v(\d+)_s(\d+)_")
 
 
 @dataclass(frozen=True, slots=True)
 class Matrix:
-    """What is asked for."""
+    """Size and options of a detection matrix."""
 
     vehicles: int = 60
     first_vehicle: int = 5000
     seed: int = 5_000_000
-    repetitions: int = 100  # of each fault and placement at its limit severity
+    repetitions: int = 100  # drives per fault and placement at the limit severity
     healthy: int = 600
-    reference_drives: int = 40  # of each vehicle, before its trials
-    cycles: tuple[str, ...] = ()  # () is the plan's own choice
+    reference_drives: int = 40  # healthy drives per vehicle, before its trials
+    cycles: tuple[str, ...] = ()  # () means the plan's default cycles
     ambients: tuple[str, ...] = AMBIENTS
     faults: tuple[tuple[str, tuple[float, ...]], ...] = tuple(SEVERITIES.items())
 
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """One drive."""
+    """One drive of the matrix."""
 
     number: int
     kind: Kind
@@ -82,20 +83,20 @@ class Trial:
     ambient: str
     conditions: Conditions
     ethanol: float  # fraction of the fuel
-    aged: Fault | None  # of a healthy sensor, within its specification
-    fault: str  # "" is healthy
+    aged: Fault | None  # ageing of a healthy sensor, within its specification
+    fault: str  # "" means healthy
     severity: float | None
-    placement: Placement  # "after" is put on the readings, the control loop does not see it
+    placement: Placement  # "after": put on the readings, unseen by the control loop
     seed: int
 
     @property
     def name(self) -> str:
-        """Return what was driven, in words."""
+        """Return number, cycle, vehicle and fault of the drive in words."""
         what = f"{self.fault} {self.severity:g} {self.placement}" if self.fault else self.kind
         return f"trial {self.number} ({self.cycle}, vehicle {self.vehicle}, {what})"
 
     def as_row(self) -> dict[str, Any]:
-        """Return the trial as JSON has it."""
+        """Return the trial as JSON values."""
         c, aged = self.conditions, self.aged
         row = {k: v for k, v in asdict(self).items() if k not in ("conditions", "aged")}
         return row | {
@@ -114,7 +115,7 @@ class Trial:
 
 
 def weather(ambient: str, seed: int) -> Conditions:
-    """Return the conditions of a seed in one kind of weather.
+    """Return ambient conditions and coolant temperature, drawn by ``seed`` for a kind of weather.
 
     Raises UsageError for an unknown kind.
     """
@@ -137,10 +138,11 @@ def weather(ambient: str, seed: int) -> Conditions:
 
 
 def ageing(seed: int) -> Fault:
-    """Return what a healthy sensor may have lost by age, within its specification.
+    """Return a random ageing of a healthy sensor, within its specification.
 
-    Lag up to 0.15 s and dead time up to 0.1 s, together at most 0.2 s, since a specification limits
-    the response as a whole; 0.85 or more of the gain; an offset within 0.008 lambda.
+    The lag is up to 0.15 s and the dead time up to 0.1 s, together at most 0.2 s, because a
+    specification limits the whole response. The gain is at least 0.85, the offset at most 0.008
+    lambda either way.
     """
     rng = np.random.default_rng([0x0_2, 8, seed])
     lag_s = float(rng.uniform(0.0, 0.15))
@@ -156,7 +158,7 @@ def ageing(seed: int) -> Fault:
 
 
 def reference_drives(matrix: Matrix) -> list[list[Trial]]:
-    """Return the drives from which each vehicle's reference is learned, vehicle by vehicle."""
+    """Return a list of healthy drives for every vehicle, from which its reference is learned."""
     drives = []
     for i in range(matrix.vehicles):
         own = []
@@ -165,15 +167,24 @@ def reference_drives(matrix: Matrix) -> list[list[Trial]]:
             cycle = _next(matrix.cycles or REFERENCE_CYCLES, i + k)
             ambient = _next(matrix.ambients, i + k // 2)
             seed = matrix.seed + REFERENCE_SEEDS + number
-            own.append(_trial(number, "reference", matrix.first_vehicle + i, cycle, ambient, seed))
+            own.append(
+                _trial(
+                    number=number,
+                    kind="reference",
+                    piece=matrix.first_vehicle + i,
+                    cycle=cycle,
+                    ambient=ambient,
+                    seed=seed,
+                )
+            )
         drives.append(own)
     return drives
 
 
 def trials(matrix: Matrix) -> list[Trial]:
-    """Return the healthy and the faulty drives in the order of their numbers.
+    """Return the healthy drives, then the faulty drives, in the order of their numbers.
 
-    Raises UsageError for what the simulation does not know.
+    Raises UsageError for a cycle, weather, fault or severity that the simulation does not have.
     """
     _check(matrix)
     found = [_healthy(matrix, i) for i in range(matrix.healthy)]
@@ -189,34 +200,35 @@ def trials(matrix: Matrix) -> list[Trial]:
 
 
 def calibration(matrix: Matrix) -> tuple[list[Trial], list[Trial]]:
-    """Return healthy drives and drives at the limit severities, on which rules are set.
+    """Return healthy drives and drives with faults at the limit severities.
 
-    Every vehicle drives once with a new sensor and once with an aged one.
+    The limits of the literature's rules are set on them. In the healthy drives every vehicle drives
+    once with a new sensor and once with an aged one.
     """
     pieces, ambients = CALIBRATION_VEHICLES, matrix.ambients
     good = [
         _trial(
-            i,
-            "calibration",
-            _next(pieces, i),
-            "wltc_3b",
-            _next(ambients, i + i // len(pieces)),
-            CALIBRATION_SEED + i,
+            number=i,
+            kind="calibration",
+            piece=_next(pieces, i),
+            cycle="wltc_3b",
+            ambient=_next(ambients, i + i // len(pieces)),
+            seed=CALIBRATION_SEED + i,
             aged=ageing(CALIBRATION_SEED + i) if i >= len(pieces) else None,
         )
         for i in range(2 * len(pieces))
     ]
     bad = [
         _trial(
-            i,
-            "calibration",
-            _next(pieces, i),
-            "wltc_3b",
-            _next(ambients, i // 2),
-            CALIBRATION_SEED + i,
-            fault,
-            severity,
-            ("loop", "after")[i % 2],
+            number=i,
+            kind="calibration",
+            piece=_next(pieces, i),
+            cycle="wltc_3b",
+            ambient=_next(ambients, i // 2),
+            seed=CALIBRATION_SEED + i,
+            fault=fault,
+            severity=severity,
+            placement=("loop", "after")[i % 2],
         )
         for i, (fault, severity) in enumerate(2 * list(LIMIT_SEVERITY.items()), len(good))
     ]
@@ -224,9 +236,9 @@ def calibration(matrix: Matrix) -> tuple[list[Trial], list[Trial]]:
 
 
 def refuse_used(planned: Iterable[Trial], recordings: Iterable[str]) -> None:
-    """Raise UsageError if a vehicle or seed has served to train the model or to set the rules.
+    """Raise UsageError if a vehicle or seed was used to train the model or to set the rules.
 
-    recordings : file names of the model's training
+    recordings : file names of the model's training recordings
     """
     used = [
         tuple(map(int, found.groups())) for name in recordings if (found := _TRAINED.search(name))
@@ -270,7 +282,15 @@ def _healthy(matrix: Matrix, i: int) -> Trial:
     cycle = str(rng.choice(matrix.cycles or HEALTHY_CYCLES))
     aged = ageing(seed) if rng.random() < 0.5 else None
     ambient = _next(matrix.ambients, round_ + piece)
-    return _trial(i, "healthy", matrix.first_vehicle + piece, cycle, ambient, seed, aged=aged)
+    return _trial(
+        number=i,
+        kind="healthy",
+        piece=matrix.first_vehicle + piece,
+        cycle=cycle,
+        ambient=ambient,
+        seed=seed,
+        aged=aged,
+    )
 
 
 def _cell(
@@ -287,19 +307,20 @@ def _cell(
     for r in range(repetitions):
         number = first + r
         yield _trial(
-            number,
-            "faulty",
-            matrix.first_vehicle + int(order[r]),
-            _next(matrix.cycles or FAULTY_CYCLES, r // len(matrix.ambients)),
-            _next(matrix.ambients, r + k),
-            matrix.seed + number,
-            fault,
-            severity,
-            placement,
+            number=number,
+            kind="faulty",
+            piece=matrix.first_vehicle + int(order[r]),
+            cycle=_next(matrix.cycles or FAULTY_CYCLES, r // len(matrix.ambients)),
+            ambient=_next(matrix.ambients, r + k),
+            seed=matrix.seed + number,
+            fault=fault,
+            severity=severity,
+            placement=placement,
         )
 
 
 def _trial(
+    *,
     number: int,
     kind: Kind,
     piece: int,
@@ -313,18 +334,18 @@ def _trial(
 ) -> Trial:
     ethanol = float(np.random.default_rng([0x0_2, 11, seed]).uniform(0.0, MOST_ETHANOL))
     return Trial(
-        number,
-        kind,
-        piece,
-        cycle,
-        ambient,
-        weather(ambient, seed),
-        ethanol,
-        aged,
-        fault,
-        severity,
-        placement,
-        seed,
+        number=number,
+        kind=kind,
+        vehicle=piece,
+        cycle=cycle,
+        ambient=ambient,
+        conditions=weather(ambient, seed),
+        ethanol=ethanol,
+        aged=aged,
+        fault=fault,
+        severity=severity,
+        placement=placement,
+        seed=seed,
     )
 
 

@@ -1,4 +1,4 @@
-"""One row of the result for every trial."""
+"""Rows of the detection matrix, one for every trial."""
 
 from typing import Any
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from monitor.base.types import SampleBlock
 from monitor.judge.enable import CONDITIONS
-from monitor.pipeline.block_judge import Judged
+from monitor.pipeline.side_by_side import Judged
 from training.limits.alarm_rules import drive_scores, own_scores
 from training.limits.rules.windows import Rule
 from training.studies.matrix.plan import Trial
@@ -15,13 +15,13 @@ Row = dict[str, Any]
 
 
 def row(trial: Trial, block: SampleBlock, judged: Judged, rules: dict[str, Rule]) -> Row:
-    """Return what the monitor and the rules of the literature say of a trial, as JSON has it."""
+    """Return the answers of the monitor and the literature's rules to a trial, as JSON values."""
     period_s = float(np.diff(block.t_ns[:2])[0]) / 1e9
     enabled_s = np.cumsum(judged.enabled) * period_s
     windows = judged.windows
 
     def times_s(t_ns: int) -> tuple[float, float]:
-        """Return the seconds of driving and of enabled driving until then."""
+        """Return the seconds of driving and of enabled driving up to ``t_ns``."""
         k = int(np.searchsorted(block.t_ns, t_ns, side="right")) - 1
         return round((t_ns - int(block.t_ns[0])) / 1e9, 3), round(float(enabled_s[k]), 3)
 

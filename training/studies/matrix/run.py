@@ -1,4 +1,4 @@
-"""All drives of a matrix in parallel, in chunks that a run begun again finds done."""
+"""Parallel run of a detection matrix; every chunk is one file, so that a killed run can resume."""
 
 import dataclasses
 import hashlib
@@ -17,7 +17,7 @@ from monitor.judge.decisions import WindowJudged
 from monitor.judge.limits import Limits
 from monitor.memory.reference import Reference
 from monitor.model.step import Model
-from monitor.pipeline.block_judge import Judged
+from monitor.pipeline.side_by_side import Judged
 from training.dyno import ecu
 from training.jobs import parallel, run_folder
 from training.jobs.model_bytes import model_of
@@ -25,7 +25,6 @@ from training.limits.alarm_rules import fitted
 from training.limits.rules.windows import Rule
 from training.recordings.recording import sha256
 from training.studies.matrix.drive import samples
-from training.studies.matrix.judging import from_json, judge_drives, learn, to_json
 from training.studies.matrix.plan import (
     Matrix,
     Trial,
@@ -35,20 +34,21 @@ from training.studies.matrix.plan import (
     trials,
 )
 from training.studies.matrix.rows import Row, row
+from training.studies.matrix.verdicts import from_json, judge_drives, learn, to_json
 
-CHUNK: Final = 32  # trials side by side; their windows take some megabytes each
-VEHICLES: Final = 10  # whose reference drives run side by side
-DRIVES: Final = ("plan", "drive", "judging", "rows", "run")  # modules of this package
-References = dict[str, Any]  # vehicle → its reference, as JSON has it
-Progress = Callable[[int], None]  # takes how many drives are done more
+CHUNK: Final = 32  # trials per chunk; the windows of one trial take some megabytes
+VEHICLES: Final = 10  # vehicles per chunk of reference drives
+DRIVES: Final = ("plan", "drive", "verdicts", "rows", "run")  # modules that drive and judge
+References = dict[str, Any]  # vehicle number → reference as JSON values
+Progress = Callable[[int], None]  # called with the number of newly finished drives
 
 
 @dataclass(frozen=True, slots=True)
 class Bench:
-    """What judges the drives, as it travels to a worker."""
+    """Model, configuration, rules and references, in a form that can be sent to a worker."""
 
     model_name: str
-    model: bytes  # the file
+    model: bytes  # content of the model file
     config: Config
     rules: dict[str, Rule] = field(default_factory=dict)
     learned: References = field(default_factory=dict)
@@ -56,7 +56,7 @@ class Bench:
 
 @dataclass(frozen=True, slots=True)
 class Cores:
-    """Where the drives are done: processes here, or a Dask cluster."""
+    """Place of the work: ``jobs`` processes on this machine, or a Dask cluster."""
 
     jobs: int = 1
     scheduler: str | None = None
@@ -64,7 +64,7 @@ class Cores:
 
 @dataclass(frozen=True, slots=True)
 class Chunk:
-    """Drives that are done together; a vehicle's reference drives are, one after the other."""
+    """Drives that one worker does together; a vehicle's reference drives stay in one chunk."""
 
     name: str
     drives: tuple[Trial, ...]
@@ -78,10 +78,11 @@ def run(
     done: Progress,
     cores: Cores = Cores(),
 ) -> list[Row]:
-    """Return a row for every drive, references first; results of the same run are taken up.
+    """Return a row for every drive, reference drives first; stored chunks are not run again.
 
-    Raises UsageError if the folder holds another run, if a vehicle or seed was used before, or if
-    the scheduler cannot be used.
+    done : called with the number of newly finished drives
+    Raises UsageError if the folder holds another run, if the model or the rules were fitted with
+    one of the vehicles or seeds, or if the scheduler cannot be used.
     """
     planned, references = trials(matrix), reference_drives(matrix)
     card = Model.load(model_path).card
@@ -102,12 +103,12 @@ def run(
 
 
 def count(matrix: Matrix) -> int:
-    """Return how many drives a run takes, without those that set the literature's rules."""
+    """Return the number of drives of a run; drives that set the literature's rules do not count."""
     return len(trials(matrix)) + matrix.vehicles * matrix.reference_drives
 
 
 def identity(matrix: Matrix, model_path: Path, config: Config) -> dict[str, Any]:
-    """Return what a run's results depend on."""
+    """Return the settings of a run and the digests of model, configuration and code."""
     tree = {"matrix": dataclasses.asdict(matrix), "config": dataclasses.asdict(config)}
     return {
         "matrix": json.loads(json.dumps(tree["matrix"])),
@@ -118,7 +119,7 @@ def identity(matrix: Matrix, model_path: Path, config: Config) -> dict[str, Any]
 
 
 def _code_sha256() -> str:
-    """Return the digest of all that drives and judges, not of what makes tables of it."""
+    """Return the digest of the code that simulates and judges; tables and pages do not count."""
     at, matrix = Path(monitor.__file__).parent, Path(__file__).parent
     offline = matrix.parents[1]
     paths = [*at.rglob("*.py"), *at.rglob("*.toml")]
@@ -139,21 +140,21 @@ def _rules(matrix: Matrix, bench: Bench, cores: Cores) -> dict[str, Rule]:
 
 
 def _windows(bench: Bench, drives: Sequence[Trial]) -> list[list[WindowJudged]]:
-    """Return the windows of each drive."""
+    """Return a list of windows for every drive."""
     return [judged.windows for _, judged in _judge(drives, bench)]
 
 
 def _all(
     chunks: Sequence[Chunk], bench: Bench, folder: Path, cores: Cores, done: Progress
 ) -> tuple[list[Row], References]:
-    """Return rows in the order of the chunks, and the references that they learn."""
+    """Return the rows in the order of the chunks, and the references learned in them."""
     missing = {}
     for chunk in chunks:
         if (folder / f"{chunk.name}.json").exists():
             done(len(chunk.drives))
         else:
             missing[chunk.name] = chunk
-    # Workers return, this process writes: a cluster needs no common file system.
+    # Workers return results and this process writes them: a cluster needs no shared file system.
     for name, result in parallel.run(_do, bench, missing.items(), **dataclasses.asdict(cores)):
         run_folder.write_json(folder / f"{name}.json", result)
         done(len(missing[name].drives))
@@ -167,7 +168,7 @@ def _all(
 
 
 def _do(bench: Bench, chunk: Chunk) -> dict[str, Any]:
-    """Do a chunk; return its rows, and the references of its vehicles if they learn."""
+    """Run a chunk on a worker; return its rows and, for reference drives, the references."""
     rows: list[Row] = []
     references: dict[str, Reference | None] = {
         key: from_json(tree) for key, tree in bench.learned.items()
@@ -194,7 +195,7 @@ def _rounds(chunk: Chunk) -> Iterator[tuple[Trial, ...]]:
 def _judge(
     drives: Sequence[Trial], bench: Bench, references: Sequence[Reference | None] | None = None
 ) -> list[tuple[SampleBlock, Judged]]:
-    """Return what the monitor saw and said of each drive; an error names the drive."""
+    """Return samples and verdict of every drive; an error names the drive."""
     model, bus_map = model_of(bench.model_name, bench.model), ecu.own_bus()
     blocks = []
     for trial in drives:
@@ -205,7 +206,7 @@ def _judge(
     limits = _limits(model, bench)
     try:
         judged = judge_drives(blocks, bus_map.names, model, limits, bench.config, references)
-    except O2Error:  # a model that cannot judge these drives
+    except O2Error:  # the model cannot judge these drives
         raise
     except Exception as error:
         between = f"{drives[0].name} to {drives[-1].name}"

@@ -1,7 +1,7 @@
-"""The rows of a matrix as tables: what was found, how it was named, and what was false.
+"""Tables of the detection matrix: detection, names, false codes and ROC curves.
 
-Detected is a drive in which any code is set at its end; named rightly is one in which every code
-set carries exactly the fault's name.
+A drive counts as detected if any code is set at its end. It counts as named rightly if every code
+carries exactly the fault's name.
 """
 
 from collections import Counter
@@ -21,7 +21,7 @@ MONITOR: Final = "monitor"
 
 
 def of_kind(rows: Iterable[Row], kind: str) -> list[Row]:
-    """Return the healthy, faulty or reference rows."""
+    """Return the rows of one kind: ``healthy``, ``faulty`` or ``reference``."""
     return [r for r in rows if r["kind"] == kind]
 
 
@@ -31,7 +31,7 @@ def named_rightly(row: Row) -> bool:
 
 
 def figures(rows: Sequence[Row]) -> Figures:
-    """Return what was found of some faulty drives, and when."""
+    """Return the rates of detection, right names and completion, and the median times to a code."""
     return {
         "detected": rate(sum(bool(r["codes"]) for r in rows), len(rows)),
         "named": rate(sum(map(named_rightly, rows)), len(rows)),
@@ -45,7 +45,7 @@ def figures(rows: Sequence[Row]) -> Figures:
 
 
 def detection(rows: Sequence[Row]) -> list[Figures]:
-    """Return the figures of every fault, severity and placement."""
+    """Return ``figures`` for every placement, fault and severity."""
     key = lambda r: (r["placement"], r["fault"], r["severity"])  # noqa: E731
     faulty = sorted(of_kind(rows, "faulty"), key=key)
     return [
@@ -62,7 +62,7 @@ def detection(rows: Sequence[Row]) -> list[Figures]:
 
 
 def wanted(rows: Sequence[Row], placement: str) -> list[Row]:
-    """Return the drives whose fault must be found."""
+    """Return the drives of one placement with a fault at or beyond its limit severity."""
     return [
         r
         for r in of_kind(rows, "faulty")
@@ -71,7 +71,7 @@ def wanted(rows: Sequence[Row], placement: str) -> list[Row]:
 
 
 def by_ambient(rows: Sequence[Row]) -> list[Figures]:
-    """Return the figures of the faults that must be found, in each kind of weather."""
+    """Return ``figures`` of the faults at or beyond the limit, for every kind of weather."""
     return [
         {"placement": placement, "ambient": ambient, **figures(cell)}
         for placement in PLACEMENTS
@@ -80,7 +80,7 @@ def by_ambient(rows: Sequence[Row]) -> list[Figures]:
 
 
 def healthy(rows: Sequence[Row]) -> Figures:
-    """Return false codes, completion and why drives were not judged."""
+    """Return the rates of false codes and completion, and the conditions that blocked judging."""
     good, first = of_kind(rows, "healthy"), of_kind(rows, "reference")
     cells = [
         {"ambient": ambient, "cycle": cycle, **_false(each)}
@@ -121,10 +121,10 @@ def healthy(rows: Sequence[Row]) -> Figures:
 
 
 def confirmed(rows: Sequence[Row]) -> int:
-    """Return how many codes would be confirmed had each vehicle kept its fault memory.
+    """Return the number of codes that would be confirmed if vehicles kept their fault memory.
 
-    That is how often a code is set in a drive and was set in the vehicle's last drive before it in
-    which the test completed or a code was set.
+    A code is confirmed if it is set in a drive and in the vehicle's previous drive; drives in which
+    no test completed and no code was set are skipped.
     """
     before: dict[int, set[str]] = {}
     count = 0
@@ -137,7 +137,13 @@ def confirmed(rows: Sequence[Row]) -> int:
 
 
 def confusion(rows: Sequence[Row], placement: str) -> Figures:
-    """Return how often each fault that must be found was given each name, and healthy drives."""
+    """Return the confusion matrix of one placement.
+
+    driven : row names, ``healthy`` and the faults at or beyond their limits
+    named : column names
+    counts : number of drives, one list per row
+    several : combinations of names with their number of drives
+    """
     chosen = wanted(rows, placement) + [
         r
         for r in of_kind(rows, "faulty")
@@ -165,9 +171,9 @@ def confusion(rows: Sequence[Row], placement: str) -> Figures:
 
 
 def curves(rows: Sequence[Row]) -> list[Figures]:
-    """Return the ROC of every rule for every fault at its limit severity, against healthy drives.
+    """Return the ROC of every rule for every fault at its limit severity.
 
-    The healthy drives are those of the same cycles.
+    The negatives are the healthy drives on the same cycles.
     """
     found = []
     faulty = [r for r in of_kind(rows, "faulty") if at_limit(r["fault"], r["severity"])]
@@ -183,7 +189,7 @@ def curves(rows: Sequence[Row]) -> list[Figures]:
 
 
 def side_by_side(rows: Sequence[Row]) -> list[Figures]:
-    """Return false alarms and detections of the monitor and of every rule on the same drives."""
+    """Return false alarms and detections of the monitor and of every literature rule."""
     good = of_kind(rows, "healthy")
     found = []
     for rule in (MONITOR, *(name for name in TITLES if name not in OWN)):
@@ -207,7 +213,7 @@ def side_by_side(rows: Sequence[Row]) -> list[Figures]:
 
 
 def _alarm_s(row: Row, rule: str) -> float | None:
-    """Return after how many enabled seconds a rule alarms in a drive."""
+    """Return the enabled seconds until the rule's first alarm in a drive, None without one."""
     at: float | None = (
         row["first_code_enabled_s"] if rule == MONITOR else row["alarms_enabled_s"][rule]
     )
@@ -236,7 +242,7 @@ def _given(row: Row) -> str:
 
 
 def _split(rows: Iterable[Row], key: str) -> list[tuple[Any, list[Row]]]:
-    """Return the rows of each value of a key, in the order in which the values come."""
+    """Return pairs of value and rows for the values of ``key``, in order of first occurrence."""
     found: dict[Any, list[Row]] = {}
     for r in rows:
         found.setdefault(r[key], []).append(r)

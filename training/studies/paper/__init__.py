@@ -1,1 +1,1 @@
-"""The study: preparation, input selection, linear baselines, 29 NARX models, choice and report."""
+"""The paper's study: preparation, input selection, linear models, 29 NARX models, outcome."""

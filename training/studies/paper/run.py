@@ -1,7 +1,7 @@
-"""The study from end to end: every part is stored as soon as it is done, and one page at the end.
+"""Run of the study: all steps in order, every part stored as soon as it is finished, one page.
 
-A part is keyed by the recordings' sha256, the settings and the version; a study that was killed
-takes finished parts from its folder and goes on where it was.
+The key of a part is made from the recordings' sha256, the settings and the version. A study that
+was killed takes finished parts from its folder and runs only the rest.
 """
 
 import hashlib
@@ -17,21 +17,21 @@ from monitor.base.errors import RecordingError, UsageError
 from training.limits.data_check.check import check
 from training.limits.data_check.findings import verdict
 from training.recordings.preparation import ENABLE_COLUMNS
-from training.studies.paper.choice import choose, contenders, free_structure, ship
-from training.studies.paper.comparison import TITLES, baselines, beside
 from training.studies.paper.narx import study as narx_study
+from training.studies.paper.outcome.choice import choose, contenders, free_structure, ship
+from training.studies.paper.outcome.comparison import TITLES, baselines, beside
+from training.studies.paper.outcome.sensor import against_sensor
+from training.studies.paper.outcome.steady_training import steady_against_mixed
 from training.studies.paper.preparation.preparation import preparation
 from training.studies.paper.selection.selection import selection
-from training.studies.paper.sensor import against_sensor
-from training.studies.paper.steady import steady_against_mixed
 from training.studies.paper.study_page import report
 from training.studies.paper.task import Task, source
 
 SCHEMA = "o2train.study/1"
-VERSION = 3  # of what the parts hold; stored parts of another version are not reused
-PRIVATE = ("weights", "one_step_weights")  # stay in the part's file
-FALSE_ALARMS = 2.0  # percent of healthy windows; the limits are quantiles of 1 % each
-SELECTION_SHARE = 0.4  # of the budget
+VERSION = 3  # of the parts' content; stored parts of another version are not reused
+PRIVATE = ("weights", "one_step_weights")  # only in the part's file, not in study.json
+FALSE_ALARMS = 2.0  # percent of healthy windows, two limits at quantiles of 1 %
+SELECTION_SHARE = 0.4  # of the study's budget
 
 Parts = dict[str, Any]
 Say = Callable[[str], None]
@@ -39,20 +39,20 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One part: its name in study.json, what it is called, and what it needs."""
+    """One part of the study: name in study.json, title and dependencies."""
 
     name: str
     title: str
     compute: Callable[[Task, Parts], dict[str, Any]]
-    uses: tuple[str, ...] = ()  # earlier parts: if one is new, this one is, too
-    whole: bool = False  # depends on held-out, faulty and steady recordings, too
-    skips: tuple[type[Exception], ...] = ()  # errors that leave it out, with their text
+    uses: tuple[str, ...] = ()  # earlier parts; a change in one computes this part again
+    whole: bool = False  # True: depends also on held-out, faulty and steady recordings
+    skips: tuple[type[Exception], ...] = ()  # errors that leave the part out; the text is kept
 
 
 def study(task: Task, say: Say) -> dict[str, Any]:
-    """Run every step, write study.json, report.html and model.onnx; return study.json's content.
+    """Run all steps, write study.json, report.html and model.onnx; return study.json's content.
 
-    say : called with a line of progress
+    say : called with a line of text about the progress
     Raises RecordingError or UsageError if the recordings cannot be used.
     """
     task.check()
@@ -81,7 +81,7 @@ def study(task: Task, say: Say) -> dict[str, Any]:
 
 
 def _done(task: Task, step: Step, parts: Parts) -> tuple[dict[str, Any], bool]:
-    """Return the step's result and whether it was stored already."""
+    """Return the step's result, and whether it was read from its file."""
     path = task.folder / f"{step.name}.json"
     key = _key(task, step, parts)
     try:
@@ -111,7 +111,7 @@ def _key(task: Task, step: Step, parts: Parts) -> str:
 
 
 def _complete(task: Task, step: Step) -> bool:
-    """Return whether the files that belong to a stored part are still there."""
+    """Return whether the files of a stored part still exist."""
     wanted = {"shipped": task.out / "model.onnx", "narx": task.folder / "narx"}
     return step.name not in wanted or wanted[step.name].exists()
 
@@ -151,7 +151,7 @@ def _data(task: Task) -> dict[str, Any]:
 
 
 def _check(task: Task, _: Parts) -> dict[str, Any]:
-    """Raise RecordingError if the recordings cannot be used at all."""
+    """Return the data check; raises RecordingError if the recordings cannot be used."""
     result = check(task.recordings, task.inputs, task.output)
     if not result["usable"]:
         first = next(f["text"] for f in result["findings"] if f["level"] == "error")
@@ -251,7 +251,7 @@ STEPS = (
 
 
 def _warnings(parts: Mapping[str, Any]) -> list[str]:
-    """Return what a reader must know first."""
+    """Return the warnings at the top of the report."""
     found = [f["text"] for f in parts["check"]["findings"] if f["level"] == "warning"]
     found += parts["narx"].get("warnings", [])
     found += [
@@ -266,7 +266,7 @@ def _warnings(parts: Mapping[str, Any]) -> list[str]:
 
 
 def _poor(parts: Mapping[str, Any]) -> list[str]:
-    """Return what speaks against the chosen model."""
+    """Return the warnings about the chosen model."""
     found = []
     candidate = parts["choice"]["candidates"][parts["choice"]["chosen"]]
     fit = candidate["after"]["all"].get("fit_percent")

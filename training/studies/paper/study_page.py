@@ -6,10 +6,11 @@ from typing import Any, Final
 from training.limits.data_check import findings
 from training.pages.numbers import short
 from training.pages.page import page, part
-from training.studies.paper import model_figures, paper_figures
-from training.studies.paper.comparison import TITLES
+from training.studies.paper import model_figures
 from training.studies.paper.linear import linear_section
 from training.studies.paper.narx import narx_section
+from training.studies.paper.outcome import paper_figures
+from training.studies.paper.outcome.comparison import TITLES
 from training.studies.paper.preparation import preparation_section
 from training.studies.paper.selection import selection_section
 

@@ -1,4 +1,4 @@
-"""What the study is given, and the samples that all of its parts look at."""
+"""Task of the study: recordings, signals and settings, and the samples that its parts use."""
 
 import hashlib
 import json
@@ -28,26 +28,26 @@ from training.recordings.preparation import (
 from training.recordings.recording import Recording
 from training.studies.paper.narx.candidates import CANDIDATES, Candidate
 
-LAGS = 5  # of the paper; shorter stretches than 8 times these are left out, as in ``fit``
+LAGS = 5  # samples, from the paper; stretches below 8 times the lags are left out, as in ``fit``
 
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """How much is tried; the rest of the study follows from the data."""
+    """Settings that bound the effort of the study."""
 
     starts: int = 3
-    iterations: int = 200  # most epochs of a series-parallel training of the 29 models
-    n_samples: int = 20_000  # most training samples of each of them
-    budget_minutes: float = 10.0  # of the free structure; other trainings take shares of it
+    iterations: int = 200  # largest number of epochs of a series-parallel training
+    n_samples: int = 20_000  # largest number of training samples of one of the 29 models
+    budget_minutes: float = 10.0  # of the free structure; other trainings get a share of it
     seed: int = 0
-    models: tuple[int, ...] = ()  # numbers of the 29 models that are trained, all if empty
+    models: tuple[int, ...] = ()  # numbers of the trained models, all 29 if empty
 
 
 @dataclass(frozen=True)
 class Task:
-    """Recordings by their use, signals and settings."""
+    """Recordings by use, signals and settings."""
 
-    recordings: tuple[Recording, ...]  # train, choose and test in blocks
+    recordings: tuple[Recording, ...]  # for training, choice and test, in blocks
     test: tuple[Recording, ...]  # held-out drives of the healthy vehicle
     faulty: tuple[Recording, ...]
     steady: tuple[Recording, ...]  # at steady operating points
@@ -60,28 +60,28 @@ class Task:
 
     @cached_property
     def data(self) -> Prepared:
-        """The training recordings as ``fit`` prepares them."""
+        """The training recordings, prepared like in ``fit``."""
         return prepare(
             self.recordings, self.inputs, self.output, lags=LAGS, seed=self.settings.seed
         )
 
     @property
     def models(self) -> tuple[Candidate, ...]:
-        """Those of the 29 models that are trained."""
+        """The models of the NARX study to train."""
         wanted = self.settings.models
         return tuple(c for c in CANDIDATES if c.number in wanted or not wanted)
 
     @property
     def folder(self) -> Path:
-        """Where finished parts lie."""
+        """Folder of the finished parts."""
         return self.out / "parts"
 
     def check(self) -> None:
-        """Raise RecordingError or UsageError if recordings do not fit together."""
+        """Raise RecordingError or UsageError if recordings or settings cannot be used together."""
         first = self.recordings[0]
         for r in (*self.recordings, *self.test, *self.faulty, *self.steady):
             for name in (*self.inputs, self.output):
-                r.column(name)  # says which is missing
+                r.column(name)  # raises for a missing signal
             if r.period_ns != first.period_ns:
                 raise RecordingError(
                     f"{r.path}: sample period {r.period_ns / 1e9:g} s, {first.path} has "
@@ -106,7 +106,10 @@ class Task:
             raise UsageError(f"model {', '.join(strange)}: wanted numbers 1 to {max(numbers)}")
 
     def digest(self, *, whole: bool) -> str:
-        """Return a hash of what a part depends on: training recordings, or all of them."""
+        """Return the hash of recordings, signals and settings that a part depends on.
+
+        whole : include held-out, faulty and steady recordings
+        """
         used = [self.recordings]
         if whole:
             used += [self.test, self.faulty, self.steady]
@@ -120,7 +123,7 @@ class Task:
 
 
 def source(recordings: Sequence[Recording]) -> str:
-    """Return in a word whether recordings are simulated, as their manifests say."""
+    """Return ``simulated``, ``recorded`` or both in words, by the recordings' manifests."""
     simulated = [source_of(Path(r.path), r.sha256) == "simulated" for r in recordings]
     if all(simulated):
         return "simulated"
@@ -128,9 +131,10 @@ def source(recordings: Sequence[Recording]) -> str:
 
 
 def scaled_as(data: Prepared, recordings: Sequence[Recording]) -> Prepared:
-    """Return other recordings in the scaling of ``data``, every sample of role TEST.
+    """Return other recordings in the scaling of ``data``; all samples have the role TEST.
 
-    Nothing blurs the controller here: these are the inputs that the monitor sees.
+    The inputs are those that the monitor sees, without the noise that training adds to the
+    controller.
     Raises RecordingError if no stretch can be used.
     """
     names = (*data.names, data.output.name)
@@ -156,7 +160,7 @@ def scaled_as(data: Prepared, recordings: Sequence[Recording]) -> Prepared:
     filled = np.interp(np.arange(len(y)), np.flatnonzero(valid), y[valid])
     samples = Samples(
         data.scaling.scale_u(values[:, :-1]),
-        (filled - data.scaling.y_mean) / data.scaling.y_std,  # beyond the trained range, too
+        (filled - data.scaling.y_mean) / data.scaling.y_std,  # not clipped to the trained range
         np.where(on, 1.0, OTHER_WEIGHT) * valid,
     )
     return replace(
@@ -170,20 +174,20 @@ def scaled_as(data: Prepared, recordings: Sequence[Recording]) -> Prepared:
 
 
 def as_in_use(data: Prepared) -> Prepared:
-    """Return ``data`` with the inputs as the monitor sees them, roles kept."""
+    """Return ``data`` with the inputs that the monitor sees; the roles stay."""
     return replace(scaled_as(data, data.recordings), role=data.role)
 
 
 def judged_on(task: Task) -> Prepared:
-    """Return the held-out drives, or the training recordings if there are none.
+    """Return the held-out drives, or the training recordings without held-out drives.
 
-    In both cases the samples of role TEST are those that neither trained nor chose a model.
+    In both cases no sample of role TEST was used to train or choose a model.
     """
     return scaled_as(task.data, task.test) if task.test else as_in_use(task.data)
 
 
 def plain(value: Any) -> Any:
-    """Return the value as JSON types, floats rounded to 5 significant digits, NaN as None."""
+    """Return the value as JSON types: floats with 5 significant digits, NaN and inf as None."""
     if isinstance(value, dict):
         return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, np.ndarray):
@@ -198,5 +202,5 @@ def plain(value: Any) -> Any:
 
 
 def thinned(values: FloatArray, most: int) -> FloatArray:
-    """Return at most ``most`` values, evenly spread."""
+    """Return at most ``most`` of the values (n,), evenly spread."""
     return values[:: max(1, -(-len(values) // most))]

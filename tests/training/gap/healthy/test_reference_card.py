@@ -19,10 +19,11 @@ from training.dyno.simulation import Experiment
 from training.gap.healthy.behaviour import Healthy, as_shown, columns
 from training.gap.healthy.card import KEY, from_card, known_of, store, to_card
 from training.gap.inputs import base, suitability
+from training.gap.inputs.roles import Material, Options
 from training.gap.name import yardstick
 from training.gap.reference import set_reference
 from training.gap.result import Result
-from training.gap.workflow import Material, Options, investigate
+from training.gap.workflow import investigate
 from training.greybox.chain import Constants
 from training.greybox.effects import LIBRARY
 from training.greybox.fit.drive import from_recording

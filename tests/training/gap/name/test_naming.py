@@ -188,8 +188,8 @@ def test_an_effect_that_explains_too_little_is_said_beside_an_ambiguous_second(
     small = next(c for c in others if c.kind == "effect")
     steps = iter(
         [
-            Outcome("named", (small,), None, None, (small, film)),
-            Outcome("ambiguous", (film, *others[:1]), None, None, (film, *others)),
+            Outcome("named", (small, film), best=(small,)),
+            Outcome("ambiguous", (film, *others), best=(film, *others[:1])),
         ]
     )
     monkeypatch.setattr("training.gap.name.naming.step", lambda *_, **__: next(steps))

@@ -141,7 +141,14 @@ def test_models_that_are_equally_good_seldom_differ_beyond_confidence_anywhere()
     told = 0
     for seed in range(trials):
         old, new = slow_noise(2 * seed, n), slow_noise(2 * seed + 1, n)
-        drive = Comparison("drive", PERIOD_S, signals, phi + old, phi, scored)
+        drive = Comparison(
+            name="drive",
+            period_s=PERIOD_S,
+            signals=signals,
+            phi_measured=phi + old,
+            phi_predicted=phi,
+            scored=scored,
+        )
         told += any(e.worse or e.better for e in compare([drive], [new], None, seed)[1:])
     # THEN about one in twenty has a regime in which they differ beyond confidence
     assert told / trials <= 0.10

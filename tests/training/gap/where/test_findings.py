@@ -1,5 +1,6 @@
 """Localising: which driver, point, band and time hold the excess of a made residual."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -20,7 +21,6 @@ from tests.helpers.gap_residuals import (
 )
 from training.gap.pages.gap_page import where_section
 from training.gap.where.findings import Findings, localise
-from training.greybox.fit.comparison import Comparison
 
 FLOW = {"maf_kg_h", "inverse_flow_h_kg", "load_times_speed"}
 
@@ -198,7 +198,7 @@ def test_a_driver_that_tells_few_drives_apart_is_left_out_and_the_notes_say_so(
 def test_signals_of_another_length_are_refused() -> None:
     one = drive(1)
     with pytest.raises(RecordingError, match=r"short: predicted phi has shape \(5999,\)"):
-        Comparison("short", 0.1, one.signals, one.phi_measured, one.phi_predicted[1:], one.scored)
+        replace(one, name="short", phi_predicted=one.phi_predicted[1:])
 
 
 def test_too_little_to_resample_is_refused() -> None:

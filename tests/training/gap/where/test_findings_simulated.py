@@ -45,14 +45,14 @@ def predicted(drive: Drive, constants: FloatArray) -> Comparison:
     lag_s = max(lag_s, 0.01)
     at_sensor = transported(np.clip(ratio, 0.0, 2.0), dead_time_s, lag_s, PERIOD_S)
     return Comparison(
-        drive.name,
-        PERIOD_S,
-        drive.signals,
-        drive.phi_measured,
-        gain * at_sensor + offset,
-        drive.scored,
-        dead_time_s,
-        lag_s,
+        name=drive.name,
+        period_s=PERIOD_S,
+        signals=drive.signals,
+        phi_measured=drive.phi_measured,
+        phi_predicted=gain * at_sensor + offset,
+        scored=drive.scored,
+        dead_time_s=dead_time_s,
+        lag_s=lag_s,
     )
 
 

@@ -1,4 +1,4 @@
-"""ARX models: least squares over a grid of orders, the field's criteria, dead times, free run.
+"""ARX models: least squares over a grid of orders, order criteria, dead times, free run.
 
 ``y(t) + a1 y(t-1) + .. = offset + sum_i (b_i0 u_i(t-nk_i) + b_i1 u_i(t-nk_i-1) + ..) + e(t)``
 """
@@ -13,37 +13,37 @@ from scipy.signal import lfilter, lfiltic
 
 from monitor.base.types import FloatArray
 from training.studies.paper.linear.free_run import free_run_error
-from training.studies.paper.linear.lagged import Stretch, Triangle, largest_order, triangle
+from training.studies.paper.linear.regressors import Stretch, Triangle, largest_order, triangle
 
 MAX_ORDER = 20
-MAX_DELAY = 20  # DESIGN: dead times 0 to 20
-GRID_DELAYS = 10  # dead times of the grid that are the same for every input
+MAX_DELAY = 20  # samples
+GRID_DELAYS = 10  # largest dead time of the grid, in samples, common to all inputs
 FREE_RUN_ORDERS = (0, 1, 2, 3, 4, 5, 6, 8, 10, 13, 16, 20, 30, 40)
-FREE_RUN_DELAYS = 4
+FREE_RUN_DELAYS = 4  # largest dead time, in samples, of the search by free run
 
 
 @dataclass(frozen=True, slots=True)
 class Arx:
-    """One ARX model in the units of its samples."""
+    """An ARX model in the units of its samples."""
 
-    a: FloatArray  # (na,) of y(t-1) .. y(t-na), on the left side
-    b: FloatArray  # (k, nb)
+    a: FloatArray  # (na,) coefficients of y(t-1) .. y(t-na), on the left side of the equation
+    b: FloatArray  # (k, nb) coefficients of the k inputs
     delays: tuple[int, ...]  # (k,) dead time of each input in samples
     offset: float
 
     @property
     def lags(self) -> int:
-        """Number of past samples that the model needs."""
+        """The number of past samples that the model needs."""
         return max(len(self.a), max(self.delays) + self.b.shape[1] - 1)
 
     @property
     def n_parameters(self) -> int:
-        """Number of estimated coefficients."""
+        """The number of estimated coefficients."""
         return len(self.a) + self.b.size + 1
 
     @property
     def poly(self) -> FloatArray:
-        """Return A = [1, a1 ..]."""
+        """The polynomial A = [1, a1 ..]."""
         return np.concatenate([[1.0], self.a])
 
     @property
@@ -52,17 +52,18 @@ class Arx:
         return bool(np.all(np.abs(np.roots(self.poly)) < 1.0))
 
     def drive(self, u: FloatArray) -> FloatArray:
-        """Return offset + B u (n,); right from sample ``lags`` on."""
+        """Return offset + B u (n,); the values before sample ``lags`` are not valid."""
         total = np.full(len(u), self.offset)
         for i, (delay, b) in enumerate(zip(self.delays, self.b, strict=True)):
             total += lfilter(np.concatenate([np.zeros(delay), b]), [1.0], u[:, i])
         return total
 
     def simulate(self, u: FloatArray, y0: FloatArray) -> FloatArray:
-        """Return the free run (n,) over inputs (n, k), begun with measured outputs ``y0``.
+        """Return the free run (n,) over inputs ``u`` (n, k).
 
-        y0 : (m,), m at least ``lags``; they are returned as they are, the model runs from m on
-        Raises ValueError if y0 is too short.
+        y0 : (m,) measured outputs, m at least ``lags``; they are returned unchanged and the model
+            runs freely from sample m
+        Raises ValueError if ``y0`` is too short.
         """
         m = len(y0)
         if m < self.lags:
@@ -73,16 +74,16 @@ class Arx:
         return np.concatenate([y0, free])[: len(u)]
 
     def predict(self, u: FloatArray, y: FloatArray) -> FloatArray:
-        """Return the one-step predictions (n,); the first ``lags`` are the measurement itself."""
+        """Return the one-step predictions (n,); the first ``lags`` values are the measured ones."""
         predicted = self.drive(u) - lfilter(np.concatenate([[0.0], self.a]), [1.0], y)
         predicted[: self.lags] = y[: self.lags]
         return np.asarray(predicted)
 
 
 def fit_arx(records: Sequence[Stretch], na: int, nb: int, nk: int | Sequence[int]) -> Arx:
-    """Return the least-squares ARX of the given orders.
+    """Return the least-squares ARX model with orders ``na`` and ``nb``.
 
-    nk : dead time in samples, one for all inputs or one for each
+    nk : dead time in samples, one number for all inputs or one per input
     Raises RecordingError if the records hold too few samples.
     """
     n_inputs = records[0][0].shape[1]
@@ -91,7 +92,7 @@ def fit_arx(records: Sequence[Stretch], na: int, nb: int, nk: int | Sequence[int
 
 
 def solve_arx(data: Triangle, na: int, nb: int, delays: Sequence[int]) -> Arx:
-    """Return the ARX from samples condensed with lags enough."""
+    """Return the least-squares ARX model from condensed samples with at least its lags."""
     theta = data.solve(_columns(data, na, nb, delays))
     n_b = nb * data.n_inputs
     b = theta[1 : 1 + n_b].reshape(data.n_inputs, nb)
@@ -105,7 +106,7 @@ def _columns(data: Triangle, na: int, nb: int, delays: Sequence[int]) -> list[in
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """One point of the grid of orders."""
+    """One combination of orders and dead times with its criteria."""
 
     na: int
     nb: int
@@ -120,10 +121,12 @@ class Candidate:
 def order_grid(
     train: Triangle, validate: Triangle, max_order: int, delays: Sequence[tuple[int, ...]]
 ) -> list[Candidate]:
-    """Return every order up to ``max_order`` for each choice of dead times.
+    """Return the candidates of all orders up to ``max_order`` for all choices of dead times.
 
+    delays : choices of dead times, (k,) samples each
     One Cholesky factor of the Gram matrix per nb and dead times gives all na.
-    AIC = log V + 2 d / N and MDL = V (1 + d log N / N) with V the loss.
+    AIC = log V + 2 d / N and MDL = V (1 + d log N / N), with loss V, d parameters and N samples.
+    Source: the order selection of the reference toolbox.
     """
     gram, n = train.factor.T @ train.factor, train.rows
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
@@ -144,15 +147,27 @@ def order_grid(
             loss = max(1.0 - float(explained[d]), 1e-15) * scale[1] ** 2 / n
             held_out_loss = float(error @ error) * scale[1] ** 2 / validate.rows
             aic, mdl = np.log(loss) + 2 * d / n, loss * (1 + d * np.log(n) / n)
-            found.append(Candidate(na, nb, choice, d, loss, held_out_loss, float(aic), float(mdl)))
+            found.append(
+                Candidate(
+                    na=na,
+                    nb=nb,
+                    delays=choice,
+                    n_parameters=d,
+                    loss=loss,
+                    validation_loss=held_out_loss,
+                    aic=float(aic),
+                    mdl=float(mdl),
+                )
+            )
     return found
 
 
 def arx_delays(data: Triangle, max_delay: int = MAX_DELAY) -> tuple[int, ...]:
-    """Return each input's dead time: the best ARX of order 2 over dead times 0 to ``max_delay``.
+    """Return the dead time of every input, (k,) samples, 0 to ``max_delay``.
 
-    With several inputs one dead time after the other is improved until none changes, from the best
-    common one. Source: DESIGN.md section 8, the reference toolbox's delay estimation.
+    The dead times minimise the loss of an ARX model of order 2. With several inputs the search
+    starts from the best common dead time and improves one input after the other until nothing
+    changes. Source: the delay estimation of the reference toolbox.
     """
     largest = min(max_delay, data.u_lags - 1)
 
@@ -173,7 +188,7 @@ def arx_delays(data: Triangle, max_delay: int = MAX_DELAY) -> tuple[int, ...]:
 
 
 def common_delays(n_inputs: int, largest: int, *others: tuple[int, ...]) -> list[tuple[int, ...]]:
-    """Return dead times 0 .. ``largest`` common to all inputs, then the others."""
+    """Return dead times 0 .. ``largest`` common to all inputs, then ``others`` without repeats."""
     choices = [(d,) * n_inputs for d in range(largest + 1)]
     return choices + [other for other in others if other not in choices]
 
@@ -181,10 +196,13 @@ def common_delays(n_inputs: int, largest: int, *others: tuple[int, ...]) -> list
 def best_in_free_run(
     data: Triangle, validate: Sequence[Stretch], max_order: int, delays: Sequence[tuple[int, ...]]
 ) -> Arx:
-    """Return the ARX that runs freely best on ``validate``.
+    """Return the ARX model with the least free-run error on ``validate``.
 
-    na to ``max_order``, nb to twice that: a coarse grid (na = 0 is the impulse response model,
-    always stable), then the neighbours of the best until none is better.
+    data : condensed training samples
+    delays : choices of dead times, (k,) samples each
+    The search goes over na up to ``max_order`` and nb up to twice that: first a coarse grid (na = 0
+    is the impulse response model and always stable), then the neighbours of the best model until
+    none is better.
     """
     skip = max(data.y_lags, data.u_lags)
     known: dict[tuple[int, int, tuple[int, ...]], tuple[float, Arx]] = {}
@@ -214,11 +232,11 @@ def best_in_free_run(
 def choose_arx(
     train: Sequence[Stretch], validate: Sequence[Stretch], max_order: int = MAX_ORDER
 ) -> Arx:
-    """Return the ARX fitted on ``train`` that runs freely best on ``validate``.
+    """Return the ARX model fitted on ``train`` with the least free-run error on ``validate``.
 
-    It is the reference beside every nonlinear model's free-run figure. na up to ``max_order`` or
-    what the data allow, nb up to twice that; dead times common to all inputs or those of
-    ``arx_delays``.
+    It is the linear reference for the free-run error of nonlinear models. na goes up to
+    ``max_order`` or less with few samples, nb up to twice that. Dead times are common to all inputs
+    or those of ``arx_delays``.
     Raises RecordingError if there are too few samples.
     """
     order = largest_order(train, max_order)

@@ -1,4 +1,4 @@
-"""Linear baselines: impulse response, ARX, state space, output error, and what they leave over."""
+"""Linear study: impulse responses, ARX, state space and output error models, residual tests."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,25 +23,31 @@ from training.studies.paper.linear.arx import (
 )
 from training.studies.paper.linear.free_run import LinearModel
 from training.studies.paper.linear.impulse import impulse_response
-from training.studies.paper.linear.lagged import Stretch, Triangle, checked, largest_order, triangle
 from training.studies.paper.linear.output_error import fit_output_error
+from training.studies.paper.linear.regressors import (
+    Stretch,
+    Triangle,
+    checked,
+    largest_order,
+    triangle,
+)
 from training.studies.paper.linear.scores import example, plain, residuals, scores
 from training.studies.paper.linear.subspace import Subspace, best_state_space, subspace
 
 __all__ = ["Regime", "linear"]
 
 MAX_STATES = 12
-IMPULSE_LAGS = 50
+IMPULSE_LAGS = 50  # samples
 
 
 @dataclass(frozen=True, slots=True)
 class Regime:
-    """A signal by whose ranges the fits on the test stretches are split, engine speed mostly."""
+    """A signal, usually engine speed; fits on the test stretches are split by its ranges."""
 
     name: str
     unit: str
-    values: Sequence[FloatArray]  # (n,) of each test stretch
-    edges: Sequence[float] | None = None  # inner edges; None: those of equal thirds
+    values: Sequence[FloatArray]  # (n,) per test stretch
+    edges: Sequence[float] | None = None  # inner edges of the ranges; None: thirds of the samples
 
 
 def linear(
@@ -58,12 +64,14 @@ def linear(
 ) -> dict[str, Any]:
     """Return the linear study of one output, ready for JSON and ``section``.
 
-    train, validate, test : stretches (u (n, k), y (n,)) without gaps; orders are chosen on
-        ``validate`` and every fit in percent is on ``test``
-    unit : of the output, for the axes
-    Every model runs freely after the same first samples of each stretch (``skip``), which set its
-    initial conditions and are not scored; stretches shorter than twice that are left out.
-    Raises RecordingError for values that are not finite, wrong shapes or too few samples,
+    train, validate, test : stretches (u (n, k), y (n,)) without gaps; models are fitted on
+        ``train``, orders chosen on ``validate``, fits in percent taken on ``test``
+    unit : unit of the output, for the axes
+    regime : signal by whose ranges the fits are split
+    max_order : largest order of the ARX models; few samples lower it
+    The first samples of a stretch (``skip`` in the result, twice the order) set the state of every
+    model and are not scored. Stretches shorter than twice ``skip`` are left out.
+    Raises RecordingError for values that are not finite, wrong shapes or too few samples, and
     UsageError for a regime that does not fit the test stretches.
     """
     order = largest_order(checked(train, inputs, "training"), max_order)
@@ -78,7 +86,14 @@ def linear(
     states, state_result = _state_space(data, choose, order, skip)
     models["subspace"] = states.models[state_result["order"] - 1]
     models["output_error"], error_result = _output_error(
-        data, learn, choose, order, delays, states, models["arx_free_run"], skip
+        data=data,
+        train=learn,
+        validate=choose,
+        order=order,
+        delays=delays,
+        states=states,
+        free=models["arx_free_run"],
+        skip=skip,
     )
     fits = {name: scores(m, choose, judge, ranges, skip) for name, m in models.items()}
     best = min((n for n in fits if fits[n]["stable"]), key=lambda n: fits[n]["validation_rmse"])
@@ -115,7 +130,7 @@ def linear(
 
 
 def _exactly(model: LinearModel) -> dict[str, Any]:
-    """Return the coefficients of an ARX with all their digits, which its free run needs."""
+    """Return the coefficients of an ARX model in full precision; a free run needs all digits."""
     assert isinstance(model, Arx)
     return {
         "a": model.a.tolist(),
@@ -128,7 +143,7 @@ def _exactly(model: LinearModel) -> dict[str, Any]:
 def _usable(
     stretches: Sequence[Stretch], inputs: Sequence[str], role: str, skip: int
 ) -> list[tuple[int, Stretch]]:
-    """Return the stretches that are long enough and their indices."""
+    """Return the stretches of at least twice ``skip`` samples, with their indices."""
     every = checked(stretches, inputs, role)
     kept = [(i, s) for i, s in enumerate(every) if len(s[1]) >= 2 * skip]
     if kept and np.ptp(np.concatenate([y for _, (_, y) in kept])) == 0.0:
@@ -144,7 +159,7 @@ def _usable(
 def _ranges(
     regime: Regime | None, test: Sequence[Stretch], indices: Sequence[int], skip: int
 ) -> list[dict[str, Any]]:
-    """Return the regime's ranges, each with the scored rows of each usable test stretch."""
+    """Return the regime's ranges with masks of the scored rows, one per usable test stretch."""
     if regime is None:
         return []
     for index, (values, (_, y)) in enumerate(zip(regime.values, test, strict=False)):
@@ -172,7 +187,7 @@ def _arx_models(
     order: int,
     delays: tuple[int, ...],
 ) -> tuple[dict[str, LinearModel], dict[str, Any]]:
-    """Return the four choices of the grid and what the report shows of it."""
+    """Return four ARX models, chosen by four criteria, and the figures of the grid of orders."""
     grid = order_grid(
         data, held_out, order, common_delays(data.n_inputs, min(GRID_DELAYS, order), delays)
     )
@@ -217,6 +232,7 @@ def _state_space(
 
 
 def _output_error(
+    *,
     data: Triangle,
     train: Sequence[Stretch],
     validate: Sequence[Stretch],
@@ -226,7 +242,7 @@ def _output_error(
     free: LinearModel,
     skip: int,
 ) -> tuple[LinearModel, dict[str, Any]]:
-    """Return the output error model from many starts: subspace and ARX models of many orders."""
+    """Return the best output error model from many starts, and the figures of all starts."""
     none = (0,) * data.n_inputs
     starts = [("subspace", m.transfer()) for m in states.models[:8]]
     wide = min(12, order)

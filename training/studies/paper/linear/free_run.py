@@ -1,4 +1,4 @@
-"""How every linear model is run and scored: free run after the same first samples."""
+"""Free run of a linear model and its error, after the same first samples for every model."""
 
 from collections.abc import Sequence
 from typing import Protocol
@@ -6,34 +6,40 @@ from typing import Protocol
 import numpy as np
 
 from monitor.base.types import FloatArray
-from training.studies.paper.linear.lagged import Stretch
+from training.studies.paper.linear.regressors import Stretch
 
 
 class LinearModel(Protocol):
-    """What ARX, state space and output error models have in common."""
+    """Interface shared by ARX, state space and output error models."""
 
     @property
     def n_parameters(self) -> int:
-        """Number of estimated coefficients."""
+        """The number of estimated coefficients."""
 
     @property
     def stable(self) -> bool:
         """Whether the free run forgets its start."""
 
     def simulate(self, u: FloatArray, y0: FloatArray) -> FloatArray:
-        """Return the free run (n,) that begins after the measured outputs ``y0``."""
+        """Return the free run (n,) over inputs ``u`` (n, k).
+
+        y0 : (m,) first measured outputs; they set the state and are returned unchanged
+        """
 
     def predict(self, u: FloatArray, y: FloatArray) -> FloatArray:
-        """Return the one-step predictions (n,)."""
+        """Return the one-step predictions (n,) from inputs (n, k) and measured outputs (n,)."""
 
 
 def free_runs(model: LinearModel, records: Sequence[Stretch], skip: int) -> list[FloatArray]:
-    """Return each stretch's free run (n,); the first ``skip`` outputs are the measured ones."""
+    """Return the free run (n,) of every stretch; its first ``skip`` outputs are measured ones."""
     return [model.simulate(u, y[:skip]) for u, y in records]
 
 
 def free_run_error(model: LinearModel, records: Sequence[Stretch], skip: int) -> float:
-    """Return the mean squared free-run error after the first ``skip`` samples; inf if unstable."""
+    """Return the mean squared free-run error, inf for an unstable model.
+
+    skip : number of first samples of a stretch that set the state and are not scored
+    """
     if not model.stable:
         return float("inf")
     runs = free_runs(model, records, skip)

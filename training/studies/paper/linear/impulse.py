@@ -1,4 +1,4 @@
-"""Impulse responses with confidence bands, and the dead time read from them."""
+"""Impulse responses with confidence bands, and the dead times of the inputs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,40 +8,44 @@ from scipy.signal import lfilter
 from scipy.stats import norm
 
 from monitor.base.types import FloatArray
-from training.studies.paper.linear.lagged import Stretch, triangle
+from training.studies.paper.linear.regressors import Stretch, triangle
 from training.studies.paper.linear.residual_tests import autocorrelation, effective_samples
 
 LEVEL = 0.01  # bands hold 99 %
-NOISE_ORDER = 10
-PASSES = 3
-VISIBLE = 0.1  # of the peak
+NOISE_ORDER = 10  # order of the AR noise filter, the reference toolbox's default
+PASSES = 3  # least-squares passes
+VISIBLE = 0.1  # of the peak: smaller responses do not mark the dead time
 
 
 @dataclass(frozen=True, slots=True)
 class ImpulseResponse:
-    """Responses of the output to one unit of each input for one sample."""
+    """Responses of the output to pulses of one unit and one sample at the k inputs."""
 
     response: FloatArray  # (k, lags), output's unit per input's unit
     standard_error: FloatArray  # (k, lags)
-    noise: FloatArray  # (11,) the AR polynomial of the disturbance
+    noise: FloatArray  # (11,) AR polynomial of the disturbance
     white: FloatArray  # (21,) autocorrelation of the residuals after the noise filter
-    effective_samples: FloatArray  # (k,) independent pairs of residual and input after it
+    effective_samples: FloatArray  # (k,) independent pairs of filtered residual and input
 
     @property
     def band(self) -> float:
-        """Half width of the band in standard errors, 99 %."""
+        """Half width of the 99 % band, in standard errors."""
         return float(norm.ppf(1.0 - LEVEL / 2.0))
 
     @property
     def joint_band(self) -> float:
-        """Half width that all lags of an input leave together by chance in 1 % (Bonferroni)."""
+        """Half width of the 99 % band for all lags of an input together, in standard errors.
+
+        Bonferroni: by chance a response leaves the band at any lag in 1 % of cases.
+        """
         return float(norm.ppf(1.0 - LEVEL / 2.0 / self.response.shape[1]))
 
     def delays(self) -> list[int | None]:
-        """Return each input's dead time in samples; None if no lag leaves the joint band.
+        """Return the dead time of every input in samples, None if no lag leaves the joint band.
 
-        It is the first lag that does and has a tenth of the response's peak: on long recordings
-        the finest leakage between neighbouring samples is outside the band.
+        The dead time is the first lag outside the joint band at which the response has at least a
+        tenth of its peak. The second condition is needed on long recordings, where the narrow band
+        makes leakage between neighbouring samples significant.
         """
         size = np.abs(self.response)
         outside = size > self.joint_band * self.standard_error
@@ -50,12 +54,11 @@ class ImpulseResponse:
 
 
 def impulse_response(stretches: Sequence[Stretch], lags: int = 50) -> ImpulseResponse:
-    """Return the impulse responses of all inputs together, by generalised least squares.
+    """Return the impulse responses of all inputs, fitted jointly by generalised least squares.
 
-    The residuals of one pass give the disturbance's AR(10); inputs and output are filtered by it,
-    so that the next pass sees nearly white noise (three passes). What autocorrelation is left then
-    widens the standard errors by Bartlett's effective number of samples, so that the bands never
-    take neighbouring samples for independent ones.
+    The residuals of a pass give an AR(10) model of the disturbance. It filters inputs and output,
+    so that the next of three passes sees nearly white noise. The standard errors allow for the
+    autocorrelation that remains, through Bartlett's effective number of samples.
     Raises RecordingError if there are too few samples.
     Source: Ljung, System Identification, 2nd ed., sections 6.1 and 9.3; the order of the noise
     filter is the reference toolbox's default.
@@ -85,7 +88,7 @@ def _remainders(stretches: Sequence[Stretch], theta: FloatArray, lags: int) -> l
 
 
 def _fir(stretches: Sequence[Stretch], lags: int) -> tuple[FloatArray, FloatArray]:
-    """Return coefficients of [1, u1(t) .., u2(t) ..] and their standard errors."""
+    """Return the coefficients of [1, u1(t) .., u2(t) ..] and their standard errors."""
     data = triangle(stretches, 0, lags - 1)
     columns = [0, *(c for i in range(data.n_inputs) for c in data.u_at(i, *range(lags)))]
     theta = data.solve(columns)
@@ -104,7 +107,7 @@ def _output(u: FloatArray, theta: FloatArray) -> FloatArray:
 
 
 def _noise_filter(residuals: Sequence[FloatArray]) -> FloatArray:
-    """Return [1, c1 .. c10] of the residuals' AR(10), by least squares."""
+    """Return the polynomial [1, c1 .. c10] of an AR(10) model of the residuals."""
     series = [(np.zeros((len(r), 0)), r) for r in residuals]
     data = triangle(series, NOISE_ORDER, 0)
     return np.concatenate([[1.0], -data.solve([0, *data.y_at(*range(1, NOISE_ORDER + 1))])[1:]])

@@ -1,9 +1,9 @@
-"""Output error models: polynomials fitted on the simulation error itself.
+"""Output error models: polynomials fitted to minimise the simulation error.
 
-``y(t) = sum_i B_i(q) u_i(t) / F(q) + e(t)``, one denominator for all inputs: they share poles, as
-the states of one state space model do. Gauss-Newton with Levenberg's damping on gradients filtered
-by 1/F; the free response of each stretch is projected out, so that no initial condition is guessed.
-A step that leaves the stable region is refused like one that raises the error: nothing diverges.
+``y(t) = sum_i B_i(q) u_i(t) / F(q) + e(t)``: all inputs share the denominator F, as they share the
+states in a state space model. The fit is Gauss-Newton with Levenberg's damping on gradients
+filtered by 1/F. The free response of every stretch is projected out, so that no initial condition
+is needed. A step that raises the error or makes the model unstable is refused.
 Source: Ljung, System Identification, 2nd ed., sections 10.2 and 10.5; variable projection in
 Kaufman's form, BIT 15 (1975) 49-57; the start is Steiglitz and McBride, IEEE TAC 10 (1965) 461-464.
 """
@@ -18,30 +18,30 @@ from scipy.signal import lfilter
 from monitor.base.types import FloatArray
 from training.studies.paper.linear.arx import Arx, fit_arx
 from training.studies.paper.linear.free_run import free_run_error
-from training.studies.paper.linear.lagged import Stretch
+from training.studies.paper.linear.regressors import Stretch
 
 LARGEST_POLE = 0.9999
-SEARCH_SAMPLES = 30_000  # of the training samples while orders and starts are compared
+SEARCH_SAMPLES = 30_000  # training samples used to compare starts; the best is refined on all
 
 
 @dataclass(frozen=True, slots=True)
 class OutputError:
-    """An output error model; ``transfer`` holds F as its ``a``, B, dead times and offset."""
+    """An output error model; ``transfer`` holds F (as ``a``), B, the dead times and the offset."""
 
     transfer: Arx
 
     @property
     def n_parameters(self) -> int:
-        """Number of estimated coefficients."""
+        """The number of estimated coefficients."""
         return self.transfer.n_parameters
 
     @property
     def stable(self) -> bool:
-        """Always true of a fitted one."""
+        """Whether the free run forgets its start; true for every fitted model."""
         return self.transfer.stable
 
     def simulate(self, u: FloatArray, y0: FloatArray) -> FloatArray:
-        """Return the free run (n,); the free response is fitted to the first outputs ``y0``."""
+        """Return the free run (n,); the initial state is fitted to the first outputs ``y0``."""
         start = min(self.transfer.lags, len(y0) - 1)
         forced, free = _responses(self.transfer, u, start)
         run = forced + free @ (
@@ -50,23 +50,29 @@ class OutputError:
         return np.concatenate([y0, run[len(y0) - start :]])
 
     def predict(self, u: FloatArray, y: FloatArray) -> FloatArray:
-        """Return the one-step predictions (n,): the simulation, for the model's noise is white."""
+        """Return the one-step predictions (n,).
+
+        They equal the simulation, because the model assumes white noise on the output.
+        """
         return self.simulate(u, y[: min(len(y), 2 * self.transfer.lags)])
 
 
 def _responses(model: Arx, u: FloatArray, start: int) -> tuple[FloatArray, FloatArray]:
-    """Return forced (n - start,) and an orthonormal basis (n - start, nf) of free responses."""
+    """Return the forced response (n - start,) and a basis (n - start, nf) of free responses.
+
+    The basis is orthonormal.
+    """
     n, order = len(u) - start, len(model.a)
     forced = lfilter([1.0], model.poly, model.drive(u)[start:])
-    pulses = np.eye(n, order) + 1e-60  # without it the responses decay to slow denormal numbers
+    pulses = np.eye(n, order) + 1e-60  # avoids denormal numbers, with which the filter is slow
     free = lfilter([1.0], model.poly, pulses, axis=0)
     return forced, np.asarray(np.linalg.qr(free)[0])
 
 
 def _initial(free: FloatArray, known: int) -> FloatArray:
-    """Return the (nf, known) map from first errors to weights of the free responses.
+    """Return the map (nf, known) from the first ``known`` errors to weights of the free responses.
 
-    What the first errors say little about is left out.
+    Directions with singular values below a tenth of the largest are left out.
     """
     return np.asarray(np.linalg.pinv(free[:known], rcond=0.1))
 
@@ -74,7 +80,7 @@ def _initial(free: FloatArray, known: int) -> FloatArray:
 def _errors(
     model: Arx, stretch: Stretch, skip: int
 ) -> tuple[FloatArray, FloatArray, FloatArray, int]:
-    """Return simulation errors (n - start,), free responses, the map of the first, and start."""
+    """Return simulation errors (n - start,), free responses, the map of ``_initial``, and start."""
     u, y = stretch
     start = model.lags
     forced, free = _responses(model, u, start)
@@ -86,9 +92,9 @@ def _errors(
 def _linearised(
     model: Arx, records: Sequence[Stretch], skip: int
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Yield error (n - skip,) and the output's gradient (n - skip, n_parameters) of each stretch.
+    """Yield the error (n - skip,) and the output's gradient (n - skip, n_parameters) per stretch.
 
-    The parameters are f, offset, b of the first input, b of the second ...
+    The parameters are f, the offset, b of the first input, b of the second ...
     """
     order, nb = len(model.a), model.b.shape[1]
     for u, y in records:
@@ -106,12 +112,12 @@ def _linearised(
 
 
 def _cost(model: Arx, records: Sequence[Stretch], skip: int) -> float:
-    """Return the sum of squared free-run errors after ``skip`` samples of each stretch."""
+    """Return the sum of squared free-run errors; the first ``skip`` samples do not count."""
     return sum(float(np.sum(_errors(model, r, skip)[0][skip - model.lags :] ** 2)) for r in records)
 
 
 def stabilised(model: Arx) -> Arx:
-    """Return the model with poles outside the unit circle mirrored into it."""
+    """Return the model with its unstable poles mirrored into the unit circle."""
     poles = np.roots(model.poly)
     size = np.abs(poles)
     mirrored = np.where(size > 1.0, poles / np.maximum(size, 1e-12) ** 2, poles)
@@ -165,9 +171,10 @@ def _inside(model: Arx) -> bool:
 def steiglitz_mcbride(
     start: Arx, records: Sequence[Stretch], skip: int, iterations: int = 8
 ) -> Arx:
-    """Return the ARX fitted on samples filtered by 1/A of the one before, from ``start``.
+    """Return a start for ``refine``, by the Steiglitz-McBride iteration from ``start``.
 
-    Every iterate is stabilised; the one with the least simulation error is returned.
+    Every iteration fits an ARX model on samples filtered by 1/A of the previous model and
+    stabilises it. The model with the least simulation error is returned.
     """
     best, model = (_cost(stabilised(start), records, skip), stabilised(start)), stabilised(start)
     for _ in range(iterations):
@@ -183,7 +190,7 @@ def steiglitz_mcbride(
 
 
 def thinned(records: Sequence[Stretch], samples: int = SEARCH_SAMPLES) -> list[Stretch]:
-    """Return evenly spread pieces of 3,000 samples, about ``samples`` in all."""
+    """Return evenly spread pieces of 3,000 samples, about ``samples`` in total."""
     total = sum(len(y) for _, y in records)
     if total <= samples:
         return list(records)
@@ -203,11 +210,12 @@ def fit_output_error(
     skip: int,
     steps: int = 15,
 ) -> tuple[OutputError, list[tuple[Arx, float, float]]]:
-    """Return the output error model that runs freely best on ``validate``.
+    """Return the output error model with the least free-run error on ``validate``, and all tries.
 
-    starts : models of any order; each is refined from itself and from Steiglitz-McBride's
-        iterates, whichever simulates ``train`` better
-    Returns also each start's refined transfer, its training and its validation mean squared error.
+    starts : models of any order, improved by ``steiglitz_mcbride`` and then by ``refine``
+    skip : number of first samples of a stretch that set the state and are not scored
+    A try is the refined model of one start with its mean squared errors on ``train`` and
+    ``validate``.
     """
     some = thinned(train)
     count = sum(len(y) - skip for _, y in some)

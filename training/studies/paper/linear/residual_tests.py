@@ -1,4 +1,4 @@
-"""Residual analysis: whiteness, and independence of residuals and inputs.
+"""Residual tests: whiteness, and independence of the inputs.
 
 Source: Ljung, System Identification, 2nd ed., section 16.6.
 """
@@ -12,15 +12,15 @@ from statsmodels.stats.diagnostic import acorr_ljungbox
 
 from monitor.base.types import FloatArray
 
-LEVEL = 0.01  # of every test; bands hold 99 %
+LEVEL = 0.01  # significance level of every test; bands hold 99 %
 
 
 def cross_covariance(
     a: Sequence[FloatArray], b: Sequence[FloatArray], lags: Sequence[int]
 ) -> FloatArray:
-    """Return the mean of a(t) b(t - lag) over all samples, (n_lags,); means are removed first.
+    """Return the cross covariance (n_lags,): the mean of a(t) b(t - lag), means removed first.
 
-    a, b : series of the same lengths; no product reaches across the end of a series
+    a, b : series, (n_i,) each; no product reaches across the end of a series
     """
     mean_a, mean_b = np.concatenate(a).mean(), np.concatenate(b).mean()
     total, count = np.zeros(len(lags)), sum(len(x) for x in a)
@@ -34,16 +34,16 @@ def cross_covariance(
 
 
 def autocorrelation(series: Sequence[FloatArray], lags: int) -> FloatArray:
-    """Return the autocorrelation (lags + 1,) pooled over the series; 0 of a constant."""
+    """Return the autocorrelation (lags + 1,) pooled over the series; zeros for a constant."""
     covariance = cross_covariance(series, series, range(lags + 1))
     return covariance / covariance[0] if covariance[0] > 0 else covariance
 
 
 def effective_samples(a: Sequence[FloatArray], b: Sequence[FloatArray], lags: int) -> float:
-    """Return how many independent pairs tell as much of the correlation of ``a`` and ``b``.
+    """Return the number of independent pairs that would give the same variance of the correlation.
 
-    n / sum of the products of both autocorrelations, Bartlett's formula, summed over ``lags``
-    either way with a triangular taper.
+    Bartlett's formula: n over the sum of the products of both autocorrelations, up to ``lags`` in
+    both directions, with a triangular taper.
     """
     product = autocorrelation(a, lags) * autocorrelation(b, lags)
     taper = 1.0 - np.arange(1, lags + 1) / (lags + 1)
@@ -53,10 +53,10 @@ def effective_samples(a: Sequence[FloatArray], b: Sequence[FloatArray], lags: in
 
 
 def whiteness(residuals: Sequence[FloatArray], lags: int = 25) -> dict[str, Any]:
-    """Return the test that the residuals are white: Ljung-Box and the autocorrelation's bands.
+    """Return the whiteness test: Ljung-Box, and the autocorrelation with its 99 % band.
 
-    residuals : of held-out samples, since no degree of freedom is taken off
-    The series are joined for Ljung-Box; ``lags`` products per joint are foreign to the model.
+    residuals : series of held-out residuals (the test subtracts no degrees of freedom)
+    Ljung-Box joins the series; the ``lags`` products across a joint are accepted as an error.
     """
     joined = np.concatenate([r - np.mean(np.concatenate(residuals)) for r in residuals])
     band = float(norm.ppf(1.0 - LEVEL / 2.0) / np.sqrt(len(joined)))
@@ -83,12 +83,12 @@ def independence(
     names: Sequence[str],
     lags: int = 25,
 ) -> list[dict[str, Any]]:
-    """Return for each input the test that the residuals do not depend on it.
+    """Return one test per input: do the residuals depend on it?
 
-    inputs : shapes (n, k), rows as those of the residuals
-    The correlation of e(t) with u(t - lag); the standard deviation allows for the autocorrelation
-    of both. Rejected if a lag of 0 and above leaves the band that all of them together leave by
-    chance in 1 % of cases (Bonferroni); below 0 it speaks of feedback, not of the model.
+    inputs : (n, k) per stretch, rows as in ``residuals``
+    The test uses the correlation of e(t) with u(t - lag); its standard deviation allows for the
+    autocorrelation of both. Independence is rejected if any lag of 0 or above leaves the joint 99 %
+    band (Bonferroni). A correlation at negative lags means feedback and not a wrong model.
     """
     span = range(-lags, lags + 1)
     memory = max(4 * lags, 50)

@@ -1,4 +1,4 @@
-"""What the linear study stores of each model: fits, residual tests, a part of the free run."""
+"""Scores of the linear models: fits, residual tests and an excerpt of the free run."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -8,10 +8,10 @@ import numpy as np
 from monitor.base.types import FloatArray
 from training.recordings.metrics import correlation, fit_percent, rmse
 from training.studies.paper.linear.free_run import LinearModel, free_runs
-from training.studies.paper.linear.lagged import Stretch
+from training.studies.paper.linear.regressors import Stretch
 from training.studies.paper.linear.residual_tests import independence, whiteness
 
-FIGURE_SAMPLES = 600
+FIGURE_SAMPLES = 600  # length of the excerpt
 
 
 def scores(
@@ -21,10 +21,10 @@ def scores(
     ranges: Sequence[Mapping[str, Any]],
     skip: int,
 ) -> dict[str, Any]:
-    """Return fits of free run and one-step predictions; None for free runs of unstable models.
+    """Return the fits of free run and one-step prediction; free-run fits are None if unstable.
 
-    ranges : of the regime, each with the scored ``rows`` of every test stretch
-    skip : first samples of each stretch, which set the state and are not scored
+    ranges : ranges of the regime; ``rows`` of a range holds a mask of the scored rows per stretch
+    skip : number of first samples of a stretch that set the state and are not scored
     """
     measured = [y[skip:] for _, y in test]
     one_step = np.concatenate([model.predict(u, y)[skip:] for u, y in test])
@@ -64,13 +64,16 @@ def residuals(
     inputs: Sequence[str],
     skip: int,
 ) -> dict[str, Any]:
-    """Return the tests on held-out residuals: one-step ones, for output error the simulation's."""
+    """Return the residual tests of all models on the test stretches.
+
+    The residuals are one-step residuals, for output error models simulation residuals.
+    """
     driven = [u[skip:] for u, _ in test]
     result = {}
     for name, model in models.items():
         left = [y[skip:] - model.predict(u, y)[skip:] for u, y in test]
         if not np.isfinite(np.concatenate(left)).all():
-            continue  # a state space model whose filter is unstable
+            continue  # the Kalman filter of this state space model is unstable
         result[name] = {
             "whiteness": whiteness(left),
             "independence": independence(left, driven, inputs),
@@ -85,7 +88,11 @@ def example(
     period_s: float,
     skip: int,
 ) -> dict[str, Any]:
-    """Return the liveliest part of the test stretches with the free runs there."""
+    """Return an excerpt of the test stretches with the free runs of the stable models.
+
+    Of all excerpts, sorted by the output's standard deviation, the one at the 75th percentile is
+    taken.
+    """
     length = min(FIGURE_SAMPLES, min(len(y) for _, y in test) - skip)
     places = [
         (float(np.std(y[at : at + length])), i, at)
@@ -105,7 +112,7 @@ def example(
 
 
 def plain(value: Any) -> Any:
-    """Return the value as JSON types, floats rounded to 5 significant digits, no NaN."""
+    """Return the value as JSON types: floats with 5 significant digits, NaN and inf as None."""
     if isinstance(value, Mapping):
         return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, np.ndarray):

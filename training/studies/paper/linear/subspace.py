@@ -1,14 +1,15 @@
 """State space models by a subspace method over several recordings.
 
-Predictor-based subspace identification (PBSID): a long ARX gives the predictor's Markov
-parameters, their Hankel product with the past data has the states as its row space, and three
-least-squares steps give the matrices. It holds for data gathered in closed loop, as lambda is.
+The method is predictor-based subspace identification (PBSID). A long ARX model gives the
+predictor's Markov parameters; the row space of their Hankel matrix times the past data is that of
+the states; three least-squares steps give the matrices. The method also works on data from a
+closed loop, like lambda.
 Source: Chiuso, The role of vector autoregressive modeling in predictor-based subspace
 identification, Automatica 43 (2007) 1034-1048.
 
-No library is used: nfoursid 1.0.2 (MIT) and sippy_unipi 1.0.1 (LGPL) take a single unbroken record,
-the first in loops over samples, the second with CasADi; python-control has none for inputs and
-noise. Here everything is computed from the triangular factor of the lagged samples.
+No library is used: nfoursid 1.0.2 and sippy_unipi 1.0.1 take a single unbroken record, and
+python-control has no method for inputs and noise. Here everything is computed from the triangular
+factor of the lagged samples.
 """
 
 from collections.abc import Sequence
@@ -21,7 +22,7 @@ from scipy.signal import ss2tf
 from monitor.base.types import FloatArray
 from training.studies.paper.linear.arx import Arx
 from training.studies.paper.linear.free_run import free_run_error
-from training.studies.paper.linear.lagged import Stretch, Triangle
+from training.studies.paper.linear.regressors import Stretch, Triangle
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,12 +37,12 @@ class StateSpace:
 
     @property
     def order(self) -> int:
-        """Number of states."""
+        """The number of states."""
         return len(self.C)
 
     @property
     def n_parameters(self) -> int:
-        """Number of free coefficients, those of a change of the states' basis not counted."""
+        """The number of free coefficients; a change of the states' basis is not counted."""
         return self.order * (self.B.shape[1] + 2) + len(self.D)
 
     @property
@@ -51,7 +52,7 @@ class StateSpace:
         return bool(np.abs(np.linalg.eigvals([self.A, filtered])).max() < 1.0)
 
     def simulate(self, u: FloatArray, y0: FloatArray) -> FloatArray:
-        """Return the free run (n,); the Kalman filter over the first outputs gives the state."""
+        """Return the free run (n,); a Kalman filter over the outputs ``y0`` sets its state."""
         result = self._filtered(u, y0)
         result[: len(y0)] = y0
         return result
@@ -61,7 +62,10 @@ class StateSpace:
         return self._filtered(u, y)
 
     def _filtered(self, u: FloatArray, y: FloatArray) -> FloatArray:
-        """Return the filter's predictions, from the steady state of the first sample on."""
+        """Return the predictions (n,) of the Kalman filter; without outputs it runs freely.
+
+        The filter starts in the steady state of the first sample.
+        """
         v = np.column_stack([u, np.ones(len(u))])
         inflow = self.B @ v[0] + self.K * (y[0] - self.D @ v[0])
         filtered = self.A - np.outer(self.K, self.C)
@@ -70,7 +74,7 @@ class StateSpace:
         return np.asarray(_run(*matrices, start, v, np.ascontiguousarray(y)))
 
     def transfer(self) -> Arx:
-        """Return the same input-output behaviour as polynomials; its ``a`` is the denominator."""
+        """Return the model as polynomials; ``a`` of the result is the denominator."""
         n_inputs = len(self.D) - 1
         a = np.asarray(np.poly(self.A).real, dtype=np.float64)
         b = np.zeros((n_inputs, self.order + 1))
@@ -84,7 +88,7 @@ class StateSpace:
 
 @njit(nogil=True, cache=True)
 def _run(A, B, C, D, K, start, v, y):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Return the predictions; as long as there is a y the innovation corrects the state."""
+    """Return the predictions (n,); the innovation corrects the state while ``y`` lasts."""
     n = len(C)
     x, after, out = start.copy(), np.empty(n), np.empty(len(v))
     for t in range(len(v)):
@@ -110,12 +114,12 @@ def _run(A, B, C, D, K, start, v, y):  # type: ignore[no-untyped-def]  # pragma:
 class Subspace:
     """State space models of every order from one decomposition."""
 
-    singular_values: FloatArray  # (past,) of the predicted futures
+    singular_values: FloatArray  # (past,) singular values of the predicted future outputs
     models: tuple[StateSpace, ...]  # order 1 upward
 
     @property
     def order_by_gap(self) -> int:
-        """Return the order after which the singular values fall most, in logarithms."""
+        """The order after which the logarithms of the singular values fall most."""
         s = np.log(np.maximum(self.singular_values, 1e-12 * self.singular_values[0]))
         return int(np.argmax(s[: len(self.models)] - s[1 : len(self.models) + 1])) + 1
 
@@ -123,8 +127,8 @@ class Subspace:
 def subspace(data: Triangle, past: int, max_order: int) -> Subspace:
     """Return the state space models of order 1 to ``max_order``.
 
-    data : samples condensed with at least ``past`` lags of inputs and output
-    past : samples of the past that the states are made from, above ``max_order``
+    data : condensed samples with at least ``past`` lags of inputs and output
+    past : number of past samples from which the states are formed, larger than ``max_order``
     """
     inputs, k = range(data.n_inputs), data.n_inputs
     lags = [[*data.y_at(j), *(c for i in inputs for c in data.u_at(i, j))] for j in range(past + 1)]
@@ -157,9 +161,10 @@ def _realise(x: FloatArray, x_next: FloatArray, factor: FloatArray, feed: list[i
 def best_state_space(
     found: Subspace, validate: Sequence[Stretch], skip: int
 ) -> tuple[StateSpace, list[float]]:
-    """Return the model that runs freely best on ``validate`` and each order's mean squared error.
+    """Return the model with the least free-run error on ``validate``, and the error of all orders.
 
-    Unstable orders have an infinite error. The first ``skip`` samples set the state.
+    skip : number of first samples of a stretch that set the state and are not scored
+    Errors are mean squared errors, inf for an unstable model.
     """
     errors = [free_run_error(model, validate, skip) for model in found.models]
     return found.models[int(np.argmin(errors))], errors

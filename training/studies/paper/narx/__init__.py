@@ -1,1 +1,1 @@
-"""The NARX study: 29 models, four algorithms, the best tuned in closed loop."""
+"""NARX study: 29 models, four algorithms; the best models are tuned in closed loop."""

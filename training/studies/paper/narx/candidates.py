@@ -1,11 +1,11 @@
 """The 29 models of the NARX study.
 
-*Model Based Diagnosis of Oxygen Sensors* compares 29 networks and does not list them all. Known are
-the ranges (lags 3, 5 and 8, one or two hidden layers, 5 to 15 neurons, several learning rates, four
-algorithms) and the one it chose; the other 28 are chosen here to cover these ranges.
+*Model Based Diagnosis of Oxygen Sensors* compares 29 networks but does not list them. It gives the
+chosen network and the ranges: lags 3, 5 and 8, one or two hidden layers, 5 to 15 neurons, several
+learning rates, four algorithms. The other 28 networks are chosen here to cover these ranges.
 
-Only gradient descent has a learning rate. Models that differ in nothing else coincide: they are
-trained once and the table says so.
+Only gradient descent has a learning rate. Models of another algorithm that differ only in the
+learning rate are the same model; they are trained once, and the table says so.
 """
 
 from collections.abc import Sequence
@@ -30,12 +30,12 @@ class Candidate:
     algorithm: str
     lags: int
     hidden: tuple[int, ...]
-    rate: float | None = None  # learning rate; only gradient descent uses it
+    rate: float | None = None  # learning rate, used by gradient descent only
     origin: str = HERE
 
     @property
     def name(self) -> str:
-        """Return its line in tables.
+        """Return the model's name in tables.
 
         >>> Candidate(1, LM, 5, (8, 8), 0.2).name
         'LM, 5 lags, 8-8, rate 0.2'
@@ -45,7 +45,7 @@ class Candidate:
 
     @property
     def training(self) -> tuple[object, ...]:
-        """Return what decides the training; models with the same coincide."""
+        """Return the properties that decide the training; models with equal ones are the same."""
         rate = self.rate if self.algorithm == DESCENT else None
         return (self.algorithm, self.lags, self.hidden, rate)
 
@@ -84,7 +84,7 @@ CANDIDATES: Final = (
 
 
 def same_as(candidates: Sequence[Candidate]) -> dict[int, int]:
-    """Return the number of the first model with the same training, by number of the others.
+    """Return, for every repeated model number, the number of the first model with its training.
 
     >>> same_as(CANDIDATES)
     {2: 1, 3: 1}

@@ -1,8 +1,8 @@
-"""One model of the NARX study: train it series-parallel, tune it in closed loop, measure it.
+"""One model of the NARX study: series-parallel training, closed-loop tuning, figures.
 
-Both jobs are pure functions of the data and their settings, so that they run on any machine.
-Figures are in scaled units (zero mean, unit variance over the training samples), one-step and free
-run on the same samples.
+Training and tuning are pure functions of data and settings, so that any machine can run them.
+Figures are in scaled units (zero mean, unit variance over the training samples); one-step and
+free-run figures use the same samples.
 """
 
 import time
@@ -25,31 +25,31 @@ from training.recordings.preparation import Prepared, Role, Samples
 from training.studies.paper.narx.candidates import BAYES, CONJUGATE, LM, Candidate
 from training.studies.paper.narx.parallel import Arrays, Done
 
-BLOCK = 1000  # samples of a block that is kept or left out as a whole
-ENOUGH = 50  # enabled samples of every role, for figures on them
-NOT_USED = -1  # role of training samples that were thinned out
-STUCK_SHARE = 0.01  # of the samples wrongly at the end of the range: the free run diverged
-CONTRACTION_SEED = 0  # other histories than those the tuning saw
-HORIZONS = (5, 20, 100, 1000)  # of the fine-tuning
+BLOCK = 1000  # largest block, in samples, that thinning keeps or drops as a whole
+ENOUGH = 50  # least enabled samples per role for figures on enabled samples
+NOT_USED = -1  # role of training samples that thinning drops
+STUCK_SHARE = 0.01  # a free run with more samples wrongly at an end of the range has diverged
+CONTRACTION_SEED = 0  # gives other histories than the tuning uses
+HORIZONS = (5, 20, 100, 1000)  # samples, of the closed-loop tuning
 
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """One training: series-parallel from random weights, or in closed loop from given ones."""
+    """One training: series-parallel from random weights, or in closed loop from ``weights``."""
 
     candidate: Candidate
     start: int
     seed: int
     iterations: int
     input_lag_start: int
-    weights: tuple[float, ...] = ()  # where the fine-tuning begins
+    weights: tuple[float, ...] = ()  # initial weights of a closed-loop tuning
 
 
 def thin(data: Prepared, n_samples: int) -> Prepared:
-    """Return ``data`` with at most ``n_samples`` training samples, without its recordings.
+    """Return ``data`` with at most ``n_samples`` training samples and without its recordings.
 
-    If hardly a sample of a role is enabled, all samples count as enabled.
-    Whole blocks are kept, evenly spread over all recordings; the others get the role NOT_USED.
+    Whole blocks are kept, evenly spread over all recordings; samples of other blocks get the role
+    NOT_USED. If a role has fewer than ``ENOUGH`` enabled samples, all samples count as enabled.
     """
     role = data.role.copy()
     length = int(np.clip(n_samples // 20, 20, BLOCK))
@@ -77,20 +77,20 @@ def thin(data: Prepared, n_samples: int) -> Prepared:
 
 
 def spec_of(data: Prepared, candidate: Candidate, input_lag_start: int = 1) -> Spec:
-    """Return the shape of a candidate on these data, its feedback clipped to the output's range."""
+    """Return the shape of a candidate for ``data``; feedback is clipped to the output's range."""
     scale = data.scaling
     return Spec(
-        data.samples.u.shape[1],
-        candidate.lags,
-        candidate.hidden,
-        input_lag_start,
-        float(scale.scale_y(scale.y_low)),
-        float(scale.scale_y(scale.y_high)),
+        n_inputs=data.samples.u.shape[1],
+        lags=candidate.lags,
+        hidden=candidate.hidden,
+        input_lag_start=input_lag_start,
+        y_min=float(scale.scale_y(scale.y_low)),
+        y_max=float(scale.scale_y(scale.y_high)),
     )
 
 
 def rows(data: Prepared, spec: Spec, role: Role | None = None) -> IntArray:
-    """Return the scored samples of ``role`` whose lags lie within their segment."""
+    """Return the indices of the scored samples of ``role`` whose lags lie in the same segment."""
     inside = np.zeros(len(data.role), dtype=bool)
     for segment in data.segments:
         inside[segment.start + spec.lags : segment.stop] = True
@@ -99,14 +99,17 @@ def rows(data: Prepared, spec: Spec, role: Role | None = None) -> IntArray:
 
 
 def regressors(spec: Spec, samples: Samples, at: IntArray) -> FloatArray:
-    """Return the series-parallel regressors (n, n_regressors) of samples ``at`` (n,)."""
+    """Return the series-parallel regressors (n, n_regressors) of the samples ``at`` (n,)."""
     inputs = [samples.u[at - j] for j in range(spec.input_lag_start, spec.lags + 1)]
     outputs = [samples.y[at - j, None] for j in range(1, spec.lags + 1)]
     return np.concatenate([*inputs, *outputs], axis=1)
 
 
 def train_one(data: Prepared, job: Job) -> Done:
-    """Train one start series-parallel, with early stopping on the one-step validation error."""
+    """Return figures and weights of one start, trained series-parallel.
+
+    The training stops early by the one-step validation error, except with Bayesian regularisation.
+    """
     data = _writable(data)
     spec = spec_of(data, job.candidate, job.input_lag_start)
     began, began_cpu = time.monotonic(), time.process_time()
@@ -129,7 +132,7 @@ def train_one(data: Prepared, job: Job) -> Done:
 
 
 def tune_one(data: Prepared, job: Job) -> Done:
-    """Fine-tune given weights on the simulation error over growing horizons."""
+    """Return figures and weights after tuning in closed loop, over growing horizons."""
     data = _writable(data)
     spec = spec_of(data, job.candidate, job.input_lag_start)
     began, began_cpu = time.monotonic(), time.process_time()
@@ -156,7 +159,7 @@ def tune_one(data: Prepared, job: Job) -> Done:
 
 
 def arrays(spec: Spec, weights: FloatArray) -> Arrays:
-    """Return weights and shape as they are stored."""
+    """Return weights and shape as arrays for storage."""
     shape = [spec.n_inputs, spec.lags, spec.input_lag_start, *spec.hidden]
     return {
         "weights": weights,
@@ -166,14 +169,26 @@ def arrays(spec: Spec, weights: FloatArray) -> Arrays:
 
 
 def from_arrays(stored: Arrays) -> tuple[Spec, FloatArray]:
-    """Return shape and weights of stored arrays."""
+    """Return shape and weights from the arrays of ``arrays``."""
     n_inputs, lags, first, *hidden = (int(v) for v in stored["shape"])
     low, high = (float(v) for v in stored["y_range"])
-    return Spec(n_inputs, lags, tuple(hidden), first, low, high), stored["weights"]
+    spec = Spec(
+        n_inputs=n_inputs,
+        lags=lags,
+        hidden=tuple(hidden),
+        input_lag_start=first,
+        y_min=low,
+        y_max=high,
+    )
+    return spec, stored["weights"]
 
 
 def figures(data: Prepared, spec: Spec, weights: FloatArray) -> dict[str, Any]:
-    """Return R and MSE per role, one-step and free run, on all scored and on enabled samples."""
+    """Return R and MSE per role, one-step and in free run, on all scored and on enabled samples.
+
+    Also returned: the free-run validation score, the share of stuck predictions, and whether the
+    free run diverges.
+    """
     at = rows(data, spec)
     one_step = np.full(len(data.role), np.nan)
     one_step[at] = forward(spec, weights, regressors(spec, data.samples, at))
@@ -192,7 +207,7 @@ def figures(data: Prepared, spec: Spec, weights: FloatArray) -> dict[str, Any]:
 
 
 def _minimise(data: Prepared, spec: Spec, weights: FloatArray, job: Job) -> lm.Outcome:
-    """Run the candidate's algorithm with the reference toolbox's defaults."""
+    """Return the outcome of the candidate's algorithm, with the reference toolbox's defaults."""
     at, held = rows(data, spec, Role.TRAIN), rows(data, spec, Role.VALIDATE)
     weight = data.samples.weight[at] / data.samples.weight[at].mean()
     objective = OneStep(spec, regressors(spec, data.samples, at), data.samples.y[at], weight)
@@ -216,7 +231,7 @@ def _minimise(data: Prepared, spec: Spec, weights: FloatArray, job: Job) -> lm.O
 
 
 def _still_falling(outcome: lm.Outcome) -> bool:
-    """Return whether the iterations ended although the last tenth lowered the cost by 1 %."""
+    """Return whether the last tenth of all allowed iterations still lowered the cost by 1 %."""
     before = outcome.costs[-max(2, len(outcome.costs) // 10)]
     return outcome.stop == "epochs" and outcome.costs[-1] < 0.99 * before
 
@@ -245,14 +260,17 @@ def _measure(data: Prepared, predicted: FloatArray, at: IntArray) -> dict[str, A
 
 
 def _forgets(data: Prepared, spec: Spec, weights: FloatArray) -> dict[str, Any]:
-    """Return whether two histories give the same prediction after a window of the monitor."""
+    """Return whether two histories give the same prediction after one window of the monitor."""
     found = contraction(data, spec, weights, CONTRACTION_SEED)
     share = found.gap / found.limit
     return {"contraction_gap_over_limit": _round(share), "forgets": bool(share <= 1.0)}
 
 
 def _stuck_share(data: Prepared, spec: Spec, free: FloatArray) -> float:
-    """Return the share of predictions at an end of the range while the measurement is not near."""
+    """Return the share of predictions at an end of the range with a measurement elsewhere.
+
+    Elsewhere means farther away than a tenth of the range.
+    """
     at = rows(data, spec)
     y, span = data.samples.y[at], spec.y_max - spec.y_min
     at_end = (free[at] <= spec.y_min) | (free[at] >= spec.y_max)
@@ -260,7 +278,7 @@ def _stuck_share(data: Prepared, spec: Spec, free: FloatArray) -> float:
 
 
 def _writable(data: Prepared) -> Prepared:
-    """Return ``data`` with arrays of its own: what a cluster sends is read-only."""
+    """Return ``data`` with copied arrays, because a cluster sends read-only arrays."""
     s = data.samples
     return replace(data, samples=Samples(*(np.array(a) for a in (s.u, s.y, s.weight))))
 

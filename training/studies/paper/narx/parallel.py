@@ -1,8 +1,8 @@
-"""Jobs of the study side by side, each stored at once.
+"""Parallel jobs of the study, stored as soon as they finish.
 
-A job is a function of shared data and its own settings. What it returns is written to two files
-named by its key, both renamed into place, the JSON last: a study that was killed finds every
-finished job and runs only the others.
+A job is a function of shared data and an item with its settings. Its result goes to two files named
+by the job's key, a JSON and an NPZ file. Both are renamed into place, the JSON file last. A study
+that was killed finds all finished jobs and runs only the rest.
 """
 
 import json
@@ -32,11 +32,14 @@ def run(
     scheduler: str | None = None,
     label: str = "",
 ) -> dict[str, dict[str, Any]]:
-    """Return the results by key, in the order of ``items``; those already stored are read.
+    """Return the results by key, in the order of ``items``; stored results are read from files.
 
-    function : module-level, takes ``shared`` and an item; returns a JSON-able dict and arrays
-    items : by key, which names the files in ``directory``; long jobs should come first
-    scheduler : address of a Dask scheduler, ``tcp://host:port``; None uses ``jobs`` processes here
+    function : module-level function of ``shared`` and an item; returns a dict of JSON values and
+        arrays
+    items : key → item; the key names the files in ``directory``; long jobs should come first
+    scheduler : address of a Dask scheduler, ``tcp://host:port``; None uses ``jobs`` processes on
+        this machine
+    label : text of the progress bar
     Raises UsageError if the scheduler cannot be used.
     """
     directory.mkdir(parents=True, exist_ok=True)
@@ -55,7 +58,7 @@ def run(
 
 
 def stored(directory: Path, key: str) -> dict[str, Any] | None:
-    """Return the result of a finished job, or None."""
+    """Return the result of a finished job, None for any other job."""
     try:
         result = json.loads((directory / f"{key}.json").read_text())
     except (OSError, ValueError):

@@ -1,13 +1,13 @@
-"""The NARX study: 29 models from several starts each, the best ones tuned in closed loop.
+"""NARX study: 29 models from several starts; the best models are tuned in closed loop.
 
-Everything is chosen by validation blocks; test blocks are only reported. A killed study resumes
-from the jobs stored in its directory.
+Validation blocks decide every choice; test blocks are only reported. A killed study resumes from
+the jobs stored in its directory.
 """
 
 import hashlib
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -31,13 +31,13 @@ from training.studies.paper.narx.models import (
 )
 from training.studies.paper.narx.verdicts import findings, judge, rules, warnings
 
-VERSION = 1  # of what a job does; stored jobs of another version are not reused
-SEED_STEP = 1000  # between starts, as in ``fit``
+VERSION = 1  # of the jobs; stored jobs of another version are not reused
+SEED_STEP = 1000  # difference of the seeds of two starts, as in ``fit``
 
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """What is the same for every model."""
+    """Settings shared by all models."""
 
     starts: int
     iterations: int
@@ -61,15 +61,24 @@ def narx_study(
     input_lag_start: int = 1,
     candidates: Sequence[Candidate] = CANDIDATES,
 ) -> dict[str, Any]:
-    """Return the figures of every model and start, and of the best ones after closed-loop tuning.
+    """Return the figures of all models and starts, and of the best models after tuning.
 
-    directory : where finished jobs are stored, two files each
-    iterations : most epochs of a series-parallel training
-    n_samples : most training samples, whole blocks spread evenly over the recordings
+    directory : folder of the finished jobs, two files per job
+    iterations : largest number of epochs of a series-parallel training
+    n_samples : largest number of training samples; whole blocks are spread over the recordings
+    tune_best : number of models tuned in closed loop
     jobs, scheduler : see ``parallel.run``
+    input_lag_start : smallest lag of the inputs, 0 or 1 samples
     Raises RecordingError if the samples are too few, UsageError for impossible settings.
     """
-    settings = Settings(starts, iterations, n_samples, tune_best, seed, input_lag_start)
+    settings = Settings(
+        starts=starts,
+        iterations=iterations,
+        n_samples=n_samples,
+        tune_best=tune_best,
+        seed=seed,
+        input_lag_start=input_lag_start,
+    )
     began = time.monotonic()
     _check(settings, candidates)
     thinned = thin(data, n_samples)
@@ -81,13 +90,20 @@ def narx_study(
     ranking = _ranking(models)
     tunings = _tunings(models, ranking, trainings, settings, directory)
     tuned = parallel.run(tune_one, thinned, tunings, directory, label="closed loop", **where)
-    return _result(data, thinned, settings, models, ranking, tunings, tuned) | {
-        "seconds": round(time.monotonic() - began, 1)
-    }
+    result = _result(
+        data=data,
+        thinned=thinned,
+        settings=settings,
+        models=models,
+        ranking=ranking,
+        tunings=tunings,
+        done=tuned,
+    )
+    return result | {"seconds": round(time.monotonic() - began, 1)}
 
 
 def best_model(result: Mapping[str, Any], directory: Path) -> tuple[Spec, FloatArray]:
-    """Return shape and weights of the model that validates best in free run."""
+    """Return shape and weights of the model with the least free-run validation error."""
     return from_arrays(parallel.arrays_of(directory, result["best"]["weights_key"]))
 
 
@@ -102,7 +118,7 @@ def _check(settings: Settings, candidates: Sequence[Candidate]) -> None:
 def _trainings(
     data: Prepared, settings: Settings, candidates: Sequence[Candidate], digest: str
 ) -> dict[str, Job]:
-    """Return the jobs by key, the long ones first; models that coincide share theirs."""
+    """Return the jobs by key, the longest first; equal models share their jobs."""
     n = int(((data.role == Role.TRAIN) & (data.samples.weight > 0)).sum())
     smallest = min(spec_of(data, c, settings.input_lag_start).n_weights for c in candidates)
     if n < smallest:
@@ -119,7 +135,13 @@ def _trainings(
     for c in sorted(candidates, key=effort, reverse=True):
         for start in range(settings.starts if c.number not in same else 0):
             seed = settings.seed + SEED_STEP * start
-            job = Job(c, start, seed, settings.iterations, settings.input_lag_start)
+            job = Job(
+                candidate=c,
+                start=start,
+                seed=seed,
+                iterations=settings.iterations,
+                input_lag_start=settings.input_lag_start,
+            )
             result[_key("train", digest, job)] = job
     return result
 
@@ -156,7 +178,10 @@ def _models(
 
 
 def _ranking(models: Sequence[Mapping[str, Any]]) -> list[int]:
-    """Return model numbers by free-run validation of their best start, each training once."""
+    """Return the model numbers by the free-run validation error of the best start.
+
+    Repeated models are left out.
+    """
     once = [m for m in models if m["same_as"] is None]
     once.sort(key=lambda m: _or_inf(m["starts"][m["best_start"]]["validation_score"]))
     return [m["number"] for m in once]
@@ -169,7 +194,7 @@ def _tunings(
     settings: Settings,
     directory: Path,
 ) -> dict[str, Job]:
-    """Return the jobs that tune the best start of each of the best models."""
+    """Return the jobs that tune the best start of every one of the best models, by key."""
     by_number = {m["number"]: m for m in models}
     result = {}
     for number in ranking[: settings.tune_best]:
@@ -177,18 +202,12 @@ def _tunings(
         key = model["starts"][model["best_start"]]["weights_key"]
         job = trainings[key]
         _, weights = from_arrays(parallel.arrays_of(directory, key))
-        result[key.replace("train", "tune")] = Job(
-            job.candidate,
-            job.start,
-            job.seed,
-            job.iterations,
-            job.input_lag_start,
-            tuple(weights.tolist()),
-        )
+        result[key.replace("train", "tune")] = replace(job, weights=tuple(weights.tolist()))
     return result
 
 
 def _result(
+    *,
     data: Prepared,
     thinned: Prepared,
     settings: Settings,
@@ -234,9 +253,9 @@ def _result(
 def _best(
     models: Sequence[Mapping[str, Any]], ranking: Sequence[int], tuned: Sequence[dict[str, Any]]
 ) -> dict[str, Any]:
-    """Return the weights to use, before or after tuning: those that forget their history first.
+    """Return the best model, before or after tuning.
 
-    Among them the lowest free-run validation error decides.
+    Models that forget their history come first; among them the free-run validation error decides.
     """
     found = []
     for t in tuned:
@@ -273,7 +292,7 @@ def _best(
 
 
 def _source(data: Prepared) -> str:
-    """Return whether the recordings are simulated, as their manifests say."""
+    """Return ``simulated`` or ``recorded`` or both in words, by the recordings' manifests."""
     simulated = [source_of(r.path, r.sha256) == "simulated" for r in data.recordings]
     if all(simulated):
         return "simulated" if simulated else "unknown"
@@ -281,7 +300,7 @@ def _source(data: Prepared) -> str:
 
 
 def _digest(data: Prepared, settings: Settings) -> str:
-    """Return a hash of all that a job sees of the data."""
+    """Return the hash of the data that a job uses."""
     digest = hashlib.sha256(f"{VERSION} {settings.input_lag_start}".encode())
     for array in (data.samples.u, data.samples.y, data.samples.weight, data.role, data.enabled):
         digest.update(np.ascontiguousarray(array).tobytes())

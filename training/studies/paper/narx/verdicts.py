@@ -1,7 +1,7 @@
-"""Over- and underfitting in words, from the numbers of the NARX study and by stated rules.
+"""Verdicts on the models of the NARX study (overfits, underfits, diverges ...), by stated rules.
 
-Errors are RMSE on enabled samples in scaled units, means over the starts; a model's spread is the
-standard deviation over its starts.
+Errors are RMSE on enabled samples in scaled units, averaged over the starts. The spread of a model
+is the standard deviation over its starts.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -14,12 +14,12 @@ from monitor.base.types import FloatArray
 from training.recordings.preparation import Prepared, Role
 from training.studies.paper.narx.candidates import ALGORITHMS
 
-UNDER = 1.25  # times the lowest training error
-OVER = 1.1  # times the held-out to training ratio of the model with the fewest weights
-DECEIVES = 1.5  # times the lowest free-run error at a one-step error within UNDER of the lowest
-SAMPLES_PER_WEIGHT = 10  # fewer than this and a network overfits, whatever one does
-SPREADS = 2.0
-HARD = 1.5  # ratio of held-out to training error that even the smallest model should not have
+UNDER = 1.25  # times the lowest error, training or one-step validation
+OVER = 1.1  # times the ratio of test to training error of the model with the fewest weights
+DECEIVES = 1.5  # times the lowest free-run error, at a one-step error within UNDER
+SAMPLES_PER_WEIGHT = 10  # with fewer samples per weight every network overfits
+SPREADS = 2.0  # least excess of an overfit, in spreads of the test error
+HARD = 1.5  # largest ratio of test to training error expected of the smallest model
 
 Model = Mapping[str, Any]
 
@@ -43,22 +43,26 @@ def rules(iterations: int) -> list[str]:
 
 
 def errors(model: Model, mode: str, role: str) -> FloatArray:
-    """Return the RMSE of every start, inf where there is none.
+    """Return the RMSE of every start, inf for a start without one.
 
-    mode : one_step or free_run; role : train, validate or test
+    mode : ``one_step`` or ``free_run``
+    role : ``train``, ``validate`` or ``test``
     """
     values = [s[mode][role]["enabled"]["mse"] for s in model["starts"]]
     return np.array([np.inf if v is None else np.sqrt(v) for v in values])
 
 
 def correlations(model: Model, mode: str, role: str) -> FloatArray:
-    """Return R of every start, nan where there is none."""
+    """Return the correlation of every start, NaN for a start without one."""
     values = [s[mode][role]["enabled"]["r"] for s in model["starts"]]
     return np.array([np.nan if v is None else v for v in values])
 
 
 def judge(models: Sequence[Model], iterations: int) -> list[dict[str, Any]]:
-    """Return for every model its labels and a sentence with the numbers behind them."""
+    """Return a dict per model: ``labels``, and ``words`` with the numbers behind the labels.
+
+    iterations : largest number of epochs of a training
+    """
     train = np.array([errors(m, "one_step", "train").mean() for m in models])
     test = np.array([errors(m, "one_step", "test").mean() for m in models])
     smallest = int(np.argmin([m["n_weights"] for m in models]))
@@ -99,7 +103,7 @@ def judge(models: Sequence[Model], iterations: int) -> list[dict[str, Any]]:
 
 
 def findings(result: Mapping[str, Any]) -> list[str]:
-    """Return what the numbers say, in sentences."""
+    """Return the findings of the study as sentences, from the result of ``narx_study``."""
     once = [m for m in result["models"] if m["same_as"] is None]
     return [
         *_fitting(once),
@@ -111,9 +115,10 @@ def findings(result: Mapping[str, Any]) -> list[str]:
 
 
 def warnings(given: Prepared, data: Prepared, models: Sequence[Model]) -> list[str]:
-    """Return what the reader must know before believing the table.
+    """Return warnings about the table of models as sentences.
 
-    given, data : all the samples, and those the study used
+    given : all samples
+    data : the samples that the study used
     """
     n = int(((data.role == Role.TRAIN) & (data.samples.weight > 0)).sum())
     large = [m for m in models if n < SAMPLES_PER_WEIGHT * m["n_weights"]]

@@ -1,1 +1,1 @@
-"""Preparation: outliers, spectra and noise lines."""
+"""Part 1 of the study, preparation: outliers, spectra and noise lines."""

@@ -1,4 +1,4 @@
-"""Part 1 of the study: outliers, spectrum, noise lines, and what linear baselines are given."""
+"""Part 1 of the study: outliers, spectra, noise lines, and the data of the linear baselines."""
 
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -33,8 +33,8 @@ from training.recordings.spectrum import (
 __all__ = ["Filter", "LinearData", "linear_records", "linear_stretches", "preparation"]
 
 COMMAND, CONTROLLER = "lambda_target", "lambda_controller"
-COHERENT = 0.5  # half of a line's power in one signal is explained by the other
-MOST_MARKS = 1500  # stretches of missing or implausible samples kept for the figure
+COHERENT = 0.5  # at this coherence a signal explains half of a line's power in another
+MOST_MARKS = 1500  # stretches of unusable samples kept for the figure
 
 
 def preparation(
@@ -42,9 +42,9 @@ def preparation(
 ) -> dict[str, Any]:
     """Return outliers, spectra, noise lines, the filter and the linear preparation as plain values.
 
-    Raises RecordingError if a signal is missing or nothing is left to look at.
+    Raises RecordingError if a signal is missing or no stretch of valid samples is left.
     """
-    linear_stretches(recordings, inputs, output)  # says what is wrong with names and periods
+    linear_stretches(recordings, inputs, output)  # raises for wrong names and periods
     band, spectral = _spectral(recordings, inputs, output)
     parts, linear = linear_stretches(recordings, inputs, output, band)
     return {
@@ -74,10 +74,10 @@ def _recording(recording: Recording) -> dict[str, Any]:
 
 
 def reasons(recording: Recording, name: str) -> dict[str, np.ndarray]:
-    """Return (n,) bool for each reason a sample of ``name`` cannot be used.
+    """Return masks (n,) bool of the unusable samples of ``name``, by reason.
 
-    out_of_range : implausible by the signal's range, also where the reader found it so
-    spike : a lone sample far off its neighbours
+    out_of_range : outside the signal's plausible range, here or by the file's reader
+    spike : a single sample far from its neighbours
     missing : never received, too old, blank, or marked as not available
     """
     values = recording.column(name)
@@ -86,7 +86,7 @@ def reasons(recording: Recording, name: str) -> dict[str, np.ndarray]:
     with np.errstate(invalid="ignore"):
         outside = (quality == Quality.OUT_OF_RANGE) | (values < low) | np.isinf(values)
         bad = outlier_mask(name, values)
-        # what the mask takes beyond the range is a spike; lean air above the range is neither
+        # an outlier inside the range is a spike; lean air above the range is neither
         spike = bad & ~outside & ~(values > high)
     return {
         "out_of_range": np.asarray(outside | (bad & ~spike)),
@@ -113,7 +113,10 @@ def _outliers(recordings: Sequence[Recording], name: str) -> dict[str, Any]:
 
 
 def _marks(recordings: Sequence[Recording], names: Sequence[str]) -> list[dict[str, Any]]:
-    """Return where samples cannot be used: signal, reason, start and stop, drives end to end."""
+    """Return the longest stretches of unusable samples: signal, reason, start and stop.
+
+    Times are in seconds, with the drives placed end to end.
+    """
     found: list[dict[str, Any]] = []
     begin_s = 0.0
     for recording in recordings:
@@ -137,7 +140,7 @@ def _marks(recordings: Sequence[Recording], names: Sequence[str]) -> list[dict[s
 def _spectral(
     recordings: Sequence[Recording], inputs: Sequence[str], output: str
 ) -> tuple[list[float] | None, dict[str, Any]]:
-    """Return the noise band in Hz, None if there is none, and spectra with their lines."""
+    """Return the noise band [low, high] in Hz (None without one), and the spectra with lines."""
     also = [
         n
         for n in (COMMAND, CONTROLLER)
@@ -177,7 +180,7 @@ def _stretches(
 
 
 def _line(line: Line, found: Spectrum, names: Sequence[str], column: int) -> dict[str, Any]:
-    """Return a line as plain values, with who else carries it and what it therefore is."""
+    """Return a line as plain values, with its coherence to other signals and its kind."""
     at = int(np.argmin(np.abs(found.frequency_hz - line.peak_hz)))
     coherence = {n: float(c) for n, c in zip(names, found.coherence[at], strict=True)}
     others = {n: round(c, 3) for n, c in coherence.items() if n != names[-1]}
@@ -197,7 +200,7 @@ def _line(line: Line, found: Spectrum, names: Sequence[str], column: int) -> dic
 
 
 def _origin(coherence: dict[str, float]) -> tuple[str, str]:
-    """Return what a line of the output is: commanded, driven or noise; and the reason in words."""
+    """Return the kind of a line of the output (commanded, driven or noise) and the reason."""
     carriers = {name for name, value in coherence.items() if value >= COHERENT}
     if COMMAND in carriers:
         return "commanded", (
@@ -234,5 +237,5 @@ def _spectrum(found: Spectrum, names: Sequence[str], rows: str) -> dict[str, Any
 
 
 def _short(values: FloatArray) -> list[float]:
-    """Return values with five significant digits."""
+    """Return the values rounded to five significant digits."""
     return [float(f"{v:.5g}") for v in values]

@@ -1,1 +1,1 @@
-"""Input selection: principal components, free runs of input sets, transparency."""
+"""Part 2 of the study, input selection: principal components, input sets, transparency."""

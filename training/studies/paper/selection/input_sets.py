@@ -1,4 +1,4 @@
-"""The same small NARX on different sets of inputs, compared in free run on the same samples."""
+"""Comparison of input sets: the same small NARX, in free run on the same samples."""
 
 import time
 from collections.abc import Mapping, Sequence
@@ -16,17 +16,17 @@ from training.recordings.outliers import outlier_mask
 from training.recordings.preparation import CONTROLLER, Prepared, Role, Samples, prepare, runs
 from training.recordings.recording import Recording
 
-LAGS, HIDDEN, HORIZONS, STARTS = 5, (8,), (5, 20, 100), 2
-MOST_TRAINING = 24_000  # samples, enough for a few hundred weights; the rest tests
-WINDOW = 1800  # samples that are trained on or test as a whole, where there are more
-BOOTSTRAP_BLOCK = 100  # samples drawn together: longer than a residual remembers
-DRAWS = 2000
-NEGLIGIBLE = 0.1  # of the RMSE: less is not worth an input
+LAGS, HIDDEN, HORIZONS, STARTS = 5, (8,), (5, 20, 100), 2  # lags and horizons in samples
+MOST_TRAINING = 24_000  # samples, enough for a few hundred weights; the rest is for testing
+WINDOW = 1800  # samples of a part that as a whole trains or tests
+BOOTSTRAP_BLOCK = 100  # samples drawn together, longer than the memory of a residual
+DRAWS = 2000  # of the bootstrap
+NEGLIGIBLE = 0.1  # of the RMSE; a smaller difference does not justify an input
 
 
 @dataclass(frozen=True, slots=True)
 class InputSet:
-    """Inputs to try; ``exact`` leaves lambda_controller as it is instead of blurring it."""
+    """A set of inputs; ``exact`` trains on lambda_controller without the usual added noise."""
 
     name: str
     inputs: tuple[str, ...]
@@ -35,21 +35,21 @@ class InputSet:
 
 @dataclass(frozen=True, slots=True)
 class Tried:
-    """What one set gave."""
+    """The trained networks of one input set."""
 
     set: InputSet
     data: Prepared
     spec: Spec
     starts: tuple[Trained, ...]
     best: int
-    predicted: tuple[FloatArray, ...]  # (n,) model units, free run of each start
+    predicted: tuple[FloatArray, ...]  # (n,) free run in model units, one per start
     seconds: float
 
 
 def aligned(recordings: Sequence[Recording], names: Sequence[str]) -> list[Recording]:
-    """Return recordings in which a sample is valid in all ``names`` or in none.
+    """Return the recordings with a sample invalid in all ``names`` if it is invalid in one.
 
-    So every set of inputs gets the same stretches and the same held-out blocks.
+    This gives all input sets the same stretches and the same held-out blocks.
     """
     result = []
     for recording in recordings:
@@ -65,7 +65,7 @@ def aligned(recordings: Sequence[Recording], names: Sequence[str]) -> list[Recor
 
 
 def exact_inputs(data: Prepared) -> FloatArray:
-    """Return the scaled inputs (n, k) without the noise that training puts on the controller."""
+    """Return the scaled inputs (n, k) without the noise that training adds to the controller."""
     names = [c.name for c in data.inputs]
     parts = []
     for s in data.segments:
@@ -84,9 +84,10 @@ def try_sets(
     budget_minutes: float,
     threads: int = 2,
 ) -> list[Tried]:
-    """Train every set from the same number of starts with the same recipe; the budget is shared.
+    """Return the input sets, all trained with the same recipe and number of starts.
 
     recordings : from ``aligned``
+    budget_minutes : for all trainings together, shared equally
     """
     prepared = [_prepared(recordings, each, output, seed) for each in sets]
     tasks = [(i, k) for i in range(len(sets)) for k in range(STARTS)]
@@ -107,7 +108,17 @@ def try_sets(
         starts = tuple(t for t, _ in own)
         best = int(np.argmin([t.score for t in starts]))
         predicted = tuple(data.scaling.unscale_y(free_run(data, spec, t.weights)) for t in starts)
-        tried.append(Tried(each, data, spec, starts, best, predicted, sum(s for _, s in own)))
+        tried.append(
+            Tried(
+                set=each,
+                data=data,
+                spec=spec,
+                starts=starts,
+                best=best,
+                predicted=predicted,
+                seconds=sum(s for _, s in own),
+            )
+        )
     return tried
 
 
@@ -121,11 +132,19 @@ def _prepared(
     data = replace(data, role=_roles(data))
     scale = data.scaling
     low, high = float(scale.scale_y(scale.y_low)), float(scale.scale_y(scale.y_high))
-    return data, Spec(len(each.inputs), LAGS, HIDDEN, 1, low, high)
+    spec = Spec(
+        n_inputs=len(each.inputs),
+        lags=LAGS,
+        hidden=HIDDEN,
+        input_lag_start=1,
+        y_min=low,
+        y_max=high,
+    )
+    return data, spec
 
 
 def _roles(data: Prepared) -> np.ndarray:
-    """Return the roles (n,), where windows beyond what the training needs test, too."""
+    """Return the roles (n,); windows beyond ``MOST_TRAINING`` samples become test samples."""
     role = data.role.copy()
     keep = min(1.0, MOST_TRAINING / len(role))
     for s in data.segments:
@@ -136,9 +155,9 @@ def _roles(data: Prepared) -> np.ndarray:
 
 
 def scored_rows(tried: Sequence[Tried]) -> np.ndarray:
-    """Return (n,) bool: test samples in the enabled region that every set predicts.
+    """Return a mask (n,) bool of the enabled test samples that all sets predict.
 
-    Where no sample is enabled all test samples count.
+    If no test sample is enabled, all test samples count.
     """
     data = tried[0].data
     valid = (data.role == Role.TEST) & (data.samples.weight > 0)
@@ -149,7 +168,7 @@ def scored_rows(tried: Sequence[Tried]) -> np.ndarray:
 
 
 def figures(tried: Tried, rows: np.ndarray) -> dict[str, Any]:
-    """Return the free-run measures of a set on ``rows``, in model units."""
+    """Return the free-run errors of an input set on ``rows``, in model units."""
     measured = tried.data.scaling.unscale_y(tried.data.samples.y[rows])
     predicted = tried.predicted[tried.best][rows]
     return {
@@ -171,10 +190,10 @@ def figures(tried: Tried, rows: np.ndarray) -> dict[str, Any]:
 
 
 def difference(one: Tried, other: Tried, rows: np.ndarray, seed: int) -> Mapping[str, float]:
-    """Return RMSE of ``one`` minus that of ``other`` with a 95 % interval, in model units.
+    """Return the RMSE of ``one`` minus that of ``other`` with a 95 % interval, in model units.
 
-    Source: moving blocks of residuals, drawn together, Künsch, Annals of Statistics 17 (1989);
-    here the blocks do not overlap.
+    The interval is a bootstrap over blocks of residuals; both sets draw the same blocks.
+    Source: Künsch, Annals of Statistics 17 (1989); here the blocks do not overlap.
     """
     target = one.data.scaling.unscale_y(one.data.samples.y)
     squares = np.column_stack([(t.predicted[t.best] - target) ** 2 for t in (one, other)])

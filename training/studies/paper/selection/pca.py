@@ -1,4 +1,4 @@
-"""Principal components of the candidate inputs: variances, loadings, scores, Q and T²."""
+"""Principal components of the candidate inputs: scree, loadings, biplot, Q and T² over time."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,9 +10,9 @@ from scipy import linalg, stats
 from monitor.base.types import FloatArray
 
 ENOUGH = 0.9  # share of the variance that the kept components explain
-ALPHA = 0.01  # share of ordinary samples beyond the limits
-BINS = 700  # of the plots over time; each keeps its largest value
-POINTS = 500  # scores kept for the biplot
+ALPHA = 0.01  # share of normal samples beyond the limits of Q and T²
+BINS = 700  # of the plots over time; a bin shows its largest value
+POINTS = 500  # samples whose scores the biplot shows
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,7 +21,7 @@ class Components:
 
     mean: FloatArray  # (k,)
     std: FloatArray  # (k,)
-    variances: FloatArray  # (k,) eigenvalues of the correlation matrix, falling
+    variances: FloatArray  # (k,) eigenvalues of the correlation matrix, in falling order
     loadings: FloatArray  # (k, k) one column per component
     kept: int
     samples: int
@@ -31,7 +31,7 @@ class Components:
         return np.asarray((values - self.mean) / self.std @ self.loadings)
 
     def q(self, values: FloatArray) -> FloatArray:
-        """Return the squared residual (n,) beside the kept components."""
+        """Return Q (n,), the squared residual outside the kept components."""
         return np.asarray((self.scores(values)[:, self.kept :] ** 2).sum(axis=1))
 
     def t_squared(self, values: FloatArray) -> FloatArray:
@@ -40,7 +40,7 @@ class Components:
         return np.asarray((kept**2 / self.variances[: self.kept]).sum(axis=1))
 
     def q_limit(self, alpha: float = ALPHA) -> float:
-        """Return what Q stays below but for a share ``alpha``, for normal residuals.
+        """Return the limit that Q exceeds in a share ``alpha`` of samples, for normal residuals.
 
         Source: Jackson and Mudholkar, Technometrics 21 (1979).
         """
@@ -54,7 +54,7 @@ class Components:
         return float(one * inner ** (1.0 / h))
 
     def t_squared_limit(self, alpha: float = ALPHA) -> float:
-        """Return what T² stays below but for a share ``alpha``, for normal scores.
+        """Return the limit that T² exceeds in a share ``alpha`` of samples, for normal scores.
 
         Source: Jackson, A User's Guide to Principal Components (1991), section 1.7.
         """
@@ -64,25 +64,33 @@ class Components:
 
 
 def components(values: FloatArray, share: float = ENOUGH) -> Components:
-    """Return the components of ``values`` (n, k), n above k and no column constant.
+    """Return the principal components of ``values`` (n, k), with n > k and no constant column.
 
-    share : of the variance that the kept components explain at least; one is always left out,
-        so that there is a residual, unless there is only one
+    share : least share of the variance that the kept components explain; with more than one
+        component the last is never kept, so that there is a residual
     """
     mean, std = values.mean(axis=0), values.std(axis=0, ddof=1)
     _, sizes, rows = linalg.svd((values - mean) / std, full_matrices=False)
     variances = sizes**2 / (len(values) - 1.0)
     kept = int(np.searchsorted(np.cumsum(variances) / variances.sum(), share) + 1)
     signs = np.sign(rows[np.arange(len(rows)), np.abs(rows).argmax(axis=1)])
-    loadings = (rows * signs[:, np.newaxis]).T  # the largest loading of each is positive
+    loadings = (rows * signs[:, np.newaxis]).T  # the largest loading of a component is positive
     kept = max(1, min(kept, len(variances) - 1))
-    return Components(mean, std, variances, loadings, kept, len(values))
+    return Components(
+        mean=mean,
+        std=std,
+        variances=variances,
+        loadings=loadings,
+        kept=kept,
+        samples=len(values),
+    )
 
 
 def pca(stretches: Sequence[tuple[FloatArray, FloatArray]], names: Sequence[str]) -> dict[str, Any]:
-    """Return the analysis as plain values.
+    """Return the principal component analysis as plain values.
 
-    stretches : (time in s (n_i,), values (n_i, k)) one after another, time counting through
+    stretches : pairs of time in s (n_i,) and values (n_i, k); time runs through all stretches
+    names : names of the k columns
     """
     t_s = np.concatenate([t for t, _ in stretches])
     values = np.concatenate([v for _, v in stretches])
@@ -109,7 +117,7 @@ def pca(stretches: Sequence[tuple[FloatArray, FloatArray]], names: Sequence[str]
 
 
 def _peaks(t_s: FloatArray, values: FloatArray) -> dict[str, list[float]]:
-    """Return the largest value of each of so many equal parts of the time."""
+    """Return the largest value in up to ``BINS`` equal parts of the time."""
     edges = np.linspace(0, len(values), min(BINS, len(values)) + 1).astype(int)
     return {
         "t_s": _short(t_s[edges[:-1]]),

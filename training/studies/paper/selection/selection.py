@@ -1,4 +1,4 @@
-"""Part 2 of the study: which inputs the model gets, why, and what each choice costs."""
+"""Part 2 of the study: inputs of the model, their reasons, and the error of other input sets."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -42,8 +42,8 @@ REASONS = {
     CONTROLLER: "the correction in the mixture; but it is made from the measured lambda",
 }
 CANDIDATES = tuple(REASONS)
-MOST_LEFT_OUT = 8  # inputs each left out in turn where there are no canonical candidates
-LAG_SPAN = 20  # samples over which an input's correlation with the output is searched
+MOST_LEFT_OUT = 8  # with at most so many inputs, every input is left out in turn
+LAG_SPAN = 20  # largest lag, in samples, of an input's correlation with the output
 CHOSEN, ALL, WITHOUT, EXACT = (
     "chosen",
     "all candidates",
@@ -55,10 +55,11 @@ CHOSEN, ALL, WITHOUT, EXACT = (
 def candidates(
     recordings: Sequence[Recording], inputs: Sequence[str], output: str
 ) -> tuple[str, ...]:
-    """Return the paper's eleven with the given inputs where recorded, else the given inputs.
+    """Return the candidate inputs.
 
-    Given no inputs, all columns but the output are candidates.
-    Raises UsageError if nothing is left.
+    They are the paper's eleven candidates if the recordings have all of them and ``inputs`` are
+    among them, else ``inputs``. Without ``inputs`` they are all columns except the output.
+    Raises UsageError if no candidate is left.
     """
     common = [n for n in recordings[0].names if all(n in r.names for r in recordings)]
     if not inputs:
@@ -80,10 +81,11 @@ def selection(
     seed: int = 0,
     budget_minutes: float = 4.0,
 ) -> dict[str, Any]:
-    """Return principal components, a reason for each variable, and free runs of input sets.
+    """Return principal components, a reason for every candidate, and free runs of input sets.
 
-    budget_minutes : of all trainings together
-    Raises RecordingError or UsageError if signals are missing or the data is too short.
+    budget_minutes : for all trainings together
+    Raises RecordingError or UsageError if a signal is missing or constant, or if recordings or
+    budget are too short.
     """
     names = candidates(recordings, inputs, output)
     chosen = tuple(inputs) or names
@@ -128,7 +130,7 @@ def _sets(names: tuple[str, ...], chosen: tuple[str, ...], transform: str) -> li
 def _stretches(
     recordings: Sequence[Recording], names: Sequence[str], output: str
 ) -> list[tuple[FloatArray, FloatArray]]:
-    """Return (time through all drives, candidates and output) where all are valid."""
+    """Return stretches of valid samples: time in s through all drives, candidates and output."""
     parts, begin_s = [], 0.0
     for recording in recordings:
         values = cleaned(recording, (*names, output), output_transform(output))
@@ -152,7 +154,7 @@ def _variables(
     chosen: Sequence[str],
     components: dict[str, Any],
 ) -> list[dict[str, Any]]:
-    """Return correlation with the output, redundancy, loading and the reason of each variable."""
+    """Return correlation with the output, redundancy, loading and reason of every candidate."""
     values = np.concatenate([v for _, v in parts])
     among_all = variance_inflation(values[:, :-1])
     own = [i for i, n in enumerate(names) if n in chosen]
@@ -179,7 +181,7 @@ def _variables(
 
 
 def _correlation(u: Sequence[FloatArray], y: Sequence[FloatArray]) -> tuple[float, int]:
-    """Return the correlation of the output with the input ``lag`` samples before, where largest."""
+    """Return the largest correlation of the output with the earlier input and the lag."""
     best = (0.0, 0)
     for lag in range(LAG_SPAN + 1):
         pairs = [(a[: len(a) - lag], b[lag:]) for a, b in zip(u, y, strict=True) if len(a) > lag]
@@ -192,7 +194,7 @@ def _correlation(u: Sequence[FloatArray], y: Sequence[FloatArray]) -> tuple[floa
 
 
 def _comparisons(tried: Sequence[Tried], rows: np.ndarray, seed: int) -> list[dict[str, Any]]:
-    """Return how every other set compares with the chosen one, with the verdict in words."""
+    """Return the comparisons of the other input sets with the chosen set, with a verdict."""
     ours = figures(tried[0], rows)["rmse_of_starts"]
     result = []
     for other in tried[1:]:

@@ -1,11 +1,13 @@
 """How much of a sensor fault reaches the prediction through lambda_controller.
 
-The controller makes its output from the measured lambda. A network that sees it may predict the
-faulty reading: the fault then hides itself. A drive with the fault in the loop cannot tell how
-much, since its mixture changes, too. So the controller's law is estimated from the recordings: its
-increment from the mixture measured and commanded, present and past. What it adds for a faulty
-reading, while the loop answers with the dead time found, is put on the network's input; every
-other input stays as if the true mixture were unchanged.
+The controller computes its output from the measured lambda. A network with this input may predict
+the faulty reading, so that the fault hides itself. A drive with the fault in the control loop does
+not show how much, because the fault also changes the mixture.
+
+So the controller's law is estimated from the recordings: its increment as a function of measured
+and commanded mixture, present and past. The law and the estimated dead time of the loop give the
+controller's answer to a faulty reading. This answer is added to the network's input; all other
+inputs stay unchanged, as if the true mixture did not change.
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,26 +28,30 @@ from training.recordings.recording import Recording
 from training.studies.paper.selection.input_sets import Tried, exact_inputs
 
 COMMAND = "lambda_target"
-TAPS = 5  # past samples of the mixture that the controller's law may use
+TAPS = 5  # past samples of the mixture in the controller's law
 MOST_DEAD_TIME = 20  # samples
-LIMIT_PERCENTILE = 99.0  # of the readings' distance from their median, see Controller.limit
-SHORTEST = 100  # samples of a closed-loop stretch that is used
+LIMIT_PERCENTILE = 99.0  # of the distance of readings from their median, for Controller.limit
+SHORTEST = 100  # least samples of a closed-loop stretch
+# Faults with their severities, in s or as gain.
 FAULTS = (("slow_symmetric", 0.6), ("delay_symmetric", 0.6), ("gain_low", 0.5))
 
 
 @dataclass(frozen=True, slots=True)
 class Controller:
-    """increment(t) = own · increment(t-1) + measured · phi(t..t-5) + commanded · phi(t..t-5)."""
+    """Law of the lambda controller, without its commanded part.
+
+    increment(t) = own · increment(t-1) + measured · phi(t..t-5) + commanded · phi(t..t-5)
+    """
 
     own: float
     measured: FloatArray  # (TAPS + 1,)
     dead_time: int  # samples from the command to the reading
-    limit: float  # phi; what readings in closed loop leave their middle by, larger is not answered
-    explained: float  # correlation of the increments with what the law says, on the last third
+    limit: float  # phi; larger deviations of a reading do not occur in closed loop and are clipped
+    explained: float  # correlation of increments with the law's, on the last third of the samples
 
     @property
     def loop(self) -> FloatArray:
-        """Denominator of the loop in which the reading follows the controller, gain 1."""
+        """Denominator of the closed loop; the reading follows the controller with gain 1."""
         law = np.convolve([1.0, -1.0], [1.0, -self.own])
         answer = np.concatenate([np.zeros(self.dead_time), self.measured])
         size = max(len(law), len(answer))
@@ -53,11 +59,15 @@ class Controller:
 
     @property
     def stable(self) -> bool:
-        """Whether the estimated loop forgets, as a real one does."""
+        """Whether the estimated loop is stable, like a real one."""
         return bool(np.abs(np.roots(self.loop)).max() < 1.0)
 
     def response(self, change: FloatArray, closed: np.ndarray) -> FloatArray:
-        """Return what the controller adds (n,) for a ``change`` of the reading in phi (n,)."""
+        """Return the controller's answer (n,) to a change of the reading.
+
+        change : (n,) in phi
+        closed : (n,) bool, samples in closed loop; the answer is 0 elsewhere
+        """
         added = np.zeros(len(change))
         for a, b in runs(closed):
             seen = np.clip(change[a:b], -self.limit, self.limit)
@@ -66,9 +76,9 @@ class Controller:
 
 
 def estimate_controller(recordings: Sequence[Recording], output: str) -> Controller | None:
-    """Return the controller's law by least squares.
+    """Return the controller's law, fitted by least squares.
 
-    None if there is too little closed loop, or the law found does not close a stable loop.
+    Return None if there is too little closed loop or if the fitted loop is unstable.
     """
     parts = []
     for r in recordings:
@@ -94,7 +104,10 @@ def estimate_controller(recordings: Sequence[Recording], output: str) -> Control
 
 
 def _dead_time(parts: Sequence[FloatArray]) -> int:
-    """Return the lag of the reading behind the command at which they correlate best."""
+    """Return the lag in samples at which the reading correlates best with the command.
+
+    Without a command among the signals the longest lag of the law is returned.
+    """
     if parts[0].shape[1] < 3:
         return TAPS
     found = [
@@ -108,7 +121,7 @@ def _dead_time(parts: Sequence[FloatArray]) -> int:
 
 
 def _regression(values: FloatArray) -> FloatArray:
-    """Return rows of increment, the one before, taps of the mixture, and a constant."""
+    """Return the rows of the regression: increment, previous increment, mixture taps, constant."""
     increment = np.diff(values[:, 0])
     n = len(increment)
     taps = [values[TAPS + 1 - j : len(values) - j, 1:] for j in range(TAPS + 1)]
@@ -121,14 +134,18 @@ def _regression(values: FloatArray) -> FloatArray:
 def transparency(
     recordings: Sequence[Recording], tried: Sequence[Tried], output: str
 ) -> dict[str, Any]:
-    """Return what reaches the prediction of each set, per fault.
+    """Return the part of every fault that reaches the prediction, for all input sets.
 
-    Scored are enabled test samples at which the fault is within what closed loop knows.
+    Scored are the enabled test samples at which the fault changes the reading by at most
+    ``Controller.limit``. Keys of an entry:
 
-    gain : least-squares slope of the prediction's change over the reading's change; 0 is a
-        prediction that knows nothing of the fault, 1 one that follows it
-    share : RMS of the prediction's change over that of the reading's
-    seen : RMS of the residual's change over that of the reading's, 1 without the input
+    gain : least-squares slope of the prediction's change over the reading's change; 0 if the
+        prediction ignores the fault, 1 if it follows the fault
+    share : RMS of the prediction's change over RMS of the reading's change
+    seen : RMS of the residual's change over RMS of the reading's change; 1 if the controller is
+        not an input
+
+    ``controller`` is None, and ``reach`` empty, if no law can be estimated.
     """
     law = estimate_controller(recordings, output)
     if law is None:
@@ -169,7 +186,7 @@ def _reach(tried: Tried, law: Controller, fault: str, severity: float) -> Mappin
     runs_of = [simulate(spec, weights, each, start, stop, history) for each in (u, moved)]
     answer = (runs_of[1] - runs_of[0]) * data.scaling.y_std
     rows = (data.role == Role.TEST) & data.enabled & np.isfinite(answer)
-    rows &= np.abs(change) <= law.limit  # after a fuel cut a slow sensor is off by more
+    rows &= np.abs(change) <= law.limit  # the error of a slow sensor after a fuel cut is larger
     c, a = change[rows], answer[rows]
     size = float(np.sqrt(np.mean(c**2)))
     return {

@@ -1,4 +1,4 @@
-"""Drives through the monitor, and what a vehicle's reference learns of them."""
+"""Verdicts of the monitor on drives, and the reference that a vehicle learns from its drives."""
 
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -9,7 +9,7 @@ from monitor.base.types import SampleBlock
 from monitor.judge.limits import Limits
 from monitor.memory.reference import Reference
 from monitor.model.step import Model
-from monitor.pipeline.block_judge import Judged, judge_all
+from monitor.pipeline.side_by_side import Judged, judge_all
 
 
 def judge_drives(
@@ -20,22 +20,23 @@ def judge_drives(
     config: Config,
     references: Sequence[Reference | None] | None = None,
 ) -> list[Judged]:
-    """Return the verdict on each drive, judged with its vehicle's reference and empty memory.
+    """Return the verdicts on drives, with an empty fault memory for every drive.
 
-    references : of each drive's vehicle, None where nothing is known of it
+    names : column names of the blocks
+    references : one per drive, the reference of its vehicle; None means a new reference
     """
     known = [reference or Reference() for reference in references or [None] * len(blocks)]
     return judge_all(blocks, names, model, limits, config, references=known)
 
 
 def learn(reference: Reference | None, judged: Judged, config: Config) -> Reference:
-    """Return the reference after one more drive, as the monitor learns it."""
+    """Return the vehicle's reference after one more drive, by the monitor's rule."""
     known = reference or Reference()
     return known if judged.seen is None else known.learn(judged.seen, config.bias)
 
 
 def to_json(reference: Reference) -> dict[str, Any]:
-    """Return the reference as JSON has it."""
+    """Return the reference as JSON values."""
     return asdict(reference)
 
 

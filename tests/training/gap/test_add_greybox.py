@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,22 +16,21 @@ from monitor.base.signals import BY_NAME
 from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
-from tests.helpers.gap_drives import PERIOD_S, plain_signals
+from tests.helpers.gap_drives import PERIOD_S
 from tests.helpers.gap_graphs import FIT, driven, fitted, plain, ranges_of, recording
 from tests.helpers.gap_simulated import known, simulated, two_drives
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
 from training.gap.add.greybox import Vehicle, add
 from training.gap.name.naming import name as named
-from training.greybox import chain
-from training.greybox.chain import Constants, base_path
+from training.greybox.chain import Constants
 from training.greybox.charge.map import INPUTS as CHARGE_INPUTS
-from training.greybox.effects import ALL, LIBRARY, Effect
+from training.greybox.effects import ALL, LIBRARY
 from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.drive import Drive
 from training.greybox.fit.joint import reading
 from training.greybox.graph.chain_graph import Greybox, build, chain_nodes
-from training.greybox.graph.effect import FUEL, graph_effect
+from training.greybox.graph.effect import graph_effect
 from training.greybox.graph.effect_parity import TOLERANCE, made_inputs
 from training.greybox.model import fit_greybox
 from training.narx.export import Graph, update_card
@@ -65,42 +64,6 @@ def seen(card: ModelCard, drive: Drive) -> Drive:
     greybox = Greybox.of(card)
     u = np.column_stack([drive.signals[name] for name in greybox.inputs])
     return replace(drive, signals=greybox.signals(u))
-
-
-def values_of(effect: Effect) -> list[list[float]]:
-    """Return a start, and places well inside the bounds on both sides."""
-    shares = (0.03, 0.6)
-    inside = [[p.low + s * (p.high - p.low) for p in effect.parameters] for s in shares]
-    return [[p.start[0] for p in effect.parameters], *inside]
-
-
-@pytest.mark.parametrize("effect", ALL, ids=lambda e: e.name)
-def test_an_effect_in_the_graph_reads_as_its_numpy_form(
-    base: Path, tmp_path: Path, effect: Effect
-) -> None:
-    for values in values_of(effect):
-        added = ModelEffect.with_values(effect.name, values)
-        out = tmp_path / "m.onnx"
-        card = add(base, [added], out, ranges=ranges_of(), recordings=FIT, vehicle=Vehicle(MOVED))
-        assert card.checks["parity"]["onnx_numpy"] < TOLERANCE
-        for drive in (driven(), plain()):
-            expected = reading(seen(card, drive), MOVED, [effect], [added.values])
-            assert np.abs(run(out, drive) - expected)[card.lags :].max() < TOLERANCE
-        assert np.abs(expected - reading(seen(card, drive), MOVED, [], [])).max() > 1e-3
-
-
-@pytest.mark.parametrize("effect", ALL, ids=lambda e: e.name)
-def test_an_effect_reads_the_signals_it_says(effect: Effect) -> None:
-    signals = plain_signals()
-    path = base_path(MOVED, signals)
-    start = np.array([p.start[0] for p in effect.parameters])
-    reads = effect.signals_of(signals)
-    changed = [
-        effect.apply(path, start, seen, PERIOD_S)
-        for seen in (signals, {name: signals[name] for name in (FUEL, *reads)})
-    ]
-    for each in fields(chain.Path):
-        np.testing.assert_array_equal(*(getattr(c, each.name) for c in changed))
 
 
 @pytest.mark.parametrize("name", ["wall_film", "purge", "maf_pulsation", "back_pressure"])

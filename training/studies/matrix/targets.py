@@ -1,6 +1,7 @@
-"""Every target beside what was found: its bounds, met or not, and missed by how much.
+"""Targets of the detection matrix: the wanted and the measured figure, with 95 % bounds.
 
-A target is met by what was found, and proved where the 95 % bound on the bad side meets it, too.
+A target is met if the measured figure reaches the wanted one. It is proved if the worse of the two
+95 % bounds reaches it, too.
 """
 
 from collections.abc import Sequence
@@ -24,8 +25,9 @@ PLACES = {"loop": "fault in the loop", "after": "fault put on afterwards"}
 def assess(rows: Sequence[Row]) -> list[Figures]:
     """Return the targets in the order of the report.
 
-    Each has ``what``, ``where``, ``wanted``, ``found``, ``low``, ``high``, ``trials``, ``unit``,
-    ``met`` and ``proved`` (None without enough drives), ``missed_by`` and ``why`` it is not judged.
+    The keys of a target are ``what``, ``where``, ``wanted``, ``found``, ``low``, ``high``,
+    ``trials``, ``unit``, ``met`` and ``proved`` (None with too few drives), ``missed_by`` and
+    ``why``, the reason why the target is not judged.
     """
     found = []
     for placement, place in PLACES.items():
@@ -37,7 +39,7 @@ def assess(rows: Sequence[Row]) -> list[Figures]:
 
 
 def of_faults(figures: Figures, where: str) -> list[Figures]:
-    """Return the targets of drives with faults beside their figures."""
+    """Return the targets of a group of faulty drives with the measured ``figures``."""
     return [
         _share("detected within one drive", where, DETECTED, figures["detected"]),
         _share("named rightly", where, NAMED, figures["named"]),
@@ -46,7 +48,7 @@ def of_faults(figures: Figures, where: str) -> list[Figures]:
 
 
 def _share(what: str, where: str, wanted: float, share: Figures) -> Figures:
-    """Return a target that a share is at least so large."""
+    """Return the target that ``share`` is at least ``wanted``."""
     found, low = share["rate"], share["low"]
     return {
         "what": what,
@@ -65,7 +67,7 @@ def _share(what: str, where: str, wanted: float, share: Figures) -> Figures:
 
 
 def _time(what: str, where: str, times: Figures) -> Figures:
-    """Return the target of the median; None as a time stands for never."""
+    """Return the target of the median time in seconds; a time of None means never."""
     found, high, none = times["median"], times["high"], times["trials"] == 0
     met = found is not None and found <= MEDIAN_ENABLED_S
     return {

@@ -1,6 +1,7 @@
-"""Whole recordings side by side give what the streaming monitor gives, sample by sample."""
+"""Recordings give the same events alone or side by side, and wherever their blocks begin."""
 
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -11,14 +12,13 @@ from hypothesis import strategies as st
 from monitor.base.errors import RecordingError
 from monitor.base.types import Quality, SampleBlock
 from monitor.grid.block_samples import Clearing
-from monitor.judge import enable, hypotheses
-from monitor.judge.block_bank import BankBlock, phases
-from monitor.judge.hypotheses import SensorBank
+from monitor.judge import enable
+from monitor.judge.bank import Bank, Spans, build, phases
 from monitor.judge.limits import Limits
 from monitor.memory.reference import Reference
 from monitor.model.card import Channel, ModelCard
 from monitor.model.step import Model
-from monitor.pipeline.block_judge import judge_all
+from monitor.pipeline.side_by_side import judge_all
 from monitor.report.replay import shipped_model
 from tests.helpers.streamed import PERIOD_NS, SHIPPED, assert_same, fresh, kept, stream
 from training.narx.export import Network, save
@@ -173,7 +173,7 @@ def cleared(draw: st.DrawFn, block: SampleBlock) -> list[Clearing]:
     learned=st.sampled_from([None, Reference(), Reference(-0.03, -0.02, 0.96, 2)]),
     data=st.data(),
 )
-def test_a_batch_gives_what_streaming_gives(
+def test_recordings_are_judged_alike_alone_or_side_by_side_and_however_they_are_cut(
     tiny: dict[str, Model],
     blocks: list[SampleBlock],
     missing: set[str],
@@ -195,6 +195,9 @@ def test_a_batch_gives_what_streaming_gives(
         streamed = fresh()
         assert_same(stream(block, names, model, TIGHT, SHORT, streamed, learned, own), got)
         assert kept(streamed) == kept(store)
+        cut, sizes = fresh(), data.draw(st.lists(st.integers(1, 120)))
+        assert_same(stream(block, names, model, TIGHT, SHORT, cut, learned, own, sizes), got)
+        assert kept(cut) == kept(store)
 
 
 _EMPTY = SampleBlock(
@@ -233,33 +236,34 @@ def test_an_input_of_the_model_that_is_not_there_is_named() -> None:
 
 @pytest.mark.parametrize("period_s", [0.1, 0.07, 1.0])
 @given(
-    lengths=st.lists(st.integers(1, 300), min_size=1, max_size=6),
+    lengths=st.lists(st.integers(1, 200), min_size=1, max_size=6),
     seed=st.integers(0, 2**32 - 1),
-    n=st.sampled_from([1, 7, 50]),
+    cuts=st.lists(st.integers(1, 199)),
 )
-def test_the_bank_reads_alike_for_one_signal_and_for_many(
-    period_s: float, lengths: list[int], seed: int, n: int
+def test_the_bank_reads_alike_for_one_signal_and_for_many_and_in_blocks(
+    period_s: float, lengths: list[int], seed: int, cuts: list[int]
 ) -> None:
     lengths.sort(reverse=True)
     rng = np.random.default_rng(seed)
     values = 1.0 + 0.1 * np.sin(np.cumsum(rng.normal(0.0, 0.5, (len(lengths), lengths[0])), axis=1))
     values[rng.random(values.shape) < 0.2] = 1.0  # also stretches without a change
-    hypotheses_ = hypotheses.build(SHIPPED.response)
-    chosen = [
-        (row, begin)
-        for row, length in enumerate(lengths)
-        for begin in range(length - n + 1)
-        if rng.random() < 0.5
-    ]
-    row, begin = np.array(chosen, dtype=np.int64).reshape(-1, 2).T
-    got = np.empty((len(chosen), n, len(hypotheses_)))
-    BankBlock(hypotheses_, period_s).read(values, lengths, row, begin, got)
-    one = SensorBank(hypotheses_, period_s)
+    bank = Bank(build(SHIPPED.response), period_s)
+    states = [bank.begin(value) for value in values[:, 0].tolist()]
+    begin = [int(rng.integers(0, length)) for length in lengths]
+    end = [int(rng.integers(a, length + 1)) for a, length in zip(begin, lengths, strict=True)]
+    rows = list(range(len(lengths)))
+    read, ends = bank.push(values, lengths, states, Spans(rows, begin, end))
+    at = np.cumsum([0, *(b - a for a, b in zip(begin, end, strict=True))])
     for i, length in enumerate(lengths):
-        one.reset()
-        expected = np.array([one.push(value).copy() for value in values[i, :length]])
-        for window, first in zip(got[row == i], begin[row == i].tolist(), strict=True):
-            np.testing.assert_array_equal(window, expected[first : first + n])
+        state, alone = states[i], []
+        for a, b in pairwise([0, *sorted(k for k in set(cuts) if k < length), length]):
+            part = values[i : i + 1, a:b]
+            found, (state,) = bank.push(part, [b - a], [state], Spans([0], [0], [b - a]))
+            alone.append(found)
+        expected = np.concatenate(alone)
+        np.testing.assert_array_equal(read[at[i] : at[i + 1]], expected[begin[i] : end[i]])
+        np.testing.assert_array_equal(state.lags, ends[i].lags)
+        np.testing.assert_array_equal(state.past, ends[i].past)
 
 
 @given(st.lists(st.integers(1, 1000), min_size=1, max_size=70))

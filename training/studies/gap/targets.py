@@ -1,6 +1,7 @@
-"""Every target of the study beside its figure and bounds: met or missed.
+"""Targets of the gap study: the wanted and the measured figure, with 95 % bounds.
 
-A target is met by what was found, and proved where the 95 % bound on the bad side meets it, too.
+A target is met if the measured figure reaches the wanted one. It is proved if the worse of the two
+95 % bounds reaches it, too.
 """
 
 from collections.abc import Sequence
@@ -28,36 +29,36 @@ from training.studies.gap.answers import (
 from training.studies.gap.case import Row
 
 SECONDS_MOST: Final = {"greybox": 15.0, "narx": 60.0}
-SLOW: Final = 0.95  # quantile of the seconds that is held against the target
+SLOW: Final = 0.95  # quantile of the seconds per case that the target limits
 
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """One figure and what it must reach."""
+    """One measured figure and the value that it must reach."""
 
     what: str
     where: str
     unit: Literal["share", "s"]
-    at_least: bool  # or at most
+    at_least: bool  # True: ``wanted`` is a lower bound; False: an upper bound
     wanted: float
-    found: float | None  # None without a case
+    found: float | None  # measured figure; None without a case
     low: float | None
     high: float | None
     cases: int
 
     @property
     def met(self) -> bool | None:
-        """Whether what was found meets it, None without a case."""
+        """Whether the measured figure reaches the target; None without a case."""
         return self._holds(self.found)
 
     @property
     def proved(self) -> bool | None:
-        """Whether the bound on the bad side meets it, too."""
+        """Whether the worse 95 % bound reaches the target; None without such a bound."""
         return self._holds(self.low if self.at_least else self.high)
 
     @property
     def verdict(self) -> str:
-        """Return met or missed in words."""
+        """Return the verdict in words: met, or missed and by how much."""
         if self.met is None or self.found is None:
             return "no such case"
         if self.met:
@@ -74,7 +75,10 @@ class Target:
 
 
 def assess(rows: Sequence[Row], base: str) -> list[Target]:
-    """Return the targets in the order of the report; rows with an error answer nothing."""
+    """Return the targets in the order of the report; rows with an error are left out.
+
+    base : kind of the base model, ``greybox`` or ``narx``
+    """
     effect = done(rows, "effect")
     big = large(effect)
     small = [r for r in effect if size(r) == CLASSES[1]]
@@ -141,9 +145,9 @@ def assess(rows: Sequence[Row], base: str) -> list[Target]:
 
 
 def quantile(values: Sequence[float], share: float) -> tuple[float, float | None, float | None]:
-    """Return a quantile and its two-sided 95 % bounds, None where the cases are too few.
+    """Return a quantile and its two-sided 95 % bounds; a bound is None if there are too few values.
 
-    The bounds are order statistics, whatever the distribution.
+    The bounds are order statistics, so they hold for every distribution.
     Source: Conover, Practical Nonparametric Statistics, 3rd ed., section 3.2.
 
     >>> quantile([float(i) for i in range(101)], 0.5)
@@ -159,7 +163,7 @@ def quantile(values: Sequence[float], share: float) -> tuple[float, float | None
 
 
 def _names(rows: Sequence[Row]) -> Target:
-    """Return how many of all names given, on whatever was hidden, are right."""
+    """Return the target for the share of right names among all names in all cases."""
     given = [(r, name) for r in done(rows) for name in r["names"]]
     good = [name not in wrong_names(r) for r, name in given]
     return _share("right of all names given", "everything hidden", 0.98, good)
@@ -220,10 +224,11 @@ def _closing(rows: Sequence[Row], where: str) -> list[Target]:
 
 
 def _detection(rows: Sequence[Row]) -> list[Target]:
-    """Return the new models' share of faults found beside that of the old models.
+    """Return targets for detection: the new models must find as many faults as the old ones.
 
-    An old model that takes the gap itself for a fault finds every fault put on, too; so it is held
-    against by the names that it gives, and with limits on which it is as quiet as the new one.
+    The verification puts faults on drives. An old model that takes the gap for a fault reports a
+    fault on every drive. Two further comparisons allow for this: right fault names, and the old
+    model with limits set on the same drives as the new model's.
     """
     found = []
     of_old = "new models, rightly named; wanted is what the old ones do"

@@ -11,7 +11,7 @@ from monitor.judge.limits import Limits
 from monitor.memory.dtc import CODES, TESTS, Dtc, DtcStore, Saved, Status
 from monitor.memory.reference import Reference
 from monitor.model.step import Model
-from monitor.pipeline.block_judge import judge_all
+from monitor.pipeline.side_by_side import judge_all
 from monitor.report.replay import shipped_model
 from tests.helpers.streamed import PERIOD_NS, SHIPPED, assert_same, fresh, kept, stream
 from training.dyno import ecu, vehicle

@@ -1,8 +1,8 @@
-"""Part 6 of the study: the model it would ship, and why; part 5: what closed loop gained.
+"""Parts 5 and 6 of the study: the gain of closed-loop training, and the choice of the model.
 
-Candidates are the tuned models of the NARX study and the one whose memory and size the data chose.
-Free run on the validation blocks decides and nothing else; test blocks and held-out drives are
-only reported.
+Candidates are the tuned models of the NARX study and the free structure, a model whose memory and
+size are chosen by the data. Only the free-run error on the validation blocks decides; test blocks
+and held-out drives are only reported.
 """
 
 import time
@@ -30,9 +30,9 @@ from training.studies.paper.narx import parallel
 from training.studies.paper.narx.models import from_arrays
 from training.studies.paper.task import Settings, Task, as_in_use, judged_on, plain
 
-LEAST_GAIN = 0.01  # of the RMSE: less is no reason for more weights
-FEW_BLOCKS, FEW_GAIN = 3, 0.1  # with fewer blocks nothing is known of chance
-SURE = 1.0  # standard errors over the blocks within which two models are equal
+LEAST_GAIN = 0.01  # of the RMSE; a smaller gain does not justify more weights
+FEW_BLOCKS, FEW_GAIN = 3, 0.1  # with fewer blocks chance cannot be estimated; FEW_GAIN applies
+SURE = 1.0  # models closer than so many standard errors over the blocks are equal
 BOUNDED_RUNS, BOUNDED_SAMPLES = 200, 1000
 
 
@@ -43,13 +43,13 @@ class Contender:
     name: str
     spec: Spec
     weights: FloatArray
-    before: FloatArray | None  # its weights before closed-loop training
-    number: int | None = None  # of the 29 models
-    stage: str = ""  # of closed-loop training whose weights were kept
+    before: FloatArray | None  # weights before closed-loop training
+    number: int | None = None  # number among the 29 models
+    stage: str = ""  # stage of closed-loop training with the kept weights
 
 
 def free_structure(task: Task) -> dict[str, Any]:
-    """Return the model of ``fit``, which chooses memory and size by the data, and its tries.
+    """Return the model of ``fit``, which chooses memory and size by the data, and all tries.
 
     Raises RecordingError or UsageError if the recordings cannot be used.
     """
@@ -71,10 +71,10 @@ def free_structure(task: Task) -> dict[str, Any]:
 
 def _free_dict(task: Task, result: FitResult) -> dict[str, Any]:
     spec, members = result.network.spec, result.starts[result.best].members
-    one = replace(spec, hidden=tuple(n // members for n in spec.hidden))  # of a committee
+    one = replace(spec, hidden=tuple(n // members for n in spec.hidden))  # one committee member
     same = [t for t in result.starts if t.spec == one and t.members == 1]
     best = min(same, key=lambda t: t.score)
-    seed = task.settings.seed + 1000 * same.index(best)  # of the same initial weights
+    seed = task.settings.seed + 1000 * same.index(best)  # gives the same initial weights
     limit = 60.0 * max(task.settings.budget_minutes, 0.1) / 5
     one_step = train(task.data, one, seed, time.monotonic() + limit, horizons=())
     tries = sorted(result.tries, key=lambda t: t.rmse)
@@ -88,7 +88,7 @@ def _free_dict(task: Task, result: FitResult) -> dict[str, Any]:
         "starts": [t.score for t in result.starts],
         "tries": [{**asdict(t.structure), "n_weights": t.n_weights, "rmse": t.rmse} for t in tries],
     }
-    widened = committee(one, members * [one_step.weights])[1]  # the same network, as wide
+    widened = committee(one, members * [one_step.weights])[1]  # the same network, at full width
     first = widened.tolist() if one_step.stages else None
     weights = {
         "spec": asdict(spec),
@@ -103,7 +103,10 @@ def _best_stage(stages: Sequence[Any]) -> str:
 
 
 def contenders(task: Task, narx: Mapping[str, Any], free: Mapping[str, Any]) -> list[Contender]:
-    """Return the tuned models of the NARX study and the free structure, with their weights."""
+    """Return the tuned models of the NARX study and the free structure, with their weights.
+
+    Raises UsageError if no model could be trained.
+    """
     found = []
     folder = task.folder / "narx"
     for t in narx.get("tuned", []):
@@ -113,17 +116,25 @@ def contenders(task: Task, narx: Mapping[str, Any], free: Mapping[str, Any]) -> 
         )[1]
         spec, weights = from_arrays(parallel.arrays_of(folder, t["weights_key"]))
         stage = _stage_of(t)
-        found.append(Contender(t["name"], spec, weights, before, t["number"], stage))
+        found.append(
+            Contender(
+                name=t["name"],
+                spec=spec,
+                weights=weights,
+                before=before,
+                number=t["number"],
+                stage=stage,
+            )
+        )
     if "spec" in free:
         spec = spec_from(free["spec"])
         found.append(
             Contender(
-                "free structure",
-                spec,
-                np.array(free["weights"]),
-                _array(free["one_step_weights"]),
-                None,
-                free["stage"],
+                name="free structure",
+                spec=spec,
+                weights=np.array(free["weights"]),
+                before=_array(free["one_step_weights"]),
+                stage=free["stage"],
             )
         )
     if not found:
@@ -146,17 +157,18 @@ def _stage_of(tuned: Mapping[str, Any]) -> str:
 
 
 def spec_from(stored: Mapping[str, Any]) -> Spec:
-    """Return the shape that ``asdict`` and JSON made of it."""
+    """Return the network shape from its stored form, ``asdict`` written as JSON."""
     boxes = tuple((int(a), int(b)) for a, b in stored["input_boxes"])
     return Spec(**{**stored, "hidden": tuple(stored["hidden"]), "input_boxes": boxes})
 
 
 def choose(task: Task, models: Sequence[Contender]) -> dict[str, Any]:
-    """Return every candidate's figures, which one is chosen and why.
+    """Return the figures of all candidates, the chosen one and the reason.
 
-    Models whose free-run errors on the validation blocks differ by less than a standard error over
-    the blocks, or by less than 1 %, are equal; the smallest of them is chosen. For lambda a model
-    that does not forget its history comes last.
+    Two models are equal if their free-run errors on the validation blocks differ by less than a
+    standard error over the blocks or by less than 1 %. Of the models equal to the best the smallest
+    is chosen. For lambda, models that do not forget their history come last.
+    Raises RecordingError if every model diverges.
     """
     data = task.data
     memory = max(m.spec.memory for m in models)
@@ -195,7 +207,7 @@ def choose(task: Task, models: Sequence[Contender]) -> dict[str, Any]:
 
 
 def _before_after(data: Prepared, held: Prepared, model: Contender) -> dict[str, Any]:
-    """Return free-run measures on held-out samples after and before closed-loop training."""
+    """Return free-run errors on held-out samples, after and before closed-loop training."""
     found = {}
     for name, weights in (("after", model.weights), ("before", model.before)):
         if weights is not None:
@@ -211,7 +223,11 @@ def _before_after(data: Prepared, held: Prepared, model: Contender) -> dict[str,
 def _decide(
     rows: Sequence[Mapping[str, Any]], squares: Sequence[FloatArray], *, strict: bool
 ) -> tuple[int, list[int], str]:
-    """Return the chosen row, those equal to the best, and the reason in words."""
+    """Return the chosen row, the rows equal to the best, and the reason in words.
+
+    squares : per row the squared errors summed per validation block
+    strict : models that do not forget their history come last
+    """
     finite = [i for i, r in enumerate(rows) if np.isfinite(r["validation_rmse"])]
     if not finite:
         raise RecordingError("every training diverged: no model predicts in free run")
@@ -307,10 +323,11 @@ def _limits(task: Task, path: Path, card: ModelCard) -> tuple[ModelCard, list[st
 
 
 def bounded(data: Prepared, spec: Spec, weights: FloatArray, seed: int) -> dict[str, Any]:
-    """Return how far free runs from random histories go, in scaled units.
+    """Return the number of stuck free runs from random histories, and the largest error.
 
-    Feedback is clipped to the output's range, so no run can leave it; a run that stays at an end
-    of the range while the measurement is elsewhere has diverged all the same.
+    Feedback is clipped to the output's range, so a free run cannot leave the range. A run is stuck
+    if it stays at an end of the range while the measurement is elsewhere. Errors are in scaled
+    units.
     """
     rng = np.random.default_rng(seed)
     longest = max(data.segments, key=lambda s: s.stop - s.start)

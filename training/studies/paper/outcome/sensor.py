@@ -1,7 +1,7 @@
-"""The chosen model against the sensor: healthy and faulty drives, and what the residuals do.
+"""The chosen model against the sensor: residuals on healthy and faulty drives.
 
-What figures 6 and 7 of *Model Based Diagnosis of Oxygen Sensors* show. Residuals are measured
-minus predicted in the output's unit, on samples that the monitor would judge.
+The results correspond to figures 6 and 7 of *Model Based Diagnosis of Oxygen Sensors*. Residuals
+are measured minus predicted, in the output's unit, on samples that the monitor would judge.
 """
 
 from collections.abc import Mapping
@@ -25,8 +25,8 @@ from training.recordings.recording import Recording
 from training.studies.paper.task import Task, as_in_use, plain, scaled_as, source, thinned
 
 WINDOW = 50  # samples, Model Based Diagnosis of Oxygen Sensors, section 2
-EXCERPT, SCATTER = 1200, 700  # samples drawn
-BINS = 80
+EXCERPT, SCATTER = 1200, 700  # samples in the figures
+BINS = 80  # of the residual's distribution
 PUT_ON = (
     "slow_symmetric",
     "delay_rich_to_lean",
@@ -35,14 +35,17 @@ PUT_ON = (
     "gain_low",
     "biased_lean",
 )
-ANY_OUTPUT = ("slow_symmetric", "delay_symmetric")  # where a sensor's zero point is not known
+ANY_OUTPUT = ("slow_symmetric", "delay_symmetric")  # faults that need no zero point of the sensor
 ROLES = {Role.TRAIN: "training", Role.VALIDATE: "validation", Role.TEST: "test"}
 
 
 def against_sensor(
     task: Task, spec: Spec, weights: FloatArray, limits: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return free runs on blocks and drives, healthy and faulty, with their residuals."""
+    """Return free runs and residuals on blocks and drives, healthy and faulty.
+
+    limits : limits of the model's card by name; ``j_mu`` and ``j_sigma`` are used
+    """
     own = as_in_use(task.data)
     predicted = own.scaling.unscale_y(free_run(own, spec, weights))
     views = [
@@ -81,7 +84,7 @@ def against_sensor(
 def _view(
     data: Prepared, predicted: FloatArray, rows: np.ndarray, title: str, origin: str
 ) -> dict[str, Any]:
-    """Return measures, the liveliest excerpt and a scatter of ``rows``."""
+    """Return errors, an excerpt and a scatter of the samples in ``rows`` (n,) bool."""
     measured, run = in_units(data, predicted)
     scored = rows & np.isfinite(measured) & np.isfinite(run)
     judged = scored & data.enabled if (scored & data.enabled).sum() > WINDOW else scored
@@ -106,14 +109,18 @@ def _view(
 
 
 def in_units(data: Prepared, predicted: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return measured (NaN where not valid) and predicted in the output's unit."""
+    """Return measured (NaN where not valid) and predicted output (n,) in the output's unit."""
     valid = data.samples.weight > 0
     measured = np.where(valid, data.scaling.unscale_y(data.samples.y), np.nan)
     return from_model_units(data.transform, measured), from_model_units(data.transform, predicted)
 
 
 def liveliest(measured: FloatArray, judged: np.ndarray, scored: np.ndarray) -> tuple[int, int]:
-    """Return the rows of an excerpt: the unbroken stretch that varies most where it is judged."""
+    """Return first and stop row of a lively excerpt.
+
+    All excerpts of unbroken stretches are sorted by the variation of their judged samples; the one
+    at the 75th percentile is taken.
+    """
     places = []
     for a, b in runs(scored):
         length = min(EXCERPT, b - a)
@@ -129,7 +136,7 @@ def liveliest(measured: FloatArray, judged: np.ndarray, scored: np.ndarray) -> t
 
 
 def _residual(data: Prepared, predicted: FloatArray, rows: np.ndarray) -> FloatArray:
-    """Return the residual (n,) where it would be judged, NaN elsewhere."""
+    """Return the residual (n,), NaN where the monitor would not judge it."""
     measured, run = in_units(data, predicted)
     judged = rows & data.enabled if (rows & data.enabled).sum() > WINDOW else rows
     return np.where(judged, measured - run, np.nan)
@@ -144,7 +151,11 @@ def _span(data: Prepared, predicted: FloatArray, rows: np.ndarray) -> float:
 def _residuals(
     data: Prepared, predicted: FloatArray, rows: np.ndarray, span: float, j: Mapping[str, float]
 ) -> dict[str, Any]:
-    """Return the distribution of the residual and what the paper's rule says of its windows."""
+    """Return the distribution of the residual and the paper's rule on its windows.
+
+    span : half range of the histogram, in the output's unit
+    j : limits ``j_mu`` and ``j_sigma`` of the paper's rule
+    """
     residual = _residual(data, predicted, rows)
     known = residual[np.isfinite(residual)]
     edges = np.linspace(-span, span, BINS + 1)
@@ -184,7 +195,7 @@ def _faults(
     span: float,
     j: Mapping[str, float],
 ) -> list[dict[str, Any]]:
-    """Return residuals under faults: recorded ones, else put on afterwards."""
+    """Return residuals under faults: of faulty recordings, else of faults put on healthy ones."""
     found = []
     for recording in filter(partial(_readable, task), task.faulty):
         one = scaled_as(task.data, [recording])
@@ -220,12 +231,12 @@ def _faults(
 
 
 def _readable(task: Task, recording: Recording) -> bool:
-    """Return whether the output has a value at all; a missing signal has none."""
+    """Return whether the output has any value; a missing signal has none."""
     return bool(np.isfinite(recording.column(task.output)).any())
 
 
 def _named(recording: Recording) -> tuple[str, str]:
-    """Return a faulty recording's fault and how it got there, as far as its manifest says."""
+    """Return the fault of a faulty recording and its origin, from the manifest if it has one."""
     path = Path(recording.path)
     entry = manifest.load(path.parent).get(path.name, {})
     if entry.get("sha256") != recording.sha256 or not entry.get("fault"):
@@ -237,10 +248,11 @@ def _named(recording: Recording) -> tuple[str, str]:
 
 
 def _put_on(name: str, data: Prepared, *, phi: bool) -> FloatArray:
-    """Return the scaled output (n,) that a faulty sensor would have read.
+    """Return the scaled output (n,) that a faulty sensor would read.
 
-    The faults are defined on phi. Lag and dead time commute with gain and offset, so for another
-    output they act on it shifted to where phi lies.
+    Faults are defined on phi. Lag and dead time commute with an offset, so for another output they
+    act on the output shifted into the range of phi.
+    Raises UsageError if the result is not finite.
     """
     fault, period_s = resolve(name), data.period_ns / 1e9
     y = data.scaling.unscale_y(data.samples.y)

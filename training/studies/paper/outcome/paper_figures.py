@@ -1,4 +1,4 @@
-"""What *Model Based Diagnosis of Oxygen Sensors* reports, beside what the study found."""
+"""Figures reported by *Model Based Diagnosis of Oxygen Sensors*, beside those of the study."""
 
 from collections.abc import Mapping
 from typing import Any, Final
@@ -16,7 +16,7 @@ Row = tuple[str, str, str]
 
 
 def beside_ours(parts: Mapping[str, Any]) -> list[Row]:
-    """Return rows of quantity, the paper's value and ours."""
+    """Return rows of quantity, the paper's value and the study's value."""
     choice = parts["choice"]
     chosen = choice["candidates"][choice["chosen"]]
     sensor = parts["sensor"]
@@ -57,7 +57,7 @@ def beside_ours(parts: Mapping[str, Any]) -> list[Row]:
 
 
 def same_structure(parts: Mapping[str, Any]) -> Row | None:
-    """Return the paper's own model trained here: R one step ahead and in free run."""
+    """Return a row on the paper's structure trained here: R one step ahead and in free run."""
     models = parts["narx"].get("models", [])
     own = next((m for m in models if m["origin"] == "paper"), None)
     if own is None:

@@ -1,4 +1,4 @@
-"""The linear baselines on the study's recordings, and the NARX on the very same samples."""
+"""Linear models on the study's recordings, and the NARX on the same samples."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -13,7 +13,7 @@ from training.recordings import metrics
 from training.recordings.linear_data import LinearData, Stretch, linear_stretches
 from training.recordings.preparation import Role, runs
 from training.studies.paper.linear.baselines import Regime, linear
-from training.studies.paper.linear.lagged import Stretch as Pair
+from training.studies.paper.linear.regressors import Stretch as Pair
 from training.studies.paper.task import Task, judged_on, plain
 
 SPEEDS = ("engine_speed_rpm", "speed_z")
@@ -28,9 +28,9 @@ TITLES = {
 
 
 def baselines(task: Task, band_hz: Sequence[float] | None) -> dict[str, Any]:
-    """Return the linear study: blocks train and choose as for the NARX, held-out drives judge.
+    """Return the linear study, with the same training, validation and test samples as the NARX.
 
-    band_hz : the noise band that the preparation found, taken out by its zero-phase filter
+    band_hz : [low, high] of the noise band; a zero-phase filter removes it; None for no filter
     Raises RecordingError if the samples are too few.
     """
     prepared, parts = _stretches(task, band_hz)
@@ -55,7 +55,7 @@ Parts = dict[Role, tuple[Sequence[Any], list[Stretch]]]
 
 
 def _stretches(task: Task, band_hz: Sequence[float] | None) -> tuple[LinearData, Parts]:
-    """Return what was done, and by role the recordings and their filtered stretches."""
+    """Return the linear preparation, and by role the recordings with their filtered stretches."""
     whole, prepared = linear_stretches(task.recordings, task.inputs, task.output, band_hz)
     roles = [np.full(len(r.t_s), -1, dtype=np.int8) for r in task.recordings]
     for s in task.data.segments:
@@ -82,7 +82,10 @@ def _pair(task: Task, prepared: LinearData, part: Stretch, own: Sequence[Any]) -
 
 
 def _regime(task: Task, recordings: Sequence[Any], parts: Sequence[Stretch]) -> Regime | None:
-    """Return engine speed, or the input that is one, over the test stretches."""
+    """Return engine speed over the test stretches, or an input with "speed" in its name.
+
+    Return None without such a signal.
+    """
     common = [n for n in recordings[0].names if all(n in r.names for r in recordings)]
     known = [n for n in SPEEDS if n in common] + [n for n in task.inputs if "speed" in n]
     if not known:
@@ -98,8 +101,8 @@ def beside(
 ) -> dict[str, Any]:
     """Return the fits of the NARX and of the linear models on the same test samples.
 
-    The NARX runs freely from the beginning of each recording. Where linear baselines were
-    filtered, its prediction and the measurement go through the same filter.
+    The NARX runs freely from the start of every recording. If the linear models use filtered data,
+    the NARX's prediction and the measurement go through the same filter.
     """
     regime = linear_result["regime"]
     prepared, parts = _stretches(task, linear_result["band_hz"])

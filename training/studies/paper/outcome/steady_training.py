@@ -1,8 +1,8 @@
-"""Part 7 of the study: trained at steady operating points, used on transient driving.
+"""Part 7 of the study: a model trained at steady operating points, used on transient driving.
 
 *Model Based Diagnosis of Oxygen Sensors* trains at steady points and predicts drive cycles. Here
-the paper's structure is trained twice by the same recipe on equally many samples, once of steady
-driving and once of the whole campaign, and both run freely on the same transient drives.
+the paper's structure is trained twice, by the same recipe and on equally many samples: once on
+steady driving and once on all driving. Both models run freely on the same transient drives.
 """
 
 import time
@@ -20,30 +20,30 @@ from training.narx.stages import Trained, free_run, train
 from training.recordings.preparation import Prepared, Role, prepare
 from training.recordings.recording import Recording
 from training.studies.paper.narx.models import thin
-from training.studies.paper.sensor import in_units, liveliest
+from training.studies.paper.outcome.sensor import in_units, liveliest
 from training.studies.paper.task import LAGS, Task, as_in_use, plain, scaled_as, source
 
 HIDDEN = (8, 8)  # of the paper
-WINDOW_S = 5.0
-STEADY_CHANGE = 0.1  # of the 1 to 99 % range of speed and load, over WINDOW_S
+WINDOW_S = 5.0  # length of a steady window
+STEADY_CHANGE = 0.1  # largest change in a window, of the 1 to 99 % range of speed and load
 SPEEDS = ("engine_speed_rpm",)
 LOADS = ("air_mass_mg", "manifold_pressure_kpa", "engine_torque_nm")
-FEWEST = 1500  # training samples, less tells nothing of a network of 400 weights
+FEWEST = 1500  # least training samples for a network of 400 weights
 STARTS = 3
-SHOWN = 500  # samples drawn
-BUDGET_SHARE = 0.1  # of the study's budget, at most for each of six trainings
+SHOWN = 500  # samples in the figure
+BUDGET_SHARE = 0.1  # of the study's budget, for one of six trainings
 
 
 def steady_against_mixed(task: Task) -> dict[str, Any]:
-    """Return free-run figures on transient drives after steady and after mixed training.
+    """Return free-run errors on transient drives, after steady and after mixed training.
 
-    Raises RecordingError if there are too few steady samples; the study then leaves it out.
+    Raises RecordingError if there are too few steady samples; the study then leaves this part out.
     """
     mixed_recordings = list(task.recordings)
     if not task.test:
         mixed_recordings = [_without_test(task, i) for i in range(len(task.recordings))]
     if task.steady:
-        known = {r.sha256: r for r in mixed_recordings}  # those have their test blocks taken out
+        known = {r.sha256: r for r in mixed_recordings}  # without test blocks
         steady_recordings = [known.get(r.sha256, r) for r in task.steady]
         rule = "the recordings given with --steady"
     else:
@@ -67,7 +67,7 @@ Model = tuple[Prepared, Spec, Trained]
 
 
 def _trained(task: Task, prepared: Sequence[Prepared]) -> list[Model]:
-    """Return the best start on each data set."""
+    """Return the best start of every data set."""
     specs = [Spec(len(task.inputs), LAGS, HIDDEN, 1, *d.scaling.y_scaled_limits) for d in prepared]
     starts = range(min(STARTS, task.settings.starts))
     jobs = [(data, spec, i) for data, spec in zip(prepared, specs, strict=True) for i in starts]
@@ -132,7 +132,7 @@ def _transient(task: Task, data: Prepared) -> Prepared:
 
 
 def _outside(data: Prepared, held: Prepared, test: np.ndarray) -> float:
-    """Return the share of test samples with an input outside the range of the training."""
+    """Return the share of test samples with an input at or outside the trained range."""
     s = data.scaling
     low, high = ((edge - s.u_mean) / s.u_std for edge in (s.u_low, s.u_high))
     u = held.samples.u[test]
@@ -140,7 +140,7 @@ def _outside(data: Prepared, held: Prepared, test: np.ndarray) -> float:
 
 
 def _without_test(task: Task, index: int) -> Recording:
-    """Return the recording with its test blocks invalid, so that no training sees them."""
+    """Return the recording with its test blocks set to NaN, so that no training uses them."""
     recording, data = task.recordings[index], task.data
     values = np.array(recording.values, dtype=np.float64)
     for s in data.segments:
@@ -153,7 +153,7 @@ def _without_test(task: Task, index: int) -> Recording:
 def _steady_parts(
     recordings: Sequence[Recording], inputs: Sequence[str]
 ) -> tuple[list[Recording], str]:
-    """Return the recordings with all but steady driving invalid, and the rule in words."""
+    """Return the recordings with all but steady driving set to NaN, and the rule in words."""
     names = _operating_point(recordings, inputs)
     ranges = {}
     for name in names:
@@ -180,7 +180,7 @@ def _steady_parts(
 
 
 def _operating_point(recordings: Sequence[Recording], inputs: Sequence[str]) -> list[str]:
-    """Return the signals that are speed and load, or all inputs where none can be told."""
+    """Return the names of speed and load, or all inputs if the names are not recognised."""
     common = [n for n in recordings[0].names if all(n in r.names for r in recordings)]
     speed = [n for n in SPEEDS if n in common] or [n for n in inputs if "speed" in n]
     load = [n for n in LOADS if n in common] or [n for n in inputs if "load" in n]

@@ -1,9 +1,10 @@
 """Lagged regressors of several unbroken stretches, condensed into one triangular factor.
 
-A stretch is ``(u, y)`` of shapes (n, k) and (n,) on one sample grid. No regressor reaches across
-the end of a stretch. All linear models of the study are solved from the triangular factor R of
-``[1, y(t) .. y(t-Ly), u1(t) .. u1(t-Lu), u2(t) ..]``: least squares on any choice of its columns is
-least squares on the samples, and R has as few rows as columns.
+A stretch is ``(u, y)`` with shapes (n, k) and (n,) on one sample grid. No regressor reaches across
+the end of a stretch. R is the triangular factor of the rows
+``[1, y(t) .. y(t-Ly), u1(t) .. u1(t-Lu), u2(t) ..]``. Least squares on any columns of R gives the
+same result as on all samples, but R has only as many rows as columns. All linear models of the
+study are solved from R.
 """
 
 from collections.abc import Iterator, Sequence
@@ -16,11 +17,15 @@ from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
 
 Stretch = tuple[FloatArray, FloatArray]
-CHUNK = 4000  # rows that are condensed at a time
+CHUNK = 4000  # rows condensed at a time
 
 
 def checked(stretches: Sequence[Stretch], inputs: Sequence[str], role: str) -> list[Stretch]:
-    """Return the stretches as float64; raises RecordingError naming role, stretch and signal."""
+    """Return the stretches as float64.
+
+    role : name of the stretches' role, for messages
+    Raises RecordingError without a stretch, for a wrong shape or a value that is not finite.
+    """
     if not stretches:
         raise RecordingError(f"{role}: no stretch of samples, at least one is wanted")
     result = []
@@ -40,9 +45,10 @@ def checked(stretches: Sequence[Stretch], inputs: Sequence[str], role: str) -> l
 
 
 def largest_order(stretches: Sequence[Stretch], wanted: int) -> int:
-    """Return the largest order that the data allow: ten samples per parameter, short lags.
+    """Return the largest model order for the data, at most ``wanted``.
 
-    Raises RecordingError if not even order 2 is possible.
+    The data need ten samples per parameter, and half of the stretches eight times the order.
+    Raises RecordingError if the order would be below 2.
     """
     lengths = np.array([len(y) for _, y in stretches])
     signals = stretches[0][0].shape[1] + 1
@@ -60,21 +66,25 @@ class Triangle:
     """The factor R (m, m) of all lagged regressors; its Gram matrix is R.T @ R."""
 
     factor: FloatArray
-    rows: int  # samples condensed
+    rows: int  # number of condensed samples
     n_inputs: int
     y_lags: int
     u_lags: int
 
     def y_at(self, *lags: int) -> list[int]:
-        """Return the columns of y(t - lag)."""
+        """Return the column numbers of y(t - lag)."""
         return [1 + lag for lag in lags]
 
     def u_at(self, index: int, *lags: int) -> list[int]:
-        """Return the columns of input ``index`` at t - lag."""
+        """Return the column numbers of input ``index`` at t - lag."""
         return [2 + self.y_lags + index * (self.u_lags + 1) + lag for lag in lags]
 
     def solve(self, columns: Sequence[int], target: Sequence[int] = (1,)) -> FloatArray:
-        """Return the least-squares coefficients (n_columns,) or (n_columns, n_target)."""
+        """Return the least-squares coefficients (n_columns,) or (n_columns, n_target).
+
+        columns : column numbers of the regressors
+        target : column numbers of the targets; default: y(t)
+        """
         left = self.factor[:, columns]
         scale = np.linalg.norm(left, axis=0)
         scale[scale == 0.0] = 1.0
@@ -84,7 +94,7 @@ class Triangle:
 
 
 def lagged_rows(stretch: Stretch, y_lags: int, u_lags: int) -> Iterator[FloatArray]:
-    """Yield chunks (rows, 1 + y_lags + 1 + k (u_lags + 1)) of the regressors with full history."""
+    """Yield chunks (rows, 2 + y_lags + k (u_lags + 1)) of the regressors with full history."""
     u, y = stretch
     longest = max(y_lags, u_lags)
     if len(y) <= longest:
@@ -100,8 +110,9 @@ def lagged_rows(stretch: Stretch, y_lags: int, u_lags: int) -> Iterator[FloatArr
 
 
 def triangle(stretches: Sequence[Stretch], y_lags: int, u_lags: int) -> Triangle:
-    """Condense the stretches; those without a full history are left out.
+    """Return the condensed stretches; a stretch shorter than its lags is left out.
 
+    Raises RecordingError if there are too few samples.
     Source: sequential QR, Golub and Van Loan, Matrix Computations, section 5.3.
     """
     n_inputs = stretches[0][0].shape[1]

@@ -1,0 +1,336 @@
+"""Steps 4 to 9 as one object without I/O: blocks of samples in, events out.
+
+Time comes with the samples, so a live bus and a recording run the same code: a live sample is a
+block of one. No result depends on where blocks begin and end. Recordings with the same signals run
+side by side: their blocks go through model and bank together.
+"""
+
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from functools import partial
+from itertools import pairwise
+from operator import itemgetter
+
+import numpy as np
+
+from monitor.base.config import Config
+from monitor.base.errors import RecordingError
+from monitor.base.runs import runs
+from monitor.base.types import SampleBlock
+from monitor.judge import bank, enable
+from monitor.judge.decisions import Decisions, Facts, ticks_to_mature
+from monitor.judge.enable import Enable
+from monitor.judge.limits import Limits
+from monitor.judge.plausibility import ActivityTest, Maturing, Plausibility, TickResult
+from monitor.judge.window import Series, Window, Windows
+from monitor.memory.cycles import SIGNALS as CYCLE_SIGNALS
+from monitor.memory.cycles import Cycles, Driven, Moment
+from monitor.memory.dtc import DtcStore, Status
+from monitor.memory.obd_records import FreezeFrame
+from monitor.memory.reference import Seen
+from monitor.model.card import ModelCard
+from monitor.model.step import Model
+from monitor.pipeline.events import (
+    BlockEvent,
+    Change,
+    Counted,
+    CycleStarted,
+    DtcChanged,
+    Happening,
+    Ticks,
+    WindowJudged,
+)
+from monitor.pipeline.segments import Part, RunState, Segments
+
+_INPUTS_VALID = enable.CONDITIONS.index("inputs_valid")
+# a live sensor must move while these hold and the engine runs, whatever the model's state
+_BURNING = [
+    enable.CONDITIONS.index(name)
+    for name in ("measured_valid", "fuel_cut_recovered", "sensor_ready")
+]
+# the order of what happens at one sample; its tick comes before those from _MATURED on
+_DRIVEN, _COUNTED, _WINDOWS_KNOWN, _MATURED, _ACTIVE, _JUDGED = range(6)
+
+_Then = tuple[int, int, Callable[[], Iterable[Happening]]]  # sample, order within it, and what then
+
+
+class Judge:
+    """Judges recordings with the same signals, some at a time side by side.
+
+    names : signals of a sample; must contain the model's inputs and output
+    rows : most runs of samples that go through the model together
+    Raises RecordingError if a signal the model needs is not among ``names``.
+    """
+
+    def __init__(
+        self, names: Iterable[str], model: Model, config: Config, *, rows: int = 64
+    ) -> None:
+        self.names, self.card, self.config = tuple(names), model.card, config
+        check_names(self.card, self.names)
+        self.period_s = self.card.period_ns * 1e-9
+        self.hypotheses = bank.build(config.response)
+        inputs = [self.names.index(name) for name in self.card.input_names]
+        self._segments = Segments(model, self.hypotheses, inputs, self.period_s, rows)
+
+    def push(
+        self, monitors: Sequence["Monitor"], blocks: Sequence[SampleBlock]
+    ) -> list[Iterator[BlockEvent]]:
+        """Return the events that the next block of each recording causes.
+
+        They come one by one, and all of them must be taken before the next block.
+        """
+        pairs = list(zip(monitors, blocks, strict=True))
+        parts = [monitor.begin(block) for monitor, block in pairs]
+        self._segments.run(parts)
+        return [monitor.end(part) for monitor, part in zip(monitors, parts, strict=True)]
+
+
+class Monitor:
+    """Judges one sensor.
+
+    judge : for the signals of its samples
+    store : fault memory; the first driving cycle begins in the caller's hands, any other where
+        the samples show one
+    """
+
+    def __init__(self, judge: Judge, limits: Limits, store: DtcStore) -> None:
+        config, card, names = judge.config, judge.card, judge.names
+        self._judge, self.names = judge, names
+        self.store, self.limits, self.output = store, limits, card.output.name
+        self._output = names.index(self.output)
+        plausibility, output, period_s = config.plausibility, card.output, judge.period_s
+        self._cycles = Cycles(
+            config.cycles, config.profile, names, output.name, plausibility.engine_running_rpm
+        )
+        self._enable = Enable.of(config.enable, names, card)
+        self._plausibility = Plausibility(plausibility, names, output.name, period_s)
+        self._maturing = Maturing(*ticks_to_mature(config.debounce, period_s))
+        self._activity = ActivityTest.of(plausibility, output, names, period_s)
+        self._windows = Windows(config.window.n_samples, len(judge.hypotheses))
+        self._run: RunState | None = None
+        self._then: list[_Then] = []
+        self._driven: list[Driven] = []  # not counted yet
+        self._decide = partial(
+            Decisions,
+            config=config,
+            hypotheses=judge.hypotheses,
+            transform=card.transform,
+            period_s=period_s,
+            store=store,
+        )
+        self._decisions = self._decide(limits)
+        self._facts: Iterator[Facts] = iter(())
+        self._clearings = store.clearings
+        self.samples = self.enabled_samples = 0
+
+    @property
+    def unavailable(self) -> tuple[str, ...]:
+        """Return the enable conditions whose signals are not provided."""
+        return self._enable.unavailable
+
+    @property
+    def completed(self) -> bool:
+        """Return whether the response test has reached a decision."""
+        return self._decisions.completed
+
+    @property
+    def seen(self) -> Seen | None:
+        """Return what the vehicle's reference may learn of this drive, None if nothing."""
+        return self._decisions.seen
+
+    @property
+    def interrupted_windows(self) -> int:
+        """Return how many windows were begun and discarded."""
+        return self._windows.discarded
+
+    def push(self, block: SampleBlock) -> Iterator[BlockEvent]:
+        """Take a block of samples and yield what they cause; all of it must be taken."""
+        return self._judge.push([self], [block])[0]
+
+    def adopt(self, limits: Limits) -> None:
+        """Judge with other limits from here on, with nothing concluded yet.
+
+        For the limits of the vehicle's reference after it has learned, at a ``CycleStarted``.
+        """
+        self.limits = limits
+        self._decisions = self._decide(limits)
+
+    def clear(self, t_ns: int) -> list[DtcChanged]:
+        """Let a tester clear the codes; conclusions are forgotten with the next sample."""
+        return [DtcChanged(t_ns, dtc) for dtc in self.store.clear()]
+
+    def begin(self, block: SampleBlock) -> Part:
+        """Take a block through the steps before the model."""
+        values, n = block.values, len(block.t_ns)
+        counting = self._cycles.push(block)
+        cuts = [k for k, moment in counting.moments if moment == "driving_cycle"]
+        then: list[_Then] = [
+            *((k, _DRIVEN, partial(self._drive, driven)) for k, driven in counting.driven),
+            *(
+                (k, _COUNTED, partial(self._count, moment, block, k))
+                for k, moment in counting.moments
+            ),
+        ]
+        self._then = then
+        if self._clearings != self.store.clearings:
+            self._maturing.reset()
+        measured = values[:, self._output]
+        conditions = np.empty((n, len(enable.CONDITIONS)), dtype=np.bool_)
+        segments: list[tuple[int, int]] = []
+        for begin, end in pairwise(sorted({0, *cuts, n})):
+            if begin in cuts:
+                self._start()
+            part = slice(begin, end)
+            held = conditions[part] = self._enable.push(values[part])
+            segments += [(begin + a, begin + b) for a, b in runs(held[:, _INPUTS_VALID])]
+            results = self._plausibility.push(values[part], block.quality[part])
+            then += [
+                (begin + k, _MATURED, partial(self._mature, result, block, begin + k))
+                for k, result in self._maturing.push(results)
+            ]
+            active = np.logical_and.reduce(held.take(_BURNING, axis=1), axis=1)
+            active &= self._plausibility.running(values[part])
+            then += [
+                (
+                    begin + k,
+                    _ACTIVE,
+                    partial(self._act, block, begin + k, failed=failed, fault=fault),
+                )
+                for k, failed, fault in self._activity.push(measured[part], active)
+            ]
+        enabled = np.logical_and.reduce(conditions, axis=1)
+        goes_on = bool(segments) and segments[0][0] == 0 and 0 not in cuts
+        run = self._run if goes_on else None
+        return Part(block, measured, conditions, enabled, cuts, segments, self._windows, run)
+
+    def _start(self) -> None:
+        """Begin a driving cycle as one begins after switching on."""
+        self._enable.reset()
+        self._plausibility.reset()
+        self._maturing.reset()
+        self._activity.reset()
+
+    def end(self, part: Part) -> Iterator[BlockEvent]:
+        """Yield the events of a block that has been through the model."""
+        if len(part.measured) == 0:
+            return
+        self._run = part.end
+        series = Series(part.block.t_ns, part.measured, part.predicted)
+        windows = self._windows.push(part.spans, series, goes_on=part.run is not None)
+        then = self._then
+        is_cleared, self._clearings = self._clearings != self.store.clearings, self.store.clearings
+        edges = sorted({0, *part.cuts, len(part.measured)})
+        for begin, end in pairwise(edges):
+            own = [window for k, window in windows if begin <= k < end]
+            if own or (is_cleared and begin == 0):
+                anew = is_cleared and begin == 0
+                then.append((begin, _WINDOWS_KNOWN, partial(self._know, own, anew=anew)))
+        then += [(k, _JUDGED, partial(self._judged, w, part.block, k)) for k, w in windows]
+        then.sort(key=itemgetter(0, 1))
+        yield from self._events(part, then)
+
+    def _events(self, part: Part, then: Sequence[_Then]) -> Iterator[BlockEvent]:
+        """Yield what happens in the order of time, with the ticks before it."""
+        at = 0
+        for k, order, happen in then:
+            events = happen()
+            if events:
+                self._count_driven()
+                stop = k + (order >= _MATURED)
+                if at < stop:
+                    yield self._ticks(part, at, stop)
+                    at = stop
+                yield from events
+        self._count_driven()
+        if at < len(part.measured):
+            yield self._ticks(part, at, len(part.measured))
+
+    def _ticks(self, part: Part, begin: int, end: int) -> Ticks:
+        inside = slice(begin, end)
+        enabled = part.enabled[inside]
+        self.samples += end - begin
+        self.enabled_samples += int(np.count_nonzero(enabled))
+        block = part.block
+        if end - begin < len(block.t_ns):
+            block = SampleBlock._make(column[inside] for column in block)
+        return Ticks(block, part.predicted[inside], part.conditions[inside], enabled)
+
+    def _drive(self, driven: Driven) -> Iterable[Happening]:
+        self._driven.append(driven)
+        return ()
+
+    def _count_driven(self) -> None:
+        """Let the fault memory count the driving since it last did."""
+        if self._driven:
+            self.store.drive(self._driven)
+            self._driven = []
+
+    def _know(self, windows: Sequence[Window], *, anew: bool) -> Iterable[Happening]:
+        """Take the windows up to the next driving cycle or the end of the block.
+
+        anew : forget the conclusions so far
+        """
+        if anew:
+            self._decisions = self._decide(self.limits)
+        self._facts = iter(self._decisions.facts(windows) if windows else ())
+        return ()
+
+    def _count(self, moment: Moment, block: SampleBlock, k: int) -> Iterator[Happening]:
+        """Let the fault memory count at sample k; begin the next driving cycle."""
+        store, t_ns = self.store, block.t_ns.item(k)
+        match moment:
+            case "driving_cycle":
+                yield from self._next_cycle(t_ns)
+                return
+            case "ignition_cycle":
+                store.count_ignition_cycle()
+            case "warm_up":
+                store.count_warm_up()
+            case "general_denominator":
+                store.count_general_denominator()
+        yield Counted(t_ns, moment)
+
+    def _next_cycle(self, t_ns: int) -> Iterator[Happening]:
+        seen = self._decisions.seen
+        were_active = {dtc.code for dtc in self.store.active}
+        changed = self.store.start_driving_cycle()
+        self._decisions = self._decide(self.limits)
+        yield CycleStarted(t_ns, seen)
+        for dtc in changed:
+            if dtc.code in were_active:
+                yield DtcChanged(t_ns, dtc)
+
+    def _mature(self, result: TickResult, block: SampleBlock, k: int) -> Iterator[Happening]:
+        yield from self._frozen(self._decisions.matured(result, block.t_ns.item(k)), block, k)
+
+    def _act(self, block: SampleBlock, k: int, *, failed: bool, fault: str) -> Iterator[Happening]:
+        changes = self._decisions.activity(failed, fault, block.t_ns.item(k))
+        yield from self._frozen(changes, block, k)
+
+    def _judged(self, window: Window, block: SampleBlock, k: int) -> Iterator[Happening]:
+        yield from self._frozen(self._decisions.window(window, next(self._facts)), block, k)
+
+    def _frozen(
+        self, events: Iterable[WindowJudged | Change], block: SampleBlock, k: int
+    ) -> Iterator[WindowJudged | Change]:
+        """Yield the events; with a code that fails, the signals of sample k are kept."""
+        for event in events:
+            if isinstance(event, DtcChanged) and event.dtc.status & Status.TEST_FAILED:
+                values = block.values[k]
+                good = ~np.isnan(values)
+                read = zip(self.names, values.tolist(), good.tolist(), strict=True)
+                signals = {name: value for name, value, is_good in read if is_good}
+                self.store.freeze(FreezeFrame(event.dtc.code, event.t_ns, signals))
+            yield event
+
+
+def check_names(card: ModelCard, names: Sequence[str]) -> None:
+    """Raise RecordingError if a signal that the model needs is not among ``names``."""
+    missing = [name for name in (*card.input_names, card.output.name) if name not in names]
+    if missing:
+        raise RecordingError(f"the model needs {', '.join(missing)}; there are {', '.join(names)}")
+
+
+def needed_names(card: ModelCard, available: Collection[str]) -> tuple[str, ...]:
+    """Return which of the available signals the monitor looks at, in its order."""
+    wanted = (*card.input_names, card.output.name, *enable.SIGNALS, *CYCLE_SIGNALS)
+    return tuple(name for name in dict.fromkeys(wanted) if name in available)

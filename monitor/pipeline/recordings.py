@@ -1,0 +1,111 @@
+"""Recordings on disk, logs and tables, to blocks of samples on the model's grid."""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from monitor.base.errors import RecordingError
+from monitor.base.types import SampleBlock
+from monitor.decode.block_decoder import BlockDecoder
+from monitor.decode.bus_map import BusMap
+from monitor.frames.candump import LogCounters
+from monitor.frames.candump_blocks import Parser
+from monitor.frames.log_blocks import read_blocks
+from monitor.grid.block_assembler import BlockAssembler
+from monitor.grid.block_samples import Clearing, log_samples, whole
+from monitor.grid.tables import is_table, read_table, table_block
+from monitor.model.card import ModelCard
+from monitor.pipeline.entry import (
+    check_long_enough,
+    check_received,
+    frame_counts,
+    table_counts,
+)
+from monitor.pipeline.monitor import check_names, needed_names
+
+
+@dataclass(frozen=True, slots=True)
+class OpenRecording:
+    """A recording that is read block by block."""
+
+    path: Path
+    names: tuple[str, ...]  # signals of a sample
+    parts: Iterator[SampleBlock | Clearing]
+    counters: Callable[[], dict[str, int]]  # of frames that could not be used, behind the parts
+
+
+@dataclass(frozen=True, slots=True)
+class ReadRecording:
+    """A whole recording on the model's grid."""
+
+    path: Path
+    names: tuple[str, ...]  # signals of a sample
+    block: SampleBlock
+    clearings: tuple[Clearing, ...]
+    counters: Mapping[str, int]  # of frames that could not be used
+
+
+class RecordingReader:
+    """Reads logs and CSV tables.
+
+    bus_map : for logs; columns : for CSV tables
+    parse : of candump text, instead of numpy's
+    """
+
+    def __init__(
+        self,
+        bus_map: BusMap,
+        card: ModelCard,
+        columns: Path | None = None,
+        parse: Parser | None = None,
+    ) -> None:
+        self._card, self._columns, self._parse = card, columns, parse
+        self._names = needed_names(card, bus_map.names)
+        self._decoder = BlockDecoder(bus_map, self._names)
+
+    def open(self, path: Path) -> OpenRecording:
+        """Return a recording whose blocks are read when they are wanted, before the next one's.
+
+        Raises RecordingError naming the file, or ConfigError for the columns map, here or while
+        the blocks are read.
+        """
+        return self._table(path) if is_table(path) else self._log(path)
+
+    def read(self, path: Path) -> ReadRecording:
+        """Return a whole recording with the signals that the monitor looks at.
+
+        Raises as ``open``.
+        """
+        opened = self.open(path)
+        block, clearings = whole(opened.parts, len(opened.names))
+        check_long_enough(path, len(block.t_ns))
+        counters = opened.counters()
+        names = needed_names(self._card, opened.names)
+        if names != opened.names:
+            order = [opened.names.index(name) for name in names]
+            block = block._replace(values=block.values[:, order], quality=block.quality[:, order])
+        return ReadRecording(path, names, block, clearings, counters)
+
+    def _log(self, path: Path) -> OpenRecording:
+        check_names(self._card, self._names)
+        log, decoder = LogCounters(), self._decoder
+        decoder.restart()
+        assembler = BlockAssembler.of(decoder, self._card.period_ns)
+
+        def counters() -> dict[str, int]:
+            check_received(path, decoder.counters, log.frames)
+            counts = frame_counts(decoder.counters, assembler.counters, decoder.unmapped)
+            return counts | {"skipped": log.skipped}
+
+        parts = log_samples(read_blocks(path, log, self._parse), decoder, assembler)
+        return OpenRecording(path, self._names, parts, counters)
+
+    def _table(self, path: Path) -> OpenRecording:
+        table = read_table(path, self._columns)
+        try:
+            check_names(self._card, table.names)
+        except RecordingError as error:
+            raise RecordingError(f"{path}: {error}") from None
+        block = table_block(table, table.names, self._card.period_ns)
+        counters = table_counts(table, block, self._card)
+        return OpenRecording(path, table.names, iter([block]), lambda: counters)

@@ -1,0 +1,165 @@
+"""Model and sensor bank on runs of samples with valid inputs, many recordings side by side."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from monitor.base.types import BoolArray, FloatArray, SampleBlock
+from monitor.judge.bank import Bank, BankState, Hypothesis, Spans, phases
+from monitor.judge.residual import oriented
+from monitor.judge.window import Span, Windows
+from monitor.model.step import Float32Array, Model
+
+
+class RunState(NamedTuple):
+    """Model and bank behind a sample with valid inputs."""
+
+    model: Float32Array  # (n_state,)
+    bank: BankState
+
+
+@dataclass(slots=True)
+class Part:
+    """A block of one recording on its way through the steps."""
+
+    block: SampleBlock
+    measured: FloatArray  # (n,) output's unit
+    conditions: BoolArray  # (n, n_conditions)
+    enabled: BoolArray  # (n,)
+    cuts: list[int]  # where driving cycles begin, 0 included if one does there
+    segments: list[tuple[int, int]]  # runs of samples with valid inputs in one driving cycle
+    windows: Windows
+    run: RunState | None  # that the first segment goes on from, if it begins with the block
+    predicted: FloatArray = field(init=False)  # (n,) output's unit
+    spans: list[Span] = field(default_factory=list)  # the samples that fill windows
+    end: RunState | None = None  # behind the last sample
+
+    def __post_init__(self) -> None:
+        self.predicted = np.full(len(self.measured), np.nan)
+
+
+class _Row(NamedTuple):
+    """One segment of a part."""
+
+    part: Part
+    begin: int
+    end: int
+
+    @property
+    def state(self) -> RunState | None:
+        """Return the state that the segment goes on from, None if it begins here."""
+        return self.part.run if self.begin == 0 else None
+
+    @property
+    def is_last(self) -> bool:
+        """Return whether the segment may go on in the recording's next block."""
+        return self.end == len(self.part.measured)
+
+
+class Segments:
+    """Runs model and bank on the segments of parts.
+
+    inputs : places of the model's inputs in a sample
+    rows : most segments side by side
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        hypotheses: tuple[Hypothesis, ...],
+        inputs: Sequence[int],
+        period_s: float,
+        rows: int,
+    ) -> None:
+        self._models = {1: model.with_batch(1)}
+        self._card, self._inputs, self._n_rows = model.card, np.array(inputs), rows
+        self._bank = Bank(hypotheses, period_s)
+
+    def run(self, parts: Sequence[Part]) -> None:
+        """Fill in the predictions of parts, and the bank's readings where windows need them."""
+        rows = [_Row(part, begin, end) for part in parts for begin, end in part.segments]
+        rows.sort(key=lambda row: row.begin - row.end)
+        for first in range(0, len(rows), self._n_rows):
+            self._run(rows[first : first + self._n_rows])
+        for part in parts:
+            if len(part.segments) > 1:
+                part.spans.sort(key=lambda span: span.begin)
+
+    def _run(self, rows: Sequence[_Row]) -> None:
+        """Run the rows, the longest first."""
+        lengths = [row.end - row.begin for row in rows]
+        predicted, states = self._predict(rows, lengths)
+        begins: list[BankState] = []
+        spans = Spans([], [], [])
+        values = oriented(predicted, self._card.transform)
+        for i, (row, value) in enumerate(zip(rows, values[:, 0].tolist(), strict=True)):
+            part, inside = row.part, slice(row.begin, row.end)
+            own = part.predicted[inside] = predicted[i, : lengths[i]]
+            begins.append(row.state.bank if row.state else self._bank.begin(value))
+            usable = part.enabled[inside] & (own == own)  # noqa: PLR0124
+            for begin, end in part.windows.spans(
+                usable, goes_on=row.state is not None, is_last=row.is_last
+            ):
+                spans.row.append(i)
+                spans.begin.append(begin)
+                spans.end.append(end)
+        read, ends = self._bank.push(values, lengths, begins, spans)
+        at = 0
+        for i, begin, end in zip(*spans, strict=True):
+            row = rows[i]
+            row.part.spans.append(
+                Span(row.begin + begin, row.begin + end, read[at : (at := at + end - begin)])
+            )
+        for i, row in enumerate(rows):
+            if row.is_last:
+                row.part.end = RunState(states[i], ends[i])
+
+    def _predict(
+        self, rows: Sequence[_Row], lengths: Sequence[int]
+    ) -> tuple[FloatArray, dict[int, Float32Array]]:
+        """Return predictions, (rows, n), anything behind a row's end, and the last states."""
+        u = self._u(rows, lengths)
+        predicted = np.full(u.shape[:2], np.nan)
+        model = self._model(len(rows))
+        goes_on = [row.state for row in rows]
+        if not all(goes_on):
+            model.reset(u[:, 0], np.array([row.part.measured.item(row.begin) for row in rows]))
+        for i, state in enumerate(goes_on):
+            if state is not None:
+                model.state[i] = state.model
+        ends: dict[int, list[int]] = {}  # rows whose state is to be kept, by their lengths
+        for i, row in enumerate(rows):
+            if row.is_last:
+                ends.setdefault(lengths[i], []).append(i)
+        states: dict[int, Float32Array] = {}
+        for begin, end, n_rows in phases(lengths):
+            if n_rows < model.batch:
+                model = self._kept(model, n_rows)
+            for a, b in pairwise([begin, *sorted(k for k in ends if begin < k < end), end]):
+                predicted[:n_rows, a:b] = model.run_batch(u[:n_rows, a:b])
+                for i in ends.get(b, ()):
+                    states[i] = model.state[i].copy()
+        return predicted, states
+
+    def _u(self, rows: Sequence[_Row], lengths: Sequence[int]) -> NDArray[np.float32]:
+        """Return the model's inputs, (rows, n, n_inputs), zero behind a row's end."""
+        # the inputs of all rows in one step lie together in memory
+        steps = np.zeros((lengths[0], len(rows), len(self._inputs)), np.float32)
+        for i, (part, begin, end) in enumerate(rows):
+            steps[: end - begin, i] = part.block.values[begin:end].take(self._inputs, axis=1)
+        return steps.transpose(1, 0, 2)
+
+    def _model(self, batch: int) -> Model:
+        if batch not in self._models:
+            self._models[batch] = self._models[1].with_batch(batch)
+        return self._models[batch]
+
+    def _kept(self, model: Model, rows: int) -> Model:
+        """Return a model that goes on with the first rows of another."""
+        kept = self._model(rows)
+        kept.state[:] = model.state[:rows]
+        return kept

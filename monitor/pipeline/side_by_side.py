@@ -1,0 +1,224 @@
+"""Whole recordings with the same signals, judged side by side."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from monitor.base.config import BiasConfig, Config
+from monitor.base.types import BoolArray, FloatArray, SampleBlock
+from monitor.grid.block_samples import Clearing
+from monitor.judge.enable import CONDITIONS
+from monitor.judge.limits import Limits
+from monitor.memory.dtc import Dtc, DtcStore
+from monitor.memory.reference import Reference, Seen
+from monitor.model.step import Model
+from monitor.pipeline.events import BlockEvent, CycleStarted, DtcChanged, Ticks, WindowJudged
+from monitor.pipeline.monitor import Judge, Monitor
+
+SAMPLES = 2048  # of each recording that are judged at once
+_NONE = np.empty(0)
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """The monitor's judgement of one recording."""
+
+    measured: FloatArray  # (n,) output's unit
+    predicted: FloatArray  # (n,) output's unit, NaN while an input is not valid
+    conditions: BoolArray  # (n, n_conditions) in the order of enable.CONDITIONS
+    enabled: BoolArray  # (n,)
+    windows: list[WindowJudged]
+    interrupted_windows: int  # begun and discarded
+    changes: list[DtcChanged]
+    cycles: list[CycleStarted]  # driving cycles that begin within the recording
+    dtcs: list[Dtc]  # pending or confirmed at the end
+    completed: bool  # the response test reached a decision in the last driving cycle
+    seen: Seen | None  # for the vehicle's reference to learn, of the last driving cycle
+    reference: Reference  # of the vehicle in the last driving cycle
+    limits: Limits  # that hold in the last driving cycle
+
+
+def judge_all(
+    blocks: Sequence[SampleBlock],
+    names: Sequence[str],
+    model: Model,
+    limits: Limits,
+    config: Config,
+    stores: Sequence[DtcStore] | None = None,
+    references: Sequence[Reference] | None = None,
+    rows: int = 64,
+    clearings: Sequence[Sequence[Clearing]] | None = None,
+    *,
+    keep_banks: bool = True,
+) -> list[Judged]:
+    """Return the verdicts on recordings, in their order.
+
+    names : signals of a sample; must contain the model's inputs and output
+    stores : fault memory of each recording, in which its driving cycle has begun; by default empty
+    references : of each recording's vehicle, which learns from every driving cycle that ends
+        within the recording; by default nothing is known, and nothing learned
+    rows : how many recordings, and how many segments of theirs, run side by side
+    clearings : of each recording's codes, by a tester; by default none
+    keep_banks : whether each window keeps the bank's readings, a drive of half an hour some
+        megabytes; else its ``bank`` is empty, (n, 0)
+    Raises RecordingError if a signal the model needs is not among ``names``.
+    """
+    judge = RecordingJudge(names, model, limits, config, rows, keep_banks=keep_banks)
+    return judge.judge(blocks, stores, references, clearings)
+
+
+class RecordingJudge:
+    """Judges recordings with the same signals; arguments as for ``judge_all``."""
+
+    def __init__(
+        self,
+        names: Sequence[str],
+        model: Model,
+        limits: Limits,
+        config: Config,
+        rows: int = 64,
+        *,
+        keep_banks: bool = True,
+    ) -> None:
+        self._judge = Judge(names, model, config, rows=rows)
+        self._limits, self._config, self._rows = limits, config, rows
+        self._keep_banks = keep_banks
+
+    def judge(
+        self,
+        blocks: Sequence[SampleBlock],
+        stores: Sequence[DtcStore] | None = None,
+        references: Sequence[Reference] | None = None,
+        clearings: Sequence[Sequence[Clearing]] | None = None,
+    ) -> list[Judged]:
+        """Return the verdicts on recordings, in their order."""
+        if stores is None:
+            stores = [DtcStore(profile=self._config.profile) for _ in blocks]
+            for store in stores:
+                store.start_driving_cycle()
+        judged: dict[int, Judged] = {}
+        order = sorted(range(len(blocks)), key=lambda i: -len(blocks[i].t_ns))  # alike together
+        for first in range(0, len(order), self._rows):
+            chosen = order[first : first + self._rows]
+            runs = [
+                _Run(
+                    self._judge,
+                    blocks[i],
+                    Vehicle(self._limits, self._config.bias, references[i] if references else None),
+                    stores[i],
+                    clearings[i] if clearings else (),
+                    keep_banks=self._keep_banks,
+                )
+                for i in chosen
+            ]
+            self._push(runs)
+            judged |= {i: run.judged() for i, run in zip(chosen, runs, strict=True)}
+        return [judged[i] for i in range(len(blocks))]
+
+    def _push(self, runs: Sequence["_Run"]) -> None:
+        """Judge recordings to their ends."""
+        while True:
+            now = [(run, block) for run in runs if (block := next(run.blocks, None)) is not None]
+            if not now:
+                return
+            events = self._judge.push([run.monitor for run, _ in now], [block for _, block in now])
+            for (run, _), own in zip(now, events, strict=True):
+                for event in own:
+                    run.take(event)
+
+
+class Vehicle:
+    """A recording's vehicle: its reference, and the limits that follow.
+
+    limits : of the model
+    reference : learns from each driving cycle that ends; None is a vehicle of which nothing is kept
+    """
+
+    def __init__(self, limits: Limits, config: BiasConfig, reference: Reference | None) -> None:
+        self._model_limits, self._config = limits, config
+        self._learns = reference is not None
+        self.reference = reference or Reference()
+        self.limits = limits.of_vehicle(self.reference, config)
+
+    def learn(self, seen: Seen | None) -> None:
+        """Take what a driving cycle shows."""
+        if self._learns and seen is not None:
+            self.reference = self.reference.learn(seen, self._config)
+            self.limits = self._model_limits.of_vehicle(self.reference, self._config)
+
+
+class _Run:
+    """One recording on its way through a monitor."""
+
+    def __init__(
+        self,
+        judge: Judge,
+        block: SampleBlock,
+        vehicle: Vehicle,
+        store: DtcStore,
+        clearings: Sequence[Clearing],
+        *,
+        keep_banks: bool,
+    ) -> None:
+        self._vehicle, self._keep_banks = vehicle, keep_banks
+        self.monitor = Monitor(judge, vehicle.limits, store)
+        self._measured = block.values[:, judge.names.index(self.monitor.output)].copy()
+        self._ticks: list[Ticks] = []
+        self._windows: list[WindowJudged] = []
+        self._changes: list[DtcChanged] = []
+        self._cycles: list[CycleStarted] = []
+        self.blocks = self._parts(block, clearings)
+
+    def _parts(self, block: SampleBlock, clearings: Sequence[Clearing]) -> Iterator[SampleBlock]:
+        """Yield the recording in blocks; the codes are cleared between them."""
+        begin = 0
+        for end, t_ns in [*clearings, (len(block.t_ns), None)]:
+            yield from slices(block, begin, end)
+            if t_ns is not None:
+                self._changes += self.monitor.clear(t_ns)
+            begin = end
+
+    def take(self, event: BlockEvent) -> None:
+        """Take one event."""
+        if isinstance(event, Ticks):
+            self._ticks.append(event)
+        elif isinstance(event, WindowJudged):
+            if not self._keep_banks:
+                window = replace(event.window, bank=event.window.bank[:, :0].copy())
+                event = replace(event, window=window)
+            self._windows.append(event)
+        elif isinstance(event, DtcChanged):
+            self._changes.append(event)
+        elif isinstance(event, CycleStarted):
+            self._cycles.append(event)
+            self._vehicle.learn(event.seen)
+            self.monitor.adopt(self._vehicle.limits)
+
+    def judged(self) -> Judged:
+        """Return the judgement at the recording's end."""
+        monitor, ticks = self.monitor, self._ticks
+        n_conditions = len(CONDITIONS)
+        conditions = [np.empty((0, n_conditions), dtype=np.bool_), *(t.conditions for t in ticks)]
+        return Judged(
+            self._measured,
+            np.concatenate([_NONE, *(each.predicted for each in ticks)]),
+            np.concatenate(conditions),
+            np.concatenate([_NONE.astype(np.bool_), *(each.enabled for each in ticks)]),
+            self._windows,
+            monitor.interrupted_windows,
+            self._changes,
+            self._cycles,
+            monitor.store.active,
+            monitor.completed,
+            monitor.seen,
+            self._vehicle.reference,
+            self._vehicle.limits,
+        )
+
+
+def slices(block: SampleBlock, begin: int, end: int) -> Iterator[SampleBlock]:
+    """Yield the samples from begin to end in blocks of ``SAMPLES``."""
+    for first in range(begin, end, SAMPLES):
+        inside = slice(first, min(first + SAMPLES, end))
+        yield SampleBlock._make(column[inside] for column in block)

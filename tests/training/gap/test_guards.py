@@ -1,0 +1,57 @@
+"""Guards against faults that look like effects: onset within a drive, shift of the base."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from monitor.base.types import FloatArray
+from tests.helpers.gap_drives import BASE, case_of, noisy_drive
+from training.gap.name import guards
+from training.greybox.fit.joint import (
+    Case,
+    Fit,
+    fit,
+)
+
+
+def _explained(strength: FloatArray, size: FloatArray | None = None) -> tuple[Case, Fit, Fit]:
+    """Return a case whose gap is a signature times a strength by sample, and both fits.
+
+    size : of the signature, default 1
+    """
+    drive = noisy_drive(1)
+    case = case_of(drive)
+    m = int(drive.kept.sum())
+    rng = np.random.default_rng(3)
+    signature = (1.0 if size is None else size[:m]) * np.sin(np.arange(m) / 7.0)
+    before = fit(case, (), [BASE])
+    gap = strength[:m] * signature + rng.standard_normal(m)
+    return case, replace(before, residual=-gap), replace(before, residual=-gap + signature)
+
+
+def test_what_begins_within_a_drive_is_an_onset_and_what_is_always_there_is_none() -> None:
+    begins = (np.arange(6000) > 2500).astype(float)
+    found = guards.onset_s(*_explained(begins))
+    assert found is not None
+    assert found[0] == "drive 1"
+    assert found[1] == pytest.approx(285.0, abs=75.0)
+    assert guards.onset_s(*_explained(np.ones(6000))) is None
+    assert guards.onset_s(*_explained(0.6 + 0.4 * begins)) is None
+
+
+def test_a_little_that_hardly_shows_before_is_no_onset() -> None:
+    # GIVEN an effect that is not there where it would hardly show, such as while the engine is cold
+    begins = (np.arange(6000) > 2500).astype(float)
+    for before, onset in ((0.4, False), (2.0, True)):  # of the size where it is there
+        size = np.where(begins > 0.0, 5.0, before)
+        assert (guards.onset_s(*_explained(begins, size)) is not None) == onset
+
+
+def test_a_shift_of_gain_or_of_the_whole_lag_is_said_and_a_small_one_is_not() -> None:
+    assert guards.shifted(BASE, BASE._replace(gain=1.0155)) == "the gain"
+    assert guards.shifted(BASE, BASE._replace(sensor_s=0.14)) == "the lag or dead time"
+    assert guards.shifted(BASE, BASE._replace(dead_time_revolutions=2.2)) == "the lag or dead time"
+    traded = BASE._replace(sensor_s=BASE.sensor_s + 0.05, dead_time_s=BASE.dead_time_s - 0.05)
+    assert guards.shifted(BASE, traded) is None
+    assert guards.shifted(BASE, BASE._replace(gain=1.013)) is None

@@ -1,0 +1,95 @@
+"""The two forms of every effect in the library: arrays and nodes of a graph."""
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+from onnxruntime import InferenceSession
+
+from monitor.base.types import FloatArray
+from tests.helpers.gap_drives import PERIOD_S, plain_signals
+from tests.helpers.gap_graphs import driven, plain, ranges_of
+from training.greybox.chain import Constants, Path, base_path, inputs_of
+from training.greybox.effects import LIBRARY, Effect
+from training.greybox.effects.model_effect import ModelEffect
+from training.greybox.graph.chain_graph import Greybox, build, longest_dead_time_s, register_for
+from training.greybox.graph.effect import FUEL, graph_effect
+from training.greybox.graph.effect_parity import TOLERANCE, Entry, reading
+
+CONSTANTS = Constants(1.01, 0.17, 1.6, 0.05, 0.12, 0.96)
+over_library = pytest.mark.parametrize("effect", LIBRARY.values(), ids=LIBRARY)
+
+
+def values_of(effect: Effect) -> list[list[float]]:
+    """Return a start, and places well inside the bounds on both sides."""
+    shares = (0.03, 0.6)
+    inside = [[p.low + s * (p.high - p.low) for p in effect.parameters] for s in shares]
+    return [[p.start[0] for p in effect.parameters], *inside]
+
+
+def chain_with(effect: ModelEffect, reads: tuple[str, ...]) -> Greybox:
+    """Return a chain with the effect, over the ranges of both drives."""
+    inputs = tuple(dict.fromkeys((*inputs_of(plain().signals), *reads)))
+    ranges = ranges_of(*inputs)
+    low, high = (np.array([ranges[name][i] for name in inputs]) for i in (0, 1))
+    added = graph_effect(effect, PERIOD_S, reads)
+    longest_s = longest_dead_time_s(CONSTANTS, inputs, low) + added.dead_time_s
+    return Greybox(
+        constants=CONSTANTS,
+        inputs=inputs,
+        u_low=low,
+        u_high=high,
+        period_s=PERIOD_S,
+        register=register_for(longest_s, PERIOD_S),
+        effects=(added,),
+    )
+
+
+def run(greybox: Greybox, u: FloatArray) -> FloatArray:
+    """Return the free runs (batch, n) of the graph in phi, from a state of zeros."""
+    session = InferenceSession(build(greybox).SerializeToString())
+    state = np.zeros((len(u), greybox.state_layout.size), dtype=np.float32)
+    phi = np.empty(u.shape[:2])
+    for k in range(u.shape[1]):
+        _, state = session.run(None, {"u": u[:, k], "state": state})
+        phi[:, k] = state[:, 0]
+    return phi
+
+
+@over_library
+def test_the_arrays_and_the_graph_of_an_effect_agree(effect: Effect) -> None:
+    reads, n = effect.signals_of(plain().signals), min(len(driven()), len(plain()))
+    for values in values_of(effect):
+        # GIVEN a chain with the effect, and two drives, of a simulated vehicle and of formulas
+        added = ModelEffect.with_values(effect.name, values)
+        greybox = chain_with(added, reads)
+        u = np.stack(
+            [
+                np.column_stack([drive.signals[name][:n] for name in greybox.inputs])
+                for drive in (driven(), plain())
+            ]
+        ).astype(np.float32)
+        # WHEN the graph runs over both
+        by_graph = run(greybox, u)
+        # THEN it reads what the arrays read, which is not what the plain chain reads
+        for phi, inputs in zip(by_graph, u.astype(np.float64), strict=True):
+            by_arrays = reading(greybox, [Entry(added, reads)], inputs)
+            assert np.abs(phi - by_arrays)[greybox.memory :].max() < TOLERANCE
+        assert np.abs(by_arrays - reading(greybox, [], inputs)).max() > 1e-3
+
+
+@over_library
+def test_an_effect_reads_the_signals_it_says(effect: Effect) -> None:
+    signals = plain_signals()
+    path = base_path(CONSTANTS, signals)
+    start = np.array([p.start[0] for p in effect.parameters])
+    few = {name: signals[name] for name in (FUEL, *effect.signals_of(signals))}
+    by_all, by_few = (effect.apply(path, start, seen, PERIOD_S) for seen in (signals, few))
+    for field in fields(Path):
+        np.testing.assert_array_equal(getattr(by_all, field.name), getattr(by_few, field.name))
+
+
+@over_library
+def test_an_effect_stands_in_the_file_of_its_name(effect: Effect) -> None:
+    for form in (effect.apply, effect.graph.nodes):
+        assert form.__module__ == f"training.greybox.effects.{effect.name}"

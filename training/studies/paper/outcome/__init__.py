@@ -1,0 +1,1 @@
+"""Outcome: choice of the model, sensor, linear models, steady training, the paper's figures."""
