@@ -71,7 +71,7 @@ def run(args: argparse.Namespace) -> int:
     from monitor.base.errors import RecordingError, UsageError
     from monitor.base.signals import NARX_INPUTS, OUTPUT
     from training.limits.data_check.check import check
-    from training.limits.data_check.page import as_page, as_text, verdict
+    from training.limits.data_check.findings import as_page, as_text, verdict
 
     if min(args.lags, *args.hidden) < 1:
         raise UsageError("--lags and --hidden must be positive")

@@ -79,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
 
     from monitor.base import config
     from monitor.base.errors import UsageError
-    from training.fleet import report
+    from training.fleet import fleet_page
     from training.fleet import run as fleet
     from training.fleet.bench import Bench
     from training.fleet.drives import drives_of
@@ -99,7 +99,7 @@ def run(args: argparse.Namespace) -> int:
             bar.update(chunk["drives"])
 
         result = fleet.run(drives, bench, args.out, done, jobs=jobs, scheduler=args.scheduler)
-    html, json_path = report.write(args.out, bench, result, args.false_alarms)
+    html, json_path = fleet_page.write(args.out, bench, result, args.false_alarms)
     fleet.finish(args.out)
     print(
         f"{result['drives']} recordings, {result['driving_s'] / 3600.0:.1f} h: {result['faults']} "

@@ -124,8 +124,8 @@ def run(args: argparse.Namespace) -> int:
 
     from monitor.base.outputs import check
     from training.gap.inputs.roles import Material, options_of
-    from training.gap.pages import report
-    from training.gap.pages.report_words import cautions
+    from training.gap.pages import gap_page
+    from training.gap.pages.verdict_words import cautions
     from training.gap.result import save
     from training.gap.workflow import NEW_MODEL, investigate
     from training.jobs.checkpoints import Checkpoints
@@ -154,7 +154,7 @@ def run(args: argparse.Namespace) -> int:
     for warning in cautions(result):
         print(f"o2train: warning: {warning}", file=sys.stderr)
     save(result, args.out / RESULT)
-    report.save(result, args.out / REPORT)
+    gap_page.save(result, args.out / REPORT)
     stages.clear()
     _print(result, args.out)
     return 0
@@ -196,7 +196,7 @@ def _identity(material: "Material", options: "Options") -> dict[str, Any]:
 
 def _print(result: "Result", out: Path) -> None:
     from training.gap.name.decision import T_LEAST
-    from training.gap.pages.report_words import verdict_sentence
+    from training.gap.pages.verdict_words import verdict_sentence
 
     print(verdict_sentence(result))
     before, after, floor, measured_on = result.rmse

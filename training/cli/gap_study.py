@@ -107,19 +107,20 @@ def run(args: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     from training.jobs import run_folder
-    from training.studies.gap import report
+    from training.studies.gap import gap_study_result as result
     from training.studies.gap import run as study_run
+    from training.studies.gap.gap_study_page import as_page
 
     study, jobs = _study(args), jobs_of(args)
     identity = study_run.begin(study, args.out)
     try:
-        with tqdm(total=report.planned(study), unit="case", disable=None) as bar:
+        with tqdm(total=result.planned(study), unit="case", disable=None) as bar:
             study_run.run(study, args.out, bar.update, jobs=jobs, scheduler=args.scheduler)
     finally:
         rows = study_run.rows(study, args.out)
-        print(report.as_text(rows, study))
-        (args.out / REPORT).write_text(report.as_page(rows, study, identity))
-        run_folder.write_json(args.out / RESULT, report.result(rows, study, identity), indent=1)
+        print(result.as_text(rows, study))
+        (args.out / REPORT).write_text(as_page(rows, study, identity))
+        run_folder.write_json(args.out / RESULT, result.result(rows, study, identity), indent=1)
         print(f"report: {args.out / REPORT}")
     return 0
 

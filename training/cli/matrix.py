@@ -109,9 +109,9 @@ def run(args: argparse.Namespace) -> int:
 
     from monitor.base import config
     from training.jobs import run_folder
-    from training.studies.matrix import report
+    from training.studies.matrix import matrix_result
     from training.studies.matrix import run as matrix_run
-    from training.studies.matrix.page import as_page
+    from training.studies.matrix.matrix_page import as_page
 
     if args.recordings:
         raise UsageError("--matrix drives the simulated vehicle, no RECORDING is wanted")
@@ -123,8 +123,8 @@ def run(args: argparse.Namespace) -> int:
     cores = matrix_run.Cores(jobs_of(args), args.scheduler)
     with tqdm(total=matrix_run.count(matrix), unit="drive", disable=None) as bar:
         rows = matrix_run.run(matrix, args.model, settings, args.out, bar.update, cores)
-    result = report.result(rows, run_folder.identity_of(args.out), args.model.name)
-    print(report.as_text(result))
+    result = matrix_result.result(rows, run_folder.identity_of(args.out), args.model.name)
+    print(matrix_result.as_text(result))
     (args.out / REPORT).write_text(as_page(result, rows))
     text = json.dumps(result, indent=1, allow_nan=False) + "\n"
     for path in (args.out / RESULT, args.json):

@@ -162,8 +162,8 @@ def run_fit(args: argparse.Namespace) -> int:
 
     Raises UsageError or RecordingError (exit code 2).
     """
-    from training.greybox import report as greybox_report
-    from training.narx import report as fit_report
+    from training.greybox import fit_page
+    from training.narx import training_page
     from training.narx.fit import FitResult
     from training.recordings.recording import check_each_once
 
@@ -176,10 +176,10 @@ def run_fit(args: argparse.Namespace) -> int:
         print(f"o2train: warning: {warning}", file=sys.stderr)
     if isinstance(result, FitResult):
         _print_fit(result)
-        fit_report.write_report(report, result)
+        training_page.write_report(report, result)
     else:
         greybox.print_fit(result)
-        greybox_report.write_report(report, result)
+        fit_page.write_report(report, result)
     _print_measures(result.card)
     print(f"report: {report}")
     return 0

@@ -4,9 +4,9 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from training.pages.page import page, paragraph, picture, table
-
-HEAD = ("recording", "windows", "paper's rule", "share", "95 % bounds", "codes of the monitor")
+from training.pages.figure import drawing
+from training.pages.numbers import with_unit
+from training.pages.page import page
 
 
 def as_text(result: dict[str, Any]) -> str:
@@ -90,7 +90,7 @@ def monitor(result: dict[str, Any]) -> str:
 
 
 def cells(row: dict[str, Any]) -> tuple[str, ...]:
-    """Return one drive as cells, in the order of ``HEAD``."""
+    """Return a drive's name, windows, failed windows, their share, its bounds, and codes."""
     name = row["recording"] + (" (simulated)" if row["source"] == "simulated" else "")
     if row["fault"]:
         severity = "" if row["severity"] is None else f" {row['severity']:g}"
@@ -103,37 +103,24 @@ def cells(row: dict[str, Any]) -> tuple[str, ...]:
 
 def as_page(result: dict[str, Any]) -> str:
     """Return the calibration as a page."""
-    body = [paragraph(sentence(result)), *(paragraph(w, "warning") for w in result["warnings"])]
-    rows = [
-        (
-            limit["name"],
-            f"{limit['value']:.4g}",
-            limit["unit"],
-            "-" if limit["before"] is None else f"{limit['before']:.4g}",
-            limit["origin"],
-        )
-        for limit in result["limits"]
-    ]
-    body += ["<h2>Limits</h2>", table(rows, ("limit", "value", "unit", "before", "origin"))]
-    body += ["<h2>Healthy drives</h2>", table([cells(r) for r in result["healthy"]], HEAD)]
-    if result["faulty"]:
-        body += [
-            "<h2>Drives with sensors at the limit severity</h2>",
-            table([cells(r) for r in result["faulty"]], HEAD),
-        ]
-    if result["detection"]:
-        body.append(paragraph(detection(result)))
-    body.append(paragraph(monitor(result)))
-    body.append(_picture(result))
-    return page(f"Calibration of {result['model']}", "\n".join(body))
+    return page(
+        "calibration.html",
+        f"Calibration of {result['model']}",
+        verdict=sentence(result),
+        warnings=result["warnings"],
+        result=result,
+        drives={kind: [cells(row) for row in result[kind]] for kind in ("healthy", "faulty")},
+        detection=detection(result) if result["detection"] else "",
+        monitor=monitor(result),
+        windows=_window_figure(result),
+    )
 
 
-def _picture(result: dict[str, Any]) -> str:
-    figure = Figure(figsize=(7.0, 4.5), layout="constrained")
-    axes = figure.add_subplot()
+def _window_figure(result: dict[str, Any]) -> Figure:
+    figure, axes = drawing(4.5, width=7.0)
     limits = {limit["name"]: limit for limit in result["limits"]}
     unit = limits["j_mu"]["unit"]
-    for kind, colour, marker in (("faulty", "tab:red", "x"), ("healthy", "tab:blue", ".")):
+    for kind, colour, marker in (("faulty", "C3", "x"), ("healthy", "C0", ".")):
         points = [
             (abs(m), s)
             for row in result[kind]
@@ -147,7 +134,7 @@ def _picture(result: dict[str, Any]) -> str:
     axes.set_yscale("log")
     right, top = axes.get_xlim()[1], axes.get_ylim()[1]
     axes.plot([right, j_mu, j_mu], [j_sigma, j_sigma, top], color="0.2", label="limits")
-    axes.set_xlabel(f"|mean of residual| [{unit}]")
-    axes.set_ylabel(f"std of residual [{unit}]")
+    axes.set_xlabel(with_unit("|mean of residual|", unit))
+    axes.set_ylabel(with_unit("std of residual", unit))
     axes.legend()
-    return picture(figure, "Windows and the two limits; the rule fails what lies above and right.")
+    return figure

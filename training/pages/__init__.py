@@ -1,1 +1,4 @@
-"""HTML pages of every report."""
+"""The pages of every report: one frame, one table, one style of figures, one form of numbers.
+
+A report is a view function, which gathers values, and a template under ``templates/``.
+"""

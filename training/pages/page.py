@@ -1,98 +1,90 @@
-"""Self-contained HTML pages of the offline tools: nothing is loaded from elsewhere."""
+"""The frame of every page and the templates in it; a page loads nothing and runs no script."""
 
 import base64
-import html
-from collections.abc import Sequence
-from io import BytesIO
-from typing import Final
+import hashlib
+import re
+from functools import cache, partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
 
-import matplotlib as mpl
-from matplotlib.axis import Axis
-from matplotlib.figure import Figure
-from matplotlib.text import Text
-from matplotlib.ticker import NullFormatter
+from monitor import __version__
+from training.pages import numbers
+from training.pages.table import Table
 
-_POWER: Final = r"\mathdefault"  # in matplotlib's own labels of logarithmic axes
+if TYPE_CHECKING:
+    from jinja2 import Environment
 
-_PAGE = """<!doctype html>
-<html lang="en"><head><meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1"><title>{title}</title><style>
-body {{ font: 15px/1.5 system-ui, sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em; }}
-table {{ border-collapse: collapse; margin: 1em 0; display: block; overflow-x: auto; }}
-td, th {{ border-bottom: 1px solid #ccc; padding: .2em .8em; text-align: left; }}
-td.n {{ text-align: right; font-variant-numeric: tabular-nums; }}
-tr.chosen td {{ font-weight: 600; background: #eef4ff; }}
-figure {{ margin: 1.5em 0; }} img {{ max-width: 100%; }} .warning {{ color: #a33; }}
-figcaption, .note {{ color: #555; }}
-nav a {{ margin-right: 1em; }}
-.verdict {{ font-size: 1.15em; padding: .6em 1em; }}
-.verdict {{ border-left: .3em solid #57a; background: #f3f6fa; }}
-.sensor_fault_suspected {{ border-color: #a33; }} summary {{ cursor: pointer; color: #555; }}
-:root {{ color-scheme: light dark; }}
-@media (prefers-color-scheme: dark) {{
-  td, th {{ border-color: #555; }} tr.chosen td {{ background: #23324d; }}
-  figcaption, .note, summary {{ color: #aaa; }} .warning {{ color: #f99; }}
-  .verdict {{ background: #222a35; }}
-}}
-</style></head><body><h1>{title}</h1>
-{body}
-</body></html>
-"""
+LONG: Final = 5  # headings from which a page has a list of contents
+_HEADING: Final = re.compile(r'<h2(?: id="([^"]+)")?>(.*?)</h2>', re.DOTALL)
 
 
-def page(title: str, body: str) -> str:
-    """Return a whole page; ``body`` is HTML."""
-    return _PAGE.format(title=html.escape(title), body=body)
+def page(template: str, title: str, *, verdict: str = "", kind: str = "", **values: Any) -> str:
+    """Return a whole page: title, verdict, contents if it is long, body, footer.
 
-
-def paragraph(text: str, kind: str = "") -> str:
-    """Return an escaped paragraph; ``kind`` is its class: warning, note or none."""
-    return f'<p class="{kind}">{html.escape(text)}</p>' if kind else f"<p>{html.escape(text)}</p>"
-
-
-def table(
-    rows: Sequence[Sequence[str]], head: Sequence[str] = (), chosen: int | None = None
-) -> str:
-    """Return a table of escaped cells; numbers but those of the first column are set right.
-
-    chosen : row to set off
+    template : of the body, below ``templates/``
+    kind : class of the verdict: good, bad, or a name of its own
+    values : for the body's template; ``warnings`` stand below the verdict, ``footer`` holds lines
+        about models, code and recordings
     """
-    cells = "".join(f"<th>{html.escape(h)}</th>" for h in head)
-    lines = [f"<tr>{cells}</tr>"] if head else []
-    for index, row in enumerate(rows):
-        mark = ' class="chosen"' if index == chosen else ""
-        cells = "".join(_cell(c, is_first=i == 0) for i, c in enumerate(row))
-        lines.append(f"<tr{mark}>{cells}</tr>")
-    return f"<table>{''.join(lines)}</table>"
+    headings: list[tuple[str, str]] = []
 
+    def anchored(found: re.Match[str]) -> str:
+        headings.append((found[1] or f"part{len(headings) + 1}", found[2]))
+        return f'<h2 id="{headings[-1][0]}">{found[2]}</h2>'
 
-def _cell(text: str, *, is_first: bool) -> str:
-    is_text = is_first or text[:1].isalpha()
-    return f"<td>{html.escape(text)}</td>" if is_text else f'<td class="n">{html.escape(text)}</td>'
-
-
-def picture(figure: Figure, caption: str) -> str:
-    """Return the figure as embedded SVG; the same figure gives the same bytes."""
-    buffer = BytesIO()
-    texts = [text for text in figure.findobj(Text) if isinstance(text, Text)]
-    has_dollars = any("$" in t.get_text() and _POWER not in t.get_text() for t in texts)
-    if has_dollars:
-        _take_no_formulas(figure, texts)
-    with mpl.rc_context({"svg.hashsalt": "o2-monitor", "text.parse_math": not has_dollars}):
-        figure.savefig(buffer, format="svg", metadata={"Date": None})
-    data = base64.b64encode(buffer.getvalue()).decode()
-    text = html.escape(caption)
-    return (
-        f'<figure><img alt="{text}" src="data:image/svg+xml;base64,{data}">'
-        f"<figcaption>{text}</figcaption></figure>"
+    warnings, footer = values.pop("warnings", ()), values.pop("footer", ())
+    body = _HEADING.sub(anchored, part(template, **values))
+    style = part("page.css")
+    digest = base64.b64encode(hashlib.sha256(str(style).encode()).digest()).decode()
+    return part(
+        "page.html",
+        title=title,
+        verdict=verdict,
+        kind=kind,
+        warnings=warnings,
+        contents=[(name, _html(text)) for name, text in headings if len(headings) >= LONG],
+        body=_html(body),
+        footer=(*footer, f"o2-monitor {__version__}"),
+        style=_html(style),
+        style_hash=f"sha256-{digest}",
     )
 
 
-def _take_no_formulas(figure: Figure, texts: Sequence[Text]) -> None:
-    """Show dollars as they are: names of files and signals may hold some."""
-    for text in texts:
-        text.set_parse_math(False)
-    for axis in figure.findobj(Axis):
-        if isinstance(axis, Axis) and axis.get_scale() != "linear":
-            axis.set_major_formatter("{x:g}")  # its powers are formulas
-            axis.set_minor_formatter(NullFormatter())
+def part(template: str, /, **values: Any) -> str:
+    """Return a part of a page as HTML that other templates do not escape again."""
+    return _html(_environment().get_template(template).render(values))
+
+
+def _html(text: str) -> str:
+    from markupsafe import Markup  # noqa: PLC0415
+
+    return Markup(text)
+
+
+@cache
+def _environment() -> "Environment":
+    """Return the templates with all that they may use; Jinja2 is loaded only now."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined  # noqa: PLC0415
+
+    from training.pages.figure import figure  # noqa: PLC0415
+
+    environment = Environment(
+        loader=PackageLoader("training.pages"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        extensions=["jinja2.ext.do"],
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    for name in ("form", "fixed", "short", "signed", "count", "plain", "percent", "percent_rate"):
+        environment.filters[name] = getattr(numbers, name)
+    for name in ("median_s", "with_unit", "unit_of", "words", "unbroken", "counted"):
+        environment.filters[name] = getattr(numbers, name)
+    environment.filters |= {"yes": lambda x: "yes" if x else "no", "sha": _sha}
+    environment.filters["file_name"] = lambda path: Path(path).name
+    environment.globals |= {"table": partial(Table, part), "figure": figure, "TO": numbers.TO}
+    return environment
+
+
+def _sha(text: str, letters: int = 12) -> str:
+    return _html("<code>{}</code>").format(text[:letters])

@@ -14,7 +14,7 @@ from monitor.base import config
 from monitor.base.types import FloatArray
 from monitor.report.replay import shipped_model
 from tests.helpers import fleet_drives
-from training.fleet import outliers, proposal, report
+from training.fleet import fleet_page, outliers, proposal
 from training.fleet import run as fleet
 from training.fleet.bench import Bench
 from training.fleet.drives import drives_of
@@ -134,7 +134,7 @@ def test_the_report_shows_the_fleet_and_what_was_not_judged(
     bench, out = Bench.of(shipped_model(), config.load()), tmp_path / "out.parquet"
     run = fleet.run(drives_of([str(drives)]), bench, out, lambda _: None)
     # WHEN it is reported
-    html, tree = report.write(out, bench, run, 0.05)
+    html, tree = fleet_page.write(out, bench, run, 0.05)
     # THEN the figures say so
     found: dict[str, Any] = json.loads(tree.read_text())
     assert (found["schema"], found["drives"], found["judged"]) == ("o2train.fleet/1", 14, 12)
@@ -167,5 +167,5 @@ def test_a_fleet_of_which_nothing_could_be_judged_is_reported(tmp_path: Path) ->
     (tmp_path / "empty.log").touch()
     bench, out = Bench.of(shipped_model(), config.load()), tmp_path / "out.parquet"
     run = fleet.run(drives_of([str(tmp_path / "empty.log")]), bench, out, lambda _: None)
-    html, _ = report.write(out, bench, run, 0.05)
+    html, _ = fleet_page.write(out, bench, run, 0.05)
     assert "the log is empty" in html.read_text()

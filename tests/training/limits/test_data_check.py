@@ -10,8 +10,8 @@ import pytest
 from monitor.base.types import FloatArray, Quality
 from training.cli import main
 from training.limits.data_check.check import check
+from training.limits.data_check.findings import as_page, as_text
 from training.limits.data_check.measures import collinear, coverage, excitation, variance_inflation
-from training.limits.data_check.page import as_page, as_text
 from training.recordings.recording import Recording
 
 INPUTS = ("speed", "load", "ignition")

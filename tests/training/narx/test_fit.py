@@ -13,9 +13,9 @@ from monitor.model.step import Model
 from training.cli import main
 from training.narx.fit import FitResult, fit
 from training.narx.network import Spec, layers
-from training.narx.report import write_report
 from training.narx.stability import Contraction, contraction
 from training.narx.stages import train
+from training.narx.training_page import write_report
 from training.recordings.preparation import Prepared
 from training.recordings.recording import Recording
 from training.recordings.transforms import fuel_air_ratio

@@ -1,37 +1,44 @@
-"""Pictures in the offline tools' pages."""
+"""The frame of every page."""
 
 import base64
+import hashlib
 import re
 
 import pytest
-from matplotlib.figure import Figure
 
-from training.pages.page import picture
-
-
-def _svg(figure: Figure) -> str:
-    (data,) = re.findall(r"base64,([^\"]+)", picture(figure, "a caption"))
-    return base64.b64decode(data).decode()
+from monitor import __version__
+from training.pages import page as frame
+from training.pages.page import page
 
 
-@pytest.mark.parametrize("name", ["drive_$date_$vin.csv", "nmot$w_$", r"a$\foo$b"])
-def test_dollars_in_names_are_shown_as_they_are(name: str) -> None:
-    # GIVEN a picture with such a name wherever names stand, one axis logarithmic
-    figure = Figure(layout="constrained")
-    axes = figure.subplots()
-    axes.barh([0, 1], [1.0, 100.0], label=name)
-    axes.set_yticks([0, 1], labels=[name, "other"])
-    axes.set_xscale("log")
-    axes.set_title(name)
-    axes.legend()
-    # WHEN it is drawn
-    svg = _svg(figure)
-    # THEN the names are there in full, and the logarithmic axis has numbers
-    assert svg.count(f"<!-- {name} -->") == 3
-    assert "<!-- 10 -->" in svg
+@pytest.fixture(autouse=True)
+def templates(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the body of a page be its ``body`` value."""
+    jinja2 = pytest.importorskip("jinja2")
+    environment = frame._environment()
+    body = jinja2.DictLoader({"body.html": "{% for t in titles %}<h2>{{ t }}</h2>{% endfor %}"})
+    monkeypatch.setattr(environment, "loader", jinja2.ChoiceLoader([body, environment.loader]))
 
 
-def test_logarithmic_axes_have_powers_otherwise() -> None:
-    figure = Figure()
-    figure.subplots().loglog([1.0, 100.0], [1.0, 100.0])
-    assert r"$\mathdefault{10^{1}}$" in _svg(figure)
+def test_a_page_runs_no_script_and_its_style_is_the_one_it_allows() -> None:
+    text = page("body.html", "A <title>", titles=[])
+    style = re.findall(r"<style>(.*?)</style>", text, re.DOTALL)[0]
+    digest = base64.b64encode(hashlib.sha256(style.encode()).digest()).decode()
+    assert f"default-src 'none'; img-src data:; style-src 'sha256-{digest}'" in text
+    assert "<script" not in text and "style=" not in text
+    assert "<h1>A &lt;title&gt;</h1>" in text
+    assert f"o2-monitor {__version__}" in text
+
+
+def test_a_long_page_has_a_list_of_contents() -> None:
+    titles = ["one", "two & a half", "three", "four", "five"]
+    text = page("body.html", "Long", titles=titles)
+    assert '<a href="#part2">two &amp; a half</a>' in text
+    assert '<h2 id="part2">two &amp; a half</h2>' in text
+    assert "<nav>" not in page("body.html", "Short", titles=titles[:4])
+
+
+def test_verdict_and_warnings_stand_first() -> None:
+    text = page("body.html", "T", verdict="a > b", kind="bad", warnings=["<w>"], titles=["one"])
+    places = [text.index(t) for t in ('"verdict bad">a &gt; b', "&lt;w&gt;", "<h2", "<footer>")]
+    assert places == sorted(places)

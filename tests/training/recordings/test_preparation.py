@@ -21,8 +21,8 @@ from training.studies.paper.preparation.preparation import (
     linear_records,
     preparation,
     reasons,
-    section,
 )
+from training.studies.paper.preparation.preparation_section import section
 
 BOSCH = ("speed_z", "load_z", "ignition_angle_z", "fuel_cutoff_z")
 

@@ -27,8 +27,9 @@ from training.studies.gap.answers import (
     right_or_beside_fault,
     wrong_names,
 )
+from training.studies.gap.gap_study_page import as_page
+from training.studies.gap.gap_study_result import as_text
 from training.studies.gap.plan import CASES, SEVERITIES, Study, cases, healthy_parts
-from training.studies.gap.report import as_page, as_text
 from training.studies.gap.targets import Target, assess, quantile
 
 WHOLE = Study()
@@ -320,7 +321,7 @@ def test_a_small_study_runs_stops_goes_on_and_is_reported(
     result = json.loads((tmp_path / "gap_study.json").read_text())
     assert (result["source"], result["reached"]) == ("simulated", 2)
     page = (tmp_path / "report.html").read_text()
-    assert "<h2>Hidden and answered</h2>" in page
+    assert ">Hidden and answered</h2>" in page
     assert "data:image/svg+xml" in page
     assert rows[0]["hidden"][0] in page
 
@@ -438,8 +439,9 @@ def test_results_depend_on_all_code_that_makes_them_and_on_no_other() -> None:
         "monitor/base/faults.py",
     } <= used
     others = {
-        "training/studies/gap/report.py",
-        "training/gap/pages/report.py",
+        "training/studies/gap/gap_study_page.py",
+        "training/gap/pages/gap_page.py",
+        "training/pages/page.py",
         "tests/helpers/plants.py",
     }
     assert not used & others

@@ -12,7 +12,7 @@ from training.limits.alarm_rules import Scored
 from training.limits.rates import median, per_1000_h, rate, roc
 from training.limits.targets import beyond_limit
 from training.studies.matrix import tables
-from training.studies.matrix.report import verdict
+from training.studies.matrix.matrix_result import verdict
 from training.studies.matrix.targets import assess
 
 

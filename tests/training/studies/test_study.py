@@ -22,7 +22,7 @@ from training.cli import main
 from training.narx.network import Spec, initial_weights
 from training.recordings.preparation import prepare
 from training.recordings.recording import load
-from training.studies.paper import outcome_page
+from training.studies.paper import study_page
 from training.studies.paper.outcome.choice import _decide
 from training.studies.paper.outcome.sensor import WINDOW, _put_on, _residuals, against_sensor
 from training.studies.paper.outcome.steady_training import _steady_parts
@@ -324,7 +324,9 @@ def test_a_missing_signal_is_named_and_compared_with_nothing(
     found = against_sensor(task, spec, weights, {})
     assert found["unreadable"] == ["lost.csv"] and found["faults"] == []
     bounded = {"runs": 1, "samples": 1, "stuck": 0}
-    page = outcome_page.faulty(found) + outcome_page.against_sensor(found | {"bounded": bounded})
+    page = study_page.faulty(found) + study_page.outcome(
+        "against_sensor", sensor=found | {"bounded": bounded}
+    )
     assert "Nothing to compare in lost.csv" in page
 
 

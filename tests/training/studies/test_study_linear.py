@@ -10,8 +10,9 @@ from monitor.base.errors import RecordingError, UsageError
 from tests.helpers.plants import PERIOD_S, RNG, modes, tank, two_inputs
 from training.recordings.metrics import fit_percent
 from training.studies.paper.linear.arx import Arx, choose_arx, fit_arx
-from training.studies.paper.linear.baselines import Regime, linear, section
+from training.studies.paper.linear.baselines import Regime, linear
 from training.studies.paper.linear.free_run import free_run_error
+from training.studies.paper.linear.linear_section import section
 from training.studies.paper.linear.regressors import Stretch
 from training.studies.paper.linear.residual_tests import independence, whiteness
 

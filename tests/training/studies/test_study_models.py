@@ -34,7 +34,7 @@ from training.studies.paper.narx.models import (
     thin,
     train_one,
 )
-from training.studies.paper.narx.page import section
+from training.studies.paper.narx.narx_section import section
 from training.studies.paper.narx.study import _best, best_model, narx_study
 from training.studies.paper.narx.verdicts import judge
 

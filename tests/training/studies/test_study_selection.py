@@ -17,7 +17,8 @@ from training.recordings.preparation import Role, enabled_rows
 from training.recordings.recording import Recording, load
 from training.studies.paper.selection.input_sets import InputSet, aligned, exact_inputs, try_sets
 from training.studies.paper.selection.pca import components, pca
-from training.studies.paper.selection.selection import CANDIDATES, candidates, section, selection
+from training.studies.paper.selection.selection import CANDIDATES, candidates, selection
+from training.studies.paper.selection.selection_section import section
 from training.studies.paper.selection.transparency import estimate_controller
 
 STEP_S = 0.01  # of the plant below; recordings have 0.1 s

@@ -11,21 +11,20 @@ from training.gap.where.drivers import UNITS, WORDS
 from training.gap.where.operating_map import Excerpt, OperatingMap
 from training.gap.where.over_time import Change
 from training.gap.where.regimes import Regime
+from training.pages.figure import drawing, legend, panels
+from training.pages.numbers import with_unit, words
 
 CURVE_UNITS = {"timing": "s early", "sensitivity": "relative"}
 
 
 def label(name: str) -> str:
     """Return a signal's words with its unit."""
-    unit = UNITS.get(name, "")
-    words = WORDS.get(name, name.replace("_", " "))
-    return f"{words} [{unit}]" if unit else words
+    return with_unit(WORDS.get(name, words(name)), UNITS.get(name))
 
 
 def excerpt_figure(part: Excerpt) -> Figure:
     """Draw measured and predicted phi and their difference."""
-    figure = Figure(figsize=(9, 3.8), layout="constrained")
-    top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
+    figure, (top, bottom) = panels(2, 1, height=1.9, sharex=True, height_ratios=(2, 1))
     top.plot(part.t_s, part.measured, color="0.2", linewidth=1.0, label="measured")
     top.plot(part.t_s, part.predicted, color="C0", linewidth=1.0, label="predicted")
     shown = np.concatenate([part.measured[part.scored], part.predicted[part.scored]])
@@ -40,7 +39,7 @@ def excerpt_figure(part: Excerpt) -> Figure:
         _grey(axes, part)
         axes.margins(x=0)
     top.set_ylabel("phi")
-    top.legend(ncols=2, frameon=False, fontsize=8, loc="lower right", bbox_to_anchor=(1.0, 1.0))
+    legend(top)
     bottom.set(xlabel=f"s of {part.recording}", ylabel="residual")
     return figure
 
@@ -53,8 +52,7 @@ def _grey(axes: Axes, part: Excerpt) -> None:
 
 def map_figure(over: OperatingMap) -> Figure:
     """Draw root excess and mean residual over speed and load."""
-    figure = Figure(figsize=(9, 3.4), layout="constrained")
-    left, right = figure.subplots(1, 2, sharey=True)
+    figure, (left, right) = panels(2, 2, height=3.4, sharey=True)
     root = np.sqrt(np.maximum(over.excess, 0.0))
     grid = (over.speed_edges, over.load_edges)
     drawn = left.pcolormesh(*grid, root, cmap="Reds", vmin=0.0)
@@ -71,14 +69,13 @@ def map_figure(over: OperatingMap) -> Figure:
 
 def regime_figure(regimes: Sequence[Regime]) -> Figure:
     """Draw shares of the excess with their bounds."""
-    figure = Figure(figsize=(9, 0.5 + 0.32 * len(regimes)), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = drawing(0.5 + 0.32 * len(regimes))
     at = np.arange(len(regimes))
     shares = np.array([[r.share.low, r.share.value, r.share.high] for r in regimes]) * 100.0
     axes.barh(at, shares[:, 1], color="C0", height=0.7)
     spread = [shares[:, 1] - shares[:, 0], shares[:, 2] - shares[:, 1]]
     axes.errorbar(shares[:, 1], at, xerr=spread, fmt="none", ecolor="0.3", elinewidth=1.0)
-    axes.set_yticks(at, [f"{r.words}, {r.point}" for r in regimes], fontsize=8)
+    axes.set_yticks(at, [f"{r.words}, {r.point}" for r in regimes])
     axes.invert_yaxis()
     axes.set(xlabel="share of the excess squared error in held-out blocks [%]", xlim=(0, 105))
     return figure
@@ -87,37 +84,33 @@ def regime_figure(regimes: Sequence[Regime]) -> Figure:
 def curve_figure(regimes: Sequence[Regime]) -> Figure:
     """Draw how the excess depends on each driver that has a curve."""
     with_curve = [r for r in regimes if r.curve is not None]
-    figure = Figure(figsize=(9, 2.9), layout="constrained")
-    for axes, r in zip(
-        figure.subplots(1, len(with_curve), squeeze=False)[0], with_curve, strict=True
-    ):
+    figure, grid = panels(len(with_curve), len(with_curve), height=2.9)
+    for axes, r in zip(grid, with_curve, strict=True):
         c = r.curve
         assert c is not None
         axes.fill_between(c.x, c.low, c.high, color="C0", alpha=0.25, linewidth=0)
         axes.plot(c.x, c.y, color="C0", linewidth=1.2)
         axes.axhline(0.0, color="0.5", linewidth=0.7)
-        axes.set_title(r.point, fontsize=9)
-        axes.set_xlabel(f"{r.words} [{r.unit}]" if r.unit else r.words, fontsize=8)
-        axes.set_ylabel(f"excess [{CURVE_UNITS.get(r.point, 'phi')}]", fontsize=8)
-        axes.tick_params(labelsize=8)
+        axes.set_title(r.point)
+        axes.set_xlabel(with_unit(r.words, r.unit))
+        axes.set_ylabel(f"excess [{CURVE_UNITS.get(r.point, 'phi')}]")
     return figure
 
 
 def band_figure(found: Bands) -> Figure:
     """Draw the spectrum beside its reference, and the coherence with each input."""
-    figure = Figure(figsize=(9, 3.4), layout="constrained")
-    left, right = figure.subplots(1, 2)
+    figure, (left, right) = panels(2, 2, height=3.4)
     left.loglog(found.frequency_hz, found.density, color="C3", linewidth=1.0, label="residual")
     left.loglog(found.frequency_hz, found.reference, color="0.3", linewidth=1.0, label="reference")
     left.set(xlabel="Hz", ylabel="phi² per Hz")
-    left.legend(frameon=False, fontsize=8)
+    left.legend()
     drawn = right.imshow(found.coherence.T, aspect="auto", cmap="Blues", vmin=0.0)
     figure.colorbar(drawn, ax=right, label="coherence")
     clear = np.argwhere(found.p_values < 0.01)
     right.plot(clear[:, 0], clear[:, 1], ".", color="C3", markersize=4)
-    right.set_yticks(range(len(found.names)), [WORDS.get(n, n) for n in found.names], fontsize=7)
+    right.set_yticks(range(len(found.names)), [WORDS.get(n, n) for n in found.names])
     names = [f"{b.low_hz:.2g}–{b.high_hz:.2g}" for b in found.bands]
-    right.set_xticks(range(len(names)), names, fontsize=7, rotation=45, ha="right")
+    right.set_xticks(range(len(names)), names, rotation=45, ha="right")
     right.set_xlabel("band [Hz]")
     return figure
 
@@ -125,8 +118,8 @@ def band_figure(found: Bands) -> Figure:
 def time_figure(changes: Sequence[Change]) -> Figure:
     """Draw the residual in blocks over each recording, and its cumulative sum."""
     rows = len(changes)
-    figure = Figure(figsize=(9, 0.6 + 1.5 * rows), layout="constrained")
-    for (left, right), c in zip(figure.subplots(rows, 2, squeeze=False), changes, strict=True):
+    figure, grid = panels(2 * rows, 2, height=1.5, extra=0.6)
+    for left, right, c in zip(grid[::2], grid[1::2], changes, strict=True):
         colour = "C3" if c.significant else "C0"
         left.plot(c.block_s, c.blocks, drawstyle="steps-mid", color=colour, linewidth=1.0)
         for start, stop, value in (
@@ -134,11 +127,9 @@ def time_figure(changes: Sequence[Change]) -> Figure:
             (c.t_s, c.block_s[-1], c.after),
         ):
             left.plot([start, stop], [value, value], color="0.2", linewidth=1.0)
-        left.set_title(f"{c.recording}: {c.quantity}", fontsize=8, loc="left")
+        left.set_title(f"{c.recording}: {c.quantity}", loc="left")
         right.plot(c.block_s, c.cumulative, color=colour, linewidth=1.0)
         right.axvline(c.t_s, color="0.2", linestyle="--", linewidth=0.8)
-        right.set_title("cumulative sum", fontsize=8, loc="left")
-        for axes in (left, right):
-            axes.tick_params(labelsize=7)
-    figure.supxlabel("s of the recording", fontsize=9)
+        right.set_title("cumulative sum", loc="left")
+    figure.supxlabel("s of the recording")
     return figure

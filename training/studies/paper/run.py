@@ -15,7 +15,7 @@ from typing import Any
 from monitor import __version__
 from monitor.base.errors import RecordingError, UsageError
 from training.limits.data_check.check import check
-from training.limits.data_check.page import verdict
+from training.limits.data_check.findings import verdict
 from training.recordings.preparation import ENABLE_COLUMNS
 from training.studies.paper.narx import study as narx_study
 from training.studies.paper.outcome.choice import choose, contenders, free_structure, ship
@@ -23,8 +23,8 @@ from training.studies.paper.outcome.comparison import TITLES, baselines, beside
 from training.studies.paper.outcome.sensor import against_sensor
 from training.studies.paper.outcome.steady_training import steady_against_mixed
 from training.studies.paper.preparation.preparation import preparation
-from training.studies.paper.report import report
 from training.studies.paper.selection.selection import selection
+from training.studies.paper.study_page import report
 from training.studies.paper.task import Task, source
 
 SCHEMA = "o2train.study/1"

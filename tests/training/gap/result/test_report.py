@@ -15,8 +15,8 @@ from tests.helpers.gap_residuals import drive, purge
 from training.gap import result
 from training.gap.name.manoeuvres import Experiment
 from training.gap.name.verdict import Candidate, Naming, Verdict
-from training.gap.pages import report
-from training.gap.pages.report_words import verdict_sentence
+from training.gap.pages import gap_page
+from training.gap.pages.verdict_words import verdict_sentence
 from training.gap.result import ModelFile, Result, Step, as_json
 from training.gap.verify.evidence import Count, Detection, Error, Trace, Verification
 from training.gap.where.findings import Findings, localise
@@ -27,6 +27,7 @@ from training.greybox.fit.joint import Fit
 from training.greybox.fit.sensor_faults import FAULTS
 
 VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
+SECTIONS = ("now", "much", "what", "where", "steps", "from")
 NOTHING = np.empty(0)
 NO_FIT = Fit((), Constants(), (), NOTHING, NOTHING, NOTHING, 0.0)
 CONTRACT = {
@@ -232,7 +233,7 @@ def test_the_runner_up_is_of_the_step_in_which_the_effect_was_chosen() -> None:
     assert [e["runner_up"] for e in tree["effects"]] == ["delay_flow", "rail_exponent"]
     assert [e["separated"] for e in tree["effects"]] == [True, True]
     assert [s["rmse"] for s in tree["steps"]] == [0.02, 0.015, 0.011]
-    page = report.as_page(both)
+    page = gap_page.as_page(both)
     assert "Ranking: purge" in page
     assert "Ranking of the last step" in page
 
@@ -244,7 +245,7 @@ def test_without_held_out_recordings_the_figures_are_those_of_held_out_blocks() 
     assert tree["measured_on"] == "blocks held out of the recordings"
     assert tree["detection_before"] is None
     assert tree["verified"] is None
-    assert "Not verified" in report.as_page(made("named", verified=None, held_out=()))
+    assert "Not verified" in gap_page.as_page(made("named", verified=None, held_out=()))
 
 
 def test_what_is_not_finite_is_null_and_numpy_is_plain() -> None:
@@ -265,11 +266,11 @@ def test_where_is_what_localising_found() -> None:
 
 @pytest.mark.parametrize("verdict", VERDICTS)
 def test_the_page_has_every_section_in_order_and_asks_for_nothing(verdict: Verdict) -> None:
-    page = report.as_page(made(verdict, findings=findings()))
-    places = [page.index(f'<h2 id="{name}">') for name, _ in report.SECTIONS]
+    page = gap_page.as_page(made(verdict, findings=findings()))
+    places = [page.index(f'<h2 id="{name}">') for name in SECTIONS]
     assert places == sorted(places)
     assert page.index(f'class="verdict {verdict}"') < places[0]
-    assert page.count("<h2") == len(report.SECTIONS)
+    assert page.count("<h2") == len(SECTIONS)
     asked = re.findall(r'(?:src|href|action)="([^"]*)"', page)
     assert asked
     assert all(target.startswith(("#", "data:")) for target in asked)
@@ -278,7 +279,7 @@ def test_the_page_has_every_section_in_order_and_asks_for_nothing(verdict: Verdi
 
 @pytest.mark.parametrize("verdict", VERDICTS)
 def test_names_and_texts_from_outside_are_escaped(verdict: Verdict) -> None:
-    page = report.as_page(made(verdict))
+    page = gap_page.as_page(made(verdict))
     assert "new&lt;1&gt;.csv" in page
     assert "held &amp; out.csv" in page
     for tag in ("<1>", "<something>", "<2,600>", "<oil>"):
@@ -300,7 +301,7 @@ def test_names_and_texts_from_outside_are_escaped(verdict: Verdict) -> None:
     ],
 )
 def test_the_verdict_stands_first_with_its_figures(verdict: Verdict, words: str) -> None:
-    page = report.as_page(made(verdict))
+    page = gap_page.as_page(made(verdict))
     first = page[page.index("<h1>") : page.index("<nav>")]
     assert words in first
     assert "0.0102" in first
@@ -314,7 +315,7 @@ def test_a_page_about_simulated_recordings_says_so() -> None:
         (some, "Some of the recordings are simulated."),
         (every, "All of it is about simulated recordings."),
     ):
-        page = report.as_page(one)
+        page = gap_page.as_page(one)
         assert words in page[page.index("<h1>") : page.index("<nav>")]
         assert as_json(one)["simulated"] is True
 
@@ -330,7 +331,7 @@ def test_a_page_about_simulated_recordings_says_so() -> None:
     ],
 )
 def test_the_page_says_what_to_do_now(verdict: Verdict, words: str) -> None:
-    page = report.as_page(made(verdict))
+    page = gap_page.as_page(made(verdict))
     assert words in page[page.index('id="now"') : page.index('id="much"')]
 
 
@@ -338,7 +339,7 @@ def test_a_fall_of_the_error_that_is_not_beyond_confidence_is_none_to_use() -> N
     shown = verified()
     overall = replace(shown.overall, after=0.0208, change_low=-0.0006, change_high=0.0002)
     found = made("named", verified=replace(shown, overall=overall))
-    page = report.as_page(found)
+    page = gap_page.as_page(found)
     assert "does not fall beyond confidence, from 0.0210 to 0.0208" in page
     assert "Keep the model: that out/model.onnx is better on other recordings is not shown." in page
     assert "Use out/model.onnx" not in page
@@ -366,7 +367,7 @@ def test_an_unknown_effect_says_what_the_first_candidate_lacks(
 
 def test_a_suspicion_says_which_effect_it_cannot_be_told_from() -> None:
     found = naming("sensor_fault_suspected", indistinguishable=RANKING[:1])
-    page = report.as_page(replace(made("sensor_fault_suspected"), naming=found))
+    page = gap_page.as_page(replace(made("sensor_fault_suspected"), naming=found))
     first = page[page.index("<h1>") : page.index("<nav>")]
     assert "cannot be told from purge (canister purge brings fuel vapour)." in first
     now = page[page.index('id="now"') : page.index('id="much"')]
@@ -376,7 +377,7 @@ def test_a_suspicion_says_which_effect_it_cannot_be_told_from() -> None:
 
 def test_worse_regimes_and_lost_faults_are_warned_of() -> None:
     lost = made("named", verified=verified(worse=True, lost=True))
-    page = report.as_page(lost)
+    page = gap_page.as_page(lost)
     now = page[page.index('id="now"') : page.index('id="much"')]
     assert "Look at the warnings before using out/model.onnx" in now
     worse = (
@@ -392,7 +393,7 @@ def test_worse_regimes_and_lost_faults_are_warned_of() -> None:
 def test_fewer_false_alarms_are_no_loss() -> None:
     before, after = Count(4, 4, 4, 0, ("gain_low",)), Count(4, 4, 0, 0, ())
     quieter = replace(verified(), alarms=Detection("", None, before, after))
-    assert ">lost<" not in report.as_page(made("named", verified=quieter))
+    assert ">lost<" not in gap_page.as_page(made("named", verified=quieter))
 
 
 def test_a_bias_that_the_gap_itself_had_helped_to_find_is_told_apart() -> None:
@@ -404,7 +405,7 @@ def test_a_bias_that_the_gap_itself_had_helped_to_find_is_told_apart() -> None:
         ("biased_lean", "in 1 with the new one."),
     ):
         lost = replace(own, overall=whole, faults=(Detection(fault, 0.1, *counts),))
-        assert words in report.as_page(made("named", verified=lost))
+        assert words in gap_page.as_page(made("named", verified=lost))
 
 
 def test_a_gap_is_measured_from_the_error_on_healthy_recordings_where_there_are_some() -> None:
@@ -413,31 +414,31 @@ def test_a_gap_is_measured_from_the_error_on_healthy_recordings_where_there_are_
     # 0.0210 to 0.0112 where healthy drives have 0.0110
     gone = (0.0210**2 - 0.0112**2) / (0.0210**2 - 0.0110**2)
     assert own.closed_beyond_healthy == pytest.approx(gone)
-    page = report.as_page(made("named", verified=own))
+    page = gap_page.as_page(made("named", verified=own))
     assert f"{gone:.0%} of what exceeds the error on healthy recordings is gone" in page
     # and where the new model errs less than the old one did on healthy drives
     less = replace(own, healthy=replace(healthy, before=0.0130))
-    page = report.as_page(made("named", verified=less))
+    page = gap_page.as_page(made("named", verified=less))
     assert "and all of what exceeds the error on healthy recordings is gone" in page
 
 
 def test_an_error_that_is_no_gap_stands_beside_that_on_healthy_recordings() -> None:
     own = replace(verified(None), healthy=replace(error("healthy", "", None), before=0.0205))
-    page = report.as_page(made("no_gap", verified=own))
+    page = gap_page.as_page(made("no_gap", verified=own))
     assert "is 0.0210 RMS in phi (0.0205 on healthy ones), the noise floor 0.0102" in page
 
 
 def test_candidates_that_were_skipped_stand_with_what_they_lack() -> None:
-    page = report.as_page(made("no_gap"))
+    page = gap_page.as_page(made("no_gap"))
     what = page[page.index('id="what"') : page.index('id="where"')]
     assert "<td>scavenging</td><td>manifold_pressure_kpa</td>" in what
 
 
 def test_a_constant_at_its_bound_says_so() -> None:
     at_most = LIBRARY["purge"].parameters[0].high
-    page = report.as_page(made("named", added=(ModelEffect.with_values("purge", [at_most]),)))
+    page = gap_page.as_page(made("named", added=(ModelEffect.with_values("purge", [at_most]),)))
     assert "-2 to 8, reached" in page
 
 
 def test_the_same_result_gives_the_same_page() -> None:
-    assert report.as_page(made("named")) == report.as_page(made("named"))
+    assert gap_page.as_page(made("named")) == gap_page.as_page(made("named"))

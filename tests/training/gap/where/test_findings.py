@@ -19,7 +19,7 @@ from tests.helpers.gap_residuals import (
     purge,
     wall_film,
 )
-from training.gap.pages.where_section import section
+from training.gap.pages.gap_page import where_section
 from training.gap.where.findings import Findings, localise
 
 FLOW = {"maf_kg_h", "inverse_flow_h_kg", "load_times_speed"}
@@ -215,12 +215,12 @@ def test_recordings_of_different_periods_are_refused() -> None:
 
 def test_the_page_says_what_was_found_and_the_same_findings_give_the_same_page() -> None:
     result = found(purge)
-    text = section(result)
+    text = where_section(result)
     for sentence in result.significant:
         assert sentence.split(":")[0] in text
     assert text.count("<figure>") == 6
     again = localise([drive(seed, purge, n=4000) for seed in (1, 2, 3)])
-    assert section(again) == text
+    assert where_section(again) == text
 
 
 def test_the_entries_of_the_report_are_shares_between_0_and_1() -> None:

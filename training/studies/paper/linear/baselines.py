@@ -24,7 +24,6 @@ from training.studies.paper.linear.arx import (
 from training.studies.paper.linear.free_run import LinearModel
 from training.studies.paper.linear.impulse import impulse_response
 from training.studies.paper.linear.output_error import fit_output_error
-from training.studies.paper.linear.page import section
 from training.studies.paper.linear.regressors import (
     Stretch,
     Triangle,
@@ -35,7 +34,7 @@ from training.studies.paper.linear.regressors import (
 from training.studies.paper.linear.scores import example, plain, residuals, scores
 from training.studies.paper.linear.subspace import Subspace, best_state_space, subspace
 
-__all__ = ["Regime", "linear", "section"]
+__all__ = ["Regime", "linear"]
 
 MAX_STATES = 12
 IMPULSE_LAGS = 50  # samples

@@ -9,7 +9,6 @@ from monitor.base.signals import BY_NAME
 from monitor.base.types import FloatArray
 from training.narx.network import Spec
 from training.narx.stages import free_run
-from training.pages.page import paragraph, table
 from training.recordings import metrics
 from training.recordings.linear_data import LinearData, Stretch, linear_stretches
 from training.recordings.preparation import Role, runs
@@ -175,38 +174,3 @@ def _fit(measured: FloatArray, predicted: FloatArray) -> float | None:
     if len(measured) < 2 or np.ptp(measured) == 0.0:
         return None
     return metrics.fit_percent(measured, predicted)
-
-
-def beside_table(result: Mapping[str, Any], name: str) -> str:
-    """Return the table of fits, the NARX first."""
-    regime = result["regime"]
-    ranges = [] if regime is None else [_words(low, high) for low, high in regime["ranges"]]
-    head = ("model", "parameters", "fit, %", "correlation", *(f"{r}, %" for r in ranges))
-    rows = [(f"NARX: {name}", *_cells(result["narx"]))]
-    rows += [(TITLES.get(key, key), *_cells(m)) for key, m in result["models"].items()]
-    filtered = (
-        " The noise band is taken out of measurement and predictions alike."
-        if result["filtered"]
-        else ""
-    )
-    if regime:
-        filtered += f" Columns on the right: fit in ranges of {regime['name']}"
-        filtered += f", {regime['unit']}." if regime["unit"] else "."
-    text = (
-        f"Free run on the same {result['samples']} held-out samples, all samples in model units "
-        f"(1/lambda for lambda), fuel cut included.{filtered}"
-    )
-    return table(rows, head, 0) + paragraph(text, "note")
-
-
-def _cells(model: Mapping[str, Any]) -> tuple[str, ...]:
-    fits = [model["fit_percent"], *model["regime_fit_percent"]]
-    shown = ["–" if f is None else f"{f:.1f}" for f in fits]
-    r = "–" if model["correlation"] is None else f"{model['correlation']:.3f}"
-    return (str(model["parameters"]), shown[0], r, *shown[1:])
-
-
-def _words(low: float | None, high: float | None) -> str:
-    if low is None:
-        return f"below {high:.4g}" if high is not None else "all"
-    return f"from {low:.4g}" if high is None else f"{low:.4g} to {high:.4g}"

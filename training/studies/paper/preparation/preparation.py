@@ -29,9 +29,8 @@ from training.recordings.spectrum import (
     find_lines,
     welch,
 )
-from training.studies.paper.preparation.page import section
 
-__all__ = ["Filter", "LinearData", "linear_records", "linear_stretches", "preparation", "section"]
+__all__ = ["Filter", "LinearData", "linear_records", "linear_stretches", "preparation"]
 
 COMMAND, CONTROLLER = "lambda_target", "lambda_controller"
 COHERENT = 0.5  # at this coherence a signal explains half of a line's power in another

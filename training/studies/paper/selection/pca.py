@@ -1,12 +1,10 @@
 """Principal components of the candidate inputs: scree, loadings, biplot, Q and T² over time."""
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 from scipy import linalg, stats
 
 from monitor.base.types import FloatArray
@@ -129,80 +127,3 @@ def _peaks(t_s: FloatArray, values: FloatArray) -> dict[str, list[float]]:
 
 def _short(values: FloatArray) -> list[float]:
     return [float(f"{v:.5g}") for v in values]
-
-
-def scree_figure(result: dict[str, Any]) -> Figure:
-    """Draw the variances of the components, their cumulative share and the loadings."""
-    figure = Figure(figsize=(10, 4.2), layout="constrained")
-    left, right = figure.subplots(1, 2, width_ratios=(2, 3))
-    number = np.arange(1, len(result["variances"]) + 1)
-    left.bar(number, result["variances"], color="#9db8d2")
-    left.axvline(result["kept"] + 0.5, color="#999999", ls="--", lw=0.8)
-    left.set_xticks(number)
-    left.set_xlabel("component; kept ones left of the dashed line")
-    left.set_ylabel("variance (bars)")
-    other = left.twinx()
-    other.plot(number, 100 * np.array(result["explained"]), "o-", color="#1f4e79", ms=3)
-    other.set_ylim(0, 103)
-    other.set_ylabel("explained together, % (line)")
-    n = min(result["kept"] + 1, len(number))
-    values = np.array(result["loadings"])[:, :n]
-    image = right.imshow(values, cmap="RdBu_r", vmin=-1, vmax=1, aspect="auto")
-    right.set_yticks(range(len(result["names"])), result["names"])
-    right.set_xticks(range(n), [str(i + 1) for i in range(n)])
-    for (i, j), value in np.ndenumerate(values):
-        ink = "white" if abs(value) > 0.6 else "black"
-        right.text(j, i, f"{value:.2f}", ha="center", va="center", fontsize=8, color=ink)
-    right.set_xlabel("component")
-    figure.colorbar(image, ax=right, label="loading")
-    return figure
-
-
-def biplot_figure(result: dict[str, Any]) -> Figure:
-    """Draw scores and loadings of the first two components in one plane."""
-    figure = Figure(figsize=(7, 6), layout="constrained")
-    axes = figure.subplots()
-    for_scale = [np.percentile(np.abs(each), 99) or 1.0 for each in result["scores"]]
-    one, two = (np.array(v) / scale for v, scale in zip(result["scores"], for_scale, strict=True))
-    axes.plot(one, two, ".", color="#bbbbbb", ms=3)
-    loadings = np.array(result["loadings"])[:, :2]
-    for x, y in loadings:
-        axes.annotate("", (x, y), (0, 0), arrowprops={"arrowstyle": "->", "color": "#1f4e79"})
-    for i, (x, y) in enumerate(_apart(loadings)):
-        side = "left" if x > 0 else "right"
-        axes.plot(*zip(loadings[i], (x, y), strict=True), color="#1f4e79", lw=0.4)
-        axes.text(x, y, f" {result['names'][i]} ", fontsize=8, ha=side, va="center")
-    reach = 1.45 * max(1e-3, float(np.abs(loadings).max()))
-    axes.set_xlim(-reach, reach)
-    axes.set_ylim(-reach, reach)
-    share = np.array(result["variances"]) / np.sum(result["variances"])
-    axes.set_xlabel(f"loading on component 1, {100 * share[0]:.0f} % of the variance")
-    axes.set_ylabel(f"loading on component 2, {100 * share[1]:.0f} % of the variance")
-    return figure
-
-
-def _apart(loadings: FloatArray) -> FloatArray:
-    """Return the places (k, 2) of the names: beyond the arrows and without overlap."""
-    places = loadings * 1.1
-    step = 0.07 * float(np.abs(loadings).max())
-    for right in (True, False):
-        side = np.flatnonzero((places[:, 0] > 0) == right)
-        side = side[np.argsort(places[side, 1])]
-        for below, above in itertools.pairwise(side):
-            places[above, 1] = max(places[above, 1], places[below, 1] + step)
-    return places
-
-
-def control_figure(result: dict[str, Any]) -> Figure:
-    """Draw Q residuals and Hotelling's T² over time with their limits."""
-    figure = Figure(figsize=(10, 5), layout="constrained")
-    upper, lower = figure.subplots(2, 1, sharex=True)
-    for axes, key, label in ((upper, "q", "Q residual"), (lower, "t_squared", "Hotelling's T²")):
-        series = result[key]
-        axes.semilogy(series["t_s"], series["largest"], lw=0.7, color="#1f4e79")
-        limit = result[f"{key}_limit"]
-        axes.axhline(limit, color="#c0392b", lw=0.9, ls="--", label=f"99 % limit {limit:.3g}")
-        axes.set_ylabel(label)
-        axes.legend(frameon=False, loc="upper right")
-    lower.set_xlabel("time, s, drives end to end; the largest value of each stretch is drawn")
-    return figure

@@ -22,11 +22,10 @@ from training.studies.paper.selection.input_sets import (
     scored_rows,
     try_sets,
 )
-from training.studies.paper.selection.page import section
 from training.studies.paper.selection.pca import pca
 from training.studies.paper.selection.transparency import transparency
 
-__all__ = ["CANDIDATES", "candidates", "section", "selection"]
+__all__ = ["CANDIDATES", "candidates", "selection"]
 
 REASONS = {
     "vehicle_speed_km_h": "engine speed and gear; its effect on the mixture goes through the "

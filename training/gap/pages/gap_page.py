@@ -1,0 +1,69 @@
+"""The gap report: one page for a review, the verdict first."""
+
+from importlib.metadata import version
+from pathlib import Path
+from typing import Final
+
+from training.gap.name.verdict import Candidate
+from training.gap.pages import cells, error_figures, where_figures
+from training.gap.pages.verdict_words import actions, cautions, verdict_sentence
+from training.gap.result import Result
+from training.gap.where.findings import Findings
+from training.greybox.chain import RANGES
+from training.pages.page import page, part
+
+SHOWN: Final = 8  # candidates before the rest folds away
+PACKAGES: Final = ("numpy", "scipy", "onnx", "onnxruntime")
+
+
+def as_page(result: Result) -> str:
+    """Return the whole page as HTML; nothing is loaded from elsewhere."""
+    model, good = result.model, "" if result.sensor_known_good else "not "
+    return page(
+        "gap/report.html",
+        f"Model gap: {model.path.name}",
+        verdict=verdict_sentence(result),
+        kind=result.verdict,
+        result=result,
+        actions=actions(result),
+        cautions=cautions(result),
+        rankings=_rankings(result),
+        chosen=[c.name for c in result.effects],
+        added={a.name: a for a in result.added},
+        units={name: limits.unit for name, limits in RANGES.items()},
+        where=where_section(result.findings) if result.findings else "",
+        shown=SHOWN,
+        cells=cells,
+        draw=error_figures,
+        footer=[
+            f"Model {model.path} ({model.kind}), sha256 {model.sha256}",
+            f"The sensor was {good}declared good.",
+            *([] if result.seconds is None else [f"The workflow took {result.seconds:.0f} s."]),
+            "Packages: " + ", ".join(f"{name} {version(name)}" for name in PACKAGES),
+        ],
+    )
+
+
+def where_section(found: Findings) -> str:
+    """Return the section that says where model and vehicle disagree."""
+    return part("gap/where.html", found=found, draw=where_figures, p_value=p_value)
+
+
+def p_value(p: float) -> str:
+    """Return a p-value with as many digits as a reader needs."""
+    return "below 0.001" if p < 0.001 else f"{p:.3f}" if p < 0.1 else f"{p:.2f}"
+
+
+def save(result: Result, path: Path) -> None:
+    """Write the page."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(as_page(result), encoding="utf-8")
+
+
+def _rankings(result: Result) -> list[tuple[str, tuple[Candidate, ...]]]:
+    """Return the ranking of each step; the last one, too, if the step added nothing."""
+    found = [(f"Ranking: {s.added}", s.ranking) for s in result.steps if s.added and s.ranking]
+    last = result.naming.ranking
+    if last and all(ranking != last for _, ranking in found):
+        found.append(("Ranking of the last step" if found else "Ranking", last))
+    return found

@@ -1,0 +1,239 @@
+"""Sentences of the gap report: the verdict with its figures, what to do, what to beware of."""
+
+from training.gap.name.decision import T_LEAST
+from training.gap.name.naming import ADEQUATE_ALONE
+from training.gap.name.ranking import ADEQUATE
+from training.gap.pages.cells import percent, phi
+from training.gap.result import Result
+from training.gap.verify.evidence import Count, Detection, Error
+
+
+def verdict_sentence(result: Result) -> str:
+    """Return the verdict in one sentence with the figures, and whether it is about simulation."""
+    sentence = {
+        "named": _named,
+        "no_gap": _no_gap,
+        "ambiguous": _ambiguous,
+        "unknown_effect": _unknown,
+        "sensor_fault_suspected": _sensor,
+    }[result.verdict](result)
+    if not any(result.simulated):
+        return sentence
+    every = all(result.simulated)
+    words = "All of it is about" if every else "Some of the recordings are"
+    return f"{sentence} {words} simulated{' recordings' if every else ''}."
+
+
+def _named(result: Result) -> str:
+    names = _and([f"{c.name} ({c.says})" for c in result.effects])
+    before, after, floor, on = result.rmse
+    if after is None:
+        return f"Named: {names}, but not added; {_level(result)}."
+    return (
+        f"Named: {names}. With it in the model the error on {on} "
+        f"{_falls(result)}, from {phi(before)} to {phi(after)} "
+        f"RMS in phi; the noise floor is {phi(floor)}{_gone(result)}."
+    )
+
+
+def _falls(result: Result) -> str:
+    before, after, _, _ = result.rmse
+    if after is None or after >= before:
+        return "does not fall"
+    return "falls" if _is_better(result) else "does not fall beyond confidence"
+
+
+def _is_better(result: Result) -> bool:
+    """Return whether the fall of the error is beyond confidence, if that was looked at."""
+    return result.verified is None or result.verified.overall.better
+
+
+def _gone(result: Result) -> str:
+    """Return how much of the gap is gone, measured from healthy recordings where there are some."""
+    verified = result.verified
+    if verified is None:
+        return ""
+    beyond, closed = verified.closed_beyond_healthy, verified.closed
+    if beyond is not None:
+        return f", and {_share(beyond)} of what exceeds the error on healthy recordings is gone"
+    return "" if closed is None else f", and {_share(closed)} of what exceeds it is gone"
+
+
+def _share(closed: float) -> str:
+    return "all" if closed >= 1.0 else percent(closed)
+
+
+def _no_gap(result: Result) -> str:
+    found = "no candidate explains more than healthy drives differ by, evenly and as it can act"
+    if not result.tried:
+        found = "nothing in it is beyond chance"
+        if result.healthy:
+            found = "it is not beyond what the model left before"
+        found += "; no effect could be tried"
+    return f"No gap: {_level(result)}, and {found}."
+
+
+def _ambiguous(result: Result) -> str:
+    names = _and([f"{c.name} ({c.says})" for c in result.effects], "or")
+    return f"Ambiguous: {names} explain the gap about equally well; {_level(result)}."
+
+
+def _unknown(result: Result) -> str:
+    if result.tried:
+        found = f"no candidate of the library explains enough of it{_nearest(result)}"
+    else:
+        before = "what the model left before" if result.healthy else "the noise"
+        found = f"it exceeds {before}; no effect could be tried"
+    return f"Unknown effect: {_level(result)}, and {found}."
+
+
+def _nearest(result: Result) -> str:
+    """Return what keeps the best candidate from being a name, where it is far above chance."""
+    best = result.naming.ranking[0]
+    if best.score < best.needed:
+        return ""
+    if not best.physical:
+        return f"; {best.name} comes first with constants that it cannot have"
+    if best.t < T_LEAST:
+        return f"; {best.name} comes first, but unevenly (t {best.t:.1f}, {T_LEAST:g} needed)"
+    if best.adequacy is None or best.adequacy >= ADEQUATE:
+        return ""
+    return (
+        f"; {best.name} comes first with {percent(best.adequacy)} of what can be explained "
+        f"({percent(ADEQUATE)} needed, {percent(ADEQUATE_ALONE)} of one far ahead)"
+    )
+
+
+def _sensor(result: Result) -> str:
+    why = result.naming.suspected or "the discrepancy lies in the measured channel"
+    return (
+        f"Sensor fault suspected: {why}; {_level(result)}. Nothing was added to the model."
+        f"{_looks_like(result)}"
+    )
+
+
+def _looks_like(result: Result) -> str:
+    like = [f"{c.name} ({c.says})" for c in result.naming.indistinguishable]
+    return f" On these recordings it cannot be told from {_and(like, 'or')}." if like else ""
+
+
+def _level(result: Result) -> str:
+    before, _, floor, on = result.rmse
+    healthy = result.verified.healthy if result.verified else None
+    beside = f" ({phi(healthy.before)} on healthy ones)" if healthy else ""
+    return f"the error on {on} is {phi(before)} RMS in phi{beside}, the noise floor {phi(floor)}"
+
+
+def actions(result: Result) -> list[str]:
+    """Return what to do next, the most important first."""
+    found = {
+        "named": _take_over,
+        "no_gap": lambda _: ["Keep the model."],
+        "ambiguous": _drive,
+        "unknown_effect": _describe,
+        "sensor_fault_suspected": _check_sensor,
+    }[result.verdict](result)
+    return [*found, *_skipped(result)]
+
+
+def _take_over(result: Result) -> list[str]:
+    if result.new_model is None:
+        return ["No model file was written."]
+    verified = result.verified
+    if not _is_better(result):
+        return [
+            f"Keep the model: that {result.new_model} is better on other recordings is not shown.",
+            "Record drives in which the effect is stronger, and run again with them.",
+        ]
+    at_risk = verified is None or verified.worse or any(f.lost for f in verified.faults)
+    verb = "Look at the warnings before using" if at_risk else "Use"
+    return [
+        f"{verb} {result.new_model}: the monitor runs it unchanged.",
+        "Its card says on what each decision limit was set; o2train calibrate sets them on more "
+        "recordings of vehicles with healthy sensors, which is better.",
+    ]
+
+
+def _drive(result: Result) -> list[str]:
+    experiment = result.naming.experiment
+    if experiment is None:
+        return ["Record more varied driving and run again."]
+    return [f"To tell them apart drive: {experiment}. Then run again with that recording added."]
+
+
+def _describe(result: Result) -> list[str]:
+    found = [result.unknown] if result.unknown else []
+    return [*found, "Look at the regimes under Where for what the library lacks."]
+
+
+def _check_sensor(result: Result) -> list[str]:
+    like = _and([c.name for c in result.naming.indistinguishable], "or")
+    return [
+        "Check the sensor, its wiring and its supply, or record again with a sensor known good.",
+        "If the sensor is known to be good, run again with --sensor-known-good"
+        + (f": then {like} may be named." if like else "."),
+    ]
+
+
+def _skipped(result: Result) -> list[str]:
+    if not result.naming.skipped:
+        return []
+    if not result.tried:
+        return ["Record fuel and air per stroke, or what tells them, to have effects named."]
+    names = ", ".join(result.naming.skipped)
+    return [f"Not looked at for want of signals: {names}. Record them if one of these is likely."]
+
+
+def cautions(result: Result) -> list[str]:
+    """Return all warnings: of naming and adding, worse regimes, lost faults, fault-like effects."""
+    found = list(result.all_warnings)
+    found += [
+        f"{c.name} is what a fault may look like, too."
+        for c in result.effects
+        if c.tag == "fault-like" and not result.sensor_known_good
+    ]
+    verified = result.verified
+    if verified is None:
+        return found
+    if verified.overall.after is not None and not verified.overall.better:
+        found.append(
+            "The fall of the error is not beyond confidence on these held-out recordings: keep "
+            "more of them from the fits."
+        )
+    if verified.healthy is not None and verified.healthy.worse:
+        found.append(
+            f"On the healthy recordings the error rises from {phi(verified.healthy.before)} to "
+            f"{phi(verified.healthy.after)}: the new model is one of the vehicle as it is now."
+        )
+    found += [_lost(f, f.after, verified.overall) for f in verified.faults if f.lost and f.after]
+    for alarms, which in (
+        (verified.alarms, "held-out drives without any fault"),
+        (verified.healthy_alarms, "healthy recordings, which are of the vehicle as it was"),
+    ):
+        if alarms is not None and alarms.after is not None and alarms.after.found:
+            found.append(
+                f"With the new model the monitor raises codes in {alarms.after.found} of "
+                f"{alarms.after.drives} {which} (with the old one in {alarms.before.found})."
+            )
+    return found
+
+
+def _lost(f: Detection, after: Count, whole: Error) -> str:
+    """Return what was found no more, and whether the gap itself had helped to find it."""
+    text = (
+        f"{f.fault} {f.severity:g} was found in {f.before.found} of {f.before.drives} held-out "
+        f"drives with the old model, in {after.found} with the new one"
+    )
+    if f.alike is not None:
+        text += f", in {f.alike.found} with the old one where its limits are set alike"
+    side = {"biased_rich": 1.0, "biased_lean": -1.0}.get(f.fault, 0.0)
+    helped = side * (whole.mean_before - (whole.mean_after or 0.0))
+    if helped <= 0.0:
+        return f"{text}."
+    return f"{text}; the gap itself read {helped:.4f} in phi to that side and is gone."
+
+
+def _and(parts: list[str], word: str = "and") -> str:
+    """Return a list in words."""
+    *others, last = parts or [""]
+    return f"{', '.join(others)} {word} {last}" if others else last

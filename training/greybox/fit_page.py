@@ -1,0 +1,53 @@
+"""The page of a grey-box fit: its warnings, constants, figures and free runs."""
+
+from pathlib import Path
+from typing import Final
+
+from training.greybox.model import GreyboxResult
+from training.narx import free_run_figures
+from training.pages.page import page
+
+MEANING: Final = {
+    "gain": "of fuel over air: injector, air meter and fuel in one",
+    "dead_time_s": "part of the dead time that does not follow engine speed",
+    "dead_time_revolutions": "part that follows engine speed",
+    "mixing_s": "first lag, the shorter one: mixing in the exhaust",
+    "sensor_s": "second lag: the sensor",
+    "span": "sensitivity of the sensor about lambda 1",
+}
+
+
+def write_report(path: Path | str, result: GreyboxResult) -> None:
+    """Write the page; figures are embedded, nothing is loaded from elsewhere."""
+    text = page(
+        "greybox_fit.html",
+        f"Grey-box model {result.path.name}",
+        warnings=result.warnings,
+        result=result,
+        card=result.card,
+        charge=_charge(result),
+        meaning=MEANING,
+        draw=free_run_figures,
+    )
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    Path(path).write_text(text)
+
+
+def _charge(result: GreyboxResult) -> str:
+    charge_map = result.greybox.charge_map
+    if charge_map is not None:
+        speeds, pressures = charge_map.inverse_efficiency.shape
+        return (
+            f"density in the manifold times an efficiency of {speeds} speeds by "
+            f"{pressures} pressures, fitted for a gain of 1"
+        )
+    error = result.greybox.charge_error
+    if error is not None:
+        speeds, charges = error.now.shape
+        return (
+            f"air per stroke as recorded, less its error over {speeds} speeds by {charges} charges "
+            f"now and over the last {error.time_s:g} s"
+        )
+    if "air_mass_mg" in result.card.input_names:
+        return "air per stroke as recorded"
+    return "air meter over engine speed"

@@ -1,0 +1,95 @@
+"""The findings of ``o2train check`` as text and as an HTML page."""
+
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from training.pages.figure import drawing
+from training.pages.numbers import counted
+from training.pages.page import page, part
+
+
+def as_text(result: dict[str, Any]) -> str:
+    """Return the findings as lines, the verdict last."""
+    lines = [_headline(result), ""]
+    findings = result["findings"]
+    width = max((len(f["topic"]) for f in findings), default=0)
+    lines += [f"{f['level']:8} {f['topic']:{width}}  {f['text']}" for f in findings]
+    if result["excitation"]:
+        lines += ["", f"{'input':28} {'std':>10} {'moving':>8} {'order':>6} {'95 % below':>11}"]
+        lines += [
+            f"{e['input']:28} {e['std']:>10.4g} {100 * e['moving']:>6.1f} % {_order(e):>6} "
+            f"{_hertz(e['bandwidth_hz']):>11}"
+            for e in result["excitation"]
+        ]
+    return "\n".join([*lines, "", verdict(result)])
+
+
+def verdict(result: dict[str, Any]) -> str:
+    """Return one sentence: usable or not, and how many warnings and errors."""
+    levels = [f["level"] for f in result["findings"]]
+    errors, warnings = levels.count("error"), levels.count("warning")
+    if errors:
+        return f"not usable: {counted(errors, 'error')}, {counted(warnings, 'warning')}"
+    return f"usable: {counted(warnings, 'warning')}"
+
+
+def as_page(result: dict[str, Any]) -> str:
+    """Return a self-contained HTML page."""
+    kind = "good" if result["usable"] else "bad"
+    sentence = f"The data is {verdict(result)}."
+    return page("check.html", "Is the data enough?", verdict=sentence, kind=kind, **_view(result))
+
+
+def section(result: dict[str, Any]) -> str:
+    """Return the findings as a section of another page."""
+    return part("study/check.html", verdict=verdict(result), **_view(result))
+
+
+def _view(result: dict[str, Any]) -> dict[str, Any]:
+    worst_first = {"error": 0, "warning": 1, "ok": 2}
+    coverage = result["coverage"]
+    return {
+        "headline": _headline(result),
+        "findings": sorted(result["findings"], key=lambda f: worst_first[f["level"]]),
+        "excitation": result["excitation"],
+        "coverage": _coverage_figure(coverage) if coverage else None,
+        "order": _order,
+        "hertz": _hertz,
+    }
+
+
+def _headline(result: dict[str, Any]) -> str:
+    recordings = result["recordings"]
+    if not recordings:
+        return "no recording"
+    periods = sorted({r["period_s"] for r in recordings})
+    seconds = sum(r["duration_s"] for r in recordings)
+    simulated = sum(r["source"] == "simulated" for r in recordings)
+    text = (
+        f"{counted(len(recordings), 'recording')}, {sum(r['samples'] for r in recordings)} samples "
+        f"of {', '.join(f'{p:g}' for p in periods)} s, {seconds:.6g} s"
+    )
+    return f"{text}, {simulated} simulated" if simulated else text
+
+
+def _coverage_figure(coverage: dict[str, Any]) -> Figure:
+    figure, axes = drawing(4.5, width=7.0)
+    seconds = np.ma.masked_equal(np.array(coverage["seconds"]).T, 0.0)
+    mesh = axes.pcolormesh(
+        coverage["speed_edges"], coverage["load_edges"], seconds, cmap="Blues", vmin=0.0
+    )
+    axes.set_xlabel(coverage["speed"])
+    axes.set_ylabel(coverage["load"])
+    figure.colorbar(mesh, ax=axes, label="time, s")
+    return figure
+
+
+def _order(excitation: dict[str, Any]) -> str:
+    order = int(excitation["order"])
+    return f"≥ {order}" if order == excitation["order_tested"] else str(order)
+
+
+def _hertz(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3g} Hz"

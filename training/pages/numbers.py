@@ -1,0 +1,123 @@
+"""Numbers as text: a missing value is a dash, and a number never parts from its unit."""
+
+import math
+from collections.abc import Mapping
+from typing import Any, Final
+
+NBSP: Final = "\N{NO-BREAK SPACE}"
+TO: Final = "–\N{WORD JOINER}"  # between two bounds
+MISSING: Final = "–"
+
+
+def is_missing(value: float | None) -> bool:
+    """Return whether there is no number to show."""
+    return value is None or math.isnan(value)
+
+
+def form(value: float | None, spec: str) -> str:
+    """Return a number by a format specification, a dash for a missing one.
+
+    >>> form(0.12345, ".2f"), form(None, ".2f")
+    ('0.12', '–')
+    """
+    return MISSING if value is None or math.isnan(value) else format(value, spec)
+
+
+def fixed(value: float | None, digits: int) -> str:
+    """Return a number with so many decimals."""
+    return form(value, f".{digits}f")
+
+
+def short(value: float | None, digits: int = 4) -> str:
+    """Return a number with so many significant digits."""
+    return form(value, f".{digits}g")
+
+
+def signed(value: float | None, digits: int) -> str:
+    """Return a number with its sign and so many decimals."""
+    return form(value, f"+.{digits}f")
+
+
+def count(value: int) -> str:
+    """Return a count with separators.
+
+    >>> count(12345)
+    '12,345'
+    """
+    return f"{value:,}"
+
+
+def plain(value: float, digits: int = 3) -> str:
+    """Return a number with so many significant digits, a large one without an exponent.
+
+    >>> plain(12345.6), plain(0.0012345)
+    ('12,346', '0.00123')
+    """
+    return f"{value:,.0f}" if value >= 10.0 ** (digits - 1) else short(value, digits)
+
+
+def percent(share: float | None, digits: int = 0) -> str:
+    """Return a share in percent.
+
+    >>> percent(0.1234, 1).replace(NBSP, " ")
+    '12.3 %'
+    """
+    return MISSING if is_missing(share) else f"{100.0 * (share or 0.0):.{digits}f}{NBSP}%"
+
+
+def percent_rate(rate: Mapping[str, Any], *, bounds: bool = True) -> str:
+    """Return a rate in percent without its sign, with its bounds in brackets.
+
+    rate : ``rate``, ``low`` and ``high`` as shares; a rate of None gives a dash
+    """
+    if rate["rate"] is None:
+        return MISSING
+    text = f"{100.0 * rate['rate']:.1f}"
+    if bounds:
+        text += f"{NBSP}({100.0 * rate['low']:.0f}{TO}{100.0 * rate['high']:.0f})"
+    return text
+
+
+def median_s(times: Mapping[str, Any], *, bounds: bool = True) -> str:
+    """Return a median of times in seconds with its bounds in brackets; None is never."""
+    if times["trials"] == 0:
+        return MISSING
+    median, low, high = (
+        "never" if times[k] is None else f"{times[k]:.0f}" for k in ("median", "low", "high")
+    )
+    if not bounds or median == low == high:
+        return median
+    return f"{median}{NBSP}({low}{TO}{high})"
+
+
+def with_unit(name: str, unit: str | None) -> str:
+    """Return a name with its unit, as an axis is labelled; a dash or nothing is no unit.
+
+    >>> with_unit("level", "m"), with_unit("lambda", "-")
+    ('level [m]', 'lambda')
+    """
+    return f"{name} [{unit}]" if unit and unit != "-" else name
+
+
+def unit_of(unit: str | None) -> str:
+    """Return a unit as a cell shows it: nothing for a number without one."""
+    return "" if not unit or unit == "-" else unit
+
+
+def words(name: str) -> str:
+    """Return a name of the code in words: without underscores."""
+    return name.replace("_", " ")
+
+
+def unbroken(text: str) -> str:
+    """Return a text that no line break parts."""
+    return text.replace(" ", NBSP).replace("-", "\N{NON-BREAKING HYPHEN}")
+
+
+def counted(number: int, noun: str) -> str:
+    """Return a number with its noun, in the plural if it is not one.
+
+    >>> counted(1, "error"), counted(2, "error")
+    ('1 error', '2 errors')
+    """
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

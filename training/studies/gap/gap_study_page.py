@@ -1,0 +1,57 @@
+"""The page of a study of the gap workflow, for as many cases as there are."""
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+from matplotlib.figure import Figure
+
+from training.gap.inputs.base import GREYBOX
+from training.pages.page import page
+from training.studies.gap import tables
+from training.studies.gap.answers import done, large
+from training.studies.gap.case import ADD, RETRAIN_MINUTES, Row
+from training.studies.gap.gap_study_result import ERRORS_SHOWN, cells, hidden, reached
+from training.studies.gap.plan import HEALTHY_DRIVES, Study
+from training.studies.gap.targets import assess
+from training.studies.matrix.detection_figures import confusion_figure
+
+FINAL: Final = 5000  # vehicles with lower numbers serve development
+
+
+def as_page(rows: Sequence[Row], study: Study, identity: dict[str, Any]) -> str:
+    """Return the page of a study."""
+    noises = [r["noise"] for r in rows if r["noise"] is not None]
+    retrained = study.fitted_with_effect and study.base != GREYBOX
+    return page(
+        "gap_study.html",
+        f"Simulated study of the gap workflow, base {study.base}",
+        verdict=f"Everything here is simulated. {reached(rows, study)}.",
+        study=study,
+        is_development=study.first_vehicle < FINAL,
+        noise=f"{min(noises):.4f} to {max(noises):.4f}" if noises else "not known",
+        healthy_drives=HEALTHY_DRIVES,
+        retrain_s=60.0 * RETRAIN_MINUTES if retrained else None,
+        add=ADD,
+        targets=[cells(target) for target in assess(rows, study.base)],
+        two=tables.two(rows),
+        confusion=tables.confusion(rows) if rows else None,
+        confusions=_confusions(rows),
+        by_size=tables.by_size(rows),
+        wrong=tables.wrong(rows),
+        errors=[r for r in rows if r["error"] is not None],
+        errors_shown=ERRORS_SHOWN,
+        hidden=hidden,
+        footer=[f"Code {identity['code_sha256'][:12]}"],
+    )
+
+
+def _confusions(rows: Sequence[Row]) -> list[tuple[str, Figure]]:
+    """Return a picture of hidden and answered: of all cases, and of those with a large gap."""
+    some = {"all cases": rows, "cases whose gap is at least twice the noise": large(done(rows))}
+    drawn = []
+    for which, cases in some.items():
+        if cases:
+            figure = confusion_figure(tables.confusion(cases))
+            figure.axes[0].set(xlabel="answered", ylabel="hidden")
+            drawn.append((which, figure))
+    return drawn

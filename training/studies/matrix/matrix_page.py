@@ -1,0 +1,78 @@
+"""The result of a matrix as one self-contained page: targets first, then every table."""
+
+from collections.abc import Sequence
+
+from monitor.judge.enable import CONDITIONS
+from training.limits.alarm_rules import OWN, TITLES
+from training.limits.rates import Figures
+from training.limits.targets import LIMIT_SEVERITY, at_limit
+from training.pages.numbers import NBSP
+from training.pages.page import page
+from training.studies.matrix import detection_figures
+from training.studies.matrix.matrix_result import cells, number
+from training.studies.matrix.plan import PLACEMENTS, SEVERITIES, Matrix
+from training.studies.matrix.rows import Row
+from training.studies.matrix.tables import MONITOR, of_kind
+from training.studies.matrix.targets import PLACES, of_faults
+
+Times = dict[str, dict[str, list[float | None]]]
+
+
+def as_page(found: Figures, rows: Sequence[Row]) -> str:
+    """Return the page of a result and its rows."""
+    met = [target["met"] for target in found["targets"]]
+    judged = [m for m in met if m is not None]
+    return page(
+        "matrix.html",
+        "Simulated matrix of drives and faults",
+        verdict=f"{sum(judged)} of {len(judged)} targets are met"
+        + (f", {len(met) - len(judged)} not judged." if len(judged) < len(met) else "."),
+        kind="good" if all(judged) else "bad",
+        found=found,
+        targets=[_target(target) for target in found["targets"]],
+        is_development=found["matrix"]["first_vehicle"] < Matrix().first_vehicle,
+        has_severities=any(d["fault"] in LIMIT_SEVERITY for d in found["detection"]),
+        detection=sorted(found["detection"], key=lambda d: list(SEVERITIES).index(d["fault"])),
+        missed=_missed,
+        times=_times(rows),
+        conditions=CONDITIONS,
+        places=PLACES,
+        placements=PLACEMENTS,
+        rule_titles=TITLES,
+        own_rules=OWN,
+        monitor=MONITOR,
+        draw=detection_figures,
+        footer=[
+            f"Model {found['model']} {found['model_sha256'][:12]}, configuration "
+            f"{found['config_sha256'][:12]}, code {found['code_sha256'][:12]}, seeds from "
+            f"{found['matrix']['seed']}"
+        ],
+    )
+
+
+def _target(target: Figures) -> tuple[str, ...]:
+    what, where, *numbers, verdict = cells(target)
+    return f"{where}: {what}", *(each.replace(" ", NBSP) for each in numbers), verdict
+
+
+def _missed(d: Figures) -> str:
+    """Return by how much drives whose fault must be found miss their targets."""
+    if not d.get("beyond_limit", True):
+        return ""
+    short = ("detected", "named", "time")
+    missed = [
+        f"{name} never" if t["missed_by"] is None else f"{name} {number(t['missed_by'], t['unit'])}"
+        for name, t in zip(short, of_faults(d, ""), strict=True)
+        if t["met"] is False
+    ]
+    return ", ".join(missed).replace(" ", NBSP) or "–"
+
+
+def _times(rows: Sequence[Row]) -> Times:
+    """Return the time to the first code of each drive at the limit, by placement and fault."""
+    times: Times = {}
+    for r in of_kind(rows, "faulty"):
+        if at_limit(r["fault"], r["severity"]):
+            own = times.setdefault(r["placement"], {}).setdefault(r["fault"], [])
+            own.append(r["first_code_enabled_s"])
+    return times
