@@ -107,7 +107,7 @@ def stream(
     store.start_driving_cycle()
     limits = Limits.from_card(model.card, settings, "shipped")
     push = Monitor(Judge(names, model, settings), limits, store).push
-    ticks = [SampleBlock(*(column[k : k + 1] for column in block)) for k in range(len(block.t_ns))]
+    ticks = [block.part(k, k + 1) for k in range(len(block.t_ns))]
     start = process_time()
     events = [event for tick in ticks for event in push(tick)]
     seconds = process_time() - start

@@ -54,9 +54,16 @@ class Sample(NamedTuple):
 
 
 class SampleBlock(NamedTuple):
-    """The samples of a whole recording side by side; row i is one ``Sample``."""
+    """Samples of a recording side by side; row i is one Sample."""
 
     index: IntArray  # type: ignore[assignment]  # (n,)
     t_ns: IntArray  # (n,)
     values: FloatArray  # (n, n_signals)
     quality: QualityArray  # (n, n_signals)
+
+    def part(self, begin: int, end: int) -> "SampleBlock":
+        """Return the samples from begin to end; they share the block's memory."""
+        inside = slice(begin, end)
+        return SampleBlock(
+            self.index[inside], self.t_ns[inside], self.values[inside], self.quality[inside]
+        )

@@ -160,13 +160,11 @@ class Monitor:
         values, n = block.values, len(block.t_ns)
         counting = self._cycles.push(block)
         cuts = [k for k, moment in counting.moments if moment == "driving_cycle"]
-        then: list[Then] = [
-            *((k, _DRIVEN, partial(self._drive, driven)) for k, driven in counting.driven),
-            *(
-                (k, _COUNTED, partial(self._count, moment, block, k))
-                for k, moment in counting.moments
-            ),
-        ]
+        then: list[Then] = []
+        for k, driven in counting.driven:
+            then.append((k, _DRIVEN, partial(self._drive, driven)))
+        for k, moment in counting.moments:
+            then.append((k, _COUNTED, partial(self._count, moment, block, k)))
         if self._clearings != self.store.clearings:
             self._maturing.reset()
         measured = values[:, self._output]
@@ -179,20 +177,14 @@ class Monitor:
             held = conditions[part] = self._enable.push(values[part])
             segments += [(begin + a, begin + b) for a, b in runs(held[:, _INPUTS_VALID])]
             results = self._plausibility.push(values[part], block.quality[part])
-            then += [
-                (begin + k, _MATURED, partial(self._mature, result, block, begin + k))
-                for k, result in self._maturing.push(results)
-            ]
+            for k, result in self._maturing.push(results):
+                happen = partial(self._mature, result, block, begin + k)
+                then.append((begin + k, _MATURED, happen))
             active = np.logical_and.reduce(held.take(_BURNING, axis=1), axis=1)
             active &= self._plausibility.running(values[part])
-            then += [
-                (
-                    begin + k,
-                    _ACTIVE,
-                    partial(self._act, block, begin + k, failed=failed, fault=fault),
-                )
-                for k, failed, fault in self._activity.push(measured[part], active)
-            ]
+            for k, failed, fault in self._activity.push(measured[part], active):
+                act = partial(self._act, block, begin + k, failed=failed, fault=fault)
+                then.append((begin + k, _ACTIVE, act))
         enabled = np.logical_and.reduce(conditions, axis=1)
         goes_on = bool(segments) and segments[0][0] == 0 and 0 not in cuts
         run = self._run if goes_on else None
@@ -227,10 +219,11 @@ class Monitor:
         edges = sorted({0, *part.cuts, len(part.measured)})
         for begin, end in pairwise(edges):
             own = [window for k, window in windows if begin <= k < end]
-            if own or (is_cleared and begin == 0):
-                anew = is_cleared and begin == 0
+            anew = is_cleared and begin == 0
+            if own or anew:
                 then.append((begin, _WINDOWS_KNOWN, partial(self._know, own, anew=anew)))
-        then += [(k, _JUDGED, partial(self._judged, w, part.block, k)) for k, w in windows]
+        for k, window in windows:
+            then.append((k, _JUDGED, partial(self._judged, window, part.block, k)))
         then.sort(key=itemgetter(0, 1))
         yield from self._events(part, then)
 
@@ -257,7 +250,7 @@ class Monitor:
         self.enabled_samples += int(np.count_nonzero(enabled))
         block = part.block
         if end - begin < len(block.t_ns):
-            block = SampleBlock._make(column[inside] for column in block)
+            block = block.part(begin, end)
         return Ticks(block, part.predicted[inside], part.conditions[inside], enabled)
 
     def _drive(self, driven: Driven) -> Iterable[Happening]:

@@ -220,5 +220,4 @@ class _Run:
 def slices(block: SampleBlock, begin: int, end: int) -> Iterator[SampleBlock]:
     """Yield the samples from begin to end in blocks of ``SAMPLES``."""
     for first in range(begin, end, SAMPLES):
-        inside = slice(first, min(first + SAMPLES, end))
-        yield SampleBlock._make(column[inside] for column in block)
+        yield block.part(first, min(first + SAMPLES, end))

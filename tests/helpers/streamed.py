@@ -60,7 +60,7 @@ def stream(
                 events += monitor.clear(each.t_ns)
         ends = [each.n_samples for each in clearings if each.n_samples > k]
         end = min(k + next(rest, len(block.t_ns)), *ends, len(block.t_ns))
-        for event in monitor.push(SampleBlock(*(column[k:end] for column in block))):
+        for event in monitor.push(block.part(k, end)):
             events.append(event)
             if reference is not None and isinstance(event, CycleStarted):
                 known = known if event.seen is None else known.learn(event.seen, settings.bias)

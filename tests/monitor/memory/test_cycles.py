@@ -39,12 +39,11 @@ def moments(
     names: tuple[str, ...] = NAMES,
     profile: config.ProfileConfig = CONFIG.carb,
 ) -> list[tuple[str, float]]:
-    cycles = cycles_of(names, profile)
-    return [
-        (moment, sample.t_ns / 1e9)
-        for sample in samples(list(stretches), period_s, names)
-        for _, moment in cycles.push(block_of([sample])).moments
-    ]
+    drive = list(samples(list(stretches), period_s, names))
+    if not drive:
+        return []
+    found = cycles_of(names, profile).push(block_of(drive)).moments
+    return [(moment, drive[k].t_ns / 1e9) for k, moment in found]
 
 
 def count(what: str, *stretches: Stretch, names: tuple[str, ...] = NAMES) -> int:

@@ -60,7 +60,7 @@ def test_the_moments_and_the_driving_do_not_depend_on_where_blocks_begin(
         moments: list[object] = []
         driven: list[object] = []
         for begin, end in pairwise(edges):
-            part = cycles.push(SampleBlock(*(column[begin:end] for column in block)))
+            part = cycles.push(block.part(begin, end))
             moments += [(begin + k, moment) for k, moment in part.moments]
             driven += [(begin + k, each) for k, each in part.driven]
         return moments, driven
