@@ -183,8 +183,8 @@ class Bank:
                 if rows > 1:
                     by_row = by_row.copy()  # so that a sample's values lie together
                 for row, begin, end, target in rest:
-                    a, b = max(begin, first), min(end, stop)
-                    if a < b:
+                    if begin < stop and end > first:
+                        a, b = max(begin, first), min(end, stop)
                         target[a - begin : b - begin] = by_row[row, a - first : b - first]
                 for row in range(rows):
                     if first < lengths[row] <= stop:
