@@ -19,9 +19,11 @@ from monitor.base.types import Quality, Sample
 from monitor.decode.decoder import Decoder
 from monitor.decode.open_tick import Received
 from monitor.decode.signal_map import Derived
+from monitor.frames.candump import LATEST_S
 from monitor.grid.derived import Output
 
 MAX_JUMP_NS = 60_000_000_000  # a longer pause is a break in the recording, not a gap
+LATEST_NS = int(LATEST_S * 1e9)
 MAX_LATE = 100  # so many late frames in a row mean that the clock went backwards
 
 _NAN = math.nan
@@ -34,7 +36,7 @@ _GOOD, _STALE, _OFF_BUS = (
 class AssemblerCounters:
     """What became of the frames as far as their time goes."""
 
-    late: int = 0  # dropped: older than the open tick
+    late: int = 0  # dropped: older than the open tick, or a time that no clock shows
     discontinuities: int = 0  # times the grid was anchored anew
 
 
@@ -92,13 +94,17 @@ class Assembler:
     def advance(self, t_ns: int) -> Sequence[Sample] | None:
         """Take the time of a frame and return the samples that are complete before it.
 
-        Any frame moves time, whether it says anything of interest or not. Returns None if it is
-        too late for the open tick: then its values must not be added to ``received``.
+        Every frame moves time, even without a signal of the model. Returns None if the frame is
+        too late for the open tick, or its time is beyond 64 bits: then its values must not be
+        added to ``received``.
         """
         if self._last_ns <= t_ns <= self._end_ns:  # in order, within the open tick
             self._last_ns = t_ns
             self._late_in_a_row = 0
             return ()
+        if abs(t_ns) >= LATEST_NS:
+            self.counters.late += 1
+            return None
         if t_ns > self._end_ns or not self._is_anchored:
             samples = self._close_until(t_ns)
         elif t_ns >= self._first_ns:

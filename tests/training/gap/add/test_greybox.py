@@ -275,7 +275,7 @@ def test_the_monitor_runs_the_extended_model(base: Path, tmp_path: Path) -> None
     experiment = Experiment(cycle="micro_trips", seed=2_000_002, vehicle=2001)
     table, old, out = write(experiment, tmp_path, "csv"), tmp_path / "o.onnx", tmp_path / "m.onnx"
     old.write_bytes(base.read_bytes())
-    limits = Model.load("monitor/models/shipped.onnx").card.limits
+    limits = Model.load("monitor/model/shipped.onnx").card.limits
     update_card(old, replace(Model.load(base).card, limits=limits))
     assert add(old, [FILM, PURGE, TAIL], out, ranges=ranges_of(), recordings=FIT).limits == limits
     windows = []
@@ -345,7 +345,7 @@ def test_what_cannot_be_added_is_refused(base: Path, tmp_path: Path) -> None:
     nothing = {"recordings": FIT, "ranges": {}}
     with pytest.raises(ModelError, match="rail_exponent needs rail_pressure_mpa: neither an input"):
         add(base, [ModelEffect.with_values("rail_exponent", [0.1])], out, **nothing)
-    narx = Path("monitor/models/shipped.onnx").resolve()
+    narx = Path("monitor/model/shipped.onnx").resolve()
     with pytest.raises(ModelError, match="a narx model, a greybox is wanted to add effects"):
         add(narx, [FILM], out, **nothing)
     with pytest.raises(ModelError, match="'cylinder_imbalance' is not in the library: wall_film"):
