@@ -144,15 +144,15 @@ class Decisions:
             outcome, fault, also = "failed", bias.fault, ()
         limits = self._limits
         yield WindowJudged(
-            window,
-            mean,
-            std,
-            paper_failed(mean, std, limits.j_mu, limits.j_sigma),
-            outcome,
-            fault,
-            also,
-            self._is_excited(response),
-            {
+            window=window,
+            mean=mean,
+            std=std,
+            paper_failed=paper_failed(mean, std, limits.j_mu, limits.j_sigma),
+            outcome=outcome,
+            fault=fault,
+            also=also,
+            excited=self._is_excited(response),
+            statistics={
                 **response.statistics,
                 "offset": bias.offset,
                 "offset_std": bias.offset_std,

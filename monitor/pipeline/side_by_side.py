@@ -201,19 +201,19 @@ class _Run:
         n_conditions = len(CONDITIONS)
         conditions = [np.empty((0, n_conditions), dtype=np.bool_), *(t.conditions for t in ticks)]
         return Judged(
-            self._measured,
-            np.concatenate([_NONE, *(each.predicted for each in ticks)]),
-            np.concatenate(conditions),
-            np.concatenate([_NONE.astype(np.bool_), *(each.enabled for each in ticks)]),
-            self._windows,
-            monitor.interrupted_windows,
-            self._changes,
-            self._cycles,
-            monitor.store.active,
-            monitor.completed,
-            monitor.seen,
-            self._vehicle.reference,
-            self._vehicle.limits,
+            measured=self._measured,
+            predicted=np.concatenate([_NONE, *(each.predicted for each in ticks)]),
+            conditions=np.concatenate(conditions),
+            enabled=np.concatenate([_NONE.astype(np.bool_), *(each.enabled for each in ticks)]),
+            windows=self._windows,
+            interrupted_windows=monitor.interrupted_windows,
+            changes=self._changes,
+            cycles=self._cycles,
+            dtcs=monitor.store.active,
+            completed=monitor.completed,
+            seen=monitor.seen,
+            reference=self._vehicle.reference,
+            limits=self._vehicle.limits,
         )
 
 

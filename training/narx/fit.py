@@ -116,15 +116,15 @@ def fit(
         out, data, chosen.spec, chosen.weights, predicted, gap, chosen.members
     )
     return FitResult(
-        Path(out),
-        card,
-        network,
-        data,
-        trained,
-        best,
-        predicted,
-        held_out(data),
-        tries,
+        path=Path(out),
+        card=card,
+        network=network,
+        data=data,
+        starts=trained,
+        best=best,
+        predicted=predicted,
+        held_out=held_out(data),
+        tries=tries,
         seconds=time.monotonic() - began_s,
         warnings=(
             *warnings,
