@@ -82,7 +82,7 @@ def test_no_narrow_line_stands_in_the_real_lambda(shared_data: Path) -> None:
     runs = [load(folder / f"run_0000{n}.csv.gz") for n in (30, 31)]
     result = preparation(runs, BOSCH, "lambda_z")
     assert result["band_hz"] is None and result["filter"] is None
-    assert "No narrow noise band" in section(result)
+    assert "The output has no narrow noise band" in section(result)
 
 
 def test_red_noise_has_no_lines() -> None:

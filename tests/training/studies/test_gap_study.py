@@ -433,7 +433,7 @@ def test_results_depend_on_all_code_that_makes_them_and_on_no_other() -> None:
     assert {
         "training/gap/default.toml",
         "training/gap/name/naming.py",
-        "training/greybox/effects/air.py",
+        "training/greybox/effects/wall_film.py",
         "training/greybox/chain.py",
         "training/dyno/mixture.py",
         "monitor/base/faults.py",

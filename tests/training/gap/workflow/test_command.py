@@ -164,7 +164,7 @@ def test_the_report_shows_the_name_the_model_and_that_all_is_simulated(named: St
     assert page.index("Named: wall_film") < page.index("What now")
     assert str(named.out / "model.onnx") in page
     assert "simulated" in page
-    assert html.escape("Transport to the sensor: the model's own chain") in page
+    assert "Transport to the sensor: the model's own chain" in html.unescape(page)
     assert page.count("<img") + page.count("<svg") >= 4
 
 
