@@ -27,12 +27,12 @@ test: lint system ## every check: style, types, imports, all tests
 	$(VENV)/bin/python -m compileall -q monitor training dbc # once, not in each process that tests start
 	$(VENV)/bin/python -m pytest -n 2 --dist worksteal --durations 20
 
-check: venv ## style, types, imports and the fast tests, within two minutes on two cores
+check: venv ## style, types, imports and the fast tests
 	@$(MAKE) --no-print-directory -j 2 lint fast
 
 fast: venv
 	$(VENV)/bin/python -m pytest -q -n 2 --dist worksteal \
-	  -m 'not kernel and not browser and not trains and not waits'
+	  -m 'not kernel and not browser and not trains and not thorough and not waits'
 
 lint: venv ## style, types and the direction of imports
 	$(VENV)/bin/ruff check .
