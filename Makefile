@@ -6,7 +6,7 @@ DEMO    := .venv-demo
 HEALTHY  = $(firstword $(sort $(wildcard replay_logs/healthy_*)))
 FAULTY   = $(firstword $(sort $(wildcard replay_logs/delay_rich_to_lean_*)))
 
-.PHONY: help demo test check fast lint venv system bench matrix model calibration study replay_logs clean python
+.PHONY: help demo test whole check fast lint venv system bench matrix model calibration study replay_logs clean python
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z_]+:.*## / {printf "make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -23,7 +23,10 @@ demo: $(DEMO)/.installed ## replay a healthy and a faulty drive, write demo/repo
 	@echo
 	@echo "Healthy drive: no fault. Faulty drive: fault found. Both with pictures: demo/report.html"
 
-test: lint system ## every check: style, types, imports, all tests
+test: venv system ## every check: style, types, imports, all tests
+	@$(MAKE) --no-print-directory -j 2 lint whole
+
+whole: venv
 	$(VENV)/bin/python -m compileall -q monitor training dbc # once, not in each process that tests start
 	$(VENV)/bin/python -m pytest -n 2 --dist worksteal --durations 20
 

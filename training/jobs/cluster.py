@@ -77,12 +77,12 @@ def _results(
     call, hold = _functions(name)
     held = _submit(client, hold, data)
     keys: dict[Any, str] = {}
-    running = as_completed()  # type: ignore[no-untyped-call]
+    running = as_completed()
 
     def send(key: str, item: Item) -> None:
         future = _submit(client, call, held, pickle.dumps((function, item)))
         keys[future] = key
-        running.add(future)  # type: ignore[no-untyped-call]
+        running.add(future)
 
     send(*first)
     for future in running:
@@ -205,7 +205,7 @@ def _connected(scheduler: str) -> Iterator[Any]:
             f"scheduler {scheduler}: needs dask; pip install 'o2-monitor[fleet]'"
         ) from error
     try:
-        client = Client(scheduler, timeout=CONNECT_S)  # type: ignore[no-untyped-call]
+        client = Client(scheduler, timeout=CONNECT_S)
     except (OSError, ValueError) as error:
         raise UsageError(f"scheduler {scheduler}: no answer; wanted tcp://host:port") from error
     with client:
