@@ -23,8 +23,9 @@ import can
 from fleet_log import loaded
 
 from monitor.frames import blf, mdf
+from monitor.frames.bounds import open_binary
 from monitor.frames.log_blocks import read_blocks
-from monitor.frames.logs import open_binary, read_frames
+from monitor.frames.logs import read_frames
 from training.fleet.candump_parser import parse_lines
 from training.recordings.can_log import write_log
 

@@ -7,6 +7,8 @@ import struct
 from collections.abc import Iterator
 from typing import IO, Final
 
+from monitor.frames.bounds import PIECE_BYTES, BoundError
+
 _FILE_HEADER: Final = struct.Struct("<4sLBBBBBBBBQQLL")
 _OBJECT_HEADER: Final = struct.Struct("<4sHHLL")
 
@@ -21,7 +23,10 @@ def check(file: IO[bytes]) -> int | None:
         raise ValueError("not a BLF file")
     fields = _FILE_HEADER.unpack(head)
     header_size, file_size, n_objects = fields[1], fields[10], fields[12]
-    if len(file.read(header_size - _FILE_HEADER.size)) < header_size - _FILE_HEADER.size:
+    n_rest = header_size - _FILE_HEADER.size
+    if not 0 <= n_rest <= PIECE_BYTES:
+        raise ValueError(f"a header of {header_size:,} bytes, 144 are usual")
+    if len(file.read(n_rest)) < n_rest:
         raise ValueError("the file ends inside its header")
     position = header_size
     for _, body, n_padding in objects(file, position):
@@ -45,6 +50,11 @@ def objects(file: IO[bytes], position: int) -> Iterator[tuple[int, bytes, int]]:
         signature, _, _, size, kind = _OBJECT_HEADER.unpack(start)
         if signature != b"LOBJ" or size < _OBJECT_HEADER.size:
             raise ValueError(f"no log object at byte {position}")
+        if size > PIECE_BYTES:
+            raise BoundError(
+                f"a log object of {size:,} bytes at byte {position}, "
+                f"at most {PIECE_BYTES:,} are wanted"
+            )
         body = file.read(size - _OBJECT_HEADER.size)
         if len(body) < size - _OBJECT_HEADER.size:
             raise ValueError(f"the log object at byte {position} ends too early")

@@ -5,7 +5,6 @@ Containers are inflated and joined. Their objects form a chain, because each obj
 the start of the next one. The reader finds all signatures at once and keeps those on the chain.
 """
 
-import zlib
 from collections.abc import Iterator
 from decimal import Decimal
 from typing import IO, Any, BinaryIO, Final, NamedTuple, cast
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 from monitor.base.types import BoolArray, FloatArray, FrameBlock, IntArray
 from monitor.frames import blf, swar
 from monitor.frames.blocks import chosen
+from monitor.frames.bounds import BoundError, Inflation
 from monitor.frames.candump import LATEST_S, LogCounters
 
 Words = NDArray[np.uint32]
@@ -27,6 +27,7 @@ CHUNK_BYTES: Final = 1 << 19
 _MARGIN: Final = 512  # bytes after a chunk that may be read
 _SIGNATURE: Final = int.from_bytes(b"LOBJ", "little")
 _TEN_MICROSECONDS: Final = 1  # flag of an object: its time counts in units of 10 us
+_OBJECT_BYTES: Final = 16 << 20  # most of one object in a container; a CAN frame takes 150
 _BASE_HEADER: Final = python_can.OBJ_HEADER_BASE_STRUCT.size
 _EXACT: Final = 1 << 53  # a double holds every integer up to this one
 _LENGTHS: Final = np.array([dlc2len(code) for code in range(256)])  # bytes per CAN FD length code
@@ -96,6 +97,7 @@ def read_blocks(
 def _inflated(file: IO[bytes], chunk_bytes: int) -> Iterator[list[bytes]]:
     """Yield the contents of containers in chunks; an error is raised after them."""
     parts: list[bytes] = []
+    inflation = Inflation()
     try:
         for kind, body, _ in blf.objects(file, 0):
             if kind != python_can.LOG_CONTAINER:
@@ -103,7 +105,7 @@ def _inflated(file: IO[bytes], chunk_bytes: int) -> Iterator[list[bytes]]:
             method, _ = python_can.LOG_CONTAINER_STRUCT.unpack_from(body)
             content = body[python_can.LOG_CONTAINER_STRUCT.size :]
             if method == python_can.ZLIB_DEFLATE:
-                content = zlib.decompressobj().decompress(content)
+                content = inflation.inflate(content)
             elif method != python_can.NO_COMPRESSION:
                 continue  # python-can skips it, too
             parts.append(content)
@@ -144,6 +146,8 @@ def _run(raw: bytes, position: int) -> tuple[Objects, int] | None:
     behind = begin[1:] - (begin + size)[:-1]  # bytes of padding
     if size[0] == 0:
         raise ValueError("an object has no length")
+    if size[0] > _OBJECT_BYTES:
+        raise BoundError(f"an object of {size[0]:,} bytes, at most {_OBJECT_BYTES:,} are wanted")
     is_linked = is_whole & (size > 0)
     is_linked[1:] &= (behind >= 0) & (behind <= 4)
     n = len(at) if is_linked.all() else int(np.argmin(is_linked))

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from monitor.frames.bounds import LINE_BYTES, too_long
 from monitor.frames.candump import CUT_SHORT
 
 Bytes = NDArray[np.uint8]
@@ -22,7 +23,8 @@ def line_chunks(file: BufferedIOBase, chunk_bytes: int = CHUNK_BYTES) -> Iterato
 
     chunk_bytes : bytes per chunk; a longer line gets a longer chunk
     Every line ends with a newline, whatever line end the file has. If the last line has no line
-    end it is yielded, then ValueError is raised. Read errors are raised after the whole lines.
+    end it is yielded, then ValueError is raised. Read errors are raised after the whole lines, and
+    so is BoundError for a line of ``LINE_BYTES`` or more.
     """
     step = _GZIP_STEP if isinstance(file, gzip.GzipFile) else None
     buffer = bytearray(MARGIN + max(chunk_bytes, step or 1) + MARGIN)
@@ -31,6 +33,8 @@ def line_chunks(file: BufferedIOBase, chunk_bytes: int = CHUNK_BYTES) -> Iterato
     while ending is None:
         filled, ending = _fill(file, buffer, filled, step)
         cut = _last_end(buffer, filled)
+        if _first_length(buffer, filled) >= LINE_BYTES:
+            raise too_long()
         if isinstance(ending, _EndError) and cut < filled:
             ending = ValueError(CUT_SHORT)
             buffer[filled : filled + 1] = b"\n"
@@ -65,6 +69,14 @@ def _fill(
                 return filled, _EndError()
             filled += n
     return filled, None
+
+
+def _first_length(buffer: bytearray, filled: int) -> int:
+    """Return the bytes of the first line; 0 where the buffer is too small for a long line."""
+    if filled - MARGIN < LINE_BYTES:
+        return 0
+    ends = [end for mark in (b"\n", b"\r") if (end := buffer.find(mark, MARGIN, filled)) >= 0]
+    return min(ends, default=filled) - MARGIN
 
 
 def _last_end(buffer: bytearray, filled: int) -> int:

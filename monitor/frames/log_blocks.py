@@ -9,8 +9,9 @@ import numpy as np
 from monitor.base.types import FrameBlock
 from monitor.frames import blf_blocks, candump_blocks, mdf
 from monitor.frames.blocks import blocks_of
+from monitor.frames.bounds import open_binary
 from monitor.frames.candump import LogCounters
-from monitor.frames.logs import checked_kind, guarded, open_binary, read_frames
+from monitor.frames.logs import checked_kind, guarded, read_frames
 
 _LARGEST_BLOCK: Final = 31 << 20  # bytes; glibc's threshold grows only up to 32 MB
 _KINDS: Final = (".log", ".blf", ".mf4")  # read in blocks; other formats frame by frame

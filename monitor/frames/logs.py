@@ -6,21 +6,24 @@ microseconds, the resolution of all formats, so a log recorded from a bus replay
 bytes.
 """
 
-import gzip
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import IO, BinaryIO, Final, TypeVar, cast
+from typing import Any, BinaryIO, Final, TypeVar
 
 import can
 
 from monitor.base.errors import RecordingError
+from monitor.base.inputs import open_regular
 from monitor.base.types import Frame, FrameBlock
 from monitor.frames import blf_blocks, mdf
 from monitor.frames.blocks import frames_of
+from monitor.frames.bounds import open_binary, open_text
 from monitor.frames.candump import CUT_SHORT, LATEST_S, MAX_BYTES, LogCounters, read_candump
 
 LOG_SUFFIXES: Final = (".log", ".asc", ".blf", ".csv", ".trc", ".mf4")
+IDENTIFIERS: Final = 1 << 29  # CAN identifiers have 29 bits at most
 _TEXT: Final = (".log", ".asc", ".csv", ".trc")
+_TEXT_READERS: Final = {".asc": can.ASCReader, ".csv": can.CSVReader, ".trc": can.TRCReader}
 _CSV_HEADER: Final = "timestamp,arbitration_id,"
 
 T = TypeVar("T")
@@ -46,7 +49,7 @@ def checked_kind(path: Path) -> str:
     kind = log_kind(path)
     try:
         size = path.stat().st_size
-        with path.open("rb"):
+        with open_regular(path):
             pass
     except OSError as error:
         raise RecordingError(f"{path}: cannot read it: {error.strerror}") from error
@@ -112,7 +115,8 @@ def _frames(path: Path, kind: str, counters: LogCounters) -> Iterator[Frame]:
     else:
         if kind == ".csv":
             _check_csv_header(path)
-        yield from through_python_can(path, counters)
+        with open_text(path) as file, _TEXT_READERS[kind](file) as reader:
+            yield from through_python_can(reader, counters)
     if kind in _TEXT and not _ends_with_newline(path):
         raise ValueError(CUT_SHORT)
 
@@ -134,42 +138,28 @@ def _one_by_one(
         counters.skipped = skipped + ahead.skipped
 
 
-def through_python_can(path: Path, counters: LogCounters) -> Iterator[Frame]:
+def through_python_can(reader: Any, counters: LogCounters) -> Iterator[Frame]:
     """Yield the frames that python-can's reader of the format returns.
 
     Raises ValueError if a frame is impossible, and the reader's errors.
     """
-    with can.LogReader(path) as reader:
-        for message in reader:
-            if message.is_error_frame or message.is_remote_frame:
-                counters.skipped += 1
-                continue
-            if len(message.data) != message.dlc:
-                raise ValueError(f"a frame of {message.dlc} bytes holds only {len(message.data)}")
-            if message.dlc > MAX_BYTES:
-                raise ValueError(f"a frame of {message.dlc} bytes, CAN FD has {MAX_BYTES} at most")
-            if not -LATEST_S < message.timestamp < LATEST_S:
-                raise ValueError(f"a frame at {message.timestamp:g} s")
-            frame = frame_of(message)
-            counters.frames += 1
-            yield frame
-
-
-def open_binary(path: Path) -> BinaryIO:
-    """Open the file for reading; it is decompressed if its name ends in .gz."""
-    if path.suffix.lower() == ".gz":
-        return cast(BinaryIO, gzip.open(path, "rb"))
-    return path.open("rb")
-
-
-def open_text(path: Path) -> IO[str]:
-    """Open the text file for reading; it is decompressed if its name ends in .gz.
-
-    Bytes that are not UTF-8 become lone surrogates; the parser of the line decides on them.
-    """
-    if path.suffix.lower() == ".gz":
-        return gzip.open(path, "rt", encoding="utf-8", errors="surrogateescape")
-    return path.open(encoding="utf-8", errors="surrogateescape")
+    for message in reader:
+        if message.is_error_frame or message.is_remote_frame:
+            counters.skipped += 1
+            continue
+        if len(message.data) != message.dlc:
+            raise ValueError(f"a frame of {message.dlc} bytes holds only {len(message.data)}")
+        if message.dlc > MAX_BYTES:
+            raise ValueError(f"a frame of {message.dlc} bytes, CAN FD has {MAX_BYTES} at most")
+        if not 0 <= message.arbitration_id < IDENTIFIERS:
+            raise ValueError(
+                f"a frame with identifier {message.arbitration_id:#X}, CAN has 29 bits at most"
+            )
+        if not -LATEST_S < message.timestamp < LATEST_S:
+            raise ValueError(f"a frame at {message.timestamp:g} s")
+        frame = frame_of(message)
+        counters.frames += 1
+        yield frame
 
 
 def _check_csv_header(path: Path) -> None:
@@ -185,7 +175,7 @@ def _ends_with_newline(path: Path) -> bool:
         if path.suffix.lower() != ".gz":
             file.seek(-1, 2)
             return file.read(1) == b"\n"
-        read: Callable[[], bytes] = lambda: file.read(1 << 20)  # noqa: E731
+        read: Callable[[], bytes] = lambda: file.read(1 << 16)  # noqa: E731
         for chunk in iter(read, b""):
             last = chunk[-1:]
         return last in (b"", b"\n")

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+import can
 import numpy as np
 
 from monitor.base.errors import RecordingError
@@ -57,7 +58,8 @@ def python_can_reads(path: Path) -> Outcome:
     def frames() -> Iterator[Frame]:
         with path.open("rb") as file:
             check_blf(file)
-        yield from through_python_can(path, counters)
+        with can.LogReader(path) as reader:
+            yield from through_python_can(reader, counters)
 
     return outcome(guarded(path, counters, frames()), counters)
 

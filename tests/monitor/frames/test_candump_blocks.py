@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 
 from monitor.base.types import FrameBlock
 from monitor.frames import candump_blocks
+from monitor.frames.bounds import open_binary
 from monitor.frames.candump import LogCounters, read_candump
 from monitor.frames.lines import MARGIN
-from monitor.frames.logs import guarded, open_binary
+from monitor.frames.logs import guarded
 from tests.helpers.read_outcome import Outcome, frames_of, outcome, streamed, synthetic
 from training.fleet import candump_parser
 from training.recordings.can_log import write_log

@@ -1,0 +1,72 @@
+"""Opening of input files: regular files only, small files read whole, TOML with one error line.
+
+A FIFO, a socket or a device is refused: reading one can wait for ever or never end. Every file that
+a command reads is opened here, so that no input needs more memory than its kind deserves.
+"""
+
+import errno
+import os
+import stat
+import tomllib
+from pathlib import Path
+from typing import Any, BinaryIO, Final
+
+from monitor.base.errors import O2Error
+
+SMALL_BYTES: Final = 4 << 20  # a settings file, map or manifest; the largest real one has 200 kB
+_KINDS: Final = (
+    (stat.S_ISFIFO, "a FIFO"),
+    (stat.S_ISSOCK, "a socket"),
+    (stat.S_ISCHR, "a device"),
+    (stat.S_ISBLK, "a device"),
+)
+
+
+def other_kind(mode: int) -> str | None:
+    """Return what a file is by its mode; None for a regular file or a folder.
+
+    >>> other_kind(stat.S_IFIFO)
+    'a FIFO'
+    """
+    return next((kind for is_kind, kind in _KINDS if is_kind(mode)), None)
+
+
+def open_regular(path: str | Path) -> BinaryIO:
+    """Open a regular file for reading; never waits.
+
+    Raises OSError with the reason in ``strerror``; a FIFO, socket or device is a reason.
+    """
+    mode = os.stat(path).st_mode  # a socket and some devices cannot even be opened
+    if kind := other_kind(mode):
+        raise OSError(errno.EINVAL, f"is {kind}, a regular file is wanted", str(path))
+    return open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK))
+
+
+def read_small(path: str | Path, most_bytes: int = SMALL_BYTES) -> bytes:
+    """Return the content of a small file.
+
+    Raises OSError with the reason in ``strerror``, also if the file has more than ``most_bytes``.
+    """
+    with open_regular(path) as file:
+        content = file.read(most_bytes + 1)
+    if len(content) > most_bytes:
+        raise OSError(
+            errno.EFBIG, f"has more than {most_bytes:,} bytes, a small file is wanted", str(path)
+        )
+    return content
+
+
+def read_toml(path: Path, what: str, error: type[O2Error]) -> dict[str, Any]:
+    """Return the tree of a TOML file.
+
+    what : the file's name in the message, such as "the signal map"
+    Raises ``error`` with path and reason in one line if it cannot be read or is no TOML.
+    """
+    try:
+        return tomllib.loads(read_small(path).decode())
+    except OSError as reason:
+        raise error(f"{path}: cannot read {what}: {reason.strerror}") from None
+    except RecursionError:
+        raise error(f"{path}: not a TOML file: nested too deeply") from None
+    except ValueError as reason:  # TOML's own, of the text's encoding, of a number too long
+        raise error(f"{path}: not a TOML file: {' '.join(str(reason).split())}") from None

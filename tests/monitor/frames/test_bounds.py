@@ -1,0 +1,139 @@
+"""Logs that no logger writes: they end in one error line, with little memory and at once."""
+
+import gzip
+import os
+import socket
+import zlib
+from pathlib import Path
+
+import can
+import pytest
+from can.io import blf as python_can
+
+from monitor.base.errors import RecordingError
+from monitor.base.types import Frame
+from monitor.frames.blocks import frames_of
+from monitor.frames.bounds import FREE_BYTES, LINE_BYTES, PIECE_BYTES, RATIO
+from monitor.frames.candump import LogCounters
+from monitor.frames.log_blocks import read_blocks
+from tests.helpers.read_outcome import outcome, streamed
+
+FRAME = {
+    ".log": "(1.000000) vcan0 123#0102\n",
+    ".asc": "no internal events logged\n   1.000000 1  123             Rx   d 2 01 02\n",
+    ".csv": "timestamp,arbitration_id,extended,remote,error,dlc,data\n1.0,0x123,0,0,0,2,AQI=\n",
+    ".trc": ";$FILEVERSION=1.1\n     1)      1.0  Rx     0123  2  01 02\n",
+}
+# wide enough for the identifier of the test to take its place
+WIDE = {
+    ".log": ("123#", "{}#"),
+    ".asc": ("123             Rx", "{}x Rx"),
+    ".csv": ("0x123", "0x{}"),
+    ".trc": ("0123", "{}"),
+}
+
+
+def in_blocks(path: Path) -> tuple[list[Frame], LogCounters, str | None]:
+    counters = LogCounters()
+    blocks = read_blocks(path, counters)
+    return outcome((frame for block in blocks for frame in frames_of(block)), counters)
+
+
+def refused(path: Path, message: str) -> None:
+    """Both readers refuse the log, with the same words after the same frames."""
+    live, counted, error = streamed(path)
+    assert error is not None
+    assert str(path) in error
+    assert message in error
+    assert "\n" not in error
+    assert in_blocks(path) == (live, counted, error)
+
+
+@pytest.mark.parametrize("packed", ["", ".gz"])
+@pytest.mark.parametrize("kind", FRAME)
+def test_a_line_that_never_ends_is_refused_after_the_frames_before_it(
+    tmp_path: Path, kind: str, packed: str
+) -> None:
+    path = tmp_path / f"drive{kind}{packed}"
+    text = (FRAME[kind] + "0" * (2 * LINE_BYTES)).encode()
+    path.write_bytes(gzip.compress(text, 1) if packed else text)
+    refused(path, f"after 1 frames: a line of {LINE_BYTES:,} bytes or more")
+
+
+@pytest.mark.parametrize("length", [LINE_BYTES - 1, LINE_BYTES])
+def test_the_bound_of_a_line_is_the_same_for_both_readers(tmp_path: Path, length: int) -> None:
+    path = tmp_path / "drive.log"
+    path.write_text(FRAME[".log"] + "0" * length + "\n" + FRAME[".log"])
+    is_bound = length == LINE_BYTES
+    refused(path, "a line of" if is_bound else "line 2 is")
+
+
+@pytest.mark.parametrize("kind", [".log", ".asc", ".csv", ".trc", ".blf", ".mf4"])
+def test_a_packed_log_that_grows_without_end_is_refused(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / f"drive{kind}.gz"
+    once = FRAME.get(kind, "")
+    *head, frame = once.splitlines(keepends=True) if once else ("", "\0")
+    again = frame if kind == ".csv" else "\n" if once else "\0"
+    text = "".join([*head, again * (2 * FREE_BYTES // len(again))])
+    path.write_bytes(gzip.compress(text.encode(), 9))
+    refused(path, f"at most {RATIO} times as many are wanted" if once else "damaged")
+
+
+def blf(tmp_path: Path, body: bytes, method: int = python_can.ZLIB_DEFLATE) -> Path:
+    """Write a BLF file with one sound container and the container ``body``."""
+    path = tmp_path / "drive.blf"
+    with can.BLFWriter(path) as writer:
+        writer.on_message_received(can.Message(timestamp=1.0, arbitration_id=1, data=b"12"))
+    size = python_can.OBJ_HEADER_BASE_STRUCT.size + python_can.LOG_CONTAINER_STRUCT.size + len(body)
+    whole = path.read_bytes()
+    container = python_can.OBJ_HEADER_BASE_STRUCT.pack(
+        b"LOBJ", python_can.OBJ_HEADER_BASE_STRUCT.size, 1, size, python_can.LOG_CONTAINER
+    ) + python_can.LOG_CONTAINER_STRUCT.pack(method, len(body))
+    path.write_bytes(whole + container + body + bytes(size % 4))
+    return path
+
+
+def test_a_blf_container_that_grows_without_end_is_refused(tmp_path: Path) -> None:
+    bomb = zlib.compress(bytes(PIECE_BYTES + 1), 9)
+    refused(blf(tmp_path, bomb), "after 1 frames: a packed piece of more than")
+
+
+def test_many_small_containers_that_grow_are_refused(tmp_path: Path) -> None:
+    size = FREE_BYTES // 2
+    content = python_can.OBJ_HEADER_BASE_STRUCT.pack(b"LOBJ", 32, 1, size, 200).ljust(size, b"\0")
+    path = blf(tmp_path, zlib.compress(content, 9))
+    whole = path.read_bytes()
+    container = whole[whole.rindex(b"LOBJ") :]
+    path.write_bytes(whole + 5 * container)
+    refused(path, f"at most {RATIO} times as many are wanted")
+
+
+def test_an_object_longer_than_any_frame_is_refused(tmp_path: Path) -> None:
+    giant = python_can.OBJ_HEADER_BASE_STRUCT.pack(b"LOBJ", 32, 1, 1 << 31, python_can.CAN_MESSAGE)
+    path = blf(tmp_path, giant + bytes(5000), python_can.NO_COMPRESSION)
+    refused(path, "an object of 2,147,483,648 bytes")
+
+
+@pytest.mark.parametrize("kind", [".log", ".asc.gz", ".blf", ".mf4", ".csv"])
+def test_a_fifo_a_socket_and_a_device_are_refused_at_once(tmp_path: Path, kind: str) -> None:
+    fifo, device, port = (tmp_path / f"{name}{kind}" for name in ("fifo", "device", "port"))
+    os.mkfifo(fifo)
+    device.symlink_to("/dev/zero")
+    with socket.socket(socket.AF_UNIX) as end:
+        end.bind(str(port))
+        for path, word in ((fifo, "a FIFO"), (device, "a device"), (port, "a socket")):
+            for read in (streamed, in_blocks):
+                with pytest.raises(RecordingError, match=f"is {word}, a regular file is wanted"):
+                    read(path)
+
+
+@pytest.mark.parametrize("kind", [".asc", ".csv", ".trc"])
+@pytest.mark.parametrize("identifier", ["20000000", "1FFFFFFFF", "FFFFFFFFFFFFFFFFFFFF"])
+def test_an_identifier_beyond_29_bits_is_refused_in_blocks_as_in_the_stream(
+    tmp_path: Path, kind: str, identifier: str
+) -> None:
+    path = tmp_path / f"drive{kind}"
+    before, after = WIDE[kind]
+    line = FRAME[kind].splitlines(keepends=True)[-1]
+    path.write_text(FRAME[kind] + line.replace(before, after.format(identifier)))
+    refused(path, "after 1 frames")
