@@ -36,7 +36,7 @@ def open_regular(path: str | Path) -> BinaryIO:
 
     Raises OSError with the reason in ``strerror``; a FIFO, socket or device is a reason.
     """
-    mode = os.stat(path).st_mode  # a socket and some devices cannot even be opened
+    mode = Path(path).stat().st_mode  # a socket and some devices cannot even be opened
     if kind := other_kind(mode):
         raise OSError(errno.EINVAL, f"is {kind}, a regular file is wanted", str(path))
     return open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK))

@@ -4,7 +4,7 @@ The bounds are on pieces and ratios, never on the whole: a log of any length is 
 
 - ``open_binary`` and ``open_text`` open a file, unpacked if its name ends in .gz. They refuse a
   FIFO, a socket and a device, and they raise ``BoundError`` when a line is longer than
-  ``LINE_BYTES`` (text only), or when a packed file grows by more than ``RATIO``, or the ratio given.
+  ``LINE_BYTES`` (text only), or when a packed file grows by more than a ratio.
 - ``Inflation`` keeps the same ratio for streams that a format packs itself.
 
 Every reader of a log or table opens its file here, also for python-can's and asammdf's readers.

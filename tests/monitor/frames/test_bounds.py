@@ -2,6 +2,7 @@
 
 import gzip
 import os
+import random
 import socket
 import zlib
 from pathlib import Path
@@ -55,7 +56,7 @@ def test_a_line_that_never_ends_is_refused_after_the_frames_before_it(
     tmp_path: Path, kind: str, packed: str
 ) -> None:
     path = tmp_path / f"drive{kind}{packed}"
-    text = (FRAME[kind] + "0" * (2 * LINE_BYTES)).encode()
+    text = (FRAME[kind] + random.Random(1).randbytes(LINE_BYTES).hex()).encode()
     path.write_bytes(gzip.compress(text, 1) if packed else text)
     refused(path, f"after 1 frames: a line of {LINE_BYTES:,} bytes or more")
 
