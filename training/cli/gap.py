@@ -128,6 +128,7 @@ def run(args: argparse.Namespace) -> int:
     from training.gap.pages.verdict_words import cautions
     from training.gap.result import save
     from training.gap.workflow import NEW_MODEL, investigate
+    from training.greybox.fit.joint import NAMED
     from training.jobs.checkpoints import Checkpoints
 
     check((args.out / NEW_MODEL,) if args.out.is_dir() else (), (args.model,))
@@ -141,7 +142,7 @@ def run(args: argparse.Namespace) -> int:
         ),
     )
     args.out.mkdir(parents=True, exist_ok=True)
-    stages = Checkpoints.of(args.out / STAGES, _identity(material, options))
+    stages = Checkpoints.of(args.out / STAGES, _identity(material, options), NAMED)
     with tqdm(unit="step", leave=False, disable=None) as bar:
 
         def progress(text: str) -> None:

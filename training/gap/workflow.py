@@ -16,6 +16,7 @@ from training.gap.inputs.roles import Material, Options
 from training.gap.inputs.subject import Subject
 from training.gap.name.knowledge import Knowledge
 from training.gap.name.naming import name
+from training.gap.name.verdict import Naming
 from training.gap.result import ModelFile, Result, steps_of
 from training.gap.verify.evidence import Verification
 from training.gap.verify.verification import verify
@@ -58,9 +59,12 @@ def investigate(
         )
     subject = Subject.of(material, card)
     before = Knowledge.of(subject, known, stages, progress)
-    where = stages.done("where", lambda: _where(subject, progress)) if options.localise else None
+    where = None
+    if options.localise:
+        where = stages.done("where", Findings, lambda: _where(subject, progress))
     naming = stages.done(
         "name",
+        Naming,
         lambda: name(
             subject.drives,
             before.known,
@@ -83,7 +87,9 @@ def investigate(
     verification = None
     if material.held_out:
         verification = stages.done(
-            "verify", lambda: _verification(material, addition, knowledge, options, progress)
+            "verify",
+            Verification,
+            lambda: _verification(material, addition, knowledge, options, progress),
         )
     return Result(
         model=ModelFile.of(material.model),

@@ -2,47 +2,57 @@
 
 import hashlib
 import json
-import pickle
 from collections.abc import Callable
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
+
+from training.jobs import values
+from training.jobs.values import Named, ValuesError
 
 T = TypeVar("T")
 Progress = Callable[[str], None]  # called with a line of text
+SUFFIXES: Final = (".npz", ".begun")
 
 
 @dataclass(frozen=True, slots=True)
 class Checkpoints:
-    """A folder with the results of stages, or no folder; results of another run are ignored."""
+    """A folder with the results of stages, or no folder; results of another run are ignored.
+
+    named : types that are stored by name, see ``values``
+    """
 
     folder: Path | None = None
     key: str = ""
+    named: Named = field(default_factory=dict)
 
     @classmethod
-    def of(cls, folder: Path, identity: Any) -> "Checkpoints":
+    def of(cls, folder: Path, identity: Any, named: Named | None = None) -> "Checkpoints":
         """Return the checkpoints of a run; ``identity`` is a JSON tree of all its settings."""
         text = json.dumps(identity, sort_keys=True)
-        return cls(folder, hashlib.sha256(text.encode()).hexdigest()[:16])
+        return cls(folder, hashlib.sha256(text.encode()).hexdigest()[:16], named or {})
 
-    def done(self, name: str, make: Callable[[], T]) -> T:
-        """Return a stage's result: the stored one of the same run, else that of ``make``."""
+    def done(self, name: str, kind: type[T], make: Callable[[], T]) -> T:
+        """Return a stage's result: the stored one of the same run, else that of ``make``.
+
+        kind : type of the result; a stored result that is damaged or of another type is made anew
+        """
         if self.folder is None:
             return make()
-        path = self.folder / f"{name}_{self.key}.pickle"
-        if path.exists():
-            found: T = pickle.loads(path.read_bytes())
+        path = self.folder / f"{name}_{self.key}.npz"
+        with suppress(FileNotFoundError, ValuesError):
+            found: T = values.load(path, kind, self.named)
             return found
         result = make()
         self.folder.mkdir(parents=True, exist_ok=True)
-        begun = path.with_suffix(".begun")
-        begun.write_bytes(pickle.dumps(result))
-        begun.replace(path)
+        values.save(path, result, kind, self.named)
         return result
 
     def clear(self) -> None:
         """Remove the results of all runs in the folder."""
         if self.folder is not None and self.folder.exists():
-            for path in [*self.folder.glob("*.pickle"), *self.folder.glob("*.begun")]:
-                path.unlink()
+            for path in list(self.folder.iterdir()):
+                if path.suffix in SUFFIXES:
+                    path.unlink()
             self.folder.rmdir()

@@ -42,6 +42,7 @@ class Knowledge:
                 start,
                 stages.done(
                     "healthy",
+                    Healthy,
                     lambda: yardstick.learn(subject.healthy_drives(), start, progress),
                 ),
             )

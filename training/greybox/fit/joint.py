@@ -10,13 +10,19 @@ from scipy.optimize import least_squares
 
 from monitor.base.types import BoolArray, FloatArray, IntArray
 from training.greybox.chain import RANGES, Constants, Path, simulate
-from training.greybox.effects import Effect
+from training.greybox.effects import LIBRARY, Effect
 from training.greybox.fit.comparison import BLOCK_S, FOLDS
 from training.greybox.fit.drive import Drive, path_of
-from training.greybox.fit.sensor_faults import SensorFault
+from training.greybox.fit.sensor_faults import FAULTS, SensorFault
 from training.greybox.fit.variation import Shrink
+from training.jobs.values import Named
 
 Term = Effect | SensorFault
+# Terms hold functions: a file of a run holds their names, see ``training.jobs.values``.
+NAMED: Final[Named] = {
+    Effect: LIBRARY.__getitem__,
+    SensorFault: {fault.name: fault for fault in FAULTS}.__getitem__,
+}
 LOW: Final = np.array([RANGES[name].low for name in Constants._fields])
 HIGH: Final = np.array([RANGES[name].high for name in Constants._fields])
 STEP: Final = 1e-4  # of a scale, for derivatives

@@ -1,7 +1,6 @@
 """Parallel run of a gap study; every case is one file, so that a killed study can resume."""
 
 import json
-import pickle
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -10,7 +9,8 @@ from typing import Any, Final
 
 import monitor
 from training.gap import config
-from training.jobs import parallel, run_folder
+from training.greybox.fit.joint import NAMED
+from training.jobs import parallel, run_folder, values
 from training.studies.gap import case
 from training.studies.gap.case import Row, Vehicle
 from training.studies.gap.plan import Case, Study, cases
@@ -48,7 +48,7 @@ def run(
     missing = {k: each for k, each in planned.items() if not _path(folder, each).exists()}
     done(len(planned) - len(missing))
     numbers = dict.fromkeys(each.vehicle for each in missing.values())
-    new = [(str(n), n) for n in numbers if not _pickle(folder, n).exists()]
+    new = [(str(n), n) for n in numbers if not _vehicle(folder, n).exists()]
     # Workers return results and this process writes them: a cluster needs no shared file system.
     for key, (found, model) in parallel.run(_prepare, study, new, jobs=jobs, scheduler=scheduler):
         _keep(folder, int(key), found, model)
@@ -83,8 +83,8 @@ def _path(folder: Path, asked: Case) -> Path:
     return folder / CASES / f"{asked.number:05d}.json"
 
 
-def _pickle(folder: Path, vehicle: int) -> Path:
-    return folder / VEHICLES / f"{vehicle}.pickle"
+def _vehicle(folder: Path, number: int) -> Path:
+    return folder / VEHICLES / f"{number}.npz"
 
 
 def _prepare(study: Study, number: int) -> tuple[Vehicle | str, bytes]:
@@ -98,16 +98,16 @@ def _prepare(study: Study, number: int) -> tuple[Vehicle | str, bytes]:
 
 
 def _keep(folder: Path, number: int, vehicle: Vehicle | str, model: bytes) -> None:
-    path = _pickle(folder, number)
+    path = _vehicle(folder, number)
     begun = path.with_suffix(".begun")
-    for content, to in ((model, path.with_suffix(".onnx")), (pickle.dumps(vehicle), path)):
-        begun.write_bytes(content)
-        begun.replace(to)
+    begun.write_bytes(model)
+    begun.replace(path.with_suffix(".onnx"))
+    values.save(path, vehicle, Vehicle | str, NAMED)
 
 
 def _item(asked: Case, folder: Path) -> Item:
-    path = _pickle(folder, asked.vehicle)
-    vehicle: Vehicle | str = pickle.loads(path.read_bytes())
+    path = _vehicle(folder, asked.vehicle)
+    vehicle: Vehicle | str = values.load(path, Vehicle | str, NAMED)
     prepared = isinstance(vehicle, Vehicle)
     return asked, vehicle, path.with_suffix(".onnx").read_bytes() if prepared else b""
 

@@ -244,13 +244,13 @@ def test_a_stage_is_made_once_for_a_run_and_again_for_another(tmp_path: Path) ->
         return made[-1]
 
     run = Checkpoints.of(tmp_path / "stages", {"options": "a"})
-    assert [run.done("name", make_one), run.done("name", make_one)] == [0, 0]
-    assert Checkpoints.of(tmp_path / "stages", {"options": "a"}).done("name", make_one) == 0
-    assert Checkpoints.of(tmp_path / "stages", {"options": "b"}).done("name", make_one) == 1
-    assert run.done("verify", make_one) == 2
+    assert [run.done("name", int, make_one), run.done("name", int, make_one)] == [0, 0]
+    assert Checkpoints.of(tmp_path / "stages", {"options": "a"}).done("name", int, make_one) == 0
+    assert Checkpoints.of(tmp_path / "stages", {"options": "b"}).done("name", int, make_one) == 1
+    assert run.done("verify", int, make_one) == 2
     run.clear()
     assert not (tmp_path / "stages").exists()
-    assert run.done("name", make_one) == 3
+    assert run.done("name", int, make_one) == 3
 
 
 def test_a_stage_that_was_stopped_leaves_nothing_to_take_up(tmp_path: Path) -> None:
@@ -259,11 +259,11 @@ def test_a_stage_that_was_stopped_leaves_nothing_to_take_up(tmp_path: Path) -> N
 
     run = Checkpoints.of(tmp_path / "stages", 1)
     with pytest.raises(KeyboardInterrupt):
-        run.done("name", stopped)
-    assert run.done("name", lambda: 5) == 5
+        run.done("name", int, stopped)
+    assert run.done("name", int, lambda: 5) == 5
 
 
 def test_without_a_folder_every_stage_is_made_anew() -> None:
     made = iter(range(3))
-    assert [Checkpoints().done("name", lambda: next(made)) for _ in range(2)] == [0, 1]
+    assert [Checkpoints().done("name", int, lambda: next(made)) for _ in range(2)] == [0, 1]
     Checkpoints().clear()

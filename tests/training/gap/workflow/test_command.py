@@ -24,6 +24,7 @@ from training.gap.workflow import investigate
 from training.greybox.chain import Constants
 from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.drive import Drive
+from training.greybox.fit.joint import NAMED
 from training.jobs.checkpoints import Checkpoints
 from training.recordings.recording import Recording, load
 
@@ -232,7 +233,7 @@ def test_a_leak_is_named_and_added_only_if_it_is_known_to_be_no_fault(
 ) -> None:
     leaking = drives(tmp_path, 2_800_031, ("exhaust_leak", 4.0))
     material = Material(chain, [load(p) for p in leaking], [load(p) for p in healthy])
-    kept = Checkpoints(tmp_path / "stages", "leak")  # named once, decided on three times
+    kept = Checkpoints(tmp_path / "stages", "leak", NAMED)  # named once, decided on three times
 
     def found(**options: Any) -> Any:
         chosen = Options(localise=False, faults=(), **options)
@@ -244,7 +245,7 @@ def test_a_leak_is_named_and_added_only_if_it_is_known_to_be_no_fault(
     assert withheld.added == ()
     assert withheld.new_model is None
     assert any("--add exhaust_leak" in text for text in withheld.all_warnings)
-    (kept.folder or tmp_path).joinpath("verify_leak.pickle").unlink()
+    (kept.folder or tmp_path).joinpath("verify_leak.npz").unlink()
     told = found(add=("exhaust_leak",))
     assert [each.name for each in told.added] == ["exhaust_leak"]
     assert told.rmse[1] is not None
