@@ -9,6 +9,7 @@ import dataclasses
 import json
 import types
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Literal, Protocol, Union, get_args, get_origin, get_type_hints
 
@@ -19,7 +20,6 @@ from monitor.base.errors import RecordingError
 # Types with functions inside, and the function that returns such a thing by its name; a file holds
 # the name, and the fields in which the thing differs from that one.
 Named = Mapping[type, Callable[[str], Any]]
-Arrays = dict[str, np.ndarray]
 TREE: Final = "tree"
 KINDS: Final = "biuf"  # of arrays, as numpy calls them
 _PLAIN: Final[dict[Any, tuple[type, ...]]] = {
@@ -39,9 +39,9 @@ def save(path: Path, value: Any, kind: Any, named: Named | None = None) -> None:
 
     Raises TypeError if a part of the type has no form in a file.
     """
-    arrays: Arrays = {}
-    tree = form_of(kind, named or {}).pack(value, arrays)
-    arrays[TREE] = np.frombuffer(json.dumps(tree).encode(), dtype=np.uint8)
+    store = Store()
+    tree = form_of(kind, named or {}).pack(value, store)
+    arrays = store.arrays | {TREE: np.frombuffer(json.dumps(tree).encode(), dtype=np.uint8)}
     begun = path.with_suffix(".begun")
     with begun.open("wb") as file:
         np.savez(file, allow_pickle=False, **arrays)
@@ -58,18 +58,30 @@ def load(path: Path, kind: Any, named: Named | None = None) -> Any:
         try:
             with np.load(file, allow_pickle=False) as archive:
                 arrays = {name: archive[name] for name in archive.files}
-            return form.unpack(json.loads(arrays[TREE].tobytes()), arrays)
+            return form.unpack(json.loads(arrays[TREE].tobytes()), Store(arrays))
         except Exception as error:  # zipfile and numpy raise a dozen kinds for damaged files
             raise ValuesError(f"{path}: is no stored {_name(kind)}: {error}") from error
+
+
+@dataclass(slots=True)
+class Store:
+    """Content of a file beside the tree, and the objects that the tree refers to.
+
+    An object that stands at several places is stored once, so that it is one object again.
+    """
+
+    arrays: dict[str, np.ndarray] = field(default_factory=dict)
+    places: dict[int, int] = field(default_factory=dict)  # of objects packed so far, by their id
+    objects: list[Any] = field(default_factory=list)  # unpacked so far, in the same order
 
 
 class Form(Protocol):
     """How values of one type stand in a JSON tree with arrays beside it."""
 
-    def pack(self, value: Any, arrays: Arrays) -> Any:
+    def pack(self, value: Any, store: Store) -> Any:
         """Return the tree of a value and put its arrays aside; raises TypeError for others."""
 
-    def unpack(self, tree: Any, arrays: Arrays) -> Any:
+    def unpack(self, tree: Any, store: Store) -> Any:
         """Return the value of a tree; raises one of several errors if the tree has no such form."""
 
 
@@ -128,11 +140,11 @@ class _Plain:
         self._kind, self._constants = kind, get_args(kind)
         self._types = _PLAIN.get(kind) or tuple(map(type, self._constants))
 
-    def pack(self, value: Any, arrays: Arrays) -> Any:
+    def pack(self, value: Any, store: Store) -> Any:
         plain = value.item() if isinstance(value, np.generic) else value
-        return self.unpack(plain, arrays)
+        return self.unpack(plain, store)
 
-    def unpack(self, tree: Any, arrays: Arrays) -> Any:
+    def unpack(self, tree: Any, store: Store) -> Any:
         is_right = isinstance(tree, self._types) and isinstance(tree, bool) == (self._kind is bool)
         if not is_right or (self._constants and tree not in self._constants):
             raise TypeError(f"{tree!r} is no {_name(self._kind)}")
@@ -140,25 +152,25 @@ class _Plain:
 
 
 class _Path:
-    def pack(self, value: Any, arrays: Arrays) -> Any:
+    def pack(self, value: Any, store: Store) -> Any:
         return str(value)
 
-    def unpack(self, tree: Any, arrays: Arrays) -> Any:
+    def unpack(self, tree: Any, store: Store) -> Any:
         return Path(tree)
 
 
 class _Array:
     """An array of numbers: the tree holds its name."""
 
-    def pack(self, value: Any, arrays: Arrays) -> Any:
-        name, array = f"a{len(arrays)}", np.asarray(value)
+    def pack(self, value: Any, store: Store) -> Any:
+        name, array = f"a{len(store.arrays)}", np.asarray(value)
         if array.dtype.kind not in KINDS:
             raise TypeError(f"an array of {array.dtype} has no form in a file")
-        arrays[name] = array
+        store.arrays[name] = array
         return name
 
-    def unpack(self, tree: Any, arrays: Arrays) -> Any:
-        array = arrays[tree]
+    def unpack(self, tree: Any, store: Store) -> Any:
+        array = store.arrays[tree]
         if tree == TREE or array.dtype.kind not in KINDS:
             raise ValueError(f"{tree} is no array of numbers")
         return array
@@ -170,23 +182,23 @@ class _OneOf:
     def __init__(self, forms: Sequence[tuple[Any, Form]], has_none: bool) -> None:
         self._forms, self._has_none = forms, has_none
 
-    def pack(self, value: Any, arrays: Arrays) -> Any:
+    def pack(self, value: Any, store: Store) -> Any:
         if value is None and self._has_none:
             return None
         if len(self._forms) == 1:
-            return self._forms[0][1].pack(value, arrays)
+            return self._forms[0][1].pack(value, store)
         for place, (kind, form) in enumerate(self._forms):
             if isinstance(value, kind):
-                return [place, form.pack(value, arrays)]
+                return [place, form.pack(value, store)]
         raise TypeError(f"{value!r} is none of the types")
 
-    def unpack(self, tree: Any, arrays: Arrays) -> Any:
+    def unpack(self, tree: Any, store: Store) -> Any:
         if tree is None and self._has_none:
             return None
         if len(self._forms) == 1:
-            return self._forms[0][1].unpack(tree, arrays)
+            return self._forms[0][1].unpack(tree, store)
         place, packed = tree
-        return self._forms[place][1].unpack(packed, arrays)
+        return self._forms[place][1].unpack(packed, store)
 
 
 class _Table:
@@ -195,11 +207,11 @@ class _Table:
     def __init__(self, form: Form) -> None:
         self._form = form
 
-    def pack(self, value: Any, arrays: Arrays) -> Any:
-        return {name: self._form.pack(each, arrays) for name, each in value.items()}
+    def pack(self, value: Any, store: Store) -> Any:
+        return {name: self._form.pack(each, store) for name, each in value.items()}
 
-    def unpack(self, tree: Any, arrays: Arrays) -> Any:
-        return {name: self._form.unpack(each, arrays) for name, each in tree.items()}
+    def unpack(self, tree: Any, store: Store) -> Any:
+        return {name: self._form.unpack(each, store) for name, each in tree.items()}
 
 
 class _Items:
@@ -211,30 +223,41 @@ class _Items:
     def _of(self, n: int) -> Sequence[Form]:
         return [self._forms[0]] * n if self._endless else self._forms
 
-    def pack(self, value: Any, arrays: Arrays) -> Any:
+    def pack(self, value: Any, store: Store) -> Any:
         pairs = zip(value, self._of(len(value)), strict=True)
-        return [form.pack(each, arrays) for each, form in pairs]
+        return [form.pack(each, store) for each, form in pairs]
 
-    def unpack(self, tree: Any, arrays: Arrays) -> Any:
+    def unpack(self, tree: Any, store: Store) -> Any:
         if not isinstance(tree, list):
             raise TypeError(f"{tree!r} is no sequence")
         pairs = zip(tree, self._of(len(tree)), strict=True)
-        return self._make(form.unpack(each, arrays) for each, form in pairs)
+        return self._make(form.unpack(each, store) for each, form in pairs)
 
 
 class _Fields:
-    """A dataclass or a named tuple."""
+    """A dataclass or a named tuple: its fields, or the place of an object that came before."""
 
     def __init__(self, kind: Any, forms: Mapping[str, Form]) -> None:
         self._kind, self._forms = kind, forms
 
-    def pack(self, value: Any, arrays: Arrays) -> Any:
+    def pack(self, value: Any, store: Store) -> Any:
+        if id(value) in store.places:
+            return store.places[id(value)]
         if not isinstance(value, self._kind):
             raise TypeError(f"{value!r} is no {_name(self._kind)}")
-        return {name: form.pack(getattr(value, name), arrays) for name, form in self._forms.items()}
+        tree = {name: form.pack(getattr(value, name), store) for name, form in self._forms.items()}
+        store.places[id(value)] = len(store.places)
+        return tree
 
-    def unpack(self, tree: Any, arrays: Arrays) -> Any:
-        return self._kind(**{n: form.unpack(tree[n], arrays) for n, form in self._forms.items()})
+    def unpack(self, tree: Any, store: Store) -> Any:
+        if isinstance(tree, int):
+            found = store.objects[tree]
+            if not isinstance(found, self._kind):
+                raise TypeError(f"{found!r} is no {_name(self._kind)}")
+            return found
+        made = self._kind(**{n: form.unpack(tree[n], store) for n, form in self._forms.items()})
+        store.objects.append(made)
+        return made
 
 
 class _ByName:
@@ -243,14 +266,14 @@ class _ByName:
     def __init__(self, find: Callable[[str], Any], forms: Mapping[str, Form]) -> None:
         self._find, self._forms = find, forms
 
-    def pack(self, value: Any, arrays: Arrays) -> Any:
+    def pack(self, value: Any, store: Store) -> Any:
         known = self._find(value.name)
         changed = [n for n in self._forms if getattr(value, n) != getattr(known, n)]
         return {
             "name": value.name,
-            "changed": {n: self._forms[n].pack(getattr(value, n), arrays) for n in changed},
+            "changed": {n: self._forms[n].pack(getattr(value, n), store) for n in changed},
         }
 
-    def unpack(self, tree: Any, arrays: Arrays) -> Any:
-        changed = {n: self._forms[n].unpack(each, arrays) for n, each in tree["changed"].items()}
+    def unpack(self, tree: Any, store: Store) -> Any:
+        changed = {n: self._forms[n].unpack(each, store) for n, each in tree["changed"].items()}
         return dataclasses.replace(self._find(tree["name"]), **changed)

@@ -99,6 +99,18 @@ def test_effects_and_faults_come_back_by_name_with_what_differs(tmp_path: Path) 
     assert alike(found, fit)
 
 
+def test_an_object_that_stands_twice_is_one_object_again(tmp_path: Path) -> None:
+    # GIVEN a value whose parts hold arrays, so that only identity can find one among others
+    other = replace(PART, count=4)
+    twice = ((PART, other), PART)
+    kind = tuple[tuple[Part, ...], Part]
+    values.save(tmp_path / "twice.npz", twice, kind)
+    (first, second), again = values.load(tmp_path / "twice.npz", kind)
+    assert again is first
+    assert again is not second
+    assert (second.count, again.count) == (4, 3)
+
+
 @pytest.mark.parametrize("kind", [Findings, Naming, Verification, Healthy, Vehicle | str])
 def test_whatever_a_run_stores_has_a_form(kind: Any) -> None:
     values.form_of(kind, NAMED)
