@@ -15,7 +15,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     try:
-        args = _parser().parse_args(argv)
+        arguments = sys.argv[1:] if argv is None else argv
+        args = _parser(arguments).parse_args(arguments)
         return int(args.func(args))
     except O2Error as error:
         print(f"o2mon: {error}", file=sys.stderr)
@@ -29,7 +30,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         return INTERNAL_ERROR
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
+    """Return the parser; only the command of the arguments has its options.
+
+    The options of a bus come from python-can, whose import takes longer than all the rest.
+    """
     from monitor import __version__
     from monitor.cli import check, dtc, inject, replay, run
     from monitor.cli import map as map_
@@ -39,6 +44,17 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"o2mon {__version__}")
     commands = parser.add_subparsers(required=True, metavar="command")
-    for command in (replay, run, check, inject, dtc, map_):
-        command.add(commands)
+    named = next((word for word in arguments if not word.startswith("-")), None)
+    for name, command in {
+        "replay": replay,
+        "run": run,
+        "check": check,
+        "inject": inject,
+        "dtc": dtc,
+        "map": map_,
+    }.items():
+        if name == named:
+            command.add(commands)
+        else:
+            commands.add_parser(name, help=command.HELP)
     return parser

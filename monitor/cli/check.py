@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from monitor.bus.link.port import BusHealth, Port
     from monitor.bus.polling.poller import ObdPoller
 
+HELP = "say which signals are there"
 _CHECK = """examples:
   o2mon check drive.log
   o2mon check -i socketcan -c can0 --seconds 10 --dbc engine.dbc --map engine.toml
@@ -36,7 +37,10 @@ exit code: 0 every signal of the model is present, 3 a signal is missing"""
 
 def add(commands: Any) -> None:
     """Add the subcommand ``check``."""
-    check = add_command(commands, "check", "say which signals are there", _CHECK, _check)
+    from monitor.frames.python_can import import_without_mdf
+
+    import_without_mdf()
+    check = add_command(commands, "check", HELP, _CHECK, _check)
     check.add_argument("log", nargs="?", type=Path, metavar="LOG", help="CAN log instead of a bus")
     add_bus(check)
     add_setup(check, memory=False)

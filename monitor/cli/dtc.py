@@ -15,6 +15,7 @@ from monitor.cli.options import add_command, say
 if TYPE_CHECKING:
     from monitor.memory.dtc import Dtc, DtcStore
 
+HELP = "read and clear trouble codes"
 _DTC = """examples:
   o2mon dtc list --memory o2.db
   o2mon dtc freeze-frame --memory o2.db P0133
@@ -28,7 +29,7 @@ SCHEMA = "o2mon.dtc/1"
 
 def add(commands: Any) -> None:
     """Add the subcommand ``dtc`` and its actions."""
-    dtc = add_command(commands, "dtc", "read and clear trouble codes", _DTC, None)
+    dtc = add_command(commands, "dtc", HELP, _DTC, None)
     actions = dtc.add_subparsers(required=True, metavar="action")
     for name, text, func in (
         ("list", "list the trouble codes", _list),

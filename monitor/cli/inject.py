@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from monitor.inject.side import Side
     from monitor.report.replay import Setup
 
+HELP = "put faults into an engine's frames"
 _INJECT = """examples:
   o2mon inject drive.log --out late.log --fault delay_rich_to_lean=0.8@60
   o2mon inject drive.log --scenario late.toml --assert
@@ -47,7 +48,7 @@ def add(commands: Any) -> None:
     """Add the subcommand ``inject``."""
     from can.cli import add_bus_arguments
 
-    inject = add_command(commands, "inject", "put faults into an engine's frames", _INJECT, _inject)
+    inject = add_command(commands, "inject", HELP, _INJECT, _inject)
     inject.add_argument("log", nargs="?", type=Path, metavar="LOG", help="CAN log instead of buses")
     inject.add_argument("--out", type=Path, metavar="LOG", help="log to write")
     inject.add_argument(

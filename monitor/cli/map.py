@@ -7,6 +7,7 @@ from typing import Any
 
 from monitor.cli.options import NOT_JUDGED, add_command, say
 
+HELP = "propose a signal map for a CAN database"
 _MAP = """examples:
   o2mon map engine.dbc                             print a signal map
   o2mon map engine.dbc --out engine.toml           write it, to confirm line by line
@@ -20,7 +21,7 @@ exit code: 0 every signal of the shipped model is proposed, 3 a signal is missin
 
 def add(commands: Any) -> None:
     """Add the subcommand ``map``."""
-    parser = add_command(commands, "map", "propose a signal map for a CAN database", _MAP, _map)
+    parser = add_command(commands, "map", HELP, _MAP, _map)
     parser.add_argument("dbc", type=Path, metavar="DBC", help="CAN database")
     parser.add_argument(
         "--out", type=Path, metavar="MAP.toml", help="signal map to write (default: print it)"
@@ -38,6 +39,9 @@ def add(commands: Any) -> None:
 
 def _map(args: argparse.Namespace) -> int:
     from monitor.base.errors import UsageError
+    from monitor.frames.python_can import import_without_mdf
+
+    import_without_mdf()
     from monitor.base.signals import NARX_INPUTS, OUTPUT
     from monitor.decode.bus_map import load_database
     from monitor.mapping.text import make_map

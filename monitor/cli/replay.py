@@ -1,6 +1,7 @@
 """``o2mon replay``: judge recorded drives."""
 
 import argparse
+import dataclasses
 from contextlib import closing, nullcontext
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from monitor.cli.options import (
     write_outputs,
 )
 
+HELP = "judge recorded drives"
 _REPLAY = """examples:
   o2mon replay drive.blf                     log of the project's own ECU, shipped model
   o2mon replay *.log --html report.html      several drives, shown on a web page
@@ -27,7 +29,7 @@ exit code: 0 judged and no fault, 1 a fault code is pending or confirmed, 2 unus
 
 def add(commands: Any) -> None:
     """Add the subcommand ``replay``."""
-    replay = add_command(commands, "replay", "judge recorded drives", _REPLAY, _replay)
+    replay = add_command(commands, "replay", HELP, _REPLAY, _replay)
     replay.add_argument("log", nargs="+", type=Path, metavar="LOG", help="CAN log or table")
     add_setup(replay)
     replay.add_argument(
@@ -39,12 +41,16 @@ def add(commands: Any) -> None:
 
 
 def _replay(args: argparse.Namespace) -> int:
+    from monitor.frames.python_can import import_without_mdf
+
+    import_without_mdf()
+    from monitor.frames.parsers import parser_for
     from monitor.memory.store import Memory
     from monitor.report import replay
     from monitor.report.sinks import print_recording
 
     check_outputs(args)
-    setup = set_up(args)
+    setup = dataclasses.replace(set_up(args), parse=parser_for(args.log))
     memory = Memory(args.memory, hold=True) if args.memory else None
     recordings, traces = [], []
     with closing(memory) if memory else nullcontext():

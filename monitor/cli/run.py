@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from monitor.bus.loop import Loop
     from monitor.bus.terminal import Out
 
+HELP = "judge a live bus"
 _RUN = """examples:
   o2mon run -i socketcan -c can0                         only listen
   o2mon run -i socketcan -c vcan0 --record drive.log --duration 600
@@ -48,7 +49,7 @@ exit code: 0 done, 2 the bus cannot be used, 3 nothing could be judged"""
 
 def add(commands: Any) -> None:
     """Add the subcommand ``run``."""
-    run = add_command(commands, "run", "judge a live bus", _RUN, _run)
+    run = add_command(commands, "run", HELP, _RUN, _run)
     add_bus(run)
     add_setup(run)
     run.add_argument("--duration", type=positive, metavar="S", help="stop after this time in s")

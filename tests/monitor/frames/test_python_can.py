@@ -1,0 +1,21 @@
+"""python-can as where asammdf is not installed."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[3]
+DRIVE = ROOT / "replay_logs" / "transient_micro_trips_v109_s113.blf"
+
+SCRIPT = f"""
+import sys
+from monitor.cli import main
+assert main(["replay", {str(DRIVE)!r}, "--quiet"]) in (0, 1)
+assert "can" in sys.modules
+assert not sys.modules.keys() & {{"asammdf", "pandas", "polars", "sympy", "numba", "training"}}
+from asammdf import MDF
+"""
+
+
+def test_a_replay_imports_nothing_of_the_extras_and_what_reads_mf4_still_can() -> None:
+    subprocess.run([sys.executable, "-c", SCRIPT], check=True, cwd=ROOT)
