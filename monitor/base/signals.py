@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from math import inf
 from typing import Literal
 
-Role = Literal["input", "output", "candidate", "context", "enable"]
+Role = Literal["input", "output", "candidate", "context", "enable", "foreign"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,9 +40,18 @@ SIGNALS: tuple[Signal, ...] = (
     Signal("closed_loop", "-", 0.0, 1.0, "enable"),
     Signal("fuel_cut", "-", 0.0, 1.0, "enable"),
     Signal("sensor_ready", "-", 0.0, 1.0, "enable"),
+    # what other ECUs and loggers have; the project's own ECU sends none of them
+    Signal("injector_pulse_width_ms", "ms", 0.0, 100.0, "foreign"),
+    Signal("volumetric_efficiency_percent", "%", 0.0, 300.0, "foreign"),
+    Signal("lambda_correction_percent", "%", -60.0, 100.0, "foreign"),
+    Signal("load_g_per_rev", "g/rev", 0.0, 10.0, "foreign"),
+    Signal("pump_current_ma", "mA", -20.0, 20.0, "foreign"),
+    Signal("downstream_voltage_v", "V", -0.2, 5.0, "foreign"),
+    Signal("catalyst_temperature_degc", "degC", -40.0, 1300.0, "foreign"),
 )
 
 BY_NAME: dict[str, Signal] = {signal.name: signal for signal in SIGNALS}
+OWN: tuple[Signal, ...] = tuple(s for s in SIGNALS if s.role != "foreign")
 NARX_INPUTS: tuple[str, ...] = tuple(s.name for s in SIGNALS if s.role == "input")
 OUTPUT = "lambda_measured"
 

@@ -35,13 +35,14 @@ class FrameBlock(NamedTuple):
 
 
 class Quality(IntEnum):
-    """Quality of one value of a sample; the value is NaN unless the quality is GOOD."""
+    """Quality of one value of a sample; the value is NaN unless the quality is GOOD or PINNED."""
 
     GOOD = 0
     STALE = 1  # not received for longer than the signal's timeout
     INVALID = 2  # the sender marks it as not available
     OUT_OF_RANGE = 3  # outside the plausible range
     OFF_BUS = 4  # not received for that long while the monitor itself was off the bus
+    PINNED = 5  # the logger's value for "no sensor" or the end of its range; the value is kept
 
 
 class Sample(NamedTuple):

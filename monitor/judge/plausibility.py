@@ -13,7 +13,7 @@ from monitor.base.types import BoolArray, FloatArray, Quality, QualityArray
 from monitor.model.card import Channel
 
 _ENGINE = ("engine_speed_rpm", "sensor_ready")  # tell whether the sensor can be heated
-_GOOD, _STALE, _INVALID, _OUT_OF_RANGE, _OFF_BUS = (int(quality) for quality in Quality)
+_GOOD, _STALE, _INVALID, _OUT_OF_RANGE, _OFF_BUS, _PINNED = (int(quality) for quality in Quality)
 _N_QUALITIES = len(Quality)
 _UNKNOWN, _NO, _YES = range(3)  # of a signal: it is not valid, below its threshold, above it
 
@@ -124,8 +124,8 @@ class Plausibility:
             missing=missing,
             waits=not ready and not gone and (self._speed is None or engine == _YES),
         )
-        if quality in (_GOOD, _OUT_OF_RANGE):
-            found.append(Results(begin, end, _INSIDE if quality == _GOOD else _OUTSIDE))
+        if quality in (_GOOD, _PINNED, _OUT_OF_RANGE):
+            found.append(Results(begin, end, _OUTSIDE if quality == _OUT_OF_RANGE else _INSIDE))
 
     def _ready_run(
         self, begin: int, end: int, found: list[Results], *, ready: bool, missing: bool, waits: bool

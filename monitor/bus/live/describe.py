@@ -32,6 +32,7 @@ _QUALITY: Final = {
     Quality.INVALID: "sent as invalid",
     Quality.OUT_OF_RANGE: "out of range",
     Quality.OFF_BUS: "monitor is off the bus",
+    Quality.PINNED: "at the end of its range",
 }
 _SIGNAL_OF: Final = {
     "coolant_warm": "coolant_temperature_degc",

@@ -1,0 +1,1 @@
+"""Profiles: one TOML file per logger says which of its columns are which canonical signals."""

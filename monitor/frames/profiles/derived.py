@@ -1,0 +1,128 @@
+"""Signals that a logger does not have but others give: charge, fuel, controller, fuel cut.
+
+Speed density: air per stroke = p V VE / (R T) for one cylinder (Heywood, Internal Combustion Engine
+Fundamentals, section 2.10). Fuel per stroke = flow * (pulse width - dead time). Both have the scale
+of the profile's ``[engine]``; a grey-box model's gain takes up what is wrong with it.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from monitor.base.types import FloatArray
+from monitor.frames.profiles.profile import Engine
+
+GAS_J_PER_KG_K: Final = 287.05  # of dry air
+KELVIN: Final = 273.15
+VOLTAGE_RATED_V: Final = 14.0
+SPEED_LEAST_RPM: Final = 50.0  # below it the engine stands, and a mass per stroke means nothing
+
+Signals = Mapping[str, FloatArray]
+
+
+class Derivation(NamedTuple):
+    """A way to a signal: its sources, which must all be there, and the formula."""
+
+    name: str
+    sources: tuple[str, ...]
+    formula: Callable[[Signals, Engine], FloatArray]
+    in_words: str
+
+
+def _controller(s: Signals, _: Engine) -> FloatArray:
+    return 1.0 + s["lambda_correction_percent"] / 100.0
+
+
+def _correction(s: Signals, _: Engine) -> FloatArray:
+    return 100.0 * (s["lambda_controller"] - 1.0)
+
+
+def _no_fuel(s: Signals, _: Engine) -> FloatArray:
+    turns = s["engine_speed_rpm"] > SPEED_LEAST_RPM
+    return np.where(_known(s["injector_pulse_width_ms"]), 0.0, np.nan) + (
+        turns & (s["injector_pulse_width_ms"] <= 0.0)
+    )
+
+
+def _overrun(s: Signals, engine: Engine) -> FloatArray:
+    is_cut = (s["manifold_pressure_kpa"] < engine.overrun_below_kpa) & (
+        s["engine_speed_rpm"] > engine.overrun_above_rpm
+    )
+    return np.where(_known(s["manifold_pressure_kpa"]), is_cut.astype(np.float64), np.nan)
+
+
+def _air_of_meter(s: Signals, engine: Engine) -> FloatArray:
+    return s["maf_kg_h"] * 1e6 / 60.0 / (_speed(s) * engine.cylinders / 2.0)
+
+
+def _air_of_load(s: Signals, engine: Engine) -> FloatArray:
+    return s["load_g_per_rev"] * 1000.0 * 2.0 / engine.cylinders
+
+
+def _air_of_density(s: Signals, engine: Engine) -> FloatArray:
+    volume_m3 = engine.displacement_l * 1e-3 / engine.cylinders
+    kelvin = s["manifold_temperature_degc"] + KELVIN
+    density = s["manifold_pressure_kpa"] * 1e3 / (GAS_J_PER_KG_K * kelvin)
+    return density * volume_m3 * s["volumetric_efficiency_percent"] / 100.0 * 1e6
+
+
+def _fuel_of_pulse(s: Signals, engine: Engine) -> FloatArray:
+    dead_ms = np.full(len(s["injector_pulse_width_ms"]), engine.injector_dead_time_ms)
+    if "battery_voltage_v" in s:
+        below_v = VOLTAGE_RATED_V - s["battery_voltage_v"]
+        slope = engine.injector_dead_time_ms_per_v
+        dead_ms = dead_ms + slope * np.where(np.isfinite(below_v), below_v, 0.0)
+    open_ms = np.maximum(s["injector_pulse_width_ms"] - dead_ms, 0.0)
+    return np.asarray(engine.injector_mg_per_ms * open_ms)
+
+
+def _known(values: FloatArray) -> FloatArray:
+    return np.asarray(np.isfinite(values))
+
+
+def _speed(s: Signals) -> FloatArray:
+    rpm = s["engine_speed_rpm"]
+    return np.where(rpm > SPEED_LEAST_RPM, rpm, np.nan)
+
+
+_PRESSURE, _TEMPERATURE = "manifold_pressure_kpa", "manifold_temperature_degc"
+_EFFICIENCY, _PULSE = "volumetric_efficiency_percent", "injector_pulse_width_ms"
+_RPM: Final = "engine_speed_rpm"
+
+# in the order of preference; a signal that a column carries is never derived
+DERIVATIONS: Final = (
+    Derivation("lambda_controller", ("lambda_correction_percent",), _controller, "its percent"),
+    Derivation("lambda_correction_percent", ("lambda_controller",), _correction, "the controller"),
+    Derivation("fuel_cut", (_PULSE, _RPM), _no_fuel, "a pulse width of 0"),
+    Derivation("fuel_cut", (_PRESSURE, _RPM), _overrun, "low pressure at speed"),
+    Derivation("air_mass_mg", ("maf_kg_h", _RPM), _air_of_meter, "air meter and speed"),
+    Derivation("air_mass_mg", ("load_g_per_rev",), _air_of_load, "load in g per revolution"),
+    Derivation(
+        "air_mass_mg", (_PRESSURE, _TEMPERATURE, _EFFICIENCY), _air_of_density, "speed density"
+    ),
+    Derivation("fuel_mass_mg", (_PULSE,), _fuel_of_pulse, "pulse width less dead time"),
+)
+
+
+class Made(NamedTuple):
+    """A derived signal."""
+
+    name: str
+    values: FloatArray
+    in_words: str
+
+
+def derive(signals: Signals, engine: Engine) -> list[Made]:
+    """Return the signals that can be derived and are not there; (n,) each, NaN where unknown."""
+    there, made = dict(signals), list[Made]()
+    for each in DERIVATIONS:
+        if each.name in there or not all(name in there for name in each.sources):
+            continue
+        if each.formula is _overrun and engine.overrun_below_kpa <= 0.0:
+            continue
+        with np.errstate(all="ignore"):
+            values = np.asarray(each.formula(there, engine), dtype=np.float64)
+        there[each.name] = values
+        made.append(Made(each.name, values, each.in_words))
+    return made

@@ -1,0 +1,247 @@
+"""A profile: the columns of one logger, their units, and values that say "no sensor".
+
+::
+
+    title = "COBB Accessport"
+    stoich_afr = 14.7                                  # of the fuel; default 14.7
+    time = ["Time (sec)"]
+    [[recognise]]                                      # one of these must fit
+    columns = ["AP Info", "RPM", "Calculated Load"]    # all there
+    [signals]                                          # canonical name = columns, the best first
+    engine_speed_rpm = "RPM"
+    lambda_measured = [{ column = "A/F Sens 1 Ratio", unit = "AFR", pinned = [29.4] }]
+    [engine]                                           # to derive charge and fuel
+    displacement_l = 2.0
+
+Names are compared without case, spaces and punctuation. The unit that a file states counts; ``unit``
+is for files that state none, a list of them for loggers whose unit is a setting: the first that
+gives plausible values is taken.
+"""
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Final
+
+from monitor.base.errors import ConfigError
+from monitor.base.signals import BY_NAME
+
+STOICH_AFR: Final = 14.7
+_KEYS: Final = {"title", "based_on", "stoich_afr", "time", "recognise", "signals", "engine"}
+_SOURCE_KEYS: Final = {
+    "column", "unit", "factor", "offset", "bit", "equals", "above", "words", "not", "pinned",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Source:
+    """One column that may carry a signal: signal = factor * value in the signal's unit + offset."""
+
+    column: str
+    units: tuple[str, ...] = ()  # where the file states none
+    factor: float = 1.0
+    offset: float = 0.0
+    bit: int | None = None  # 1 if the bit is set
+    equals: tuple[float, ...] = ()  # 1 for these values
+    above: float | None = None  # 1 for values above it
+    words: tuple[str, ...] = ()  # 1 for cells of text with one of these
+    inverted: bool = False  # 0 for 1
+    pinned: tuple[float, ...] = ()  # values in the column's unit that say "no sensor"
+
+    @property
+    def is_flag(self) -> bool:
+        """Return whether the column's values are tested, and not converted."""
+        return bool(
+            self.bit is not None or self.equals or self.above is not None or self.words
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Engine:
+    """What the engine is, for signals that no column has; the model's gain takes up an error."""
+
+    cylinders: int = 4
+    displacement_l: float = 2.0
+    injector_mg_per_ms: float = 3.0  # 240 cm³/min of petrol at its rated pressure
+    injector_dead_time_ms: float = 1.0  # at 14 V
+    injector_dead_time_ms_per_v: float = 0.1  # more for each V below 14 V
+    overrun_below_kpa: float = 0.0  # fuel cut below this pressure ...
+    overrun_above_rpm: float = 1500.0  # ... and above this speed; where no column tells
+
+
+@dataclass(frozen=True, slots=True)
+class Recognition:
+    """One way to know the logger: all of these hold."""
+
+    columns: tuple[str, ...] = ()
+    preamble: tuple[str, ...] = ()  # all in the text before the columns
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Profile:
+    """How the files of one logger are read."""
+
+    name: str
+    title: str
+    stoich_afr: float = STOICH_AFR
+    time: tuple[Source, ...] = ()
+    recognise: tuple[Recognition, ...] = ()
+    signals: Mapping[str, tuple[Source, ...]] = field(default_factory=dict)
+    engine: Engine = field(default_factory=Engine)
+
+
+def shipped() -> tuple[str, ...]:
+    """Return the names of the profiles that come with the package."""
+    folder = files(__package__)
+    return tuple(sorted(p.name[:-5] for p in folder.iterdir() if p.name.endswith(".toml")))
+
+
+@cache
+def shipped_profile(name: str) -> Profile:
+    """Return a profile that comes with the package; raises ConfigError for an unknown name."""
+    if name not in shipped():
+        raise ConfigError(f"no profile {name!r}; there are {', '.join(shipped())}, or give a file")
+    return load_profile(path_of(name))
+
+
+def path_of(text: str) -> Path:
+    """Return the file of a profile: a shipped one by its name, else the path itself."""
+    return Path(str(files(__package__))) / f"{text}.toml" if text in shipped() else Path(text)
+
+
+def is_profile(path: Path) -> bool:
+    """Return whether a TOML file is a profile and not a columns map."""
+    try:
+        with path.open("rb") as file:
+            raw = tomllib.load(file)
+    except (OSError, tomllib.TOMLDecodeError, UnicodeDecodeError):
+        return False
+    return isinstance(raw.get("signals"), dict) or "based_on" in raw
+
+
+def load_profile(path: Path) -> Profile:
+    """Return the profile in a TOML file.
+
+    Raises ConfigError with file, key, what came and what was wanted.
+    """
+    try:
+        with path.open("rb") as file:
+            raw = tomllib.load(file)
+    except OSError as error:
+        there = ", ".join(shipped())
+        raise ConfigError(
+            f"{path}: cannot read the profile: {error.strerror}; shipped are {there}"
+        ) from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: not a TOML file: {error}") from error
+    return _Reader(path).profile(raw)
+
+
+class _Reader:
+    """Checks every key of a profile."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def profile(self, raw: Mapping[str, Any]) -> Profile:
+        self._keys("the profile", raw, _KEYS)
+        based_on = raw.get("based_on")
+        base = (
+            Profile(name="", title="")
+            if based_on is None
+            else replace(shipped_profile(self._text("based_on", based_on)), recognise=())
+        )
+        signals = dict(base.signals)
+        for name, given in self._table("signals", raw.get("signals", {})).items():
+            if name not in BY_NAME:
+                raise self._error(f"[signals] {name}", "is no canonical signal")
+            signals[name] = self._sources(f"[signals] {name}", given)
+        time = self._sources("time", raw["time"]) if "time" in raw else base.time
+        return Profile(
+            name=self._path.stem,
+            title=self._text("title", raw.get("title", base.title or self._path.stem)),
+            stoich_afr=self._number("stoich_afr", raw.get("stoich_afr", base.stoich_afr)),
+            time=time,
+            recognise=tuple(self._recognition(each) for each in raw.get("recognise", [])),
+            signals=signals,
+            engine=self._engine(self._table("engine", raw.get("engine", {})), base.engine),
+        )
+
+    def _error(self, key: str, problem: str) -> ConfigError:
+        return ConfigError(f"{self._path}: {key}: {problem}")
+
+    def _keys(self, key: str, given: Mapping[str, Any], known: set[str]) -> None:
+        unknown = sorted(given.keys() - known)
+        if unknown:
+            wanted = ", ".join(sorted(known))
+            raise self._error(key, f"has the unknown key {unknown[0]!r}, known are {wanted}")
+
+    def _table(self, key: str, given: Any) -> dict[str, Any]:
+        if not isinstance(given, dict):
+            raise self._error(key, f"is {given!r}, a table is wanted")
+        return given
+
+    def _text(self, key: str, given: Any) -> str:
+        if not isinstance(given, str) or not given:
+            raise self._error(key, f"is {given!r}, a text is wanted")
+        return given
+
+    def _number(self, key: str, given: Any) -> float:
+        if isinstance(given, bool) or not isinstance(given, int | float):
+            raise self._error(key, f"is {given!r}, a number is wanted")
+        return float(given)
+
+    def _texts(self, key: str, given: Any) -> tuple[str, ...]:
+        return tuple(self._text(key, each) for each in _listed(given))
+
+    def _recognition(self, given: Any) -> Recognition:
+        table = self._table("[[recognise]]", given)
+        self._keys("[[recognise]]", table, {"columns", "preamble"})
+        return Recognition(
+            self._texts("[[recognise]] columns", table.get("columns", [])),
+            self._texts("[[recognise]] preamble", table.get("preamble", [])),
+        )
+
+    def _sources(self, key: str, given: Any) -> tuple[Source, ...]:
+        return tuple(self._source(key, each) for each in _listed(given))
+
+    def _source(self, key: str, given: Any) -> Source:
+        if isinstance(given, str):
+            return Source(column=given)
+        table = self._table(key, given)
+        self._keys(key, table, _SOURCE_KEYS)
+        bit, above = table.get("bit"), table.get("above")
+        if bit is not None and (isinstance(bit, bool) or not isinstance(bit, int) or bit < 0):
+            raise self._error(key, f"bit is {bit!r}, a whole number from 0 is wanted")
+        return Source(
+            column=self._text(f"{key} column", table.get("column")),
+            units=self._texts(f"{key} unit", table.get("unit", [])),
+            factor=self._number(f"{key} factor", table.get("factor", 1.0)),
+            offset=self._number(f"{key} offset", table.get("offset", 0.0)),
+            bit=bit,
+            equals=self._numbers(f"{key} equals", table.get("equals", [])),
+            above=None if above is None else self._number(f"{key} above", above),
+            words=self._texts(f"{key} words", table.get("words", [])),
+            inverted=bool(table.get("not", False)),
+            pinned=self._numbers(f"{key} pinned", table.get("pinned", [])),
+        )
+
+    def _numbers(self, key: str, given: Any) -> tuple[float, ...]:
+        return tuple(self._number(key, each) for each in _listed(given))
+
+    def _engine(self, given: Mapping[str, Any], base: Engine) -> Engine:
+        self._keys("[engine]", given, {each.name for each in fields(Engine)})
+        values = {name: self._number(f"[engine] {name}", value) for name, value in given.items()}
+        if "cylinders" in values:
+            values["cylinders"] = int(values["cylinders"])
+        for name in ("cylinders", "displacement_l", "injector_mg_per_ms"):
+            if not values.get(name, 1.0) > 0.0:
+                raise self._error(f"[engine] {name}", f"is {values[name]:g}, above 0 is wanted")
+        return replace(base, **values)
+
+
+def _listed(given: Any) -> Sequence[Any]:
+    return given if isinstance(given, list) else [given]

@@ -1,0 +1,223 @@
+"""A raw table under a profile: canonical signals with their units, pinned values marked."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from monitor.base.errors import RecordingError
+from monitor.base.signals import BY_NAME, SIGNALS, plausible_range
+from monitor.base.types import BoolArray, FloatArray, IntArray
+from monitor.frames.profiles.derived import derive
+from monitor.frames.profiles.profile import Profile, Source
+from monitor.frames.profiles.recognition import key, places
+from monitor.frames.profiles.times import cleaned
+from monitor.frames.profiles.units import Unit, conversion, unit_of
+from monitor.frames.tables.dialect import name_and_unit
+from monitor.frames.tables.raw_table import Notes, RawColumn, RawTable, Wanted
+from monitor.frames.tables.readers import reason
+
+# unit texts of canonical signals are units of loggers, too; a name here says its quantity
+_TARGETS: Final = {"degC": "°c", "1/min": "rpm", "Nm": "nm", "mg/stroke": "mg"}
+PINNED_WITHIN: Final = 0.004  # of the value: readings have one decimal at 14.7, or two
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """Where a signal comes from."""
+
+    name: str
+    column: str  # the logger's name, or "" for a derived signal
+    unit: str  # the logger's unit, stated or assumed
+    how: str = ""  # of a derived signal, in words
+    pinned: int = 0  # rows
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """A logger's file as canonical signals."""
+
+    raw: RawTable
+    profile: Profile
+    t_ns: IntArray  # (n,) strictly rising
+    names: tuple[str, ...]
+    values: FloatArray  # (n, n_names), NaN for no value
+    pinned: BoolArray  # (n, n_names)
+    found: tuple[Found, ...]
+    blank: tuple[str, ...]  # signals whose columns hold no number
+    notes: Notes
+
+
+@dataclass(frozen=True, slots=True)
+class _Choice:
+    name: str
+    source: Source
+    column: int
+
+
+def read_signals(raw: RawTable, profile: Profile, further: Sequence[str] = ()) -> Reading:
+    """Return the canonical signals of a raw table.
+
+    further : columns to read under their own names
+    Raises RecordingError if no column tells the time, or the file has no rows.
+    """
+    there = places(raw.names)
+    times = [
+        _Choice("time", each, there[key(each.column)])
+        for each in profile.time
+        if key(each.column) in there
+    ]
+    if not times:
+        wanted = ", ".join(each.column for each in profile.time) or "none named"
+        raise RecordingError(
+            f"{raw.path}: no column of time ({wanted}) for the profile {profile.name}; "
+            f"there are {', '.join(raw.names[:8])}{', …' if len(raw.names) > 8 else ''}"
+        )
+    choices = [
+        _Choice(name, source, there[key(source.column)])
+        for name, sources in profile.signals.items()
+        for source in sources
+        if key(source.column) in there
+    ]
+    own = [_Choice(n, Source(column=n), there[key(n)]) for n in further if key(n) in there]
+    notes = Notes()
+    cells = _cells(raw, (*times, *choices, *own), notes)
+    time_s, wraps_s = _time(raw, times, cells)
+    t_ns, rows = cleaned(time_s, wraps_s, notes)
+    if not len(t_ns):
+        raise RecordingError(f"{raw.path}: no row with a time")
+    taken: dict[str, tuple[FloatArray, BoolArray, Found]] = {}
+    for place, each in enumerate(choices, len(times)):
+        if each.name not in taken and np.isfinite(cells[rows, place]).any():
+            taken[each.name] = _signal(raw, profile, each, cells[rows, place])
+    for place, each in enumerate(own, len(times) + len(choices)):
+        values = cells[rows, place]
+        taken.setdefault(
+            each.name, (values, np.zeros(len(values), bool), Found(each.name, each.name, ""))
+        )
+    blank = dict.fromkeys(each.name for each in choices if each.name not in taken)
+    for made in derive({name: values for name, (values, _, _) in taken.items()}, profile.engine):
+        none = np.zeros(len(made.values), dtype=bool)
+        taken[made.name] = made.values, none, Found(made.name, "", "", made.in_words)
+    order = [s.name for s in SIGNALS if s.name in taken]
+    order += [name for name in taken if name not in BY_NAME]
+    if not order:
+        raise RecordingError(f"{raw.path}: none of its columns is known to {profile.name}")
+    return Reading(
+        raw,
+        profile,
+        t_ns,
+        tuple(order),
+        np.column_stack([taken[name][0] for name in order]),
+        np.column_stack([taken[name][1] for name in order]),
+        tuple(taken[name][2] for name in order),
+        tuple(blank),
+        notes,
+    )
+
+
+def _cells(raw: RawTable, choices: Sequence[_Choice], notes: Notes) -> FloatArray:
+    """Return all rows of the chosen columns, (n, n_choices)."""
+    wanted = [Wanted(each.column, each.source.words) for each in choices]
+    try:
+        blocks = list(raw.read(wanted, notes))
+    except RecordingError:
+        raise
+    except (OSError, EOFError, ValueError) as error:
+        raise RecordingError(f"{raw.path}: cannot read it: {reason(error)}") from error
+    if not blocks:
+        raise RecordingError(f"{raw.path}: the log has no rows")
+    return np.concatenate(blocks)
+
+
+def _time(
+    raw: RawTable, times: Sequence[_Choice], cells: FloatArray
+) -> tuple[FloatArray, float]:
+    """Return the times in s, and after which time they wrap."""
+    for place, each in enumerate(times):
+        column = raw.columns[each.column]
+        values = cells[:, place]
+        if not np.isfinite(values).any():
+            continue
+        if column.kind == "clock":
+            return values, column.wraps_s
+        unit = _stated(column, each.source, "time") or Unit("time")
+        return values * unit.factor, 0.0
+    names = ", ".join(raw.columns[each.column].name for each in times)
+    raise RecordingError(f"{raw.path}: no number in the column of time ({names})")
+
+
+def _stated(column: RawColumn, source: Source, quantity: str, stoich: float = 14.7) -> Unit | None:
+    """Return the unit that the file or the profile states, None without one."""
+    for text in (column.unit, name_and_unit(column.name)[1], *source.units):
+        unit = unit_of(text, stoich)
+        if unit is not None and unit.quantity == quantity:
+            return unit
+    return None
+
+
+def _signal(
+    raw: RawTable, profile: Profile, choice: _Choice, cells: FloatArray
+) -> tuple[FloatArray, BoolArray, Found]:
+    column, source = raw.columns[choice.column], choice.source
+    pinned = np.zeros(len(cells), dtype=bool)
+    for value in source.pinned:
+        pinned |= np.abs(cells - value) <= PINNED_WITHIN * max(abs(value), 1e-3)
+    if source.is_flag:
+        values, unit = _flag(source, cells), ""
+    else:
+        values, unit = _converted(profile, choice.name, column, source, cells)
+        values = values * source.factor + source.offset
+    if source.inverted:
+        values = 1.0 - values
+    return values, pinned, Found(choice.name, column.name, unit, "", int(pinned.sum()))
+
+
+def _flag(source: Source, cells: FloatArray) -> FloatArray:
+    """Return 1 where the source's test holds, else 0; NaN where there is no value."""
+    if source.words:
+        return cells
+    if source.bit is not None:
+        whole = np.where(np.isfinite(cells), cells, 0.0).astype(np.int64)
+        holds = (whole >> source.bit) & 1 == 1
+    elif source.equals:
+        holds = np.isin(cells, source.equals)
+    else:
+        holds = cells > source.above
+    return np.where(np.isfinite(cells), holds.astype(np.float64), np.nan)
+
+
+def _converted(
+    profile: Profile, name: str, column: RawColumn, source: Source, cells: FloatArray
+) -> tuple[FloatArray, str]:
+    """Return the values in the signal's unit, and the logger's unit in words."""
+    canonical = BY_NAME[name].unit
+    target = unit_of(_TARGETS.get(canonical, canonical), profile.stoich_afr)
+    if target is None:
+        return cells, column.unit
+    for text in (column.unit, name_and_unit(column.name)[1]):
+        unit = unit_of(text, profile.stoich_afr)
+        if unit is not None and unit.quantity == target.quantity and text != "-":
+            return _scaled(cells, unit, target), text
+    known = [
+        (text, unit)
+        for text in source.units
+        if (unit := unit_of(text, profile.stoich_afr)) and unit.quantity == target.quantity
+    ]
+    for text, unit in known:
+        values = _scaled(cells, unit, target)
+        if len(known) == 1 or _is_plausible(name, values * source.factor + source.offset):
+            return values, text
+    return (_scaled(cells, known[0][1], target), known[0][0]) if known else (cells, canonical)
+
+
+def _scaled(cells: FloatArray, unit: Unit, target: Unit) -> FloatArray:
+    factor, offset = conversion(unit, target)
+    return cells if factor == 1.0 and offset == 0.0 else cells * factor + offset
+
+
+def _is_plausible(name: str, values: FloatArray) -> bool:
+    low, high = plausible_range(name)
+    middle = float(np.nanmedian(values))
+    return low <= middle <= high

@@ -1,0 +1,46 @@
+"""The times of a logger's rows: clocks that wrap, repeated rows, pauses, and a log begun anew."""
+
+from typing import Final
+
+import numpy as np
+
+from monitor.base.types import BoolArray, FloatArray, IntArray
+from monitor.frames.tables.raw_table import Notes
+
+JITTER_S: Final = 1.0  # a row that much older is out of order; a larger step back begins a new log
+ANEW_S: Final = 10.0  # pause that parts a log from the next one in the same file
+LONGEST_IN_NS_S: Final = 1e6  # later times have microseconds, as those of frames
+
+
+def cleaned(t_s: FloatArray, wraps_s: float, notes: Notes) -> tuple[IntArray, BoolArray]:
+    """Return strictly rising times in ns, (k,), and which of the (n,) rows they are of.
+
+    wraps_s : after which the clock starts again, 0 never
+    Of rows with the same time the last one counts. Rows without a time, and rows slightly older
+    than one before them, are left out. If the times begin again, the rest follows after a pause.
+    """
+    keep = np.isfinite(t_s)
+    notes.count("rows_without_time", int((~keep).sum()))
+    t_s = t_s[keep].copy()
+    if wraps_s:
+        falls = np.diff(t_s, prepend=t_s[:1]) < -0.5 * wraps_s
+        t_s += wraps_s * np.cumsum(falls)
+        notes.count("clock_wraps", int(falls.sum()))
+    steps = np.diff(t_s, prepend=t_s[:1])
+    anew = steps < -JITTER_S
+    if anew.any():
+        notes.count("logs_begun_anew", int(anew.sum()))
+        t_s += np.cumsum(np.where(anew, ANEW_S - steps, 0.0))
+    step_ns = 1 if np.abs(t_s).max(initial=0.0) < LONGEST_IN_NS_S else 1000
+    t_ns: IntArray = np.rint(t_s * (1e9 / step_ns)).astype(np.int64) * step_ns
+    latest = np.maximum.accumulate(t_ns) if len(t_ns) else t_ns
+    older = t_ns < latest
+    repeated = np.zeros(len(t_ns), dtype=bool)
+    ordered = np.flatnonzero(~older)
+    repeated[ordered[:-1]] = np.diff(t_ns[ordered]) == 0
+    notes.count("rows_out_of_order", int(older.sum()))
+    notes.count("repeated_times", int(repeated.sum()))
+    good = ~older & ~repeated
+    rows = np.zeros(len(keep), dtype=bool)
+    rows[np.flatnonzero(keep)[good]] = True
+    return t_ns[good], rows

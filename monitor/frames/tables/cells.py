@@ -1,0 +1,111 @@
+"""Cells of a text table: numbers with points or commas, clock times, words, and no value."""
+
+import math
+import re
+from collections.abc import Callable
+from datetime import datetime, timezone
+from typing import Final
+
+from monitor.frames.tables.raw_table import DAY_S, HOUR_S
+
+NO_VALUE: Final = frozenset(
+    {"", "-", "--", "---", "∞", "-∞", "+∞", "nan", "n/a", "na", "#n/a", "null", "none", "no data"}
+    | {"inf", "-inf", "infinity", "-infinity", "?", "*", "err", "error", "nodata"}
+)
+WORDS: Final = {"true": 1.0, "false": 0.0, "on": 1.0, "off": 0.0, "yes": 1.0, "no": 0.0}
+WORDS_MORE: Final = {"active": 1.0, "inactive": 0.0, "high": 1.0, "low": 0.0, "ok": 1.0}
+
+# h:m:s or m:s, with a date before it or not
+_CLOCK: Final = re.compile(r"(?:(\d{1,3}):)?(\d{1,2}):(\d{1,2}(?:[.,]\d*)?)\s*([ap]m)?", re.I)
+_DATES: Final = (
+    "%Y-%m-%d", "%Y/%m/%d", "%d.%m.%Y", "%m/%d/%Y", "%d-%b-%Y", "%d/%m/%Y", "%Y%m%d",
+)  # fmt: skip
+
+Parse = Callable[[str], float]
+
+
+def number(text: str) -> float:
+    """Return a cell's number, NaN for no value and for text."""
+    try:
+        value = float(text)
+    except ValueError:
+        return WORDS.get(text.strip().casefold(), WORDS_MORE.get(text.strip().casefold(), math.nan))
+    return value if math.isfinite(value) else math.nan
+
+
+def number_with_comma(text: str) -> float:
+    """Return the number of a cell such as 0,38.
+
+    >>> number_with_comma("-1.234,5")
+    -1234.5
+    """
+    if "," in text:
+        text = text.replace(".", "").replace(",", ".")
+    return number(text)
+
+
+def is_number(text: str, *, comma: bool = False) -> bool:
+    """Return whether a cell holds a number."""
+    try:
+        float(text.replace(",", ".") if comma else text)
+    except ValueError:
+        return False
+    return True
+
+
+def is_no_value(text: str) -> bool:
+    """Return whether a cell says that there is no value."""
+    return text.strip().casefold() in NO_VALUE
+
+
+def clock(text: str) -> float:
+    """Return the seconds of a clock time, since midnight, the hour, or 1970 with a date.
+
+    NaN if it is none.
+
+    >>> clock("25:36.7"), clock("16:37:18.5"), clock("1970-01-02 00:00:01")
+    (1536.7, 59838.5, 86401.0)
+    """
+    text = text.strip()
+    day, _, rest = text.replace("T", " ").rpartition(" ")
+    if rest.casefold() in ("am", "pm"):
+        day, _, rest = day.rpartition(" ")
+        rest += text[-2:]
+    match = _CLOCK.fullmatch(rest.rstrip("Zz"))
+    if match is None:
+        return math.nan
+    hours, minutes, seconds = match[1] or 0, match[2], match[3].replace(",", ".")
+    value = HOUR_S * int(hours) + 60.0 * int(minutes) + float(seconds)
+    if match[4]:
+        value = value % (DAY_S / 2) + (DAY_S / 2 if match[4].casefold() == "pm" else 0.0)
+    return value + (_day_s(day.strip()) if day.strip() else 0.0)
+
+
+def _day_s(text: str) -> float:
+    for form in _DATES:
+        try:
+            return datetime.strptime(text, form).replace(tzinfo=timezone.utc).timestamp()  # noqa: UP017
+        except ValueError:
+            continue
+    return 0.0
+
+
+def wrap_s(text: str) -> float:
+    """Return after how many seconds the clock of a cell starts again, 0 never."""
+    rest = text.strip().replace("T", " ")
+    if re.match(r".*\d[-/.]\w+[-/.]\d.* ", rest):
+        return 0.0
+    return DAY_S if rest.count(":") == 2 else HOUR_S
+
+
+def of_words(words: tuple[str, ...]) -> Parse:
+    """Return a parser: 1 for a cell that holds one of the words, 0 for other text."""
+    folded = tuple(word.casefold() for word in words)
+
+    def parse(text: str) -> float:
+        cell = text.strip().casefold()
+        if cell in NO_VALUE:
+            return math.nan
+        return float(any(word in cell for word in folded))
+
+    return parse

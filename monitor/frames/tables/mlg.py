@@ -1,0 +1,302 @@
+"""MegaLogViewer's binary logs (.mlg), versions 1 and 2, as TunerStudio, rusEFI and Speeduino write.
+
+All numbers are big endian. Header: ``MLVLG\\0``, version, time, start of the text, start of the
+data, bytes per record, number of fields; then 55 bytes per field (version 1) or 89 (version 2).
+Data blocks begin with type, counter and a timestamp of 10 µs that wraps after 0.66 s. Type 0 is a
+record, with a checksum behind it: the sum of its bytes; type 1 is a marker with 50 bytes of text.
+Value = scale * (raw + transform). Source: the files themselves and the public converters.
+"""
+
+import io
+import struct
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import BinaryIO, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from monitor.base.errors import RecordingError
+from monitor.base.types import BoolArray, FloatArray, IntArray
+from monitor.frames.logs import open_binary
+from monitor.frames.tables.raw_table import Notes, RawColumn, RawTable, Wanted
+
+MAGIC: Final = b"MLVLG\0"
+TIMESTAMP: Final = "MLG timestamp"  # name of the column of unwrapped timestamps, in s
+
+_TYPES: Final = {0: "u1", 1: "i1", 2: ">u2", 3: ">i2", 4: ">u4", 5: ">i4", 6: ">i8", 7: ">f4"}
+_BITS: Final = {10: "u1", 11: ">u2", 12: ">u4", 0x10: "u1", 0x11: ">u2", 0x12: ">u4"}
+_FIELD_BYTES: Final = {1: 55, 2: 89}
+_BLOCK_HEAD: Final = 4  # type, counter, timestamp
+_MARKER: Final = _BLOCK_HEAD + 50
+_TICK_S: Final = 1e-5
+_WRAP: Final = 1 << 16
+_CHUNK: Final = 4 << 20  # bytes that are read at once
+_MOST_FIELDS: Final = 20_000
+
+
+@dataclass(frozen=True, slots=True)
+class _Field:
+    name: str
+    unit: str
+    dtype: str
+    scale: float
+    transform: float
+    bit: int | None = None  # of a bit field
+
+
+class _Layout(NamedTuple):
+    fields: tuple[_Field, ...]
+    offsets: tuple[int, ...]  # of the fields within a record
+    data: int  # byte of the first block
+    record: int  # bytes of a record
+
+
+def open_mlg(path: Path) -> RawTable:
+    """Return the log in ``path``.
+
+    Raises RecordingError if it is no MLG log, or of an unknown version.
+    """
+    with open_binary(path) as file:
+        version, layout, text = _header(path, file)
+    columns = tuple(RawColumn(each.name, each.unit) for each in layout.fields)
+    return RawTable(
+        path,
+        f"MegaLogViewer binary log, version {version}",
+        (*columns, RawColumn(TIMESTAMP, "s")),
+        partial(_read, path, layout),
+        text,
+    )
+
+
+def _header(path: Path, file: BinaryIO) -> tuple[int, _Layout, str]:
+    head = _wanted_bytes(path, file, 24)
+    if head[:6] != MAGIC:
+        raise RecordingError(f"{path}: begins with {head[:6]!r}, an MLG log begins with {MAGIC!r}")
+    version = int.from_bytes(head[6:8])
+    if version not in _FIELD_BYTES:
+        raise RecordingError(f"{path}: MLG version {version}, versions 1 and 2 are read")
+    packed = ">HIHH" if version == 1 else ">IIHH"
+    info, data, record, n = struct.unpack_from(packed, head, 12)
+    size, start = _FIELD_BYTES[version], 12 + struct.calcsize(packed)
+    if not 0 < n <= _MOST_FIELDS:
+        raise RecordingError(f"{path}: {n} fields, 1 to {_MOST_FIELDS} are wanted")
+    if data < start + n * size:
+        raise RecordingError(f"{path}: data from byte {data}, within the {n} fields before it")
+    body = head[start:] + _wanted_bytes(path, file, start + n * size - len(head))
+    entries = [body[i * size : (i + 1) * size] for i in range(n)]
+    rest = file.read(min(data - start - n * size, _CHUNK))
+    names = _Names(rest[: max(info - start - n * size, 0)], start + n * size)
+    fields, offsets, at = [], [], 0
+    for number, entry in enumerate(entries, 1):
+        kind = entry[0]
+        dtype = _TYPES.get(kind) or _BITS.get(kind)
+        if dtype is None:
+            raise RecordingError(f"{path}: field {number}: type {kind}, 0 to 7 or 10 to 12 wanted")
+        each = _bits(entry, dtype, names) if kind in _BITS else [_scalar(entry, dtype)]
+        fields += each
+        offsets += [at] * len(each)
+        at += np.dtype(dtype).itemsize
+    if at != record:
+        raise RecordingError(f"{path}: records of {record} bytes, its {n} fields take {at}")
+    text = rest[info - start - n * size :][:20_000] if info else b""
+    signature = _text(text.partition(b"\0")[0])
+    return version, _Layout(tuple(fields), tuple(offsets), data, record), signature
+
+
+def _wanted_bytes(path: Path, file: BinaryIO, n: int) -> bytes:
+    data = file.read(n)
+    if len(data) < n:
+        raise RecordingError(f"{path}: the log ends within its header")
+    return data
+
+
+def _scalar(entry: bytes, dtype: str) -> _Field:
+    scale, transform = struct.unpack_from(">ff", entry, 46)
+    return _Field(_text(entry[1:35]), _text(entry[35:45]), dtype, _exact(scale), transform)
+
+
+def _exact(scale: float) -> float:
+    """Return the decimal that a scale of 32 bits stands for: 0.1, not 0.10000000149."""
+    return float(f"{scale:.7g}")
+
+
+class _Names(NamedTuple):
+    text: bytes  # names of bits, a zero behind each
+    start: int  # its byte in the file
+
+    def of(self, index: int, n: int) -> list[bytes]:
+        """Return ``n`` names from an index, which counts from the text's start or the file's."""
+        first = index - self.start if index >= self.start else index
+        return self.text[first:].split(b"\0")[:n]
+
+
+def _bits(entry: bytes, dtype: str, names: _Names) -> list[_Field]:
+    """Return one field per bit that has a name."""
+    (index,), count = struct.unpack_from(">I", entry, 46), entry[50]
+    own = names.of(index, min(count, 8 * np.dtype(dtype).itemsize))
+    group = _text(entry[1:35])
+    return [
+        _Field(f"{group}: {_text(name)}", "", dtype, 1.0, 0.0, bit)
+        for bit, name in enumerate(own)
+        if name and _text(name) != "INVALID"
+    ] or [_Field(group, "", dtype, 1.0, 0.0)]
+
+
+def _text(data: bytes) -> str:
+    text = data.partition(b"\0")[0]
+    try:
+        return text.decode("utf-8").strip()
+    except UnicodeDecodeError:
+        return text.decode("cp1252", errors="replace").strip()
+
+
+def _read(
+    path: Path, layout: _Layout, wanted: Sequence[Wanted], notes: Notes
+) -> Iterator[FloatArray]:
+    """Yield the wanted fields, (n, n_wanted), of one chunk after the other."""
+    blocks = _Blocks(layout)
+    clock = _Clock()
+    with open_binary(path) as file:
+        _skip(path, file, layout.data)
+        for records in blocks.of(file, notes):
+            stamps = clock.seconds(records[:, 2].astype(np.int64) * 256 + records[:, 3])
+            out = np.empty((len(records), len(wanted)))
+            for i, each in enumerate(wanted):
+                column = each.column
+                out[:, i] = stamps if column == len(layout.fields) else _values(
+                    records, layout.fields[column], layout.offsets[column]
+                )
+            yield out
+
+
+def _skip(path: Path, file: BinaryIO, n: int) -> None:
+    if file.seekable():
+        file.seek(n)
+    else:
+        _wanted_bytes(path, file, n)
+
+
+def _values(records: NDArray[np.uint8], field: _Field, offset: int) -> FloatArray:
+    start = _BLOCK_HEAD + offset
+    size = np.dtype(field.dtype).itemsize
+    raw = np.ascontiguousarray(records[:, start : start + size]).view(field.dtype)[:, 0]
+    if field.bit is not None:
+        return ((raw.astype(np.int64) >> field.bit) & 1).astype(np.float64)
+    values = raw.astype(np.float64)
+    if field.transform:
+        values += field.transform
+    return values if field.scale == 1.0 else values * field.scale
+
+
+class _Clock:
+    """Unwraps the timestamps of records."""
+
+    def __init__(self) -> None:
+        self._last: int | None = None
+        self._ticks = 0
+
+    def seconds(self, stamps: IntArray) -> FloatArray:
+        before = stamps[0] if self._last is None else self._last
+        steps = np.diff(stamps, prepend=before) % _WRAP
+        ticks = self._ticks + np.cumsum(steps)
+        self._last, self._ticks = int(stamps[-1]), int(ticks[-1])
+        return np.asarray(ticks * _TICK_S)
+
+
+class _Blocks:
+    """The records of the data, checked, in arrays of whole blocks."""
+
+    def __init__(self, layout: _Layout) -> None:
+        self._size = _BLOCK_HEAD + layout.record + 1
+
+    def of(self, file: BinaryIO, notes: Notes) -> Iterator[NDArray[np.uint8]]:
+        """Yield good records, (n, bytes of a block), with type, counter and timestamp.
+
+        Markers, bad records and bytes that belong to no block are left out and counted.
+        """
+        size, rest, n = self._size, b"", 0
+        step = max(_CHUNK // size, 4) * size
+        while True:
+            data = file.read(step)
+            chunk = np.frombuffer(rest + data, dtype=np.uint8)
+            at = 0
+            for begin, end in self._runs(chunk, notes, ended=not data):
+                at = end
+                if end - begin >= size and (end - begin) % size == 0 and chunk[begin] == 0:
+                    n += (end - begin) // size
+                    yield chunk[begin:end].reshape(-1, size)
+            rest = chunk[at:].tobytes()
+            if not data:
+                break
+        if rest:
+            notes.sentences.append(f"cut short after {n} records: {len(rest)} bytes are left")
+
+    def _runs(
+        self, chunk: NDArray[np.uint8], notes: Notes, *, ended: bool
+    ) -> Iterator[tuple[int, int]]:
+        """Yield the spans [begin, end) of good records in a row and of what is passed over.
+
+        ended : the chunk is the file's last
+        """
+        size, at, n = self._size, 0, len(chunk)
+        good: BoolArray | None = None
+        while n - at >= size or (n - at >= _MARKER and chunk[at] == 1):
+            count = self._good_in_a_row(chunk[at : at + (n - at) // size * size])
+            if count:
+                yield at, at + count * size
+                at += count * size
+                continue
+            if chunk[at] == 1 and n - at >= _MARKER:
+                notes.count("markers")
+                yield at, at + _MARKER
+                at += _MARKER
+                continue
+            if good is None:
+                good = self._good_places(chunk)
+            following = np.flatnonzero(good[at + 1 :])
+            if following.size:
+                to = at + 1 + int(following[0])
+            elif ended or n - at > 8 * size:  # nothing readable: keep what may begin a record
+                to = max(n - size + 1, at + 1) if not ended else n
+            else:
+                return
+            notes.count("bad_checksum" if to - at == size else "damaged_bytes",
+                        1 if to - at == size else to - at)
+            yield at, to
+            at = to
+
+    def _good_in_a_row(self, data: NDArray[np.uint8]) -> int:
+        """Return how many blocks at the start are records whose checksum is right."""
+        blocks = data.reshape(-1, self._size)
+        good = (blocks[:, 0] == 0) & (
+            np.add.reduce(blocks[:, _BLOCK_HEAD:-1], axis=1, dtype=np.uint8) == blocks[:, -1]
+        )
+        return len(good) if good.all() else int(good.argmin())
+
+    def _good_places(self, chunk: NDArray[np.uint8]) -> BoolArray:
+        """Return (n,) bool: here begins a good record, and a marker or the next record after it."""
+        size = self._size
+        good = np.zeros(len(chunk), dtype=bool)
+        if len(chunk) < size:
+            return good
+        sums = np.cumsum(chunk, dtype=np.uint8)
+        starts = np.arange(len(chunk) - size + 1)
+        own = sums[starts + size - 2] - sums[starts + _BLOCK_HEAD - 1]
+        good[starts] = (chunk[starts] == 0) & (own == chunk[starts + size - 1])
+        good[starts] &= chunk[starts + size - 1] != 0  # zeros alone look like records
+        after = starts[: max(len(chunk) - size - 1, 0)]
+        counted = chunk[after + size + 1] == chunk[after + 1] + np.uint8(1)
+        good[after] &= counted & (chunk[after + size] <= 1)
+        return good
+
+
+def is_mlg(path: Path) -> bool:
+    """Return whether the file begins as an MLG log does."""
+    try:
+        with open_binary(path) as file:
+            return file.read(len(MAGIC)) == MAGIC
+    except (OSError, EOFError, io.UnsupportedOperation):
+        return False

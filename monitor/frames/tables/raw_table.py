@@ -1,0 +1,68 @@
+"""A raw table: the columns of a logger's file under its own names, read in blocks.
+
+A reader of a format is a function from a path to a ``RawTable``. Opening reads the header only;
+``blocks`` reads the wanted columns, so a log of any length and width needs little memory.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final, Literal
+
+from monitor.base.types import FloatArray
+
+Kind = Literal["number", "clock", "text"]  # of a column's cells; a clock's values are seconds
+
+DAY_S: Final = 86_400.0
+HOUR_S: Final = 3_600.0
+
+
+@dataclass(frozen=True, slots=True)
+class RawColumn:
+    """One column as the logger wrote it."""
+
+    name: str
+    unit: str = ""
+    kind: Kind = "number"
+    wraps_s: float = 0.0  # after which a clock starts again, 0 never
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """A column to read: its number, and the words that count as 1 where its cells are text."""
+
+    column: int
+    words: tuple[str, ...] = ()
+
+
+@dataclass(slots=True)
+class Notes:
+    """Oddities that a reader met, to be told: counts by name, and sentences."""
+
+    counts: dict[str, int] = field(default_factory=dict)
+    sentences: list[str] = field(default_factory=list)
+
+    def count(self, name: str, n: int = 1) -> None:
+        """Add ``n`` to a count; nothing is stored for 0."""
+        if n:
+            self.counts[name] = self.counts.get(name, 0) + n
+
+
+@dataclass(frozen=True, slots=True)
+class RawTable:
+    """One file of a logger, opened.
+
+    read(wanted, notes) yields blocks (n, n_wanted) of float64, NaN for no value, in the order of
+    the file; it raises ValueError, OSError or RecordingError for a file that cannot be read.
+    """
+
+    path: Path
+    kind: str  # format in words
+    columns: tuple[RawColumn, ...]
+    read: Callable[[Sequence[Wanted], Notes], Iterator[FloatArray]]
+    preamble: str = ""  # text before the columns: the ECU's signature, as a rule
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the columns' names."""
+        return tuple(column.name for column in self.columns)

@@ -1,0 +1,69 @@
+"""The reader of a file: by its first bytes and its suffix, or by a plug-in for its suffix.
+
+A plug-in brings a reader by the entry point ``o2_monitor.readers``: its name is the suffix without
+the point, its object a function from a path to a ``RawTable``.
+"""
+
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from typing import Final, cast
+
+from monitor.base.errors import RecordingError
+from monitor.frames.tables import delimited, mlg
+from monitor.frames.tables.raw_table import RawTable
+
+GROUP: Final = "o2_monitor.readers"
+TEXT: Final = (".csv", ".msl", ".txt", ".tsv")
+SUFFIXES: Final = (*TEXT, ".mlg")
+
+
+def suffix_of(path: Path) -> str:
+    """Return the suffix in small letters, without .gz.
+
+    >>> suffix_of(Path("Drive.MSL.gz"))
+    '.msl'
+    """
+    name = path.name.lower().removesuffix(".gz")
+    return Path(name).suffix
+
+
+@cache
+def plugins() -> dict[str, EntryPoint]:
+    """Return the plug-ins' readers by suffix."""
+    return {f".{each.name.lower()}": each for each in entry_points(group=GROUP)}
+
+
+def is_readable(path: Path) -> bool:
+    """Return whether a reader knows the file's suffix."""
+    return suffix_of(path) in SUFFIXES or suffix_of(path) in plugins()
+
+
+def open_table(path: Path) -> RawTable:
+    """Return the file's raw table.
+
+    Raises RecordingError naming the file if it cannot be read.
+    """
+    suffix = suffix_of(path)
+    try:
+        if suffix in plugins():
+            return _through_plugin(path, plugins()[suffix])
+        if suffix == ".mlg" or mlg.is_mlg(path):
+            return mlg.open_mlg(path)
+        return delimited.open_delimited(path)
+    except (OSError, EOFError, ValueError) as error:
+        raise RecordingError(f"{path}: cannot read it: {reason(error)}") from error
+
+
+def _through_plugin(path: Path, plugin: EntryPoint) -> RawTable:
+    try:
+        return cast(RawTable, plugin.load()(path))
+    except RecordingError:
+        raise
+    except Exception as error:  # of somebody else's code
+        raise RecordingError(f"{path}: the reader {plugin.value} fails: {reason(error)}") from error
+
+
+def reason(error: Exception) -> str:
+    """Return an error in a few words."""
+    return getattr(error, "strerror", None) or str(error) or type(error).__name__
