@@ -1,44 +1,49 @@
-"""Recordings as tables: CSV, plain or gzipped, first column ``time_s``, one column per signal.
+"""Recordings as tables: the project's own CSV and Parquet tables, and the logs of tuning tools.
 
-A columns map is a TOML file that says which column carries which canonical signal; columns it
-does not name keep their own::
-
-    lambda_measured = "AFR"                                          # as it is
-    rail_pressure_mpa = { column = "FuelP", factor = 0.1, offset = 0.0 }
-    time_s = { column = "t_ms", factor = 0.001 }                     # default: column time_s
+An own table has the first column ``time_s`` and one column per signal. With a columns map its
+columns have other names. A file with other columns is read under a profile: a given one, or the
+shipped one that its columns fit.
 """
 
-import gzip
-import math
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, Any, Final, cast
+from typing import Final
 
 import numpy as np
 
-from monitor.base.errors import ConfigError, RecordingError
+from monitor.base.errors import RecordingError
 from monitor.base.signals import plausible_range
-from monitor.base.types import FloatArray, IntArray, Quality, QualityArray, Sample, SampleBlock
+from monitor.base.types import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    Quality,
+    QualityArray,
+    Sample,
+    SampleBlock,
+)
+from monitor.frames.bounds import open_binary
+from monitor.frames.profiles.profile import is_profile, load_profile
+from monitor.frames.profiles.recognition import recognised
+from monitor.frames.profiles.signals import read_signals
+from monitor.frames.tables import own
+from monitor.frames.tables.parquet import read_parquet
+from monitor.frames.tables.raw_table import Notes, RawTable, Wanted
+from monitor.frames.tables.readers import is_readable, open_table, suffix_of
 from monitor.grid.assembler import check_grid
 from monitor.grid.block_assembler import assemble_arrays
+from monitor.grid.columns import Column, load_columns
 
 TIME: Final = "time_s"
 DEFAULT_PERIOD_NS: Final = 100_000_000
 LONGEST_IN_NS_S: Final = 1e6
 UNIFORM: Final = 0.01  # a table whose steps differ by less is used sample for sample
-_ROWS: Final = 1 << 14  # read before they become an array, which takes less memory
-_LOG_HEADER: Final = "timestamp,arbitration_id,"
-
-
-@dataclass(frozen=True, slots=True)
-class Column:
-    """Where one signal of a table comes from: value = factor * cell + offset."""
-
-    column: str
-    factor: float = 1.0
-    offset: float = 0.0
+# periods for tables with uneven steps: the least that is not below the middle step
+STEP_ABOVE: Final = 0.1  # by which the middle step may be above the period
+PERIODS_NS: Final = tuple(round(s * 1e9) for s in (0.1, 0.2, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0))
+_LOG_HEADER: Final = b"timestamp,arbitration_id,"
+_SHOWN: Final = 8  # columns that a message names
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,88 +54,104 @@ class Table:
     names: tuple[str, ...]  # without time_s
     t_ns: IntArray  # (n,) strictly rising
     values: FloatArray  # (n, n_names), NaN where the cell is blank
+    pinned: BoolArray | None = None  # (n, n_names) the logger's value for "no sensor"; None nowhere
+    notes: Notes = field(default_factory=Notes)
+    profile: str = ""  # of a logger's file
 
 
 def is_table(path: str | Path) -> bool:
     """Return whether ``path`` is a table and not a CAN log, by its name and first line."""
     path = Path(path)
-    name = path.name.lower()
-    if name.endswith((".parquet", ".mdf", ".dat")):
+    if path.name.lower().endswith((".parquet", ".mdf", ".dat")):
         return True
-    if not name.endswith((".csv", ".csv.gz")):
+    if not is_readable(path):
         return False
+    if suffix_of(path) != ".csv":
+        return True
     try:
-        with _open(path) as file:
-            return not file.readline(200).startswith(_LOG_HEADER)
-    except (OSError, EOFError, UnicodeDecodeError):
+        with open_binary(path) as file:
+            return not file.read(len(_LOG_HEADER)).startswith(_LOG_HEADER)
+    except (OSError, EOFError, ValueError):
         return False
 
 
-def load_columns(path: Path) -> dict[str, Column]:
-    """Return the columns map in the TOML file ``path``.
+def read_table(
+    path: str | Path, columns: str | Path | None = None, further: Sequence[str] = ()
+) -> Table:
+    """Return the table in the file ``path``.
 
-    Raises ConfigError naming file and key if it cannot be used.
-    """
-    try:
-        with path.open("rb") as file:
-            raw = tomllib.load(file)
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot read the columns map: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: not a TOML file: {error}") from error
-    return {name: _column(path, name, entry) for name, entry in raw.items()}
-
-
-def _column(path: Path, name: str, entry: Any) -> Column:
-    if isinstance(entry, str):
-        return Column(entry)
-    if not isinstance(entry, dict) or not isinstance(entry.get("column"), str):
-        raise ConfigError(f"{path}: {name} is {entry!r}, a column's name is wanted")
-    unknown = sorted(entry.keys() - {"column", "factor", "offset"})
-    if unknown:
-        raise ConfigError(f"{path}: [{name}] has the unknown key {unknown[0]!r}")
-    for key in ("factor", "offset"):
-        value = entry.get(key, 0.0)
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise ConfigError(f"{path}: [{name}] {key} is {value!r}, a number is wanted")
-    return Column(entry["column"], float(entry.get("factor", 1.0)), float(entry.get("offset", 0.0)))
-
-
-def read_table(path: str | Path, columns: str | Path | None = None) -> Table:
-    """Return the table in the CSV file ``path``.
-
-    columns : a columns map; without it every column keeps its name
+    columns : a columns map, or a profile; without it an own table's columns keep their names, and
+        the profile of other files is recognised
+    further : columns of a logger's file to read under their own names
     Raises RecordingError naming file, line and column if the table is missing, empty, has cells
-    that are no numbers, rows of another length or times that do not rise.
+    that are no numbers, rows of another length or times that fall, or if no profile fits it.
     """
     path = Path(path)
-    if not path.name.lower().endswith((".csv", ".csv.gz")):
+    given = None if columns is None else Path(columns)
+    if path.suffix.lower() == ".parquet":
+        mapping = load_columns(given) if given is not None else None
+        needed = mapping and {TIME, *(each.column for each in mapping.values())}
+        return make_table(path, *read_parquet(path, needed), mapping)
+    if not is_readable(path):
         raise RecordingError(
-            f"{path}: not a CSV table; 'o2train table' reads .parquet and .mf4 and writes .csv"
+            f"{path}: not a table; 'o2train table' reads .mf4 and .mdf and writes .csv"
         )
+    if given is not None and is_profile(given):
+        return _of_logger(open_table(path), given, further)
+    mapping = load_columns(given) if given is not None else None
+    header = _own_header(path)
+    if header and (mapping is not None or header[0] == TIME):
+        return make_table(path, *own.read_own(path), mapping)
+    raw = open_table(path)
+    if mapping is not None or raw.names[0] == TIME:
+        notes = Notes()
+        cells = np.concatenate(list(raw.read([Wanted(i) for i in range(len(raw.names))], notes)))
+        return make_table(path, list(raw.names), cells, mapping, notes)
+    return _of_logger(raw, None, further)
+
+
+def _own_header(path: Path) -> list[str] | None:
+    if suffix_of(path) != ".csv":
+        return None
     try:
-        with _open(path) as file:
-            first = file.readline().lstrip("\ufeff")
-            header = [name.strip() for name in first.split(",")]
-            if len(header) == 1 and ";" in first:
-                raise RecordingError(
-                    f"{path}: columns are parted by semicolons, commas are wanted, and points in "
-                    "numbers"
-                )
-            cells = _cells(path, header, file)
-    except (OSError, EOFError, UnicodeDecodeError) as error:
+        return own.header_of(path)
+    except (OSError, EOFError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise RecordingError(f"{path}: cannot read the table: {reason}") from error
-    mapping = load_columns(Path(columns)) if columns is not None else None
-    return make_table(path, header, cells, mapping)
+
+
+def _of_logger(raw: RawTable, given: Path | None, further: Sequence[str]) -> Table:
+    """Return a logger's file as a table of canonical signals."""
+    profile = recognised(raw) if given is None else load_profile(given)
+    if profile is None:
+        names = [name for name in raw.names if name]
+        shown = ", ".join(names[:_SHOWN]) + (", …" if len(names) > _SHOWN else "")
+        raise RecordingError(
+            f"{raw.path}: no profile knows its columns ({shown}); give --profile NAME or FILE; "
+            f"'o2mon check {raw.path} --write-profile FILE' writes one to edit"
+        )
+    reading = read_signals(raw, profile, further)
+    return Table(
+        raw.path,
+        reading.names,
+        reading.t_ns,
+        reading.values,
+        reading.pinned if reading.pinned.any() else None,
+        reading.notes,
+        profile.name,
+    )
 
 
 def make_table(
-    path: Path, header: Sequence[str], cells: FloatArray, columns: Mapping[str, Column] | None
+    path: Path,
+    header: Sequence[str],
+    cells: FloatArray,
+    columns: Mapping[str, Column] | None,
+    notes: Notes | None = None,
 ) -> Table:
     """Return a table from its columns, (n, n_columns), under their canonical names.
 
-    Raises RecordingError if a column is missing or twice there, or time does not rise.
+    Raises RecordingError if a column is missing or twice there, or time falls.
     """
     if columns is None:
         columns = {name: Column(name) for name in header}
@@ -149,80 +170,41 @@ def make_table(
             )
     if len(cells) == 0:
         raise RecordingError(f"{path}: the table has no rows")
+    notes = notes or Notes()
     scaled = {}
     for name, each in columns.items():
         cell = cells[:, places[each.column]]
         neutral = each.factor == 1.0 and each.offset == 0.0
         scaled[name] = cell if neutral else cell * each.factor + each.offset
     time_s = scaled.pop(TIME)
-    t_ns = _times(path, time_s)
+    t_ns, last = _times(path, time_s, notes)
     names = tuple(scaled)
     values = np.column_stack([scaled[name] for name in names]) if names else cells[:, :0]
-    return Table(path, names, t_ns, values)
+    return Table(path, names, t_ns, values if last.all() else values[last], notes=notes)
 
 
-def _times(path: Path, time_s: FloatArray) -> IntArray:
-    """Return times in nanoseconds; times since 1970 to microseconds, as those of frames are."""
+def _times(path: Path, time_s: FloatArray, notes: Notes) -> tuple[IntArray, BoolArray]:
+    """Return rising times in ns, and of which rows (n,) they are: the last of equal times.
+
+    Times since 1970 are rounded to microseconds, as those of frames are.
+    """
     bad = np.flatnonzero(~np.isfinite(time_s))
     if bad.size:
         raise RecordingError(f"{path}: line {bad[0] + 2}: {TIME} is not a number")
     # a float holds nanoseconds of a drive, but only microseconds of the time since 1970
     step_ns = 1 if np.abs(time_s).max(initial=0.0) < LONGEST_IN_NS_S else 1000
     t_ns: IntArray = np.rint(time_s * (1e9 / step_ns)).astype(np.int64) * step_ns
-    falling = np.flatnonzero(np.diff(t_ns) <= 0)
+    steps_ns = np.diff(t_ns)
+    falling = np.flatnonzero(steps_ns < 0)
     if falling.size:
         row = int(falling[0]) + 1
         raise RecordingError(
             f"{path}: line {row + 2}: {TIME} is {time_s[row]:g} after {time_s[row - 1]:g}, "
             "rising times are wanted"
         )
-    return t_ns
-
-
-def _open(path: Path) -> IO[str]:
-    """Open a table; one that is not UTF-8 is Windows' own Western encoding."""
-    opened = gzip.open if path.name.lower().endswith(".gz") else open
-    with opened(path, "rb") as file:
-        header = file.readline()
-    try:
-        header.decode("utf-8")
-    except UnicodeDecodeError:
-        return cast("IO[str]", opened(path, "rt", encoding="cp1252", errors="replace", newline=""))
-    return cast("IO[str]", opened(path, "rt", encoding="utf-8", newline=""))
-
-
-def _cells(path: Path, header: Sequence[str], lines: IO[str]) -> FloatArray:
-    """Return all cells, (n, n_columns); blank cells are NaN."""
-    width = len(header)
-    rows: list[list[float]] = []
-    blocks = [np.empty((0, width))]
-    for number, line in enumerate(lines, 2):
-        text = line.strip()
-        if not text:
-            continue
-        parts = text.split(",")
-        if len(parts) != width:
-            raise RecordingError(
-                f"{path}: line {number}: {len(parts)} cells, the header has {width} columns"
-            )
-        try:
-            rows.append([float(part) for part in parts])
-        except ValueError:
-            rows.append([_cell(path, number, *each) for each in zip(header, parts, strict=True)])
-        if len(rows) == _ROWS:
-            blocks.append(np.array(rows))
-            rows = []
-    blocks.append(np.array(rows, dtype=np.float64).reshape(len(rows), width))
-    return np.concatenate(blocks)
-
-
-def _cell(path: Path, number: int, name: str, text: str) -> float:
-    try:
-        return float(text) if text.strip() else math.nan
-    except ValueError:
-        raise RecordingError(
-            f"{path}: line {number}: column {name} is {text.strip()[:40]!r}, a number is wanted"
-        ) from None
+    last = np.append(steps_ns > 0, True)
+    notes.count("repeated_times", int((~last).sum()))
+    return t_ns[last], last
 
 
 def uniform_period_ns(t_ns: IntArray) -> int | None:
@@ -237,8 +219,18 @@ def uniform_period_ns(t_ns: IntArray) -> int | None:
 
 
 def table_period_ns(table: Table, period_ns: int | None = None) -> int:
-    """Return the sample period a table is used at: as asked, else its own, else 100 ms."""
-    return period_ns or uniform_period_ns(table.t_ns) or DEFAULT_PERIOD_NS
+    """Return the sample period a table is used at: as asked, else its own.
+
+    A table with uneven steps has the period nearest to its middle step, at least 100 ms.
+    """
+    return period_ns or uniform_period_ns(table.t_ns) or _round_period_ns(table.t_ns)
+
+
+def _round_period_ns(t_ns: IntArray) -> int:
+    if len(t_ns) < 2:
+        return DEFAULT_PERIOD_NS
+    middle_ns = float(np.median(np.diff(t_ns)))
+    return next((p for p in PERIODS_NS if p >= (1.0 - STEP_ABOVE) * middle_ns), PERIODS_NS[-1])
 
 
 def table_block(
@@ -257,21 +249,43 @@ def table_block(
     missing = [name for name in names if name not in table.names]
     if missing:
         raise RecordingError(f"{table.path}: has no column {', '.join(missing)}")
-    values, quality = in_range(table.values[:, [table.names.index(name) for name in names]], names)
+    places = [table.names.index(name) for name in names]
+    values, quality = in_range(table.values[:, places], names)
+    pinned = None if table.pinned is None else table.pinned[:, places]
     own_ns = uniform_period_ns(table.t_ns)
     if own_ns is not None and (period_ns is None or abs(period_ns - own_ns) <= UNIFORM * own_ns):
         index = np.arange(len(values), dtype=np.int64)
-        return SampleBlock(index, table.t_ns[0] + index * own_ns, values, quality)
-    period_ns = period_ns or DEFAULT_PERIOD_NS
+        block = SampleBlock(index, table.t_ns[0] + index * own_ns, values, quality)
+        return block if pinned is None else _marked(block, pinned)
+    period_ns = period_ns or _round_period_ns(table.t_ns)
     check_grid(period_ns)
     if timeouts_ns is None:
         row_ns = int(np.median(np.diff(table.t_ns))) if len(table.t_ns) > 1 else 0
         timeouts_ns = [max(500_000_000, 3 * row_ns)] * len(names)
-    marked = np.where(quality == Quality.OUT_OF_RANGE, np.inf, values)
-    series = [(table.t_ns, marked[:, column]) for column in range(len(names))]
-    return assemble_arrays(
-        table.t_ns, series, names, names, period_ns=period_ns, timeouts_ns=timeouts_ns
+    cells = np.where(quality == Quality.OUT_OF_RANGE, np.inf, values)
+    series = [(table.t_ns, cells[:, column]) for column in range(len(names))]
+    if pinned is None:
+        return assemble_arrays(
+            table.t_ns, series, names, names, period_ns=period_ns, timeouts_ns=timeouts_ns
+        )
+    # a tick is pinned if any of its rows is: the marks pass the grid beside the values
+    series += [(table.t_ns, pinned[:, column].astype(np.float64)) for column in range(len(names))]
+    both = (*names, *(f"{name} pinned" for name in names))
+    block = assemble_arrays(
+        table.t_ns, series, both, both, period_ns=period_ns, timeouts_ns=[*timeouts_ns] * 2
     )
+    n = len(names)
+    marks = np.asarray(block.values[:, n:] > 0.0)
+    block = SampleBlock(block.index, block.t_ns, block.values[:, :n], block.quality[:, :n])
+    return _marked(block, marks)
+
+
+def _marked(block: SampleBlock, pinned: BoolArray) -> SampleBlock:
+    """Return the block with the quality of pinned values; a plausible one is kept."""
+    quality = block.quality.copy()
+    known = (quality == Quality.GOOD) | (quality == Quality.OUT_OF_RANGE)
+    quality[pinned & known] = Quality.PINNED
+    return block._replace(quality=quality)
 
 
 def table_samples(

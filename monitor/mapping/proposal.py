@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from monitor.base.signals import SIGNALS
+from monitor.base.signals import OWN
 from monitor.mapping.candidates import FUEL_FLOW_NAME, Candidate
 from monitor.mapping.meanings import OF_ONE_SENSOR
 
@@ -55,7 +55,7 @@ class Proposals:
     def names(self) -> tuple[str, ...]:
         """Return the canonical signals that the map provides."""
         got = {c.name for c in self.found} | {d.name for d in self.derived}
-        return tuple(s.name for s in SIGNALS if s.name in got)
+        return tuple(s.name for s in OWN if s.name in got)
 
 
 def propose(ranked: Mapping[str, Sequence[Candidate]], cylinders: int = 4) -> Proposals:
@@ -82,7 +82,7 @@ def propose(ranked: Mapping[str, Sequence[Candidate]], cylinders: int = 4) -> Pr
             factor = STROKES_MG_PER_KG_H / cylinders
             derived.append(Derived(name, factor, (source,), ("engine_speed_rpm",), why))
     below = {each.name for each in derived}
-    signals = (_proposal(s.name, ranked.get(s.name, ()), taken, below) for s in SIGNALS)
+    signals = (_proposal(s.name, ranked.get(s.name, ()), taken, below) for s in OWN)
     return Proposals(tuple(signals), tuple(auxiliary), tuple(derived))
 
 

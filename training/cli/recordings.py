@@ -181,14 +181,14 @@ def run_log(args: argparse.Namespace) -> int:
     from monitor.base.outputs import check
     from monitor.decode.bus_map import load_pairs
     from monitor.frames.candump import LATEST_S
+    from monitor.grid.tables import read_table
     from training.recordings.can_log import broadcast, write_log
     from training.recordings.recording import check_rows, default_pairs
-    from training.recordings.table_files import load_table
 
     if args.start is not None and not 0.0 <= args.start < LATEST_S:
         raise UsageError(f"--start {args.start:g}: seconds from 0 to {LATEST_S:g} are wanted")
     check((args.out,), (args.table, args.columns))
-    table = load_table(args.table, args.columns)
+    table = read_table(args.table, args.columns)
     check_rows(args.table, table.t_ns)
     bus_map = load_pairs(pairs_of(args) or default_pairs())
     values = {name: table.values[:, i] for i, name in enumerate(table.names)}

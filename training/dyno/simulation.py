@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from monitor.base.faults import Fault
-from monitor.base.signals import SIGNALS
+from monitor.base.signals import OWN
 from monitor.base.types import FloatArray
 from training.dyno import cycles, drive, mixture, vehicle
 from training.dyno.drive import Drive
@@ -93,7 +93,7 @@ def _canonical(
         "fuel_cut": air.fuel_cut,
         "sensor_ready": fuel.sensor_ready,
     }
-    limits = {s.name: (s.minimum, s.maximum) for s in SIGNALS if s.name != "lambda_measured"}
+    limits = {s.name: (s.minimum, s.maximum) for s in OWN if s.name != "lambda_measured"}
     for name, (low, high) in limits.items():
         signals[name] = np.clip(signals[name], low, high)
     return signals

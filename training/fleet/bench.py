@@ -16,7 +16,7 @@ from monitor.base.config import Config
 from monitor.decode.bus_map import load_pairs
 from monitor.frames.candump_blocks import Lines
 from monitor.frames.lines import Bytes
-from monitor.grid.tables import load_columns
+from monitor.grid.columns import load_columns
 from monitor.judge.limits import Limits
 from monitor.model.step import Model
 from monitor.pipeline.recordings import RecordingReader

@@ -12,7 +12,8 @@ import numpy as np
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray, IntArray
 from monitor.frames import mdf as mdf4
-from monitor.grid.tables import TIME, Column, load_columns
+from monitor.grid.columns import Column, load_columns
+from monitor.grid.tables import TIME
 
 SUFFIXES: Final = (".mf4", ".mdf", ".dat")
 _BUS_EVENT: Final = 2  # flag of MDF 4 channel groups that hold frames

@@ -27,12 +27,13 @@ from monitor.grid.tables import (
     Table,
     in_range,
     is_table,
+    read_table,
     table_block,
     table_period_ns,
 )
 from monitor.model.card import TrainingRecording
 from training.recordings.measurement import is_measurement, read_measurement, union_of_times
-from training.recordings.table_files import load_table, write_table
+from training.recordings.table_files import write_table
 
 __all__ = ["Recording", "default_pairs", "load", "log_block", "sha256", "write_table"]
 
@@ -99,7 +100,7 @@ def load(
     if is_measurement(path, columns):
         got, period_ns, block = _from_measurement(path, wanted, period_ns, columns)
     elif is_table(path):
-        table = load_table(path, columns)
+        table = read_table(path, columns)
         check_rows(path, table.t_ns)
         got, period_ns, block = _from_table(table, wanted, period_ns)
     else:

@@ -2,7 +2,7 @@
 
 import gzip
 import io
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, cast
@@ -11,47 +11,9 @@ import numpy as np
 
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
-from monitor.grid.tables import TIME, Column, Table, load_columns, make_table, read_table
+from monitor.grid.tables import TIME
 
 SUFFIXES = (".csv", ".csv.gz", ".parquet")
-
-
-def load_table(path: Path, columns: str | Path | None = None) -> Table:
-    """Return the table in a .csv, .csv.gz or .parquet file.
-
-    columns : a columns map; without it every column keeps its name
-    Raises RecordingError as ``monitor.grid.tables.read_table``.
-    """
-    if path.suffix.lower() != ".parquet":
-        return read_table(path, columns)
-    mapping = load_columns(Path(columns)) if columns is not None else None
-    header, cells = _parquet(path, mapping)
-    return make_table(path, header, cells, mapping)
-
-
-def _parquet(path: Path, mapping: Mapping[str, Column] | None) -> tuple[list[str], FloatArray]:
-    import polars as pl  # noqa: PLC0415
-
-    try:
-        frame = pl.read_parquet(path)
-    except (OSError, pl.exceptions.PolarsError) as error:
-        reason = " ".join(str(error).split())
-        raise RecordingError(f"{path}: cannot read the table: {reason}") from error
-    needed = set(frame.columns)
-    if mapping is not None:  # the others keep their own names, where they are numbers
-        needed = {TIME, *(each.column for each in mapping.values())}
-    numbers = []
-    for name, kind in frame.schema.items():
-        if kind.is_numeric() or kind == pl.Boolean:
-            numbers.append(name)
-        elif name in needed:
-            raise RecordingError(f"{path}: column {name} holds {kind}, numbers are wanted")
-    frame = frame.select(numbers)
-    cells = [
-        series.cast(pl.Float64).fill_null(float("nan")).to_numpy()
-        for series in frame.iter_columns()
-    ]
-    return frame.columns, np.column_stack(cells) if cells else np.empty((0, 0))
 
 
 def write_table(

@@ -20,6 +20,10 @@ SPEED_LEAST_RPM: Final = 50.0  # below it the engine stands, and a mass per stro
 
 Signals = Mapping[str, FloatArray]
 
+_PRESSURE, _TEMPERATURE = "manifold_pressure_kpa", "manifold_temperature_degc"
+_EFFICIENCY, _PULSE = "volumetric_efficiency_percent", "injector_pulse_width_ms"
+_RPM: Final = "engine_speed_rpm"
+
 
 class Derivation(NamedTuple):
     """A way to a signal: its sources, which must all be there, and the formula."""
@@ -38,18 +42,18 @@ def _correction(s: Signals, _: Engine) -> FloatArray:
     return 100.0 * (s["lambda_controller"] - 1.0)
 
 
-def _no_fuel(s: Signals, _: Engine) -> FloatArray:
+def _no_fuel(s: Signals, engine: Engine) -> FloatArray:
+    """Return 1 while the injectors stay shut at speed, or in an overrun by the profile."""
     turns = s["engine_speed_rpm"] > SPEED_LEAST_RPM
-    return np.where(_known(s["injector_pulse_width_ms"]), 0.0, np.nan) + (
-        turns & (s["injector_pulse_width_ms"] <= 0.0)
-    )
-
-
-def _overrun(s: Signals, engine: Engine) -> FloatArray:
-    is_cut = (s["manifold_pressure_kpa"] < engine.overrun_below_kpa) & (
-        s["engine_speed_rpm"] > engine.overrun_above_rpm
-    )
-    return np.where(_known(s["manifold_pressure_kpa"]), is_cut.astype(np.float64), np.nan)
+    cut, known = np.zeros(len(turns), dtype=bool), np.zeros(len(turns), dtype=bool)
+    if _PULSE in s:
+        cut |= turns & (s[_PULSE] <= 0.0)
+        known |= np.isfinite(s[_PULSE])
+    if _PRESSURE in s and engine.overrun_below_kpa > 0.0:
+        fast = s["engine_speed_rpm"] > engine.overrun_above_rpm
+        cut |= fast & (s[_PRESSURE] < engine.overrun_below_kpa)
+        known |= np.isfinite(s[_PRESSURE])
+    return np.where(known, cut.astype(np.float64), np.nan)
 
 
 def _air_of_meter(s: Signals, engine: Engine) -> FloatArray:
@@ -77,25 +81,16 @@ def _fuel_of_pulse(s: Signals, engine: Engine) -> FloatArray:
     return np.asarray(engine.injector_mg_per_ms * open_ms)
 
 
-def _known(values: FloatArray) -> FloatArray:
-    return np.asarray(np.isfinite(values))
-
-
 def _speed(s: Signals) -> FloatArray:
     rpm = s["engine_speed_rpm"]
     return np.where(rpm > SPEED_LEAST_RPM, rpm, np.nan)
 
 
-_PRESSURE, _TEMPERATURE = "manifold_pressure_kpa", "manifold_temperature_degc"
-_EFFICIENCY, _PULSE = "volumetric_efficiency_percent", "injector_pulse_width_ms"
-_RPM: Final = "engine_speed_rpm"
-
 # in the order of preference; a signal that a column carries is never derived
 DERIVATIONS: Final = (
     Derivation("lambda_controller", ("lambda_correction_percent",), _controller, "its percent"),
     Derivation("lambda_correction_percent", ("lambda_controller",), _correction, "the controller"),
-    Derivation("fuel_cut", (_PULSE, _RPM), _no_fuel, "a pulse width of 0"),
-    Derivation("fuel_cut", (_PRESSURE, _RPM), _overrun, "low pressure at speed"),
+    Derivation("fuel_cut", (_RPM,), _no_fuel, "no pulse width, or low pressure at speed"),
     Derivation("air_mass_mg", ("maf_kg_h", _RPM), _air_of_meter, "air meter and speed"),
     Derivation("air_mass_mg", ("load_g_per_rev",), _air_of_load, "load in g per revolution"),
     Derivation(
@@ -119,10 +114,10 @@ def derive(signals: Signals, engine: Engine) -> list[Made]:
     for each in DERIVATIONS:
         if each.name in there or not all(name in there for name in each.sources):
             continue
-        if each.formula is _overrun and engine.overrun_below_kpa <= 0.0:
-            continue
         with np.errstate(all="ignore"):
             values = np.asarray(each.formula(there, engine), dtype=np.float64)
+        if not np.isfinite(values).any():
+            continue
         there[each.name] = values
         made.append(Made(each.name, values, each.in_words))
     return made

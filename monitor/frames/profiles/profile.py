@@ -13,12 +13,11 @@
     [engine]                                           # to derive charge and fuel
     displacement_l = 2.0
 
-Names are compared without case, spaces and punctuation. The unit that a file states counts; ``unit``
-is for files that state none, a list of them for loggers whose unit is a setting: the first that
-gives plausible values is taken.
+Names are compared without case, spaces and punctuation. The unit that a file states counts;
+``unit`` is for files that state none, a list of them for loggers whose unit is a setting: the first
+with which most columns are plausible is taken, for all alike.
 """
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cache
@@ -27,6 +26,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from monitor.base.errors import ConfigError
+from monitor.base.inputs import read_toml
 from monitor.base.signals import BY_NAME
 
 STOICH_AFR: Final = 14.7
@@ -54,9 +54,7 @@ class Source:
     @property
     def is_flag(self) -> bool:
         """Return whether the column's values are tested, and not converted."""
-        return bool(
-            self.bit is not None or self.equals or self.above is not None or self.words
-        )
+        return bool(self.bit is not None or self.equals or self.above is not None or self.words)
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,9 +113,8 @@ def path_of(text: str) -> Path:
 def is_profile(path: Path) -> bool:
     """Return whether a TOML file is a profile and not a columns map."""
     try:
-        with path.open("rb") as file:
-            raw = tomllib.load(file)
-    except (OSError, tomllib.TOMLDecodeError, UnicodeDecodeError):
+        raw = read_toml(path, "the columns map", ConfigError)
+    except ConfigError:
         return False
     return isinstance(raw.get("signals"), dict) or "based_on" in raw
 
@@ -127,17 +124,7 @@ def load_profile(path: Path) -> Profile:
 
     Raises ConfigError with file, key, what came and what was wanted.
     """
-    try:
-        with path.open("rb") as file:
-            raw = tomllib.load(file)
-    except OSError as error:
-        there = ", ".join(shipped())
-        raise ConfigError(
-            f"{path}: cannot read the profile: {error.strerror}; shipped are {there}"
-        ) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: not a TOML file: {error}") from error
-    return _Reader(path).profile(raw)
+    return _Reader(path).profile(read_toml(path, "the profile", ConfigError))
 
 
 class _Reader:
@@ -235,12 +222,11 @@ class _Reader:
     def _engine(self, given: Mapping[str, Any], base: Engine) -> Engine:
         self._keys("[engine]", given, {each.name for each in fields(Engine)})
         values = {name: self._number(f"[engine] {name}", value) for name, value in given.items()}
-        if "cylinders" in values:
-            values["cylinders"] = int(values["cylinders"])
         for name in ("cylinders", "displacement_l", "injector_mg_per_ms"):
             if not values.get(name, 1.0) > 0.0:
                 raise self._error(f"[engine] {name}", f"is {values[name]:g}, above 0 is wanted")
-        return replace(base, **values)
+        cylinders = int(values.pop("cylinders", base.cylinders))
+        return replace(base, cylinders=cylinders, **values)
 
 
 def _listed(given: Any) -> Sequence[Any]:

@@ -20,6 +20,13 @@ from monitor.frames.tables.readers import reason
 
 # unit texts of canonical signals are units of loggers, too; a name here says its quantity
 _TARGETS: Final = {"degC": "°c", "1/min": "rpm", "Nm": "nm", "mg/stroke": "mg"}
+# a running engine leaves none of these at 0: a column of zeros is a sensor that the car lacks
+ALIVE: Final = frozenset(
+    {"engine_speed_rpm", "maf_kg_h", "air_mass_mg", "fuel_mass_mg", "manifold_pressure_kpa"}
+    | {"rail_pressure_mpa", "lambda_measured", "lambda_target", "lambda_controller"}
+    | {"ambient_pressure_kpa", "battery_voltage_v", "volumetric_efficiency_percent"}
+    | {"load_g_per_rev", "injector_pulse_width_ms", "vehicle_speed_km_h", "throttle_percent"}
+)
 PINNED_WITHIN: Final = 0.004  # of the value: readings have one decimal at 14.7, or two
 
 
@@ -87,10 +94,15 @@ def read_signals(raw: RawTable, profile: Profile, further: Sequence[str] = ()) -
     t_ns, rows = cleaned(time_s, wraps_s, notes)
     if not len(t_ns):
         raise RecordingError(f"{raw.path}: no row with a time")
+    setting = _Setting(
+        raw,
+        profile,
+        [(each, cells[rows, place]) for place, each in enumerate(choices, len(times))],
+    )
     taken: dict[str, tuple[FloatArray, BoolArray, Found]] = {}
     for place, each in enumerate(choices, len(times)):
-        if each.name not in taken and np.isfinite(cells[rows, place]).any():
-            taken[each.name] = _signal(raw, profile, each, cells[rows, place])
+        if each.name not in taken and _lives(each.name, cells[rows, place]):
+            taken[each.name] = _signal(raw, profile, setting, each, cells[rows, place])
     for place, each in enumerate(own, len(times) + len(choices)):
         values = cells[rows, place]
         taken.setdefault(
@@ -117,6 +129,12 @@ def read_signals(raw: RawTable, profile: Profile, further: Sequence[str] = ()) -
     )
 
 
+def _lives(name: str, cells: FloatArray) -> bool:
+    """Return whether a column holds values, and not zeros where a running engine has none."""
+    known = np.isfinite(cells)
+    return bool((known & (cells != 0.0)).any() if name in ALIVE else known.any())
+
+
 def _cells(raw: RawTable, choices: Sequence[_Choice], notes: Notes) -> FloatArray:
     """Return all rows of the chosen columns, (n, n_choices)."""
     wanted = [Wanted(each.column, each.source.words) for each in choices]
@@ -131,9 +149,7 @@ def _cells(raw: RawTable, choices: Sequence[_Choice], notes: Notes) -> FloatArra
     return np.concatenate(blocks)
 
 
-def _time(
-    raw: RawTable, times: Sequence[_Choice], cells: FloatArray
-) -> tuple[FloatArray, float]:
+def _time(raw: RawTable, times: Sequence[_Choice], cells: FloatArray) -> tuple[FloatArray, float]:
     """Return the times in s, and after which time they wrap."""
     for place, each in enumerate(times):
         column = raw.columns[each.column]
@@ -150,7 +166,7 @@ def _time(
 
 def _stated(column: RawColumn, source: Source, quantity: str, stoich: float = 14.7) -> Unit | None:
     """Return the unit that the file or the profile states, None without one."""
-    for text in (column.unit, name_and_unit(column.name)[1], *source.units):
+    for text in (*_stated_texts(column), *source.units):
         unit = unit_of(text, stoich)
         if unit is not None and unit.quantity == quantity:
             return unit
@@ -158,7 +174,7 @@ def _stated(column: RawColumn, source: Source, quantity: str, stoich: float = 14
 
 
 def _signal(
-    raw: RawTable, profile: Profile, choice: _Choice, cells: FloatArray
+    raw: RawTable, profile: Profile, setting: "_Setting", choice: _Choice, cells: FloatArray
 ) -> tuple[FloatArray, BoolArray, Found]:
     column, source = raw.columns[choice.column], choice.source
     pinned = np.zeros(len(cells), dtype=bool)
@@ -167,7 +183,7 @@ def _signal(
     if source.is_flag:
         values, unit = _flag(source, cells), ""
     else:
-        values, unit = _converted(profile, choice.name, column, source, cells)
+        values, unit = _converted(profile, setting, choice, column, cells)
         values = values * source.factor + source.offset
     if source.inverted:
         values = 1.0 - values
@@ -176,48 +192,94 @@ def _signal(
 
 def _flag(source: Source, cells: FloatArray) -> FloatArray:
     """Return 1 where the source's test holds, else 0; NaN where there is no value."""
-    if source.words:
-        return cells
+    if source.words or source.above is None:
+        holds = cells > 0.5 if source.words else np.isin(cells, source.equals)
+    else:
+        holds = cells > source.above
     if source.bit is not None:
         whole = np.where(np.isfinite(cells), cells, 0.0).astype(np.int64)
         holds = (whole >> source.bit) & 1 == 1
-    elif source.equals:
-        holds = np.isin(cells, source.equals)
-    else:
-        holds = cells > source.above
     return np.where(np.isfinite(cells), holds.astype(np.float64), np.nan)
 
 
 def _converted(
-    profile: Profile, name: str, column: RawColumn, source: Source, cells: FloatArray
+    profile: Profile, setting: "_Setting", choice: _Choice, column: RawColumn, cells: FloatArray
 ) -> tuple[FloatArray, str]:
     """Return the values in the signal's unit, and the logger's unit in words."""
-    canonical = BY_NAME[name].unit
-    target = unit_of(_TARGETS.get(canonical, canonical), profile.stoich_afr)
+    canonical = BY_NAME[choice.name].unit
+    target = _target(choice.name, profile)
     if target is None:
         return cells, column.unit
-    for text in (column.unit, name_and_unit(column.name)[1]):
+    for text in _stated_texts(column):
         unit = unit_of(text, profile.stoich_afr)
         if unit is not None and unit.quantity == target.quantity and text != "-":
             return _scaled(cells, unit, target), text
-    known = [
-        (text, unit)
-        for text in source.units
-        if (unit := unit_of(text, profile.stoich_afr)) and unit.quantity == target.quantity
-    ]
-    for text, unit in known:
-        values = _scaled(cells, unit, target)
-        if len(known) == 1 or _is_plausible(name, values * source.factor + source.offset):
-            return values, text
-    return (_scaled(cells, known[0][1], target), known[0][0]) if known else (cells, canonical)
+    text = setting.unit(choice.source)
+    unit = unit_of(text, profile.stoich_afr)
+    if unit is not None and unit.quantity == target.quantity:
+        return _scaled(cells, unit, target), text
+    return cells, canonical
+
+
+def _target(name: str, profile: Profile) -> Unit | None:
+    canonical = BY_NAME[name].unit
+    return unit_of(_TARGETS.get(canonical, canonical), profile.stoich_afr)
+
+
+class _Setting:
+    """The unit of columns whose unit is a setting of the logger: one choice for all alike.
+
+    Units of mixture are one setting; all others are another: metric or not.
+    """
+
+    def __init__(
+        self, raw: RawTable, profile: Profile, columns: Sequence[tuple[_Choice, FloatArray]]
+    ) -> None:
+        self._place = dict.fromkeys((False, True), 0)
+        for is_mixture in self._place:
+            open_ = [
+                (choice, cells)
+                for choice, cells in columns
+                if len(choice.source.units) > 1
+                and self._is_mixture(choice.source) == is_mixture
+                and not any(
+                    unit_of(text, profile.stoich_afr)
+                    for text in _stated_texts(raw.columns[choice.column])
+                )
+            ]
+            most = max((len(choice.source.units) for choice, _ in open_), default=1)
+            votes = [
+                sum(_fits(profile, each, cells, place) for each, cells in open_)
+                for place in range(most)
+            ]
+            self._place[is_mixture] = votes.index(max(votes))
+
+    @staticmethod
+    def _is_mixture(source: Source) -> bool:
+        return any(text.casefold() in ("afr", "lambda") for text in source.units)
+
+    def unit(self, source: Source) -> str:
+        """Return the unit of a column that states none, "" where the profile gives none."""
+        if not source.units:
+            return ""
+        return source.units[min(self._place[self._is_mixture(source)], len(source.units) - 1)]
+
+
+def _fits(profile: Profile, choice: _Choice, cells: FloatArray, place: int) -> bool:
+    """Return whether a unit gives plausible values."""
+    source, target = choice.source, _target(choice.name, profile)
+    unit = unit_of(source.units[min(place, len(source.units) - 1)], profile.stoich_afr)
+    if unit is None or target is None or not np.isfinite(cells).any():
+        return True
+    low, high = plausible_range(choice.name)
+    middle = float(np.nanmedian(_scaled(cells, unit, target) * source.factor + source.offset))
+    return low <= middle <= high
+
+
+def _stated_texts(column: RawColumn) -> tuple[str, str]:
+    return column.unit, name_and_unit(column.name)[1]
 
 
 def _scaled(cells: FloatArray, unit: Unit, target: Unit) -> FloatArray:
     factor, offset = conversion(unit, target)
     return cells if factor == 1.0 and offset == 0.0 else cells * factor + offset
-
-
-def _is_plausible(name: str, values: FloatArray) -> bool:
-    low, high = plausible_range(name)
-    middle = float(np.nanmedian(values))
-    return low <= middle <= high

@@ -56,7 +56,14 @@ UNITS: Final[dict[str, Unit]] = {
     "kelvin": Unit("temperature", 1.0, -273.15),
     **{name: Unit("lambda") for name in ("lambda", "λ", "-")},
 }
-AFR: Final = ("afr", ":1", "a/f", "air/fuel", "o2")  # lambda = value / stoichiometric ratio
+AFR: Final = (
+    "afr",
+    "afrgasoline",
+    ":1",
+    "a/f",
+    "air/fuel",
+    "o2",
+)  # lambda = value / stoichiometric ratio
 
 
 def unit_of(text: str, stoich_afr: float) -> Unit | None:

@@ -1,18 +1,17 @@
 """Text tables of loggers (.msl, .csv, .txt): rows to blocks of numbers, only the wanted columns."""
 
 import csv
-import io
 from collections.abc import Iterator, Sequence
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import Final, cast
+from typing import Final
 
 import numpy as np
 
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
-from monitor.frames.logs import open_binary
+from monitor.frames.bounds import open_text
 from monitor.frames.tables.cells import Parse, clock, number, number_with_comma, of_words
 from monitor.frames.tables.dialect import Dialect, dialect_of
 from monitor.frames.tables.raw_table import Notes, RawTable, Wanted
@@ -71,10 +70,7 @@ def _rows(path: Path, dialect: Dialect, least: int, notes: Notes) -> Iterator[li
     width = len(dialect.columns)
     names = [column.name for column in dialect.columns]
     skip = dialect.header + 1 + dialect.has_units
-    with open_binary(path) as binary:
-        text = io.TextIOWrapper(
-            cast(io.BufferedReader, binary), dialect.encoding, errors="replace", newline=""
-        )
+    with open_text(path, dialect.encoding, errors="replace") as text:
         reader = csv.reader(text, delimiter=dialect.separator)
         short: tuple[int, int] | None = None
         try:

@@ -6,11 +6,12 @@ import io
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import isnan
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 from monitor.base.errors import RecordingError
-from monitor.frames.logs import open_binary
+from monitor.frames.bounds import open_binary
 from monitor.frames.tables.cells import clock, is_no_value, is_number, wrap_s
 from monitor.frames.tables.raw_table import RawColumn
 
@@ -74,53 +75,72 @@ def dialect_of(path: Path) -> Dialect:
     encoding = encoding_of(head)
     if encoding in ("utf-8", "cp1252") and b"\0" in head[:2000]:
         raise RecordingError(f"{path}: holds binary data, a log or table is wanted")
-    text = head.decode(encoding, errors="ignore")
-    lines = [line for line in text.splitlines()[:-1] or text.splitlines() if line.strip()][:_LINES]
-    best = max((_rows(lines, sep) for sep in _SEPARATORS), key=_width)
-    separator, rows = best
-    comma = separator != "," or '"' in text
-    comma = comma and any(_COMMA.fullmatch(cell.strip()) for row in rows[-5:] for cell in row)
-    data = _first_data_row(rows, comma=comma)
-    if data is None or data == 0:
+    lines = head.decode(encoding, errors="ignore").splitlines()
+    if len(head) == HEAD_BYTES:
+        lines = lines[:-1]
+    lines = [line for line in lines if line.strip()][:_LINES]
+    found = [each for each in (_layout(lines, separator) for separator in _SEPARATORS) if each]
+    if not found:
         raise RecordingError(f"{path}: no row of column names with rows of numbers below it")
-    width = len(rows[data])
-    header = data - 1
-    has_units = header > 0 and _is_wide(rows[header - 1], width) and _is_wide(rows[header], width)
+    best = max(found, key=lambda each: len(each.rows[each.data]))
+    header = best.data - 1
+    width = len(best.rows[best.data])
+    has_units = header > 0 and all(_is_wide(best.rows[i], width) for i in (header - 1, header))
     header -= has_units
-    columns = _columns(rows[header], rows[header + 1] if has_units else (), rows[data:], comma=comma)
-    return Dialect(
-        encoding, separator, comma, header, has_units, columns, "\n".join(lines[:header])
+    columns = _columns(
+        best.rows[header],
+        best.rows[header + 1] if has_units else (),
+        best.rows[best.data :],
+        comma=best.comma,
     )
+    preamble = "\n".join(lines[:header])
+    return Dialect(encoding, best.separator, best.comma, header, has_units, columns, preamble)
 
 
-def _rows(lines: Sequence[str], separator: str) -> tuple[str, list[list[str]]]:
+class _Layout(NamedTuple):
+    separator: str
+    comma: bool  # of decimals
+    rows: list[list[str]]
+    data: int  # the first row of data
+
+
+def _layout(lines: Sequence[str], separator: str) -> _Layout | None:
+    """Return how the lines read with a separator, None if there is no header with data below."""
     try:
-        return separator, list(csv.reader(io.StringIO("\n".join(lines)), delimiter=separator))
+        rows = list(csv.reader(io.StringIO("\n".join(lines)), delimiter=separator))
     except csv.Error:
-        return separator, [[]]
-
-
-def _width(rows: tuple[str, list[list[str]]]) -> int:
-    """Return the middle number of cells of the last rows, where the data are."""
-    widths = sorted(len(row) for row in rows[1][-_SAMPLE:])
-    return widths[len(widths) // 2]
+        return None
+    comma = separator != "," or any('"' in line for line in lines)
+    comma = comma and any(_COMMA.fullmatch(cell.strip()) for row in rows for cell in row)
+    data = _first_data_row(rows, comma=comma)
+    return _Layout(separator, comma, rows, data) if data else None
 
 
 def _is_wide(row: Sequence[str], width: int) -> bool:
-    return len(row) >= 0.8 * width and (width > 1 or bool(row))
+    """Return whether a row above the data may be names or units; blanks at its end may lack."""
+    return 0.8 * width <= len(row) <= width + 1
 
 
 def _first_data_row(rows: Sequence[Sequence[str]], *, comma: bool) -> int | None:
-    """Return the number of the first row that holds numbers for the most part."""
-    for i, row in enumerate(rows):
-        filled = [cell for cell in row if not is_no_value(cell)]
-        numbers = sum(is_number(cell, comma=comma) or clock(cell) == clock(cell) for cell in filled)  # noqa: PLR0124
+    """Return the number of the first row of numbers below names; None if there is none."""
+    for i in range(1, len(rows)):
+        row = rows[i]
         following = rows[i + 1] if i + 1 < len(rows) else row
-        if filled and 2 * numbers >= len(filled) and len(following) == len(row) and (
-            i == 0 or _is_wide(rows[i - 1], len(row))
+        if (
+            _is_data(row, comma=comma)
+            and len(following) == len(row)
+            and _is_wide(rows[i - 1], len(row))
+            and not _is_data(rows[i - 1], comma=comma)
         ):
             return i
     return None
+
+
+def _is_data(row: Sequence[str], *, comma: bool) -> bool:
+    """Return whether at least half of a row's cells are numbers or times; blanks do not count."""
+    filled = [cell for cell in row if not is_no_value(cell)]
+    numbers = sum(is_number(cell, comma=comma) or not isnan(clock(cell)) for cell in filled)
+    return bool(filled) and 2 * numbers >= len(filled)
 
 
 def _columns(
@@ -132,7 +152,7 @@ def _columns(
         found = [row[i] for row in sample[:_SAMPLE] if i < len(row) and not is_no_value(row[i])]
         kind, wraps_s = "number", 0.0
         if found and not any(is_number(text, comma=comma) for text in found):
-            times = [text for text in found if clock(text) == clock(text)]  # noqa: PLR0124
+            times = [text for text in found if not isnan(clock(text))]
             kind = "clock" if 2 * len(times) > len(found) else "text"
             wraps_s = wrap_s(times[0]) if kind == "clock" else 0.0
         columns.append(RawColumn(name, unit, kind, wraps_s))  # type: ignore[arg-type]

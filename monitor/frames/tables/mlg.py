@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from monitor.base.errors import RecordingError
 from monitor.base.types import BoolArray, FloatArray, IntArray
-from monitor.frames.logs import open_binary
+from monitor.frames.bounds import open_binary
 from monitor.frames.tables.raw_table import Notes, RawColumn, RawTable, Wanted
 
 MAGIC: Final = b"MLVLG\0"
@@ -166,8 +166,10 @@ def _read(
             out = np.empty((len(records), len(wanted)))
             for i, each in enumerate(wanted):
                 column = each.column
-                out[:, i] = stamps if column == len(layout.fields) else _values(
-                    records, layout.fields[column], layout.offsets[column]
+                out[:, i] = (
+                    stamps
+                    if column == len(layout.fields)
+                    else _values(records, layout.fields[column], layout.offsets[column])
                 )
             yield out
 
@@ -263,8 +265,10 @@ class _Blocks:
                 to = max(n - size + 1, at + 1) if not ended else n
             else:
                 return
-            notes.count("bad_checksum" if to - at == size else "damaged_bytes",
-                        1 if to - at == size else to - at)
+            notes.count(
+                "bad_checksum" if to - at == size else "damaged_bytes",
+                1 if to - at == size else to - at,
+            )
             yield at, to
             at = to
 

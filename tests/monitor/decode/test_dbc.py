@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 import dbc
 from monitor.base.errors import SignalMapError
-from monitor.base.signals import BY_NAME, SIGNALS
+from monitor.base.signals import BY_NAME, OWN
 from monitor.decode.bus_map import load_database, load_pairs
 from monitor.decode.checksum import crc8_sae_j1850, payload_checksum
 
@@ -68,10 +68,10 @@ def test_every_map_fits_its_database_and_names_canonical_signals(
     assert "lambda_measured" in names
 
 
-def test_the_own_ecu_gives_all_canonical_signals_fine_and_wide_enough() -> None:
+def test_the_own_ecu_gives_all_its_canonical_signals_fine_and_wide_enough() -> None:
     bus_map = load_pairs([pair("o2_ecu.dbc", "o2_ecu.toml")])
-    assert set(bus_map.names) == BY_NAME.keys()
-    for known in SIGNALS:
+    assert set(bus_map.names) == {signal.name for signal in OWN}
+    for known in OWN:
         signal = bus_map.channels[known.name].signal
         top = (2**signal.length - 2) * float(signal.scale) + float(signal.offset)
         assert float(signal.offset) <= known.minimum, known.name

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import dbc
 from monitor.base.errors import SignalMapError
-from monitor.base.signals import BY_NAME
+from monitor.base.signals import OWN as OWN_SIGNALS
 from monitor.base.types import Frame
 from monitor.cli import main
 from monitor.decode.bus_map import load_database, load_pairs
@@ -92,7 +92,7 @@ def test_its_examples_run(module: ModuleType) -> None:
 def test_a_recording_bears_out_counters_checksums_and_signals() -> None:
     (log,) = ROOT.glob("replay_logs/healthy_micro*.blf")
     text, proposals = proposed(load_database(dbc.path("o2_ecu.dbc")), log=log)
-    assert set(proposals.names) == BY_NAME.keys()
+    assert set(proposals.names) == {signal.name for signal in OWN_SIGNALS}
     assert text.count('algorithm = "crc8_sae_j1850_id"') == 7
     assert "\ncounter" in text
     assert "moves with manifold_pressure_kpa" in text
