@@ -90,6 +90,8 @@ class PlausibilityConfig:
     stuck_range: float
     stuck_s: float
     stuck_band_at_one: float
+    end_s: float
+    constant_s: float
     start_patience_s: float
     not_ready_s: float
     engine_running_rpm: float

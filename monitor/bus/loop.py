@@ -26,6 +26,7 @@ from monitor.frames.loop_frames import bus_state, codes_cleared, is_own
 from monitor.memory.dtc import DtcStore
 from monitor.memory.reference import Seen
 from monitor.memory.store import Memory
+from monitor.pipeline.entry import bus_sources
 from monitor.pipeline.events import (
     BlockEvent,
     CycleStarted,
@@ -77,8 +78,13 @@ class Loop:
         store.start_driving_cycle()
         self._setup = setup = setup.of_vehicle(memory) if memory else setup
         self.pipeline = FramePipeline(setup.bus_map, setup.model, setup.limits, setup.config, store)
+        monitor = self.pipeline.monitor
         self.collector = Collector(
-            self.pipeline.monitor, trace=trace, keep=KEEP, keep_samples=KEEP_SAMPLES
+            monitor,
+            sources=bus_sources(setup.bus_map, monitor.names),
+            trace=trace,
+            keep=KEEP,
+            keep_samples=KEEP_SAMPLES,
         )
         self.attachments = list(attachments)
         self.health = BusHealth()

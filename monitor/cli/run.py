@@ -121,7 +121,7 @@ def _judge(args: argparse.Namespace, server: "Server | None") -> int:
             for line in _ending(args, recording):
                 say(line)
             write_outputs(args, setup, [recording], [loop.collector.trace()])
-    return 0 if recording["completed"] or recording["fault_flag"] else NOT_JUDGED
+    return NOT_JUDGED if recording["not_judged"] else 0
 
 
 def _take_place(args: argparse.Namespace) -> None:
@@ -167,6 +167,6 @@ def _ending(args: argparse.Namespace, recording: dict[str, Any]) -> Iterable[str
 
     if not args.json_lines:
         return print_recording(recording)
-    wanted = ("samples", "enabled_samples", "dtcs", "fault_flag", "completed", "counters")
-    fields = {name: recording[name] for name in wanted}
+    wanted = "samples enabled_samples dtcs fault_flag completed not_judged counters"
+    fields = {name: recording[name] for name in wanted.split()}
     return [json_line("end", time.time(), {"verdict": verdict_text(recording), **fields})]

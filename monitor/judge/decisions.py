@@ -101,8 +101,14 @@ class Decisions:
         self._debounce = dict.fromkeys(TESTS, Debounce())
         self._named: dict[str, str] = {}  # the fault that each matured test has set
         self.completed = False  # the response test reached a decision
+        self._decided: set[str] = set()  # tests that reached one
         self._suspicious = False  # a window failed
         self._windows, self._offset_sum = 0, 0.0
+
+    @property
+    def unfinished(self) -> tuple[str, ...]:
+        """Return the tests that have reached no decision."""
+        return tuple(test for test in self._debounce if test not in self._decided)
 
     def matured(self, result: TickResult, t_ns: int) -> list[Change]:
         """Take the last of so many alike results in a row; those before it are not needed."""
@@ -236,6 +242,7 @@ class Decisions:
         self, test: str, failed: bool, fault: str, also: tuple[str, ...], t_ns: int
     ) -> list[Change]:
         """Set the codes of a fault, or complete those of a test."""
+        self._decided.add(test)
         counted = [Counted(t_ns, "numerator")] if self.store.count_judged(test) else []
         if failed:
             self._named[test] = fault

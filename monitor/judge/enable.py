@@ -6,7 +6,7 @@ A provided signal that is not valid blocks.
 
 import math
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -40,7 +40,7 @@ CONDITIONS: Final = (
     "vehicle_speed",
     "purge_steady",
 )
-_NEEDS: Final = {
+NEEDS: Final = {  # condition → its signal
     "closed_loop": "closed_loop",
     "fuel_cut_recovered": "fuel_cut",
     "sensor_ready": "sensor_ready",
@@ -55,6 +55,15 @@ _RECOVERING: Final = [
     CONDITIONS.index(name)
     for name in ("model_settled", "trained_range", "fuel_cut_recovered", "purge_steady")
 ]
+
+
+class Range(NamedTuple):
+    """The values of a signal with which a condition holds."""
+
+    condition: str
+    signal: str
+    low: float
+    high: float
 
 
 class Enable:
@@ -76,7 +85,7 @@ class Enable:
         period_s: float,
     ) -> None:
         at = {name: i for i, name in enumerate(names)}
-        self.unavailable = tuple(c for c in CONDITIONS if c in _NEEDS and _NEEDS[c] not in at)
+        self.unavailable = tuple(c for c in CONDITIONS if c in NEEDS and NEEDS[c] not in at)
         ranges = {
             "closed_loop": (1.0, math.inf),
             "fuel_cut_recovered": (-math.inf, math.nextafter(NO_CUT, 0.0)),
@@ -92,7 +101,7 @@ class Enable:
         # columns that are checked against a range: the model's inputs, its output, the others
         self._n_inputs = len(inputs)
         self._places = np.array(
-            [at[name] for name in (*inputs, output, *(_NEEDS[name] for name in checked))]
+            [at[name] for name in (*inputs, output, *(NEEDS[name] for name in checked))]
         )
         low, high = np.array([ranges[name] for name in checked]).reshape(-1, 2).T
         anything = [-math.inf], [math.inf]
@@ -101,6 +110,13 @@ class Enable:
         )
         self._high = np.concatenate(
             [np.where(ignored, np.inf, trained_high + margin), anything[1], high]
+        )
+        trained = [("trained_range", name) for name in inputs]
+        own = [(name, NEEDS[name]) for name in checked]
+        places = [*range(len(inputs)), *range(len(inputs) + 1, len(self._low))]
+        self.ranges = tuple(
+            Range(condition, name, float(self._low[i]), float(self._high[i]))
+            for (condition, name), i in zip([*trained, *own], places, strict=True)
         )
         # the columns of CONDITIONS that follow from the ranges of the output and the others
         self._follow = [CONDITIONS.index(name) for name in ("measured_valid", *checked)]

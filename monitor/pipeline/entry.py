@@ -1,6 +1,6 @@
 """What ``o2mon.replay/1`` says of one recording, whether it was streamed or judged as a whole."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -9,9 +9,11 @@ import numpy as np
 
 from monitor.base.errors import RecordingError
 from monitor.base.types import Quality, SampleBlock
+from monitor.decode.bus_map import BusMap
 from monitor.decode.decoder import MessageCounters
 from monitor.grid.assembler import AssemblerCounters
 from monitor.grid.tables import Table
+from monitor.judge.causes import Cause, Source
 from monitor.judge.decisions import WindowJudged
 from monitor.judge.enable import CONDITIONS
 from monitor.judge.limits import Limits
@@ -77,6 +79,22 @@ def limits_entry(limits: Limits) -> dict[str, float]:
         "offset_high": limits.offset_high,
         "gain": limits.gain,
     }
+
+
+def not_judged(causes: Sequence[Cause]) -> list[dict[str, Any]] | None:
+    """Return the causes that kept a recording from its verdict, None if it was judged."""
+    return [asdict(cause) for cause in causes] or None
+
+
+def bus_sources(bus_map: BusMap, names: Iterable[str]) -> dict[str, Source]:
+    """Return where the named signals come from on the bus."""
+    found = {}
+    for name in names:
+        channels = [bus_map.channels[each] for each in bus_map.sources((name,))]
+        places = [f"{each.message.name}.{each.signal.name}" for each in channels]
+        timeout_s = min(each.mapped.timeout_s for each in channels)
+        found[name] = Source(" and ".join(places), timeout_s)
+    return found
 
 
 def frame_counts(

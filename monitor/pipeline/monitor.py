@@ -20,6 +20,7 @@ from monitor.judge import bank, enable
 from monitor.judge.decisions import Decisions, Facts, ticks_to_mature
 from monitor.judge.enable import Enable
 from monitor.judge.limits import Limits
+from monitor.judge.observation import Observation
 from monitor.judge.plausibility import ActivityTest, Maturing, Plausibility, TickResult
 from monitor.judge.window import Series, Window, Windows
 from monitor.memory.cycles import SIGNALS as CYCLE_SIGNALS
@@ -128,6 +129,22 @@ class Monitor:
     def completed(self) -> bool:
         """Return whether the response test has reached a decision."""
         return self._decisions.completed
+
+    @property
+    def unfinished(self) -> tuple[str, ...]:
+        """Return the tests that have reached no decision in this driving cycle."""
+        return self._decisions.unfinished
+
+    def observation(self) -> Observation:
+        """Return a count of this monitor's samples that begins with the next one."""
+        judge = self._judge
+        config, period_s = judge.config.plausibility, judge.period_s
+        return Observation(self._enable, self.names, config, period_s)
+
+    @property
+    def judge(self) -> Judge:
+        """Return what judges the samples."""
+        return self._judge
 
     @property
     def seen(self) -> Seen | None:

@@ -14,8 +14,10 @@ from monitor.frames.log_blocks import read_blocks
 from monitor.grid.block_assembler import BlockAssembler
 from monitor.grid.block_samples import Clearing, log_samples, whole
 from monitor.grid.tables import is_table, read_table, table_block
+from monitor.judge.causes import Source
 from monitor.model.card import ModelCard
 from monitor.pipeline.entry import (
+    bus_sources,
     check_long_enough,
     check_received,
     frame_counts,
@@ -32,6 +34,7 @@ class OpenRecording:
     names: tuple[str, ...]  # signals of a sample
     parts: Iterator[SampleBlock | Clearing]
     counters: Callable[[], dict[str, int]]  # of frames that could not be used, behind the parts
+    sources: Mapping[str, Source]  # where each signal comes from
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +65,7 @@ class RecordingReader:
         self._card, self._columns, self._parse = card, columns, parse
         self._names = needed_names(card, bus_map.names)
         self._decoder = BlockDecoder(bus_map, self._names)
+        self._sources = bus_sources(bus_map, self._names)
 
     def open(self, path: Path) -> OpenRecording:
         """Return a recording whose blocks are read when they are wanted, before the next one's.
@@ -98,7 +102,7 @@ class RecordingReader:
             return counts | {"skipped": log.skipped}
 
         parts = log_samples(read_blocks(path, log, self._parse), decoder, assembler)
-        return OpenRecording(path, self._names, parts, counters)
+        return OpenRecording(path, self._names, parts, counters, self._sources)
 
     def _table(self, path: Path) -> OpenRecording:
         table = read_table(path, self._columns)
@@ -108,4 +112,5 @@ class RecordingReader:
             raise RecordingError(f"{path}: {error}") from None
         block = table_block(table, table.names, self._card.period_ns)
         counters = table_counts(table, block, self._card)
-        return OpenRecording(path, table.names, iter([block]), lambda: counters)
+        sources = {name: Source(f"column {name}") for name in table.names}
+        return OpenRecording(path, table.names, iter([block]), lambda: counters, sources)

@@ -10,6 +10,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import PurePath
 from typing import Any
 
+from monitor.judge.causes import Cause
+
 OPEN_AT_FIRST = 4  # up to this number, all recordings are shown unfolded
 
 MEANINGS = {
@@ -85,7 +87,7 @@ def verdict_of(recording: Mapping[str, Any]) -> str:
     """Return the verdict on a recording in the words of a window's verdict."""
     if recording["fault_flag"]:
         return "failed"
-    return "passed" if recording["completed"] else "inconclusive"
+    return "inconclusive" if recording["not_judged"] else "passed"
 
 
 def _summary(recordings: Sequence[Mapping[str, Any]]) -> str:
@@ -147,7 +149,7 @@ def _recording(i: int, recording: Mapping[str, Any], output: str, opened: bool) 
         f"<summary><h2>{_path(name)}</h2>{_tag(recording)}{_badge(recording)}</summary>"
         f'<div class="verdict {verdict}"><p><strong>{_VERDICTS[verdict][1].capitalize()}'
         f"{simulated}.</strong> {_sentence(recording)}</p>{_list(facts)}</div>"
-        f"{_dtcs(recording)}"
+        f"{_causes(recording)}{_dtcs(recording)}"
         f'<section class="plots" data-series="series-{i}" data-name="{text(name)}{simulated}" '
         f'aria-label="Measured and predicted {text(output)} over time"></section>'
         f'<noscript><p class="quiet">The plots need JavaScript.</p></noscript>'
@@ -161,19 +163,28 @@ def _sentence(recording: Mapping[str, Any]) -> str:
         return "; ".join(
             f"{text(d['code'])} {text(_fault(d))} ({_state(d)})" for d in recording["dtcs"]
         )
-    return "" if recording["completed"] else _reason(recording)
+    causes = recording["not_judged"]
+    return text(Cause(**causes[0]).in_words) if causes else ""
 
 
-def _reason(recording: Mapping[str, Any]) -> str:
-    """Return the reason why a recording was not judged."""
-    windows = len(recording["windows"])
-    if windows:
-        return f"The evidence of {_many(windows, 'window')} was not enough for a decision."
-    enable = recording.get("enable", {})
-    shares = {name: share for name, share in enable.items() if not isinstance(share, str)}
-    worst = sorted(shares, key=lambda name: float(shares[name]))[:2]
-    held = ", ".join(f"{text(name)} {100.0 * shares[name]:.0f}\u00a0%" for name in worst)
-    return "No window of enabled samples was filled" + (f"; least held: {held}." if held else ".")
+def _causes(recording: Mapping[str, Any]) -> str:
+    """Return the causes why a recording was not judged as a table."""
+    rows = [
+        _row(
+            ("Condition", f"<code>{text(cause['condition'])}</code>"),
+            ("Held", _share(cause["held_share"])),
+            ("Signal", f"<code>{text(cause['signal'])}</code>" if cause["signal"] else ""),
+            ("Reason", text(cause["reason"].replace("_", " "))),
+            ("Advice", f'<span class="wide">{text(cause["advice"])}</span>'),
+        )
+        for cause in recording["not_judged"] or ()
+    ]
+    head = ("Condition", "Held", "Signal", "Reason", "Advice")
+    return f"<h3>Why not judged</h3>{_table(head, rows, 'cards')}" if rows else ""
+
+
+def _share(share: float | None) -> str:
+    return "–" if share is None else f"{100.0 * share:.0f}\u00a0%"
 
 
 def _dtcs(recording: Mapping[str, Any]) -> str:

@@ -110,7 +110,7 @@ def replay(
     card = setup.model.card
     opened = RecordingReader(setup.bus_map, card, setup.columns, setup.parse).open(path)
     monitor = Monitor(Judge(opened.names, setup.model, setup.config), setup.limits, store)
-    collector = Collector(monitor, trace=trace)
+    collector = Collector(monitor, sources=opened.sources, trace=trace)
     for event in _events(monitor, opened.parts):
         collector.push(event)
         if memory and isinstance(event, CycleStarted):
@@ -145,7 +145,7 @@ def exit_code(recordings: Sequence[dict[str, Any]]) -> int:
     """Return 1 if a fault was found, else 3 if a recording was not judged, else 0."""
     if any(r["fault_flag"] for r in recordings):
         return 1
-    return 0 if all(r["completed"] for r in recordings) else 3
+    return 3 if any(r["not_judged"] for r in recordings) else 0
 
 
 def result_of(recordings: list[dict[str, Any]], setup: Setup) -> dict[str, Any]:

@@ -10,8 +10,15 @@ from typing import Any
 import numpy as np
 
 from monitor.base.types import BoolArray, FloatArray
-from monitor.judge.enable import CONDITIONS
-from monitor.pipeline.entry import dtc_entry, enable_shares, limits_entry, seconds, window_entry
+from monitor.judge.causes import Asked, Cause, Judgement, Source, causes
+from monitor.pipeline.entry import (
+    dtc_entry,
+    enable_shares,
+    limits_entry,
+    not_judged,
+    seconds,
+    window_entry,
+)
 from monitor.pipeline.events import (
     BlockEvent,
     Counted,
@@ -34,20 +41,24 @@ class Collector:
         self,
         monitor: Monitor,
         *,
+        sources: Mapping[str, Source] | None = None,
         trace: bool = False,
         keep: int | None = None,
         keep_samples: int | None = None,
     ) -> None:
         """Begin a recording.
 
+        sources : where each signal comes from
         trace : keep the series for a report
         keep, keep_samples : how many windows and samples to keep, the latest; None keeps all
         """
         self._monitor = monitor
         self._t0_ns: int | None = None
-        self._held = np.zeros(len(CONDITIONS), dtype=np.int64)  # samples on which each held
+        self._observation = monitor.observation()
+        judge = monitor.judge
+        self._asked = Asked(judge.card, judge.config, sources or {})
         self._windows: deque[dict[str, Any]] = deque(maxlen=keep)
-        self._n_windows = 0
+        self._n_windows = self._n_excited = 0
         self._series = _Series(keep_samples) if trace else None
         self._output = monitor.names.index(monitor.output)
         self._flag = monitor.store.fault_flag
@@ -59,6 +70,7 @@ class Collector:
         elif isinstance(event, WindowJudged):
             self._windows.append(window_entry(event, self._t0_ns or 0))
             self._n_windows += 1
+            self._n_excited += event.excited
         else:
             self._flag = self._monitor.store.fault_flag
 
@@ -69,7 +81,8 @@ class Collector:
     def _tick(self, ticks: Ticks) -> None:
         if self._t0_ns is None:
             self._t0_ns = ticks.block.t_ns.item(0)
-        self._held += np.add.reduce(ticks.conditions, axis=0, dtype=np.int64)
+        block = ticks.block
+        self._observation.push(block.values, block.quality, ticks.conditions)
         if self._series is not None:
             t_s = (ticks.block.t_ns - self._t0_ns) / 1e9
             measured = ticks.block.values[:, self._output]
@@ -78,6 +91,10 @@ class Collector:
     def result(self, path: str, sha256: str | None, counters: Mapping[str, int]) -> dict[str, Any]:
         """Return the recording's entry of the JSON."""
         monitor = self._monitor
+        seen = self._observation.observed()
+        judgement = Judgement(self._n_windows, self._n_excited, monitor.unfinished)
+        is_faulty = monitor.store.fault_flag
+        why = [] if is_faulty else causes(seen, self._asked, judgement)
         return {
             "path": path,
             "sha256": sha256,
@@ -89,7 +106,8 @@ class Collector:
             "dtcs": [dtc_entry(dtc, self._t0_ns or 0) for dtc in monitor.store.active],
             "fault_flag": monitor.store.fault_flag,
             "completed": monitor.completed,
-            "enable": enable_shares(self._held.tolist(), monitor.samples, monitor.unavailable),
+            "not_judged": not_judged(why),
+            "enable": enable_shares(seen.held.tolist(), monitor.samples, monitor.unavailable),
             "limits": limits_entry(monitor.limits),
             "counters": dict(counters),
         }
@@ -139,7 +157,7 @@ def verdict_text(recording: Mapping[str, Any]) -> str:
             for d in recording["dtcs"]
         )
         return f"FAULT: {codes}"
-    if recording["completed"]:
+    if not recording["not_judged"]:
         return "no fault"
     return f"not judged: {reason(recording)}"
 
@@ -152,15 +170,7 @@ def reason(recording: Mapping[str, Any]) -> str:
     """Return in words why a recording was not judged."""
     if not recording["samples"]:
         return "nothing was received"
-    windows = len(recording["windows"])
-    shares = {k: v for k, v in recording["enable"].items() if v != "unavailable"}
-    worst = sorted(shares, key=lambda name: float(shares[name]))[:2]
-    held = ", ".join(f"{name} held {100 * float(shares[name]):.0f} % of the time" for name in worst)
-    if windows:
-        excited = sum(window["excited"] for window in recording["windows"])
-        moved = f"in {excited} the prediction moves enough"
-        return f"not enough evidence in {windows} windows: {moved} ({held})"
-    return f"no window of enabled samples was filled ({held})"
+    return "; ".join(Cause(**cause).in_words for cause in recording["not_judged"])
 
 
 def event_line(event: Happening, collector: Collector) -> str:

@@ -13,13 +13,13 @@ import numpy as np
 
 from monitor.base import manifest
 from monitor.base.config import Config
-from monitor.base.errors import ConfigError, UsageError
+from monitor.base.errors import ConfigError, RecordingError, UsageError
 from monitor.judge.limits import Limits
 from monitor.model.card import Limit, ModelCard
 from monitor.model.step import Model
 from monitor.pipeline.events import WindowJudged
 from training.limits.decision_limits import NO_LIMITS, limits_of
-from training.limits.judging import Judged, judge_recordings
+from training.limits.judging import Judged, judge_recordings, most_common_cause, why_not
 from training.limits.paper_limits import PaperLimits, Residuals, choose, held_out
 from training.limits.tolerance import CONFIDENCE, rate_bounds
 from training.recordings.recording import Recording, check_each_once, sha256
@@ -62,9 +62,13 @@ def calibrate(
         for drives in (healthy, faulty)
     )
     seen, seen_bad = _residuals(good), _residuals(bad) if any(bad) else None
-    chosen = choose(seen, seen_bad, rate)
+    try:
+        chosen = choose(seen, seen_bad, rate)
+    except RecordingError as error:
+        cause = most_common_cause(healthy, model.card, config)
+        raise RecordingError(f"{error}; {cause}" if cause else str(error)) from None
     alarms, detected = held_out(seen, seen_bad, rate)
-    card = _with_limits(model.card, good, bad, chosen, rate, config)
+    card = _with_limits(model.card, healthy, good, bad, chosen, rate, config)
     limits = Limits.from_card(card, config, str(path))
     healthy_rows = _rows(healthy, good, model, limits, config)
     faulty_rows = _rows(faulty, bad, model, limits, config)
@@ -81,7 +85,7 @@ def calibrate(
         "faulty": faulty_rows,
         "monitor": {"healthy": _codes(healthy_rows), "faulty": _codes(faulty_rows)},
         "detection": _detection(bad, limits, detected),
-        "warnings": _warnings(model.card, healthy, good, faulty, bad),
+        "warnings": _warnings(model.card, healthy, good, faulty, bad, config),
     }
 
 
@@ -112,12 +116,17 @@ def _residuals(drives: Drives) -> Residuals:
 
 
 def _with_limits(
-    card: ModelCard, good: Drives, bad: Drives, chosen: PaperLimits, rate: float, config: Config
+    card: ModelCard,
+    healthy: Sequence[Recording],
+    good: Drives,
+    bad: Drives,
+    chosen: PaperLimits,
+    rate: float,
+    config: Config,
 ) -> ModelCard:
     windows = [w for drive in good for w in drive]
-    limits = limits_of(
-        good, card, config, f"o2train calibrate, {_count(len(good), 'healthy drive')}"
-    )
+    origin = f"o2train calibrate, {_count(len(good), 'healthy drive')}"
+    limits = limits_of(good, card, config, origin, healthy)
     scale = float(np.concatenate([w.window.measured for w in windows]).std())
     n_bad = sum(map(len, bad))
     how = (
@@ -247,6 +256,7 @@ def _warnings(
     good: Drives,
     faulty: Sequence[Recording],
     bad: Drives,
+    config: Config,
 ) -> list[str]:
     trained = {r.sha256 for r in card.recordings}
     texts = [
@@ -255,7 +265,7 @@ def _warnings(
         if r.sha256 in trained
     ]
     texts += [
-        f"{r.path}: no window, so it says nothing"
+        f"{r.path}: no window, so it says nothing{_why(r, card, config)}"
         for r, windows in zip((*healthy, *faulty), (*good, *bad), strict=True)
         if not windows
     ]
@@ -266,6 +276,11 @@ def _warnings(
             f"{FEW_DRIVES} and more are wanted"
         )
     return texts
+
+
+def _why(recording: Recording, card: ModelCard, config: Config) -> str:
+    found = why_not(recording, card, config)
+    return f"; {found[0].in_words}" if found else ""
 
 
 def _count(n: int, noun: str) -> str:

@@ -16,7 +16,7 @@ from monitor.memory.dtc import TESTS
 from monitor.model.card import Limit, ModelCard
 from monitor.model.step import Model
 from monitor.pipeline.events import WindowJudged
-from training.limits.judging import judge_recordings
+from training.limits.judging import judge_recordings, most_common_cause
 from training.narx.export import update_card
 from training.narx.model_file import HeldOut
 from training.recordings.recording import Recording
@@ -57,18 +57,24 @@ def held_out_windows(
 
 
 def limits_of(
-    drives: Sequence[Sequence[WindowJudged]], card: ModelCard, config: Config, origin: str
+    drives: Sequence[Sequence[WindowJudged]],
+    card: ModelCard,
+    config: Config,
+    origin: str,
+    recordings: Sequence[Recording],
 ) -> dict[str, Limit]:
     """Return all decision limits from the windows of healthy drives, name → limit.
 
     origin : description of the drives for the model card
+    recordings : of the drives; if they have too few windows, the error says why
     Raises RecordingError if there are fewer than 10 windows.
     """
     windows = [window for drive in drives for window in drive]
     if len(windows) < MINIMUM_WINDOWS:
+        cause = most_common_cause(recordings, card, config)
         raise RecordingError(
             f"{len(windows)} healthy windows, {MINIMUM_WINDOWS} are wanted to set limits: "
-            "give more or longer recordings with the vehicle warm and in closed loop"
+            f"{cause or 'give more or longer recordings with the vehicle warm and in closed loop'}"
         )
     unit = card.output.unit
     means = np.array([w.mean for w in windows])
@@ -155,7 +161,7 @@ def with_limits(
     Raises RecordingError if there are fewer than 10 windows.
     """
     drives = held_out_windows(model, recordings, held_out, config)
-    limits = limits_of(drives, model.card, config, origin)
+    limits = limits_of(drives, model.card, config, origin, recordings)
     card = replace(model.card, limits={**model.card.limits, **limits})
     least = _sound_excitation(model, recordings, Limits.from_card(card, config, origin), config)
     if least > limits["excitation"].value:

@@ -1,5 +1,6 @@
 """Judge recordings with the steps of the monitor, without files or frames."""
 
+from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
@@ -7,14 +8,16 @@ import numpy as np
 from monitor.base.config import Config
 from monitor.base.types import BoolArray, SampleBlock
 from monitor.judge import enable
+from monitor.judge.causes import Asked, Cause, causes
 from monitor.judge.enable import Enable
 from monitor.judge.limits import Limits
+from monitor.judge.observation import Observation
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
 from monitor.pipeline.side_by_side import Judged, judge_all
 from training.recordings.recording import Recording
 
-__all__ = ["Judged", "enabled_samples", "judge", "judge_recordings"]
+__all__ = ["Judged", "enabled_samples", "judge", "judge_recordings", "most_common_cause", "why_not"]
 
 
 def enabled_samples(recording: Recording, card: ModelCard, config: Config) -> BoolArray:
@@ -22,6 +25,27 @@ def enabled_samples(recording: Recording, card: ModelCard, config: Config) -> Bo
     names = _names(recording, card)
     conditions = Enable.of(config.enable, names, card).push(_block(recording, names).values)
     return np.asarray(conditions.all(axis=1))
+
+
+def why_not(recording: Recording, card: ModelCard, config: Config) -> list[Cause]:
+    """Return what keeps a recording from a verdict, by its signals and the enable conditions."""
+    names = _names(recording, card)
+    enable_, period_s = Enable.of(config.enable, names, card), card.period_ns * 1e-9
+    observation = Observation(enable_, names, config.plausibility, period_s)
+    block = _block(recording, names)
+    observation.push(block.values, block.quality, enable_.push(block.values))
+    return causes(observation.observed(), Asked(card, config))
+
+
+def most_common_cause(recordings: Sequence[Recording], card: ModelCard, config: Config) -> str:
+    """Return the cause that keeps most recordings from windows, "" if there is none."""
+    found = Counter(
+        cause.in_words for recording in recordings for cause in why_not(recording, card, config)[:1]
+    )
+    if not found:
+        return ""
+    text, n = found.most_common(1)[0]
+    return f"{text} (in {n} of {len(recordings)} recordings)"
 
 
 def judge(recording: Recording, model: Model, limits: Limits, config: Config) -> Judged:

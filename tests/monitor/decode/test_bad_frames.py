@@ -143,7 +143,7 @@ def test_a_drive_too_short_to_be_judged_exits_with_3_and_says_why(
     log = tmp_path / "short.log"
     write_log(log, block(list(read_frames(drive))[:2000]))
     assert cli.main(["replay", str(log)]) == 3
-    assert "not judged: no window of enabled samples was filled" in capsys.readouterr().out
+    assert "not judged: " in capsys.readouterr().out
 
 
 def test_a_short_drive_does_not_heal_a_sensor_that_never_gets_ready(tmp_path: Path) -> None:

@@ -94,6 +94,7 @@ def recording(path: str = "drives/healthy.log", **changes: Any) -> dict[str, Any
         "dtcs": [],
         "fault_flag": False,
         "completed": True,
+        "not_judged": None,
         "enable": {"inputs_valid": 0.99, "coolant_warm": 0.125, "engine_load": "unavailable"},
         "limits": {"j_mu": 0.01, "j_sigma": 0.02},
         "counters": {"checksum": 4, "late": 0},
@@ -113,7 +114,14 @@ def faulty(path: str = "drives/slow.log", **changes: Any) -> dict[str, Any]:
 
 
 def not_judged(path: str = "drives/short.log") -> dict[str, Any]:
-    return recording(path, windows=[], completed=False, enabled_samples=0)
+    cause = {
+        "condition": "coolant_warm",
+        "held_share": 0.125,
+        "signal": "coolant_temperature_degc",
+        "reason": "below",
+        "advice": "record until the engine is warm",
+    }
+    return recording(path, windows=[], completed=False, not_judged=[cause], enabled_samples=0)
 
 
 def written(tmp_path: Path, *recordings: dict[str, Any], **options: Any) -> Page:
@@ -136,7 +144,7 @@ def test_the_page_says_verdicts_codes_and_why_a_drive_was_not_judged(tmp_path: P
     # AND the code with its fault, state, time and status byte
     for words in ("P014C", "slow_rich_to_lean or transient", "pending", "20.0 s", "0x27"):
         assert words in text
-    assert "least held: coolant_warm 12 %, inputs_valid 99 %." in text
+    assert "coolant_warm held 12 % of the time: record until the engine is warm" in text
     # AND what the enable conditions and frames were, the file's sha256 and the model
     for words in ("coolant_warm", "12.5 %", "unavailable", "checksum", SHA256, "narx"):
         assert words in text

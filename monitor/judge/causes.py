@@ -1,0 +1,280 @@
+"""Why a recording was not judged: which condition held it up, by which signal, and a remedy."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from monitor.base.config import Config
+from monitor.base.signals import BY_NAME
+from monitor.base.types import Quality
+from monitor.judge.enable import CONDITIONS, NEEDS, Range
+from monitor.judge.liveness import dead_at_end
+from monitor.judge.observation import Observed
+from monitor.model.card import ModelCard
+
+MOST: Final = 3  # conditions that are named
+ENOUGH_WINDOWS: Final = 6  # from so many on, more of them alone do not help
+HELD_ENOUGH: Final = 0.9  # a condition that held for this share kept no drive from its verdict
+
+_REMEDIES: Final = {  # condition → remedy where the signal itself is good
+    "closed_loop": "drive in closed loop, the engine warm and at part load",
+    "fuel_cut_recovered": "drive with fewer overruns",
+    "sensor_ready": "record until the sensor is heated",
+    "coolant_warm": "record until the engine is warm",
+    "engine_speed": "drive, idle and high speed are not judged",
+    "engine_load": "drive at part load",
+    "vehicle_speed": "drive, standstill is not judged",
+    "purge_steady": "record longer: the purge valve moves, its steps are not judged",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Cause:
+    """One reason why a recording was not judged."""
+
+    condition: str  # enable condition, name of a test, "evidence", "sensor_alive" or "samples"
+    held_share: float | None  # of the samples; None where no share applies
+    signal: str | None  # canonical name
+    reason: str
+    advice: str
+
+    @property
+    def in_words(self) -> str:
+        """Return the cause on one line."""
+        share = self.held_share
+        held = "" if share is None else f" held {100 * share:.0f} % of the time"
+        return f"{self.condition}{held}: {self.advice}"
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """Where a recording's signal comes from."""
+
+    place: str  # message and signal, or column
+    timeout_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """What the tests had when the recording ended."""
+
+    windows: int = 0
+    excited: int = 0  # windows in which the prediction moves enough
+    unfinished: tuple[str, ...] = ()  # tests without a decision
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """Whose causes are asked for."""
+
+    card: ModelCard
+    config: Config
+    sources: Mapping[str, Source] = field(default_factory=dict)  # by canonical name
+
+
+def causes(seen: Observed, asked: Asked, judgement: Judgement | None = None) -> list[Cause]:
+    """Return why a recording gives no verdict, the plainest cause first; none if nothing is wrong.
+
+    judgement : of the tests; without it only signals and conditions are looked at
+    """
+    if not seen.samples:
+        return [Cause("samples", 0.0, None, "empty", "the recording holds no sample")]
+    undecided = judgement is None or "response" in judgement.unfinished
+    found = [*_blocked(seen, asked)] if undecided else []
+    found += _open_loop(seen, asked)
+    if undecided:
+        found += _still_inputs(seen, asked, found)
+    if judgement is None:
+        return found
+    if judgement.unfinished and (not found or judgement.windows >= ENOUGH_WINDOWS):
+        found += _evidence(seen, judgement)
+    return found + _dead(seen, asked)
+
+
+def _blocked(seen: Observed, asked: Asked) -> Iterator[Cause]:
+    """Yield the causes of the conditions that held least."""
+    shares = {c: seen.share(c) for c in CONDITIONS if c not in seen.unavailable}
+    if shares["inputs_valid"] <= shares["model_settled"] + (1.0 - HELD_ENOUGH):
+        del shares["model_settled"]  # it follows from the inputs
+    worst = sorted(shares, key=lambda name: shares[name])
+    for condition in worst[:MOST]:
+        if shares[condition] < HELD_ENOUGH:
+            yield _of_condition(condition, shares[condition], seen, asked)
+
+
+def _of_condition(condition: str, share: float, seen: Observed, asked: Asked) -> Cause:
+    """Return the cause of one condition: of its signals, the one that is worst."""
+    if condition in ("inputs_valid", "model_settled"):
+        signal = _worst(seen, asked.card.input_names)
+    elif condition == "measured_valid":
+        signal = asked.card.output.name
+    elif condition == "trained_range":
+        ranges = [each for each in seen.ranges if each.condition == condition]
+        beside = [_beside(seen, each) for each in ranges]
+        signal = ranges[int(np.argmax(beside))].signal
+        if max(beside) == 0:  # NaN is outside, too
+            signal = _worst(seen, asked.card.input_names)
+    else:
+        signal = NEEDS[condition]
+    reason, advice = _of_signal(condition, signal, seen, asked)
+    return Cause(condition, round(share, 6), signal, reason, advice)
+
+
+def _worst(seen: Observed, names: Sequence[str]) -> str:
+    """Return the signal that was good on the fewest samples."""
+    return min(names, key=lambda name: int(seen.quality[Quality.GOOD, seen.names.index(name)]))
+
+
+def _beside(seen: Observed, each: Range) -> int:
+    place = seen.ranges.index(each)
+    return int(seen.below[place] + seen.above[place])
+
+
+def _of_signal(condition: str, signal: str, seen: Observed, asked: Asked) -> tuple[str, str]:
+    """Return reason and advice for the signal of a condition that did not hold."""
+    counts = seen.quality[:, seen.names.index(signal)]
+    bad = _bad(signal, counts.tolist(), seen, asked)
+    outside = [each for each in seen.ranges if (each.condition, each.signal) == (condition, signal)]
+    beside = sum(_beside(seen, each) for each in outside)
+    if bad is not None and seen.samples - counts[Quality.GOOD] >= beside:
+        return bad
+    if seen.is_constant(signal) and beside:
+        low = seen.low[seen.names.index(signal)].item()
+        return "constant", _constant(signal, low, asked)
+    if not outside or not beside:
+        return "interrupted", _REMEDIES.get(condition, f"{signal} is interrupted again and again")
+    place, each = seen.ranges.index(outside[0]), outside[0]
+    is_below = bool(seen.below[place] >= seen.above[place])
+    share = beside / seen.samples
+    limit = f"{each.low if is_below else each.high:.4g}{_unit(signal)}"
+    side = "below" if is_below else "above"
+    text = f"{signal} is {side} {limit} in {100 * share:.0f} % of the samples: "
+    if condition == "trained_range":
+        text += "outside the model's training; check its unit, or train on such drives"
+    else:
+        text += _REMEDIES[condition]
+    return ("untrained" if condition == "trained_range" else side), text
+
+
+def _bad(
+    signal: str, counts: Sequence[int], seen: Observed, asked: Asked
+) -> tuple[str, str] | None:
+    """Return reason and advice for a signal whose values are not usable, None if all are."""
+    stale = counts[Quality.STALE] + counts[Quality.OFF_BUS]
+    source = asked.sources.get(signal, Source("its source"))
+    if stale == seen.samples:
+        text = f"{signal} never came ({source.place}): correct the map, or leave the signal out"
+        return "never_seen", text
+    kinds = {
+        "stale": stale,
+        "invalid": counts[Quality.INVALID],
+        "out_of_range": counts[Quality.OUT_OF_RANGE],
+    }
+    reason = max(kinds, key=lambda name: kinds[name])
+    if not kinds[reason]:
+        return None
+    share = f"{100 * kinds[reason] / seen.samples:.0f} % of the samples"
+    if reason == "stale":
+        return reason, _stale(signal, stale, source, seen)
+    if reason == "invalid":
+        text = f"{signal} has no value in {share} ({source.place}): check sensor and map"
+        return reason, text
+    limits = BY_NAME.get(signal)
+    within = f", {limits.minimum:g} to {limits.maximum:g} {limits.unit} is" if limits else ""
+    text = f"{signal} is not plausible in {share}{within}: check unit, factor and offset"
+    return reason, f"{text} ({source.place})"
+
+
+def _stale(signal: str, stale: int, source: Source, seen: Observed) -> str:
+    """Return the advice for a signal whose values come too seldom or stopped."""
+    n = max(int(seen.stale_runs[seen.names.index(signal)]), 1)
+    share = f"{100 * stale / seen.samples:.0f} % of the samples"
+    held_s = source.timeout_s or 0.0
+    age_s = held_s + stale / n * seen.period_s
+    if n == 1 or source.timeout_s is None:
+        return f"{signal} is stale in {share}: no value for {age_s:.4g} s ({source.place})"
+    return (
+        f"{signal} is stale in {share}: its values come about {age_s:.2g} s apart, timeout_s is "
+        f"{held_s:g} s ({source.place}); set timeout_s = {timeout_of(age_s):g} in the map"
+    )
+
+
+def timeout_of(interval_s: float) -> float:
+    """Return how old a value may be that comes at such an interval: three of them, at least 0.3 s.
+
+    >>> timeout_of(0.1), timeout_of(1.0)
+    (0.3, 3.0)
+    """
+    return float(f"{max(3.0 * interval_s, 0.3):.2g}")
+
+
+def _constant(signal: str, value: float, asked: Asked) -> str:
+    place = f" ({asked.sources[signal].place})" if signal in asked.sources else ""
+    return (
+        f"{signal} is {value:g}{_unit(signal)} throughout{place}: if it did change, this is "
+        "another quantity or was not recorded; name the right one, or leave it out"
+    )
+
+
+def _open_loop(seen: Observed, asked: Asked) -> list[Cause]:
+    """Return the cause of a controller that never moves: its loop was never closed.
+
+    A flag that says otherwise says something else.
+    """
+    signal = "lambda_controller"
+    if signal not in asked.card.input_names or not seen.is_constant(signal):
+        return []
+    value = seen.low[seen.names.index(signal)].item()
+    advice = f"the loop was never closed: {_constant(signal, value, asked)}"
+    return [Cause("closed_loop", 0.0, signal, "constant", advice)]
+
+
+def _still_inputs(seen: Observed, asked: Asked, found: Sequence[Cause]) -> list[Cause]:
+    """Return the causes of inputs that never move, which no condition shows."""
+    named = {each.signal for each in found}
+    result = []
+    for signal in asked.card.input_names:
+        if signal in seen.names and signal not in named and seen.is_constant(signal):
+            value = seen.low[seen.names.index(signal)].item()
+            advice = _constant(signal, value, asked)
+            result.append(Cause("inputs_valid", None, signal, "constant", advice))
+    return result
+
+
+def _evidence(seen: Observed, judgement: Judgement) -> list[Cause]:
+    """Return why tests have no decision though most samples could be judged."""
+    n, excited = judgement.windows, judgement.excited
+    tests = ", ".join(judgement.unfinished)
+    had = f"{seen.enabled * seen.period_s:.0f} s could be judged"
+    if "response" in judgement.unfinished and n and excited < n / 2:
+        advice = (
+            f"in {excited} of {n} windows the prediction moves enough: drive with changing load"
+        )
+        return [Cause("evidence", round(excited / n, 6), None, "not_excited", advice)]
+    advice = f"{had}, without a decision of {tests}: record a longer drive"
+    return [Cause(judgement.unfinished[0], None, None, "undecided", advice)]
+
+
+def _dead(seen: Observed, asked: Asked) -> list[Cause]:
+    """Return the cause of a sensor that was not alive when the recording ended."""
+    output = asked.card.output
+    reason = dead_at_end(seen, output, asked.config.plausibility)
+    if reason is None:
+        return []
+    words = {
+        "stale": "came no longer",
+        "invalid": "had no value",
+        "out_of_range": "was out of range",
+        "not_ready": "was not ready",
+        "frozen": "did not move any more",
+        "pegged": "stood at the end of its range",
+    }[reason]
+    advice = f"{output.name} {words} when the recording ended: check the sensor, record further"
+    return [Cause("sensor_alive", None, output.name, reason, advice)]
+
+
+def _unit(signal: str) -> str:
+    unit = BY_NAME[signal].unit if signal in BY_NAME else "-"
+    return "" if unit == "-" else f" {unit}"

@@ -1,0 +1,83 @@
+"""Whether the sensor was alive when a recording ended.
+
+A test that passed early says nothing of a sensor that dies later. An electrical fault needs a few
+seconds until it sets a code; within this time the recording may end.
+"""
+
+from typing import Final, Literal
+
+import numpy as np
+
+from monitor.base.config import PlausibilityConfig
+from monitor.base.types import BoolArray, FloatArray, Quality
+from monitor.judge.enable import CONDITIONS
+from monitor.judge.observation import Observed
+from monitor.model.card import Channel
+
+Dead = Literal["stale", "invalid", "out_of_range", "not_ready", "frozen", "pegged"]
+_BY_QUALITY: Final[dict[int, Dead]] = {
+    Quality.STALE: "stale",
+    Quality.OFF_BUS: "stale",
+    Quality.INVALID: "invalid",
+    Quality.OUT_OF_RANGE: "out_of_range",
+}
+_VALID: Final = CONDITIONS.index("measured_valid")
+_RECOVERED: Final = CONDITIONS.index("fuel_cut_recovered")
+
+
+def dead_at_end(seen: Observed, output: Channel, config: PlausibilityConfig) -> Dead | None:
+    """Return how the sensor was dead when the recording ended, None if it was alive.
+
+    output : the model's output
+    A sensor need not be alive while the engine stands.
+    """
+    if not len(seen.end_values):
+        return None
+    return _silent(seen, output, config) or _still(seen, output, config)
+
+
+def _silent(seen: Observed, output: Channel, config: PlausibilityConfig) -> Dead | None:
+    """Return the state of the sensor if it gave no usable value in the last samples."""
+    n = max(round(config.end_s / seen.period_s), 1)
+    quality = seen.end_quality[-n:, seen.names.index(output.name)]
+    ready = _column(seen, "sensor_ready", n)
+    not_ready = ready <= 0.0 if ready is not None else np.zeros(len(quality), dtype=np.bool_)
+    running = _running(seen, config, n)
+    dead = ((quality != Quality.GOOD) | not_ready) & running
+    if len(quality) < n or not dead.all():
+        return None
+    return _BY_QUALITY.get(int(quality[-1]), "not_ready")
+
+
+def _still(seen: Observed, output: Channel, config: PlausibilityConfig) -> Dead | None:
+    """Return the state of the sensor if its last values are all alike though the engine runs.
+
+    In a fuel cut a healthy sensor stands still at the end of its range.
+    """
+    n, least = (max(round(s / seen.period_s), 2) for s in (config.stuck_s, config.end_s))
+    measured = seen.end_values[-n:, seen.names.index(output.name)]
+    running = _running(seen, config, n)
+    valid = seen.end_conditions[-n:, _VALID] & running
+    if len(measured) < n or not valid.all() or np.ptp(measured) > config.stuck_range:
+        return None
+    if measured[-1] < output.maximum:
+        return "frozen"
+    burning = np.count_nonzero(seen.end_conditions[-n:, _RECOVERED])
+    return "pegged" if burning >= least else None
+
+
+def _running(seen: Observed, config: PlausibilityConfig, n: int) -> BoolArray:
+    """Return whether the engine ran in the last n samples; without its speed it did.
+
+    A speed that is no longer known holds on. A speed that is not known for longer than the kept
+    samples belongs to an ECU that sleeps; awake, its silence would have set a code.
+    """
+    speed_rpm = _column(seen, "engine_speed_rpm", len(seen.end_values))
+    if speed_rpm is None:
+        return np.ones(len(seen.end_values[-n:]), dtype=np.bool_)
+    known = np.maximum.accumulate(np.where(np.isnan(speed_rpm), 0, np.arange(len(speed_rpm))))
+    return np.asarray(speed_rpm[known][-n:] >= config.engine_running_rpm)
+
+
+def _column(seen: Observed, name: str, n: int) -> FloatArray | None:
+    return seen.end_values[-n:, seen.names.index(name)] if name in seen.names else None

@@ -1,0 +1,40 @@
+"""Tables of a recorded healthy drive, some of whose columns are changed."""
+
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from monitor.base import config
+from monitor.pipeline.recordings import ReadRecording, RecordingReader
+from monitor.report.replay import set_up
+from tests.conftest import ROOT
+
+PERIOD_S = 0.1
+Columns = dict[str, np.ndarray]
+
+
+@cache
+def _healthy() -> ReadRecording:
+    setup = set_up(None, [], config.load())
+    log = ROOT / "replay_logs/healthy_micro_trips_v102_s102.blf"
+    return RecordingReader(setup.bus_map, setup.model.card).read(log)
+
+
+def columns() -> Columns:
+    """Return the healthy drive of seven minutes, column by column."""
+    read = _healthy()
+    return {name: read.block.values[:, i].copy() for i, name in enumerate(read.names)}
+
+
+def table(path: Path, change: Callable[[Columns], None] = lambda _: None) -> Path:
+    """Write the drive as a table after a change; a blank cell has no value."""
+    data = columns()
+    change(data)
+    lines = [",".join(("time_s", *data))]
+    for k, row in enumerate(zip(*data.values(), strict=True)):
+        cells = ("" if np.isnan(value) else f"{value:.9g}" for value in row)
+        lines.append(",".join((f"{k * PERIOD_S:.1f}", *cells)))
+    path.write_text("\n".join(lines) + "\n")
+    return path

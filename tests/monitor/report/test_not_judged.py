@@ -1,0 +1,159 @@
+"""Why a drive was not judged: condition, share, signal, reason and advice in JSON, text and page."""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from monitor import cli
+from tests.helpers.drive_tables import PERIOD_S, Columns, table
+
+Change = Callable[[Columns], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Replayed:
+    """What a replay gave."""
+
+    exit_code: int
+    out: str
+    page: str
+    recording: dict[str, Any]
+
+    @property
+    def causes(self) -> list[tuple[str, str | None, str]]:
+        """Return condition, signal and reason of each cause."""
+        found = self.recording["not_judged"] or []
+        return [(c["condition"], c["signal"], c["reason"]) for c in found]
+
+
+@pytest.fixture
+def replayed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Callable[[Change], Replayed]:
+    """Give a replay of the healthy drive after a change."""
+
+    def run(change: Change) -> Replayed:
+        path = table(tmp_path / "drive.csv", change)
+        out, page = tmp_path / "out.json", tmp_path / "page.html"
+        code = cli.main(["replay", str(path), "--json", str(out), "--html", str(page)])
+        (recording,) = json.loads(out.read_text())["recordings"]
+        return Replayed(code, capsys.readouterr().out, page.read_text(), recording)
+
+    return run
+
+
+def held(name: str, value: float, seconds: float | None = None) -> Change:
+    """Return a change that holds a column at a value, throughout or for its last seconds."""
+
+    def change(data: Columns) -> None:
+        n = len(data[name]) if seconds is None else round(seconds / PERIOD_S)
+        data[name][-n:] = value
+
+    return change
+
+
+def test_a_healthy_drive_is_judged_and_nothing_held_it_up(
+    replayed: Callable[[Change], Replayed],
+) -> None:
+    got = replayed(lambda _: None)
+    assert got.exit_code == 0
+    assert got.recording["not_judged"] is None
+    assert ": no fault" in got.out
+
+
+@pytest.mark.parametrize(
+    ("change", "cause", "words"),
+    [
+        (
+            held("vehicle_speed_km_h", 0.0),
+            ("vehicle_speed", "vehicle_speed_km_h", "constant"),
+            "vehicle_speed_km_h is 0 km/h throughout (column vehicle_speed_km_h)",
+        ),
+        (
+            held("coolant_temperature_degc", np.nan),
+            ("coolant_warm", "coolant_temperature_degc", "invalid"),
+            "coolant_temperature_degc has no value in 100 % of the samples",
+        ),
+        (
+            held("fuel_mass_mg", 200.0, 400.0),
+            ("trained_range", "fuel_mass_mg", "untrained"),
+            "outside the model's training",
+        ),
+        (
+            held("lambda_controller", 1.0),
+            ("closed_loop", "lambda_controller", "constant"),
+            "the loop was never closed: lambda_controller is 1 throughout",
+        ),
+    ],
+    ids=["a column of zeros", "a blank column", "outside training", "a controller that stands"],
+)
+def test_a_drive_without_a_verdict_names_the_column_at_fault(
+    replayed: Callable[[Change], Replayed],
+    change: Change,
+    cause: tuple[str, str, str],
+    words: str,
+) -> None:
+    got = replayed(change)
+    assert got.exit_code == 3
+    assert got.recording["dtcs"] == []
+    assert got.causes[0] == cause
+    assert words in got.out  # in the text
+    assert words.replace("'", "&#x27;") in got.page  # and on the page
+    assert got.recording["not_judged"][0]["held_share"] < 0.1
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (held("lambda_measured", np.nan, 1.5), "invalid"),
+        (held("lambda_measured", 0.3, 1.5), "out_of_range"),
+        (held("sensor_ready", 0.0, 12.0), "not_ready"),
+        (held("lambda_measured", 1.02, 11.0), "frozen"),
+        (held("lambda_measured", 15.9, 11.0), "pegged"),
+    ],
+    ids=["no value", "implausible", "not ready", "frozen", "pegged"],
+)
+def test_a_sensor_that_dies_after_its_tests_passed_gives_no_clean_bill(
+    replayed: Callable[[Change], Replayed], change: Change, reason: str
+) -> None:
+    # GIVEN a drive in which every test passes, and a sensor that dies too late for a code
+    # WHEN it is replayed
+    got = replayed(change)
+    # THEN it is not judged, although the response test was completed
+    assert got.recording["completed"]
+    assert got.exit_code == 3
+    assert got.causes == [("sensor_alive", "lambda_measured", reason)]
+
+
+@pytest.mark.parametrize("seconds", [0.5, 1.5])
+def test_a_sensor_may_be_silent_while_the_engine_stands(
+    replayed: Callable[[Change], Replayed], seconds: float
+) -> None:
+    def stop(data: Columns) -> None:
+        held("engine_speed_rpm", 0.0, 2.0)(data)
+        held("lambda_measured", np.nan, seconds)(data)
+
+    assert replayed(stop).exit_code == 0
+
+
+def test_one_bad_sample_at_the_end_is_no_dead_sensor(
+    replayed: Callable[[Change], Replayed],
+) -> None:
+    assert replayed(held("lambda_measured", np.nan, 0.2)).exit_code == 0
+
+
+def test_a_drive_too_short_for_its_tests_says_which_have_no_decision(
+    replayed: Callable[[Change], Replayed],
+) -> None:
+    # GIVEN a stretch of the drive in which every condition holds, too short for a decision
+    def cut(data: Columns) -> None:
+        for name in data:
+            data[name] = data[name][2360:2460]
+
+    got = replayed(cut)
+    # THEN the reason is the time, and the advice a longer drive
+    assert got.exit_code == 3
+    assert {condition for condition, *_ in got.causes} & {"response", "model_settled"}
