@@ -22,7 +22,7 @@ from monitor.bus.link.clock import Clock
 from monitor.bus.link.port import BusHealth, Port
 from monitor.bus.link.recorder import Recorder
 from monitor.bus.link.socketcan import BLOCK_S
-from monitor.frames.loop_frames import bus_state, codes_cleared, is_own
+from monitor.frames.loop_frames import bus_state, codes_cleared, is_own, time_mark
 from monitor.memory.dtc import DtcStore
 from monitor.memory.reference import Seen
 from monitor.memory.store import Memory
@@ -95,7 +95,7 @@ class Loop:
         self._due_s = self._store_again_s = math.inf
         self._stored_run_s = store.counts.engine_run_since_clear_s
         self._wanted: dict[tuple[int, bool], list[Attachment]] = {}
-        self._stop = self._is_off = False
+        self._stop = self._is_off = self._has_begun = False
 
     def stop(self, *_: int | FrameType | None) -> None:
         """End the loop after the current frame; a signal handler may call it."""
@@ -163,6 +163,9 @@ class Loop:
 
     def _judge(self, frame: Frame) -> None:
         if self._recorder is not None:
+            if not self._has_begun:  # by a mark a replay knows that the monitor listened live
+                self._has_begun = True
+                self._judge(time_mark(frame.t_ns))
             self._record(self._recorder, frame)
         events = self.pipeline.push(frame)
         if events:

@@ -42,6 +42,7 @@ class BlockAssembler:
             raise SignalMapError(f"{len(channels)} channels have {len(timeouts_ns)} timeouts")
         self.counters = AssemblerCounters()
         self.is_off_bus = False  # the monitor itself hears nothing, from the last frame pushed on
+        self.is_live = False  # the loop's own frames came: the recording was made live
         self._period_ns, self._timeouts_ns = period_ns, timeouts_ns
         self._output = Output(channels, names, derived)
         self._n_names = len(names)

@@ -36,6 +36,7 @@ def log_samples(
     held = _Held(decoder, assembler)
     n = 0
     for block in blocks:
+        assembler.is_live |= bool((block.key >= _CLEARED).any())
         for part in _up_to_own(block):
             last = part.key[-1]
             held.push(part)

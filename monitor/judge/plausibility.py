@@ -48,10 +48,17 @@ class Plausibility:
 
     names : signals of a sample
     output : name of the measured signal among them
+    is_expected : whether the sender is known, so that its silence from the start is a fault
     """
 
     def __init__(
-        self, config: PlausibilityConfig, names: Sequence[str], output: str, period_s: float
+        self,
+        config: PlausibilityConfig,
+        names: Sequence[str],
+        output: str,
+        period_s: float,
+        *,
+        is_expected: bool = True,
     ) -> None:
         at = {name: i for i, name in enumerate(names)}
         self._output = at[output]
@@ -60,12 +67,14 @@ class Plausibility:
         self._running_rpm = config.engine_running_rpm
         self._patience = round(config.not_ready_s / period_s)
         self._start_patience = round(config.start_patience_s / period_s)
+        self.is_expected, self._heard = is_expected, False
         self.reset()
 
     def reset(self) -> None:
         """Start as after switching on."""
         self._not_ready = 0  # samples in a row with the engine running
         self._unheard = 0  # samples before the sender was heard for the first time
+        self.is_expected |= self._heard
         self._heard = False
         self._stood = False  # the engine stood when its speed was last known
 
@@ -107,7 +116,8 @@ class Plausibility:
         self._heard = self._heard or not missing
         first = begin
         if not self._heard:  # an ECU that was never heard may still be starting
-            first += max(self._start_patience - self._unheard, 0)
+            patience = self._start_patience - self._unheard if self.is_expected else end
+            first += max(patience, 0)
             self._unheard += end - begin
         if first < end and not asleep:
             result = _MISSING if missing else _HEARD

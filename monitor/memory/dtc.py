@@ -179,6 +179,8 @@ class DtcStore:
         """
         self._passed.add(test)
         self._completed.add(test)
+        if test == "communication" and not self._counts.sensor_heard:
+            self._counts = replace(self._counts, sensor_heard=1)
         faults = TESTS[test]
         codes = sorted({code for fault in faults for code in CODES[fault]})
         done = [c for c in codes if self._dtcs[c].fault in faults or self._is_clean(c)]
@@ -229,7 +231,9 @@ class DtcStore:
         self._completed.clear()
         self._passed.clear()
         kept = self._counts
-        self._counts = Counts(kept.ignition_cycles, kept.general_denominator)
+        self._counts = Counts(
+            kept.ignition_cycles, kept.general_denominator, sensor_heard=kept.sensor_heard
+        )
         self.clearings += 1
         return self._update({code: Dtc(code) for code in self._dtcs})
 

@@ -44,3 +44,4 @@ class Counts:
     distance_with_mil_km: float = 0.0
     engine_run_with_mil_s: float = 0.0
     engine_run_since_clear_s: float = 0.0
+    sensor_heard: int = 0  # 1 once the sensor's message has come; a clearing keeps it

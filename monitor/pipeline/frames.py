@@ -25,7 +25,7 @@ class FramePipeline:
     ) -> None:
         card = model.card
         names = needed_names(card, bus_map.names)
-        self.monitor = Monitor(Judge(names, model, config), limits, store)
+        self.monitor = Monitor(Judge(names, model, config), limits, store, is_live=True)
         self._samples = FrameSamples(bus_map, names, card.period_ns)
         self.decoder, self.assembler = self._samples.decoder, self._samples.assembler
 

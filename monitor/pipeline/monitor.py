@@ -89,9 +89,13 @@ class Monitor:
     judge : for the signals of its samples
     store : fault memory; the first driving cycle begins in the caller's hands, any other where
         the samples show one
+    is_live : the monitor listens itself, so a sensor that is silent from the start is at fault;
+        in a recording it may be the wrong database, unless the memory knows the sensor
     """
 
-    def __init__(self, judge: Judge, limits: Limits, store: DtcStore) -> None:
+    def __init__(
+        self, judge: Judge, limits: Limits, store: DtcStore, *, is_live: bool = False
+    ) -> None:
         config, card, names = judge.config, judge.card, judge.names
         self._judge, self.names = judge, names
         self.store, self.limits, self.output = store, limits, card.output.name
@@ -101,7 +105,10 @@ class Monitor:
             config.cycles, config.profile, names, output.name, plausibility.engine_running_rpm
         )
         self._enable = Enable.of(config.enable, names, card)
-        self._plausibility = Plausibility(plausibility, names, output.name, period_s)
+        is_expected = is_live or bool(store.counts.sensor_heard)
+        self._plausibility = Plausibility(
+            plausibility, names, output.name, period_s, is_expected=is_expected
+        )
         self._maturing = Maturing(*ticks_to_mature(config.debounce, period_s))
         self._activity = ActivityTest.of(plausibility, output, names, period_s)
         self._windows = Windows(config.window.n_samples, len(judge.hypotheses))
@@ -155,6 +162,10 @@ class Monitor:
     def interrupted_windows(self) -> int:
         """Return how many windows were begun and discarded."""
         return self._windows.discarded
+
+    def expect_sensor(self) -> None:
+        """Take a sensor that is silent from the start for a fault from here on."""
+        self._plausibility.is_expected = True
 
     def push(self, block: SampleBlock) -> Iterator[BlockEvent]:
         """Take a block of samples and yield what they cause; all of it must be taken."""

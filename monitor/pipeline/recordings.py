@@ -35,6 +35,7 @@ class OpenRecording:
     parts: Iterator[SampleBlock | Clearing]
     counters: Callable[[], dict[str, int]]  # of frames that could not be used, behind the parts
     sources: Mapping[str, Source]  # where each signal comes from
+    is_live: Callable[[], bool] = lambda: False  # whether a live monitor made it, with its part
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +103,9 @@ class RecordingReader:
             return counts | {"skipped": log.skipped}
 
         parts = log_samples(read_blocks(path, log, self._parse), decoder, assembler)
-        return OpenRecording(path, self._names, parts, counters, self._sources)
+        return OpenRecording(
+            path, self._names, parts, counters, self._sources, lambda: assembler.is_live
+        )
 
     def _table(self, path: Path) -> OpenRecording:
         table = read_table(path, self._columns)

@@ -13,7 +13,6 @@ from monitor.base.config import Config
 from monitor.base.errors import RecordingError
 from monitor.base.manifest import source_of
 from monitor.base.signals import OUTPUT
-from monitor.base.types import SampleBlock
 from monitor.decode.bus_map import BusMap, load_pairs
 from monitor.frames.candump_blocks import Parser
 from monitor.grid.block_samples import Clearing
@@ -26,7 +25,7 @@ from monitor.pipeline.entry import check_long_enough, frame_counts
 from monitor.pipeline.events import BlockEvent, CycleStarted
 from monitor.pipeline.frames import FramePipeline
 from monitor.pipeline.monitor import Judge, Monitor
-from monitor.pipeline.recordings import RecordingReader
+from monitor.pipeline.recordings import OpenRecording, RecordingReader
 from monitor.pipeline.side_by_side import slices
 from monitor.report.sinks import SCHEMA, Collector
 from monitor.report.text import Trace
@@ -111,7 +110,7 @@ def replay(
     opened = RecordingReader(setup.bus_map, card, setup.columns, setup.parse).open(path)
     monitor = Monitor(Judge(opened.names, setup.model, setup.config), setup.limits, store)
     collector = Collector(monitor, sources=opened.sources, trace=trace)
-    for event in _events(monitor, opened.parts):
+    for event in _events(monitor, opened):
         collector.push(event)
         if memory and isinstance(event, CycleStarted):
             memory.learn(setup.model_sha256, event.seen, setup.config.bias)
@@ -124,8 +123,10 @@ def replay(
     return recording | {"source": source_of(path, sha256)}, collector.trace()
 
 
-def _events(monitor: Monitor, parts: Iterable[SampleBlock | Clearing]) -> Iterator[BlockEvent]:
-    for part in parts:
+def _events(monitor: Monitor, opened: OpenRecording) -> Iterator[BlockEvent]:
+    for part in opened.parts:
+        if opened.is_live():
+            monitor.expect_sensor()
         if isinstance(part, Clearing):
             yield from monitor.clear(part.t_ns)
             continue

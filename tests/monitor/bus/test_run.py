@@ -13,7 +13,7 @@ from monitor.base.errors import RecordingError
 from monitor.base.types import Frame
 from monitor.bus.loop import Loop
 from monitor.frames.logs import read_frames
-from monitor.frames.loop_frames import TIME_MARK_ID
+from monitor.frames.loop_frames import TIME_MARK_ID, time_mark
 from monitor.memory.store import Memory
 from monitor.report import replay
 from tests.conftest import ROOT
@@ -106,6 +106,21 @@ def test_a_bus_on_which_nothing_was_ever_heard_is_missed_too(setup: replay.Setup
     assert [d["code"] for d in live["dtcs"]] == ["U0100"]
 
 
+def test_a_bus_without_the_sensor_is_missed_live_and_in_the_replay_of_its_recording(
+    setup: replay.Setup, late_sensor: list[Frame], tmp_path: Path
+) -> None:
+    # GIVEN a bus on which everything but the sensor is heard
+    record = tmp_path / "deaf.log"
+    lambda_id = setup.bus_map.channels["lambda_measured"].message.frame_id
+    frames = [f for f in late_sensor if f.can_id != lambda_id]
+    live, _ = run_on(frames, setup, record=record)
+    assert [d["code"] for d in live["dtcs"]] == ["U0100"]
+    # WHEN its recording is replayed
+    replayed, _ = replay.replay(record, setup)
+    # THEN the code is the same, because the monitor listened itself
+    assert replayed["dtcs"] == live["dtcs"]
+
+
 def test_frames_of_can_fd_are_recorded_as_they_came(
     setup: replay.Setup, late_sensor: list[Frame], tmp_path: Path
 ) -> None:
@@ -114,6 +129,8 @@ def test_frames_of_can_fd_are_recorded_as_they_came(
         record = tmp_path / f"fd.{suffix}"
         run_on([*long, *late_sensor[5:50]], setup, record=record)
         frames = list(read_frames(record))
+        mark, *frames = frames
+        assert mark == time_mark(frames[0].t_ns)
         assert len(frames) == 50
         assert frames[0].data == bytes(12)
 

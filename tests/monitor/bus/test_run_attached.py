@@ -10,7 +10,7 @@ from monitor.base import config
 from monitor.base.types import Frame
 from monitor.bus.loop import Loop
 from monitor.frames.logs import read_frames
-from monitor.frames.loop_frames import FIRST_ID, is_own
+from monitor.frames.loop_frames import FIRST_ID, is_own, time_mark
 from monitor.pipeline.events import DtcChanged, Event
 from monitor.report import replay
 from tests.conftest import ROOT
@@ -39,7 +39,9 @@ def test_what_comes_from_the_bus_under_an_identifier_of_the_loop_is_refused(
     # THEN nothing changes by it
     alone, _ = run_on(late_sensor[:8000], setup)
     assert judged(live) == judged(alone)
-    assert not any(is_own(frame) for frame in read_frames(record))
+    mark, *frames = read_frames(record)
+    assert mark == time_mark(late_sensor[0].t_ns)
+    assert not any(is_own(frame) for frame in frames)
 
 
 class Clearing:

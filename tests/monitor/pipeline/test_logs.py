@@ -17,7 +17,7 @@ from monitor.decode.block_decoder import BlockDecoder
 from monitor.frames.blocks import block_of
 from monitor.frames.candump import LogCounters
 from monitor.frames.logs import read_frames
-from monitor.frames.loop_frames import CLEARED_ID
+from monitor.frames.loop_frames import CLEARED_ID, time_mark
 from monitor.grid import block_samples
 from monitor.grid.block_assembler import BlockAssembler
 from monitor.grid.block_samples import log_samples, whole
@@ -25,7 +25,7 @@ from monitor.grid.samples import FrameSamples
 from monitor.judge.limits import Limits
 from monitor.memory.dtc import DtcStore
 from monitor.model.step import Model
-from monitor.pipeline.entry import check_long_enough, check_received
+from monitor.pipeline.entry import bus_sources, check_long_enough, check_received
 from monitor.pipeline.frames import FramePipeline
 from monitor.pipeline.monitor import needed_names
 from monitor.pipeline.recordings import RecordingReader
@@ -119,7 +119,8 @@ def live(path: Path, setup: Setup) -> dict[str, Any]:
     log, store = LogCounters(), DtcStore()
     store.start_driving_cycle()
     pipeline = FramePipeline(setup.bus_map, setup.model, setup.limits, setup.config, store)
-    collector = Collector(pipeline.monitor)
+    sources = bus_sources(setup.bus_map, pipeline.monitor.names)
+    collector = Collector(pipeline.monitor, sources=sources)
     for frame in read_frames(path, log):
         for event in pipeline.push(frame):
             collector.push(event)
@@ -158,7 +159,7 @@ def test_a_spoilt_log_is_judged_alike_on_a_bus_and_in_a_replay(
     tmp_path_factory: pytest.TempPathFactory, frames: list[Frame]
 ) -> None:
     path = tmp_path_factory.mktemp("logs") / "drive.log"
-    write(path, frames)
+    write(path, [*(time_mark(frame.t_ns) for frame in frames[:1]), *frames])  # it was made live
     try:
         expected = live(path, SHORT)
     except RecordingError as error:

@@ -177,7 +177,8 @@ def test_a_model_too_poor_to_judge_its_own_healthy_car_says_so(
     windows = got.recording["windows"]
     assert len(windows) > 100
     excited = sum(w["excited"] for w in windows)
-    assert f"in {excited} the prediction moves enough (engine_speed held 62 %" in got.out
+    assert f"in {excited} of {len(windows)} windows the prediction moves enough" in got.out
+    assert "engine_speed held 62 % of the time: engine_speed_rpm is below 950 1/min" in got.out
 
 
 def test_a_model_that_took_its_healthy_car_for_weak_waits_for_more_movement(
