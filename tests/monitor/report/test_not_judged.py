@@ -1,4 +1,4 @@
-"""Why a drive was not judged: condition, share, signal, reason and advice in JSON, text and page."""
+"""Why a drive was not judged: condition, share, signal, reason and advice in every output."""
 
 import json
 from collections.abc import Callable
