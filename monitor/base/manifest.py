@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from monitor.base.errors import RecordingError
+from monitor.base.outputs import write_text
 
 NAME: Final = "manifest.json"
 SCHEMA: Final = "o2mon.manifest/1"
@@ -38,7 +39,7 @@ def save(folder: Path, entries: dict[str, dict[str, Any]]) -> None:
         raise RecordingError(f"{folder / NAME}: is not a manifest of recordings, and in the way")
     ordered = [entries[name] for name in sorted(entries)]
     text = json.dumps({"schema": SCHEMA, "recordings": ordered}, indent=1)
-    (folder / NAME).write_text(text + "\n")
+    write_text(folder / NAME, text + "\n")
 
 
 def source_of(path: Path, sha256: str) -> str | None:

@@ -2,32 +2,16 @@
 
 import argparse
 import os
-import sys
 from collections.abc import Sequence
 
-from monitor.base.errors import O2Error
-
-USAGE_ERROR, INTERNAL_ERROR = 2, 4
+from monitor.base.command import run as run_command
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run ``o2mon``; return the exit code."""
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
-    try:
-        arguments = sys.argv[1:] if argv is None else argv
-        args = _parser(arguments).parse_args(arguments)
-        return int(args.func(args))
-    except O2Error as error:
-        print(f"o2mon: {error}", file=sys.stderr)
-        return USAGE_ERROR
-    except KeyboardInterrupt:
-        return 130
-    except Exception as error:  # exit code 1 means a sensor fault, so a bug must not end with 1
-        if os.environ.get("O2_TRACEBACK"):
-            raise
-        print(f"o2mon: internal error: {type(error).__name__}: {error}", file=sys.stderr)
-        return INTERNAL_ERROR
+    return run_command("o2mon", _parser, argv)
 
 
 def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
@@ -43,7 +27,7 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
         prog="o2mon", description="Monitor of the upstream wideband oxygen sensor."
     )
     parser.add_argument("--version", action="version", version=f"o2mon {__version__}")
-    commands = parser.add_subparsers(required=True, metavar="command")
+    commands = parser.add_subparsers(required=True, metavar="command", dest="command")
     named = next((word for word in arguments if not word.startswith("-")), None)
     for name, command in {
         "replay": replay,

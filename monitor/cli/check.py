@@ -3,9 +3,9 @@
 import argparse
 import time
 from collections.abc import Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from monitor.base import option_paths as paths
 from monitor.base.errors import UsageError
 from monitor.cli.options import (
     NOT_JUDGED,
@@ -41,7 +41,9 @@ def add(commands: Any) -> None:
 
     import_without_mdf()
     check = add_command(commands, "check", HELP, _CHECK, _check)
-    check.add_argument("log", nargs="?", type=Path, metavar="LOG", help="CAN log instead of a bus")
+    check.add_argument(
+        "log", nargs="?", type=paths.read, metavar="LOG", help="CAN log instead of a bus"
+    )
     add_bus(check)
     add_setup(check, memory=False)
     check.add_argument(

@@ -9,6 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from monitor.base import option_paths as paths
 from monitor.base.errors import UsageError
 from monitor.cli.options import add_command, say
 
@@ -30,7 +31,7 @@ SCHEMA = "o2mon.dtc/1"
 def add(commands: Any) -> None:
     """Add the subcommand ``dtc`` and its actions."""
     dtc = add_command(commands, "dtc", HELP, _DTC, None)
-    actions = dtc.add_subparsers(required=True, metavar="action")
+    actions = dtc.add_subparsers(required=True, metavar="action", dest="action")
     for name, text, func in (
         ("list", "list the trouble codes", _list),
         ("freeze-frame", "show the signals at the time when a code was set", _freeze_frame),
@@ -38,7 +39,9 @@ def add(commands: Any) -> None:
         ("clear", "clear everything but permanent codes and in-use performance", _clear),
     ):
         action = add_command(actions, name, text, "", func)
-        action.add_argument("--memory", type=Path, metavar="FILE", required=True, help=_MEMORY)
+        action.add_argument(
+            "--memory", type=paths.kept, metavar="FILE", required=True, help=_MEMORY
+        )
         action.add_argument("--json", action="store_true", help="print JSON")
         if name == "freeze-frame":
             action.add_argument("code", nargs="*", metavar="CODE", help="code (default: all)")

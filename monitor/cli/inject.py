@@ -3,9 +3,9 @@
 import argparse
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from monitor.base import option_paths as paths
 from monitor.base.errors import UsageError
 from monitor.cli.options import (
     add_bus,
@@ -49,8 +49,10 @@ def add(commands: Any) -> None:
     from can.cli import add_bus_arguments
 
     inject = add_command(commands, "inject", HELP, _INJECT, _inject)
-    inject.add_argument("log", nargs="?", type=Path, metavar="LOG", help="CAN log instead of buses")
-    inject.add_argument("--out", type=Path, metavar="LOG", help="log to write")
+    inject.add_argument(
+        "log", nargs="?", type=paths.read, metavar="LOG", help="CAN log instead of buses"
+    )
+    inject.add_argument("--out", type=paths.written, metavar="LOG", help="log to write")
     inject.add_argument(
         "--fault",
         action="append",
@@ -58,7 +60,9 @@ def add(commands: Any) -> None:
         metavar="NAME[=SEVERITY][@START[-END]]",
         help="fault to inject, times in s after the first frame; may repeat",
     )
-    inject.add_argument("--scenario", type=Path, metavar="TOML", help="faults and expectations")
+    inject.add_argument(
+        "--scenario", type=paths.read, metavar="TOML", help="faults and expectations"
+    )
     inject.add_argument(
         "--assert",
         dest="check",

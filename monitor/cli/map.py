@@ -2,9 +2,9 @@
 
 import argparse
 import sys
-from pathlib import Path
 from typing import Any
 
+from monitor.base import option_paths as paths
 from monitor.cli.options import NOT_JUDGED, add_command, say
 
 HELP = "propose a signal map for a CAN database"
@@ -22,11 +22,16 @@ exit code: 0 every signal of the shipped model is proposed, 3 a signal is missin
 def add(commands: Any) -> None:
     """Add the subcommand ``map``."""
     parser = add_command(commands, "map", HELP, _MAP, _map)
-    parser.add_argument("dbc", type=Path, metavar="DBC", help="CAN database")
+    parser.add_argument("dbc", type=paths.read, metavar="DBC", help="CAN database")
     parser.add_argument(
-        "--out", type=Path, metavar="MAP.toml", help="signal map to write (default: print it)"
+        "--out",
+        type=paths.written,
+        metavar="MAP.toml",
+        help="signal map to write (default: print it)",
     )
-    parser.add_argument("--log", type=Path, help="recording of a drive that checks the proposals")
+    parser.add_argument(
+        "--log", type=paths.read, help="recording of a drive that checks the proposals"
+    )
     parser.add_argument(
         "--cylinders",
         type=int,
@@ -39,6 +44,7 @@ def add(commands: Any) -> None:
 
 def _map(args: argparse.Namespace) -> int:
     from monitor.base.errors import UsageError
+    from monitor.base.outputs import write_text
     from monitor.frames.python_can import import_without_mdf
 
     import_without_mdf()
@@ -57,10 +63,7 @@ def _map(args: argparse.Namespace) -> int:
     if args.out is None:
         say(text.rstrip("\n"))
     else:
-        try:
-            args.out.write_text(text, encoding="utf-8")
-        except OSError as error:
-            raise UsageError(f"{args.out}: {error.strerror}") from None
+        write_text(args.out, text)
     missing = [name for name in (*NARX_INPUTS, OUTPUT) if name not in proposals.names]
     tell(f"proposed: {', '.join(proposals.names) or 'nothing'}")
     if missing:

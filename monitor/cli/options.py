@@ -4,10 +4,9 @@ import argparse
 import os
 import sys
 from collections.abc import Callable
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from monitor.base import outputs
+from monitor.base import option_paths as paths
 from monitor.base.errors import BusError, UsageError
 
 if TYPE_CHECKING:
@@ -31,15 +30,6 @@ def positive(text: str) -> float:
 def hexadecimal(text: str) -> int:
     """Return the option's hexadecimal digits as a whole number."""
     return int(text, 16)
-
-
-def check_outputs(args: argparse.Namespace) -> None:
-    """Check before the work that every output can be written and overwrites no input.
-
-    Raises UsageError.
-    """
-    read = (*getattr(args, "log", ()), args.model, args.config, args.memory, *args.dbc, *args.map)
-    outputs.check((args.json, args.html, getattr(args, "record", None)), read)
 
 
 def say(line: str) -> None:
@@ -67,24 +57,43 @@ def add_command(
 
 def add_setup(parser: argparse.ArgumentParser, *, memory: bool = True) -> None:
     """Add the options of model, database, signal map, settings and fault memory."""
-    parser.add_argument("--model", type=Path, help="ONNX model with its card (default: shipped)")
     parser.add_argument(
-        "--dbc", type=Path, action="append", default=[], help="CAN database; may repeat with --map"
+        "--model", type=paths.read, help="ONNX model with its card (default: shipped)"
     )
     parser.add_argument(
-        "--map", type=Path, action="append", default=[], help="signal map of the --dbc before it"
+        "--dbc",
+        type=paths.read,
+        action="append",
+        default=[],
+        help="CAN database; may repeat with --map",
     )
-    parser.add_argument("--config", type=Path, help="TOML file that changes the shipped settings")
+    parser.add_argument(
+        "--map",
+        type=paths.read,
+        action="append",
+        default=[],
+        help="signal map of the --dbc before it",
+    )
+    parser.add_argument(
+        "--config", type=paths.read, help="TOML file that changes the shipped settings"
+    )
     if memory:
         parser.add_argument(
-            "--memory", type=Path, metavar="FILE", help="fault memory to continue, or to create"
+            "--memory",
+            type=paths.kept,
+            metavar="FILE",
+            help="fault memory to continue, or to create",
         )
 
 
 def add_outputs(parser: argparse.ArgumentParser) -> None:
     """Add the options of the result files."""
-    parser.add_argument("--json", type=Path, metavar="OUT", help="write the result as JSON")
-    parser.add_argument("--html", type=Path, metavar="OUT", help="write the result as a web page")
+    parser.add_argument(
+        "--json", type=paths.written, metavar="OUT", help="write the result as JSON"
+    )
+    parser.add_argument(
+        "--html", type=paths.written, metavar="OUT", help="write the result as a web page"
+    )
 
 
 def add_bus(parser: argparse.ArgumentParser) -> None:
@@ -180,21 +189,18 @@ def write_outputs(
     from monitor.report.text import write_report
 
     result = replay.result_of(recordings, setup)
-    try:
-        if args.json:
-            sinks.write_json(args.json, result)
-        if args.html:
-            write_report(
-                args.html,
-                result,
-                traces,
-                title="Oxygen sensor monitor",
-                model_info=replay.model_info(setup),
-                output=replay.predicted_quantity(setup),
-            )
-            say(f"report: {args.html}")
-    except OSError as error:
-        raise UsageError(f"{error.filename}: {error.strerror}") from None
+    if args.json:
+        sinks.write_json(args.json, result)
+    if args.html:
+        write_report(
+            args.html,
+            result,
+            traces,
+            title="Oxygen sensor monitor",
+            model_info=replay.model_info(setup),
+            output=replay.predicted_quantity(setup),
+        )
+        say(f"report: {args.html}")
 
 
 def bus_name(args: argparse.Namespace) -> str:

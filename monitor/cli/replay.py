@@ -3,14 +3,13 @@
 import argparse
 import dataclasses
 from contextlib import closing, nullcontext
-from pathlib import Path
 from typing import Any
 
+from monitor.base import option_paths as paths
 from monitor.cli.options import (
     add_command,
     add_outputs,
     add_setup,
-    check_outputs,
     say,
     set_up,
     write_outputs,
@@ -30,10 +29,10 @@ exit code: 0 judged and no fault, 1 a fault code is pending or confirmed, 2 unus
 def add(commands: Any) -> None:
     """Add the subcommand ``replay``."""
     replay = add_command(commands, "replay", HELP, _REPLAY, _replay)
-    replay.add_argument("log", nargs="+", type=Path, metavar="LOG", help="CAN log or table")
+    replay.add_argument("log", nargs="+", type=paths.read, metavar="LOG", help="CAN log or table")
     add_setup(replay)
     replay.add_argument(
-        "--columns", type=Path, help="TOML file for tables: canonical name = column"
+        "--columns", type=paths.read, help="TOML file for tables: canonical name = column"
     )
     replay.add_argument("--windows", action="store_true", help="print every window")
     replay.add_argument("--quiet", action="store_true", help="print nothing per recording")
@@ -49,7 +48,6 @@ def _replay(args: argparse.Namespace) -> int:
     from monitor.report import replay
     from monitor.report.sinks import print_recording
 
-    check_outputs(args)
     setup = dataclasses.replace(set_up(args), parse=parser_for(args.log))
     memory = Memory(args.memory, hold=True) if args.memory else None
     recordings, traces = [], []

@@ -5,9 +5,9 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing, nullcontext
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from monitor.base import option_paths as paths
 from monitor.base.outputs import unused
 from monitor.cli.diagnostics import add_diagnostics, diagnostics
 from monitor.cli.live import add_live, live_feed, live_server
@@ -19,7 +19,6 @@ from monitor.cli.options import (
     add_outputs,
     add_setup,
     bus_name,
-    check_outputs,
     obd_poller,
     open_bus,
     positive,
@@ -55,7 +54,7 @@ def add(commands: Any) -> None:
     run.add_argument("--duration", type=positive, metavar="S", help="stop after this time in s")
     run.add_argument(
         "--record",
-        type=Path,
+        type=paths.written,
         metavar="LOG",
         help="write all frames to this log; if it exists, a number is added to the name",
     )
@@ -76,7 +75,6 @@ def add(commands: Any) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    check_outputs(args)
     with live_server(args) as server:  # starts before this process takes its CPU and priority
         return _judge(args, server)
 

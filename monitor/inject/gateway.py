@@ -11,6 +11,7 @@ from typing import Final
 
 import can
 
+from monitor.base.outputs import replaced
 from monitor.base.types import Frame
 from monitor.bus.link.clock import BEHIND_S, SILENCE_S
 from monitor.bus.link.recorder import Recorder, message_of
@@ -30,15 +31,11 @@ def write_log(path: Path, frames: Iterable[Frame]) -> int:
     Raises RecordingError if the format is unknown or the file cannot be written.
     """
     log_kind(path)  # checks the final name, not that of the temporary file
-    n, begun = 0, path.with_name(f".begun_{path.name}")
-    try:
-        with Recorder(begun) as recorder:
-            for frame in frames:
-                recorder.write(frame)
-                n += 1
-        begun.replace(path)
-    finally:
-        begun.unlink(missing_ok=True)
+    n = 0
+    with replaced(path) as begun, Recorder(begun) as recorder:
+        for frame in frames:
+            recorder.write(frame)
+            n += 1
     return n
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from monitor.base.outputs import write_text
 from monitor.base.types import BoolArray, FloatArray
 from monitor.judge.causes import Asked, Cause, Judgement, Source, causes
 from monitor.pipeline.entry import (
@@ -216,7 +217,7 @@ def print_recording(recording: Mapping[str, Any], *, windows: bool = False) -> I
 
 def write_json(path: Path, result: Mapping[str, Any]) -> None:
     """Write a result as JSON; the same result gives the same bytes."""
-    path.write_text(json.dumps(rounded(result), indent=1, allow_nan=False) + "\n")
+    write_text(path, json.dumps(rounded(result), indent=1, allow_nan=False) + "\n")
 
 
 def rounded(value: Any) -> Any:

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from monitor.base.outputs import write_text
 from monitor.base.types import FloatArray
 from monitor.report import html
 
@@ -81,7 +82,7 @@ def write_report(
             for i, item in enumerate(embedded)
         ),
     )
-    Path(path).write_text(page, encoding="utf-8", newline="\n")
+    write_text(path, page)
 
 
 def series(recording: Mapping[str, Any], trace: Trace) -> dict[str, Any]:

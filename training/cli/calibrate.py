@@ -2,11 +2,10 @@
 
 import argparse
 import json
-import shutil
 import sys
-from pathlib import Path
 from typing import Any
 
+from monitor.base import option_paths as paths
 from training.cli.recordings import add_bus_options, load_all
 
 _EXAMPLES = """examples:
@@ -32,11 +31,15 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument(
-        "--model", type=Path, required=True, metavar="MODEL.onnx", help="model file to calibrate"
+        "--model",
+        type=paths.read,
+        required=True,
+        metavar="MODEL.onnx",
+        help="model file to calibrate",
     )
     parser.add_argument(
         "--healthy",
-        type=Path,
+        type=paths.read,
         nargs="+",
         required=True,
         metavar="RECORDING",
@@ -44,7 +47,7 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
     )
     parser.add_argument(
         "--faulty",
-        type=Path,
+        type=paths.read,
         nargs="+",
         default=[],
         metavar="RECORDING",
@@ -60,17 +63,17 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
     )
     parser.add_argument(
         "--out",
-        type=Path,
+        type=paths.written_model,
         metavar="MODEL.onnx",
         help="model file to write (default: the file of --model is changed)",
     )
-    parser.add_argument("--config", type=Path, help="TOML file that changes shipped settings")
+    parser.add_argument("--config", type=paths.read, help="TOML file that changes shipped settings")
     add_bus_options(parser)
     parser.add_argument(
-        "--json", type=Path, metavar="OUT", help="write the limits and all figures as JSON"
+        "--json", type=paths.written, metavar="OUT", help="write the limits and all figures as JSON"
     )
-    parser.add_argument("--report", type=Path, metavar="HTML", help="write an HTML report")
-    parser.set_defaults(func=run)
+    parser.add_argument("--report", type=paths.written, metavar="HTML", help="write an HTML report")
+    parser.set_defaults(func=run, changed_in_place="model")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -80,6 +83,7 @@ def run(args: argparse.Namespace) -> int:
     """
     from monitor.base import config
     from monitor.base.errors import UsageError
+    from monitor.base.outputs import write_text
     from monitor.model.step import Model
     from training.limits.calibration import calibrate
     from training.limits.calibration_page import as_page, as_text
@@ -88,9 +92,6 @@ def run(args: argparse.Namespace) -> int:
     out = args.out or args.model
     if out.suffix != ".onnx":
         raise UsageError(f"{out}: a model file ends in .onnx")
-    for path in (out, args.json, args.report):
-        if path is not None and not path.absolute().parent.is_dir():
-            raise UsageError(f"{path}: the folder does not exist")
     period_s = Model.load(args.model).card.period_ns / 1e9
     card, result = calibrate(
         args.model,
@@ -99,15 +100,13 @@ def run(args: argparse.Namespace) -> int:
         args.false_alarms,
         config.load(args.config),
     )
-    if out.absolute() != args.model.absolute():
-        shutil.copyfile(args.model, out)
-    update_card(out, card)
+    update_card(args.model, card, out)
     for warning in result["warnings"]:
         print(f"o2train: warning: {warning}", file=sys.stderr)
     print(as_text(result))
     if args.json:
-        args.json.write_text(json.dumps(result, indent=1, allow_nan=False) + "\n")
+        write_text(args.json, json.dumps(result, indent=1, allow_nan=False) + "\n")
     if args.report:
-        args.report.write_text(as_page(result))
+        write_text(args.report, as_page(result))
     print(f"limits written to {out}")
     return 0

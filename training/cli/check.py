@@ -2,9 +2,9 @@
 
 import argparse
 import json
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from monitor.base import option_paths as paths
 from training.cli.recordings import add_bus_options, add_period_option, add_signal_options, load_all
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
     check.add_argument(
         "recordings",
         nargs="+",
-        type=Path,
+        type=paths.read,
         metavar="RECORDING",
         help="CAN logs, tables or measurement files",
     )
@@ -56,9 +56,9 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
     add_period_option(check)
     add_bus_options(check)
     check.add_argument(
-        "--json", type=Path, metavar="OUT", help="write findings and figures as JSON"
+        "--json", type=paths.written, metavar="OUT", help="write findings and figures as JSON"
     )
-    check.add_argument("--html", type=Path, metavar="OUT", help="write an HTML report")
+    check.add_argument("--html", type=paths.written, metavar="OUT", help="write an HTML report")
     check.set_defaults(func=run)
 
 
@@ -69,15 +69,13 @@ def run(args: argparse.Namespace) -> int:
     (both exit code 2).
     """
     from monitor.base.errors import RecordingError, UsageError
+    from monitor.base.outputs import write_text
     from monitor.base.signals import NARX_INPUTS, OUTPUT
     from training.limits.data_check.check import check
     from training.limits.data_check.findings import as_page, as_text, verdict
 
     if min(args.lags, *args.hidden) < 1:
         raise UsageError("--lags and --hidden must be positive")
-    for out in (args.json, args.html):
-        if out is not None and not out.absolute().parent.is_dir():
-            raise UsageError(f"{out}: the folder does not exist")
     recordings, unreadable = _load(args)
     result = check(
         recordings,
@@ -89,9 +87,9 @@ def run(args: argparse.Namespace) -> int:
     )
     print(as_text(result))
     if args.json:
-        args.json.write_text(json.dumps(result, indent=1, allow_nan=False) + "\n")
+        write_text(args.json, json.dumps(result, indent=1, allow_nan=False) + "\n")
     if args.html:
-        args.html.write_text(as_page(result))
+        write_text(args.html, as_page(result))
     if not result["usable"]:
         first = next(f["text"] for f in result["findings"] if f["level"] == "error")
         raise RecordingError(f"{verdict(result)}; the first: {first}")

@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from monitor.base import option_paths as paths
 from training.cli.cores import add_cores_options, jobs_of
 from training.cli.recordings import add_bus_options, pairs_of
 
@@ -35,16 +36,21 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
     fleet.add_argument(
         "recordings",
         nargs="+",
+        type=paths.pattern,
         metavar="DIR|GLOB|MANIFEST",
         help="recordings, folders (searched with all their subfolders), patterns or manifests; "
         "paths, or URLs that fsspec can read",
     )
     fleet.add_argument(
-        "--model", type=Path, required=True, metavar="FILE", help="model file with limits, .onnx"
+        "--model",
+        type=paths.read,
+        required=True,
+        metavar="FILE",
+        help="model file with limits, .onnx",
     )
     fleet.add_argument(
         "--out",
-        type=Path,
+        type=paths.written,
         required=True,
         metavar="FILE",
         help="table of recordings to write, .parquet",
@@ -64,9 +70,15 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         "(default 0.001)",
     )
     add_cores_options(fleet)
-    fleet.add_argument("--config", type=Path, help="TOML file that changes shipped settings")
+    fleet.add_argument("--config", type=paths.read, help="TOML file that changes shipped settings")
     add_bus_options(fleet)
-    fleet.set_defaults(func=run)
+    fleet.set_defaults(func=run, also_written=_also_written)
+
+
+def _also_written(args: argparse.Namespace) -> list[Path]:
+    """Return the files beside ``--out`` that a run writes."""
+    windows = args.out.with_name(f"{args.out.stem}.windows{args.out.suffix}")
+    return [windows, args.out.with_suffix(".html"), args.out.with_suffix(".json")]
 
 
 def run(args: argparse.Namespace) -> int:

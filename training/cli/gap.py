@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from monitor.base import option_paths as paths
 from training.cli.recordings import add_bus_options, add_period_option, load_all
 
 if TYPE_CHECKING:
@@ -44,13 +45,13 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
     gap.add_argument(
         "recordings",
         nargs="+",
-        type=Path,
+        type=paths.read,
         metavar="RECORDING",
         help="recordings of a healthy vehicle on which the model disagrees",
     )
     gap.add_argument(
         "--model",
-        type=Path,
+        type=paths.read,
         required=True,
         metavar="MODEL.onnx",
         help="model file of a grey-box chain or a network from o2train fit",
@@ -58,7 +59,7 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
     gap.add_argument(
         "--healthy",
         nargs="+",
-        type=Path,
+        type=paths.read,
         default=[],
         metavar="RECORDING",
         help="recordings of the same vehicle without the gap, usually the recordings on which the "
@@ -69,7 +70,7 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
     gap.add_argument(
         "--verify",
         nargs="+",
-        type=Path,
+        type=paths.read,
         default=[],
         metavar="RECORDING",
         help="recordings that verify the new model; no fit sees them. They also choose between "
@@ -77,7 +78,7 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
     )
     gap.add_argument(
         "--out",
-        type=Path,
+        type=paths.folder,
         required=True,
         metavar="DIR",
         help="folder for report.html, gap.json and model.onnx",
@@ -112,7 +113,10 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
     )
     add_period_option(gap)
     add_bus_options(gap)
-    gap.set_defaults(func=run)
+    gap.set_defaults(
+        func=run,
+        also_written=lambda args: [args.out / name for name in (REPORT, RESULT, "model.onnx")],
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -122,7 +126,6 @@ def run(args: argparse.Namespace) -> int:
     """
     from tqdm import tqdm
 
-    from monitor.base.outputs import check
     from training.gap.inputs.roles import Material, options_of
     from training.gap.pages import gap_page
     from training.gap.pages.verdict_words import cautions
@@ -131,7 +134,6 @@ def run(args: argparse.Namespace) -> int:
     from training.greybox.fit.joint import NAMED
     from training.jobs.checkpoints import Checkpoints
 
-    check((args.out / NEW_MODEL,) if args.out.is_dir() else (), (args.model,))
     options = options_of(args.steps, args.sensor_known_good, _effects(args.add), args.retrain)
     period_s = args.period if args.period is not None else _period_s(args.model)
     material = Material(

@@ -1,10 +1,11 @@
 """The command ``o2train gap-study``: run the gap workflow on many simulated cases."""
 
 import argparse
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from monitor.base import option_paths as paths
 from monitor.base.errors import UsageError
+from monitor.base.outputs import write_text
 from training.cli.cores import add_cores_options, jobs_of
 
 if TYPE_CHECKING:
@@ -38,7 +39,7 @@ def add_parsers(commands: "argparse._SubParsersAction[Any]") -> None:
     )
     study.add_argument(
         "--out",
-        type=Path,
+        type=paths.folder,
         required=True,
         metavar="DIR",
         help="folder for the cases, report.html and gap_study.json",
@@ -95,7 +96,7 @@ def add_parsers(commands: "argparse._SubParsersAction[Any]") -> None:
         help="pass --sensor-known-good to the workflow; leaves the kinds onset and fault out",
     )
     add_cores_options(study)
-    study.set_defaults(func=run)
+    study.set_defaults(func=run, also_written=lambda args: [args.out / REPORT, args.out / RESULT])
 
 
 def run(args: argparse.Namespace) -> int:
@@ -119,7 +120,7 @@ def run(args: argparse.Namespace) -> int:
     finally:
         rows = study_run.rows(study, args.out)
         print(result.as_text(rows, study))
-        (args.out / REPORT).write_text(as_page(rows, study, identity))
+        write_text(args.out / REPORT, as_page(rows, study, identity))
         run_folder.write_json(args.out / RESULT, result.result(rows, study, identity), indent=1)
         print(f"report: {args.out / REPORT}")
     return 0

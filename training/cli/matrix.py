@@ -1,10 +1,11 @@
 """The command ``o2train evaluate --matrix``: judge many simulated drives and report the rates."""
 
 import argparse
-from pathlib import Path
 from typing import TYPE_CHECKING
 
+from monitor.base import option_paths as paths
 from monitor.base.errors import UsageError
+from monitor.base.outputs import write_text
 from training.cli.cores import add_cores_options, jobs_of
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--out",
-        type=Path,
+        type=paths.folder,
         metavar="DIR",
         help="folder for the rows, report.html and matrix.json (required)",
     )
@@ -95,7 +96,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="ambient conditions: mild, hot, cold, altitude (default: all)",
     )
     add_cores_options(group)
-    group.add_argument("--config", type=Path, help="TOML file that changes shipped settings")
+    group.add_argument("--config", type=paths.read, help="TOML file that changes shipped settings")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -117,19 +118,17 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError("--matrix drives the simulated vehicle, no RECORDING is wanted")
     if args.out is None:
         raise UsageError("--matrix needs --out DIR")
-    if args.json is not None and not args.json.absolute().parent.is_dir():
-        raise UsageError(f"{args.json}: the folder does not exist")
     matrix, settings = _matrix(args), config.load(args.config)
     cores = matrix_run.Cores(jobs_of(args), args.scheduler)
     with tqdm(total=matrix_run.count(matrix), unit="drive", disable=None) as bar:
         rows = matrix_run.run(matrix, args.model, settings, args.out, bar.update, cores)
     result = matrix_result.result(rows, run_folder.identity_of(args.out), args.model.name)
     print(matrix_result.as_text(result))
-    (args.out / REPORT).write_text(as_page(result, rows))
+    write_text(args.out / REPORT, as_page(result, rows))
     text = json.dumps(result, indent=1, allow_nan=False) + "\n"
     for path in (args.out / RESULT, args.json):
         if path is not None:
-            path.write_text(text)
+            write_text(path, text)
     print(f"report: {args.out / REPORT}")
     return 0
 

@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from monitor.base import option_paths as paths
 from training.cli import greybox, matrix
 from training.cli.recordings import add_bus_options, add_period_option, add_signal_options, load_all
 
@@ -48,7 +49,11 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
     )
     _add_recordings(fit)
     fit.add_argument(
-        "--out", type=Path, required=True, metavar="MODEL.onnx", help="model file to write"
+        "--out",
+        type=paths.written_model,
+        required=True,
+        metavar="MODEL.onnx",
+        help="model file to write",
     )
     fit.add_argument(
         "--kind",
@@ -61,7 +66,7 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
     fit.add_argument(
         "--validate",
         nargs="+",
-        type=Path,
+        type=paths.read,
         default=[],
         metavar="RECORDING",
         help="recordings that choose the network and stop the training; no training uses them "
@@ -114,11 +119,11 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
     )
     fit.add_argument(
         "--report",
-        type=Path,
+        type=paths.written,
         metavar="HTML",
         help="report to write (default: beside the model file)",
     )
-    fit.set_defaults(func=run_fit)
+    fit.set_defaults(func=run_fit, also_written=lambda args: [] if args.report else [_report(args)])
 
     evaluate = subparsers.add_parser(
         "evaluate",
@@ -130,7 +135,11 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     evaluate.add_argument(
-        "--model", type=Path, required=True, metavar="MODEL.onnx", help="model file to evaluate"
+        "--model",
+        type=paths.read,
+        required=True,
+        metavar="MODEL.onnx",
+        help="model file to evaluate",
     )
     _add_recordings(evaluate, "*")
     evaluate.add_argument(
@@ -140,16 +149,23 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         help="number of first samples that set the state from the measured output and are not "
         "scored (default: the longest lag)",
     )
-    evaluate.add_argument("--json", type=Path, metavar="OUT", help="write the figures as JSON")
+    evaluate.add_argument(
+        "--json", type=paths.written, metavar="OUT", help="write the figures as JSON"
+    )
     matrix.add_options(evaluate)
-    evaluate.set_defaults(func=run_evaluate)
+    evaluate.set_defaults(
+        func=run_evaluate,
+        also_written=lambda args: [
+            args.out / name for name in (matrix.REPORT, matrix.RESULT) if args.out
+        ],
+    )
 
 
 def _add_recordings(parser: argparse.ArgumentParser, number: str = "+") -> None:
     parser.add_argument(
         "recordings",
         nargs=number,
-        type=Path,
+        type=paths.read,
         metavar="RECORDING",
         help="CAN logs, tables or measurement files",
     )
@@ -188,7 +204,6 @@ def run_fit(args: argparse.Namespace) -> int:
 def _check_fit(args: argparse.Namespace) -> Path:
     """Return the path of the report; raise UsageError for impossible options."""
     from monitor.base.errors import UsageError
-    from monitor.base.outputs import check as check_outputs
     from monitor.base.signals import NARX_INPUTS
 
     if (
@@ -200,12 +215,16 @@ def _check_fit(args: argparse.Namespace) -> Path:
         raise UsageError(f"--out {args.out}: a model file ends in .onnx")
     if args.seed < 0:
         raise UsageError("--seed is at least 0")
-    report: Path = args.report or args.out.with_suffix(".html")
-    check_outputs((args.out, report), (*args.recordings, *args.validate, args.columns))
+    report = _report(args)
     if args.kind == "greybox":
         greybox.check(args)
     if args.ratio and not {"fuel_mass_mg", "air_mass_mg"} <= set(args.inputs or NARX_INPUTS):
         raise UsageError("--ratio needs the inputs fuel_mass_mg and air_mass_mg")
+    return report
+
+
+def _report(args: argparse.Namespace) -> Path:
+    report: Path = args.report or args.out.with_suffix(".html")
     return report
 
 
@@ -317,7 +336,6 @@ def run_evaluate(args: argparse.Namespace) -> int:
     Raises UsageError, ModelError or RecordingError (exit code 2).
     """
     from monitor.base.errors import UsageError
-    from monitor.base.outputs import check as check_outputs
     from monitor.model.step import Model
     from training.studies.evaluation import evaluate, save
 
@@ -325,7 +343,6 @@ def run_evaluate(args: argparse.Namespace) -> int:
         return matrix.run(args)
     if not args.recordings:
         raise UsageError("at least one RECORDING is wanted, or --matrix")
-    check_outputs((args.json,), (args.model, *args.recordings, args.columns))
     card = Model.load(args.model).card
     period_s = args.period if args.period is not None else card.period_ns / 1e9
     result = evaluate(args.model, load_all(args, args.recordings, period_s), args.washout)

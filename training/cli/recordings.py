@@ -5,6 +5,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from monitor.base import option_paths as paths
+
 if TYPE_CHECKING:
     from training.recordings.recording import Recording
 
@@ -29,9 +31,9 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         epilog=_TABLE_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    table.add_argument("recording", type=Path, help="CAN log, table or measurement file")
+    table.add_argument("recording", type=paths.read, help="CAN log, table or measurement file")
     table.add_argument(
-        "--out", type=Path, required=True, help="table to write: .csv, .csv.gz or .parquet"
+        "--out", type=paths.written, required=True, help="table to write: .csv, .csv.gz or .parquet"
     )
     add_period_option(table)
     table.add_argument(
@@ -49,10 +51,10 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         epilog=_LOG_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    log.add_argument("table", type=Path, help="table with canonical column names")
+    log.add_argument("table", type=paths.read, help="table with canonical column names")
     log.add_argument(
         "--out",
-        type=Path,
+        type=paths.written,
         required=True,
         help="log to write: .log, .asc, .blf, .csv, .trc or .mf4; text formats also with .gz",
     )
@@ -94,7 +96,7 @@ def add_bus_options(parser: argparse.ArgumentParser) -> None:
     """Add the options ``--dbc``, ``--map`` and ``--columns`` for reading logs and tables."""
     parser.add_argument(
         "--dbc",
-        type=Path,
+        type=paths.read,
         action="append",
         default=[],
         metavar="FILE",
@@ -103,7 +105,7 @@ def add_bus_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--map",
-        type=Path,
+        type=paths.read,
         action="append",
         default=[],
         metavar="FILE",
@@ -111,7 +113,7 @@ def add_bus_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--columns",
-        type=Path,
+        type=paths.read,
         metavar="FILE",
         help="TOML file that renames the columns of a table or measurement file",
     )
@@ -152,10 +154,8 @@ def run_table(args: argparse.Namespace) -> int:
 
     Raises RecordingError or UsageError (exit code 2).
     """
-    from monitor.base.outputs import check
     from training.recordings.recording import load, write_table
 
-    check((args.out,), (args.recording, args.columns))
     recording = load(
         args.recording,
         args.signals,
@@ -178,7 +178,6 @@ def run_log(args: argparse.Namespace) -> int:
     Raises RecordingError or UsageError (exit code 2).
     """
     from monitor.base.errors import UsageError
-    from monitor.base.outputs import check
     from monitor.decode.bus_map import load_pairs
     from monitor.frames.candump import LATEST_S
     from monitor.grid.tables import read_table
@@ -187,7 +186,6 @@ def run_log(args: argparse.Namespace) -> int:
 
     if args.start is not None and not 0.0 <= args.start < LATEST_S:
         raise UsageError(f"--start {args.start:g}: seconds from 0 to {LATEST_S:g} are wanted")
-    check((args.out,), (args.table, args.columns))
     table = read_table(args.table, args.columns)
     check_rows(args.table, table.t_ns)
     bus_map = load_pairs(pairs_of(args) or default_pairs())

@@ -1,9 +1,9 @@
 """The command ``o2train simulate``: write drives of the simulated vehicle as logs or tables."""
 
 import argparse
-from pathlib import Path
 from typing import Any
 
+from monitor.base import option_paths as paths
 from monitor.base.errors import UsageError
 
 _EXAMPLES = """examples:
@@ -32,7 +32,7 @@ def add_parsers(commands: Any) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument(
-        "--out", type=Path, required=True, metavar="DIR", help="folder for the drives"
+        "--out", type=paths.folder, required=True, metavar="DIR", help="folder for the drives"
     )
     parser.add_argument(
         "--vehicle", type=int, default=1, help="number of the simulated vehicle (default 1)"

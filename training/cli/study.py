@@ -2,9 +2,9 @@
 
 import argparse
 import sys
-from pathlib import Path
 from typing import Any
 
+from monitor.base import option_paths as paths
 from training.cli.recordings import add_bus_options, add_period_option, add_signal_options, load_all
 
 _EXAMPLES = """examples:
@@ -30,12 +30,12 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
     study.add_argument(
         "recordings",
         nargs="+",
-        type=Path,
+        type=paths.read,
         metavar="RECORDING",
         help="drives of a healthy vehicle, for training",
     )
     study.add_argument(
-        "--out", type=Path, required=True, metavar="DIR", help="folder for report and model"
+        "--out", type=paths.folder, required=True, metavar="DIR", help="folder for report and model"
     )
     for name, text in (
         ("test", "drives of the healthy vehicle that no training uses; they judge the models"),
@@ -46,7 +46,7 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         ),
     ):
         study.add_argument(
-            f"--{name}", nargs="+", type=Path, default=[], metavar="RECORDING", help=text
+            f"--{name}", nargs="+", type=paths.read, default=[], metavar="RECORDING", help=text
         )
     add_signal_options(study)
     study.add_argument(
@@ -108,7 +108,12 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
     )
     add_period_option(study)
     add_bus_options(study)
-    study.set_defaults(func=run)
+    study.set_defaults(
+        func=run,
+        also_written=lambda args: [
+            args.out / name for name in ("report.html", "study.json", "model.onnx")
+        ],
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -125,8 +130,6 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError("--starts, --iterations, --samples, --jobs and --budget must be positive")
     if args.seed < 0:
         raise UsageError("--seed is at least 0")
-    if args.out.exists() and not args.out.is_dir():
-        raise UsageError(f"--out {args.out}: is a file, a folder is wanted")
     settings = Settings(
         starts=args.starts,
         iterations=args.iterations,

@@ -6,6 +6,7 @@ from typing import Any, Final
 
 import polars as pl
 
+from monitor.base.outputs import write_text
 from training.fleet import distribution_figures, outliers, summary
 from training.fleet.bench import Bench, tools_of
 from training.fleet.outliers import Standing
@@ -31,9 +32,7 @@ def write(out: Path, bench: Bench, run: Mapping[str, Any], wished: float) -> tup
     found = summary.summary(recordings, windows, run, now, wished, standing)
     html, tree = out.with_suffix(".html"), out.with_suffix(".json")
     run_folder.write_json(tree, found, indent=1)
-    begun = out.with_name(f"{html.name}.begun")
-    begun.write_text(as_page(found, recordings, windows, standing))
-    begun.replace(html)
+    write_text(html, as_page(found, recordings, windows, standing))
     return html, tree
 
 

@@ -15,6 +15,7 @@ from typing import Any, Final
 import polars as pl
 
 from monitor.base.errors import UsageError
+from monitor.base.outputs import replaced, write_bytes
 from training.fleet import drives as fleet_drives
 from training.fleet.bench import Bench
 from training.fleet.chunk_rows import Done, failed, joined
@@ -138,19 +139,16 @@ def _stored(folder: Path, name: str) -> dict[str, Any] | None:
 def _store(folder: Path, name: str, result: Done) -> dict[str, Any]:
     content = asdict(result)
     for table in TABLES:
-        begun = folder / f"{name}.begun"
-        begun.write_bytes(content.pop(table))
-        begun.replace(folder / f"{name}.{table}.parquet")
+        write_bytes(folder / f"{name}.{table}.parquet", content.pop(table))
     run_folder.write_json(folder / f"{name}.json", content)
     return content
 
 
 def _join(folder: Path, table: str, chunks: Sequence[Chunk], path: Path) -> None:
     """Write one table from all chunks; only a part of them is in memory at a time."""
-    begun = folder / f"{table}.begun"
     parts = [folder / f"{chunk.name}.{table}.parquet" for chunk in chunks]
-    pl.scan_parquet(parts).sink_parquet(begun)
-    begun.replace(path)
+    with replaced(path) as begun:
+        pl.scan_parquet(parts).sink_parquet(begun)
 
 
 def _cost(folder: Path, chunks: Sequence[Chunk]) -> dict[str, Any]:

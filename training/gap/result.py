@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from monitor.base.outputs import write_text
 from monitor.model.card import TrainingRecording
 from monitor.model.step import Model
 from training.gap.config import CONFIG
@@ -201,7 +202,7 @@ def as_json(result: Result) -> dict[str, Any]:
 def save(result: Result, path: Path) -> None:
     """Write ``gap.json``."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(as_json(result), indent=1, allow_nan=False) + "\n")
+    write_text(path, json.dumps(as_json(result), indent=1, allow_nan=False) + "\n")
 
 
 def _effect(result: Result, chosen: Candidate) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Final
 
+from monitor.base.outputs import write_text
 from training.greybox.model import GreyboxResult
 from training.narx import free_run_figures
 from training.pages.page import page
@@ -30,7 +31,7 @@ def write_report(path: Path | str, result: GreyboxResult) -> None:
         draw=free_run_figures,
     )
     Path(path).parent.mkdir(parents=True, exist_ok=True)
-    Path(path).write_text(text)
+    write_text(path, text)
 
 
 def _charge(result: GreyboxResult) -> str:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from monitor.base.errors import UsageError
+from monitor.base.outputs import write_text
 
 RUN: Final = "run.json"
 
@@ -40,9 +41,7 @@ def identity_of(folder: Path) -> dict[str, Any]:
 
 def write_json(path: Path, tree: Any, indent: int | None = None) -> None:
     """Write a file in one step, so that it is never there in part; raises ValueError for NaN."""
-    begun = path.with_suffix(".begun")
-    begun.write_text(json.dumps(tree, indent=indent, allow_nan=False) + "\n")
-    begun.replace(path)
+    write_text(path, json.dumps(tree, indent=indent, allow_nan=False) + "\n")
 
 
 def code_sha256(paths: Iterable[Path], root: Path) -> str:

@@ -16,6 +16,7 @@ from typing import Any, Final, Literal, Protocol, Union, get_args, get_origin, g
 import numpy as np
 
 from monitor.base.errors import RecordingError
+from monitor.base.outputs import replaced
 
 # Types with functions inside, and the function that returns such a thing by its name; a file holds
 # the name, and the fields in which the thing differs from that one.
@@ -42,10 +43,8 @@ def save(path: Path, value: Any, kind: Any, named: Named | None = None) -> None:
     store = Store()
     tree = form_of(kind, named or {}).pack(value, store)
     arrays = store.arrays | {TREE: np.frombuffer(json.dumps(tree).encode(), dtype=np.uint8)}
-    begun = path.with_suffix(".begun")
-    with begun.open("wb") as file:
+    with replaced(path) as begun, begun.open("wb") as file:
         np.savez(file, allow_pickle=False, **arrays)
-    begun.replace(path)
 
 
 def load(path: Path, kind: Any, named: Named | None = None) -> Any:

@@ -16,6 +16,7 @@ import onnx
 from onnx import TensorProto, helper, numpy_helper
 
 from monitor.base.errors import ModelError
+from monitor.base.outputs import replaced, write_bytes
 from monitor.base.types import FloatArray
 from monitor.model.card import METADATA_KEY, ModelCard, StateLayout
 from monitor.model.step import LAMBDA_MAX, PHI_MAX, Model
@@ -237,22 +238,21 @@ def save(path: Path | str, network: Network, card: ModelCard) -> None:
     model = build(network)
     helper.set_model_props(model, {METADATA_KEY: card.to_json()})
     Path(path).parent.mkdir(parents=True, exist_ok=True)
-    Path(path).write_bytes(model.SerializeToString())
+    write_bytes(path, model.SerializeToString())
 
 
-def update_card(path: Path | str, card: ModelCard) -> None:
+def update_card(path: Path | str, card: ModelCard, out: Path | str | None = None) -> None:
     """Rewrite the card of a model file, nothing else; it is replaced in one step.
 
+    out : where to write the model with the new card; default ``path``
     Raises ModelError if the file is not ONNX or the card does not fit its graph.
     """
     Model.load(path)  # raises if the file is no model
     model = onnx.load(str(path))
     helper.set_model_props(model, {METADATA_KEY: card.to_json()})
-    temporary = Path(path).with_suffix(".partial")
-    temporary.write_bytes(model.SerializeToString())
-    try:
-        Model.load(temporary)
-    except ModelError as error:
-        temporary.unlink()
-        raise ModelError(f"{path}: the new card does not fit: {error}") from None
-    temporary.replace(path)
+    with replaced(out or path) as begun:
+        begun.write_bytes(model.SerializeToString())
+        try:
+            Model.load(begun)
+        except ModelError as error:
+            raise ModelError(f"{path}: the new card does not fit: {error}") from None

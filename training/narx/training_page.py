@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from monitor.base.outputs import write_text
 from training.narx import free_run_figures
 from training.narx.fit import FitResult
 from training.narx.network import describe
@@ -33,7 +34,7 @@ def write_report(path: Path | str, result: FitResult) -> None:
         draw=free_run_figures,
     )
     Path(path).parent.mkdir(parents=True, exist_ok=True)
-    Path(path).write_text(text)
+    write_text(path, text)
 
 
 def _training_curves(result: FitResult) -> Figure:

@@ -14,6 +14,7 @@ import numpy as np
 from cantools.database.can import Message
 
 from monitor.base.errors import RecordingError, SignalMapError
+from monitor.base.outputs import replaced
 from monitor.base.types import FloatArray, IntArray
 from monitor.decode.bus_map import BusMap, Channel
 from monitor.decode.signal_map import Integrity
@@ -135,30 +136,36 @@ def broadcast(
 def write_log(path: str | Path, frames: FrameBlock, channel: str = "can0") -> None:
     """Write the frames to ``path`` in the format of its suffix; times are rounded to microseconds.
 
-    Raises RecordingError if the format is unknown or the file cannot be written.
+    Raises RecordingError if the format is unknown or cannot hold the frames, UsageError if the file
+    cannot be written.
     """
     path = Path(path)
     kind = log_kind(path)
     try:
-        if kind == ".log":
-            _write_candump(path, frames, channel)
-            return
-        if path.suffix.lower() == ".mf4":
-            write_mf4(path, frames)
-            return
-        with can.Logger(path) as logger:
-            for frame in frames.frames():
-                logger.on_message_received(
-                    can.Message(
-                        timestamp=round(frame.t_ns / 1000) / 1e6,
-                        arbitration_id=frame.can_id,
-                        is_extended_id=frame.is_extended,
-                        data=frame.data,
-                        channel=0,
-                    )
-                )
-    except (OSError, ValueError, NotImplementedError) as error:
+        with replaced(path) as begun:
+            _write(begun, kind, frames, channel)
+    except (ValueError, NotImplementedError) as error:
         raise RecordingError(f"{path}: cannot write the log: {error}") from error
+
+
+def _write(path: Path, kind: str, frames: FrameBlock, channel: str) -> None:
+    if kind == ".log":
+        _write_candump(path, frames, channel)
+        return
+    if path.suffix.lower() == ".mf4":
+        write_mf4(path, frames)
+        return
+    with can.Logger(path) as logger:
+        for frame in frames.frames():
+            logger.on_message_received(
+                can.Message(
+                    timestamp=round(frame.t_ns / 1000) / 1e6,
+                    arbitration_id=frame.can_id,
+                    is_extended_id=frame.is_extended,
+                    data=frame.data,
+                    channel=0,
+                )
+            )
 
 
 def _write_candump(path: Path, frames: FrameBlock, channel: str) -> None:

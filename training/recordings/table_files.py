@@ -10,6 +10,7 @@ from typing import IO, cast
 import numpy as np
 
 from monitor.base.errors import RecordingError
+from monitor.base.outputs import replaced
 from monitor.base.types import FloatArray
 from monitor.grid.tables import TIME
 
@@ -24,7 +25,7 @@ def write_table(
     t_s : (n,) times in seconds, written in microseconds
     names : of the columns
     values : (n, n_names); NaN becomes a blank cell
-    Raises RecordingError if the format is unknown or the file cannot be written.
+    Raises RecordingError if the format is unknown, UsageError if the file cannot be written.
     """
     import polars as pl  # noqa: PLC0415
 
@@ -40,11 +41,8 @@ def write_table(
         frame.write_parquet(buffer)
     else:
         frame.write_csv(buffer)
-    try:
-        with open_for_writing(path) as file:
-            file.write(buffer.getvalue())
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot write the table: {error.strerror}") from error
+    with replaced(path) as begun, open_for_writing(begun) as file:
+        file.write(buffer.getvalue())
 
 
 @contextmanager

@@ -11,6 +11,7 @@ import numpy as np
 from monitor.base import config
 from monitor.base.errors import RecordingError, UsageError
 from monitor.base.manifest import source_of
+from monitor.base.outputs import write_text
 from monitor.base.types import FloatArray
 from monitor.judge import enable
 from monitor.model.step import Model, from_model_units, to_model_units
@@ -48,7 +49,7 @@ def evaluate(
 
 def save(result: dict[str, Any], path: Path | str) -> None:
     """Write ``result`` to ``path`` as JSON."""
-    Path(path).write_text(json.dumps(result, indent=1, allow_nan=False) + "\n")
+    write_text(path, json.dumps(result, indent=1, allow_nan=False) + "\n")
 
 
 def predict(

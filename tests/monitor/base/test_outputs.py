@@ -1,13 +1,17 @@
 """What is written never replaces what is read or was recorded."""
 
+import ast
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from monitor import cli as o2mon
-from monitor.base.outputs import numbered, unused
+from monitor.base.outputs import numbered, replaced, unused
 from monitor.report.replay import shipped_model
+from tests.conftest import ROOT
 from tests.helpers.injected_frames import HEALTHY
 from training import cli as o2train
 
@@ -81,3 +85,87 @@ def test_a_folder_without_rights_is_refused_before_the_work(
     # THEN the command ends at once
     assert o2train.main(words) == 2
     assert f"{locked / 'model.onnx'}: the folder may not be written to" in capsys.readouterr().err
+
+
+def test_a_result_takes_its_place_in_one_step_or_not_at_all(tmp_path: Path) -> None:
+    # GIVEN a result of an earlier run behind a link, readable by all
+    place, link = tmp_path / "result.json", tmp_path / "link.json"
+    place.write_text("old")
+    place.chmod(0o640)
+    link.symlink_to(place)
+    # WHEN the writing of the next fails half way
+    with pytest.raises(RuntimeError), replaced(link) as begun:
+        begun.write_text("ne")
+        raise RuntimeError
+    # THEN the old one is there, and nothing else
+    assert place.read_text() == "old"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["link.json", "result.json"]
+    # WHEN it succeeds, THEN the link, the suffix and the rights are kept
+    with replaced(link) as begun:
+        assert begun.suffix == ".json"
+        begun.write_text("new")
+        assert place.read_text() == "old"
+    assert link.is_symlink()
+    assert place.read_text() == "new"
+    assert place.stat().st_mode & 0o777 == 0o640
+
+
+def test_a_command_that_is_killed_while_it_writes_leaves_the_old_file(tmp_path: Path) -> None:
+    place = tmp_path / "result.json"
+    place.write_text("old")
+    code = (
+        "import os, signal, sys\nfrom monitor.base.outputs import replaced\n"
+        "with replaced(sys.argv[1]) as begun:\n"
+        "    begun.write_text('ne')\n    os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    subprocess.run([sys.executable, "-c", code, str(place)], check=False)
+    assert place.read_text() == "old"
+
+
+def test_a_full_disk_is_told_in_one_line(
+    drive: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert o2mon.main(["replay", str(drive), "--quiet", "--json", "/dev/full"]) == 2
+    assert capsys.readouterr().err.splitlines()[-1] == (
+        "o2mon: /dev/full: cannot write it: No space left on device"
+    )
+
+
+WRITERS = {"write_text", "write_bytes", "savefig", "to_csv", "write_csv", "write_parquet"}
+# these write into a temporary folder, into memory, or beside the place, and rename themselves
+ALLOWED = {
+    "monitor/base/outputs.py",
+    "training/jobs/values.py",
+    "training/jobs/model_bytes.py",
+    "training/fleet/bench.py",
+    "training/fleet/places.py",
+    "training/fleet/chunk_rows.py",
+    "training/narx/export.py",
+    "training/pages/figure.py",
+    "training/recordings/table_files.py",
+    "training/recordings/mf4_log.py",
+    "training/studies/gap/run.py",
+}
+
+
+def writes(path: Path) -> set[str]:
+    """Return the calls of a module that write a file at its final place."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if not isinstance(node, ast.Call):
+            continue
+        name = getattr(node.func, "attr", getattr(node.func, "id", ""))
+        is_own = name in ("write_text", "write_bytes") and isinstance(node.func, ast.Name)
+        modes = [a.value for a in node.args[:2] if isinstance(a, ast.Constant)]
+        if (name in WRITERS and not is_own) or (
+            name == "open" and any(isinstance(m, str) and set(m) & set("wax") for m in modes)
+        ):
+            found.add(name)
+    return found
+
+
+def test_every_result_is_written_beside_its_place_and_renamed() -> None:
+    modules = [p for package in ("monitor", "training") for p in (ROOT / package).rglob("*.py")]
+    assert len(modules) > 300
+    direct = {str(p.relative_to(ROOT)): writes(p) for p in modules if writes(p)}
+    assert {name: calls for name, calls in direct.items() if name not in ALLOWED} == {}

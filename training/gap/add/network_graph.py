@@ -17,6 +17,7 @@ import onnx
 from onnx import helper, numpy_helper
 
 from monitor.base.errors import ModelError
+from monitor.base.outputs import write_bytes
 from monitor.base.types import FloatArray
 from monitor.model.card import METADATA_KEY, ModelCard, StateLayout
 from monitor.model.step import Model
@@ -121,7 +122,7 @@ class NetworkWithEffects:
         """Write graph and card to one file."""
         model = self.build()
         helper.set_model_props(model, {METADATA_KEY: card.to_json()})
-        Path(path).write_bytes(model.SerializeToString())
+        write_bytes(path, model.SerializeToString())
 
     def split(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the network's inputs (n, k) and the difference (n,) for ``u`` (n, n_inputs)."""

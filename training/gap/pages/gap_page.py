@@ -4,6 +4,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Final
 
+from monitor.base.outputs import write_text
 from training.gap.name.verdict import Candidate
 from training.gap.pages import cells, error_figures, where_figures
 from training.gap.pages.verdict_words import actions, cautions, verdict_sentence
@@ -57,7 +58,7 @@ def p_value(p: float) -> str:
 def save(result: Result, path: Path) -> None:
     """Write the page."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(as_page(result), encoding="utf-8")
+    write_text(path, as_page(result))
 
 
 def _rankings(result: Result) -> list[tuple[str, tuple[Candidate, ...]]]:

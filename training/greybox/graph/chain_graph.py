@@ -16,6 +16,7 @@ import numpy as np
 from onnx import ModelProto, helper
 
 from monitor.base.errors import ModelError
+from monitor.base.outputs import write_bytes
 from monitor.base.types import FloatArray
 from monitor.model.card import METADATA_KEY, ModelCard, StateLayout
 from monitor.model.step import LAMBDA_MAX, PHI_MAX
@@ -250,4 +251,4 @@ def save(path: Path | str, greybox: Greybox, card: ModelCard) -> None:
     model = build(greybox)
     helper.set_model_props(model, {METADATA_KEY: card.to_json()})
     Path(path).parent.mkdir(parents=True, exist_ok=True)
-    Path(path).write_bytes(model.SerializeToString())
+    write_bytes(path, model.SerializeToString())

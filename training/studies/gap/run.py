@@ -8,6 +8,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 import monitor
+from monitor.base.outputs import write_bytes
 from training.gap import config
 from training.greybox.fit.joint import NAMED
 from training.jobs import parallel, run_folder, values
@@ -99,9 +100,7 @@ def _prepare(study: Study, number: int) -> tuple[Vehicle | str, bytes]:
 
 def _keep(folder: Path, number: int, vehicle: Vehicle | str, model: bytes) -> None:
     path = _vehicle(folder, number)
-    begun = path.with_suffix(".begun")
-    begun.write_bytes(model)
-    begun.replace(path.with_suffix(".onnx"))
+    write_bytes(path.with_suffix(".onnx"), model)
     values.save(path, vehicle, Vehicle | str, NAMED)
 
 

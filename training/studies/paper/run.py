@@ -14,6 +14,7 @@ from typing import Any
 
 from monitor import __version__
 from monitor.base.errors import RecordingError, UsageError
+from monitor.base.outputs import write_text
 from training.limits.data_check.check import check
 from training.limits.data_check.findings import verdict
 from training.recordings.preparation import ENABLE_COLUMNS
@@ -75,8 +76,8 @@ def study(task: Task, say: Say) -> dict[str, Any]:
         **parts,
     }
     result["free"] = {k: v for k, v in parts["free"].items() if k not in PRIVATE}
-    _write(task.out / "study.json", json.dumps(result, allow_nan=False) + "\n")
-    _write(task.out / "report.html", report(parts, warnings))
+    write_text(task.out / "study.json", json.dumps(result, allow_nan=False) + "\n")
+    write_text(task.out / "report.html", report(parts, warnings))
     return result
 
 
@@ -100,7 +101,7 @@ def _done(task: Task, step: Step, parts: Parts) -> tuple[dict[str, Any], bool]:
         "part_seconds": round(time.monotonic() - began, 1),
         "part_cpu_s": round(time.process_time() - cpu, 1),
     }
-    _write(path, json.dumps({"key": key, "result": result}, allow_nan=False))
+    write_text(path, json.dumps({"key": key, "result": result}, allow_nan=False))
     return result, False
 
 
@@ -114,12 +115,6 @@ def _complete(task: Task, step: Step) -> bool:
     """Return whether the files of a stored part still exist."""
     wanted = {"shipped": task.out / "model.onnx", "narx": task.folder / "narx"}
     return step.name not in wanted or wanted[step.name].exists()
-
-
-def _write(path: Path, text: str) -> None:
-    temporary = path.with_name(f".{path.name}.part")
-    temporary.write_text(text)
-    temporary.replace(path)
 
 
 def _data(task: Task) -> dict[str, Any]:

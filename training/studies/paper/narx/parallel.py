@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 from tqdm import tqdm
 
+from monitor.base.outputs import replaced, write_text
 from monitor.base.types import FloatArray
 from training.jobs import parallel
 
@@ -73,9 +74,6 @@ def arrays_of(directory: Path, key: str) -> Arrays:
 
 
 def _store(directory: Path, key: str, result: dict[str, Any], arrays: Arrays) -> None:
-    temporary = directory / f".{key}.part"
-    with temporary.open("wb") as file:
-        np.savez(file, allow_pickle=False, **arrays)
-    temporary.replace(directory / f"{key}.npz")
-    temporary.write_text(json.dumps(result, allow_nan=False))
-    temporary.replace(directory / f"{key}.json")
+    with replaced(directory / f"{key}.npz") as begun:
+        np.savez(begun, allow_pickle=False, **arrays)
+    write_text(directory / f"{key}.json", json.dumps(result, allow_nan=False))

@@ -1,0 +1,102 @@
+"""The frame of a command: options, files, exit codes. ``o2mon`` and ``o2train`` share it.
+
+Exit codes: what the command returns (0, 1, 3), 2 for an error that the user can correct, 4 for an
+internal error, 130 interrupted, 141 if the reader of the output is gone. Python's own 1 would mean
+a sensor fault, so it never gets out. The last line on stderr is the error.
+"""
+
+import argparse
+import os
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import Final, TextIO
+
+from monitor.base import option_paths
+from monitor.base.errors import O2Error
+
+USAGE_ERROR: Final = 2
+INTERNAL_ERROR: Final = 4
+INTERRUPTED: Final = 130
+BROKEN_PIPE: Final = 141
+_OWN: Final = ("monitor", "training", "dbc")
+
+
+def run(
+    name: str,
+    parser: Callable[[Sequence[str]], argparse.ArgumentParser],
+    argv: Sequence[str] | None,
+    extra: str | None = None,
+) -> int:
+    """Parse the arguments, check the files of the options, run the command; return its exit code.
+
+    parser : makes the parser that the arguments need
+    extra : optional dependencies that the user is told to install if a package is missing
+    """
+    for stream in (sys.stdout, sys.stderr):  # a name in another encoding must not end a command
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="backslashreplace")
+    try:
+        words = sys.argv[1:] if argv is None else argv
+        return _run(parser(words), words)
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    except BrokenPipeError:
+        _to_nowhere(sys.stdout)
+        return BROKEN_PIPE
+    except Exception as error:
+        text = _users_part(error, extra)
+        if text is None and os.environ.get("O2_TRACEBACK"):
+            raise
+        _to_nowhere_if_full(sys.stdout)
+        line = text or f"internal error: {type(error).__name__}: {' '.join(str(error).split())}"
+        with suppress(OSError):
+            print(f"{name}: {line}", file=sys.stderr, flush=True)
+        return USAGE_ERROR if text else INTERNAL_ERROR
+
+
+def _run(parser: argparse.ArgumentParser, argv: Sequence[str]) -> int:
+    try:
+        args = parser.parse_args(argv)
+    except SystemExit:  # after --help, or an impossible option
+        _flush(sys.stdout)
+        raise
+    option_paths.check(parser, args)
+    code = int(args.func(args))
+    _flush(sys.stdout)
+    return code
+
+
+def _users_part(error: Exception, extra: str | None) -> str | None:
+    """Return the message for an error that the user can correct, None for a bug."""
+    if isinstance(error, O2Error):
+        return str(error)
+    if extra and isinstance(error, ModuleNotFoundError):
+        package = (error.name or "").split(".")[0]
+        if package not in _OWN:
+            return f"{package} is not installed: pip install 'o2-monitor[{extra}]'"
+    if isinstance(error, OSError):
+        return f"{error.filename or 'output'}: {error.strerror or error}"
+    if isinstance(error, MemoryError):
+        return "the memory of this machine does not suffice for the input"
+    return None
+
+
+def _flush(stream: TextIO | None) -> None:
+    """Write the text that a stream still holds: Python's own end would turn an error into 120."""
+    if stream is not None:
+        stream.flush()
+
+
+def _to_nowhere(stream: TextIO | None) -> None:
+    """Let a stream whose reader is gone end in nothing, so that Python's end has no error."""
+    if stream is not None:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
+def _to_nowhere_if_full(stream: TextIO | None) -> None:
+    """Give up the text that a stream cannot write, on a full disk for instance."""
+    try:
+        _flush(stream)
+    except OSError:
+        _to_nowhere(stream)

@@ -1,0 +1,130 @@
+"""The files that a command reads and writes: every option that names a file says which it does.
+
+The ``type`` of an argparse option is its role, one of the functions here. ``check`` looks at all
+options of the chosen command before the work begins: nothing that is read is written over, nothing
+is written twice. Files that a command writes without an option of their own are named by
+``also_written``, a default of the parser: a function from the namespace to paths. A command that
+changes a file in place unless it is told to write another names that option ``changed_in_place``.
+"""
+
+import argparse
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+from monitor.base import manifest, outputs
+from monitor.base.errors import UsageError
+from monitor.base.inputs import other_kind
+
+
+def read(text: str) -> Path:
+    """Return the path of a file that the command only reads."""
+    return Path(text)
+
+
+def written(text: str) -> Path:
+    """Return the path of a file that the command writes anew."""
+    return Path(text)
+
+
+def written_model(text: str) -> Path:
+    """Return the path of a model file to write; it may take the place of the shipped model."""
+    return Path(text)
+
+
+def folder(text: str) -> Path:
+    """Return the path of a folder into which the command writes."""
+    return Path(text)
+
+
+def kept(text: str) -> Path:
+    """Return the path of a fault memory, which the command reads and goes on writing."""
+    return Path(text)
+
+
+def pattern(text: str) -> str:
+    """Return a path, pattern or URL of recordings to read; its command finds the files."""
+    return text
+
+
+ROLES: Final[tuple[Callable[[str], Any], ...]] = (
+    read,
+    written,
+    written_model,
+    folder,
+    kept,
+    pattern,
+)
+
+
+class Named(NamedTuple):
+    """A path that the user gave."""
+
+    role: Callable[[str], Any]
+    option: str  # name in the namespace
+    path: Path
+
+
+def check(parser: argparse.ArgumentParser, args: argparse.Namespace) -> None:
+    """Check the files of the chosen command's options; raises UsageError for the first conflict."""
+    found = list(named(parser, args))
+    by_role = {role: [each.path for each in found if each.role is role] for role in ROLES}
+    memories = by_role[kept]
+    for path in [*by_role[read], *memories]:
+        _check_kind(path)
+    for path in by_role[folder]:
+        if path.exists() and not path.is_dir():
+            raise UsageError(f"{path}: is a file, a folder is wanted")
+    beside = [path for path in _beside(args) if path.parent.is_dir()]
+    for path in [*by_role[written], *beside]:
+        if outputs.is_shipped(path):
+            raise UsageError(f"{path}: belongs to the program; choose another file to write")
+    goals = [*by_role[written], *by_role[written_model], *beside]
+    changed = _changed(args, by_role[written_model])
+    inputs = [each.path for each in found if each.role is read and each.option != changed]
+    if changed and not by_role[written_model]:
+        goals.append(getattr(args, changed))
+    for path in goals:
+        for memory in memories:
+            if _is_of_memory(path, memory):
+                raise UsageError(
+                    f"{path}: belongs to the fault memory {memory}; choose another file to write"
+                )
+    manifests = [path.parent / manifest.NAME for path in by_role[read]]
+    outputs.check(goals, [*inputs, *manifests, *memories])
+
+
+def _beside(args: argparse.Namespace) -> list[Path]:
+    """Return the files that the command writes without an option of their own."""
+    files = getattr(args, "also_written", None)
+    return list(files(args)) if files else []
+
+
+def _changed(args: argparse.Namespace, models: list[Path]) -> str | None:
+    """Return the option ``changed_in_place`` of the command, if its file is the one to write."""
+    option: str | None = getattr(args, "changed_in_place", None)
+    if option is None or (models and not outputs.same(models[0], getattr(args, option))):
+        return None
+    return option
+
+
+def named(parser: argparse.ArgumentParser, args: argparse.Namespace) -> Iterator[Named]:
+    """Yield the paths that the options of the chosen command hold."""
+    for action in parser._actions:  # argparse has no public list of a parser's options
+        value = getattr(args, action.dest, None)
+        if isinstance(action, argparse._SubParsersAction):
+            yield from named(action.choices[str(value)], args)
+        elif action.type in ROLES and action.type is not pattern and value is not None:
+            for path in value if isinstance(value, list) else [value]:
+                yield Named(action.type, action.dest, path)
+
+
+def _check_kind(path: Path) -> None:
+    if path.exists() and (kind := other_kind(path.stat().st_mode)):
+        raise UsageError(f"{path}: is {kind}, a regular file is wanted")
+
+
+def _is_of_memory(path: Path, memory: Path) -> bool:
+    """Return whether the file is one that lies beside a fault memory: its lock, log or copy."""
+    place, own = path.resolve(), memory.resolve()
+    return place.parent == own.parent and place != own and place.name.startswith(own.name)

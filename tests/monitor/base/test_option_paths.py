@@ -1,0 +1,181 @@
+"""No command writes over a file that it reads: asked of every option of every command."""
+
+import argparse
+import os
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from monitor.base import option_paths as paths
+from monitor.base.errors import UsageError
+from monitor.report.replay import shipped_model
+from tests.helpers.command_line import (
+    PROGRAMS,
+    command_names,
+    commands,
+    options,
+    parser_of,
+    words_of,
+)
+
+COMMANDS = [
+    pytest.param(program, words, id=" ".join((program, *words)))
+    for program in PROGRAMS
+    for name in command_names(program)
+    for words, _ in commands(parser_of(program, name))
+    if words[0] == name
+]
+LOOKS_LIKE_A_FILE = ("FILE", "LOG", "OUT", "DIR", "HTML", "TOML", "onnx", "RECORDING", "DBC")
+
+
+def parsed(
+    program: str, words: tuple[str, ...], chosen: dict[str, str]
+) -> tuple[argparse.ArgumentParser, argparse.Namespace]:
+    parser = parser_of(program, words[0])
+    (leaf,) = [below for found, below in commands(parser) if found == words]
+    return parser, parser.parse_args([*words, *words_of(leaf, chosen)])
+
+
+def leaf_of(program: str, words: tuple[str, ...]) -> argparse.ArgumentParser:
+    (leaf,) = [below for found, below in commands(parser_of(program, words[0])) if found == words]
+    return leaf
+
+
+@pytest.mark.parametrize(("program", "words"), COMMANDS)
+def test_every_option_that_names_a_file_says_whether_it_is_read_or_written(
+    program: str, words: tuple[str, ...]
+) -> None:
+    for action in leaf_of(program, words)._actions:
+        assert action.type is not Path, action
+        named = str(action.metavar or "")
+        is_file = any(word in named for word in LOOKS_LIKE_A_FILE) and "NAME" not in named
+        assert not is_file or action.type in paths.ROLES, action
+
+
+def alike(path: Path) -> list[Path]:
+    """Return other names of a file."""
+    link, hard, folder = (path.with_name(name) for name in ("link", "hard", "folder"))
+    link.symlink_to(path)
+    hard.hardlink_to(path)
+    folder.mkdir()
+    return [path, link, hard, folder / ".." / path.name, Path(os.path.relpath(path))]
+
+
+@pytest.mark.parametrize(("program", "words"), COMMANDS)
+def test_no_command_writes_over_a_file_it_reads_under_any_name(
+    tmp_path: Path, program: str, words: tuple[str, ...]
+) -> None:
+    path = tmp_path / "file.onnx"
+    path.write_text("read")
+    leaf = leaf_of(program, words)
+    goals = [a.dest for role in (paths.written, paths.written_model) for a in options(leaf, role)]
+    sources = [a.dest for role in (paths.read, paths.kept) for a in options(leaf, role)]
+    in_place = leaf.get_default("changed_in_place")
+    names = alike(path)
+    for goal in goals:
+        for source in sources:
+            if source == in_place and goal == "out":
+                continue
+            for name in names:
+                parser, args = parsed(program, words, {source: str(path), goal: str(name)})
+                with pytest.raises(UsageError, match=r"is read, too|would be written twice"):
+                    paths.check(parser, args)
+
+
+@pytest.mark.parametrize(("program", "words"), COMMANDS)
+def test_no_command_writes_one_file_twice_or_over_a_manifest_beside_a_recording(
+    tmp_path: Path, program: str, words: tuple[str, ...]
+) -> None:
+    leaf = leaf_of(program, words)
+    goals = [a.dest for role in (paths.written, paths.written_model) for a in options(leaf, role)]
+    for first, second in pairwise(goals):
+        both = dict.fromkeys((first, second), str(tmp_path / "new.onnx"))
+        with pytest.raises(UsageError, match="would be written twice"):
+            paths.check(*parsed(program, words, both))
+    manifest = tmp_path / "manifest.json"
+    manifest.write_text("{}")
+    for goal in goals:
+        for source in options(leaf, paths.read):
+            chosen = {source.dest: str(tmp_path / "drive.log"), goal: str(manifest)}
+            with pytest.raises(UsageError, match=r"manifest\.json: is read, too"):
+                paths.check(*parsed(program, words, chosen))
+
+
+@pytest.mark.parametrize(("program", "words"), COMMANDS)
+def test_no_result_is_written_over_the_program_s_own_model_and_settings(
+    program: str, words: tuple[str, ...]
+) -> None:
+    own = [shipped_model(), Path(paths.__file__).with_name("default.toml")]
+    for goal in options(leaf_of(program, words), paths.written):
+        for path in own:
+            with pytest.raises(UsageError, match="belongs to the program"):
+                paths.check(*parsed(program, words, {goal.dest: str(path)}))
+
+
+@pytest.mark.parametrize(("program", "words"), COMMANDS)
+def test_no_command_reads_a_fifo(tmp_path: Path, program: str, words: tuple[str, ...]) -> None:
+    fifo = tmp_path / "fifo.log"
+    os.mkfifo(fifo)
+    leaf = leaf_of(program, words)
+    for source in [a for role in (paths.read, paths.kept) for a in options(leaf, role)]:
+        with pytest.raises(UsageError, match="is a FIFO, a regular file is wanted"):
+            paths.check(*parsed(program, words, {source.dest: str(fifo)}))
+
+
+def test_the_files_of_a_fault_memory_are_not_written_over(tmp_path: Path) -> None:
+    memory = tmp_path / "o2.db"
+    for name in ("o2.db", "o2.db-lock", "o2.db-wal", "o2.db-journal"):
+        (tmp_path / name).write_text("kept")
+        chosen = {"memory": str(memory), "json": str(tmp_path / name)}
+        with pytest.raises(UsageError, match=r"is read, too|belongs to the fault memory"):
+            paths.check(*parsed("o2mon", ("replay",), chosen))
+
+
+@pytest.mark.parametrize(
+    ("words", "name"),
+    [
+        (("gap",), "model.onnx"),
+        (("gap",), "report.html"),
+        (("study",), "study.json"),
+        (("fit",), "model.html"),
+        (("fleet",), "model.html"),
+    ],
+)
+def test_files_without_an_option_of_their_own_are_not_written_over_what_is_read(
+    tmp_path: Path, words: tuple[str, ...], name: str
+) -> None:
+    (tmp_path / name).write_text("read")
+    leaf = leaf_of("o2train", words)
+    is_folder = bool(options(leaf, paths.folder))
+    out = tmp_path if is_folder else tmp_path / "model.onnx"
+    source = next(a.dest for a in options(leaf, paths.read))
+    with pytest.raises(UsageError, match="is read, too"):
+        paths.check(*parsed("o2train", words, {"out": str(out), source: str(tmp_path / name)}))
+
+
+@pytest.mark.parametrize("out", [[], ["--out", "model.onnx"], ["--out", "./model.onnx"]])
+def test_a_calibration_may_change_its_own_model_but_a_report_must_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, out: list[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "model.onnx").write_text("model")
+    parser = parser_of("o2train", "calibrate")
+    base = ["calibrate", "--model", "model.onnx", "--healthy", "drive.log", *out]
+    paths.check(parser, parser.parse_args(base))
+    with pytest.raises(UsageError, match="would be written twice"):
+        paths.check(parser, parser.parse_args([*base, "--report", "model.onnx"]))
+
+
+def test_a_folder_to_write_into_is_no_file(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(UsageError, match="is a file, a folder is wanted"):
+        paths.check(*parsed("o2train", ("simulate",), {"out": str(tmp_path / "file")}))
+
+
+def test_results_may_go_to_a_pipe_and_twice_to_nowhere() -> None:
+    chosen = {"json": "/dev/null", "html": "/dev/null"}
+    check: Callable[..., Any] = paths.check
+    assert check(*parsed("o2mon", ("replay",), chosen)) is None
