@@ -43,6 +43,7 @@ class Quality(IntEnum):
     OUT_OF_RANGE = 3  # outside the plausible range
     OFF_BUS = 4  # not received for that long while the monitor itself was off the bus
     PINNED = 5  # the logger's value for "no sensor" or the end of its range; the value is kept
+    GAP = 6  # not received since a pause of the whole log, of which nothing is known
 
 
 class Sample(NamedTuple):

@@ -91,7 +91,7 @@ class Loop:
         self._port = Port(bus, self.health, reopen, say, monotonic_s, sleep)
         self._record_path = record
         self._recorder: Recorder | None = None
-        self._clock = Clock(monotonic_s)
+        self.clock = Clock(monotonic_s, min(self.pipeline.decoder.timeouts_ns))
         self._due_s = self._store_again_s = math.inf
         self._stored_run_s = store.counts.engine_run_since_clear_s
         self._wanted: dict[tuple[int, bool], list[Attachment]] = {}
@@ -114,31 +114,33 @@ class Loop:
                 self._port.set_filters({*self.pipeline.decoder.identifiers, *self._wanted})
             else:
                 self._recorder = Recorder(self._record_path)
-            receive, heard = self._port.receive, self._clock.heard
+            receive, clock = self._port.receive, self.clock
             assembler = self.pipeline.assembler
             now_s = self._now_s()
             while not self._stop and now_s < until_s:
                 if now_s >= self._due_s:
                     self._work()
                 wait_s = min(BLOCK_S, max(self._due_s - now_s, 0.0))
-                frame = receive(wait_s, assembler.tick_end_ns)
+                frame = receive(wait_s, assembler.tick_end_ns + clock.shift_ns)
                 now_s = self._now_s()
                 if frame is None or self._is_off:
                     for made in self._loop_frames():
                         self._judge(made)
                 if frame is not None:
-                    heard(frame.t_ns, now_s)
                     if is_own(frame):
                         self.health.refused += 1
-                    else:
+                    elif clock.heard(frame[0], now_s):
                         self._take(frame)
+                    else:
+                        for timed in clock.weighed(frame, now_s):
+                            self._take(timed)
 
     def _loop_frames(self) -> Iterator[Frame]:
         """Yield the loop's frames that are due: bus state and time mark."""
         if self._port.is_off != self._is_off:
             self._is_off = self._port.is_off
-            yield bus_state(self._clock.t_ns, off=self._is_off)
-        mark = self._clock.mark()
+            yield bus_state(self.clock.made(), off=self._is_off)
+        mark = self.clock.mark()
         if mark is not None:
             yield mark
 
@@ -147,7 +149,7 @@ class Loop:
 
         Raises RecordingError if the change could not be stored; the loop tries that again later.
         """
-        self._judge(codes_cleared(self._clock.t_ns))
+        self._judge(codes_cleared(self.clock.made()))
         self._store()
         if self._store_again_s < math.inf:
             raise RecordingError("the codes are cleared, but that is not stored yet")
@@ -317,10 +319,15 @@ class Loop:
 
     def result(self, channel: str) -> dict[str, Any]:
         """Return the run as a recording's entry of ``o2mon.replay/1``."""
-        counters = frame_counters(self.pipeline) | {
-            "skipped": self.health.error_frames + self.health.remote_frames,
-            "transmit_errors": self.health.transmit_errors,
-        }
+        found = self.clock.counters.found
+        counters = (
+            frame_counters(self.pipeline)
+            | found
+            | {
+                "skipped": self.health.error_frames + self.health.remote_frames,
+                "transmit_errors": self.health.transmit_errors,
+            }
+        )
         return self.collector.result(channel, None, counters)
 
 

@@ -4,7 +4,7 @@ The checks and their order are those of ``decoder_source``, over all frames of a
 property test holds the two together.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -55,7 +55,7 @@ class BlockDecoder:
     def __init__(self, bus_map: BusMap, names: Sequence[str]) -> None:
         self.names, self.channels, self.derived, self.timeouts_ns = bus_map.wanted(names)
         self._plans = {
-            key: _Plan(members) for key, members in by_message(bus_map, self.channels).items()
+            key: Plan(members) for key, members in by_message(bus_map, self.channels).items()
         }
         self._is_needed = np.zeros(_STANDARD + 1, dtype=np.bool_)  # the last: any longer one
         self._is_needed[[key for key in self._plans if key < _STANDARD]] = True
@@ -81,6 +81,11 @@ class BlockDecoder:
                 found += message.push(rows, block.length[rows], block.data[rows])
         return found
 
+    @property
+    def plans(self) -> Mapping[int, "Plan"]:
+        """Return what is known of each needed message, by the key of its frames."""
+        return self._plans
+
     def needed(self, block: FrameBlock) -> IntArray:
         """Return which frames of a block are looked at, (m,) ascending."""
         is_needed = self._is_needed.take(block.key, mode="clip")
@@ -94,7 +99,7 @@ class BlockDecoder:
         return {each.plan.name: counters_of(each.counts) for each in self._messages.values()}
 
 
-class _Plan:
+class Plan:
     """What is known of a message beforehand."""
 
     def __init__(self, members: Sequence[Member]) -> None:
@@ -110,6 +115,31 @@ class _Plan:
         ]
         self.is_plain = len(self.groups) == 1 and not self.groups[0].conditions
 
+    def fits(self, length: Bytes) -> BoolArray:
+        """Return which frames have a right number of bytes, (n,)."""
+        return np.asarray(
+            length <= self.size if self.is_multiplexed else length == self.size, dtype=np.bool_
+        )
+
+    def payload(self, data: Bytes) -> Bytes:
+        """Return the frames' data, (n, width), as wide as the message."""
+        data = data[:, : self.size]
+        missing = self.size - data.shape[1]
+        return np.pad(data, ((0, 0), (0, missing))) if missing else data
+
+    def holds(self, data: Bytes) -> BoolArray:
+        """Return where the checksum holds, (n,); data : (n, size)."""
+        if self.checksum < 0:
+            return np.ones(len(data), dtype=np.bool_)
+        wanted = payload_checksums(self.algorithm, self.message.frame_id, data, self.checksum)
+        return np.asarray(wanted == data[:, self.checksum], dtype=np.bool_)
+
+    def count(self, payloads: "Payloads") -> NDArray[np.uint64]:
+        """Return the alive counter's bits, (n,), which may be a signed signal."""
+        assert self.counter is not None
+        mask = np.uint64((1 << self.counter.length) - 1)
+        return np.asarray(payloads.raw(self.counter).astype(np.uint64) & mask)
+
 
 class _Group:
     """Channels of a message that come under the same multiplexer values."""
@@ -124,7 +154,7 @@ class _Group:
 class _MessageDecoder:
     """Decodes the frames of one message; remembers its counts and its last counter."""
 
-    def __init__(self, plan: _Plan) -> None:
+    def __init__(self, plan: Plan) -> None:
         self.plan = plan
         self.counts = [0] * len(Reason)
         self._last: NDArray[np.uint64] | None = None  # (1,) of the last frame that was sound
@@ -133,18 +163,13 @@ class _MessageDecoder:
         """Return the parts that frames say: ``rows`` in their block, (m,), data (m, width)."""
         plan, counts = self.plan, self.counts
         counts[Reason.RECEIVED] += len(rows)
-        fits = length <= plan.size if plan.is_multiplexed else length == plan.size
-        data = data[:, : plan.size]
-        if data.shape[1] < plan.size:
-            data = np.pad(data, ((0, 0), (0, plan.size - data.shape[1])))
-        rows, length, data = self._keep(fits, Reason.LENGTH, rows, length, data)
+        data = plan.payload(data)
+        rows, length, data = self._keep(plan.fits(length), Reason.LENGTH, rows, length, data)
         if plan.checksum >= 0:
-            wanted = payload_checksums(plan.algorithm, plan.message.frame_id, data, plan.checksum)
-            holds = wanted == data[:, plan.checksum]
-            rows, length, data = self._keep(holds, Reason.CHECKSUM, rows, length, data)
+            rows, length, data = self._keep(plan.holds(data), Reason.CHECKSUM, rows, length, data)
         payloads = Payloads(plan.message, data)
         if plan.counter is not None and len(rows):
-            advances = self._count(payloads.raw(plan.counter), plan.counter)
+            advances = self._count(plan.count(payloads), plan.counter)
             if not advances.all():
                 rows, length, data = self._keep(advances, Reason.STUCK, rows, length, data)
                 payloads = Payloads(plan.message, data)
@@ -163,14 +188,13 @@ class _MessageDecoder:
         self.counts[reason] += len(rows) - n_kept
         return rows[sound], length[sound], data[sound]
 
-    def _count(self, counter: Raw, signal: Signal) -> BoolArray:
+    def _count(self, count: NDArray[np.uint64], signal: Signal) -> BoolArray:
         """Return whether the counter advanced, (n,); count the frames that it says are missing.
 
         A frame that is rejected has the counter of the last sound one, so each is compared with
         the frame just before it.
         """
         mask = np.uint64((1 << signal.length) - 1)
-        count = counter.astype(np.uint64) & mask  # its bits, should it be signed
         known = np.ones(len(count), dtype=np.bool_)
         known[0] = self._last is not None
         before = np.concatenate([count[:1] if self._last is None else self._last, count[:-1]])

@@ -1,4 +1,4 @@
-"""Frames that the live loop makes itself: time, state of its bus, cleared codes.
+"""Frames that the monitor makes itself: time, state of its bus, cleared codes, gaps of a log.
 
 They pass through pipeline and recording like received frames, so a replay of the recording gives
 exactly the same events. They use the last 29-bit identifiers, of lowest priority, which nothing on
@@ -12,7 +12,8 @@ from monitor.base.types import Frame
 TIME_MARK_ID: Final = 0x1FFFFFFF  # no data; its time moves the sample grid on
 BUS_STATE_ID: Final = 0x1FFFFFFE  # one byte: 1 the monitor is off the bus, 0 it is on it again
 CLEARED_ID: Final = 0x1FFFFFFD  # no data; a tester has cleared the codes
-FIRST_ID: Final = CLEARED_ID
+LOG_GAP_ID: Final = 0x1FFFFFFC  # no data; of the time before it nothing is known
+FIRST_ID: Final = LOG_GAP_ID
 
 
 def time_mark(t_ns: int) -> Frame:
@@ -28,6 +29,11 @@ def bus_state(t_ns: int, *, off: bool) -> Frame:
 def codes_cleared(t_ns: int) -> Frame:
     """Return the frame that reports codes cleared by a tester."""
     return Frame(t_ns, CLEARED_ID, True, b"")
+
+
+def log_gap(t_ns: int) -> Frame:
+    """Return the frame behind a pause of a whole log of which nothing is known."""
+    return Frame(t_ns, LOG_GAP_ID, True, b"")
 
 
 def is_own(frame: Frame) -> bool:

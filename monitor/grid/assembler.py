@@ -5,7 +5,8 @@ Sample k >= 1 holds for each signal the mean of the good values received in (t_(
 first frames' own time included in sample 1; averaging keeps fast signals from folding back. If
 only bad values came, the sample says so; if none came, the last tick's value is held until it is
 older than the signal's timeout, then it is stale. Sample k leaves when the first frame after t_k
-arrives; any frame moves time, whether its signals are wanted or not.
+arrives; any frame moves time, whether its signals are wanted or not. Behind a pause of the whole
+log of which nothing is known the grid begins anew, and a signal is stale only after its timeout.
 """
 
 import math
@@ -27,9 +28,10 @@ LATEST_NS = int(LATEST_S * 1e9)
 MAX_LATE = 100  # so many late frames in a row mean that the clock went backwards
 
 _NAN = math.nan
-_GOOD, _STALE, _OFF_BUS = (
-    int(quality) for quality in (Quality.GOOD, Quality.STALE, Quality.OFF_BUS)
+_GOOD, _STALE, _OFF_BUS, _GAP = (
+    int(quality) for quality in (Quality.GOOD, Quality.STALE, Quality.OFF_BUS, Quality.GAP)
 )
+_NEVER_NS = -(1 << 64)
 
 
 @dataclass(slots=True)
@@ -77,6 +79,9 @@ class Assembler:
         self._first_ns, self._end_ns = 1, 0  # the open tick is [first, end]
         self._last_ns = 1  # time of the latest frame
         self._late_in_a_row = 0
+        self._gap_ns = (
+            _NEVER_NS  # end of a pause of which nothing is known, if the grid began there
+        )
 
     @classmethod
     def of(cls, decoder: Decoder, period_ns: int) -> "Assembler":
@@ -119,9 +124,21 @@ class Assembler:
         self._last_ns = max(self._last_ns, t_ns)
         return samples
 
+    def gap(self, t_ns: int) -> Sequence[Sample]:
+        """Begin anew behind a pause that ends at ``t_ns``, of which nothing is known.
+
+        Returns the all-gap sample that marks it; what the open tick holds is forgotten.
+        """
+        self._late_in_a_row = 0
+        if not self._is_anchored:
+            self._anchor(t_ns)
+            return ()
+        return [self._break(t_ns, _GAP)]
+
     def reset(self) -> None:
         """Forget everything but the statistics; the next frame starts a new grid at tick 1."""
-        self._clear()
+        self._clear(_STALE)
+        self._gap_ns = _NEVER_NS
         self._index = 1
         self._is_anchored = False
         self._first_ns, self._end_ns, self._last_ns = 1, 0, 1
@@ -147,27 +164,28 @@ class Assembler:
         self._first_ns = self._last_ns = t_ns
         self._end_ns = t_ns + self.period_ns
 
-    def _break(self, t_ns: int) -> Sample:
-        """Anchor the grid at ``t_ns`` and return the all-stale sample that marks the break."""
+    def _break(self, t_ns: int, quality: int = _STALE) -> Sample:
+        """Anchor the grid at ``t_ns`` and return the sample without values that marks the break."""
         self.counters.discontinuities += 1
-        self._clear()
+        self._clear(quality)
         self._anchor(t_ns)
+        self._gap_ns = t_ns if quality == _GAP else _NEVER_NS
         n = len(self.names)
-        sample = Sample(self._index, t_ns, np.full(n, np.nan), np.full(n, _STALE, dtype=np.uint8))
+        sample = Sample(self._index, t_ns, np.full(n, np.nan), np.full(n, quality, dtype=np.uint8))
         self._index += 1
         return sample
 
-    def _clear(self) -> None:
+    def _clear(self, quality: int) -> None:
         n = len(self._held)
         self.received.clear()
         self._held[:] = [_NAN] * n
-        self._held_quality[:] = [_STALE] * n
+        self._held_quality[:] = [quality] * n
 
     def _close(self) -> Sample:
         """Return the open tick's sample and open the next."""
         values, quality, received = self._held, self._held_quality, self.received
         sums, worst, times_ns = received.sums, received.worst, received.times_ns
-        end_ns = self._end_ns
+        end_ns, since_gap_ns = self._end_ns, self._end_ns - self._gap_ns
         for channel, good in enumerate(received.goods):
             if good:
                 values[channel] = sums[channel] / good
@@ -177,7 +195,9 @@ class Assembler:
                 quality[channel] = worst[channel]
             elif end_ns - times_ns[channel] > self._timeouts_ns[channel]:
                 values[channel] = _NAN
-                quality[channel] = _OFF_BUS if self.is_off_bus else _STALE
+                quality[channel] = _GAP if since_gap_ns <= self._timeouts_ns[channel] else _STALE
+                if self.is_off_bus:
+                    quality[channel] = _OFF_BUS
         received.clear()
         sample = Sample(self._index, end_ns, *self._output.of(values, quality))
         self._index += 1

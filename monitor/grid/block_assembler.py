@@ -20,7 +20,7 @@ from monitor.grid.derived import Output
 
 Series = tuple[IntArray, FloatArray]  # times and values of one channel, both (n,)
 _NONE = np.empty(0, dtype=np.int64)
-_STALE, _OFF_BUS = int(Quality.STALE), int(Quality.OFF_BUS)
+_STALE, _OFF_BUS, _GAP = int(Quality.STALE), int(Quality.OFF_BUS), int(Quality.GAP)
 
 
 class BlockAssembler:
@@ -57,16 +57,30 @@ class BlockAssembler:
         """Return an assembler for what ``decoder`` yields."""
         return cls(decoder.channels, decoder.names, period_ns, decoder.timeouts_ns, decoder.derived)
 
-    def push(self, t_ns: IntArray, decoded: Iterable[Decoded] = ()) -> SampleBlock:
+    def push(
+        self, t_ns: IntArray, decoded: Iterable[Decoded] = (), gaps: Sequence[int] = ()
+    ) -> SampleBlock:
         """Take the times of a block's frames, (n,), wanted or not, and their values.
 
+        gaps : places of ``log_gap`` frames, at which the grid begins anew
         Returns the samples that are complete before the last frame.
         """
         parts, found = list(decoded), []
-        begin = 0
-        while begin < len(t_ns):
+        begun = set(gaps)
+        for begin, end in pairwise(sorted({0, *begun, len(t_ns)})):
+            if begin in begun:
+                found += self._gap(int(t_ns[begin]))
+            found += self._push(t_ns, parts, begin, end)
+        return joined(found, self._n_names)
+
+    def _push(
+        self, t_ns: IntArray, parts: Sequence[Decoded], begin: int, end: int
+    ) -> list[SampleBlock]:
+        """Take the frames from begin to end."""
+        found = []
+        while begin < end:
             grid = self._grid or self._anchor(int(t_ns[begin]))
-            stop, late, is_jump = self._until_break(grid, t_ns[begin:])
+            stop, late, is_jump = self._until_break(grid, t_ns[begin:end])
             for part in parts:
                 inside = slice(*np.searchsorted(part.rows, (begin, begin + stop)).tolist())
                 rows, values = part.rows[inside], part.values[:, inside]
@@ -75,11 +89,18 @@ class BlockAssembler:
                     rows, values = rows[kept], values[:, kept]
                 grid.keep(part.channels, t_ns[rows], values)
             begin += stop
-            if begin < len(t_ns):
+            if begin < end:
                 found += self._break(grid, int(t_ns[begin]), is_jump=is_jump)
             else:
                 found.append(self._close(grid, grid.open_tick(self._newest_ns)))
-        return joined(found, self._n_names)
+        return found
+
+    def _gap(self, t_ns: int) -> list[SampleBlock]:
+        """Begin anew behind a pause that ends at ``t_ns``, of which nothing is known."""
+        if self._grid is None:
+            self._anchor(t_ns)
+            return []
+        return self._break(self._grid, t_ns, is_jump=False, quality=_GAP)
 
     def push_series(self, t_ns: IntArray, series: Sequence[Series]) -> SampleBlock:
         """Take the times of frames, (n,), never decreasing, and the values of each channel.
@@ -140,19 +161,21 @@ class BlockAssembler:
         self._newest_ns = int(newest_ns[stop])
         return stop, late, is_jump
 
-    def _anchor(self, t_ns: int) -> "_Grid":
-        self._grid = _Grid(t_ns, self._period_ns, len(self._timeouts_ns))
+    def _anchor(self, t_ns: int, quality: int = _STALE) -> "_Grid":
+        self._grid = _Grid(t_ns, self._period_ns, len(self._timeouts_ns), quality)
         self._newest_ns, self._late_in_a_row = t_ns, 0
         return self._grid
 
-    def _break(self, grid: "_Grid", t_ns: int, *, is_jump: bool) -> list[SampleBlock]:
+    def _break(
+        self, grid: "_Grid", t_ns: int, *, is_jump: bool, quality: int = _STALE
+    ) -> list[SampleBlock]:
         """Anchor the grid anew; return the samples up to the one that marks the break."""
         rest = self._close(grid, grid.open_tick(self._newest_ns) + is_jump)
         grid.note_times(self._received_ns)
         self.counters.discontinuities += 1
-        self._anchor(t_ns)
-        quality = np.full((1, self._n_names), _STALE, dtype=np.uint8)
-        mark = np.array([t_ns], dtype=np.int64), np.full(quality.shape, np.nan), quality
+        self._anchor(t_ns, quality)
+        qualities = np.full((1, self._n_names), quality, dtype=np.uint8)
+        mark = np.array([t_ns], dtype=np.int64), np.full(qualities.shape, np.nan), qualities
         return [rest, self._numbered(*mark)]
 
     def _close(self, grid: "_Grid", until: int) -> SampleBlock:
@@ -171,13 +194,17 @@ class BlockAssembler:
 
 
 class _Grid:
-    """The grid between two breaks, and the values of its open ticks."""
+    """The grid between two breaks, and the values of its open ticks.
 
-    def __init__(self, anchor_ns: int, period_ns: int, n_channels: int) -> None:
+    quality : of what has not been received since the anchor, for as long as its timeout
+    """
+
+    def __init__(self, anchor_ns: int, period_ns: int, n_channels: int, quality: int) -> None:
         self.anchor_ns, self._period_ns = anchor_ns, period_ns
         self._n = 0  # ticks closed
         self._held = np.full(n_channels, np.nan)  # of the last tick closed
-        self._held_quality = np.full(n_channels, _STALE, dtype=np.uint8)
+        self._is_after_gap = quality == _GAP
+        self._held_quality = np.full(n_channels, quality, dtype=np.uint8)
         self._kept: dict[tuple[int, ...], list[Series]] = {}
 
     def open_tick(self, newest_ns: int) -> int:
@@ -206,7 +233,6 @@ class _Grid:
         values = np.empty((n, len(timeouts_ns)))
         quality = np.empty(values.shape, dtype=np.uint8)
         values[:], quality[:] = self._held, self._held_quality
-        silent = _OFF_BUS if off_bus else _STALE
         end_ns = np.arange(self._n + 1, self._n + n + 1, dtype=np.int64) * self._period_ns
         silent_channels = set(range(len(timeouts_ns)))
         for channels, parts in self._kept.items():
@@ -221,16 +247,27 @@ class _Grid:
             came = _Came(tick[:n_inside], t_ns[:n_inside], end_ns, before_ns)
             for channel, each in zip(channels, data[:, :n_inside], strict=True):
                 column = values[:, channel], quality[:, channel]
-                came.fill(each, timeouts_ns[channel], silent, *column)
+                timeout_ns = timeouts_ns[channel]
+                silent = self._silent(end_ns, timeout_ns, off_bus=off_bus)
+                came.fill(each, timeout_ns, silent, *column)
                 received_ns[channel] = self.anchor_ns + int(t_ns[n_inside - 1])
             silent_channels.difference_update(channels)
         for channel in silent_channels:
-            old = end_ns - (received_ns[channel] - self.anchor_ns) > timeouts_ns[channel]
-            values[old, channel], quality[old, channel] = np.nan, silent
+            timeout_ns = timeouts_ns[channel]
+            old = end_ns - (received_ns[channel] - self.anchor_ns) > timeout_ns
+            values[old, channel] = np.nan
+            quality[old, channel] = self._silent(end_ns, timeout_ns, off_bus=off_bus)[old]
         self._n += n
         if n:
             self._held, self._held_quality = values[-1].copy(), quality[-1].copy()
         return values, quality
+
+    def _silent(self, end_ns: IntArray, timeout_ns: int, *, off_bus: bool) -> QualityArray:
+        """Return the quality of a value that is too old at the ends of ticks, (n,)."""
+        quality = np.full(len(end_ns), _OFF_BUS if off_bus else _STALE, dtype=np.uint8)
+        if self._is_after_gap and not off_bus:
+            quality[end_ns <= timeout_ns] = _GAP
+        return quality
 
     def note_times(self, received_ns: list[int]) -> None:
         """Note when the values of the open tick came, which a break forgets."""
@@ -262,13 +299,13 @@ class _Came:
         self,
         data: FloatArray,
         timeout_ns: int,
-        silent: int,
+        silent: QualityArray,
         values: FloatArray,
         quality: QualityArray,
     ) -> None:
         """Fill one channel's ticks, (n,), which hold the value from before them.
 
-        data : (m,) values; silent : Quality of a value that is too old
+        data : (m,) values; silent : (n,) quality of a value that is too old
         """
         n, tick, count = len(values), self._tick, self._count
         good = np.isfinite(data)
@@ -285,7 +322,7 @@ class _Came:
         np.copyto(values, mean[self._source], where=self._begun)
         np.copyto(quality, grade[self._source], where=self._begun)
         old = ~self._came & (self._age_ns > timeout_ns)
-        values[old], quality[old] = np.nan, silent
+        values[old], quality[old] = np.nan, silent[old]
 
 
 def assemble_arrays(

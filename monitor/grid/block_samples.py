@@ -11,12 +11,14 @@ from monitor.decode.block_decoder import BlockDecoder
 from monitor.decode.decoder import EXTENDED
 from monitor.frames.blocks import chosen
 from monitor.frames.blocks import joined as joined_frames
-from monitor.frames.loop_frames import BUS_STATE_ID, CLEARED_ID
+from monitor.frames.loop_frames import BUS_STATE_ID, CLEARED_ID, LOG_GAP_ID
 from monitor.grid.block_assembler import BlockAssembler, joined
 
 _FRAMES = 1 << 20  # decoded at once
 _NONE = np.empty(0, dtype=np.int64)
-_BUS_STATE, _CLEARED = BUS_STATE_ID | EXTENDED, CLEARED_ID | EXTENDED
+_BUS_STATE, _CLEARED, _GAP = (
+    can_id | EXTENDED for can_id in (BUS_STATE_ID, CLEARED_ID, LOG_GAP_ID)
+)
 
 
 class Clearing(NamedTuple):
@@ -80,6 +82,7 @@ class _Held:
         self._t_ns: list[IntArray] = []
         self._rows: list[IntArray] = []
         self._needed: list[FrameBlock] = []
+        self._gaps: list[IntArray] = []
         self.n = 0
 
     def push(self, block: FrameBlock) -> None:
@@ -88,19 +91,20 @@ class _Held:
         self._t_ns.append(block.t_ns)
         self._rows.append(rows + self.n)
         self._needed.append(chosen(block, rows))
+        self._gaps.append(np.flatnonzero(block.key == _GAP) + self.n)
         self.n += len(block.t_ns)
 
     def flush(self) -> SampleBlock:
         """Pass the frames on; return the samples that are complete."""
         if not self.n:
             return self._assembler.push(_NONE)
-        rows = np.concatenate(self._rows)
-        self._decoder.unmapped += self.n - len(rows)
+        rows, gaps = np.concatenate(self._rows), np.concatenate(self._gaps).tolist()
+        self._decoder.unmapped += self.n - len(rows) - len(gaps)
         needed = joined_frames(self._needed)
         decoded = [part._replace(rows=rows[part.rows]) for part in self._decoder.push(needed)]
         t_ns = np.concatenate(self._t_ns)
         self._clear()
-        return self._assembler.push(t_ns, decoded)
+        return self._assembler.push(t_ns, decoded, gaps)
 
 
 def _up_to_own(block: FrameBlock) -> Iterator[FrameBlock]:

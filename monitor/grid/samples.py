@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from monitor.base.types import Frame, Sample
 from monitor.decode.bus_map import BusMap
 from monitor.decode.decoder import Decoder
-from monitor.frames.loop_frames import BUS_STATE_ID, says_off
+from monitor.frames.loop_frames import BUS_STATE_ID, LOG_GAP_ID, says_off
 from monitor.grid.assembler import Assembler
 
 
@@ -23,6 +23,8 @@ class FrameSamples:
 
     def push(self, frame: Frame) -> Sequence[Sample]:
         """Take one frame and return the samples that are complete before it."""
+        if frame[1] == LOG_GAP_ID and frame[2]:
+            return self.assembler.gap(frame[0])
         samples = self.assembler.advance(frame[0])
         if samples is None:  # too late: counted, but not used
             samples, is_used = (), self.decoder.push(frame) is not None

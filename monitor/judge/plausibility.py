@@ -13,7 +13,9 @@ from monitor.base.types import BoolArray, FloatArray, Quality, QualityArray
 from monitor.model.card import Channel
 
 _ENGINE = ("engine_speed_rpm", "sensor_ready")  # tell whether the sensor can be heated
-_GOOD, _STALE, _INVALID, _OUT_OF_RANGE, _OFF_BUS, _PINNED = (int(quality) for quality in Quality)
+_GOOD, _STALE, _INVALID, _OUT_OF_RANGE, _OFF_BUS, _PINNED, _GAP = (
+    int(quality) for quality in Quality
+)
 _N_QUALITIES = len(Quality)
 _UNKNOWN, _NO, _YES = range(3)  # of a signal: it is not valid, below its threshold, above it
 
@@ -105,6 +107,9 @@ class Plausibility:
 
         told, engine : what ``sensor_ready`` and the engine's speed say
         """
+        if quality == _GAP:  # nobody knows how long the log paused, and whether the signal came
+            self._not_ready = 0
+            return
         ready = quality != _INVALID if told == _UNKNOWN else told == _YES
         gone = self._ready is not None and told == _UNKNOWN
         # a blank in a table reads as invalid; with the readiness blank, too, nothing came

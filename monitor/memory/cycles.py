@@ -33,6 +33,7 @@ _DUE: Final = frozenset(_ORDER[1:])  # counted once in each driving cycle
 _SECOND_NS: Final = 1_000_000_000  # driving is counted in steps of so much
 _HOURS_PER_NS: Final = 1.0 / 3.6e12
 _N_QUALITIES: Final = len(Quality)
+_UNKNOWN: Final = (Quality.OFF_BUS, Quality.GAP)  # of an engine not heard nothing is known
 # bits of a sample, as ``Cycles._codes`` packs them
 _RUNS, _MOVES, _WARM, _MILD, _LOW, _STANDS, _IDLES = (1 << bit for bit in range(7, 0, -1))
 
@@ -224,13 +225,13 @@ class Cycles:
             bits, heard = divmod(code, _N_QUALITIES)
             runs, stands = bits & _RUNS, bits & _STANDS
             if self._speed is None:
-                runs, stands = heard not in (Quality.STALE, Quality.OFF_BUS), 0
+                runs, stands = heard not in (Quality.STALE, *_UNKNOWN), 0
             if runs:
                 span = _Span(begin, end, until_ns)
                 self._run(span, self._flags(bits), coolant_degc, speed_km_h, until_ns, found)
                 continue
             self._denominator.interrupt()
-            if heard != Quality.OFF_BUS:  # else nothing is known of the engine
+            if heard not in _UNKNOWN:
                 elapsed_ns = until_ns.item(end) - until_ns.item(begin)
                 is_silent = heard == Quality.STALE
                 self._engine.stand(elapsed_ns, is_silent=is_silent, is_standing=bool(stands))

@@ -14,6 +14,7 @@ from monitor.frames.log_blocks import read_blocks
 from monitor.grid.block_assembler import BlockAssembler
 from monitor.grid.block_samples import Clearing, log_samples, whole
 from monitor.grid.tables import is_table, read_table, table_block
+from monitor.grid.timeline import Timeline
 from monitor.judge.causes import Source
 from monitor.model.card import ModelCard
 from monitor.pipeline.entry import (
@@ -96,13 +97,15 @@ class RecordingReader:
         log, decoder = LogCounters(), self._decoder
         decoder.restart()
         assembler = BlockAssembler.of(decoder, self._card.period_ns)
+        timeline = Timeline(decoder)
 
         def counters() -> dict[str, int]:
             check_received(path, decoder.counters, log.frames)
             counts = frame_counts(decoder.counters, assembler.counters, decoder.unmapped)
-            return counts | {"skipped": log.skipped}
+            return counts | timeline.counters.found | {"skipped": log.skipped}
 
-        parts = log_samples(read_blocks(path, log, self._parse), decoder, assembler)
+        blocks = timeline.blocks(read_blocks(path, log, self._parse))
+        parts = log_samples(blocks, decoder, assembler)
         return OpenRecording(
             path, self._names, parts, counters, self._sources, lambda: assembler.is_live
         )

@@ -22,7 +22,7 @@ class Pause:
 
 
 class PlayedBus(can.BusABC):
-    """Gives messages as fast as they are asked for; its clock follows them."""
+    """Gives messages as fast as they are asked for; its clock follows their times."""
 
     def __init__(self, script: Iterable[Frame | Pause | can.Message]) -> None:
         super().__init__(channel="played")
@@ -49,9 +49,14 @@ class PlayedBus(can.BusABC):
             left_s = item.seconds - (timeout or 0.0)
             self._pending = Pause(left_s) if left_s > 0 else None
             return None, False
-        return (message_of(item) if isinstance(item, Frame) else item), False
+        message = message_of(item) if isinstance(item, Frame) else item
+        if self._first_s is None:
+            self._first_s = message.timestamp - self.now_s
+        self.now_s = max(self.now_s, message.timestamp - self._first_s)
+        return message, False
 
     _pending: Any = None
+    _first_s: float | None = None  # of the messages' clock when the bus's own showed 0
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         self.sent.append(msg)

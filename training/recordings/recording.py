@@ -31,6 +31,7 @@ from monitor.grid.tables import (
     table_block,
     table_period_ns,
 )
+from monitor.grid.timeline import Timeline
 from monitor.model.card import TrainingRecording
 from training.recordings.measurement import is_measurement, read_measurement, union_of_times
 from training.recordings.table_files import write_table
@@ -180,7 +181,8 @@ def log_block(path: Path, bus_map: BusMap, names: Sequence[str], period_ns: int)
     """Return the samples of a CAN log, the same as those of the streaming pipeline."""
     decoder = BlockDecoder(bus_map, names)
     assembler = BlockAssembler.of(decoder, period_ns)
-    return whole(log_samples(read_blocks(path), decoder, assembler), len(names))[0]
+    blocks = Timeline(decoder).blocks(read_blocks(path))
+    return whole(log_samples(blocks, decoder, assembler), len(names))[0]
 
 
 def sha256(path: Path) -> str:

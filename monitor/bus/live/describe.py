@@ -33,6 +33,7 @@ _QUALITY: Final = {
     Quality.OUT_OF_RANGE: "out of range",
     Quality.OFF_BUS: "monitor is off the bus",
     Quality.PINNED: "at the end of its range",
+    Quality.GAP: "not received since the log paused",
 }
 _SIGNAL_OF: Final = {
     "coolant_warm": "coolant_temperature_degc",

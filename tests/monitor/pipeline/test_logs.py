@@ -14,7 +14,8 @@ from monitor.base import config
 from monitor.base.errors import RecordingError
 from monitor.base.types import Frame, FrameBlock, Sample, SampleBlock
 from monitor.decode.block_decoder import BlockDecoder
-from monitor.frames.blocks import block_of
+from monitor.frames.blocks import block_of, frames_of
+from monitor.frames.blocks import blocks_of as in_blocks
 from monitor.frames.candump import LogCounters
 from monitor.frames.logs import read_frames
 from monitor.frames.loop_frames import CLEARED_ID, time_mark
@@ -22,6 +23,7 @@ from monitor.grid import block_samples
 from monitor.grid.block_assembler import BlockAssembler
 from monitor.grid.block_samples import log_samples, whole
 from monitor.grid.samples import FrameSamples
+from monitor.grid.timeline import Timeline
 from monitor.judge.limits import Limits
 from monitor.memory.dtc import DtcStore
 from monitor.model.step import Model
@@ -121,12 +123,15 @@ def live(path: Path, setup: Setup) -> dict[str, Any]:
     pipeline = FramePipeline(setup.bus_map, setup.model, setup.limits, setup.config, store)
     sources = bus_sources(setup.bus_map, pipeline.monitor.names)
     collector = Collector(pipeline.monitor, sources=sources)
-    for frame in read_frames(path, log):
-        for event in pipeline.push(frame):
-            collector.push(event)
+    timeline = Timeline(BlockDecoder(setup.bus_map, pipeline.decoder.names))
+    for block in timeline.blocks(in_blocks(read_frames(path, log))):
+        for frame in frames_of(block):
+            for event in pipeline.push(frame):
+                collector.push(event)
     check_long_enough(path, pipeline.monitor.samples)
     check_received(path, pipeline.decoder.counters, log.frames)
-    return collector.result(str(path), None, frame_counters(pipeline) | {"skipped": log.skipped})
+    counters = frame_counters(pipeline) | timeline.counters.found | {"skipped": log.skipped}
+    return collector.result(str(path), None, counters)
 
 
 def replayed(path: Path, setup: Setup) -> dict[str, Any]:
