@@ -111,7 +111,8 @@ class Loop:
         with ExitStack() as stack:
             stack.callback(self._close)
             if self._record_path is None:
-                self._port.set_filters({*self.pipeline.decoder.identifiers, *self._wanted})
+                decoder = self.pipeline.decoder
+                self._port.set_filters({*decoder.identifiers, *self._wanted}, decoder.groups)
             else:
                 self._recorder = Recorder(self._record_path)
             receive, clock = self._port.receive, self.clock

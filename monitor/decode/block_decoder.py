@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from monitor.base.types import BoolArray, FloatArray, FrameBlock, IntArray
 from monitor.decode.bus_map import BusMap, Channel
 from monitor.decode.checksum import payload_checksums
-from monitor.decode.decoder import MessageCounters, by_message, counters_of
+from monitor.decode.decoder import EXTENDED, MessageCounters, by_message, counters_of
 from monitor.decode.decoder_source import (
     Conditions,
     Member,
@@ -23,6 +23,7 @@ from monitor.decode.decoder_source import (
     checksum_byte,
     last_byte,
 )
+from monitor.decode.parameter_groups import Sender, mask_of
 from monitor.decode.raw_values import (
     bit_position,
     not_available_raw,
@@ -55,11 +56,11 @@ class BlockDecoder:
     def __init__(self, bus_map: BusMap, names: Sequence[str]) -> None:
         self.names, self.channels, self.derived, self.timeouts_ns = bus_map.wanted(names)
         self._plans = {
-            key: Plan(members) for key, members in by_message(bus_map, self.channels).items()
+            key: Plan(key, members) for key, members in by_message(bus_map, self.channels).items()
         }
         self._is_needed = np.zeros(_STANDARD + 1, dtype=np.bool_)  # the last: any longer one
         self._is_needed[[key for key in self._plans if key < _STANDARD]] = True
-        self._beyond = [key for key in self._plans if key >= _STANDARD]
+        self._beyond = [plan.match for key, plan in self._plans.items() if key >= _STANDARD]
         self.restart()
 
     def restart(self) -> None:
@@ -74,8 +75,8 @@ class BlockDecoder:
         """
         found: list[Decoded] = []
         self.unmapped += len(block.key)
-        for key, message in self._messages.items():
-            rows = np.flatnonzero(block.key == key)
+        for message in self._messages.values():
+            rows = message.rows_of(block.key)
             self.unmapped -= len(rows)
             if len(rows):
                 found += message.push(rows, block.length[rows], block.data[rows])
@@ -89,8 +90,8 @@ class BlockDecoder:
     def needed(self, block: FrameBlock) -> IntArray:
         """Return which frames of a block are looked at, (m,) ascending."""
         is_needed = self._is_needed.take(block.key, mode="clip")
-        for key in self._beyond:
-            is_needed |= block.key == key
+        for mask, wanted in self._beyond:
+            is_needed |= (block.key & mask) == wanted
         return np.flatnonzero(is_needed)
 
     @property
@@ -102,8 +103,11 @@ class BlockDecoder:
 class Plan:
     """What is known of a message beforehand."""
 
-    def __init__(self, members: Sequence[Member]) -> None:
+    def __init__(self, key: int, members: Sequence[Member]) -> None:
         channel = members[0][1]
+        self.any_source, self.address = channel.any_source, key & 0xFF
+        mask = mask_of(key & ~EXTENDED) | EXTENDED if self.any_source else 0xFFFFFFFF
+        self.match = np.uint32(mask), np.uint32(key & mask)  # bits of a key, and their value
         message, integrity = channel.message, channel.integrity
         self.message, self.name, self.size = message, message.name, int(message.length)
         self.is_multiplexed = message.is_multiplexed()
@@ -157,7 +161,16 @@ class _MessageDecoder:
     def __init__(self, plan: Plan) -> None:
         self.plan = plan
         self.counts = [0] * len(Reason)
+        self._sender = Sender(plan.address) if plan.any_source else None
         self._last: NDArray[np.uint64] | None = None  # (1,) of the last frame that was sound
+
+    def rows_of(self, key: NDArray[np.uint32]) -> IntArray:
+        """Return which frames are of this message, (m,) ascending; their keys are (n,)."""
+        mask, wanted = self.plan.match
+        if self._sender is None:
+            return np.flatnonzero(key == wanted)
+        rows = np.flatnonzero((key & mask) == wanted)
+        return rows[self._sender.takes_of((key[rows] & 0xFF).astype(np.int64))]
 
     def push(self, rows: IntArray, length: Bytes, data: Bytes) -> list[Decoded]:
         """Return the parts that frames say: ``rows`` in their block, (m,), data (m, width)."""

@@ -6,6 +6,7 @@ where two provide the same canonical signal, the later pair wins.
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,6 +14,7 @@ from cantools.database import load_file
 from cantools.database.can import Database, Message, Signal
 
 from monitor.base.errors import SignalMapError
+from monitor.decode.parameter_groups import is_any_source
 from monitor.decode.signal_map import Derived, Integrity, MappedSignal, SignalMap, load_signal_map
 
 Pair = tuple[Path, Path]  # DBC, signal map
@@ -37,6 +39,7 @@ class Channel:
     integrity: Integrity
     dbc: Path
     map_path: Path
+    any_source: bool = False  # its message is known by the parameter group, whoever sends it
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,12 +128,16 @@ def _channel(mapped: MappedSignal, signal_map: SignalMap, database: Database, db
     try:
         message = database.get_message_by_name(mapped.message)
     except KeyError:
-        raise SignalMapError(f"{where} message {mapped.message}, which {dbc} lacks") from None
+        like = _alike(mapped.message, [message.name for message in database.messages])
+        place = f"message {mapped.message}, which {dbc} lacks"
+        raise SignalMapError(f"{where} {place}{like}") from None
     integrity = signal_map.integrity_of(mapped.message)
-    present = {signal.name for signal in message.signals}
+    present = [signal.name for signal in message.signals]
     for wanted in (mapped.signal, integrity.counter, integrity.checksum):
         if wanted and wanted not in present:
-            raise SignalMapError(f"{where} signal {mapped.message}.{wanted}, which {dbc} lacks")
+            like = _alike(wanted, present)
+            place = f"signal {mapped.message}.{wanted}, which {dbc} lacks"
+            raise SignalMapError(f"{where} {place}{like}")
     return Channel(
         mapped=mapped,
         message=message,
@@ -138,7 +145,15 @@ def _channel(mapped: MappedSignal, signal_map: SignalMap, database: Database, db
         integrity=integrity,
         dbc=dbc,
         map_path=signal_map.path,
+        any_source=is_any_source(message, database),
     )
+
+
+def _alike(wanted: str, present: Sequence[str]) -> str:
+    """Return which names are nearest to one that is not there, in words; "" if none is near."""
+    by_small = {name.lower(): name for name in present}
+    near = get_close_matches(wanted.lower(), by_small, n=3, cutoff=0.5)
+    return f"; did you mean {' or '.join(by_small[name] for name in near)}?" if near else ""
 
 
 def _check_overlap(channels: dict[str, Channel]) -> None:

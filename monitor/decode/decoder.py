@@ -12,6 +12,7 @@ from monitor.base.types import Frame, Update
 from monitor.decode.bus_map import BusMap
 from monitor.decode.decoder_source import Decode, Member, Reason, build_decoder
 from monitor.decode.open_tick import Received
+from monitor.decode.parameter_groups import Sender, group_of, mask_of
 
 EXTENDED = 1 << 31  # set in the key of a 29-bit identifier
 
@@ -48,12 +49,18 @@ class Decoder:
         self.unmapped = 0  # frames under identifiers nobody asked for
         self.received = Received(len(self.channels))  # what ``receive`` adds to
         self._handlers: dict[int, Decode] = {}
+        self._groups: dict[int, tuple[Sender, Decode]] = {}  # by parameter group
         self._resets: list[Callable[[], None]] = []
         self._counts: dict[str, list[int]] = {}
         for key, members in by_message(bus_map, self.channels).items():
             counts = [0] * len(Reason)
             decode, reset = build_decoder(members, counts, self.received)
-            self._handlers[key] = decode
+            if members[0][1].any_source:
+                sender = Sender(key & 0xFF)
+                self._groups[group_of(key & ~EXTENDED)] = sender, decode
+                self._resets.append(sender.reset)
+            else:
+                self._handlers[key] = decode
             self._resets.append(reset)
             self._counts[members[0][1].message.name] = counts
 
@@ -65,9 +72,20 @@ class Decoder:
         t_ns, can_id, is_extended, data = frame
         handler = self._handlers.get(can_id | EXTENDED if is_extended else can_id)
         if handler is None:
-            self.unmapped += 1
-            return False
+            return self._receive_group(frame) if self._groups and is_extended else self._pass()
         return handler(data, t_ns)
+
+    def _receive_group(self, frame: Frame) -> bool:
+        """Add what a frame of a parameter group says."""
+        t_ns, can_id, _, data = frame
+        sender, decode = self._groups.get(group_of(can_id), (None, None))
+        if sender is None or decode is None or not sender.takes(can_id & 0xFF):
+            return self._pass()
+        return decode(data, t_ns)
+
+    def _pass(self) -> bool:
+        self.unmapped += 1
+        return False
 
     def push(self, frame: Frame) -> Update | None:
         """Return what one frame says by itself, with the counters but without ``received``.
@@ -89,6 +107,11 @@ class Decoder:
     def identifiers(self) -> tuple[tuple[int, bool], ...]:
         """Return (identifier, is_extended) of every needed message, for filters on the bus."""
         return tuple((key & (EXTENDED - 1), key >= EXTENDED) for key in self._handlers)
+
+    @property
+    def groups(self) -> tuple[tuple[int, int], ...]:
+        """Return (parameter group, its mask) of every needed message that anyone may send."""
+        return tuple((group, mask_of(group)) for group in self._groups)
 
     @property
     def counters(self) -> dict[str, MessageCounters]:

@@ -91,11 +91,19 @@ class Port:
         """Return whether the monitor cannot hear the bus."""
         return self._health.state in OFF
 
-    def set_filters(self, identifiers: Collection[tuple[int, bool]]) -> None:
-        """Receive only these frames, given as identifier and whether it has 29 bits."""
+    def set_filters(
+        self, identifiers: Collection[tuple[int, bool]], groups: Collection[tuple[int, int]] = ()
+    ) -> None:
+        """Receive only these frames, given as identifier and whether it has 29 bits.
+
+        groups : bits of 29-bit identifiers and their mask
+        """
         self._filters = [
             {"can_id": can_id, "can_mask": 0x1FFFFFFF if long else 0x7FF, "extended": long}
             for can_id, long in sorted(identifiers)
+        ]
+        self._filters += [
+            {"can_id": group, "can_mask": mask, "extended": True} for group, mask in sorted(groups)
         ]
         if self._bus:
             self._bus.set_filters(self._filters)

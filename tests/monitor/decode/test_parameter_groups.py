@@ -1,0 +1,114 @@
+"""J1939: a message is known by its parameter group, whatever its source address."""
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from monitor.base.errors import SignalMapError
+from monitor.base.types import Frame
+from monitor.decode.block_decoder import BlockDecoder
+from monitor.decode.bus_map import BusMap, load_pairs
+from monitor.decode.decoder import Decoder
+from monitor.frames.blocks import block_of
+
+EEC1 = 0x0CF00400  # engine speed, from the engine at address 0
+HEADER = 'VERSION ""\nNS_ :\nBS_:\nBU_: ECM\n'
+MESSAGE = (
+    'BO_ {number} {name}: 8 ECM\n SG_ EngSpeed : 24|16@1+ (0.125,0) [0|8031] "rpm" Vector__XXX\n'
+)
+ATTRIBUTES = (
+    'BA_DEF_ BO_ "VFrameFormat" ENUM "StandardCAN","ExtendedCAN","reserved","J1939PG";\n'
+    'BA_DEF_DEF_ "VFrameFormat" "J1939PG";\n'
+)
+MAP = '[signals]\nengine_speed_rpm = { message = "EEC1", signal = "EngSpeed" }\n'
+
+
+def bus(folder: Path, address: int, other: int | None = None) -> BusMap:
+    """Return a map whose database states a source address, and perhaps a second sender."""
+    text = HEADER + MESSAGE.format(number=EEC1 + address | 1 << 31, name="EEC1")
+    if other is not None:
+        text += MESSAGE.format(number=EEC1 + other | 1 << 31, name="EEC1_other")
+    dbc, map_path = folder / "truck.dbc", folder / "truck.toml"
+    dbc.write_text(text + ATTRIBUTES)
+    map_path.write_text(MAP)
+    return load_pairs([(dbc, map_path)])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("j1939")
+
+
+def speed(t_ns: int, source: int, rpm: float, priority: int = 3) -> Frame:
+    raw = round(rpm / 0.125).to_bytes(2, "little")
+    can_id = priority << 26 | 0xF00400 | source
+    return Frame(t_ns, can_id, True, bytes(3) + raw + bytes(3))
+
+
+def decoded(bus_map: BusMap, frames: list[Frame]) -> list[float]:
+    """Return the values that a stream of frames gives."""
+    decoder = Decoder(bus_map, bus_map.names)
+    updates = (decoder.push(frame) for frame in frames)
+    return [update[1][0] for update in updates if update is not None]
+
+
+def test_a_wrong_source_address_in_the_database_hides_no_message(folder: Path) -> None:
+    # GIVEN a database that states address 3, and an engine that sends under 0 and another priority
+    frames = [speed(1, 0, 800.0), speed(2, 0, 900.0, priority=6)]
+    # THEN its frames are decoded
+    assert decoded(bus(folder, 3), frames) == [800.0, 900.0]
+
+
+def test_of_several_senders_the_first_counts_until_the_stated_one_is_heard(folder: Path) -> None:
+    frames = [speed(1, 7, 700.0), speed(2, 9, 1.0), speed(3, 0, 800.0), speed(4, 7, 701.0)]
+    assert decoded(bus(folder, 0), frames) == [700.0, 800.0]
+
+
+def test_senders_that_the_database_parts_are_known_by_their_addresses(folder: Path) -> None:
+    frames = [speed(1, 0, 800.0), speed(2, 1, 900.0), speed(3, 5, 1.0)]
+    assert decoded(bus(folder, 0, other=1), frames) == [800.0]
+
+
+@settings(max_examples=40)
+@given(
+    sources=st.lists(st.sampled_from([0, 3, 7]), min_size=1, max_size=12),
+    cuts=st.lists(st.integers(1, 11), max_size=4),
+)
+def test_blocks_take_the_frames_that_a_stream_takes(
+    folder: Path, sources: list[int], cuts: list[int]
+) -> None:
+    bus_map = bus(folder, 3)
+    frames = [speed(k, source, 800.0 + k) for k, source in enumerate(sources)]
+    decoder, found = BlockDecoder(bus_map, bus_map.names), []
+    edges = sorted({0, *(c for c in cuts if c < len(frames)), len(frames)})
+    for begin, end in zip(edges, edges[1:], strict=False):
+        block = block_of(frames[begin:end])
+        assert decoder.needed(block).tolist() == list(range(end - begin))
+        for part in decoder.push(block):
+            found += part.values[0].tolist()
+    assert found == decoded(bus_map, frames)
+    stream = Decoder(bus_map, bus_map.names)
+    for frame in frames:
+        stream.receive(frame)
+    assert decoder.unmapped == stream.unmapped
+
+
+@pytest.mark.parametrize(
+    ("wanted", "line"),
+    [
+        ('message = "EEC1", signal = "EngSped"', "did you mean EngSpeed?"),
+        ('message = "EEC", signal = "EngSpeed"', "did you mean EEC1"),
+    ],
+    ids=["signal", "message"],
+)
+def test_a_misspelt_name_in_a_map_is_named_with_the_nearest_ones(
+    folder: Path, wanted: str, line: str
+) -> None:
+    bus(folder, 0)
+    wrong = folder / "wrong.toml"
+    wrong.write_text(f"[signals]\nengine_speed_rpm = {{ {wanted} }}\n")
+    with pytest.raises(SignalMapError, match="wants") as raised:
+        load_pairs([(folder / "truck.dbc", wrong)])
+    assert line in str(raised.value)
