@@ -1,5 +1,6 @@
 """J1939: a message is known by its parameter group, whatever its source address."""
 
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -83,7 +84,7 @@ def test_blocks_take_the_frames_that_a_stream_takes(
     frames = [speed(k, source, 800.0 + k) for k, source in enumerate(sources)]
     decoder, found = BlockDecoder(bus_map, bus_map.names), []
     edges = sorted({0, *(c for c in cuts if c < len(frames)), len(frames)})
-    for begin, end in zip(edges, edges[1:], strict=False):
+    for begin, end in pairwise(edges):
         block = block_of(frames[begin:end])
         assert decoder.needed(block).tolist() == list(range(end - begin))
         for part in decoder.push(block):
