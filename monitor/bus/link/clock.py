@@ -19,7 +19,7 @@ from monitor.grid.timeline import TimeCounters
 SILENCE_S: Final = 0.5  # silence after which time marks are made
 FIRST_FRAME_S: Final = 10.0  # the same before the first frame; bus time is then wall-clock time
 BEHIND_S: Final = 0.1  # a time mark lags by this, so that a frame arriving now is not late
-AGREEING: Final = 3  # doubtful frames in a row with one new time that mean a clock step
+AGREEING: Final = 10  # doubtful frames in a row with one new time that mean a clock step
 EARLY_S: Final = 0.2  # so much earlier than any other a frame may seem to arrive
 DRIFT: Final = 1e-3  # by which the interface's clock and the monotonic clock may differ
 
@@ -35,8 +35,8 @@ class Clock:
         self.counters = TimeCounters()
         self.shift_ns = 0  # believed time is the frame's time less this
         self._monotonic_s, self._pause_ns = monotonic_s, pause_ns
-        self._last_ns = time.time_ns() // 1000 * 1000  # until the first frame sets it
-        self._newest_ns = self._last_ns  # of the last frame and the marks since
+        self._last_ns = time.time_ns() // 1000 * 1000  # of the frames; until the first now
+        self._newest_ns = self._last_ns  # of the frames and marks
         self._received_s = monotonic_s()
         self._heard = self._has_made = False
         self._sure_ns = -LATEST_NS  # the clock is not asked for frame times up to this
@@ -45,9 +45,9 @@ class Clock:
 
     @property
     def t_ns(self) -> int:
-        """Return the bus time now; it is never before the last frame's time."""
+        """Return the bus time now; it is never before the last frame's or mark's time."""
         passed_s = self._monotonic_s() - self._received_s - BEHIND_S
-        return self._last_ns + max(round(passed_s * 1e6), 0) * 1000
+        return max(self._last_ns + max(round(passed_s * 1e6), 0) * 1000, self._newest_ns)
 
     def heard(self, t_ns: int, now_s: float) -> bool:
         """Take the time of a frame that arrived at ``now_s``, if it is believed as it is.
@@ -66,12 +66,13 @@ class Clock:
             self._begin(frame.t_ns, now_s)
         t_ns = frame.t_ns - self.shift_ns
         lead_s = frame.t_ns * 1e-9 - now_s
-        if t_ns < self._newest_ns - self._pause_ns or lead_s > self._lead_s + EARLY_S:
+        if t_ns < self._last_ns - self._pause_ns or lead_s > self._lead_s + EARLY_S:
             t_ns = self._doubt(frame.t_ns, now_s)
         else:
             self._believe(
                 t_ns, now_s, max(lead_s, self._lead_s - DRIFT * (now_s - self._lead_at_s))
             )
+        t_ns = max(t_ns, self._newest_ns - self._pause_ns)  # it came long after a mark: it is late
         frame = frame._replace(t_ns=t_ns)
         ends_pause = t_ns > self._newest_ns + self._pause_ns
         self._newest_ns = max(self._newest_ns, t_ns)
@@ -95,7 +96,7 @@ class Clock:
         """
         self.counters.outliers += self._n_doubted
         self._n_doubted = 0
-        self._last_ns, self._received_s = max(t_ns, self._newest_ns), now_s
+        self._last_ns, self._received_s = max(t_ns, self._last_ns), now_s
         self._lead_s, self._lead_at_s = lead_s, now_s
         self._sure_ns = -LATEST_NS if self.shift_ns else round((now_s + lead_s + EARLY_S) * 1e9)
 
@@ -108,7 +109,7 @@ class Clock:
             self._n_doubted = 0
         self._n_doubted += 1
         self._doubted_ns, self._doubted_s, self._sure_ns = raw_ns, now_s, -LATEST_NS
-        t_ns = max(self.t_ns, self._newest_ns)
+        t_ns = self.t_ns
         if self._n_doubted == AGREEING:
             self.counters.clock_steps += 1
             self._n_doubted = 0
@@ -119,7 +120,7 @@ class Clock:
     def made(self) -> int:
         """Return the bus time of a frame that the loop makes now."""
         self._has_made = True
-        self._newest_ns = max(self._newest_ns, self.t_ns)
+        self._newest_ns = self.t_ns
         return self._newest_ns
 
     def mark(self) -> Frame | None:

@@ -1,0 +1,177 @@
+"""Bus time of the live loop: a frame's time is measured against a monotonic clock."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fuzz_times import BEGIN_NS, Arriving, S, arrivals, healthy, jumping, lived
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from monitor.base import config
+from monitor.base.types import Frame, FrameBlock
+from monitor.bus.link.clock import AGREEING, Clock
+from monitor.bus.loop import Loop
+from monitor.frames.blocks import chosen, joined
+from monitor.frames.logs import read_frames
+from monitor.frames.loop_frames import is_own
+from monitor.report import replay
+from tests.helpers.batch_logs import MS
+from tests.helpers.played_bus import judged
+
+SETUP = replay.set_up(None, (), config.load())
+DRIVE = healthy(40.0)
+MIDDLE = len(DRIVE.t_ns) // 2
+TRUE_S = (DRIVE.t_ns - BEGIN_NS) / S
+ARRIVALS_S = (TRUE_S + 0.002).tolist()
+PAUSE_NS = 300 * MS
+
+
+def moved(frames: FrameBlock, places: slice, step_s: float) -> FrameBlock:
+    t_ns = frames.t_ns.copy()
+    t_ns[places] += round(step_s * S)
+    return frames._replace(t_ns=t_ns)
+
+
+@pytest.mark.parametrize("step_s", [3.0, 59.0, 3600.0, -1.0, -3600.0])
+def test_a_clock_that_steps_on_a_live_bus_changes_nothing(step_s: float) -> None:
+    found = lived(moved(DRIVE, slice(MIDDLE, None), step_s), ARRIVALS_S, SETUP)
+    assert (found.codes, found.cycles) == ((), 0)
+    assert found.times.found == {"clock_steps": 1}
+    assert abs(found.judged["samples"] - 399) <= 2
+
+
+def test_frames_stamped_wrongly_on_a_live_bus_change_nothing() -> None:
+    wrong = DRIVE
+    for place, step_s in ((MIDDLE, 4.0), (MIDDLE + 1, 3600.0), (MIDDLE + 9, -4.0)):
+        wrong = moved(wrong, slice(place, place + 1), step_s)
+    found = lived(wrong, ARRIVALS_S, SETUP)
+    assert (found.codes, found.cycles) == ((), 0)
+    assert found.times.found == {"outliers": 3}
+    assert abs(found.judged["samples"] - 399) <= 1
+
+
+@pytest.mark.parametrize("step_s", [0.0, 3600.0, -3600.0])
+def test_a_bus_that_is_silent_by_the_monotonic_clock_is_missed_whatever_its_counters_say(
+    step_s: float, tmp_path: Path
+) -> None:
+    # GIVEN a bus that is silent for five seconds and then goes on as if nothing had been,
+    # its clock set meanwhile or not
+    rest = moved(chosen(DRIVE, slice(MIDDLE, None)), slice(None), 5.0 + step_s)
+    frames = joined([chosen(DRIVE, slice(0, MIDDLE)), rest])
+    arrivals_s = np.concatenate([TRUE_S[:MIDDLE], TRUE_S[MIDDLE:] + 5.0])
+    bus = Arriving(frames, arrivals_s.tolist())
+    record = tmp_path / "silent.log"
+    with bus:
+        loop = Loop(bus, SETUP, record=record, say=lambda _: None, monotonic_s=lambda: bus.now_s)
+        bus.loop = loop
+        loop.run()
+    live = loop.result("silent")
+    # THEN the lost communication is a code, in the run and in the replay of its recording
+    assert [dtc["code"] for dtc in live["dtcs"]] == ["U0100"]
+    again, _ = replay.replay(record, SETUP)
+    assert judged(again) == judged(live)
+    assert live["counters"].get("clock_steps", 0) == (step_s != 0.0)
+
+
+def test_a_pause_in_which_values_go_stale_ends_with_a_time_mark_in_the_recording(
+    tmp_path: Path,
+) -> None:
+    # GIVEN a bus that pauses for less than it takes to make time marks
+    rest = moved(chosen(DRIVE, slice(MIDDLE, None)), slice(None), 0.4)
+    arrivals_s = np.concatenate([TRUE_S[:MIDDLE], TRUE_S[MIDDLE:] + 0.4])
+    bus = Arriving(joined([chosen(DRIVE, slice(0, MIDDLE)), rest]), arrivals_s.tolist())
+    record = tmp_path / "pause.log"
+    with bus:
+        loop = Loop(bus, SETUP, record=record, say=lambda _: None, monotonic_s=lambda: bus.now_s)
+        bus.loop = loop
+        loop.run()
+    frames = list(read_frames(record))
+    _, mark = [place for place, frame in enumerate(frames) if is_own(frame)]
+    assert frames[mark].t_ns == frames[mark + 1].t_ns
+    again, _ = replay.replay(record, SETUP)
+    assert judged(again) == judged(loop.result("pause"))
+
+
+@settings(max_examples=8, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    rate=st.sampled_from([1e-3, 1e-2, 0.1]),
+    kind=st.sampled_from(["steps", "stamps", "both"]),
+)
+def test_no_clock_and_no_stamps_set_a_code_on_a_live_bus_and_the_replay_agrees(
+    seed: int, rate: float, kind: str
+) -> None:
+    drive = healthy(15.0)
+    rng = np.random.default_rng(seed)
+    frames = jumping(drive, rng, rate, kind)
+    found = lived(frames, arrivals(drive.t_ns, rng), SETUP)  # raises where the replay differs
+    assert (found.codes, found.cycles) == ((), 0)
+
+
+class Bench:
+    """A clock and the time that passes."""
+
+    def __init__(self) -> None:
+        self.now_s = 100.0
+        self.clock = Clock(lambda: self.now_s, PAUSE_NS)
+
+    def hear(self, t_s: float, passed_s: float = 0.01) -> Iterator[float]:
+        """Yield the believed times, in s, of a frame that arrives after some time."""
+        self.now_s += passed_s
+        frame = Frame(round(t_s * S), 1, False, b"")
+        if self.clock.heard(frame.t_ns, self.now_s):
+            yield t_s
+            return
+        for each in self.clock.weighed(frame, self.now_s):
+            if not is_own(each):
+                yield each.t_ns / S
+
+
+def test_frames_that_gathered_while_the_process_stood_still_are_believed() -> None:
+    bench = Bench()
+    times_s = [1000.0 + k / 100 for k in range(100)]
+    arrived = [0.01] * 50 + [5.0] + [0.0] * 49
+    believed = [
+        t for t, passed_s in zip(times_s, arrived, strict=True) for t in bench.hear(t, passed_s)
+    ]
+    assert believed == times_s
+    # and what was lost when the socket's buffer was full is a pause
+    assert list(bench.hear(1005.0, 0.0)) == [1005.0]
+    assert bench.clock.counters.found == {}
+
+
+def test_a_clock_that_drifts_is_believed_for_ever() -> None:
+    bench = Bench()
+    for k in range(1, 40_000):
+        assert next(bench.hear(1000.0 + 0.1 * k * 1.0004, 0.1)) > 0.0
+    for k in range(1, 40_000):
+        assert next(bench.hear(5_001.6 + 0.1 * k * 0.9996, 0.1)) > 0.0
+    assert bench.clock.counters.found == {}
+
+
+@pytest.mark.parametrize("first_s", [0.0, -1.0, 1e12, 5.0])
+def test_a_first_frame_of_any_time_does_not_break_with_the_marks_before_it(first_s: float) -> None:
+    bench = Bench()
+    bench.now_s += 11.0
+    mark = bench.clock.mark()
+    assert mark is not None
+    (believed_s,) = bench.hear(first_s)
+    assert 0.0 <= believed_s - mark.t_ns / S < 0.2
+    (second_s,) = bench.hear(first_s + 0.01)
+    assert 0.0 <= second_s - believed_s < 0.2
+
+
+def test_so_many_doubtful_frames_as_agree_are_a_clock_step_and_fewer_are_outliers() -> None:
+    bench = Bench()
+    for k in range(20):
+        list(bench.hear(1000.0 + k / 100))
+    for k in range(AGREEING - 1):
+        list(bench.hear(2000.0 + k / 100))
+    list(bench.hear(1000.0 + (20 + AGREEING) / 100))
+    assert bench.clock.counters.found == {"outliers": AGREEING - 1}
+    for k in range(AGREEING):
+        list(bench.hear(2000.0 + k / 100))
+    assert bench.clock.counters.found == {"outliers": AGREEING - 1, "clock_steps": 1}
+    assert next(bench.hear(2000.0 + AGREEING / 100)) < 1001.0

@@ -1,0 +1,135 @@
+"""Times of a log's frames: a clock that steps and wrong stamps set no code, true silence does.
+
+The long form is ``benchmarks/fuzz_times.py``.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from fuzz_times import BEGIN_NS, Found, S, healthy, jumping, replayed, without_counters
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from monitor.base import config
+from monitor.base.types import FrameBlock
+from monitor.frames.blocks import chosen, joined
+from monitor.report import replay
+from tests.helpers.bad_logs import LAMBDA_ID
+from tests.helpers.batch_logs import MS
+
+SETUP = replay.set_up(None, (), config.load())
+BARE = without_counters(SETUP)  # the same map without alive counters
+DRIVE = healthy(60.0)
+UNTOUCHED = replayed(DRIVE, SETUP)
+MIDDLE = len(DRIVE.t_ns) // 2
+FOREIGN = 0x333
+
+
+def later(frames: FrameBlock, place: int, step_s: float, n: int | None = None) -> FrameBlock:
+    """Return frames of which those from a place on, or n of them, are stamped later."""
+    t_ns = frames.t_ns.copy()
+    t_ns[place : None if n is None else place + n] += round(step_s * S)
+    return frames._replace(t_ns=t_ns)
+
+
+def without(frames: FrameBlock, begin_s: float, end_s: float) -> FrameBlock:
+    """Return frames without those of some seconds."""
+    t_s = (frames.t_ns - BEGIN_NS) / S
+    return chosen(frames, (t_s < begin_s) | (t_s >= end_s))
+
+
+def counts(found: Found) -> tuple[int, int, int]:
+    return found.times.clock_steps, found.times.log_gaps, found.times.outliers
+
+
+@pytest.mark.parametrize("step_s", [0.5, 3.0, 17.3, 59.0, 61.0, 3600.0, -1.0, -3600.0])
+def test_a_clock_that_steps_while_the_alive_counters_go_on_changes_nothing(step_s: float) -> None:
+    found = replayed(later(DRIVE, MIDDLE, step_s), SETUP)
+    assert (found.codes, found.cycles, counts(found)) == ((), 0, (1, 0, 0))
+    assert found.judged["samples"] == UNTOUCHED.judged["samples"]
+
+
+@pytest.mark.parametrize("step_s", [3.0, 59.0, 3600.0])
+def test_without_alive_counters_a_pause_of_the_log_ends_the_window_and_sets_no_code(
+    step_s: float,
+) -> None:
+    found = replayed(later(DRIVE, MIDDLE, step_s), BARE)
+    assert (found.codes, found.cycles, counts(found)) == ((), 0, (0, 1, 0))
+    # 26 of them in a row would be a code, were they silence
+    many = DRIVE
+    for place in range(MIDDLE, MIDDLE + 2000, 30):
+        many = later(many, place, step_s)
+    found = replayed(many, BARE)
+    assert (found.codes, found.cycles) == ((), 0)
+    assert found.times.log_gaps > 60
+
+
+@pytest.mark.parametrize("places", [(0, 1, 2), (0, 50, 3000)])
+def test_frames_stamped_wrongly_set_no_code_and_begin_no_driving_cycle(
+    places: Sequence[int],
+) -> None:
+    wrong = DRIVE
+    for place, step_s in zip(places, (4.0, 3600.0, 4.0), strict=True):
+        wrong = later(wrong, MIDDLE + place, step_s, n=1)
+    found = replayed(wrong, SETUP)
+    assert (found.codes, found.cycles, counts(found)) == ((), 0, (0, 0, 3))
+    assert found.judged["samples"] == UNTOUCHED.judged["samples"]
+
+
+def test_a_log_whose_alive_counters_miss_the_frames_of_a_pause_was_silent() -> None:
+    found = replayed(without(DRIVE, 30.0, 35.0), SETUP)
+    assert (found.codes, counts(found)) == (("U0100",), (0, 0, 0))
+    # of a pause after which every counter stands where it would without one nothing is known
+    found = replayed(without(DRIVE, 30.0, 46.0), SETUP)
+    assert (found.codes, counts(found)) == ((), (0, 1, 0))
+
+
+def test_a_message_that_stays_away_while_others_go_on_is_missed() -> None:
+    found = replayed(
+        chosen(DRIVE, (DRIVE.key != LAMBDA_ID) | (DRIVE.t_ns < BEGIN_NS + 30 * S)), BARE
+    )
+    assert (found.codes, counts(found)) == (("U0100",), (0, 0, 0))
+
+
+def test_one_slow_message_that_comes_on_time_shows_that_all_others_are_silent() -> None:
+    # GIVEN a bus on which a foreign message comes once a second
+    t_ns = np.arange(BEGIN_NS, BEGIN_NS + 60 * S, S, dtype=np.int64) + 500 * MS
+    width = DRIVE.data.shape[1]
+    foreign = FrameBlock(
+        t_ns,
+        np.full(len(t_ns), FOREIGN, np.uint32),
+        np.full(len(t_ns), 8, np.uint8),
+        np.zeros((len(t_ns), width), np.uint8),
+    )
+    both = joined([without(DRIVE, 30.0, 60.0), foreign])
+    # WHEN the ECU falls silent, and its map knows no alive counter
+    found = replayed(chosen(both, np.argsort(both.t_ns, kind="stable")), BARE)
+    # THEN the foreign message is witness enough
+    assert found.codes == ("U0100",)
+
+
+def test_an_engine_start_behind_a_pause_of_the_log_still_begins_a_driving_cycle() -> None:
+    # GIVEN two drives in one log, ten minutes between them, the ECU's counters anew
+    second = DRIVE._replace(t_ns=DRIVE.t_ns + 660 * S)
+    found = replayed(joined([chosen(DRIVE, slice(0, -3)), second]), SETUP)
+    assert (found.codes, found.cycles) == ((), 1)
+
+
+@settings(max_examples=12, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    rate=st.sampled_from([1e-4, 1e-3, 1e-2, 0.1]),
+    kind=st.sampled_from(["steps", "stamps", "both"]),
+    has_counters=st.booleans(),
+)
+def test_no_clock_and_no_stamps_set_a_code_or_begin_a_driving_cycle(
+    seed: int, rate: float, kind: str, has_counters: bool
+) -> None:
+    frames = jumping(healthy(30.0), np.random.default_rng(seed), rate, kind)
+    setup = SETUP if has_counters else BARE
+    found = replayed(frames, setup)
+    assert (found.codes, found.cycles) == ((), 0)
+    # no result depends on where blocks begin
+    again = replayed(frames, setup, size=997)
+    assert (again.judged, again.times) == (found.judged, found.times)
