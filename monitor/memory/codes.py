@@ -1,5 +1,7 @@
 """The trouble codes of each fault, and the test that finds it. Source of the codes: SAE J2012."""
 
+from typing import Final
+
 CODES: dict[str, tuple[str, ...]] = {
     "slow_rich_to_lean": ("P014C",),
     "slow_lean_to_rich": ("P014D",),
@@ -19,7 +21,11 @@ CODES: dict[str, tuple[str, ...]] = {
     "signal_missing": ("U0100",),
     "signal_invalid": ("U0401",),
     "bus_off": ("U0001",),  # the monitor itself is off the bus, so no sender is blamed
+    "memory_lost": ("P062F",),
 }
+LOST: Final = "memory_lost"  # the fault memory was damaged and begun anew
+# Faults of the monitor, not of the vehicle: they never set the fault flag, see ``DtcStore``.
+OF_MONITOR: Final = frozenset({LOST})
 # test → faults that it can find
 TESTS: dict[str, tuple[str, ...]] = {
     "response": tuple(
@@ -30,6 +36,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "communication": ("signal_missing", "signal_invalid", "bus_off"),
     "range": ("out_of_range",),
     "ready": ("not_ready",),
+    "memory": (LOST,),
 }
 # Tests that judge every sample; they have no in-use performance ratio (13 CCR 1968.2 (d)(3.2)).
 CONTINUOUS = ("communication", "range", "ready")

@@ -1,5 +1,6 @@
 """The fault memory on disk: what it has stored outlives the process, whatever ends it."""
 
+import json
 import sqlite3
 import subprocess
 import sys
@@ -15,6 +16,7 @@ from hypothesis import strategies as st
 from monitor.base.config import shipped
 from monitor.base.errors import RecordingError
 from monitor.memory import obd_records
+from monitor.memory.content import checksum_of
 from monitor.memory.dtc import CODES, TESTS, Dtc, DtcStore, Saved, Status
 from monitor.memory.reference import Reference, Seen
 from monitor.memory.store import SCHEMA_VERSION, Memory
@@ -201,7 +203,7 @@ def test_a_memory_of_an_older_schema_is_brought_up_to_date(tmp_path: Path, versi
         assert saved == Saved((old,))
         assert memory.reference("sha").drives == (4 if version == 2 else 0)
         with closing(sqlite3.connect(path)) as db:
-            assert db.execute("PRAGMA user_version").fetchone() == (3,)
+            assert db.execute("PRAGMA user_version").fetchone() == (SCHEMA_VERSION,)
         # and the code is confirmed when it fails again
         store = DtcStore(saved)
         store.fail("transient", 7)
@@ -209,11 +211,22 @@ def test_a_memory_of_an_older_schema_is_brought_up_to_date(tmp_path: Path, versi
     assert DtcStore(reopened(path)).active[0].state == "confirmed"
 
 
+def make_newer(path: Path) -> None:
+    """Make a memory as a later version would."""
+    Memory(path).close()
+    head = ["head", SCHEMA_VERSION + 1, "memory", 7, "", "digest"]
+    with closing(sqlite3.connect(path)) as db:
+        db.execute("DELETE FROM head")
+        db.execute(
+            "INSERT INTO head VALUES (?, ?, ?, ?, ?, ?)", [*head[1:], checksum_of(json.dumps(head))]
+        )
+        db.execute(f"PRAGMA user_version={SCHEMA_VERSION + 1}")
+        db.commit()
+
+
 def test_another_schema_version_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "dtc.db"
-    Memory(path).close()
-    with closing(sqlite3.connect(path)) as db:
-        db.execute(f"PRAGMA user_version={SCHEMA_VERSION + 1}")
+    make_newer(path)
     with pytest.raises(
         RecordingError, match=rf"dtc\.db: .* schema {SCHEMA_VERSION + 1}, wanted {SCHEMA_VERSION}"
     ):
@@ -226,14 +239,6 @@ def test_an_unknown_code_in_the_memory_is_refused(tmp_path: Path) -> None:
         memory.save(Saved((Dtc("P9999"),)))
         with pytest.raises(RecordingError, match=r"dtc\.db: unknown trouble code 'P9999'"):
             memory.load()
-
-
-def test_a_memory_without_its_table_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "dtc.db"
-    with closing(sqlite3.connect(path)) as db:
-        db.execute(f"PRAGMA user_version={SCHEMA_VERSION}")
-    with closing(Memory(path)) as memory, pytest.raises(RecordingError, match=r"dtc\.db"):
-        memory.load()
 
 
 def test_a_folder_that_is_not_there_is_an_error_that_names_the_file(tmp_path: Path) -> None:
@@ -283,8 +288,7 @@ def test_a_memory_that_is_let_go_or_refused_is_held_by_nobody(tmp_path: Path) ->
     assert len(list(Path("/proc/self/fd").iterdir())) == n_open
     for _ in range(2):  # closed twice does no harm
         memory.close()
-    with closing(sqlite3.connect(path)) as db:
-        db.execute(f"PRAGMA user_version={SCHEMA_VERSION + 1}")
+    make_newer(path)
     folder = tmp_path / "folder"
     folder.mkdir()
     for _ in range(2):  # the second one would find it held
@@ -294,12 +298,12 @@ def test_a_memory_that_is_let_go_or_refused_is_held_by_nobody(tmp_path: Path) ->
             Memory(folder, hold=True)
 
 
-def test_a_memory_that_is_closed_is_one_file_that_may_be_copied(tmp_path: Path) -> None:
+def test_a_memory_that_is_closed_is_a_file_that_may_be_copied_and_its_spare(tmp_path: Path) -> None:
     path = tmp_path / "dtc.db"
     memory = Memory(path)
     memory.save(Saved((Dtc("P0133", t_ns=1),)))
     memory.close()
-    assert [file.name for file in tmp_path.iterdir()] == ["dtc.db"]
+    assert {file.name for file in tmp_path.iterdir()} == {"dtc.db", "dtc.db-spare"}
     for t_ns in (1, 2):  # also what stood in it when it was closed
         with pytest.raises(RecordingError, match="cannot store"):
             memory.save(Saved((Dtc("P0133", t_ns=t_ns),)))
