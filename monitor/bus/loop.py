@@ -23,7 +23,6 @@ from monitor.bus.link.port import BusHealth, Port
 from monitor.bus.link.recorder import Recorder
 from monitor.bus.link.socketcan import BLOCK_S
 from monitor.frames.loop_frames import bus_state, codes_cleared, is_own, time_mark
-from monitor.memory.dtc import DtcStore
 from monitor.memory.reference import Seen
 from monitor.memory.store import Memory
 from monitor.pipeline.entry import bus_sources
@@ -37,7 +36,7 @@ from monitor.pipeline.events import (
     singly,
 )
 from monitor.pipeline.frames import FramePipeline
-from monitor.report.replay import Setup, frame_counters
+from monitor.report.replay import Setup, frame_counters, of_memory, store_of
 from monitor.report.sinks import Collector
 
 KEEP: Final = 1_000  # latest windows kept: three hours of driving in 2.5 MB
@@ -74,8 +73,7 @@ class Loop:
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
         self._memory, self._say, self._now_s = memory, say, monotonic_s
-        store = DtcStore(memory.load() if memory else None, setup.config.profile)
-        store.start_driving_cycle()
+        store = store_of(memory, setup.config.profile)
         self._setup = setup = setup.of_vehicle(memory) if memory else setup
         self.pipeline = FramePipeline(setup.bus_map, setup.model, setup.limits, setup.config, store)
         monitor = self.pipeline.monitor
@@ -329,7 +327,7 @@ class Loop:
                 "transmit_errors": self.health.transmit_errors,
             }
         )
-        return self.collector.result(channel, None, counters)
+        return self.collector.result(channel, None, counters) | of_memory(self._memory)
 
 
 def run(loop: Loop, duration_s: float | None) -> None:

@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 from monitor.base import option_paths as paths
 from monitor.base.errors import UsageError
-from monitor.cli.options import add_command, say
+from monitor.cli.options import add_command, say, warn
 
 if TYPE_CHECKING:
     from monitor.memory.dtc import Dtc, DtcStore
+    from monitor.memory.store import Condition
 
 HELP = "read and clear trouble codes"
 _DTC = """examples:
@@ -49,25 +50,37 @@ def add(commands: Any) -> None:
 
 def _check(path: Path) -> None:
     """Raise UsageError if the fault memory does not exist; opening it would create one."""
+    from monitor.memory.spare import spare_of
+
+    if spare_of(path).exists():
+        return  # the main file can be made anew
     if not path.exists():
         raise UsageError(f"{path}: no such fault memory")
     if path.is_file() and path.stat().st_size == 0:
         raise UsageError(f"{path}: is empty, a fault memory is wanted")
 
 
-def _load(path: Path) -> "DtcStore":
-    """Return the content of a fault memory."""
+def _load(path: Path) -> "tuple[DtcStore, Condition]":
+    """Return the content of a fault memory, and whether it was damaged."""
     from monitor.memory.dtc import DtcStore
     from monitor.memory.store import Memory
 
     _check(path)
     with closing(Memory(path)) as memory:
-        return DtcStore(memory.load())
+        return DtcStore(memory.load()), memory.condition
 
 
-def _print(args: argparse.Namespace, fields: Mapping[str, Any], lines: Iterator[str]) -> int:
+def _print(
+    args: argparse.Namespace,
+    found: "Condition",
+    fields: Mapping[str, Any],
+    lines: Iterator[str],
+) -> int:
+    if found.says:
+        warn(found.says)
     if args.json:
-        say(json.dumps({"schema": SCHEMA, "memory": str(args.memory), **fields}, indent=1))
+        memory = {"memory": str(args.memory), "memory_state": found.entry}
+        say(json.dumps({"schema": SCHEMA, **memory, **fields}, indent=1))
     else:
         for line in lines:
             say(line)
@@ -75,14 +88,14 @@ def _print(args: argparse.Namespace, fields: Mapping[str, Any], lines: Iterator[
 
 
 def _list(args: argparse.Namespace) -> int:
-    store = _load(args.memory)
+    store, found = _load(args.memory)
     fields = {
         "mil": store.mil,
         "dtcs": [_dtc_fields(dtc) for dtc in store.active],
         "permanent": list(store.permanent),
         "counts": asdict(store.counts),
     }
-    return _print(args, fields, _list_lines(store))
+    return _print(args, found, fields, _list_lines(store))
 
 
 def _dtc_fields(dtc: "Dtc") -> dict[str, Any]:
@@ -124,7 +137,7 @@ def _counted(n: int, what: str) -> str:
 
 
 def _freeze_frame(args: argparse.Namespace) -> int:
-    store = _load(args.memory)
+    store, found = _load(args.memory)
     frames = store.freeze_frames
     missing = [code for code in args.code if code not in frames]
     if missing:
@@ -147,7 +160,7 @@ def _freeze_frame(args: argparse.Namespace) -> int:
             for name, value in frame.values.items():
                 yield f"  {name:<28} {value:10.4g} {_unit(name)}"
 
-    return _print(args, fields, lines())
+    return _print(args, found, fields, lines())
 
 
 _EPOCH_FROM_NS = 10**18  # the year 2001; a smaller time counts from the start of a recording
@@ -167,7 +180,7 @@ def _unit(name: str) -> str:
 
 
 def _readiness(args: argparse.Namespace) -> int:
-    store = _load(args.memory)
+    store, found = _load(args.memory)
     tests = [
         {
             "test": ratio.test,
@@ -197,7 +210,7 @@ def _readiness(args: argparse.Namespace) -> int:
             limits = f"{r.low:.4g} to {r.high:.4g}"
             yield f"  {r.test} {r.quantity:<28} {r.value:10.4g}   {limits}{inside}"
 
-    return _print(args, fields, lines())
+    return _print(args, found, fields, lines())
 
 
 def _clear(args: argparse.Namespace) -> int:
@@ -210,6 +223,8 @@ def _clear(args: argparse.Namespace) -> int:
         cleared = [dtc.code for dtc in store.active]
         store.clear()
         memory.save(store.saved)
+        memory.forget_loss()
+        found = memory.condition
 
     def lines() -> Iterator[str]:
         yield f"cleared: {', '.join(cleared) or 'no code was set'}"
@@ -220,4 +235,4 @@ def _clear(args: argparse.Namespace) -> int:
             )
 
     fields = {"cleared": cleared, "permanent": list(store.permanent)}
-    return _print(args, fields, lines())
+    return _print(args, found, fields, lines())

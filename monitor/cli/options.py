@@ -4,6 +4,7 @@ import argparse
 import os
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from monitor.base import option_paths as paths
@@ -38,6 +39,12 @@ def say(line: str) -> None:
         print(line, flush=True)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def warn(line: str) -> None:
+    """Print a warning that ends nothing."""
+    with suppress(BrokenPipeError):
+        print(f"o2mon: warning: {line}", file=sys.stderr, flush=True)
 
 
 def add_command(

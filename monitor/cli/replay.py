@@ -12,6 +12,7 @@ from monitor.cli.options import (
     add_setup,
     say,
     set_up,
+    warn,
     write_outputs,
 )
 
@@ -50,6 +51,8 @@ def _replay(args: argparse.Namespace) -> int:
 
     setup = dataclasses.replace(set_up(args), parse=parser_for(args.log))
     memory = Memory(args.memory, hold=True) if args.memory else None
+    if memory and memory.condition.says:
+        warn(memory.condition.says)
     recordings, traces = [], []
     with closing(memory) if memory else nullcontext():
         for recording, trace in replay.replay_all(args.log, setup, memory, trace=bool(args.html)):

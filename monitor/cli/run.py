@@ -93,6 +93,8 @@ def _judge(args: argparse.Namespace, server: "Server | None") -> int:
         print(f"o2mon: {args.record} is kept, this run is recorded in {record}", file=sys.stderr)
     out = Out(sys.stdout)
     memory = Memory(args.memory, hold=True) if args.memory else None
+    if memory and memory.condition.says:
+        _speaker(args, out)(memory.condition.says)
     with closing(memory) if memory else nullcontext(), open_bus(args) as bus:
         loop = Loop(
             bus,

@@ -7,21 +7,21 @@ whole          whole, not newer the main file's; the spare copy is made anew    
 whole          newer by one     the spare copy's: a kill came between the two storings   ok
 whole          newer by more    the spare copy's: the main file lost its latest storings repaired
 whole          none             the main file's; the spare copy is made anew             ok
-whole          damaged          the main file's, unless the spare copy's head is newer   repaired
+whole          damaged          the main file's; nothing if it is an old one             repaired
 damaged, gone  whole            the spare copy's; the main file is made anew             repaired
 damaged        damaged          rows of both, if together they are whole                 repaired
 damaged        damaged, none    nothing: both are put aside under new names              lost
 =============  ===============  =======================================================  ========
 """
 
-import sqlite3
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 from monitor.memory import spare
 from monitor.memory.content import TABLES, Content, Copy, joined
-from monitor.memory.tables import DamagedError, Tables, is_empty
+from monitor.memory.lock import noted
+from monitor.memory.tables import ERRORS, DamagedError, Tables, is_empty
 
 
 class Condition(NamedTuple):
@@ -64,17 +64,19 @@ def agreed(path: Path) -> tuple[Tables, Content, Condition]:
     try:
         tables.check()
         main, copy = tables.read(), spare.read(beside)
-        content, says = best(main, copy)
+        if main.content is None:  # what SQLite does not find wrong may be its own tables
+            raise DamagedError(main.note)
+        content, says = best(main, copy, path)
         if main.content == content and copy is not None and copy.content == content:
             return tables, content, OK
         with suppress(OSError), tables.transaction():  # a spare copy is written again when storing
             main, copy = tables.read(), spare.read(beside)  # nobody writes now
-            content, says = best(main, copy)
+            content, says = best(main, copy, path)
             if main.content != content:
                 tables.write(content, TABLES)
             if copy is None or copy.content != content:
                 spare.write(beside, content)
-    except sqlite3.Error as error:
+    except ERRORS as error:
         meaning = tables.meaning_of_writing(error)
         if isinstance(meaning, DamagedError):
             tables.close()
@@ -85,18 +87,18 @@ def agreed(path: Path) -> tuple[Tables, Content, Condition]:
     return tables, content, Condition.repaired(path, says) if says else OK
 
 
-def best(main: Copy, copy: Copy | None) -> tuple[Content, str]:
+def best(main: Copy, copy: Copy | None, path: Path) -> tuple[Content, str]:
     """Return the content that two files hold together, and which damage was found, "" if none.
 
-    Raises DamagedError if they hold none.
+    path : of the main file
+    Raises DamagedError if they hold none, or only an old one.
     """
     whole, spared = main.content, copy and copy.content
     if whole is None or copy is None:
-        return _without_main(main, copy, spared)
+        return _without_main(main, copy, path)
     if spared is None:
-        if copy.head and copy.head.memory == whole.memory:
-            _refuse_older(whole, copy.head.generation, copy.note)
-        return whole, f"of the spare copy {copy.note}; the main file was whole"
+        says = f"of the spare copy {copy.note}; the main file was whole"
+        return _latest(whole, copy, path), says
     if spared.memory != whole.memory or spared.generation <= whole.generation:
         return whole, ""
     is_next = spared.generation == whole.generation + 1
@@ -104,27 +106,38 @@ def best(main: Copy, copy: Copy | None) -> tuple[Content, str]:
     return spared, "" if is_next else says
 
 
-def _refuse_older(whole: Content, generation: int, note: str) -> None:
-    """Raise DamagedError if a damaged spare copy is newer than the main file can be by a kill."""
-    if generation > whole.generation + 1:
-        raise DamagedError(f"the main file had lost its latest storings, and of the spare {note}")
-
-
-def _without_main(main: Copy, copy: Copy | None, spared: Content | None) -> tuple[Content, str]:
+def _without_main(main: Copy, copy: Copy | None, path: Path) -> tuple[Content, str]:
     """Return the content if the main file is damaged, or if there is no spare copy."""
     if copy is None:
         if main.content is None:
             raise DamagedError(f"{main.note}, and there is no spare copy")
         return main.content, ""
-    if spared is not None:
-        return spared, f"{main.note}; the spare copy was whole"
-    return _together(main, copy)
+    if copy.content is not None:
+        return copy.content, f"{main.note}; the spare copy was whole"
+    both = f"{main.note}, of the spare copy {copy.note}"
+    heads = [head for head in (main.head, copy.head) if head]
+    newest = max(heads, key=lambda head: head.generation, default=None)
+    found = joined(newest, main.rows | copy.rows)
+    if found is None:
+        raise DamagedError(both)
+    return _latest(found, copy, path), f"{both}; together they were whole"
 
 
-def _together(main: Copy, copy: Copy) -> tuple[Content, str]:
-    for head in (main.head, copy.head):
-        found = joined(head, main.rows | copy.rows)
-        if found:
-            says = f"{main.note}, of the spare copy {copy.note}; together they were whole"
-            return found, says
-    raise DamagedError(f"{main.note}, of the spare copy {copy.note}")
+def _latest(found: Content, copy: Copy, path: Path) -> Content:
+    """Return a content of which no witness says that it is old; raises DamagedError for others.
+
+    Witnesses are the note in the lock's file and the head of a damaged spare copy.
+    """
+    of_head = copy.head.generation if copy.head and copy.head.memory == found.memory else None
+    try:
+        generation = noted(path, found.memory)
+    except ValueError:
+        if of_head is None:
+            raise DamagedError(f"of the spare copy {copy.note}, and the note is damaged") from None
+        generation = None
+    newest = of_head if generation is None else generation
+    if newest is not None and newest > found.generation:
+        raise DamagedError(
+            f"the main file had lost its latest storings, and of the spare copy {copy.note}"
+        )
+    return found

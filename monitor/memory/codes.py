@@ -24,7 +24,8 @@ CODES: dict[str, tuple[str, ...]] = {
     "memory_lost": ("P062F",),
 }
 LOST: Final = "memory_lost"  # the fault memory was damaged and begun anew
-# Faults of the monitor, not of the vehicle: they never set the fault flag, see ``DtcStore``.
+# Faults of the monitor, not of the vehicle: they never set the fault flag, see ``DtcStore``; their
+# test has no in-use performance ratio.
 OF_MONITOR: Final = frozenset({LOST})
 # test → faults that it can find
 TESTS: dict[str, tuple[str, ...]] = {

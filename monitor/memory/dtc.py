@@ -13,7 +13,7 @@ from types import MappingProxyType
 from typing import Literal
 
 from monitor.base.config import ProfileConfig, shipped
-from monitor.memory.codes import CODES, CONTINUOUS, TEST_OF, TESTS, tests_of
+from monitor.memory.codes import CODES, CONTINUOUS, LOST, OF_MONITOR, TEST_OF, TESTS, tests_of
 from monitor.memory.obd_records import Counts, FreezeFrame, Ratio, TestResult
 
 __all__ = ["CODES", "FRESH", "TESTS", "Dtc", "DtcStore", "Saved", "Status"]
@@ -137,7 +137,9 @@ class DtcStore:
         self._frames = {frame.code: frame for frame in saved.freeze_frames}
         self._permanent = dict(saved.permanent)
         self._results = {(r.test, r.quantity): r for r in saved.results}
-        self._ratios = {test: Ratio(test) for test in TESTS}
+        self._ratios = {
+            test: Ratio(test) for test in TESTS if not OF_MONITOR.issuperset(TESTS[test])
+        }
         self._ratios |= {ratio.test: ratio for ratio in saved.ratios}
         self._counts = saved.counts
         self._completed = set(saved.completed)
@@ -146,6 +148,14 @@ class DtcStore:
         self._judged: set[str] = set()  # tests whose numerator counts this driving cycle
         self._is_general = False  # the general denominator counts this driving cycle
         self.clearings = 0
+        self.is_lost: bool | None = None  # whether the memory on disk was lost; None without one
+
+    def judge_memory(self, t_ns: int) -> list[Dtc]:
+        """Judge the memory on disk, once in a driving cycle; return the codes that changed."""
+        if self.is_lost is None:
+            return []
+        is_lost, self.is_lost = self.is_lost, False
+        return self.fail(LOST, t_ns) if is_lost else self.complete(TEST_OF[LOST])
 
     def fail(self, fault: str, t_ns: int, also: tuple[str, ...] = ()) -> list[Dtc]:
         """Set the codes of a fault that failed at ``t_ns``; return the codes that changed."""
@@ -311,8 +321,8 @@ class DtcStore:
 
     @property
     def fault_flag(self) -> bool:
-        """Return True if a code is pending or confirmed."""
-        return any(d.state for d in self.all)
+        """Return True if a code of the vehicle is pending or confirmed."""
+        return any(d.state and d.fault not in OF_MONITOR for d in self.all)
 
     @property
     def mil(self) -> bool:

@@ -1,16 +1,23 @@
 """One user at a time works on a fault memory: a lock on a file beside it.
 
 SQLite's locks do not serve: they end when any descriptor of the database is closed, and the
-database is replaced when it is repaired. The locked file is never renamed or removed.
+database is replaced when it is repaired. The locked file is never renamed or removed. It holds a
+note: how often the memory was stored. So an old main file is known as old if the spare copy is
+damaged.
 """
 
 import fcntl
+import json
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Final
 
 from monitor.base.errors import RecordingError
+from monitor.memory.content import checksum_of
+
+NOTE_BYTES: Final = 200  # most that a note has
 
 
 class Lock:
@@ -22,7 +29,7 @@ class Lock:
 
     def take(self) -> None:
         """Take the lock; raises RecordingError if another process has it."""
-        beside = self._path.with_name(f"{self._path.name}-lock")
+        beside = _beside(self._path)
         try:
             descriptor = os.open(beside, os.O_CREAT | os.O_RDWR, 0o644)
         except OSError as error:
@@ -43,6 +50,15 @@ class Lock:
         """Return whether this process holds the lock by this object."""
         return self._descriptor is not None
 
+    def note(self, memory: str, generation: int) -> None:
+        """Note that a memory was stored, if the lock is taken; a disk that is full is no error."""
+        if self._descriptor is None:
+            return
+        text = json.dumps([memory, generation])
+        line = f"{checksum_of(text)} {text}".ljust(NOTE_BYTES - 1) + "\n"
+        with suppress(OSError):
+            os.pwrite(self._descriptor, line.encode(), 0)
+
     @contextmanager
     def taken(self) -> Iterator[None]:
         """Hold the lock for a while, or longer if it is taken already; raises RecordingError."""
@@ -60,3 +76,23 @@ class Lock:
         if self._descriptor is not None:
             os.close(self._descriptor)
             self._descriptor = None
+
+
+def noted(path: Path, memory: str) -> int | None:
+    """Return how often a memory was stored at least, None if no note of it is there.
+
+    Raises ValueError if the note is damaged.
+    """
+    try:
+        line = _beside(path).read_bytes()[:NOTE_BYTES]
+    except OSError:
+        return None
+    found, text = line.decode().rstrip().split(" ", 1)
+    if found != checksum_of(text):
+        raise ValueError("the note has changed")
+    name, generation = json.loads(text)
+    return int(generation) if name == memory else None
+
+
+def _beside(path: Path) -> Path:
+    return path.with_name(f"{path.name}-lock")

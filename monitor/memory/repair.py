@@ -34,7 +34,7 @@ def repaired(
                 damage = error
             condition = Condition()
             try:
-                content, says = best(_read(path), spare.read(beside))
+                content, says = best(_read(path), spare.read(beside), path)
                 condition = Condition.repaired(path, says or str(damage))
             except DamagedError:
                 content = Content(set_aside=_put_aside(path).name)
@@ -52,7 +52,7 @@ def repaired(
 def _as_read(path: Path, damage: DamagedError) -> tuple[Content, Condition]:
     """Return what can be read of a damaged memory that another process holds."""
     try:
-        content, says = best(_read(path), spare.read(spare.spare_of(path)))
+        content, says = best(_read(path), spare.read(spare.spare_of(path)), path)
     except DamagedError:
         raise RecordingError(
             f"{path}: the fault memory is damaged: {damage}; it is in use by a running monitor, "

@@ -4,22 +4,21 @@ A memory is a main file (SQLite) and a spare copy (text), each with checksums. W
 returns, the data survives a kill, and damage of one of both; see ``agreement`` and ``repair``.
 """
 
-import sqlite3
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from monitor.base.config import BiasConfig
+from monitor.base.config import BiasConfig, ProfileConfig
 from monitor.base.errors import RecordingError
 from monitor.memory import repair, spare
 from monitor.memory.agreement import Condition, agreed
 from monitor.memory.codes import CODES, LOST
 from monitor.memory.content import SCHEMA_VERSION, Content, reference_row, rows_of, saved_of
-from monitor.memory.dtc import Saved
+from monitor.memory.dtc import DtcStore, Saved
 from monitor.memory.lock import Lock
 from monitor.memory.reference import Reference, Seen
-from monitor.memory.tables import DamagedError, Tables
+from monitor.memory.tables import ERRORS, DamagedError, Tables
 
 __all__ = ["SCHEMA_VERSION", "Condition", "Memory"]
 
@@ -52,6 +51,7 @@ class Memory:
         except DamagedError as damage:
             self._tables, content, self.condition = repair.repaired(self._path, self._lock, damage)
         self._mark()
+        self._lock.note(content.memory, content.generation)
         if content.set_aside:  # also if a kill came before the loss was a stored code
             aside = self._path.with_name(content.set_aside)
             self.condition = Condition.lost(self._path, aside)
@@ -75,6 +75,16 @@ class Memory:
             return saved_of(rows)
         except (ValueError, TypeError) as error:
             raise RecordingError(f"{self._path}: damaged fault memory: {error}") from None
+
+    def begin(self, profile: ProfileConfig) -> DtcStore:
+        """Return the fault memory in RAM, with a driving cycle begun.
+
+        Raises RecordingError as ``load``.
+        """
+        store = DtcStore(self.load(), profile)
+        store.is_lost = bool(self._content.set_aside)
+        store.start_driving_cycle()
+        return store
 
     def _settled(self) -> Content:
         """Return the content of the file, repaired if it was damaged meanwhile."""
@@ -168,6 +178,7 @@ class Memory:
                 spare.write(self._spare, new)
             self._mark()
         self._content = new
+        self._lock.note(new.memory, new.generation)
 
     @property
     def _is_as_left(self) -> bool:
@@ -182,7 +193,7 @@ class Memory:
         try:
             with self._tables.transaction():
                 yield self._tables
-        except sqlite3.Error as error:
+        except ERRORS as error:
             self._data_version = -1
             raise self._tables.meaning_of_writing(error) from None
         except OverflowError as error:

@@ -15,12 +15,15 @@ from monitor.base.errors import RecordingError
 from monitor.memory.content import SCHEMA_VERSION, TABLES, Content, Copy, Head, Row
 from monitor.memory.content import checksum as checksum_of_row
 from monitor.memory.schema import SIGNATURES, STEPS
+from monitor.memory.spare import spare_of
 
 BUSY_MS: Final = 250  # longest wait for another process; the live loop waits as long
 MAGIC: Final = b"SQLite format 3\0"
 HEADER_FIXED: Final = {18: b"\x01\x02", 19: b"\x01\x02", 20: b"\0", 21: b"@", 22: b" ", 23: b" "}
 LOOKED_AT: Final = 1_000_000  # bytes in which the signatures of a memory are looked for
 BESIDE: Final = ("-wal", "-shm", "-journal")  # files that SQLite makes
+# Messages of SQLite hold texts of the file, which need not be text.
+ERRORS: Final = (sqlite3.Error, MemoryError, UnicodeDecodeError)
 _FILE_ERRORS: Final = (
     *("SQLITE_READONLY", "SQLITE_FULL", "SQLITE_IOERR", "SQLITE_CANTOPEN", "SQLITE_BUSY"),
     *("SQLITE_LOCKED", "SQLITE_NOMEM", "SQLITE_PERM"),
@@ -57,7 +60,7 @@ class Tables:
             self._db.execute("PRAGMA synchronous=FULL")
             self._migrate()
             self._db.execute("PRAGMA journal_mode=WAL")
-        except sqlite3.Error as error:
+        except ERRORS as error:
             self.close()
             raise self._meaning(error, "open") from None
         except (RecordingError, DamagedError):
@@ -115,7 +118,7 @@ class Tables:
         """Return a number that stays equal until another process writes the file, -1 if unknown."""
         try:
             return self.number("PRAGMA data_version")
-        except sqlite3.Error:
+        except ERRORS:
             return -1
 
     def read(self) -> Copy:
@@ -125,7 +128,7 @@ class Tables:
         with self._snapshot():
             try:
                 head = self._head()
-            except (sqlite3.Error, MemoryError) as error:
+            except ERRORS as error:
                 notes.append(self._damage(error))
             for table in TABLES:
                 try:
@@ -134,7 +137,7 @@ class Tables:
                             rows.add((table, tuple(fields)))
                         else:
                             notes.append(f"a row of {table} has changed")
-                except (sqlite3.Error, MemoryError) as error:
+                except ERRORS as error:
                     notes.append(self._damage(error))
         return Copy(
             head, frozenset(rows), f"of the main file {notes[0] if notes else 'rows are gone'}"
@@ -157,7 +160,7 @@ class Tables:
         try:
             with closing(self._db.execute("PRAGMA integrity_check(1)")) as found:
                 ((said,),) = found.fetchall()
-        except (sqlite3.Error, MemoryError) as error:
+        except ERRORS as error:
             said = self._damage(error)
         if said != "ok":
             raise DamagedError(said.splitlines()[-1])
@@ -187,16 +190,17 @@ class Tables:
             whole = (*row, checksum_of_row(table, row))
             self._db.execute(f"INSERT INTO {table} VALUES ({', '.join('?' * len(whole))})", whole)
 
-    def _damage(self, error: sqlite3.Error | MemoryError) -> str:
+    def _damage(self, error: Exception) -> str:
         """Return the note of a damage; raises RecordingError if the error is another one."""
         meaning = self._meaning(error, "read")
         if isinstance(meaning, RecordingError):
             raise meaning from None
         return str(meaning)
 
-    def meaning_of_writing(self, error: sqlite3.Error) -> RecordingError | DamagedError:
+    def meaning_of_writing(self, error: Exception) -> RecordingError | DamagedError:
         """Return what an error of writing means: damage, or a disk, process or value."""
-        if getattr(error, "sqlite_errorname", "").startswith(_DAMAGE):
+        name = getattr(error, "sqlite_errorname", "")
+        if name.startswith(_DAMAGE) or isinstance(error, UnicodeDecodeError):
             return self._meaning(error, "store")
         return RecordingError(f"{self._path}: cannot store the fault memory: {error}")
 
@@ -247,6 +251,9 @@ def _singly(known: bytes) -> list[bytes]:
 
 
 def _is_ours(path: Path) -> bool:
+    """Return whether a file was a fault memory, by its texts or its spare copy."""
+    if spare_of(path).exists():
+        return True
     with path.open("rb") as file:
         begin = file.read(LOOKED_AT)
     return any(text in begin for text in SIGNATURES)
@@ -269,7 +276,7 @@ def make(path: Path, content: Content) -> None:
             tables.write(content, TABLES)
         remove_beside(path)
         begun.replace(path)
-    except (OSError, sqlite3.Error, DamagedError) as error:
+    except (OSError, DamagedError, *ERRORS) as error:
         raise RecordingError(f"{path}: cannot store the fault memory: {error}") from None
 
 

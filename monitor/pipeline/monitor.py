@@ -125,6 +125,7 @@ class Monitor:
         self._decisions = self._decide(limits)
         self._facts: Iterator[Facts] = iter(())
         self._clearings = store.clearings
+        self._has_begun = False
         self.samples = self.enabled_samples = 0
 
     @property
@@ -189,6 +190,9 @@ class Monitor:
         counting = self._cycles.push(block)
         cuts = [k for k, moment in counting.moments if moment == "driving_cycle"]
         then: list[Then] = []
+        if n and not self._has_begun:
+            self._has_begun = True
+            then.append((0, _DRIVEN, partial(self._judge_memory, block, 0)))
         for k, driven in counting.driven:
             then.append((k, _DRIVEN, partial(self._drive, driven)))
         for k, moment in counting.moments:
@@ -285,6 +289,12 @@ class Monitor:
         self._driven.append(driven)
         return ()
 
+    def _judge_memory(self, block: SampleBlock, k: int) -> Iterable[Happening]:
+        """Judge the fault memory itself at the first sample of a driving cycle."""
+        t_ns = block.t_ns.item(k)
+        changed = [DtcChanged(t_ns, dtc) for dtc in self.store.judge_memory(t_ns) if dtc.state]
+        return list(self._frozen(changed, block, k))
+
     def _count_driven(self) -> None:
         """Let the fault memory count the driving since it last did."""
         if self._driven:
@@ -307,6 +317,7 @@ class Monitor:
         match moment:
             case "driving_cycle":
                 yield from self._next_cycle(t_ns)
+                yield from self._judge_memory(block, k)
                 return
             case "ignition_cycle":
                 store.count_ignition_cycle()

@@ -33,6 +33,7 @@ MEANINGS = {
     "signal_missing": "signal is not received",
     "signal_invalid": "signal is sent as invalid",
     "bus_off": "the monitor itself is off the bus",
+    "memory_lost": "the monitor's fault memory was damaged and begins anew",
 }
 _VERDICTS = {  # class: symbol, words
     "failed": ("✕", "fault found"),
@@ -138,6 +139,7 @@ def _recording(i: int, recording: Mapping[str, Any], output: str, opened: bool) 
         ),
         ("Paper’s rule", f"failed in {_many(n['paper'], 'window')}"),
         *_limits(recording.get("limits", {})),
+        *_memory(recording.get("memory")),
         ("File", f'<span class="wide">{_path(recording["path"])}</span>'),
         ("sha256", f'<code class="wide hash">{text(recording["sha256"])}</code>'),
     ]
@@ -352,6 +354,14 @@ def _seconds(dtc: Mapping[str, Any]) -> str:
 
 def _is_simulated(recording: Mapping[str, Any]) -> bool:
     return bool(recording.get("source") == "simulated")
+
+
+def _memory(found: Mapping[str, Any] | None) -> list[tuple[str, str]]:
+    """Return the fact about the fault memory on disk, if there was one and it was damaged."""
+    if not found or found["state"] == "ok":
+        return []
+    aside = f", put aside as {_path(found['set_aside'])}" if found["set_aside"] else ""
+    return [("Fault memory", f"was damaged and is {text(found['state'])}{aside}")]
 
 
 def _limits(limits: Mapping[str, Any]) -> list[tuple[str, str]]:

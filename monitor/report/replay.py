@@ -9,7 +9,7 @@ from typing import Any
 
 import dbc
 from monitor import __version__
-from monitor.base.config import Config
+from monitor.base.config import Config, ProfileConfig
 from monitor.base.errors import RecordingError
 from monitor.base.manifest import source_of
 from monitor.base.signals import OUTPUT
@@ -103,8 +103,7 @@ def replay(
     Raises RecordingError, SignalMapError or ModelError.
     """
     sha256 = sha256_of(path)
-    store = DtcStore(memory.load() if memory else None, setup.config.profile)
-    store.start_driving_cycle()
+    store = store_of(memory, setup.config.profile)
     setup = setup.of_vehicle(memory) if memory else setup
     card = setup.model.card
     opened = RecordingReader(setup.bus_map, card, setup.columns, setup.parse).open(path)
@@ -120,7 +119,21 @@ def replay(
     if memory:
         memory.save(store.saved)
         memory.learn(setup.model_sha256, monitor.seen, setup.config.bias)
-    return recording | {"source": source_of(path, sha256)}, collector.trace()
+    return recording | {"source": source_of(path, sha256)} | of_memory(memory), collector.trace()
+
+
+def store_of(memory: Memory | None, profile: ProfileConfig) -> DtcStore:
+    """Return the fault memory in RAM with a driving cycle begun, empty without one on disk."""
+    if memory is not None:
+        return memory.begin(profile)
+    store = DtcStore(profile=profile)
+    store.start_driving_cycle()
+    return store
+
+
+def of_memory(memory: Memory | None) -> dict[str, Any]:
+    """Return what a recording's entry says of the fault memory on disk, if there is one."""
+    return {} if memory is None else {"memory": memory.condition.entry}
 
 
 def _events(monitor: Monitor, opened: OpenRecording) -> Iterator[BlockEvent]:

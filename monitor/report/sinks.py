@@ -210,6 +210,9 @@ def print_recording(recording: Mapping[str, Any], *, windows: bool = False) -> I
         f"  {recording['enabled_samples']} of {recording['samples']} samples enabled; windows: "
         f"{judged}; paper's rule failed {paper}"
     )
+    if not recording["fault_flag"]:
+        for d in recording["dtcs"]:  # of the monitor itself
+            yield f"  {d['code']} {d['fault']} ({d['state']})"
     bad = {name: n for name, n in recording["counters"].items() if n and name != "unmapped"}
     if bad:
         yield "  counted: " + ", ".join(f"{name} {n}" for name, n in bad.items())

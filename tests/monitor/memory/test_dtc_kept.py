@@ -181,7 +181,8 @@ def test_a_numerator_counts_once_in_a_driving_cycle_also_over_a_clearing() -> No
     assert not store.count_judged("response")
     store.start_driving_cycle()
     assert store.count_judged("response")
-    assert {r.test: r.numerator for r in store.ratios} == dict.fromkeys(TESTS, 0) | {"response": 2}
+    numerators = {test: 0 for test in TESTS if test != "memory"}  # a self-test has no ratio
+    assert {r.test: r.numerator for r in store.ratios} == numerators | {"response": 2}
 
 
 def test_the_denominators_count_once_in_a_driving_cycle() -> None:

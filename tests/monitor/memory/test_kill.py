@@ -248,7 +248,7 @@ def test_what_another_process_wrote_before_a_storing_that_failed_is_replaced(
         memory.save(Saved((Dtc("P0133", t_ns=1),)))
         other.save(Saved((Dtc("P0133", t_ns=2),)))
         with (
-            no_file_larger_than(max(file.stat().st_size for file in tmp_path.iterdir())),
+            no_file_larger_than(0),
             pytest.raises(RecordingError, match="cannot store"),
         ):
             memory.save(Saved((Dtc("P0133", t_ns=3),)))
@@ -283,7 +283,7 @@ def test_the_live_loop_keeps_judging_on_a_disk_that_is_full(tmp_path: Path) -> N
     lines = done.stdout.splitlines()
     complaints = [line for line in lines if "cannot store the fault memory" in line]
     assert len(complaints) == 1
-    assert "full" in complaints[0]
+    assert "No space left" in complaints[0] or "full" in complaints[0]
     result = json.loads(lines[-1])
     assert result["codes"]["P015A"] == "confirmed"
     assert result["errors"] > 0
