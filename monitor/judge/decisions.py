@@ -19,8 +19,9 @@ from monitor.judge.plausibility import TickResult
 from monitor.judge.residual import lambda_of, means_and_stds
 from monitor.judge.response import EDGES, Noise, Outcome, Response, ResponseRule
 from monitor.judge.window import Window
+from monitor.memory.codes import CODES, OF_VEHICLE
 from monitor.memory.debounce import FAILED, PASSED, Debounce
-from monitor.memory.dtc import CODES, TESTS, Dtc, DtcStore
+from monitor.memory.dtc import Dtc, DtcStore
 from monitor.memory.obd_records import TestResult
 from monitor.memory.reference import Seen
 
@@ -98,7 +99,7 @@ class Decisions:
             limits.gain,
         )
         self._bias = BiasRule(config.bias, limits.offset_low, limits.offset_high, limits.offset_std)
-        self._debounce = dict.fromkeys(TESTS, Debounce())
+        self._debounce = dict.fromkeys(OF_VEHICLE, Debounce())
         self._named: dict[str, str] = {}  # the fault that each matured test has set
         self.completed = False  # the response test reached a decision
         self._decided: set[str] = set()  # tests that reached one

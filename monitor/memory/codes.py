@@ -24,8 +24,7 @@ CODES: dict[str, tuple[str, ...]] = {
     "memory_lost": ("P062F",),
 }
 LOST: Final = "memory_lost"  # the fault memory was damaged and begun anew
-# Faults of the monitor, not of the vehicle: they never set the fault flag, see ``DtcStore``; their
-# test has no in-use performance ratio.
+# Faults of the monitor, not of the vehicle: they never set the fault flag, see ``DtcStore``.
 OF_MONITOR: Final = frozenset({LOST})
 # test → faults that it can find
 TESTS: dict[str, tuple[str, ...]] = {
@@ -39,6 +38,8 @@ TESTS: dict[str, tuple[str, ...]] = {
     "ready": ("not_ready",),
     "memory": (LOST,),
 }
+# Tests of the vehicle; the monitor's own has no in-use performance ratio and decides at once.
+OF_VEHICLE: Final = tuple(test for test in TESTS if not OF_MONITOR.issuperset(TESTS[test]))
 # Tests that judge every sample; they have no in-use performance ratio (13 CCR 1968.2 (d)(3.2)).
 CONTINUOUS = ("communication", "range", "ready")
 TEST_OF: dict[str, str] = {fault: test for test, faults in TESTS.items() for fault in faults}

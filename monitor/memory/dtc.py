@@ -13,7 +13,16 @@ from types import MappingProxyType
 from typing import Literal
 
 from monitor.base.config import ProfileConfig, shipped
-from monitor.memory.codes import CODES, CONTINUOUS, LOST, OF_MONITOR, TEST_OF, TESTS, tests_of
+from monitor.memory.codes import (
+    CODES,
+    CONTINUOUS,
+    LOST,
+    OF_MONITOR,
+    OF_VEHICLE,
+    TEST_OF,
+    TESTS,
+    tests_of,
+)
 from monitor.memory.obd_records import Counts, FreezeFrame, Ratio, TestResult
 
 __all__ = ["CODES", "FRESH", "TESTS", "Dtc", "DtcStore", "Saved", "Status"]
@@ -137,9 +146,7 @@ class DtcStore:
         self._frames = {frame.code: frame for frame in saved.freeze_frames}
         self._permanent = dict(saved.permanent)
         self._results = {(r.test, r.quantity): r for r in saved.results}
-        self._ratios = {
-            test: Ratio(test) for test in TESTS if not OF_MONITOR.issuperset(TESTS[test])
-        }
+        self._ratios = {test: Ratio(test) for test in OF_VEHICLE}
         self._ratios |= {ratio.test: ratio for ratio in saved.ratios}
         self._counts = saved.counts
         self._completed = set(saved.completed)
