@@ -14,7 +14,6 @@ from monitor.model.card import ModelCard, TrainingRecording
 from monitor.model.step import from_model_units
 from training.narx.export import Network, save
 from training.narx.network import Spec
-from training.narx.parity import parity
 from training.narx.stability import CONTRACTION_SAMPLES, Contraction
 from training.recordings import metrics
 from training.recordings.preparation import Prepared, Role
@@ -108,6 +107,8 @@ def write_model(
 
 
 def _parity(out: Path | str, network: Network, data: Prepared) -> dict[str, float]:
+    from training.narx.parity import parity  # noqa: PLC0415, torch takes two seconds to import
+
     segment = max(data.segments, key=lambda s: s.stop - s.start)
     recording = data.recordings[segment.recording]
     order = [list(recording.names).index(name) for name in network.inputs]

@@ -26,7 +26,6 @@ from training.gap.add.network_graph import (
     NetworkWithEffects,
     network_of,
 )
-from training.gap.add.network_parity import parity
 from training.gap.add.network_training import train_again, with_difference
 from training.greybox.chain import Constants
 from training.greybox.effects.model_effect import ModelEffect
@@ -157,6 +156,8 @@ def save(
 
     Raises ParityError if ONNX, torch and numpy disagree.
     """
+    from training.gap.add.network_parity import parity  # noqa: PLC0415, torch is slow to import
+
     path = Path(out)
     partial = path.with_suffix(".partial")
     model.save(partial, card)

@@ -16,7 +16,7 @@ from monitor.base.types import FloatArray
 from training.gap.config import CONFIG
 from training.greybox.chain import Path
 from training.greybox.effects.form.dynamics import charged, lag, slope
-from training.greybox.effects.form.quantities import flow_kg_h, injecting
+from training.greybox.effects.form.place import ArrayPlace
 from training.greybox.fit.drive import Drive
 
 SPEED_KNOTS_RPM: Final = (800.0, 1300.0, 1800.0, 2400.0, 3200.0)
@@ -48,7 +48,8 @@ def features(drive: Drive, path: Path, phi: FloatArray) -> Features:
 def _at_valve(drive: Drive, path: Path) -> dict[str, FloatArray]:
     s, period_s = drive.signals, drive.period_s
     air, fuel, rpm = path.air_mg, path.fuel_mg, s["engine_speed_rpm"]
-    running = injecting(s).astype(np.float64)
+    at = ArrayPlace(path, s, period_s)
+    running = at.injecting().astype(np.float64)
     speeds, loads = _hats(rpm, SPEED_KNOTS_RPM), _hats(air, LOAD_KNOTS_MG)
     made = {
         f"map {i}{j}": speeds[:, i] * loads[:, j] * running
@@ -72,13 +73,12 @@ def _at_valve(drive: Drive, path: Path) -> dict[str, FloatArray]:
         made[f"cold film {time_s}"] = cold * made[f"fuel film {time_s}"]
     for i, hat in enumerate(_hats(coolant, COOLANT_KNOTS_DEGC).T if coolant is not None else ()):
         made[f"coolant {i}"] = hat
-    made |= _context(drive, path, running)
+    made |= _context(drive, at, running)
     return made
 
 
-def _context(drive: Drive, path: Path, running: FloatArray) -> dict[str, FloatArray]:
-    s, air = drive.signals, path.air_mg
-    flow = flow_kg_h(path, s)
+def _context(drive: Drive, at: ArrayPlace, running: FloatArray) -> dict[str, FloatArray]:
+    s, air, flow = drive.signals, at.path.air_mg, at.flow_kg_h()
     made: dict[str, FloatArray] = {}
     if "rail_pressure_mpa" in s:
         rail = np.log(np.maximum(s["rail_pressure_mpa"], 1.0) / 10.0)
@@ -98,7 +98,8 @@ def _context(drive: Drive, path: Path, running: FloatArray) -> dict[str, FloatAr
 
 
 def _at_sensor(drive: Drive, path: Path, phi: FloatArray) -> dict[str, FloatArray]:
-    flow = flow_kg_h(path, drive.signals)
+    at = ArrayPlace(path, drive.signals, drive.period_s)
+    flow = at.flow_kg_h()
     above, rate = np.clip(phi - 1.0, -0.3, 0.3), np.clip(slope(phi, drive.period_s), -1.0, 1.0)
     curve = np.clip(slope(rate, drive.period_s), -5.0, 5.0)
     columns = {
@@ -116,7 +117,7 @@ def _at_sensor(drive: Drive, path: Path, phi: FloatArray) -> dict[str, FloatArra
         "leak 20": np.exp(-flow / 20.0),
         "leak 50": np.exp(-flow / 50.0),
     }
-    cut = ~injecting(drive.signals)
+    cut = ~at.injecting()
     for time_s in (0.5, 1.2, 3.0):
         columns[f"after cut {time_s}"] = charged(cut, 1.0, time_s, drive.period_s)
     return columns

@@ -14,7 +14,7 @@ import numpy as np
 from monitor.base.signals import BY_NAME, OUTPUT
 from monitor.base.types import FloatArray
 from training.greybox.chain import Constants, simulate
-from training.greybox.effects.form.quantities import injecting
+from training.greybox.effects.form.place import ArrayPlace
 from training.greybox.fit.drive import Drive, path_of
 
 # The controller's answer to the mixture and the flags explain nothing.
@@ -111,7 +111,7 @@ def columns(drive: Drive, base: Constants, functions: Sequence[Function]) -> Flo
         small = STEP / max(float(np.abs(x).max()), 1e-9)
         if function.kind == "mass":
             step = small * mass
-            more = step * x * injecting(drive.signals)
+            more = step * x * ArrayPlace(path, drive.signals, drive.period_s).injecting()
             changed = replace(path, fuel_mg=path.fuel_mg + more)
         else:
             step = small * PERCENT

@@ -1,8 +1,8 @@
 """The library of effects that a vehicle may have and its model may lack, one file per effect.
 
 Each effect has a few constants and changes the mixture's path (``training.greybox.chain.Path``),
-nothing else. Its two forms, arrays and ONNX nodes, stand side by side in its file. For a new effect
-write the file and enter it here; fits try the effects in this order.
+nothing else. Its equation stands once in its file; a drive and a graph compute it alike. For a new
+effect write the file and enter it here; fits try the effects in this order.
 """
 
 from collections.abc import Mapping

@@ -6,32 +6,17 @@ corrects its charge by an air meter learns a share of the loss over seconds.
 
 from typing import Final
 
-import numpy as np
-
-from monitor.base.types import FloatArray
-from training.greybox.chain import Path
 from training.greybox.effects.form.air_meter import SLOWLY
-from training.greybox.effects.form.dynamics import lag
-from training.greybox.effects.form.effect import Effect, GraphForm, Parameter, Signals, Values
-from training.greybox.effects.form.place import PathNodes, Place
-from training.greybox.effects.form.quantities import KELVIN, air_times
-from training.greybox.effects.form.value import maximum
+from training.greybox.effects.form.effect import Effect, Parameter, Values
+from training.greybox.effects.form.place import Place
+from training.greybox.effects.form.quantities import KELVIN
+from training.greybox.effects.form.value import Quantity, maximum
 
 HALF_FLOW_KG_H: Final = 30.0  # at which the charge warms half as much as without flow
 CHARGE_MIN_K: Final = 100.0
 
 
-def _arrays(path: Path, p: FloatArray, signals: Signals, period_s: float) -> Path:
-    share, learned, followed_s = p
-    manifold = signals["manifold_temperature_degc"]
-    excess = signals["coolant_temperature_degc"] - manifold
-    warmed = share * excess / (1.0 + np.maximum(signals["maf_kg_h"], 0.0) / HALF_FLOW_KG_H)
-    kelvin = manifold + KELVIN
-    lost = 1.0 - kelvin / np.maximum(kelvin + warmed, CHARGE_MIN_K)
-    return air_times(path, (1.0 - lost) / (1.0 - learned * lag(lost, followed_s, period_s)))
-
-
-def _nodes(at: Place, p: Values) -> PathNodes:
+def _equation(at: Place, p: Values) -> dict[str, Quantity]:
     share, learned, followed_s = p
     manifold = at.signal("manifold_temperature_degc")
     excess = at.signal("coolant_temperature_degc") - manifold
@@ -51,6 +36,6 @@ EFFECT: Final = Effect(
     ),
     needs=("coolant_temperature_degc", "manifold_temperature_degc", "maf_kg_h"),
     tag="physics",
-    apply=_arrays,
-    graph=GraphForm(nodes=_nodes, n_states=2),
+    equation=_equation,
+    n_states=2,
 )

@@ -4,24 +4,19 @@ The stoichiometric ratio falls from 14.7 to 9.0 by mass in proportion to the fra
 constant factor on the mixture: humidity and slope errors of air meter or injectors look the same.
 """
 
-from dataclasses import replace
 from typing import Final
 
-from monitor.base.types import FloatArray
-from training.greybox.chain import STOICHIOMETRIC, Path
-from training.greybox.effects.form.effect import Effect, GraphForm, Parameter, Signals, Values
-from training.greybox.effects.form.place import PathNodes, Place
+from training.greybox.chain import STOICHIOMETRIC
+from training.greybox.effects.form.effect import Effect, Parameter, Values
+from training.greybox.effects.form.place import Place
+from training.greybox.effects.form.value import Quantity
 
 ETHANOL_AIR_FUEL: Final = 9.0  # stoichiometric, by mass
 GAIN_OF_ETHANOL: Final = 1.0 - ETHANOL_AIR_FUEL / STOICHIOMETRIC  # of the mixture, per fraction
 
 
-def _arrays(path: Path, p: FloatArray, signals: Signals, period_s: float) -> Path:
-    return replace(path, factor=path.factor * (1.0 - p[0] * GAIN_OF_ETHANOL))
-
-
-def _nodes(at: Place, p: Values) -> PathNodes:
-    return at.changed(factor=at.of("factor") * (1.0 - p[0] * GAIN_OF_ETHANOL))
+def _equation(at: Place, p: Values) -> dict[str, Quantity]:
+    return {"factor": at.of("factor") * (1.0 - p[0] * GAIN_OF_ETHANOL)}
 
 
 EFFECT: Final = Effect(
@@ -32,6 +27,5 @@ EFFECT: Final = Effect(
     tag="either",
     like=("humidity", "slope error of the air meter", "slope error of the injectors"),
     gain_class=True,
-    apply=_arrays,
-    graph=GraphForm(nodes=_nodes),
+    equation=_equation,
 )

@@ -4,29 +4,19 @@ The ECU takes the square root of Bernoulli's law; cavitation changes the power. 
 makes a factor (p / 10 MPa)**x on the fuel.
 """
 
-from dataclasses import replace
 from typing import Final
 
-import numpy as np
-
-from monitor.base.types import FloatArray
-from training.greybox.chain import Path
-from training.greybox.effects.form.effect import Effect, GraphForm, Parameter, Signals, Values
-from training.greybox.effects.form.place import PathNodes, Place
-from training.greybox.effects.form.value import maximum
+from training.greybox.effects.form.effect import Effect, Parameter, Values
+from training.greybox.effects.form.place import Place
+from training.greybox.effects.form.value import Quantity, maximum
 
 REFERENCE_RAIL_MPA: Final = 10.0
 RAIL_MIN_MPA: Final = 0.5
 
 
-def _arrays(path: Path, p: FloatArray, signals: Signals, period_s: float) -> Path:
-    ratio = np.maximum(signals["rail_pressure_mpa"], RAIL_MIN_MPA) / REFERENCE_RAIL_MPA
-    return replace(path, fuel_mg=path.fuel_mg * ratio ** p[0])
-
-
-def _nodes(at: Place, p: Values) -> PathNodes:
+def _equation(at: Place, p: Values) -> dict[str, Quantity]:
     ratio = maximum(at.signal("rail_pressure_mpa"), RAIL_MIN_MPA) / REFERENCE_RAIL_MPA
-    return at.changed(fuel_mg=at.of("fuel_mg") * ratio ** p[0])
+    return {"fuel_mg": at.of("fuel_mg") * ratio ** p[0]}
 
 
 EFFECT: Final = Effect(
@@ -35,6 +25,5 @@ EFFECT: Final = Effect(
     parameters=(Parameter("exponent", "-", -0.5, 0.5, (0.05,)),),
     needs=("rail_pressure_mpa",),
     tag="physics",
-    apply=_arrays,
-    graph=GraphForm(nodes=_nodes),
+    equation=_equation,
 )

@@ -5,30 +5,18 @@ faster, by the same factor.
 """
 
 import math
-from dataclasses import replace
 from typing import Final
 
-import numpy as np
-
-from monitor.base.types import FloatArray
-from training.greybox.chain import Path
-from training.greybox.effects.form.effect import Effect, GraphForm, Parameter, Signals, Values
-from training.greybox.effects.form.place import PathNodes, Place
+from training.greybox.effects.form.effect import Effect, Parameter, Values
+from training.greybox.effects.form.place import Place
+from training.greybox.effects.form.value import Quantity
 
 
-def _arrays(path: Path, p: FloatArray, signals: Signals, period_s: float) -> Path:
-    return replace(
-        path,
-        sensor_rising_s=path.sensor_rising_s * np.exp(p[0]),
-        sensor_falling_s=path.sensor_falling_s * np.exp(-p[0]),
-    )
-
-
-def _nodes(at: Place, p: Values) -> PathNodes:
-    return at.changed(
-        sensor_rising_s=at.of("sensor_rising_s") * math.exp(p[0]),
-        sensor_falling_s=at.of("sensor_falling_s") * math.exp(-p[0]),
-    )
+def _equation(at: Place, p: Values) -> dict[str, Quantity]:
+    return {
+        "sensor_rising_s": at.of("sensor_rising_s") * math.exp(p[0]),
+        "sensor_falling_s": at.of("sensor_falling_s") * math.exp(-p[0]),
+    }
 
 
 def _slower(p: Values) -> float:
@@ -42,6 +30,6 @@ EFFECT: Final = Effect(
     needs=(),
     tag="either",
     like=("slow_rich_to_lean", "slow_lean_to_rich"),
-    apply=_arrays,
-    graph=GraphForm(nodes=_nodes, slower=_slower),
+    equation=_equation,
+    slower=_slower,
 )

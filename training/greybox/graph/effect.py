@@ -1,9 +1,9 @@
 """An effect with its values as a part of a graph."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from training.greybox.effects.form.place import PathNodes, Place
+from training.greybox.effects.form.place import GraphPlace, PathNodes
 from training.greybox.effects.model_effect import ModelEffect
 from training.narx.export import Graph
 
@@ -33,14 +33,15 @@ def graph_effect(effect: ModelEffect, period_s: float, reads: Collection[str]) -
 
     reads : the signals that it reads beside the fuel, see ``Effect.signals_of``; it sees no others
     """
-    form, values = effect.effect.graph, effect.values.tolist()
+    form, values = effect.effect, effect.values.tolist()
 
     def add(
         graph: Graph, path: PathNodes, signals: Mapping[str, str], states: Sequence[str]
     ) -> tuple[PathNodes, Sequence[str]]:
         seen = {name: signals[name] for name in (FUEL, *reads)}
-        place = Place(graph, path, seen, states, period_s)
-        return form.nodes(place, values), place.kept
+        place = GraphPlace(graph, path, seen, states, period_s)
+        changed = {name: value.name for name, value in form.equation(place, values).items()}
+        return replace(path, **changed), place.kept
 
     return GraphEffect(
         effect.name,

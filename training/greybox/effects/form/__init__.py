@@ -1,1 +1,1 @@
-"""The parts of which effects are made: parameters, signals, lags, and their nodes."""
+"""The parts of which effects are made: parameters, quantities, lags, arithmetic."""

@@ -1,4 +1,4 @@
-"""How the ECU's charge follows its air meter, in both forms.
+"""How the ECU's charge follows its air meter.
 
 A charge that comes from the air meter follows it at once. A charge that comes from a table and is
 corrected by the meter follows over seconds. Healthy drives tell the two apart, see ``following``.
@@ -7,13 +7,9 @@ corrected by the meter follows over seconds. Healthy drives tell the two apart, 
 from dataclasses import replace
 from typing import Final
 
-import numpy as np
-
-from monitor.base.types import FloatArray
-from training.greybox.effects.form.dynamics import lag
-from training.greybox.effects.form.effect import Effect, Parameter, Signals
+from training.greybox.effects.form.effect import Effect, Parameter
 from training.greybox.effects.form.place import Place
-from training.greybox.effects.form.value import Value, maximum
+from training.greybox.effects.form.value import Quantity, maximum
 
 FOLLOWED: Final = Parameter("followed", "s", 0.02, 8.0, (0.05, 2.0))
 AT_ONCE: Final = replace(FOLLOWED, high=1.0, start=(0.05,))
@@ -34,22 +30,14 @@ def following(effect: Effect, meter_s: float | None) -> Effect:
     return replace(effect, parameters=parameters)
 
 
-def metered_kg_h(signals: Signals) -> FloatArray:
-    """Return the air meter's flow (n,), at least 4 kg/h."""
-    return np.maximum(signals["maf_kg_h"], METER_MIN_KG_H)
-
-
-def metered_nodes(at: Place) -> Value:
-    """Add ``metered_kg_h``."""
+def metered_kg_h(at: Place) -> Quantity:
+    """Return the air meter's flow, at least 4 kg/h."""
     return maximum(at.signal("maf_kg_h"), METER_MIN_KG_H)
 
 
-def taken_over(
-    error_kg_h: FloatArray, followed_s: float, signals: Signals, period_s: float
-) -> FloatArray:
-    """Return the relative error of the ECU's charge (n,) for an error of its air meter.
+def taken_over(at: Place, error: Quantity, metered: Quantity, followed_s: float) -> Quantity:
+    """Return the relative error of the ECU's charge for the filtered error of its air meter.
 
     The ECU compares filtered flows and learns their difference with the same time constant.
     """
-    metered = lag(metered_kg_h(signals), followed_s, period_s)
-    return lag(lag(error_kg_h, followed_s, period_s) / metered, followed_s, period_s)
+    return at.lag(error / at.lag(metered, followed_s), followed_s)

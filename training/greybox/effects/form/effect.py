@@ -1,14 +1,15 @@
-"""An effect of the library: parameters, signals, and its two forms, arrays and graph."""
+"""An effect of the library: parameters, signals, equation, and the memory that it needs."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from monitor.base.types import FloatArray
 from training.greybox.chain import Path
-from training.greybox.effects.form.place import PathNodes, Place
+from training.greybox.effects.form.place import ArrayPlace, Place
+from training.greybox.effects.form.quantities import Signals
+from training.greybox.effects.form.value import Quantity
 
-Signals = Mapping[str, FloatArray]
 Values = Sequence[float]  # of an effect's parameters, in their order
 Tag = Literal["physics", "fault-like", "either"]
 
@@ -32,17 +33,6 @@ def _none(values: Values) -> float:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class GraphForm:
-    """The nodes of an effect in an ONNX graph, and the memory that they need."""
-
-    nodes: Callable[[Place, Values], PathNodes]
-    n_states: int = 0
-    dead_time_s: Callable[[Values], float] = _none  # at most, beside the base's
-    lag_s: Callable[[Values], float] = _none  # at most, beside the base's lags
-    slower: Callable[[Values], float] = _none  # relative growth of the base's lags, at most
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Effect:
     """One entry of the library."""
 
@@ -56,8 +46,16 @@ class Effect:
     like: tuple[str, ...] = ()  # names from which the effect cannot be told by construction
     gain_class: bool = False  # a constant factor on the mixture: seen against a reference only
     varies: bool = False  # from drive to drive, so that the effect may begin between two drives
-    apply: Callable[[Path, FloatArray, Signals, float], Path]  # values (k,), period in s
-    graph: GraphForm
+    equation: Callable[[Place, Values], Mapping[str, Quantity]]  # the fields that change
+    n_states: int = 0  # of its lags in a graph
+    dead_time_s: Callable[[Values], float] = _none  # at most, beside the base's
+    lag_s: Callable[[Values], float] = _none  # at most, beside the base's lags
+    slower: Callable[[Values], float] = _none  # relative growth of the base's lags, at most
+
+    def apply(self, path: Path, values: FloatArray, signals: Signals, period_s: float) -> Path:
+        """Return a drive's path with the effect; values (k,) of the parameters in their order."""
+        place = ArrayPlace(path, signals, period_s)
+        return replace(path, **self.equation(place, values.tolist()))
 
     def signals_of(self, present: Collection[str]) -> tuple[str, ...]:
         """Return the signals that the effect reads beside the chain's, if those are present.

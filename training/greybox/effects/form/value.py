@@ -1,14 +1,18 @@
-"""Arithmetic that adds nodes to a graph, so that both forms of an effect read alike.
+"""Arithmetic on arrays (n,) or on tensors of a graph, to which it adds nodes.
 
 Only operations that give the same bits in every batch size are here: onnxruntime's ``Pow``,
 ``Exp`` and ``Tanh`` do, its ``Log`` does not.
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 if TYPE_CHECKING:
     from training.narx.export import Graph
+
+Quantity = Any  # FloatArray (n,), Value or float; all of one equation but floats are alike
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,31 +72,33 @@ class Value:
         return Value(graph, graph.add(kind, names, f"n{len(graph.nodes)}"))
 
 
-def maximum(x: Value, least: Value | float) -> Value:
+def maximum(x: Quantity, least: Quantity) -> Quantity:
     """Return the larger of the two."""
-    return x.node("Max", x, least)
+    return x.node("Max", x, least) if isinstance(x, Value) else np.maximum(x, least)
 
 
-def minimum(x: Value, most: Value | float) -> Value:
+def minimum(x: Quantity, most: Quantity) -> Quantity:
     """Return the smaller of the two."""
-    return x.node("Min", x, most)
+    return x.node("Min", x, most) if isinstance(x, Value) else np.minimum(x, most)
 
 
-def clip(x: Value, low: float, high: float) -> Value:
+def clip(x: Quantity, low: float, high: float) -> Quantity:
     """Return ``x`` within the limits."""
-    return x.node("Clip", x, low, high)
+    return x.node("Clip", x, low, high) if isinstance(x, Value) else np.clip(x, low, high)
 
 
-def exp(x: Value) -> Value:
+def exp(x: Quantity) -> Quantity:
     """Return e to the power of ``x``."""
-    return x.node("Exp", x)
+    return x.node("Exp", x) if isinstance(x, Value) else np.exp(x)
 
 
-def tanh(x: Value) -> Value:
+def tanh(x: Quantity) -> Quantity:
     """Return the hyperbolic tangent."""
-    return x.node("Tanh", x)
+    return x.node("Tanh", x) if isinstance(x, Value) else np.tanh(x)
 
 
-def where(condition: Value, then: Value | float, otherwise: Value | float) -> Value:
+def where(condition: Quantity, then: Quantity, otherwise: Quantity) -> Quantity:
     """Return ``then`` where the condition holds, else ``otherwise``."""
-    return condition.node("Where", condition, then, otherwise)
+    if isinstance(condition, Value):
+        return condition.node("Where", condition, then, otherwise)
+    return np.where(condition, then, otherwise)
