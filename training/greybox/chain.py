@@ -204,7 +204,7 @@ def _run(
     reading = np.empty(n)
     if n == 0:
         return reading
-    sensor = np.nan  # time constant of the present weights of the sensor's lag
+    mix = sensor = np.nan  # time constants of the present weights of the two lags
     late_last = mixed = valve[0]
     pumped_last = read = 1.0 + span[0] * (mixed * gas_factor[0] - 1.0)
     for k in range(n):
@@ -213,7 +213,8 @@ def _run(
         late = valve[whole]
         if whole < k:
             late += (at - whole) * (valve[whole + 1] - valve[whole])
-        keep, newest = _weights(mixing[k])
+        if mixing[k] != mix:
+            mix, (keep, newest) = mixing[k], _weights(mixing[k])
         mixed = keep * mixed + newest * late + (1.0 - keep - newest) * late_last
         late_last = late
         pumped = 1.0 + span[k] * (mixed * gas_factor[k] - 1.0)

@@ -1,4 +1,4 @@
-"""The two forms of every effect in the library: arrays and nodes of a graph."""
+"""The equation of every effect in the library, on arrays and in a graph."""
 
 from dataclasses import fields
 
