@@ -6,7 +6,7 @@ DEMO    := .venv-demo
 HEALTHY  = $(firstword $(sort $(wildcard replay_logs/healthy_*)))
 FAULTY   = $(firstword $(sort $(wildcard replay_logs/delay_rich_to_lean_*)))
 
-.PHONY: help demo test whole check fast lint venv system bench matrix model calibration study replay_logs clean python
+.PHONY: help demo test whole check fast properties lint venv system bench matrix model calibration study replay_logs clean python
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z_]+:.*## / {printf "make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -36,6 +36,9 @@ check: venv ## style, types, imports and the fast tests
 fast: venv
 	$(VENV)/bin/python -m pytest -q -n 2 --dist worksteal \
 	  -m 'not kernel and not browser and not trains and not thorough and not waits'
+
+properties: venv ## the property tests with ten times as many inputs, other ones in each run
+	O2_INPUTS=2 $(VENV)/bin/python -m pytest -q -n 2 --dist worksteal -m hypothesis
 
 lint: venv ## style, types and the direction of imports
 	$(VENV)/bin/ruff check .

@@ -6,15 +6,17 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+from tests.helpers.examples import USUAL, number
+
 # Before any test imports numpy: one thread is the fastest on small matrices.
 for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[_threads] = "1"
 
 ROOT = Path(__file__).resolve().parent.parent
 
-settings.register_profile("default", deadline=None)
+settings.register_profile("default", deadline=None, max_examples=number(USUAL))
 # A case that is found elsewhere is printed, and becomes an @example of its test.
-settings.register_profile("ci", deadline=None, derandomize=True, print_blob=True)
+settings.register_profile("ci", settings.get_profile("default"), derandomize=True, print_blob=True)
 settings.load_profile("ci" if os.environ.get("CI") else "default")
 
 

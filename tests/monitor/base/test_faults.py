@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.base import config
@@ -21,6 +21,7 @@ from monitor.base.faults import (
 from monitor.judge.bank import DIRECTIONS, build
 from monitor.memory.dtc import CODES
 from tests.helpers.bank import readings
+from tests.helpers.examples import inputs
 
 PERIOD_S = 0.1
 CLOSE = 1e-12
@@ -151,7 +152,7 @@ def test_a_sensor_that_says_nothing_reads_nan(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-@settings(max_examples=15)
+@inputs(15)
 @given(st.lists(st.one_of(st.floats(0.6, 2.0), st.just(math.nan)), max_size=40))
 def test_nan_stays_nan(name: str, healthy: list[float]) -> None:
     got = SensorFault(resolve(name), PERIOD_S).apply(healthy)

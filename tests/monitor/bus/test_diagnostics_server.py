@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import isotp.tools
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.base.errors import UsageError
@@ -19,6 +19,7 @@ from monitor.bus.diagnostics.server import (
     Diagnostics,
 )
 from tests.helpers.diagnostics_state import Vehicle, tick
+from tests.helpers.examples import inputs
 
 FUNCTIONAL, REQUEST, RESPONSE = 0x7DF, 0x7E1, 0x7E9
 
@@ -330,7 +331,7 @@ FRAMES = st.one_of(
 )
 
 
-@settings(max_examples=300)
+@inputs(300)
 @given(st.lists(st.tuples(st.sampled_from([FUNCTIONAL, REQUEST]), FRAMES), max_size=60))
 def test_whatever_comes_while_the_engine_runs_no_code_changes(
     frames: list[tuple[int, bytes]],

@@ -5,7 +5,7 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import dbc
@@ -16,6 +16,7 @@ from monitor.bus.polling.answer import Address, Reassembly, values_of
 from monitor.bus.polling.pids import wanted
 from monitor.bus.polling.poller import ObdPoller
 from monitor.decode.bus_map import load_pairs
+from tests.helpers.examples import inputs
 from tests.helpers.obd_conversation import LENGTHS, OBD, PARAMETERS, Conversation
 from tests.helpers.obd_ecu import J1979, STEADY, SUPPORTED, steady_ecu
 
@@ -300,7 +301,7 @@ def test_the_gear_box_can_be_asked_too() -> None:
     assert Address.of(0x18DA18F1) == Address(0x18DA18F1, 0x18DA18F1, 0x18DAF118, True)
 
 
-@settings(max_examples=300, deadline=None)
+@inputs(300)
 @given(frames=st.lists(st.binary(max_size=8), max_size=30))
 def test_no_sequence_of_frames_upsets_the_reassembly(frames: list[bytes]) -> None:
     subject = Reassembly()
@@ -311,7 +312,7 @@ def test_no_sequence_of_frames_upsets_the_reassembly(frames: list[bytes]) -> Non
             values_of(answer, tuple(J1979), LENGTHS)
 
 
-@settings(max_examples=200, deadline=None)
+@inputs(200)
 @given(data=st.data())
 def test_no_frames_upset_the_poller_and_the_requests_stay_polite(data: st.DataObject) -> None:
     poller = ObdPoller(PARAMETERS, LENGTHS)

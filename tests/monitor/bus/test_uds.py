@@ -5,7 +5,7 @@ import struct
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.bus.diagnostics.answer import answer
@@ -19,6 +19,7 @@ from monitor.memory.obd_records import Ratio
 from monitor.pipeline.events import WindowJudged
 from tests.conftest import ROOT
 from tests.helpers.diagnostics_state import NAMES, SHA256, VIN, Vehicle, ask, tick
+from tests.helpers.examples import inputs
 
 
 def test_sessions_are_default_and_extended() -> None:
@@ -208,7 +209,7 @@ def test_the_document_names_every_identifier_and_the_bits_of_the_conditions() ->
     assert ", ".join(enable.CONDITIONS) in text
 
 
-@settings(max_examples=500)
+@inputs(500)
 @given(st.one_of(st.binary(max_size=70), st.binary(max_size=9).map(lambda b: b"\x19" + b)))
 def test_every_request_is_answered_refused_or_met_with_silence(request_: bytes) -> None:
     vehicle = Vehicle(engine_speed_rpm=800.0)

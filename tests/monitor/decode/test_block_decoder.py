@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 import dbc
@@ -17,6 +17,7 @@ from monitor.decode.bus_map import BusMap, load_pairs
 from monitor.decode.checksum import payload_checksum
 from monitor.decode.decoder import Decoder
 from monitor.frames.blocks import block_of
+from tests.helpers.examples import inputs
 
 ECU = load_pairs([(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))])
 OBD = load_pairs([(dbc.path("obd2.dbc"), dbc.path("obd2.toml"))])
@@ -88,7 +89,7 @@ def ecu_frames(draw: st.DrawFn) -> list[Frame]:
     return frames
 
 
-@settings(max_examples=200, deadline=None)
+@inputs(200)
 @given(frames=ecu_frames(), cuts=cuts, names=st.sets(st.sampled_from(ECU.names), min_size=1))
 def test_protected_frames_give_the_same_values_and_counters(
     frames: list[Frame], cuts: list[int], names: set[str]
@@ -99,7 +100,7 @@ def test_protected_frames_give_the_same_values_and_counters(
 # Answers of a scan tool's queries, told apart by multiplexers
 
 
-@settings(max_examples=200, deadline=None)
+@inputs(200)
 @given(
     answers=st.lists(
         st.tuples(
@@ -189,7 +190,7 @@ SHORT_FOR_ONE_GROUP = (  # whose other group marks its value as not available
 )
 
 
-@settings(max_examples=120, deadline=None)
+@inputs(120)
 @given(layout=layouts(), seed=st.integers(0, 2**32 - 1), cuts=cuts)
 @example(layout=SHORT_FOR_ONE_GROUP, seed=0, cuts=[])
 def test_any_layout_gives_the_same_values_and_counters(

@@ -2,7 +2,7 @@ import math
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import dbc
@@ -10,6 +10,7 @@ from monitor.base.errors import SignalMapError
 from monitor.base.signals import BY_NAME, OWN
 from monitor.decode.bus_map import load_database, load_pairs
 from monitor.decode.checksum import crc8_sae_j1850, payload_checksum
+from tests.helpers.examples import inputs
 
 DATABASES = [name for name in dbc.names() if name.endswith(".dbc")]
 PAIRS = [
@@ -26,7 +27,7 @@ def pair(database: str, signal_map: str) -> tuple[Path, Path]:
 
 
 @pytest.mark.parametrize("name", DATABASES)
-@settings(max_examples=20, deadline=None)
+@inputs(20)
 @given(data=st.data())
 def test_every_signal_of_every_database_survives_encoding(name: str, data: st.DataObject) -> None:
     for message in load_database(dbc.path(name)).messages:

@@ -3,7 +3,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import dbc
@@ -12,6 +12,7 @@ from monitor.base.types import Frame
 from monitor.decode.bus_map import BusMap, load_database, load_pairs
 from monitor.decode.checksum import payload_checksum
 from monitor.decode.decoder import Decoder
+from tests.helpers.examples import inputs
 
 ECU = load_pairs([(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))])
 AIR = ECU.channels["air_mass_mg"].message
@@ -128,7 +129,7 @@ def test_a_checksum_across_bytes_is_refused(tmp_path: Path, start: int) -> None:
         Decoder(bus_map, ["one"])
 
 
-@settings(max_examples=200, deadline=None)
+@inputs(200)
 @given(payload=st.binary(min_size=8, max_size=8), count=st.integers(0, 15), data=st.data())
 def test_the_generated_decoder_agrees_with_cantools(
     payload: bytes, count: int, data: st.DataObject
@@ -163,7 +164,7 @@ def layouts(draw: st.DrawFn) -> str:
     return f' SG_ X : {start}|{length}@{0 if is_big else 1}{sign} ({scale},{offset}) [0|0] "" A'
 
 
-@settings(max_examples=150, deadline=None)
+@inputs(150)
 @given(layout=layouts(), payload=st.binary(min_size=8, max_size=8))
 def test_any_layout_agrees_with_cantools(
     tmp_path_factory: pytest.TempPathFactory, layout: str, payload: bytes

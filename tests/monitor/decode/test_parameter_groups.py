@@ -4,7 +4,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.base.errors import SignalMapError
@@ -13,6 +13,7 @@ from monitor.decode.block_decoder import BlockDecoder
 from monitor.decode.bus_map import BusMap, load_pairs
 from monitor.decode.decoder import Decoder
 from monitor.frames.blocks import block_of
+from tests.helpers.examples import inputs
 
 EEC1 = 0x0CF00400  # engine speed, from the engine at address 0
 HEADER = 'VERSION ""\nNS_ :\nBS_:\nBU_: ECM\n'
@@ -72,7 +73,7 @@ def test_senders_that_the_database_parts_are_known_by_their_addresses(folder: Pa
     assert decoded(bus(folder, 0, other=1), frames) == [800.0]
 
 
-@settings(max_examples=40)
+@inputs(40)
 @given(
     sources=st.lists(st.sampled_from([0, 3, 7]), min_size=1, max_size=12),
     cuts=st.lists(st.integers(1, 11), max_size=4),

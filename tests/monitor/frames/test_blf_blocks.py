@@ -10,12 +10,13 @@ import can
 import numpy as np
 import pytest
 from can.util import dlc2len
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from monitor.frames import blf_blocks
 from monitor.frames.candump import LogCounters
 from monitor.frames.logs import guarded
+from tests.helpers.examples import inputs
 from tests.helpers.read_outcome import frames_of, outcome, python_can_reads, read_at_once, streamed
 
 
@@ -170,7 +171,7 @@ def blf_files(draw: st.DrawFn) -> bytes:
     return blf_file(containers, draw(st.integers(0, 999)))
 
 
-@settings(max_examples=150)
+@inputs(150)
 @given(content=blf_files(), chunk_bytes=st.sampled_from([1, 1, 200, 1 << 20]))
 def test_blf_objects_of_every_kind_are_read_as_python_can_reads_them(
     tmp_path_factory: pytest.TempPathFactory, content: bytes, chunk_bytes: int

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.base.types import FrameBlock
@@ -16,6 +16,7 @@ from monitor.frames.bounds import open_binary
 from monitor.frames.candump import LogCounters, read_candump
 from monitor.frames.lines import MARGIN
 from monitor.frames.logs import guarded
+from tests.helpers.examples import inputs
 from tests.helpers.read_outcome import Outcome, frames_of, outcome, streamed, synthetic
 from training.fleet import candump_parser
 from training.recordings.can_log import write_log
@@ -91,7 +92,7 @@ def texts(draw: st.DrawFn) -> bytes:
     return bytes(text)
 
 
-@settings(max_examples=150)
+@inputs(150)
 @given(text=texts(), chunk_bytes=st.sampled_from([1, 7, 64, 333, 1 << 16]))
 def test_candump_in_chunks_gives_frames_counters_and_errors_of_the_streaming_reader(
     tmp_path_factory: pytest.TempPathFactory, text: bytes, chunk_bytes: int
@@ -188,7 +189,7 @@ def test_a_mark_too_few_or_too_many_is_left_to_the_streaming_reader(
         assert len(found.plain) == len(chunk) + 1
 
 
-@settings(max_examples=100)
+@inputs(100)
 @given(text=texts(), cut=st.integers(1, 40), flipped=st.integers(0, 200), bit=st.integers(0, 7))
 def test_damaged_gzip_gives_the_frames_before_and_the_error_of_the_streaming_reader(
     tmp_path_factory: pytest.TempPathFactory, text: bytes, cut: int, flipped: int, bit: int

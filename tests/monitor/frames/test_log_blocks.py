@@ -7,7 +7,7 @@ from pathlib import Path
 import can
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import dbc
@@ -16,6 +16,7 @@ from monitor.decode.bus_map import load_pairs
 from monitor.frames.log_blocks import read_blocks
 from monitor.frames.logs import frame_of
 from tests.conftest import ROOT
+from tests.helpers.examples import inputs
 from tests.helpers.read_outcome import START_NS, python_can_reads, read_at_once, streamed, synthetic
 from training.recordings.can_log import broadcast, write_log
 
@@ -101,7 +102,7 @@ FD = st.builds(
 
 
 @pytest.mark.parametrize("suffix", [".log", ".asc", ".blf", ".csv", ".trc", ".mf4"])
-@settings(max_examples=15)
+@inputs(15)
 @given(data=st.data())
 def test_logs_written_by_python_can_are_read_as_python_can_reads_them(
     tmp_path_factory: pytest.TempPathFactory, suffix: str, data: st.DataObject

@@ -3,7 +3,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.base.errors import SignalMapError
@@ -11,6 +11,7 @@ from monitor.base.types import Quality, Sample, Update
 from monitor.decode.signal_map import Derived
 from monitor.grid.assembler import MAX_JUMP_NS, MAX_LATE, Assembler
 from monitor.grid.block_assembler import assemble_arrays
+from tests.helpers.examples import inputs
 
 MS = 1_000_000
 S = 1_000 * MS
@@ -178,7 +179,7 @@ arrivals = st.lists(
 )
 
 
-@settings(max_examples=300, deadline=None)
+@inputs(300)
 @given(
     arrivals=arrivals, period_ms=st.sampled_from([10, 100, 333, 60_000]), start=st.integers(-5, 9)
 )

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.base.errors import SignalMapError, UsageError
@@ -15,6 +15,7 @@ from monitor.base.types import Frame
 from monitor.decode.decoder import Decoder
 from monitor.inject.injection import FRAME_FAULTS, NAMES, Injection
 from monitor.inject.injector import Injector
+from tests.helpers.examples import inputs
 from tests.helpers.injected_frames import (
     AIR_ID,
     HALF_STEP,
@@ -49,7 +50,7 @@ IN_PHI = (
 
 
 @pytest.mark.parametrize("name", IN_PHI)
-@settings(max_examples=20)
+@inputs(20)
 @given(values=readings)
 def test_at_even_times_a_fault_reads_as_defined(name: str, values: list[float]) -> None:
     fault = resolve(name)

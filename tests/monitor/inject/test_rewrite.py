@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from cantools.database.can import Message, Signal
 from cantools.database.conversion import LinearConversion
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import dbc
@@ -18,6 +18,7 @@ from monitor.decode.decoder import Decoder
 from monitor.decode.raw_values import bit_position, not_available_raw
 from monitor.decode.signal_map import Integrity, MappedSignal
 from monitor.inject.rewrite import MessageWriter, SignalWriter, writers
+from tests.helpers.examples import inputs
 
 OWN = load_pairs([(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))])
 RUSEFI = load_pairs([(dbc.path("rusefi.dbc"), dbc.path("rusefi.toml"))])
@@ -116,7 +117,7 @@ def test_a_frame_with_a_flipped_bit_is_not_sound(data: bytes, bit: int) -> None:
 
 
 @pytest.mark.parametrize("message", sorted(PROTECTION))
-@settings(max_examples=50)
+@inputs(50)
 @given(data=st.data())
 def test_awkward_signals_are_written_as_another_encoder_writes_them(
     tmp_path_factory: pytest.TempPathFactory, message: str, data: st.DataObject

@@ -3,13 +3,14 @@
 from dataclasses import astuple
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.base import config
 from monitor.base.types import Quality
 from monitor.judge.enable import Enable
 from monitor.judge.observation import Observation, Observed
+from tests.helpers.examples import inputs
 
 CONFIG = config.load()
 NAMES = ("air_mass_mg", "lambda_measured", "vehicle_speed_km_h")
@@ -41,7 +42,7 @@ def observed(cuts: list[int]) -> Observed:
     return observation.observed()
 
 
-@settings(max_examples=15)
+@inputs(15)
 @given(st.lists(st.integers(1, N - 1), unique=True, max_size=30).map(sorted))
 def test_no_count_depends_on_where_blocks_begin(cuts: list[int]) -> None:
     whole, parts = astuple(observed([])), astuple(observed(cuts))

@@ -13,7 +13,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
@@ -23,6 +23,7 @@ from monitor.judge.bank import DIRECTIONS, build
 from monitor.judge.response import Noise, Response, ResponseRule
 from monitor.memory.dtc import CODES
 from tests.helpers.bank import readings
+from tests.helpers.examples import inputs
 
 STEP_S, PERIOD_S, WINDOW = 0.01, 0.1, 50
 CONFIG = config.load().response
@@ -281,7 +282,7 @@ def test_an_ignored_window_leaves_no_evidence() -> None:
     assert before != 0.0
 
 
-@settings(max_examples=20)
+@inputs(20)
 @given(st.floats(-0.1, 0.1), st.integers(0, 3))
 def test_an_offset_of_the_measurement_does_not_change_the_verdict(offset: float, seed: int) -> None:
     measured, predicted = drive(late("rich_to_lean", 0.5), seed, 20.0)

@@ -8,7 +8,7 @@ from types import ModuleType
 import pytest
 from cantools.database.can import Database, Message, Signal
 from cantools.database.conversion import BaseConversion
-from hypothesis import HealthCheck, example, given, settings
+from hypothesis import HealthCheck, example, given
 from hypothesis import strategies as st
 
 import dbc
@@ -26,6 +26,7 @@ from monitor.mapping.recording import observe, protections
 from monitor.mapping.text import map_text
 from tests.conftest import ROOT
 from tests.helpers.databases import database_of, proposed
+from tests.helpers.examples import inputs
 
 OWN = ["o2_ecu", "rusefi", "obd2"]
 
@@ -211,7 +212,7 @@ def taken_for_another(message: str, signal: str) -> Database:
     return Database([Message(0x100, message, 8, [only])])
 
 
-@settings(max_examples=100, deadline=None, suppress_health_check=list(HealthCheck))
+@inputs(100, suppress_health_check=list(HealthCheck))
 @example(database=taken_for_another("Motor\x1fSpeed", "lambda"))
 @example(database=taken_for_another("Motor\x7f_Speed", "lambda\r\nsig"))
 @given(database=databases())
@@ -235,7 +236,7 @@ def test_no_database_upsets_it_and_what_it_writes_is_a_map(
     assert map_text(proposals, Path("x.dbc"))
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+@inputs(60, suppress_health_check=list(HealthCheck))
 @given(database=databases(), data=st.data())
 def test_no_recording_upsets_it(
     database: Database, data: st.DataObject, tmp_path_factory: pytest.TempPathFactory

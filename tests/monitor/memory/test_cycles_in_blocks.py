@@ -3,12 +3,13 @@
 from itertools import pairwise
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.base import config
 from monitor.base.types import Quality, SampleBlock
 from monitor.memory.cycles import SIGNALS, Cycles
+from tests.helpers.examples import inputs
 
 CONFIG = config.load()
 NAMES = ("lambda_measured", *SIGNALS)
@@ -42,7 +43,7 @@ def recordings(draw: st.DrawFn) -> SampleBlock:
     return SampleBlock(np.arange(len(t_ns)), t_ns, np.concatenate(parts), np.concatenate(quality))
 
 
-@settings(max_examples=60, deadline=None)
+@inputs(60)
 @given(
     block=recordings(),
     missing=st.sets(st.sampled_from(SIGNALS), max_size=2),

@@ -4,7 +4,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
-from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
@@ -12,6 +11,7 @@ from monitor.base.config import load, shipped
 from monitor.base.errors import ConfigError
 from monitor.memory.codes import OF_MONITOR
 from monitor.memory.dtc import CODES, FRESH, TESTS, Dtc, DtcStore, Status
+from tests.helpers.examples import inputs
 from tests.helpers.fault_store import CARB, code_of, confirmed, frame_of, heal, states
 
 
@@ -399,5 +399,5 @@ class StatusByte(RuleBasedStateMachine):
         assert store.completed_since_clear("response") or not self.dtc.state
 
 
-StatusByte.TestCase.settings = settings(max_examples=150, stateful_step_count=40, deadline=None)
+StatusByte.TestCase.settings = inputs(150, stateful_step_count=40)
 TestStatusByte = StatusByte.TestCase

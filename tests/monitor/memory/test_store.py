@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.base.config import shipped
@@ -20,6 +20,7 @@ from monitor.memory.content import checksum_of
 from monitor.memory.dtc import CODES, TESTS, Dtc, DtcStore, Saved, Status
 from monitor.memory.reference import Reference, Seen
 from monitor.memory.store import SCHEMA_VERSION, Memory
+from tests.helpers.examples import inputs
 
 KNOWN = sorted({code for group in CODES.values() for code in group})
 numbers = st.integers(0, 2**62)
@@ -91,7 +92,7 @@ def sorted_out(saved: Saved) -> Saved:
     )
 
 
-@settings(max_examples=60)
+@inputs(60)
 @given(saved=saved_stores, later=saved_stores)
 def test_everything_is_loaded_as_it_was_saved(
     tmp_path_factory: pytest.TempPathFactory, saved: Saved, later: Saved

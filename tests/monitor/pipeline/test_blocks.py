@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.base.errors import RecordingError
@@ -20,6 +20,7 @@ from monitor.model.card import Channel, ModelCard
 from monitor.model.step import Model
 from monitor.pipeline.side_by_side import judge_all
 from monitor.report.replay import shipped_model
+from tests.helpers.examples import inputs
 from tests.helpers.streamed import PERIOD_NS, SHIPPED, assert_same, fresh, kept, stream
 from training.narx.export import Network, save
 from training.narx.network import Spec, initial_weights
@@ -164,7 +165,7 @@ def cleared(draw: st.DrawFn, block: SampleBlock) -> list[Clearing]:
     return [Clearing(k, 77 + k) for k in at]
 
 
-@settings(max_examples=120, deadline=None)
+@inputs(120)
 @given(
     blocks=st.lists(recordings(), max_size=5),
     missing=st.sets(st.sampled_from(enable.SIGNALS), max_size=3),

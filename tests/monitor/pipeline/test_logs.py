@@ -7,7 +7,7 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.base import config
@@ -35,6 +35,7 @@ from monitor.report.replay import Setup, frame_counters, replay, set_up, shipped
 from monitor.report.sinks import Collector
 from tests.conftest import ROOT
 from tests.helpers.batch_logs import ECU, S, logs
+from tests.helpers.examples import inputs
 from training.recordings.table_files import write_table
 
 MODEL = Model.load(shipped_model())
@@ -53,7 +54,7 @@ def assert_same_samples(expected: list[Sample], block: SampleBlock) -> None:
     assert block.quality.tobytes() == b"".join(s.quality.tobytes() for s in expected)
 
 
-@settings(max_examples=150, deadline=None)
+@inputs(150)
 @given(
     frames=logs(),
     size=st.sampled_from([1, 7, 100, 1000]),
@@ -158,7 +159,7 @@ def test_a_recorded_drive_is_judged_alike_on_a_bus_and_in_a_replay(drive: str) -
     assert entry["fault_flag"]
 
 
-@settings(max_examples=100, deadline=None)
+@inputs(100)
 @given(frames=logs())
 def test_a_spoilt_log_is_judged_alike_on_a_bus_and_in_a_replay(
     tmp_path_factory: pytest.TempPathFactory, frames: list[Frame]

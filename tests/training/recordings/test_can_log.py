@@ -6,7 +6,7 @@ import numpy as np
 import polars as pl
 import pytest
 from asammdf import MDF, Signal
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import dbc
@@ -17,6 +17,7 @@ from monitor.decode.bus_map import load_pairs
 from monitor.decode.decoder import Decoder
 from monitor.frames.logs import read_frames
 from monitor.grid.samples import FrameSamples
+from tests.helpers.examples import inputs
 from training.cli.recordings import add_parsers
 from training.recordings.can_encoding import encode_message
 from training.recordings.can_log import block_of, broadcast, outgoing, write_log
@@ -36,7 +37,7 @@ def a_drive(n: int = 50) -> dict[str, np.ndarray[tuple[int], np.dtype[np.float64
     }
 
 
-@settings(max_examples=50, deadline=None)
+@inputs(50)
 @given(data=st.data())
 def test_the_vectorised_encoding_agrees_with_cantools(data: st.DataObject) -> None:
     each = data.draw(st.sampled_from(outgoing(ECU)))
