@@ -47,6 +47,24 @@ def warn(line: str) -> None:
         print(f"o2mon: warning: {line}", file=sys.stderr, flush=True)
 
 
+def add_columns(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say what the columns of a table are."""
+    group = parser.add_mutually_exclusive_group()
+    group.add_argument(
+        "--profile",
+        type=paths.read,
+        dest="columns",
+        metavar="NAME|FILE",
+        help="columns of a logger's file (default: recognised by its columns)",
+    )
+    group.add_argument(
+        "--columns",
+        type=paths.read,
+        metavar="FILE",
+        help="TOML file for other tables: canonical name = column",
+    )
+
+
 def add_command(
     commands: Any, name: str, text: str, examples: str, func: Any
 ) -> argparse.ArgumentParser:

@@ -7,6 +7,7 @@ from typing import Any
 
 from monitor.base import option_paths as paths
 from monitor.cli.options import (
+    add_columns,
     add_command,
     add_outputs,
     add_setup,
@@ -21,6 +22,7 @@ _REPLAY = """examples:
   o2mon replay drive.blf                     log of the project's own ECU, shipped model
   o2mon replay *.log --html report.html      several drives, shown on a web page
   o2mon replay drive.log --dbc engine.dbc --map engine.toml --model mine.onnx
+  o2mon replay drive.msl --model mine.onnx   log of TunerStudio, COBB, Torque and others
   o2mon replay table.csv --model mine.onnx --columns names.toml
 
 exit code: 0 judged and no fault, 1 a fault code is pending or confirmed, 2 unusable input,
@@ -32,9 +34,7 @@ def add(commands: Any) -> None:
     replay = add_command(commands, "replay", HELP, _REPLAY, _replay)
     replay.add_argument("log", nargs="+", type=paths.read, metavar="LOG", help="CAN log or table")
     add_setup(replay)
-    replay.add_argument(
-        "--columns", type=paths.read, help="TOML file for tables: canonical name = column"
-    )
+    add_columns(replay)
     replay.add_argument("--windows", action="store_true", help="print every window")
     replay.add_argument("--quiet", action="store_true", help="print nothing per recording")
     add_outputs(replay)

@@ -24,7 +24,7 @@ from monitor.base.types import (
     SampleBlock,
 )
 from monitor.frames.bounds import open_binary
-from monitor.frames.profiles.profile import is_profile, load_profile
+from monitor.frames.profiles.profile import is_profile, load_profile, path_of
 from monitor.frames.profiles.recognition import recognised
 from monitor.frames.profiles.signals import read_signals
 from monitor.frames.tables import own
@@ -57,6 +57,18 @@ class Table:
     pinned: BoolArray | None = None  # (n, n_names) the logger's value for "no sensor"; None nowhere
     notes: Notes = field(default_factory=Notes)
     profile: str = ""  # of a logger's file
+    columns: Mapping[str, str] = field(default_factory=dict)  # name → origin
+
+    def column_of(self, name: str) -> str:
+        """Return where a signal comes from, as the user knows it.
+
+        >>> t = np.array([0])
+        >>> table = Table(Path("a.msl"), ("lambda_measured",), t, t[:, None], columns={
+        ...     "lambda_measured": "column AFR"})
+        >>> table.column_of("lambda_measured")
+        'column AFR'
+        """
+        return self.columns.get(name, f"column {name}")
 
 
 def is_table(path: str | Path) -> bool:
@@ -75,6 +87,19 @@ def is_table(path: str | Path) -> bool:
         return False
 
 
+def checked_columns(given: Path) -> Path:
+    """Return the file of a columns map or profile, which may be a shipped one's name.
+
+    Raises ConfigError if it is neither or cannot be used.
+    """
+    path = path_of(given)
+    if is_profile(path):
+        load_profile(path)
+    else:
+        load_columns(path)
+    return path
+
+
 def read_table(
     path: str | Path, columns: str | Path | None = None, further: Sequence[str] = ()
 ) -> Table:
@@ -87,7 +112,7 @@ def read_table(
     that are no numbers, rows of another length or times that fall, or if no profile fits it.
     """
     path = Path(path)
-    given = None if columns is None else Path(columns)
+    given = None if columns is None else path_of(columns)
     if path.suffix.lower() == ".parquet":
         mapping = load_columns(given) if given is not None else None
         needed = mapping and {TIME, *(each.column for each in mapping.values())}
@@ -139,6 +164,7 @@ def _of_logger(raw: RawTable, given: Path | None, further: Sequence[str]) -> Tab
         reading.pinned if reading.pinned.any() else None,
         reading.notes,
         profile.name,
+        {each.name: each.origin for each in reading.found},
     )
 
 

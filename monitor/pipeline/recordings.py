@@ -3,8 +3,10 @@
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 from monitor.base.errors import RecordingError
+from monitor.base.signals import BY_NAME
 from monitor.base.types import SampleBlock
 from monitor.decode.block_decoder import BlockDecoder
 from monitor.decode.bus_map import BusMap
@@ -26,6 +28,10 @@ from monitor.pipeline.entry import (
 )
 from monitor.pipeline.monitor import check_names, needed_names
 
+OTHER_MODEL: Final = "train a model on healthy drives of this car: o2train fit LOG… --out M.onnx"
+    "train a model on healthy drives of this vehicle: o2train fit LOG… --out M.onnx"
+)
+
 
 @dataclass(frozen=True, slots=True)
 class OpenRecording:
@@ -37,6 +43,8 @@ class OpenRecording:
     counters: Callable[[], dict[str, int]]  # of frames that could not be used, behind the parts
     sources: Mapping[str, Source]  # where each signal comes from
     is_live: Callable[[], bool] = lambda: False  # whether a live monitor made it, with its part
+    profile: str = ""  # of a logger's file
+    notes: tuple[str, ...] = ()  # oddities of a table, in words
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,12 +119,22 @@ class RecordingReader:
         )
 
     def _table(self, path: Path) -> OpenRecording:
-        table = read_table(path, self._columns)
+        own = (*self._card.input_names, self._card.output.name)
+        table = read_table(path, self._columns, [name for name in own if name not in BY_NAME])
         try:
             check_names(self._card, table.names)
         except RecordingError as error:
-            raise RecordingError(f"{path}: {error}") from None
+            logger = f" in this log ({table.profile}); {OTHER_MODEL}" if table.profile else ""
+            raise RecordingError(f"{path}: {error}{logger}") from None
         block = table_block(table, table.names, self._card.period_ns)
         counters = table_counts(table, block, self._card)
-        sources = {name: Source(f"column {name}") for name in table.names}
-        return OpenRecording(path, table.names, iter([block]), lambda: counters, sources)
+        sources = {name: Source(table.column_of(name)) for name in table.names}
+        return OpenRecording(
+            path,
+            table.names,
+            iter([block]),
+            lambda: counters,
+            sources,
+            profile=table.profile,
+            notes=table.notes.lines,
+        )

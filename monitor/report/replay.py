@@ -119,7 +119,12 @@ def replay(
     if memory:
         memory.save(store.saved)
         memory.learn(setup.model_sha256, monitor.seen, setup.config.bias)
-    return recording | {"source": source_of(path, sha256)} | of_memory(memory), collector.trace()
+    recording |= {"source": source_of(path, sha256)} | of_memory(memory)
+    if opened.profile:
+        recording |= {"profile": opened.profile}
+    if opened.notes:
+        recording |= {"notes": list(opened.notes)}
+    return recording, collector.trace()
 
 
 def store_of(memory: Memory | None, profile: ProfileConfig) -> DtcStore:

@@ -214,6 +214,10 @@ def print_recording(recording: Mapping[str, Any], *, windows: bool = False) -> I
         for d in recording["dtcs"]:  # of the monitor itself
             yield f"  {d['code']} {d['fault']} ({d['state']})"
     bad = {name: n for name, n in recording["counters"].items() if n and name != "unmapped"}
+    if recording.get("profile"):
+        yield f"  read with the profile {recording['profile']}"
+    for note in recording.get("notes", ()):
+        yield f"  note: {note}"
     if bad:
         yield "  counted: " + ", ".join(f"{name} {n}" for name, n in bad.items())
 

@@ -5,7 +5,13 @@ import json
 from typing import TYPE_CHECKING, Any
 
 from monitor.base import option_paths as paths
-from training.cli.recordings import add_bus_options, add_period_option, add_signal_options, load_all
+from training.cli.recordings import (
+    add_bus_options,
+    add_period_option,
+    add_signal_options,
+    inputs_of,
+    load_all,
+)
 
 if TYPE_CHECKING:
     from training.recordings.recording import Recording
@@ -77,9 +83,10 @@ def run(args: argparse.Namespace) -> int:
     if min(args.lags, *args.hidden) < 1:
         raise UsageError("--lags and --hidden must be positive")
     recordings, unreadable = _load(args)
+    inputs = inputs_of(args, recordings) if recordings else (args.inputs or NARX_INPUTS)
     result = check(
         recordings,
-        args.inputs or NARX_INPUTS,
+        inputs,
         args.output or OUTPUT,
         lags=args.lags,
         hidden=args.hidden,

@@ -7,7 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 from monitor.base import option_paths as paths
 from training.cli import greybox, matrix
-from training.cli.recordings import add_bus_options, add_period_option, add_signal_options, load_all
+from training.cli.recordings import (
+    add_bus_options,
+    add_period_option,
+    add_signal_options,
+    inputs_of,
+    load_all,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -21,6 +27,7 @@ _FIT_EXAMPLES = """examples:
   o2train fit drive1.log drive2.log drive3.log --out model.onnx
   o2train fit run_*.csv.gz --inputs speed_z load_z ignition_angle_z fuel_cutoff_z \\
       --output lambda_z --out lambda.onnx
+  o2train fit monday.msl tuesday.msl --out mx5.onnx
   o2train fit drive*.log --kind greybox --out chain.onnx
   o2train fit drive*.log --kind greybox --out chain.onnx --inputs fuel_mass_mg \\
       manifold_pressure_kpa manifold_temperature_degc engine_speed_rpm
@@ -167,7 +174,7 @@ def _add_recordings(parser: argparse.ArgumentParser, number: str = "+") -> None:
         nargs=number,
         type=paths.read,
         metavar="RECORDING",
-        help="CAN logs, tables or measurement files",
+        help="CAN logs, tables, logs of tuning tools or measurement files",
     )
     add_period_option(parser)
     add_bus_options(parser)
@@ -204,7 +211,6 @@ def run_fit(args: argparse.Namespace) -> int:
 def _check_fit(args: argparse.Namespace) -> Path:
     """Return the path of the report; raise UsageError for impossible options."""
     from monitor.base.errors import UsageError
-    from monitor.base.signals import NARX_INPUTS
 
     if (
         min(*(1 if n is None else n for n in (args.lags, args.starts)), *(args.hidden or (1,))) < 1
@@ -218,8 +224,6 @@ def _check_fit(args: argparse.Namespace) -> Path:
     report = _report(args)
     if args.kind == "greybox":
         greybox.check(args)
-    if args.ratio and not {"fuel_mass_mg", "air_mass_mg"} <= set(args.inputs or NARX_INPUTS):
-        raise UsageError("--ratio needs the inputs fuel_mass_mg and air_mass_mg")
     return report
 
 
@@ -229,15 +233,20 @@ def _report(args: argparse.Namespace) -> Path:
 
 
 def _narx(args: argparse.Namespace, recordings: "list[Recording]") -> "FitResult":
-    from monitor.base.signals import NARX_INPUTS, OUTPUT
+    from monitor.base.errors import UsageError
+    from monitor.base.signals import OUTPUT
     from training.cli.progress_bar import Bar
     from training.narx.fit import fit
     from training.recordings.transforms import fuel_air_ratio
 
+    validate = load_all(args, args.validate, args.period)
+    inputs = inputs_of(args, (*recordings, *validate))
+    if args.ratio and not {"fuel_mass_mg", "air_mass_mg"} <= set(inputs):
+        raise UsageError("--ratio needs the inputs fuel_mass_mg and air_mass_mg")
     with Bar() as bar:
         return fit(
             recordings,
-            args.inputs or NARX_INPUTS,
+            inputs,
             args.output or OUTPUT,
             args.out,
             lags=args.lags,
@@ -247,7 +256,7 @@ def _narx(args: argparse.Namespace, recordings: "list[Recording]") -> "FitResult
             starts=args.starts,
             budget_minutes=args.budget,
             seed=args.seed,
-            validate=load_all(args, args.validate, args.period),
+            validate=validate,
             progress=bar.update,
             tried=bar.tried,
         )

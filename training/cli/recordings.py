@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 from monitor.base import option_paths as paths
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from training.recordings.recording import Recording
 
 _TABLE_EXAMPLES = """examples:
@@ -85,7 +87,8 @@ def add_signal_options(parser: argparse.ArgumentParser) -> None:
         "--inputs",
         nargs="+",
         metavar="NAME",
-        help="input signals of the model (default: the seven inputs of the paper)",
+        help="input signals of the model (default: the seven inputs of the paper where all "
+        "recordings have them, otherwise chosen from what they have)",
     )
     parser.add_argument(
         "--output", metavar="NAME", help="signal that the model predicts (default lambda_measured)"
@@ -111,11 +114,20 @@ def add_bus_options(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="signal map of the preceding --dbc",
     )
-    parser.add_argument(
+    group = parser.add_mutually_exclusive_group()
+    group.add_argument(
         "--columns",
         type=paths.read,
         metavar="FILE",
         help="TOML file that renames the columns of a table or measurement file",
+    )
+    group.add_argument(
+        "--profile",
+        type=paths.read,
+        dest="columns",
+        metavar="NAME|FILE",
+        help="columns of a logger's file such as .msl, .mlg and CSV of COBB or Torque (default: "
+        "recognised by its columns)",
     )
 
 
@@ -144,9 +156,44 @@ def load_all(
     """
     from training.recordings.recording import load
 
-    return [
-        load(path, period_s=period_s, pairs=pairs_of(args), columns=args.columns) for path in paths
-    ]
+    def read(path: Path, period_s: float | None) -> "Recording":
+        return load(path, period_s=period_s, pairs=pairs_of(args), columns=args.columns)
+
+    found = [read(path, period_s) for path in paths]
+    widest_ns = max((each.period_ns for each in found), default=0)
+    if period_s is None and any(each.profile and each.period_ns != widest_ns for each in found):
+        found = [
+            each if each.period_ns == widest_ns else read(each.path, widest_ns / 1e9)
+            for each in found
+        ]
+    tell_notes(found)
+    return found
+
+
+def inputs_of(
+    args: argparse.Namespace, recordings: "Sequence[Recording]", *, tell: bool = True
+) -> tuple[str, ...]:
+    """Return the inputs of ``--inputs``, else those chosen from what the recordings have.
+
+    tell : print the inputs if they are chosen and are not the paper's
+    Raises RecordingError if there are none.
+    """
+    from monitor.base.signals import NARX_INPUTS, OUTPUT
+    from training.recordings.input_choice import choose_inputs, in_words
+
+    if args.inputs:
+        return tuple(args.inputs)
+    chosen = choose_inputs(recordings, args.output or OUTPUT)
+    if tell and chosen != NARX_INPUTS:
+        print(in_words(chosen))
+    return chosen
+
+
+def tell_notes(recordings: "list[Recording]") -> None:
+    """Print how the files of loggers were read."""
+    for each in recordings:
+        for note in each.notes:
+            print(f"o2train: {each.path}: {note}", file=sys.stderr)
 
 
 def run_table(args: argparse.Namespace) -> int:
@@ -163,6 +210,7 @@ def run_table(args: argparse.Namespace) -> int:
         pairs=pairs_of(args),
         columns=args.columns,
     )
+    tell_notes([recording])
     write_table(args.out, recording.t_s, recording.names, recording.values)
     good = int((recording.quality == 0).sum())
     print(

@@ -5,7 +5,13 @@ import sys
 from typing import Any
 
 from monitor.base import option_paths as paths
-from training.cli.recordings import add_bus_options, add_period_option, add_signal_options, load_all
+from training.cli.recordings import (
+    add_bus_options,
+    add_period_option,
+    add_signal_options,
+    inputs_of,
+    load_all,
+)
 
 _EXAMPLES = """examples:
   o2train study drives/*.parquet --test wltc.parquet --faulty slow.parquet --out study
@@ -122,7 +128,7 @@ def run(args: argparse.Namespace) -> int:
     Raises RecordingError or UsageError (exit code 2).
     """
     from monitor.base.errors import UsageError
-    from monitor.base.signals import NARX_INPUTS, OUTPUT
+    from monitor.base.signals import OUTPUT
     from training.studies.paper.run import study
     from training.studies.paper.task import Settings, Task
 
@@ -138,12 +144,13 @@ def run(args: argparse.Namespace) -> int:
         seed=args.seed,
         models=tuple(args.models),
     )
+    recordings = tuple(load_all(args, args.recordings, args.period))
     task = Task(
-        recordings=tuple(load_all(args, args.recordings, args.period)),
+        recordings=recordings,
         test=tuple(load_all(args, args.test, args.period)),
         faulty=tuple(load_all(args, args.faulty, args.period)),
         steady=tuple(load_all(args, args.steady, args.period)),
-        inputs=tuple(args.inputs or NARX_INPUTS),
+        inputs=inputs_of(args, recordings),
         output=args.output or OUTPUT,
         out=args.out,
         settings=settings,

@@ -16,7 +16,7 @@ from monitor.base.config import Config
 from monitor.decode.bus_map import load_pairs
 from monitor.frames.candump_blocks import Lines
 from monitor.frames.lines import Bytes
-from monitor.grid.columns import load_columns
+from monitor.grid.tables import checked_columns
 from monitor.judge.limits import Limits
 from monitor.model.step import Model
 from monitor.pipeline.recordings import RecordingReader
@@ -62,7 +62,7 @@ class Bench:
         Limits.from_card(Model.load(model).card, config, str(model))
         load_pairs(pair_paths)
         if columns is not None:
-            load_columns(columns)
+            columns = checked_columns(columns)
         return cls(
             _file(model),
             config,

@@ -12,7 +12,10 @@ import fsspec
 
 from monitor.base.errors import RecordingError, UsageError
 
-SUFFIXES: Final = (".log", ".asc", ".blf", ".csv", ".trc", ".mf4", ".mdf", ".dat", ".parquet")
+SUFFIXES: Final = (
+    *(".log", ".asc", ".blf", ".csv", ".trc", ".mf4", ".mdf", ".dat", ".parquet"),
+    *(".mlg", ".msl"),
+)
 _MAGIC: Final = "*?["
 _WEB: Final = ("http://", "https://")
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from monitor.base.errors import RecordingError, UsageError
 from monitor.base.signals import BY_NAME
-from monitor.base.types import FloatArray
+from monitor.base.types import FloatArray, Quality
 from monitor.model.card import Channel
 from monitor.model.step import PHI_MAX, to_model_units
 from training.recordings.outliers import outlier_mask
@@ -150,6 +150,7 @@ def prepare(
     for index, recording in enumerate(recordings):
         u = _columns(recording, inputs, outliers)
         y = _columns(recording, [output], outliers)[:, 0]
+        y[pinned_rows(recording, output)] = np.nan
         on = enabled_rows(recording)
         for first, stop in runs(np.asarray(np.isfinite(u).all(axis=1))):
             if stop - first < 8 * lags or not np.isfinite(y[first:stop]).any():
@@ -202,6 +203,17 @@ def enabled_rows(recording: "Recording") -> np.ndarray:
             column = recording.values[:, names.index(name)]
             on &= np.isnan(column) | ((column >= 0.5) == (wanted >= 0.5))
     return on
+
+
+def pinned_rows(recording: "Recording", output: str) -> np.ndarray:
+    """Return (n,) bool: the output stands at the end of its range outside fuel cut.
+
+    In fuel cut the end of the range is the right reading.
+    """
+    pinned = recording.quality[:, list(recording.names).index(output)] == Quality.PINNED
+    if "fuel_cut" in recording.names:
+        pinned &= ~(recording.values[:, list(recording.names).index("fuel_cut")] >= 0.5)
+    return np.asarray(pinned)
 
 
 def _check(recordings: Sequence["Recording"], inputs: Sequence[str], output: str) -> int:

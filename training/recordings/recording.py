@@ -16,6 +16,7 @@ import numpy as np
 import dbc
 from monitor.base.errors import RecordingError, UsageError
 from monitor.base.manifest import source_of
+from monitor.base.signals import BY_NAME
 from monitor.base.types import FloatArray, IntArray, Quality, QualityArray, SampleBlock
 from monitor.decode.block_decoder import BlockDecoder
 from monitor.decode.bus_map import BusMap, load_pairs
@@ -54,6 +55,8 @@ class Recording:
     names: tuple[str, ...]
     values: FloatArray  # (n, n_names), NaN where not good
     quality: QualityArray  # (n, n_names)
+    profile: str = ""  # of a logger's file
+    notes: tuple[str, ...] = ()  # oddities of a table, in words
 
     @property
     def read_sha256(self) -> str:
@@ -98,11 +101,13 @@ def load(
         raise UsageError(f"a sample period of {period_s} s, above 0 is wanted")
     period_ns = None if period_s is None else round(period_s * 1e9)
     wanted = None if names is None else tuple(names)
+    profile, notes = "", tuple[str, ...]()
     if is_measurement(path, columns):
         got, period_ns, block = _from_measurement(path, wanted, period_ns, columns)
     elif is_table(path):
-        table = read_table(path, columns)
+        table = read_table(path, columns, [n for n in wanted or () if n not in BY_NAME])
         check_rows(path, table.t_ns)
+        profile, notes = table.profile, table.notes.lines
         got, period_ns, block = _from_table(table, wanted, period_ns)
     else:
         bus_map = load_pairs(default_pairs() if pairs is None else pairs)
@@ -116,7 +121,9 @@ def load(
     if len(block.t_ns) == 0:
         raise RecordingError(f"{path}: too short for one sample of {period_ns / 1e9:g} s")
     t_s = (block.t_ns - block.t_ns[0]) / 1e9
-    return Recording(path, sha256(path), period_ns, t_s, got, block.values, block.quality)
+    return Recording(
+        path, sha256(path), period_ns, t_s, got, block.values, block.quality, profile, notes
+    )
 
 
 def check_each_once(recordings: Sequence[Recording]) -> None:

@@ -88,11 +88,18 @@ def _speed(s: Signals) -> FloatArray:
 
 # in the order of preference; a signal that a column carries is never derived
 DERIVATIONS: Final = (
-    Derivation("lambda_controller", ("lambda_correction_percent",), _controller, "its percent"),
-    Derivation("lambda_correction_percent", ("lambda_controller",), _correction, "the controller"),
+    Derivation(
+        "lambda_controller",
+        ("lambda_correction_percent",),
+        _controller,
+        "the correction in percent",
+    ),
+    Derivation(
+        "lambda_correction_percent", ("lambda_controller",), _correction, "the controller's factor"
+    ),
     Derivation("fuel_cut", (_RPM,), _no_fuel, "no pulse width, or low pressure at speed"),
-    Derivation("air_mass_mg", ("maf_kg_h", _RPM), _air_of_meter, "air meter and speed"),
-    Derivation("air_mass_mg", ("load_g_per_rev",), _air_of_load, "load in g per revolution"),
+    Derivation("air_mass_mg", ("maf_kg_h", _RPM), _air_of_meter, "air flow and speed"),
+    Derivation("air_mass_mg", ("load_g_per_rev",), _air_of_load, "the load in g per revolution"),
     Derivation(
         "air_mass_mg", (_PRESSURE, _TEMPERATURE, _EFFICIENCY), _air_of_density, "speed density"
     ),

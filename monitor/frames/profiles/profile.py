@@ -100,14 +100,20 @@ def shipped() -> tuple[str, ...]:
 @cache
 def shipped_profile(name: str) -> Profile:
     """Return a profile that comes with the package; raises ConfigError for an unknown name."""
-    if name not in shipped():
-        raise ConfigError(f"no profile {name!r}; there are {', '.join(shipped())}, or give a file")
     return load_profile(path_of(name))
 
 
-def path_of(text: str) -> Path:
-    """Return the file of a profile: a shipped one by its name, else the path itself."""
-    return Path(str(files(__package__))) / f"{text}.toml" if text in shipped() else Path(text)
+def path_of(given: str | Path) -> Path:
+    """Return the file of a profile or columns map: of a shipped profile by its name, or a file.
+
+    Raises ConfigError if it is neither.
+    """
+    path = Path(given)
+    if str(given) in shipped() and not path.is_file():
+        return Path(str(files(__package__))) / f"{given}.toml"
+    if not path.suffix and not path.exists():
+        raise ConfigError(f"no profile {given}: a file or one of {', '.join(shipped())} is wanted")
+    return path
 
 
 def is_profile(path: Path) -> bool:

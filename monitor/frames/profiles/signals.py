@@ -40,6 +40,11 @@ class Found:
     how: str = ""  # of a derived signal, in words
     pinned: int = 0  # rows
 
+    @property
+    def origin(self) -> str:
+        """Return where the signal comes from in words."""
+        return f"column {self.column}" if self.column else f"made of {self.how}"
+
 
 @dataclass(frozen=True, slots=True)
 class Reading:

@@ -35,6 +35,20 @@ class Wanted:
     words: tuple[str, ...] = ()
 
 
+# counts of a reader in words, behind the number
+COUNTED: Final = {
+    "markers": "marks of the driver",
+    "repeated_headers": "repeated headers left out",
+    "bad_checksum": "records with a wrong checksum left out",
+    "damaged_bytes": "bytes that belong to no record passed over",
+    "rows_without_time": "rows without a time left out",
+    "rows_out_of_order": "rows older than one before them left out",
+    "repeated_times": "rows have the time of the next one and are left out",
+    "clock_wraps": "times the clock started again (midnight or a full hour)",
+    "logs_begun_anew": "times the log begins anew, taken as a pause of 10 s",
+}
+
+
 @dataclass(slots=True)
 class Notes:
     """Oddities that a reader met, to be told: counts by name, and sentences."""
@@ -46,6 +60,12 @@ class Notes:
         """Add ``n`` to a count; nothing is stored for 0."""
         if n:
             self.counts[name] = self.counts.get(name, 0) + n
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """Return the notes in words, the sentences first."""
+        counted = (f"{n} {COUNTED.get(name, name)}" for name, n in self.counts.items())
+        return (*self.sentences, *counted)
 
 
 @dataclass(frozen=True, slots=True)
