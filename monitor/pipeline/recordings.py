@@ -29,8 +29,6 @@ from monitor.pipeline.entry import (
 from monitor.pipeline.monitor import check_names, needed_names
 
 OTHER_MODEL: Final = "train a model on healthy drives of this car: o2train fit LOG… --out M.onnx"
-    "train a model on healthy drives of this vehicle: o2train fit LOG… --out M.onnx"
-)
 
 
 @dataclass(frozen=True, slots=True)
