@@ -1,8 +1,9 @@
 """Signals that a logger does not have but others give: charge, fuel, controller, fuel cut.
 
-Speed density: air per stroke = p V VE / (R T) for one cylinder (Heywood, Internal Combustion Engine
-Fundamentals, section 2.10). Fuel per stroke = flow * (pulse width - dead time). Both have the scale
-of the profile's ``[engine]``; a grey-box model's gain takes up what is wrong with it.
+Fuel per stroke = flow * (pulse width - dead time); a grey-box model's gain takes up an error of the
+profile's ``[engine]``. Air per stroke is never made of the ECU's volumetric efficiency: the pulse
+width is made of it, too, so the two would agree whatever the engine breathes. A grey-box model
+learns the efficiency from pressure, temperature and speed instead.
 """
 
 from collections.abc import Callable, Mapping
@@ -13,15 +14,13 @@ import numpy as np
 from monitor.base.types import FloatArray
 from monitor.frames.profiles.profile import Engine
 
-GAS_J_PER_KG_K: Final = 287.05  # of dry air
-KELVIN: Final = 273.15
 VOLTAGE_RATED_V: Final = 14.0
 SPEED_LEAST_RPM: Final = 50.0  # below it the engine stands, and a mass per stroke means nothing
 
 Signals = Mapping[str, FloatArray]
 
-_PRESSURE, _TEMPERATURE = "manifold_pressure_kpa", "manifold_temperature_degc"
-_EFFICIENCY, _PULSE = "volumetric_efficiency_percent", "injector_pulse_width_ms"
+_PRESSURE: Final = "manifold_pressure_kpa"
+_PULSE: Final = "injector_pulse_width_ms"
 _RPM: Final = "engine_speed_rpm"
 
 
@@ -64,13 +63,6 @@ def _air_of_load(s: Signals, engine: Engine) -> FloatArray:
     return s["load_g_per_rev"] * 1000.0 * 2.0 / engine.cylinders
 
 
-def _air_of_density(s: Signals, engine: Engine) -> FloatArray:
-    volume_m3 = engine.displacement_l * 1e-3 / engine.cylinders
-    kelvin = s["manifold_temperature_degc"] + KELVIN
-    density = s["manifold_pressure_kpa"] * 1e3 / (GAS_J_PER_KG_K * kelvin)
-    return density * volume_m3 * s["volumetric_efficiency_percent"] / 100.0 * 1e6
-
-
 def _fuel_of_pulse(s: Signals, engine: Engine) -> FloatArray:
     dead_ms = np.full(len(s["injector_pulse_width_ms"]), engine.injector_dead_time_ms)
     if "battery_voltage_v" in s:
@@ -100,9 +92,6 @@ DERIVATIONS: Final = (
     Derivation("fuel_cut", (_RPM,), _no_fuel, "no pulse width, or low pressure at speed"),
     Derivation("air_mass_mg", ("maf_kg_h", _RPM), _air_of_meter, "air flow and speed"),
     Derivation("air_mass_mg", ("load_g_per_rev",), _air_of_load, "the load in g per revolution"),
-    Derivation(
-        "air_mass_mg", (_PRESSURE, _TEMPERATURE, _EFFICIENCY), _air_of_density, "speed density"
-    ),
     Derivation("fuel_mass_mg", (_PULSE,), _fuel_of_pulse, "pulse width less dead time"),
 )
 

@@ -10,8 +10,8 @@
     [signals]                                          # canonical name = columns, the best first
     engine_speed_rpm = "RPM"
     lambda_measured = [{ column = "A/F Sens 1 Ratio", unit = "AFR", pinned = [29.4] }]
-    [engine]                                           # to derive charge and fuel
-    displacement_l = 2.0
+    [engine]                                           # to derive air and fuel per stroke
+    cylinders = 4
 
 Names are compared without case, spaces and punctuation. The unit that a file states counts;
 ``unit`` is for files that state none, a list of them for loggers whose unit is a setting: the first
@@ -62,7 +62,6 @@ class Engine:
     """What the engine is, for signals that no column has; the model's gain takes up an error."""
 
     cylinders: int = 4
-    displacement_l: float = 2.0
     injector_mg_per_ms: float = 3.0  # 240 cm³/min of petrol at its rated pressure
     injector_dead_time_ms: float = 1.0  # at 14 V
     injector_dead_time_ms_per_v: float = 0.1  # more for each V below 14 V
@@ -228,7 +227,7 @@ class _Reader:
     def _engine(self, given: Mapping[str, Any], base: Engine) -> Engine:
         self._keys("[engine]", given, {each.name for each in fields(Engine)})
         values = {name: self._number(f"[engine] {name}", value) for name, value in given.items()}
-        for name in ("cylinders", "displacement_l", "injector_mg_per_ms"):
+        for name in ("cylinders", "injector_mg_per_ms"):
             if not values.get(name, 1.0) > 0.0:
                 raise self._error(f"[engine] {name}", f"is {values[name]:g}, above 0 is wanted")
         cylinders = int(values.pop("cylinders", base.cylinders))
