@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 from monitor.base import option_paths as paths
 from monitor.base.errors import UsageError
+from monitor.base.signals import OUTPUT
 from monitor.cli.options import (
     NOT_JUDGED,
     add_bus,
+    add_columns,
     add_command,
     add_obd,
     add_setup,
@@ -29,6 +31,8 @@ if TYPE_CHECKING:
 HELP = "say which signals are there"
 _CHECK = """examples:
   o2mon check drive.log
+  o2mon check drive.msl                                  what a logger's file holds
+  o2mon check drive.csv --write-profile my.toml          a profile to edit for a new logger
   o2mon check -i socketcan -c can0 --seconds 10 --dbc engine.dbc --map engine.toml
   o2mon check -i socketcan -c can0 --obd                 ask for OBD-II parameters
 
@@ -42,10 +46,17 @@ def add(commands: Any) -> None:
     import_without_mdf()
     check = add_command(commands, "check", HELP, _CHECK, _check)
     check.add_argument(
-        "log", nargs="?", type=paths.read, metavar="LOG", help="CAN log instead of a bus"
+        "log", nargs="?", type=paths.read, metavar="LOG", help="CAN log or table instead of a bus"
     )
     add_bus(check)
     add_setup(check, memory=False)
+    add_columns(check)
+    check.add_argument(
+        "--write-profile",
+        type=paths.written,
+        metavar="FILE",
+        help="write a profile to edit, with the columns of LOG that other loggers' profiles know",
+    )
     check.add_argument(
         "--seconds",
         type=positive,
@@ -59,10 +70,20 @@ def add(commands: Any) -> None:
 def _check(args: argparse.Namespace) -> int:
     from monitor.bus.link.port import BusHealth, Port
     from monitor.frames.logs import read_frames
+    from monitor.grid.tables import is_table
     from monitor.report.check import check
 
     if args.log and bus_name(args):
         raise UsageError("give either a LOG or a bus (-i, -c), not both")
+    if args.write_profile:
+        return _write_profile(args)
+    if args.log and is_table(args.log):
+        return _check_table(args)
+    if not (args.log or bus_name(args) or _configured()):
+        raise UsageError(
+            "nothing to check: give a LOG (CAN log, table or a logger's file such as .msl, .mlg, "
+            ".csv) or a bus (-i INTERFACE -c CHANNEL, for example -i socketcan -c can0)"
+        )
     setup = set_up(args)
     if args.log:
         result = check(read_frames(args.log), setup.bus_map)
@@ -79,6 +100,47 @@ def _check(args: argparse.Namespace) -> int:
     missing = result.missing((*card.input_names, card.output.name))
     say(f"the model lacks: {', '.join(missing)}" if missing else "the model has all it needs")
     return NOT_JUDGED if missing else 0
+
+
+def _configured() -> bool:
+    """Return whether the environment or can.conf names a bus."""
+    from can.util import load_config
+
+    try:
+        return bool(load_config().get("interface"))
+    except Exception:  # python-can raises errors of several kinds where nothing is configured
+        return False
+
+
+def _check_table(args: argparse.Namespace) -> int:
+    from monitor.report.check_table import advice, check_table, is_of_logger
+
+    result = check_table(args.log, args.columns)
+    for line in result.lines():
+        say(line)
+    if args.model is None and is_of_logger(args.log, args.columns):
+        say(advice(result))
+        return NOT_JUDGED if result.missing([OUTPUT]) else 0
+    card = set_up(args).model.card
+    missing = result.missing((*card.input_names, card.output.name))
+    say(f"the model lacks: {', '.join(missing)}" if missing else "the model has all it needs")
+    return NOT_JUDGED if missing else 0
+
+
+def _write_profile(args: argparse.Namespace) -> int:
+    from monitor.frames.profiles.proposal import proposed
+    from monitor.frames.tables.readers import open_table
+
+    if not args.log:
+        raise UsageError("--write-profile needs a LOG")
+    args.write_profile.write_text(
+        "\n".join(proposed(open_table(args.log))) + "\n", encoding="utf-8"
+    )
+    say(
+        f"{args.write_profile}: a profile to edit; try it with "
+        f"o2mon check {args.log} --profile {args.write_profile}"
+    )
+    return 0
 
 
 def _listen(port: "Port", seconds: float, poller: "ObdPoller | None") -> "Iterator[Frame]":

@@ -145,6 +145,15 @@ def _own_header(path: Path) -> list[str] | None:
         raise RecordingError(f"{path}: cannot read the table: {reason}") from error
 
 
+def is_logger_table(path: Path) -> bool:
+    """Return whether a file's columns are a logger's own, neither ``time_s`` nor a parquet table.
+
+    Raises RecordingError if the file cannot be read.
+    """
+    header = _own_header(path)
+    return (header or list(open_table(path).names))[:1] != [TIME]
+
+
 def _of_logger(raw: RawTable, given: Path | None, further: Sequence[str]) -> Table:
     """Return a logger's file as a table of canonical signals."""
     profile = recognised(raw) if given is None else load_profile(given)

@@ -89,7 +89,7 @@ DERIVATIONS: Final = (
     Derivation(
         "lambda_correction_percent", ("lambda_controller",), _correction, "the controller's factor"
     ),
-    Derivation("fuel_cut", (_RPM,), _no_fuel, "no pulse width, or low pressure at speed"),
+    Derivation("fuel_cut", (_RPM,), _no_fuel, "a pulse width of 0, or low pressure at speed"),
     Derivation("air_mass_mg", ("maf_kg_h", _RPM), _air_of_meter, "air flow and speed"),
     Derivation("air_mass_mg", ("load_g_per_rev",), _air_of_load, "the load in g per revolution"),
     Derivation("fuel_mass_mg", (_PULSE,), _fuel_of_pulse, "pulse width less dead time"),

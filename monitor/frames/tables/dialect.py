@@ -124,13 +124,11 @@ def _is_wide(row: Sequence[str], width: int) -> bool:
 def _first_data_row(rows: Sequence[Sequence[str]], *, comma: bool) -> int | None:
     """Return the number of the first row of numbers below names; None if there is none."""
     for i in range(1, len(rows)):
-        row = rows[i]
-        following = rows[i + 1] if i + 1 < len(rows) else row
+        above = rows[i - 1]
         if (
-            _is_data(row, comma=comma)
-            and len(following) == len(row)
-            and _is_wide(rows[i - 1], len(row))
-            and not _is_data(rows[i - 1], comma=comma)
+            _is_data(rows[i], comma=comma)
+            and _is_wide(above, len(rows[i]))
+            and not _is_data(above, comma=comma)
         ):
             return i
     return None

@@ -225,9 +225,9 @@ class _Blocks:
             data = file.read(step)
             chunk = np.frombuffer(rest + data, dtype=np.uint8)
             at = 0
-            for begin, end in self._runs(chunk, notes, ended=not data):
+            for begin, end, is_good in self._runs(chunk, notes, ended=not data):
                 at = end
-                if end - begin >= size and (end - begin) % size == 0 and chunk[begin] == 0:
+                if is_good:
                     n += (end - begin) // size
                     yield chunk[begin:end].reshape(-1, size)
             rest = chunk[at:].tobytes()
@@ -238,8 +238,8 @@ class _Blocks:
 
     def _runs(
         self, chunk: NDArray[np.uint8], notes: Notes, *, ended: bool
-    ) -> Iterator[tuple[int, int]]:
-        """Yield the spans [begin, end) of good records in a row and of what is passed over.
+    ) -> Iterator[tuple[int, int, bool]]:
+        """Yield spans [begin, end): good records in a row, and what is passed over.
 
         ended : the chunk is the file's last
         """
@@ -248,12 +248,12 @@ class _Blocks:
         while n - at >= size or (n - at >= _MARKER and chunk[at] == 1):
             count = self._good_in_a_row(chunk[at : at + (n - at) // size * size])
             if count:
-                yield at, at + count * size
+                yield at, at + count * size, True
                 at += count * size
                 continue
             if chunk[at] == 1 and n - at >= _MARKER:
                 notes.count("markers")
-                yield at, at + _MARKER
+                yield at, at + _MARKER, False
                 at += _MARKER
                 continue
             if good is None:
@@ -269,7 +269,7 @@ class _Blocks:
                 "bad_checksum" if to - at == size else "damaged_bytes",
                 1 if to - at == size else to - at,
             )
-            yield at, to
+            yield at, to, False
             at = to
 
     def _good_in_a_row(self, data: NDArray[np.uint8]) -> int:

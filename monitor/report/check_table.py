@@ -1,0 +1,137 @@
+"""Checks a table or a logger's file: profile, signals with column, unit, range and rate."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from monitor.base.signals import BY_NAME, OUTPUT
+from monitor.base.types import FloatArray, Quality, QualityArray
+from monitor.frames.profiles.profile import is_profile, path_of
+from monitor.frames.tables.readers import is_readable, open_table
+from monitor.grid.tables import Table, in_range, is_logger_table, read_table, table_period_ns
+
+# signals whose absence costs something, and what
+WORTH: Final = {
+    "lambda_measured": "nothing can be judged without it",
+    "engine_speed_rpm": "dead time and charge need it",
+    "fuel_mass_mg": "fuel or pulse width tells lambda before the sensor does",
+    "manifold_pressure_kpa": "load",
+    "closed_loop": "open loop cannot be told from closed loop",
+    "fuel_cut": "fuel cut cannot be told from a lean sensor",
+    "sensor_ready": "a cold sensor cannot be told from a faulty one",
+    "coolant_temperature_degc": "a cold engine cannot be told from a warm one",
+    "battery_voltage_v": "the injectors' dead time depends on it",
+}
+_INSTEAD: Final = {"manifold_pressure_kpa": ("air_mass_mg", "maf_kg_h", "load_g_per_rev")}
+
+
+@dataclass(frozen=True, slots=True)
+class TableCheck:
+    """What a table holds."""
+
+    table: Table
+    header: tuple[str, ...]  # lines about the file
+
+    @property
+    def present(self) -> set[str]:
+        """Return the signals with at least one plausible value."""
+        values, _ = in_range(self.table.values, self.table.names)
+        good = np.flatnonzero(np.isfinite(values).any(axis=0))
+        return {self.table.names[i] for i in good.tolist()}
+
+    def missing(self, needed: Iterable[str]) -> list[str]:
+        """Return the needed signals without a plausible value."""
+        present = self.present
+        return [name for name in needed if name not in present]
+
+    def lines(self) -> Iterator[str]:
+        """Yield the lines of the report."""
+        table = self.table
+        span_s = (int(table.t_ns[-1]) - int(table.t_ns[0])) / 1e9
+        rate = f", {(len(table.t_ns) - 1) / span_s:.3g} rows/s" if span_s > 0 else ""
+        yield from self.header
+        yield (
+            f"{len(table.t_ns)} rows in {span_s:.1f} s{rate}; "
+            f"used on a grid of {table_period_ns(table) / 1e9:g} s"
+        )
+        width = max([len("from"), *(len(table.column_of(name)) for name in table.names)])
+        yield (
+            f"{'signal':<30}{'unit':<11}{'from':<{width}}{'rate':>9}{'minimum':>11}{'median':>11}"
+            f"{'maximum':>11}  verdict"
+        )
+        values, quality = in_range(table.values, table.names)
+        for i, name in enumerate(table.names):
+            yield self._line(name, values[:, i], quality[:, i], width, span_s)
+        for note in table.notes.lines:
+            yield f"note: {note}"
+        for name, cost in WORTH.items():
+            if name not in self.present and not self.present & {*_INSTEAD.get(name, ())}:
+                yield f"missing: {name} ({cost})"
+
+    def _line(
+        self, name: str, values: FloatArray, quality: QualityArray, width: int, span_s: float
+    ) -> str:
+        place = self.table.names.index(name)
+        good = values[np.isfinite(values)]
+        changes = int((np.diff(good) != 0.0).sum())
+        n_out = int((quality == Quality.OUT_OF_RANGE).sum())
+        pinned = self.table.pinned
+        n_pinned = 0 if pinned is None else int(pinned[:, place].sum())
+        unit = BY_NAME[name].unit if name in BY_NAME else ""
+        if len(good):
+            rate = f"{(len(good) - 1) / span_s:.3g}/s" if span_s > 0 else ""
+            numbers = f"{rate:>9}{good.min():11.4g}{np.median(good):11.4g}{good.max():11.4g}"
+        else:
+            numbers = " " * 42
+        n = len(values)
+        faults = [
+            f"{100 * count / n:.1f} % {what}"
+            for count, what in (
+                (n - len(good) - n_out, "blank"),
+                (n_out, "out of range"),
+                (n_pinned, "pinned at an end of the range"),
+            )
+            if count
+        ]
+        if len(good) > 1 and not changes:
+            faults.append("constant")
+        verdict = ", ".join(faults) or "plausible"
+        return f"{name:<30}{unit:<11}{self.table.column_of(name):<{width}}{numbers}  {verdict}"
+
+
+def check_table(path: Path, columns: Path | None = None) -> TableCheck:
+    """Return what a table holds.
+
+    columns : columns map or profile, as of ``read_table``
+    Raises RecordingError as ``read_table``.
+    """
+    table = read_table(path, columns)
+    header = [str(path)]
+    if table.profile:
+        raw = open_table(path)
+        how = "given" if columns is not None else "recognised by its columns"
+        header.append(f"{raw.kind}, {len(raw.columns)} columns")
+        header.append(f"profile: {table.profile}, {how}")
+    return TableCheck(table, tuple(header))
+
+
+def is_of_logger(path: Path, columns: Path | None) -> bool:
+    """Return whether a file is read under a profile, given or to be recognised."""
+    if not is_readable(path):
+        return False
+    if columns is not None:
+        return is_profile(path_of(columns))
+    return is_logger_table(path)
+
+
+def advice(check: TableCheck) -> str:
+    """Return what can be done with a logger's file for which no model was given."""
+    if OUTPUT not in check.present:
+        return f"no {OUTPUT}: neither o2train fit nor o2mon replay can use this log"
+    return (
+        "o2train fit learns a model from healthy drives like this one; with it, "
+        "o2mon check LOG --model MODEL.onnx says whether a log has what the model needs"
+    )

@@ -1,0 +1,114 @@
+"""Text tables of loggers: encodings, separators, units, clocks, marks, no value, cuts."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from monitor.base.errors import RecordingError
+from monitor.frames.tables.cells import clock
+from monitor.frames.tables.delimited import open_delimited
+from monitor.frames.tables.raw_table import Notes, Wanted
+from tests.helpers.logger_files import write_text_table
+
+COLUMNS = {"Time": np.array([0.0, 0.1, 0.25]), "AFR": np.array([14.7, 14.25, 13.5])}
+
+
+def cells(path: Path) -> tuple[np.ndarray, Notes]:
+    raw, notes = open_delimited(path), Notes()
+    return np.concatenate(
+        list(raw.read([Wanted(i) for i in range(len(raw.columns))], notes))
+    ), notes
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "cp1252"])
+@pytest.mark.parametrize(("separator", "comma"), [(",", False), (";", True), ("\t", True)])
+@pytest.mark.parametrize("quoted", [False, True])
+@pytest.mark.parametrize("units", [(), ("s", "°")])
+def test_every_dialect_gives_the_same_numbers(
+    tmp_path: Path,
+    encoding: str,
+    separator: str,
+    comma: bool,
+    quoted: bool,
+    units: tuple[str, ...],
+) -> None:
+    path = write_text_table(
+        tmp_path / "a.csv",
+        COLUMNS,
+        separator=separator,
+        comma=comma,
+        encoding=encoding,
+        quoted=quoted,
+        units=units,
+        preamble=('"A logger, version 2"', '"Capture Date: Mon Sep 05"') if units else (),
+    )
+    raw = open_delimited(path)
+    assert raw.names == ("Time", "AFR")
+    assert tuple(column.unit for column in raw.columns) == (units or ("", ""))
+    np.testing.assert_allclose(cells(path)[0], np.column_stack(list(COLUMNS.values())))
+
+
+def test_marks_repeated_headers_and_words_for_no_value(tmp_path: Path) -> None:
+    path = tmp_path / "a.msl"
+    path.write_text(
+        '"Speeduino"\nTime\tRPM\tState\ns\trpm\t\n0\t1000\tOn\nMARK 001 - pulling - Mon\n'
+        "0.1\t-\tOff\nTime\tRPM\tState\ns\trpm\t\n0.2\t∞\tOn\n0.3\t\tOff\n0.4\tn/a\tOn\n"
+    )
+    found, notes = cells(path)
+    np.testing.assert_array_equal(found[:, 0], [0.0, 0.1, 0.2, 0.3, 0.4])
+    np.testing.assert_array_equal(found[:, 1], [1000.0, *[np.nan] * 4])
+    np.testing.assert_array_equal(found[:, 2], [1.0, 0.0, 1.0, 0.0, 1.0])
+    assert notes.counts == {"markers": 1, "repeated_headers": 1}
+
+
+def test_words_tell_closed_loop(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("Time,Fuel System Status\n0,Closed loop\n1,Open loop - cold\n2,-\n")
+    raw = open_delimited(path)
+    assert raw.columns[1].kind == "text"
+    (block,) = raw.read([Wanted(1, ("closed",))], Notes())
+    np.testing.assert_array_equal(block[:, 0], [1.0, 0.0, np.nan])
+
+
+def test_clocks_with_and_without_hours_and_dates() -> None:
+    assert clock("25:36.7") == 1536.7
+    assert clock("16:37:18,69952") == pytest.approx(59838.69952)
+    assert clock("12:00:01 AM") == 1.0
+    assert clock("01:00:00 PM") == 13 * 3600.0
+    day = clock("2026-03-07 00:00:00")
+    assert day % 86400 == 0.0
+    assert clock("07.03.2026 00:00:01") == clock("03/07/2026 00:00:01") == day + 1.0
+    assert clock("7-Mar-2026 00:00:02.5") == day + 2.5
+    assert clock("2026-03-07T00:00:03Z") == day + 3.0
+    assert np.isnan(clock("14.7"))
+
+
+def test_a_log_that_ends_in_a_row_is_read_to_that_row_and_says_so(tmp_path: Path) -> None:
+    path = write_text_table(tmp_path / "a.csv", {"Time": np.arange(9.0), "A": np.arange(9.0)})
+    path.write_bytes(path.read_bytes() + b"9")
+    found, notes = cells(path)
+    assert len(found) == 9
+    assert notes.lines == ("cut short in line 11: 1 cells, the header has 2 columns",)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (b"", "the table is empty"),
+        (b"Time,RPM\n", "no row of column names"),
+        (b"1,2\n3,4\n", "no row of column names"),
+        (b"just some prose\nin two lines\n", "no row of column names"),
+        (b"Time,RPM\n0,1\n1\n2,3\n", "line 3: 1 cells, the header has 2 columns"),
+        (bytes(range(256)) * 20, "binary data"),
+    ],
+)
+def test_a_file_that_is_no_table_is_refused_in_one_line(
+    tmp_path: Path, text: bytes, message: str
+) -> None:
+    path = tmp_path / "a.csv"
+    path.write_bytes(text)
+    with pytest.raises(RecordingError, match=message) as caught:
+        cells(path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,296 @@
+"""Profiles: recognition, units, pinned values, derived signals, times, a logger of one's own."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from monitor.base.errors import ConfigError, RecordingError
+from monitor.base.types import Quality
+from monitor.frames.profiles.profile import load_profile, shipped, shipped_profile
+from monitor.frames.profiles.proposal import proposed
+from monitor.frames.profiles.recognition import recognised
+from monitor.frames.tables.readers import open_table
+from monitor.grid.tables import Table, read_table, table_block, table_period_ns
+from tests.helpers.logger_files import Field, drive, write_mlg, write_text_table
+
+D = drive()
+LAMBDA = D["afr"] / 14.7
+RUSEFI = [
+    Field("Time", "s"),
+    Field("RPM", "RPM", ">u2"),
+    Field("MAP", "kPa", ">u2", 1 / 30),
+    Field("Lambda", "", ">u2", 0.0001),
+    Field("Fuel: Last inj pulse width", "ms", ">u2", 1 / 300),
+    Field("VBatt", "V", ">u2", 0.001),
+    Field("CLT", "deg C", ">i2", 0.01),
+    Field("Fuel: Trim bank 1", "%", ">i2", 0.01),
+    Field("dfcoActive", "", "u1"),
+]
+
+
+def msl(path: Path, afr: np.ndarray = D["afr"], **more: np.ndarray) -> Path:
+    columns = {
+        "Time": D["t_s"],
+        "SecL": np.floor(D["t_s"]),
+        "RPM": D["rpm"],
+        "MAP": D["map_kpa"],
+        "AFR": afr,
+        "MAT": 1.8 * D["iat_c"] + 32.0,
+        "CLT": 1.8 * D["clt_c"] + 32.0,
+        "Batt V": D["battery_v"],
+        "EGO cor1": D["ego_percent"],
+        "VE1": D["ve_percent"],
+        "PW": D["pw_ms"],
+        **more,
+    }
+    units = ["s", "s", "RPM", "kPa", "AFR", "°F", "°F", "v", "%", "%", "ms", *[""] * len(more)]
+    return write_text_table(
+        path,
+        columns,
+        separator="\t",
+        encoding="cp1252",
+        units=units,
+        preamble=('"MS2Extra comms330NP: MS2/Extra release 3.3.1"', '"Capture Date: Mon"'),
+    )
+
+
+def column(table: Table, name: str) -> np.ndarray:
+    return table.values[:, table.names.index(name)]
+
+
+def test_a_tunerstudio_log_becomes_canonical_signals(tmp_path: Path) -> None:
+    table = read_table(msl(tmp_path / "drive.msl"))
+    assert table.profile == "megasquirt"
+    for name, wanted in (
+        ("lambda_measured", LAMBDA),
+        ("coolant_temperature_degc", D["clt_c"]),
+        ("manifold_temperature_degc", D["iat_c"]),
+        ("lambda_controller", D["ego_percent"] / 100.0),
+        ("lambda_correction_percent", D["ego_percent"] - 100.0),
+        ("injector_pulse_width_ms", D["pw_ms"]),
+        ("manifold_pressure_kpa", D["map_kpa"]),
+    ):
+        np.testing.assert_allclose(column(table, name), wanted, rtol=1e-4, atol=1e-3, err_msg=name)
+    # the fuel is what the injector lets through after its dead time, longer at a lower voltage
+    dead_ms = 1.0 + 0.1 * (14.0 - D["battery_v"])
+    np.testing.assert_allclose(
+        column(table, "fuel_mass_mg"), 3.0 * np.maximum(D["pw_ms"] - dead_ms, 0.0), atol=1e-2
+    )
+    # air of the ECU's own table would say nothing, so there is none
+    assert "air_mass_mg" not in table.names
+
+
+@pytest.mark.parametrize("version", [1, 2])
+def test_a_rusefi_log_is_recognised_with_its_fuel_cut(tmp_path: Path, version: int) -> None:
+    cut = (D["t_s"] > 20.0) & (D["t_s"] < 25.0)
+    pw_ms = np.where(cut, 0.0, D["pw_ms"])
+    values = np.column_stack(
+        [
+            D["t_s"],
+            D["rpm"],
+            D["map_kpa"],
+            LAMBDA,
+            pw_ms,
+            D["battery_v"],
+            D["clt_c"],
+            D["ego_percent"] - 100.0,
+            cut,
+        ]
+    )
+    path = write_mlg(
+        tmp_path / "drive.mlg", RUSEFI, values, D["t_s"], version=version, info='"rusEFI x"'
+    )
+    table = read_table(path)
+    assert table.profile == "rusefi"
+    np.testing.assert_array_equal(column(table, "fuel_cut"), cut)
+    np.testing.assert_allclose(column(table, "lambda_measured"), LAMBDA, atol=1e-4)
+    np.testing.assert_array_equal(column(table, "fuel_mass_mg") == 0.0, cut)
+
+
+def test_a_pulse_width_of_0_at_speed_is_fuel_cut(tmp_path: Path) -> None:
+    columns = {"LogEntrySeconds": D["t_s"], "LogID": D["t_s"], "LogEntryDate": D["t_s"]}
+    columns |= {"LogEntryTime": D["t_s"], "RPM": D["rpm"], "O2Sensor2": LAMBDA - 0.5}
+    columns |= {"InjPulseWidth": np.where(D["t_s"] < 3.0, 0.0, D["pw_ms"])}
+    table = read_table(write_text_table(tmp_path / "a.csv", columns))
+    np.testing.assert_array_equal(column(table, "fuel_cut"), D["t_s"] < 2.99)
+
+
+def test_every_shipped_profile_is_recognised_by_its_own_columns(tmp_path: Path) -> None:
+    for name in shipped():
+        profile = shipped_profile(name)
+        for each in profile.recognise:
+            columns = dict.fromkeys(each.columns or ("Time", "RPM"), D["t_s"])
+            path = tmp_path / f"{name}.csv"
+            write_text_table(path, columns, preamble=[*each.preamble])
+            if "%DataLog%" in each.preamble:
+                continue  # a format of its own
+            found = recognised(open_table(path))
+            assert found is not None
+            assert found.name == name, each
+
+
+def test_haltech_logs_describe_their_channels_before_the_rows(tmp_path: Path) -> None:
+    channels = {
+        "RPM": ("EngineSpeed", 2000),
+        "Manifold Pressure": ("AbsPressure", 1013),
+        "Coolant Temperature": ("Temperature", 3631),
+        "Wideband Sensor 1": ("AFR", 985),
+        "Battery Voltage": ("BatteryVoltage", 13850),
+    }
+    head = "".join(f"Channel : {n}\nID : 1\nType : {t}\n" for n, (t, _) in channels.items())
+    row = ",".join(str(value) for _, value in channels.values())
+    rows = "".join(f"23:59:59.{k}00,{row}\n" for k in range(8, 10))
+    rows += "".join(f"00:00:00.{k}00,{row}\n" for k in range(5))
+    path = tmp_path / "haltech.csv"
+    path.write_text(f"%DataLog%\nDataLogVersion : 1.1\n{head}Log : 20230605 08:41:34\n{rows}00:0")
+    table = read_table(path)
+    assert table.profile == "haltech"
+    assert table.values[0].tolist() == pytest.approx([101.3, 0.985, 2000.0, 89.95, 13.85])
+    assert np.diff(table.t_ns).tolist() == [100_000_000] * 6  # on over midnight
+    assert table.notes.counts == {"clock_wraps": 1}
+
+
+@pytest.mark.parametrize("pin", [7.4, 22.3, 25.5, 29.0])
+def test_afr_that_pins_is_marked_and_kept(tmp_path: Path, pin: float) -> None:
+    # GIVEN a log at uneven steps whose AFR stands at a value that says "no sensor"
+    afr = np.where((D["t_s"] > 10.0) & (D["t_s"] < 20.0), pin, D["afr"])
+    path = msl(tmp_path / "a.msl", afr)
+    lines = path.read_text("cp1252").splitlines(keepends=True)
+    path.write_text("".join(x for i, x in enumerate(lines) if i < 4 or i % 7), "cp1252")
+    # WHEN it is brought to the grid
+    table = read_table(path)
+    block = table_block(table, ["lambda_measured"], 100_000_000)
+    # THEN these samples are marked, nothing else, and the value is kept
+    pinned = block.quality[:, 0] == Quality.PINNED
+    t_s = (block.t_ns - block.t_ns[0]) / 1e9
+    assert pinned[(t_s > 10.2) & (t_s < 19.8)].all()
+    assert not pinned[(t_s < 9.8) | (t_s > 20.2)].any()
+    np.testing.assert_allclose(block.values[pinned, 0][2:-2], pin / 14.7, rtol=1e-3)
+
+
+def test_one_setting_of_units_holds_for_all_columns_without_a_unit(tmp_path: Path) -> None:
+    # GIVEN EvoScan set to °F and mph, where 68 would be a plausible temperature in °C, too
+    def log(name: str, coolant: float, air: float, speed: float) -> Table:
+        columns = {"LogID": D["t_s"], "LogEntryDate": D["t_s"], "LogEntryTime": D["t_s"]}
+        columns |= {"LogEntrySeconds": D["t_s"], "RPM": D["rpm"]}
+        columns |= {"CoolantTemp": coolant + 0 * LAMBDA, "AirTemp": air + 0 * LAMBDA}
+        columns["Speed"] = speed + LAMBDA
+        return read_table(write_text_table(tmp_path / name, columns))
+
+    # WHEN the coolant can only be in °F THEN the air is, too, and the speed is in mph
+    for table in (log("us.csv", 192.2, 68.0, 50.0), log("si.csv", 89.0, 20.0, 80.4672)):
+        assert column(table, "coolant_temperature_degc")[0] == pytest.approx(89.0)
+        assert column(table, "manifold_temperature_degc")[0] == pytest.approx(20.0)
+        assert column(table, "vehicle_speed_km_h")[0] == pytest.approx(81.5, abs=0.8)
+
+
+def test_a_column_of_zeros_is_passed_over_for_one_that_lives(tmp_path: Path) -> None:
+    path = msl(tmp_path / "a.msl", 0 * D["afr"], Lambda=LAMBDA)
+    np.testing.assert_allclose(column(read_table(path), "lambda_measured"), LAMBDA, rtol=1e-4)
+
+
+def test_uneven_repeated_and_paused_times(tmp_path: Path) -> None:
+    # GIVEN rows out of order, with the same time, without one, a pause, and a second log behind
+    times = ["0", "0.1", "0.1", "0.05", "", "0.3", "30", "30.1", "0", "0.1"]
+    rpm = [str(1000 + i) for i in range(len(times))]
+    path = write_text_table(tmp_path / "a.csv", {"Time (msec)": times, "Engine Speed (rpm)": rpm})
+    text = path.read_text().replace("(msec)", "(sec)")
+    profile = tmp_path / "mine.toml"
+    profile.write_text('time = "Time"\n[signals]\nengine_speed_rpm = "Engine Speed"\n')
+    path.write_text(text)
+    # WHEN it is read
+    table = read_table(path, profile)
+    # THEN the last of equal times counts, and the second log follows after 10 s
+    assert (table.t_ns / 1e9).tolist() == pytest.approx([0, 0.1, 0.3, 30, 30.1, 40.1, 40.2])
+    assert table.values[:, 0].tolist() == [1000, 1002, 1005, 1006, 1007, 1008, 1009]
+    assert table.notes.counts == {
+        "rows_without_time": 1,
+        "logs_begun_anew": 1,
+        "rows_out_of_order": 1,
+        "repeated_times": 1,
+    }
+
+
+@pytest.mark.parametrize(("step_s", "period_s"), [(0.02, 0.1), (0.198, 0.2), (1.0, 1.0)])
+def test_a_slow_uneven_log_has_a_grid_of_its_own(
+    tmp_path: Path, step_s: float, period_s: float
+) -> None:
+    t_s = step_s * np.arange(50) + 0.05 * step_s * (np.arange(50) % 2)
+    path = write_text_table(
+        tmp_path / "a.csv", {"Time (msec)": 1000 * t_s, "Engine Speed (rpm)": 900 + t_s}
+    )
+    assert table_period_ns(read_table(path)) == round(period_s * 1e9)
+
+
+def test_a_logger_that_nobody_knows_is_one_toml_file_and_no_code(tmp_path: Path) -> None:
+    # GIVEN a file that no profile knows
+    columns = {
+        "Zeit": D["t_s"],
+        "Drehzahl": D["rpm"],
+        "Saugrohrdruck [bar]": D["map_kpa"] / 100.0,
+        "Lambdasonde": LAMBDA,
+    }
+    path = write_text_table(tmp_path / "neu.csv", columns, separator=";", comma=True)
+    with pytest.raises(RecordingError, match=r"no profile knows its columns .*--write-profile"):
+        read_table(path)
+    # WHEN the proposal is edited as it says
+    draft = "\n".join(proposed(open_table(path)))
+    assert '# "Drehzahl" 20' in draft
+    assert 'time = ["Zeit"]' in draft
+    mine = tmp_path / "neu.toml"
+    mine.write_text(
+        draft.replace("[signals]", '[signals]\nlambda_measured = "Lambdasonde"')
+        .replace('# engine_speed_rpm = { column = ""', 'engine_speed_rpm = { column = "Drehzahl"')
+        .replace(
+            '# manifold_pressure_kpa = { column = ""',
+            'manifold_pressure_kpa = { column = "Saugrohrdruck"',
+        )
+    )
+    # THEN the file is read
+    table = read_table(path, mine)
+    assert table.names == ("manifold_pressure_kpa", "lambda_measured", "engine_speed_rpm")
+    np.testing.assert_allclose(column(table, "manifold_pressure_kpa"), D["map_kpa"], rtol=1e-4)
+
+
+def test_a_profile_may_change_only_a_part_of_another(tmp_path: Path) -> None:
+    mine = tmp_path / "mine.toml"
+    mine.write_text('based_on = "megasquirt"\nstoich_afr = 9.0\n[engine]\ninjector_mg_per_ms = 6\n')
+    table = read_table(msl(tmp_path / "a.msl"), mine)
+    np.testing.assert_allclose(column(table, "lambda_measured"), D["afr"] / 9.0, rtol=1e-4)
+    assert load_profile(mine).engine.injector_mg_per_ms == 6.0
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[signals]\nlamda = 'x'\n", "lamda: is no canonical signal"),
+        ("[signals]\nlambda_measured = { colum = 'x' }\n", "unknown key 'colum'"),
+        ("[signals]\nlambda_measured = { column = 'x', factor = 'a' }\n", "a number is wanted"),
+        ("stoich = 14\n[signals]\n", "unknown key 'stoich', known are"),
+        ("[signals]\n[engine]\ncylinders = 0\n", "cylinders: is 0, above 0"),
+        ("based_on = 'nobody'\n", "no profile nobody"),
+        ("[signals]\nfuel_cut = { column = 'x', bit = -1 }\n", "a whole number from 0"),
+    ],
+)
+def test_a_profile_that_cannot_be_is_refused(tmp_path: Path, text: str, message: str) -> None:
+    mine = tmp_path / "mine.toml"
+    mine.write_text(text)
+    with pytest.raises(ConfigError, match=message) as caught:
+        load_profile(mine)
+    assert "mine.toml" in str(caught.value) or "nobody" in str(caught.value)
+
+
+def test_real_logs_are_recognised_and_give_a_lambda(shared_data: Path) -> None:
+    folder = shared_data / "logs"
+    wanted = {
+        "wrx_cobb": ("cobb", "lambda_measured", 0.95, 1.02),
+        "mx5_megasquirt": ("megasquirt", "lambda_measured", 0.85, 1.0),
+        "golf_torque": ("torque", "lambda_measured", 0.98, 1.01),
+        "evo_evoscan": ("evoscan", "coolant_temperature_degc", 85.0, 95.0),
+    }
+    for name, (profile, signal, low, high) in wanted.items():
+        for path in sorted((folder / name).iterdir()):
+            table = read_table(path)
+            assert table.profile == profile
+            assert low < np.nanmedian(column(table, signal)) < high
