@@ -19,6 +19,7 @@ USAGE_ERROR: Final = 2
 INTERNAL_ERROR: Final = 4
 INTERRUPTED: Final = 130
 BROKEN_PIPE: Final = 141
+_LONGEST: Final = 2000  # characters of an error
 _OWN: Final = ("monitor", "training", "dbc")
 
 
@@ -35,7 +36,8 @@ def run(
     """
     for stream in (sys.stdout, sys.stderr):  # a name in another encoding must not end a command
         if hasattr(stream, "reconfigure"):
-            stream.reconfigure(errors="backslashreplace")
+            with suppress(OSError):
+                stream.reconfigure(errors="backslashreplace")
     try:
         words = sys.argv[1:] if argv is None else argv
         return _run(parser(words), words)
@@ -51,7 +53,7 @@ def run(
         _to_nowhere_if_full(sys.stdout)
         line = text or f"internal error: {type(error).__name__}: {' '.join(str(error).split())}"
         with suppress(OSError):
-            print(f"{name}: {line}", file=sys.stderr, flush=True)
+            print(f"{name}: {_one_line(line)}", file=sys.stderr, flush=True)
         return USAGE_ERROR if text else INTERNAL_ERROR
 
 
@@ -80,6 +82,12 @@ def _users_part(error: Exception, extra: str | None) -> str | None:
     if isinstance(error, MemoryError):
         return "the memory of this machine does not suffice for the input"
     return None
+
+
+def _one_line(text: str) -> str:
+    """Return an error as one line of bounded length: a name in a file may hold anything."""
+    text = "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in text[: _LONGEST + 1])
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]} …"
 
 
 def _flush(stream: TextIO | None) -> None:

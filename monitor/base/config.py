@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, Final, TypeVar
 
 from monitor.base.errors import ConfigError
+from monitor.base.inputs import read_toml
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,12 +226,7 @@ def load(path: Path | None = None) -> Config:
     shipped = tomllib.loads(files("monitor.base").joinpath("default.toml").read_text())
     if path is None:
         return _build(shipped, "default.toml")
-    try:
-        changes = tomllib.loads(path.read_text())
-    except OSError as error:
-        raise ConfigError(f"{path}: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: not TOML: {error}") from None
+    changes = read_toml(path, "the settings", ConfigError)
     for section, values in changes.items():
         if section not in shipped:
             raise ConfigError(f"{path}: section [{section}] is unknown; there are {list(shipped)}")

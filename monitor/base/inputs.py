@@ -5,6 +5,7 @@ a command reads is opened here, so that no input needs more memory than its kind
 """
 
 import errno
+import math
 import os
 import stat
 import tomllib
@@ -14,6 +15,7 @@ from typing import Any, BinaryIO, Final
 from monitor.base.errors import O2Error
 
 SMALL_BYTES: Final = 4 << 20  # a settings file, map or manifest; the largest real one has 200 kB
+_TOML_BITS: Final = 64
 _KINDS: Final = (
     (stat.S_ISFIFO, "a FIFO"),
     (stat.S_ISSOCK, "a socket"),
@@ -63,10 +65,52 @@ def read_toml(path: Path, what: str, error: type[O2Error]) -> dict[str, Any]:
     Raises ``error`` with path and reason in one line if it cannot be read or is no TOML.
     """
     try:
-        return tomllib.loads(read_small(path).decode())
+        tree = tomllib.loads(read_small(path).decode())
+        _check_numbers(tree)
+        return tree
     except OSError as reason:
         raise error(f"{path}: cannot read {what}: {reason.strerror}") from None
     except RecursionError:
         raise error(f"{path}: not a TOML file: nested too deeply") from None
     except ValueError as reason:  # TOML's own, of the text's encoding, of a number too long
         raise error(f"{path}: not a TOML file: {' '.join(str(reason).split())}") from None
+
+
+def _check_numbers(tree: object) -> None:
+    """Raise ValueError for an integer of more than 64 bits, which TOML does not know."""
+    waiting = [tree]
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, dict):
+            waiting.extend(node.values())
+        elif isinstance(node, list):
+            waiting.extend(node)
+        elif isinstance(node, int) and node.bit_length() > _TOML_BITS:
+            raise ValueError(
+                f"a number of {node.bit_length():,} bits, at most {_TOML_BITS} are wanted"
+            )
+
+
+def as_number(value: object) -> float | None:
+    """Return a value of a TOML or JSON file as a finite number, None if it is none.
+
+    >>> as_number(3), as_number(True), as_number(10**400)
+    (3.0, None, None)
+    """
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    try:
+        number = float(value)
+    except OverflowError:  # an integer of hundreds of digits
+        return None
+    return number if math.isfinite(number) else None
+
+
+def in_words(value: object, most: int = 60) -> str:
+    """Return a value as an error line shows it: its beginning, on one line.
+
+    >>> in_words([1] * 100)
+    '[1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, …'
+    """
+    text = repr(value)
+    return text if len(text) <= most else f"{text[:most]}…"

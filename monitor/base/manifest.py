@@ -8,10 +8,12 @@ from pathlib import Path
 from typing import Any, Final
 
 from monitor.base.errors import RecordingError
+from monitor.base.inputs import read_small
 from monitor.base.outputs import write_text
 
 NAME: Final = "manifest.json"
 SCHEMA: Final = "o2mon.manifest/1"
+_MOST_BYTES: Final = 64 << 20  # 100,000 recordings take 40 MB
 
 
 def load(folder: Path) -> dict[str, dict[str, Any]]:
@@ -20,8 +22,8 @@ def load(folder: Path) -> dict[str, dict[str, Any]]:
     The result is empty if the folder has no manifest of schema ``SCHEMA``.
     """
     try:
-        tree = json.loads((folder / NAME).read_text())
-    except (OSError, ValueError):
+        tree = json.loads(read_small(folder / NAME, _MOST_BYTES))
+    except (OSError, ValueError, RecursionError):
         return {}
     if not isinstance(tree, dict) or tree.get("schema") != SCHEMA:
         return {}

@@ -8,16 +8,20 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
-from typing import NamedTuple
+from textwrap import shorten
+from typing import Final, NamedTuple
 
 from cantools.database import load_file
 from cantools.database.can import Database, Message, Signal
 
 from monitor.base.errors import SignalMapError
+from monitor.base.inputs import read_small
+from monitor.decode import soundness
 from monitor.decode.parameter_groups import is_any_source
 from monitor.decode.signal_map import Derived, Integrity, MappedSignal, SignalMap, load_signal_map
 
 Pair = tuple[Path, Path]  # DBC, signal map
+_REASON: Final = 300  # characters of a parser's error: some quote a whole line
 
 
 class Wanted(NamedTuple):
@@ -80,11 +84,14 @@ def load_database(path: Path) -> Database:
     Raises SignalMapError if it cannot be read.
     """
     try:
+        soundness.check_text(path, read_small(path, soundness.MOST_BYTES))
         database = load_file(path, strict=False)
     except OSError as error:
         raise SignalMapError(f"{path}: cannot read the CAN database: {error.strerror}") from error
+    except SignalMapError:
+        raise
     except Exception as error:  # cantools raises its parsers' own errors
-        reason = " ".join(str(error).split())
+        reason = shorten(str(error) or type(error).__name__, _REASON, placeholder=" …")
         raise SignalMapError(f"{path}: not a CAN database: {reason}") from error
     if not isinstance(database, Database):
         raise SignalMapError(f"{path}: a diagnostics database, a CAN database is wanted")
@@ -131,6 +138,7 @@ def _channel(mapped: MappedSignal, signal_map: SignalMap, database: Database, db
         like = _alike(mapped.message, [message.name for message in database.messages])
         place = f"message {mapped.message}, which {dbc} lacks"
         raise SignalMapError(f"{where} {place}{like}") from None
+    soundness.check_message(dbc, message)
     integrity = signal_map.integrity_of(mapped.message)
     present = [signal.name for signal in message.signals]
     for wanted in (mapped.signal, integrity.counter, integrity.checksum):
@@ -138,6 +146,8 @@ def _channel(mapped: MappedSignal, signal_map: SignalMap, database: Database, db
             like = _alike(wanted, present)
             place = f"signal {mapped.message}.{wanted}, which {dbc} lacks"
             raise SignalMapError(f"{where} {place}{like}")
+        if wanted:
+            soundness.check_signal(dbc, message, wanted)
     return Channel(
         mapped=mapped,
         message=message,

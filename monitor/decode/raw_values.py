@@ -27,9 +27,10 @@ def plausible_range(channel: Channel) -> tuple[float, float]:
     signal, mapped = channel.signal, channel.mapped
     if mapped.name in signals.BY_NAME or signal.minimum is None or signal.maximum is None:
         return signals.plausible_range(mapped.name)
-    low, high = sorted(
-        limit * mapped.factor + mapped.offset for limit in (signal.minimum, signal.maximum)
-    )
+    limits = (float(limit) for limit in (signal.minimum, signal.maximum))
+    low, high = sorted(limit * mapped.factor + mapped.offset for limit in limits)
+    if not math.isfinite(high - low):
+        return (-math.inf, math.inf)
     margin = 1e-9 * (high - low)
     return (low - margin, high + margin) if low < high else (-math.inf, math.inf)
 

@@ -18,15 +18,14 @@ A map is a TOML file beside a DBC::
     denominator = ["engine_speed_rpm"]
 """
 
-import math
 import re
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
 from monitor.base.errors import SignalMapError
+from monitor.base.inputs import as_number, in_words, read_toml
 from monitor.decode.checksum import ALGORITHMS
 
 DEFAULT_TIMEOUT_S: Final = 0.5
@@ -92,14 +91,7 @@ def load_signal_map(path: Path) -> SignalMap:
     Raises SignalMapError naming the file and the key if it cannot be read, has an unknown key
     or an impossible value.
     """
-    try:
-        with path.open("rb") as file:
-            raw = tomllib.load(file)
-    except OSError as error:
-        raise SignalMapError(f"{path}: cannot read the signal map: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise SignalMapError(f"{path}: not a TOML file: {error}") from error
-    return _Reader(path).signal_map(raw)
+    return _Reader(path).signal_map(read_toml(path, "the signal map", SignalMapError))
 
 
 class _Reader:
@@ -224,7 +216,9 @@ class _Reader:
 
     def _number(self, table: Mapping[str, Any], key: str, where: str, default: float) -> float:
         value = table.get(key, default)
-        is_number = isinstance(value, int | float) and not isinstance(value, bool)
-        if not is_number or not math.isfinite(value):
-            raise SignalMapError(f"{self.path}: [{where}] {key} is {value!r}, a number is wanted")
-        return float(value)
+        number = as_number(value)
+        if number is None:
+            raise SignalMapError(
+                f"{self.path}: [{where}] {key} is {in_words(value)}, a number is wanted"
+            )
+        return number

@@ -3,8 +3,9 @@
 The bounds are on pieces and ratios, never on the whole: a log of any length is read in blocks.
 
 - ``open_binary`` and ``open_text`` open a file, unpacked if its name ends in .gz. They refuse a
-  FIFO, a socket and a device, and they raise ``BoundError`` when a line is longer than
-  ``LINE_BYTES`` (text only), or when a packed file grows by more than a ratio.
+  FIFO, a socket and a device. Reading raises ``BoundError`` when a line is longer than
+  ``LINE_BYTES`` (text only) or a packed file grows by more than a ratio; other damage of a packed
+  file is a ValueError, an OSError or an EOFError.
 - ``Inflation`` keeps the same ratio for streams that a format packs itself.
 
 Every reader of a log or table opens its file here, also for python-can's and asammdf's readers.
@@ -13,6 +14,8 @@ Every reader of a log or table opens its file here, also for python-can's and as
 import gzip
 import io
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, BinaryIO, Final, TextIO, cast
 
@@ -144,6 +147,15 @@ class _Lines(io.RawIOBase):
         super().close()
 
 
+@contextmanager
+def _told_as_damage() -> Iterator[None]:
+    """Raise zlib's error, which has no base that readers know, as ValueError."""
+    try:
+        yield
+    except zlib.error as error:
+        raise ValueError(f"damaged packed data: {error}") from error
+
+
 class _Inflated(gzip.GzipFile):
     """A gzipped file whose ratio is kept."""
 
@@ -154,10 +166,17 @@ class _Inflated(gzip.GzipFile):
     def read(self, size: int | None = -1) -> bytes:
         if size is None or size < 0:  # piece by piece, so that the ratio is seen in time
             return b"".join(iter(lambda: self.read(_STEP), b""))
-        return self._kept(super().read(size))
+        with _told_as_damage():
+            return self._kept(super().read(size))
 
     def read1(self, size: int = -1) -> bytes:
-        return self._kept(super().read1(size))
+        with _told_as_damage():
+            return self._kept(super().read1(size))
+
+    def readline(self, size: int | None = -1) -> bytes:
+        most = LINE_BYTES if size is None or size < 0 else size
+        with _told_as_damage():
+            return self._kept(super().readline(most))
 
     def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
         if whence == io.SEEK_END and offset == 0:

@@ -25,13 +25,13 @@
 """
 
 import math
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 from monitor.base.errors import ConfigError, UsageError
+from monitor.base.inputs import read_toml
 from monitor.inject.injection import Injection
 from monitor.memory.dtc import CODES
 
@@ -107,13 +107,7 @@ def load(path: Path) -> Scenario:
 
     Raises ConfigError with file and key if a key is unknown or missing, or a value impossible.
     """
-    try:
-        raw = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot read the scenario: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: not TOML: {error}") from None
-    return _Reader(path).scenario(raw)
+    return _Reader(path).scenario(read_toml(path, "the scenario", ConfigError))
 
 
 class _Reader:

@@ -1,0 +1,109 @@
+"""Whether a database's message and signal can be decoded at all; the refusal of those that cannot.
+
+cantools takes what the grammar of a format allows: messages of no bytes, infinite factors, floats
+of 17 bits, ranges of ten million multiplexer values. Only messages that a map uses are checked: a
+database may hold strange ones elsewhere.
+"""
+
+import math
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+from cantools.database.can import Message, Signal
+
+from monitor.base.errors import SignalMapError
+from monitor.frames.candump import MAX_BYTES
+
+MOST_BYTES: Final = 64 << 20  # of a database file; large ones of whole vehicles have 10 MB
+MOST_SWITCHES: Final = 1 << 16  # values of one multiplexer: 16 bits
+MOST_BITS: Final = 64  # of a signal
+_FLOATS: Final = (16, 32, 64)
+_IDENTIFIERS: Final = {False: 1 << 11, True: 1 << 29}
+_RANGES: Final = re.compile(rb"^SG_MUL_VAL_\s+(\d+)\s+(\w+)\s+\w+\s+([^;\n]*);", re.MULTILINE)
+_RANGE: Final = re.compile(rb"(\d+)-\s*(\d+)")
+
+
+def check_text(path: Path, content: bytes) -> None:
+    """Raise SignalMapError for a range of multiplexer values that no memory would hold.
+
+    The parser writes every value of a range into a list, so this comes before the parser.
+    """
+    for message, signal, ranges in _RANGES.findall(content):
+        n = 0
+        for first, last in _RANGE.findall(ranges):
+            is_short = max(len(first), len(last)) < 20
+            n += max(int(last) - int(first) + 1, 0) if is_short else MOST_SWITCHES + 1
+        if n > MOST_SWITCHES:
+            raise SignalMapError(
+                f"{path}: signal {signal.decode()} of message {message.decode()} comes under "
+                f"{n:,} multiplexer values or more, at most {MOST_SWITCHES:,} are wanted"
+            )
+
+
+def check_message(path: Path, message: Message) -> None:
+    """Raise SignalMapError if no CAN frame can be this message."""
+    where = f"{path}: message {message.name}"
+    if not 1 <= message.length <= MAX_BYTES:
+        raise SignalMapError(f"{where} has {message.length} bytes, 1 to {MAX_BYTES} are wanted")
+    if not 0 <= message.frame_id < _IDENTIFIERS[message.is_extended_frame]:
+        bits = 29 if message.is_extended_frame else 11
+        raise SignalMapError(
+            f"{where} has the identifier {message.frame_id:#x}, {bits} bits are wanted"
+        )
+
+
+def check_signal(path: Path, message: Message, name: str) -> None:
+    """Raise SignalMapError if a signal, or a multiplexer that it needs, cannot be decoded."""
+    for signal in _with_multiplexers(path, message, name):
+        where = f"{path}: signal {message.name}.{signal.name}"
+        for problem in _problems(message, signal):
+            raise SignalMapError(f"{where} {problem}")
+
+
+def _with_multiplexers(path: Path, message: Message, name: str) -> Iterator[Signal]:
+    """Yield the signal, its multiplexer, that one's multiplexer, and so on."""
+    signals = {signal.name: signal for signal in message.signals}
+    signal, seen = signals[name], {name}
+    yield signal
+    while (above := signal.multiplexer_signal) is not None:
+        where = f"{path}: signal {message.name}.{signal.name}"
+        if above not in signals:
+            raise SignalMapError(f"{where} has the multiplexer {above}, which the message lacks")
+        if above in seen:
+            raise SignalMapError(f"{where} has the multiplexer {above}, which depends on it")
+        if signals[above].is_float:
+            raise SignalMapError(f"{where} has the multiplexer {above}, a float; integers switch")
+        seen.add(above)
+        signal = signals[above]
+        yield signal
+
+
+def _problems(message: Message, signal: Signal) -> Iterator[str]:
+    """Yield what is wrong with one signal, each with what is wanted."""
+    if not 1 <= signal.length <= MOST_BITS:
+        yield f"has {signal.length} bits, 1 to {MOST_BITS} are wanted"
+    if signal.is_float and signal.length not in _FLOATS:
+        yield f"is a float of {signal.length} bits, 16, 32 or 64 are wanted"
+    first, last = _bits(signal)
+    if not 0 <= first <= last < 8 * message.length:
+        yield (
+            f"starts at bit {signal.start} with {signal.length} bits, beyond the {message.length} "
+            "bytes of its message"
+        )
+    for what, value in (("factor", signal.scale), ("offset", signal.offset)):
+        if not math.isfinite(value):
+            yield f"has the {what} {value:g}, a finite number is wanted"
+    if signal.scale == 0:
+        yield "has the factor 0, another number is wanted"
+    if len(signal.multiplexer_ids or ()) > MOST_SWITCHES:
+        yield f"comes under more than {MOST_SWITCHES:,} multiplexer values"
+
+
+def _bits(signal: Signal) -> tuple[int, int]:
+    """Return the first and the last bit, both counted in the order in which the signal runs."""
+    if signal.byte_order == "little_endian":
+        return signal.start, signal.start + signal.length - 1
+    first = 8 * (signal.start // 8) + 7 - signal.start % 8
+    return first, first + signal.length - 1

@@ -1,0 +1,128 @@
+"""Databases and maps that no bus can have: one line each, with little memory and at once."""
+
+import time
+from pathlib import Path
+
+import pytest
+
+from monitor.base.errors import ConfigError, SignalMapError
+from monitor.base.inputs import SMALL_BYTES, read_toml
+from monitor.decode.bus_map import load_pairs
+from monitor.decode.decoder import Decoder
+
+HEAD = 'VERSION ""\nNS_ :\nBS_:\nBU_: E\n'
+SOUND = ' SG_ S : 0|8@1+ (1,0) [0|0] "" E\n'
+SWITCH = ' SG_ A M : 8|8@1+ (1,0) [0|0] "" E\n SG_ S m3 : 0|8@1+ (1,0) [0|0] "" E\n'
+CHAIN = (
+    ' SG_ A m1M : 8|8@1+ (1,0) [0|0] "" E\n SG_ B m1M : 16|8@1+ (1,0) [0|0] "" E\n'
+    ' SG_ S m3 : 0|8@1+ (1,0) [0|0] "" E\n'
+    "{}"
+)
+MAP = '[signals]\nlambda_measured = {{ message = "M", signal = "S"{} }}\n'
+
+
+def database(signals: str = SOUND, length: str = "8", after: str = "", name: str = "100") -> str:
+    return f"{HEAD}BO_ {name} M: {length} E\n{signals}{after}"
+
+
+def signal(place: str = "0|8@1+", scaling: str = "1,0") -> str:
+    return f' SG_ S : {place} ({scaling}) [0|0] "" E\n'
+
+
+def pair(folder: Path, dbc: str, map_text: str = MAP.format("")) -> tuple[Path, Path]:
+    (folder / "x.dbc").write_text(dbc)
+    (folder / "x.toml").write_text(map_text)
+    return folder / "x.dbc", folder / "x.toml"
+
+
+@pytest.mark.parametrize(
+    ("dbc", "message"),
+    [
+        (database(length="0"), "message M has 0 bytes, 1 to 64 are wanted"),
+        (database(length="-1"), "message M has -1 bytes"),
+        (database(length="100000"), "message M has 100000 bytes"),
+        (database(signal("-3|8@1+")), "S starts at bit -3 with 8 bits, beyond the 8 bytes"),
+        (database(signal("63|8@1+")), "S starts at bit 63 with 8 bits, beyond"),
+        (database(signal("56|16@0+")), "S starts at bit 56 with 16 bits, beyond"),
+        (database(signal("0|100000@1+")), "S has 100000 bits, 1 to 64 are wanted"),
+        (database(signal(scaling="1e400,0")), "S has the factor inf, a finite number is wanted"),
+        (database(signal(scaling="1,-1e400")), "S has the offset -inf, a finite number"),
+        (database(signal(scaling="0,0")), "S has the factor 0, another number"),
+        (
+            database(signal("0|17@1-"), after="SIG_VALTYPE_ 100 S : 1;\n"),
+            "S is a float of 17 bits, 16, 32 or 64 are wanted",
+        ),
+        (
+            database(SWITCH, after="SG_MUL_VAL_ 100 S A 0-10000000;\n"),
+            "signal S of message 100 comes under 10,000,001 multiplexer values or more",
+        ),
+        (
+            database(
+                ' SG_ A M : 8|8@1+ (1,0) [0|0] "" E\n SG_ S m3M : 0|8@1+ (1,0) [0|0] "" E\n',
+                after="SG_MUL_VAL_ 100 S S 3-3;\n",
+            ),
+            "S has the multiplexer S, which depends on it",
+        ),
+        ("\0" * 5000, "not a CAN database"),
+        (database(name="-5"), "not a CAN database"),
+    ],
+)
+def test_a_database_that_no_bus_has_is_refused_in_one_line(
+    tmp_path: Path, dbc: str, message: str
+) -> None:
+    begun_s = time.process_time()
+    with pytest.raises(SignalMapError) as caught:
+        load_pairs([pair(tmp_path, dbc)])
+    assert time.process_time() - begun_s < 2.0
+    assert message in str(caught.value)
+    assert "x.dbc" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_what_is_strange_elsewhere_in_a_database_does_no_harm(tmp_path: Path) -> None:
+    strange = 'BO_ 101 N: 0 E\n SG_ T : -5|17@1+ (1e400,0) [0|0] "" E\n'
+    bus_map = load_pairs([pair(tmp_path, database(after=strange))])
+    assert Decoder(bus_map, ["lambda_measured"]).identifiers == ((100, False),)
+
+
+def test_limits_without_bounds_are_no_limits(tmp_path: Path) -> None:
+    text = database(' SG_ S : 0|8@1+ (1,0) [0|1e999] "" E\n')
+    map_text = '[signals]\nown_name = { message = "M", signal = "S" }\n'
+    bus_map = load_pairs([pair(tmp_path, text, map_text)])
+    assert Decoder(bus_map, ["own_name"]).identifiers == ((100, False),)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (MAP.format(f", factor = {'9' * 5000}"), "not a TOML file"),
+        (MAP.format(f", factor = 0x{'f' * 5000}"), "a number of 20,000 bits"),
+        (MAP.format(", offset = nan"), "offset is nan, a number is wanted"),
+        (MAP.format(", factor = -inf"), "factor is -inf, a number is wanted"),
+        ("a = " + "[" * 100_000, "nested too deeply"),
+        ("a = " + "{b=" * 5000, "nested too deeply"),
+        ("\xff\xfe", "not a TOML file"),
+        ("#" * (SMALL_BYTES + 1), "has more than 4,194,304 bytes"),
+        (MAP.format(", factor = '" + "x" * 10_000 + "'"), "a number is wanted"),
+    ],
+)
+def test_a_map_that_no_one_writes_is_refused_in_one_line(
+    tmp_path: Path, text: str, message: str
+) -> None:
+    dbc, map_path = pair(tmp_path, database())
+    map_path.write_bytes(text.encode("latin-1"))
+    begun_s = time.process_time()
+    with pytest.raises(SignalMapError) as caught:
+        load_pairs([(dbc, map_path)])
+    assert time.process_time() - begun_s < 2.0
+    assert message in str(caught.value)
+    assert str(map_path) in str(caught.value)
+    assert len(str(caught.value)) < 500
+    assert "\n" not in str(caught.value)
+
+
+def test_a_settings_file_is_read_by_the_same_rules(tmp_path: Path) -> None:
+    path = tmp_path / "settings.toml"
+    path.write_text("a = " + "[" * 100_000)
+    with pytest.raises(ConfigError, match=r"settings\.toml: not a TOML file: nested too deeply"):
+        read_toml(path, "the settings", ConfigError)
