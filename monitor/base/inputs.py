@@ -66,29 +66,35 @@ def read_toml(path: Path, what: str, error: type[O2Error]) -> dict[str, Any]:
     """
     try:
         tree = tomllib.loads(read_small(path).decode())
-        _check_numbers(tree)
-        return tree
     except OSError as reason:
         raise error(f"{path}: cannot read {what}: {reason.strerror}") from None
     except RecursionError:
         raise error(f"{path}: not a TOML file: nested too deeply") from None
     except ValueError as reason:  # TOML's own, of the text's encoding, of a number too long
         raise error(f"{path}: not a TOML file: {' '.join(str(reason).split())}") from None
+    if problem := _long_number(tree):
+        raise error(f"{path}: {problem}")
+    return tree
 
 
-def _check_numbers(tree: object) -> None:
-    """Raise ValueError for an integer of more than 64 bits, which TOML does not know."""
-    waiting = [tree]
+def _long_number(tree: dict[str, Any]) -> str | None:
+    """Return where an integer of more than 64 bits stands, which TOML does not know, and its size.
+
+    >>> _long_number({"window": {"n_samples": 1 << 64}})
+    '[window] n_samples is a number of 65 bits, 64 are the most'
+    """
+    waiting: list[tuple[tuple[str, ...], object]] = [((), tree)]
     while waiting:
-        node = waiting.pop()
+        keys, node = waiting.pop()
         if isinstance(node, dict):
-            waiting.extend(node.values())
+            waiting.extend(((*keys, key), value) for key, value in node.items())
         elif isinstance(node, list):
-            waiting.extend(node)
+            waiting.extend((keys, value) for value in node)
         elif isinstance(node, int) and node.bit_length() > _TOML_BITS:
-            raise ValueError(
-                f"a number of {node.bit_length():,} bits, at most {_TOML_BITS} are wanted"
-            )
+            *tables, key = keys
+            where = f"[{'.'.join(tables)}] {key}" if tables else key
+            return f"{where} is a number of {node.bit_length():,} bits, {_TOML_BITS} are the most"
+    return None
 
 
 def as_number(value: object) -> float | None:

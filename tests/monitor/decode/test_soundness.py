@@ -96,7 +96,7 @@ def test_limits_without_bounds_are_no_limits(tmp_path: Path) -> None:
     ("text", "message"),
     [
         (MAP.format(f", factor = {'9' * 5000}"), "not a TOML file"),
-        (MAP.format(f", factor = 0x{'f' * 5000}"), "a number of 20,000 bits"),
+        (MAP.format(f", factor = 0x{'f' * 5000}"), "factor is a number of 20,000 bits"),
         (MAP.format(", offset = nan"), "offset is nan, a number is wanted"),
         (MAP.format(", factor = -inf"), "factor is -inf, a number is wanted"),
         ("a = " + "[" * 100_000, "nested too deeply"),
