@@ -5,7 +5,6 @@ Everything beside the judging is an ``Attachment``.
 """
 
 import math
-import signal
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, suppress
@@ -18,6 +17,7 @@ import can
 from monitor.base.errors import RecordingError
 from monitor.base.types import Frame, Quality
 from monitor.bus.attachment import Attachment
+from monitor.bus.ending import ended_by_signals
 from monitor.bus.link.clock import Clock
 from monitor.bus.link.port import BusHealth, Port
 from monitor.bus.link.recorder import Recorder
@@ -331,11 +331,6 @@ class Loop:
 
 
 def run(loop: Loop, duration_s: float | None) -> None:
-    """Run the loop until its time is over or SIGINT or SIGTERM arrives."""
-    signals = (signal.SIGINT, signal.SIGTERM)
-    previous = {number: signal.signal(number, loop.stop) for number in signals}
-    try:
+    """Run the loop until its time is over or a signal ends it."""
+    with ended_by_signals(loop.stop):
         loop.run(duration_s)
-    finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)

@@ -153,7 +153,8 @@ class Status:
         health = self._health
         bad = {
             "errors": health.error_frames,
-            "lost": health.drops + health.overruns,
+            "lost": (health.drops or 0) + health.overruns,
+            "malformed": health.malformed,
             "stale": len(health.stale),
             "reconnects": health.reconnects,
             "not stored": health.memory_errors,

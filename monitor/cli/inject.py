@@ -174,8 +174,9 @@ def _seen(frames: "Iterable[Frame]", take: Any) -> "Iterator[Frame]":
 def _buses(
     args: argparse.Namespace, scenario: "Scenario", bus_map: "BusMap", setup: "Setup | None"
 ) -> "list[Recording]":
+    from monitor.bus.ending import ended_by_signals
     from monitor.inject.expected import Judge, fresh_memory
-    from monitor.inject.gateway import Gateway, ended_by_signals
+    from monitor.inject.gateway import Gateway
     from monitor.inject.injector import Injector
 
     if args.out:

@@ -58,7 +58,9 @@ def live_feed(
         server,
         loop.pipeline.monitor,
         setup,
-        health=lambda: loop.health.as_dict() | frame_counters(loop.pipeline),
+        health=lambda: (
+            loop.health.as_dict() | frame_counters(loop.pipeline) | loop.clock.counters.found
+        ),
         channel=channel,
         say=say,
     )

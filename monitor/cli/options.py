@@ -1,6 +1,7 @@
 """Options, opening of a bus and writing of results, shared by the subcommands of ``o2mon``."""
 
 import argparse
+import errno
 import os
 import sys
 from collections.abc import Callable
@@ -37,7 +38,9 @@ def say(line: str) -> None:
     """Print a line; if the reader is gone, go on silently, because the exit code still counts."""
     try:
         print(line, flush=True)
-    except BrokenPipeError:
+    except OSError as error:  # a pipe without a reader, or a terminal that hung up
+        if error.errno not in (errno.EPIPE, errno.EIO):
+            raise
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 

@@ -12,7 +12,7 @@ from typing import Final, Literal
 import numpy as np
 
 from monitor.base.types import FrameBlock, IntArray
-from monitor.decode.block_decoder import BlockDecoder, Payloads
+from monitor.decode.block_decoder import BlockDecoder, Payloads, Plan
 
 Verdict = Literal["went on", "missed", "unknown"]
 SURE_BITS: Final = 8  # counters of so many bits together go on by chance in one of 256 pauses
@@ -23,7 +23,7 @@ class AliveCounters:
     """Reads the alive counters of the messages that a decoder needs."""
 
     def __init__(self, decoder: BlockDecoder) -> None:
-        self._plans = {key: plan for key, plan in decoder.plans.items() if plan.counter is not None}
+        self._plans = [plan for plan in decoder.plans.values() if plan.counter is not None]
 
     def verdict(
         self, block: FrameBlock, begin: int, at: int, end: int, pause_ns: int | None
@@ -35,10 +35,12 @@ class AliveCounters:
         pause_ns : length of the pause, None if it is not known
         """
         bits_on, n_on, n_missed = 0, 0, 0
-        for key in self._plans:
-            before = begin + np.flatnonzero(block.key[begin:at] == key)
-            after = at + np.flatnonzero(block.key[at:end] == key)
-            steps = self._steps(key, block, before[-_KNOWN:], after[:_KNOWN])
+        for plan in self._plans:
+            mask, wanted = plan.match
+            places = begin + np.flatnonzero((block.key[begin:end] & mask) == wanted)
+            n_before = int(np.searchsorted(places, at))
+            before, after = places[:n_before], places[n_before:]
+            steps = _steps(plan, block, before[-_KNOWN:], after[:_KNOWN])
             if steps is None:
                 continue
             counted, came, length = steps
@@ -51,31 +53,31 @@ class AliveCounters:
             return "went on"
         return "missed" if n_missed > n_on else "unknown"
 
-    def _steps(
-        self, key: int, block: FrameBlock, before: IntArray, after: IntArray
-    ) -> tuple[int, int, int] | None:
-        """Return by how much a counter rose over the pause, how many frames came, and its bits.
 
-        None where the message does not tell: too few frames, or a counter that did not rise by one
-        with each frame before.
+def _steps(
+    plan: Plan, block: FrameBlock, before: IntArray, after: IntArray
+) -> tuple[int, int, int] | None:
+    """Return by how much a counter rose over the pause, how many frames came, and its bits.
 
-        before, after : places of the message's frames around the pause, ascending
-        """
-        places = np.concatenate([before, after])
-        plan = self._plans[key]
-        assert plan.counter is not None
-        data = plan.payload(block.data[places])
-        sound = np.flatnonzero(plan.fits(block.length[places]) & plan.holds(data))
-        first_after = int(np.searchsorted(sound, len(before)))
-        if first_after < 2 or first_after == len(sound):
-            return None
-        length = plan.counter.length
-        counts = plan.count(Payloads(plan.message, data[sound])).tolist()
-        rise: Callable[[int], int] = lambda k: (counts[k] - counts[k - 1]) % (1 << length)  # noqa: E731
-        came = [int(n) % (1 << length) for n in np.diff(sound)]
-        if rise(first_after - 1) != came[first_after - 2]:
-            return None
-        return rise(first_after), came[first_after - 1], length
+    None where the message does not tell: too few frames, or a counter that did not rise by one
+    with each frame before.
+
+    before, after : places of the message's frames around the pause, ascending
+    """
+    places = np.concatenate([before, after])
+    assert plan.counter is not None
+    data = plan.payload(block.data[places])
+    sound = np.flatnonzero(plan.fits(block.length[places]) & plan.holds(data))
+    first_after = int(np.searchsorted(sound, len(before)))
+    if first_after < 2 or first_after == len(sound):
+        return None
+    length = plan.counter.length
+    counts = plan.count(Payloads(plan.message, data[sound])).tolist()
+    rise: Callable[[int], int] = lambda k: (counts[k] - counts[k - 1]) % (1 << length)  # noqa: E731
+    came = [int(n) % (1 << length) for n in np.diff(sound)]
+    if rise(first_after - 1) != came[first_after - 2]:
+        return None
+    return rise(first_after), came[first_after - 1], length
 
 
 def _would_tell(before_ns: IntArray, pause_ns: int, length: int) -> bool:

@@ -65,21 +65,27 @@ class Timeline:
     def blocks(self, blocks: Iterable[FrameBlock]) -> Iterator[FrameBlock]:
         """Yield the frames of a log at believed times, with the ``log_gap`` frames among them."""
         for block in blocks:
-            if len(block.t_ns) == 0:
-                continue
-            if self._newest_ns is None:
-                self._newest_ns = int(block.t_ns[0])
-            if self._waiting is None and self._is_calm(block.t_ns):
-                if self._shift_ns:
-                    block = block._replace(t_ns=block.t_ns - _wrapped(self._shift_ns))  # noqa: PLW2901
-                self._newest_ns = int(block.t_ns[-1])
-                self._recent.push(block)
-                yield block
-                continue
-            waiting = [] if self._waiting is None else [self._waiting]
-            yield from self._walked(joined([*waiting, block]), is_last=False)
-        if self._waiting is not None:
-            yield from self._walked(self._waiting, is_last=True)
+            yield from self.push(block)
+        yield from self.finish()
+
+    def push(self, block: FrameBlock) -> Sequence[FrameBlock]:
+        """Take the next frames; return those whose times are decided."""
+        if len(block.t_ns) == 0:
+            return ()
+        if self._newest_ns is None:
+            self._newest_ns = int(block.t_ns[0])
+        if self._waiting is None and self._is_calm(block.t_ns):
+            if self._shift_ns:
+                block = block._replace(t_ns=block.t_ns - _wrapped(self._shift_ns))
+            self._newest_ns = int(block.t_ns[-1])
+            self._recent.push(block)
+            return (block,)
+        waiting = [] if self._waiting is None else [self._waiting]
+        return self._walked(joined([*waiting, block]), is_last=False)
+
+    def finish(self) -> Sequence[FrameBlock]:
+        """Return the frames that waited for others behind them; none will come."""
+        return () if self._waiting is None else self._walked(self._waiting, is_last=True)
 
     def _is_calm(self, raw_ns: IntArray) -> bool:
         """Return whether times rise by small steps, (n,) at least one."""
@@ -89,8 +95,8 @@ class Timeline:
         least_ns, most_ns = int(steps_ns.min(initial=0)), int(steps_ns.max(initial=0))
         return min(first_ns, least_ns) >= 0 and max(first_ns, most_ns) <= self._pause_ns
 
-    def _walked(self, frames: FrameBlock, *, is_last: bool) -> Iterator[FrameBlock]:
-        """Yield frames of which some are doubtful, as far as enough frames follow.
+    def _walked(self, frames: FrameBlock, *, is_last: bool) -> Sequence[FrameBlock]:
+        """Return frames of which some are doubtful, as far as enough frames follow.
 
         is_last : no frame follows
         """
@@ -100,10 +106,11 @@ class Timeline:
         self._newest_ns, self._shift_ns = walk.newest_ns, walk.shift_ns
         n = walk.at
         self._waiting = chosen(frames, slice(n, None)) if n < len(frames.t_ns) else None
-        if n:
-            believed = chosen(frames, slice(0, n))._replace(t_ns=walk.believed_ns(n))
-            self._recent.push(believed)
-            yield _with_gaps(believed, walk.gaps)
+        if n == 0:
+            return ()
+        believed = chosen(frames, slice(0, n))._replace(t_ns=walk.believed_ns(n))
+        self._recent.push(believed)
+        return (_with_gaps(believed, walk.gaps),)
 
 
 class _Recent:

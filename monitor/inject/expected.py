@@ -8,13 +8,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from monitor.base.types import Frame
+from monitor.base.types import Frame, FrameBlock
+from monitor.decode.block_decoder import BlockDecoder
+from monitor.frames.blocks import block_of, frames_of
+from monitor.grid.timeline import Timeline
 from monitor.inject.scenario import NO_CODE, Expectation, Scenario
 from monitor.memory.dtc import DtcStore
 from monitor.memory.store import Memory
 from monitor.pipeline.frames import FramePipeline
 from monitor.report.replay import Setup, frame_counters
 from monitor.report.sinks import Collector
+
+_AT_ONCE = 256  # frames whose times are looked at together
 
 Recording = Mapping[str, Any]  # an entry of o2mon.replay/1
 
@@ -31,18 +36,32 @@ class Judge:
             setup.bus_map, setup.model, setup.limits, setup.config, store
         )
         self._collector = Collector(self._pipeline.monitor)
+        decoder = BlockDecoder(setup.bus_map, self._pipeline.monitor.names)
+        self._timeline = Timeline(decoder)
+        self._waiting: list[Frame] = []
 
     def push(self, frame: Frame) -> None:
-        """Judge one frame."""
-        for event in self._pipeline.push(frame):
-            self._collector.push(event)
+        """Judge one frame, as soon as those behind it tell whether its time is to be believed."""
+        self._waiting.append(frame)
+        if len(self._waiting) == _AT_ONCE:
+            self._judge(self._timeline.push(block_of(self._waiting)))
+            self._waiting.clear()
+
+    def _judge(self, blocks: Iterable[FrameBlock]) -> None:
+        for block in blocks:
+            for frame in frames_of(block):
+                for event in self._pipeline.push(frame):
+                    self._collector.push(event)
 
     def finish(self, name: str) -> Recording:
         """End the driving cycle; return the recording's entry of ``o2mon.replay/1``."""
+        self._judge(self._timeline.push(block_of(self._waiting)))
+        self._judge(self._timeline.finish())
         monitor = self._pipeline.monitor
         self._memory.save(monitor.store.saved)
         self._memory.learn(self._setup.model_sha256, monitor.seen, self._setup.config.bias)
-        return self._collector.result(name, None, frame_counters(self._pipeline))
+        counters = frame_counters(self._pipeline) | self._timeline.counters.found
+        return self._collector.result(name, None, counters)
 
 
 @contextmanager

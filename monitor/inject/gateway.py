@@ -1,10 +1,8 @@
 """Fault injection between two buses, and writing of a changed log."""
 
 import select
-import signal
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
@@ -198,21 +196,11 @@ class Gateway:
             f"{done.error_frames} error frames"
         )
         for side in (self._ecu, self._other):
+            if side.malformed:
+                yield f"{side.name}: {side.malformed} malformed datagrams"
             if side.losses:
                 yield f"{side.name}: lost {_times(side.losses)}, back {_times(side.reconnects)}"
 
 
 def _times(n: int) -> str:
     return f"{n} time{'s' * (n != 1)}"
-
-
-@contextmanager
-def ended_by_signals(stop: Callable[..., None]) -> Iterator[None]:
-    """Call ``stop`` on SIGINT and SIGTERM."""
-    signals = (signal.SIGINT, signal.SIGTERM)
-    previous = {number: signal.signal(number, stop) for number in signals}
-    try:
-        yield
-    finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)

@@ -7,6 +7,7 @@ from typing import Final
 import can
 
 from monitor.bus.link.connection import Connection
+from monitor.bus.link.datagrams import Datagrams
 from monitor.bus.link.socketcan import RECEIVE_BUFFER_BYTES
 
 SEND_TIMEOUT_S: Final = 0.05
@@ -20,6 +21,7 @@ class Side:
 
     def __init__(self, connection: Connection) -> None:
         self.name, self._connection = connection.name, connection
+        self._datagrams = Datagrams()
         assert connection.bus is not None
         self._use(connection.bus)
 
@@ -41,6 +43,11 @@ class Side:
     def reconnects(self) -> int:
         """Return how many times the interface came back."""
         return self._connection.reconnects
+
+    @property
+    def malformed(self) -> int:
+        """Return how many datagrams the interface could not read."""
+        return self._datagrams.malformed
 
     @property
     def is_open(self) -> bool:
@@ -67,9 +74,11 @@ class Side:
                 self._use(bus)
             while (message := bus.recv(0.0)) and self._is_own(message):
                 pass
-        except (can.CanError, OSError) as error:
-            connection.lose(error)
+        except Exception as error:  # python-can's interfaces raise any, on any datagram
+            if not self._datagrams.survives(error):
+                connection.lose(error)
             return None
+        self._datagrams.read()
         if connection.is_lost:
             connection.received()
         return message

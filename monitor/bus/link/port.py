@@ -10,6 +10,7 @@ import can
 
 from monitor.base.types import Frame
 from monitor.bus.link.connection import Connection
+from monitor.bus.link.datagrams import Datagrams
 from monitor.bus.link.error_frames import error_frame
 from monitor.bus.link.recorder import message_of
 from monitor.bus.link.socketcan import ErrorMessage, SocketReader
@@ -31,7 +32,8 @@ class BusHealth:
     remote_frames: int = 0
     refused: int = 0  # frames under identifiers reserved for the loop
     overruns: int = 0  # error frames that report frames lost in the controller
-    drops: int = 0  # frames lost because the socket's buffer was full
+    drops: int | None = None  # frames lost because the socket's buffer was full, None if unknown
+    malformed: int = 0  # datagrams that the interface could not read
     bus_off: int = 0  # times the controller went off the bus
     passive: int = 0  # times it became error passive
     warning: int = 0  # times its error counters reached the warning limit
@@ -73,7 +75,8 @@ class Port:
         self._connection = Connection(bus, reopen, say, monotonic_s)
         self._filters: list[Any] | None = None
         self._quiet_until_s = -math.inf
-        self._drops_before = 0  # frames dropped on earlier sockets
+        self._drops_before: int | None = 0  # frames dropped on earlier sockets, None if unknown
+        self._datagrams = Datagrams()
         self._use(bus)
 
     def _use(self, bus: can.BusABC) -> None:
@@ -85,6 +88,7 @@ class Port:
         if self._reader:
             self._health.receive_buffer_bytes = self._reader.buffer_bytes
             self._health.timestamps = "kernel"
+        self._count_drops()
 
     @property
     def is_off(self) -> bool:
@@ -122,9 +126,12 @@ class Port:
                 frame = self._read(self._reader, timeout_s, tick_end_ns)
             else:
                 frame = self._take(self._bus.recv(timeout_s))
-        except (can.CanError, OSError) as error:
-            self._lose(error)
+        except Exception as error:  # python-can's interfaces raise any, on any datagram
+            if not self._datagrams.survives(error):
+                self._lose(error)
+            self._health.malformed = self._datagrams.malformed
             return None
+        self._datagrams.read()
         if self._health.state in OFF:
             self._recover(frame)
         return frame
@@ -135,10 +142,17 @@ class Port:
             self._health.frames += 1
             return received
         self._health.remote_frames = reader.remote_frames
-        self._health.drops = self._drops_before + reader.drops
+        self._count_drops()
         if type(received) is ErrorMessage:
             self._heed(received.can_id, received.data)
         return None
+
+    def _count_drops(self) -> int | None:
+        """Return the frames dropped on all sockets so far, None if one of them does not tell."""
+        own = self._reader.drops if self._reader else None
+        before = self._drops_before
+        drops = self._health.drops = None if own is None or before is None else before + own
+        return drops
 
     def _take(self, message: can.Message | None) -> Frame | None:
         if message is None:
@@ -175,8 +189,7 @@ class Port:
 
     def _lose(self, error: Exception) -> None:
         """Give up a failed bus and schedule its opening."""
-        if self._reader:
-            self._drops_before += self._reader.drops
+        self._drops_before = self._count_drops()
         self._bus = self._reader = None
         self._connection.lose(error)
         self._health.losses = self._connection.losses

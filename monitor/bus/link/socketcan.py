@@ -10,7 +10,6 @@ import socket
 import struct
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from typing import Any, Final, NamedTuple
 
 import can
@@ -47,10 +46,12 @@ class SocketReader:
     def __init__(self, can_socket: socket.socket) -> None:
         self._socket = can_socket
         self.buffer_bytes = _enlarge(can_socket)
-        self.drops = 0  # frames lost because the buffer was full
+        self.drops: int | None = 0  # frames lost because the buffer was full, None if unknown
         self.remote_frames = 0
-        with suppress(OSError):  # an old kernel does not count drops
+        try:
             can_socket.setsockopt(socket.SOL_SOCKET, SO_RXQ_OVFL, 1)
+        except OSError:  # an old kernel does not count drops
+            self.drops = None
         timeout = _TIMEOUT.pack(0, int(BLOCK_S * 1e6))
         can_socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, timeout)
         self._recvmsg = can_socket.recvmsg

@@ -15,6 +15,7 @@ from benchmarks.udp_can import UdpCan
 from monitor.base.errors import BusError
 from monitor.base.types import Frame
 from monitor.bus.link.connection import FIRST_TRY_S, LAST_TRY_S
+from monitor.bus.link.datagrams import MOST
 from monitor.bus.link.error_frames import error_frame
 from monitor.bus.link.port import BusHealth, Port
 from monitor.bus.link.recorder import message_of
@@ -358,3 +359,34 @@ def test_a_silent_socket_gives_back_the_thread_in_time(wire: Any) -> None:
         start_s = time.monotonic()
         assert port.receive(timeout_s) is None
         assert time.monotonic() - start_s < timeout_s + 0.15
+
+
+def unreadable() -> can.CanOperationError:
+    """Return the error that python-can's UDP interface raises on a datagram it cannot unpack."""
+    error = can.CanOperationError("could not unpack received message")
+    error.__cause__ = ValueError("unpack(b) received extra data")
+    return error
+
+
+def test_a_malformed_datagram_is_counted_and_the_bus_stays() -> None:
+    frame = can.Message(arbitration_id=1, data=b"\1")
+    spoilt = can.Message(arbitration_id=1, data=b"\1", timestamp=float("nan"))
+    script = [unreadable(), TypeError("not a mapping"), spoilt, None, frame]
+    bench = Bench(FailingBus(script))
+    received = [bench.port.receive(0.1) for _ in script]
+    assert [each is not None for each in received] == [False] * 4 + [True]
+    assert (bench.health.malformed, bench.health.losses, bench.health.state) == (3, 0, "active")
+    assert bench.said == []
+
+
+def test_an_interface_that_reads_nothing_but_errors_is_lost() -> None:
+    bench = Bench(FailingBus(unreadable() for _ in range(MOST)), [FailingBus([])])
+    for _ in range(MOST):
+        bench.port.receive(0.1)
+    assert (bench.health.malformed, bench.health.losses) == (MOST, 1)
+
+
+def test_drops_that_nobody_counts_are_unknown() -> None:
+    bench = Bench(FailingBus([None]))
+    bench.port.receive(0.1)
+    assert bench.health.as_dict()["drops"] is None

@@ -362,7 +362,7 @@ def test_between_two_buses_what_goes_out_is_judged_when_a_signal_ends_it(
     assert ("NOT MET" in capsys.readouterr().out) is bool(exit_code)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_gateway_ends_cleanly_on_a_signal(number: signal.Signals) -> None:
     argv = [
         sys.executable,

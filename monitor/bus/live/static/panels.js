@@ -244,7 +244,7 @@ function reading(value) {
   if (Array.isArray(value)) return value.map((each) => words(String(each))).join(", ") || "none";
   if (typeof value === "boolean") return value ? "yes" : "no";
   if (typeof value === "number") return Number.isInteger(value) ? value.toLocaleString("en-GB") : digits(value, 2);
-  return value == null ? "–" : words(String(value));
+  return value == null ? "unknown" : words(String(value));
 }
 
 /** Whether a counter counts something bad, and has. */
