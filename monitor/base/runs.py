@@ -43,8 +43,9 @@ def alike(codes: NDArray[Any]) -> Iterator[tuple[int, int, int]]:
     [(0, 2, 7), (2, 3, 3)]
     """
     n = len(codes)
+    if n == 1:
+        yield 0, 1, codes.item()
     if n < 2:
-        yield from ((0, 1, code) for code in codes.tolist())
         return
     edges = [0, *((codes[1:] != codes[:-1]).nonzero()[0] + 1).tolist(), n]
     for (begin, end), code in zip(pairwise(edges), codes[edges[:-1]].tolist(), strict=True):

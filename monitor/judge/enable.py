@@ -51,10 +51,10 @@ NEEDS: Final = {  # condition → its signal
     "purge_steady": "purge_duty_percent",
 }
 # conditions that a time of recovery follows: they hold so many samples after they were last broken
-_RECOVERING: Final = [
-    CONDITIONS.index(name)
-    for name in ("model_settled", "trained_range", "fuel_cut_recovered", "purge_steady")
-]
+_RECOVERING: Final = ("model_settled", "trained_range", "fuel_cut_recovered", "purge_steady")
+# columns of what a sample says, as ``Enable.push`` puts them together: those of _RECOVERING after
+# their recovery, then the others, at last those that follow from a range
+_VALID, _TRAINED, _STEADY, _HOLDS, _RANGES = range(len(_RECOVERING), len(_RECOVERING) + 5)
 
 
 class Range(NamedTuple):
@@ -118,9 +118,12 @@ class Enable:
             Range(condition, name, float(self._low[i]), float(self._high[i]))
             for (condition, name), i in zip([*trained, *own], places, strict=True)
         )
-        # the columns of CONDITIONS that follow from the ranges of the output and the others
-        self._follow = [CONDITIONS.index(name) for name in ("measured_valid", *checked)]
-        self._cut = CONDITIONS.index("fuel_cut_recovered")
+        # columns of what a sample says: of each condition, and of what breaks each of _RECOVERING
+        columns = {name: _RANGES + i for i, name in enumerate(("measured_valid", *checked))}
+        cut = columns.get("fuel_cut_recovered", _HOLDS)
+        self._broken = np.array([_VALID, _TRAINED, cut, _STEADY])
+        columns |= {"inputs_valid": _VALID} | {name: i for i, name in enumerate(_RECOVERING)}
+        self._held = np.array([columns.get(name, _HOLDS) for name in CONDITIONS])
         self._purge = at.get("purge_duty_percent")
         self._open_percent, self._step_percent = (
             config.purge_open_percent,
@@ -153,26 +156,24 @@ class Enable:
         values : (n, n_names); a sample is enabled if all its conditions hold
         """
         n = len(values)
-        held = np.ones((n, len(CONDITIONS)), dtype=np.bool_)
         if n == 0:
-            return held
+            return np.ones((0, len(CONDITIONS)), dtype=np.bool_)
         x = values.take(self._places, axis=1)
         inside = (self._low <= x) & (x <= self._high)
-        inputs = slice(self._n_inputs)
-        held[:, 0] = ~np.logical_or.reduce(np.isnan(x[:, inputs]), axis=1)
-        held[:, self._follow] = inside[:, self._n_inputs :]
-        broken = np.empty((n, len(_RECOVERING)), dtype=np.bool_)
-        np.logical_not(held[:, 0], out=broken[:, 0])
-        np.logical_not(np.logical_and.reduce(inside[:, inputs], axis=1), out=broken[:, 1])
-        np.logical_not(held[:, self._cut], out=broken[:, 2])
-        broken[:, 3] = self._purge is not None and self._purge_steps(values[:, self._purge])
-        count = since(broken, self._since)
+        inputs = x[:, : self._n_inputs]
+        said = np.empty((n, _RANGES + x.shape[1] - self._n_inputs), dtype=np.bool_)
+        np.logical_and.reduce(inputs == inputs, axis=1, out=said[:, _VALID])  # noqa: PLR0124
+        np.logical_and.reduce(inside[:, : self._n_inputs], axis=1, out=said[:, _TRAINED])
+        said[:, _STEADY] = self._purge is None or self._purge_stays(values[:, self._purge])
+        said[:, _HOLDS] = True
+        said[:, _RANGES:] = inside[:, self._n_inputs :]
+        count = since(~said.take(self._broken, axis=1), self._since)
         self._since = count[-1]
-        held[:, _RECOVERING] = count >= self._recovery
-        return held
+        np.greater_equal(count, self._recovery, out=said[:, : len(_RECOVERING)])
+        return said.take(self._held, axis=1)
 
-    def _purge_steps(self, duty: FloatArray) -> BoolArray:
-        """Return whether the purge valve opens, closes, moves fast or is not known, (n,)."""
+    def _purge_stays(self, duty: FloatArray) -> BoolArray:
+        """Return whether the purge valve stays open or shut, moves slowly and is known, (n,)."""
         second = self._second
         if self._duties is None:  # at the first sample it has not moved
             self._duties = np.full(second, duty[0])
@@ -180,4 +181,4 @@ class Enable:
         self._duties = duties[-second:]
         is_open = duties[second - 1 :] >= self._open_percent
         steady = np.abs(duty - duties[:-second]) <= self._step_percent
-        return np.asarray((is_open[1:] != is_open[:-1]) | ~steady)
+        return np.asarray((is_open[1:] == is_open[:-1]) & steady)

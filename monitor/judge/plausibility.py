@@ -67,6 +67,14 @@ class Plausibility:
         self._ready = at.get("sensor_ready")
         self._speed = at.get("engine_speed_rpm")
         self._running_rpm = config.engine_running_rpm
+        # what readiness and engine speed say becomes a digit each of a sample's code, as ``push``
+        # packs it; that of a signal which is not provided stays _UNKNOWN
+        told = (self._ready, math.nextafter(0.0, 1.0)), (self._speed, config.engine_running_rpm)
+        self._told = np.array([0 if place is None else place for place, _ in told])
+        self._least = np.array([least for _, least in told])
+        self._digits = np.array(
+            [0 if place is None else _N_QUALITIES * 3**i for i, (place, _) in enumerate(told)]
+        )
         self._patience = round(config.not_ready_s / period_s)
         self._start_patience = round(config.start_patience_s / period_s)
         self.is_expected, self._heard = is_expected, False
@@ -85,14 +93,9 @@ class Plausibility:
 
         values, quality : (n, n_names)
         """
-        code = quality[:, self._output].astype(np.int64)
-        if self._ready is not None:
-            ready = values[:, self._ready]
-            code += _N_QUALITIES * ((ready == ready).astype(np.int64) + (ready > 0.0))  # noqa: PLR0124
-        if self._speed is not None:
-            speed_rpm = values[:, self._speed]
-            known = (speed_rpm == speed_rpm).astype(np.int64)  # noqa: PLR0124
-            code += 3 * _N_QUALITIES * (known + (speed_rpm >= self._running_rpm))
+        x = values.take(self._told, axis=1)
+        told = np.add(x == x, x >= self._least, dtype=np.int64)  # noqa: PLR0124
+        code = told @ self._digits + quality[:, self._output]
         found: list[Results] = []
         for begin, end, each in alike(code):
             rest, q = divmod(each, _N_QUALITIES)

@@ -25,7 +25,7 @@ def oriented(values: FloatArray, transform: str) -> FloatArray:
     """
     if transform != "phi":
         return -values
-    return np.divide(1.0, values, out=np.full_like(values, np.nan), where=values > 0.0)
+    return np.asarray(1.0 / np.where(values > 0.0, values, np.nan))
 
 
 def lambda_of(oriented_values: FloatArray, transform: str) -> FloatArray:

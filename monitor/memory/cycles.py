@@ -316,17 +316,18 @@ class Cycles:
         before_ns, self._run_ns = self._run_ns, self._run_ns + span.elapsed_ns
         totals_km = None
         if speed_km_h is not None:
-            elapsed_ns = until_ns[span.begin + 1 : span.end + 1] - until_ns[span.begin : span.end]
-            totals_km = np.fmax(speed_km_h[span.begin : span.end], 0.0) * elapsed_ns
+            totals_km = np.fmax(speed_km_h[span.begin : span.end], 0.0)
+            totals_km *= until_ns[span.begin + 1 : span.end + 1] - until_ns[span.begin : span.end]
             totals_km *= _HOURS_PER_NS
             totals_km[0] += self._run_km
-            np.cumsum(totals_km, out=totals_km)
+            np.add.accumulate(totals_km, out=totals_km)
             self._run_km = totals_km.item(-1)
         if self._run_ns // _SECOND_NS == before_ns // _SECOND_NS:
             return
-        run_ns = until_ns[span.begin + 1 : span.end + 1] - until_ns[span.begin] + before_ns
+        run_ns = until_ns[span.begin : span.end + 1] - until_ns[span.begin] + before_ns
         seconds = run_ns // _SECOND_NS
-        for k in np.flatnonzero(np.diff(seconds, prepend=before_ns // _SECOND_NS)).tolist():
+        run_ns = run_ns[1:]
+        for k in (seconds[1:] != seconds[:-1]).nonzero()[0].tolist():
             now_ns, now_km = run_ns.item(k), 0.0 if totals_km is None else totals_km.item(k)
             driven = Driven((now_ns - self._taken_ns) * 1e-9, now_km - self._taken_km)
             found.driven.append((span.begin + k, driven))

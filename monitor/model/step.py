@@ -178,7 +178,7 @@ class Model:
         if batch != self.batch:
             raise ValueError(f"u has {batch} rows, the model was made for {self.batch}")
         u = np.asarray(u, dtype=np.float32)
-        if not np.isfinite(u).all():
+        if not np.logical_and.reduce(np.isfinite(u), axis=None):
             bad = np.asarray(~np.isfinite(u).all(axis=(0, 1)))
             raise ValueError(f"inputs of the model must be finite: {self._names(bad)}")
         result = np.empty((n, batch))

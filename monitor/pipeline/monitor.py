@@ -44,10 +44,12 @@ from monitor.pipeline.segments import Part, RunState, Segments, Then
 
 _INPUTS_VALID = enable.CONDITIONS.index("inputs_valid")
 # a live sensor must move while these hold and the engine runs, whatever the model's state
-_BURNING = [
-    enable.CONDITIONS.index(name)
-    for name in ("measured_valid", "fuel_cut_recovered", "sensor_ready")
-]
+_BURNING = np.array(
+    [
+        enable.CONDITIONS.index(name)
+        for name in ("measured_valid", "fuel_cut_recovered", "sensor_ready")
+    ]
+)
 # the order of what happens at one sample; its tick comes before those from _MATURED on
 _DRIVEN, _COUNTED, _WINDOWS_KNOWN, _MATURED, _ACTIVE, _JUDGED = range(6)
 

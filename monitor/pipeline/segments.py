@@ -44,7 +44,8 @@ class Part:
     end: RunState | None = None  # behind the last sample
 
     def __post_init__(self) -> None:
-        self.predicted = np.full(len(self.measured), np.nan)
+        self.predicted = np.empty(len(self.measured))
+        self.predicted.fill(np.nan)
 
 
 class _Row(NamedTuple):
@@ -53,16 +54,14 @@ class _Row(NamedTuple):
     part: Part
     begin: int
     end: int
+    state: RunState | None  # that the segment goes on from, None if it begins here
+    is_last: bool  # the segment may go on in the recording's next block
 
-    @property
-    def state(self) -> RunState | None:
-        """Return the state that the segment goes on from, None if it begins here."""
-        return self.part.run if self.begin == 0 else None
-
-    @property
-    def is_last(self) -> bool:
-        """Return whether the segment may go on in the recording's next block."""
-        return self.end == len(self.part.measured)
+    @classmethod
+    def of(cls, part: Part, begin: int, end: int) -> "_Row":
+        """Return a row for the samples begin to end of a part."""
+        state = part.run if begin == 0 else None
+        return cls(part, begin, end, state, end == len(part.measured))
 
 
 class Segments:
@@ -86,7 +85,7 @@ class Segments:
 
     def run(self, parts: Sequence[Part]) -> None:
         """Fill in the predictions of parts, and the bank's readings where windows need them."""
-        rows = [_Row(part, begin, end) for part in parts for begin, end in part.segments]
+        rows = [_Row.of(part, begin, end) for part in parts for begin, end in part.segments]
         rows.sort(key=lambda row: row.begin - row.end)
         for first in range(0, len(rows), self._n_rows):
             self._run(rows[first : first + self._n_rows])
@@ -128,7 +127,8 @@ class Segments:
     ) -> tuple[FloatArray, dict[int, Float32Array]]:
         """Return predictions, (rows, n), anything behind a row's end, and the last states."""
         u = self._u(rows, lengths)
-        predicted = np.full(u.shape[:2], np.nan)
+        predicted = np.empty(u.shape[:2])
+        predicted.fill(np.nan)
         model = self._model(len(rows))
         goes_on = [row.state for row in rows]
         if not all(goes_on):
@@ -154,7 +154,7 @@ class Segments:
         """Return the model's inputs, (rows, n, n_inputs), zero behind a row's end."""
         # the inputs of all rows in one step lie together in memory
         steps = np.zeros((lengths[0], len(rows), len(self._inputs)), np.float32)
-        for i, (part, begin, end) in enumerate(rows):
+        for i, (part, begin, end, *_) in enumerate(rows):
             steps[: end - begin, i] = part.block.values[begin:end].take(self._inputs, axis=1)
         return steps.transpose(1, 0, 2)
 
