@@ -35,7 +35,9 @@ _HOURS_PER_NS: Final = 1.0 / 3.6e12
 _N_QUALITIES: Final = len(Quality)
 _UNKNOWN: Final = (Quality.OFF_BUS, Quality.GAP)  # of an engine not heard nothing is known
 # bits of a sample, as ``Cycles._codes`` packs them
-_RUNS, _MOVES, _WARM, _MILD, _LOW, _STANDS, _IDLES = (1 << bit for bit in range(7, 0, -1))
+_BITS: Final = [1 << bit for bit in range(7)]
+_RUNS, _MOVES, _WARM, _MILD, _LOW, _STANDS, _IDLES = _BITS
+_CODE: Final = np.array(_BITS) * _N_QUALITIES
 
 
 class Driven(NamedTuple):
@@ -187,9 +189,10 @@ class Cycles:
             config.denominator_pressure_min_kpa,
         )
         # bits of a sample: each signal is at its least or above; engine and vehicle are below
-        self._places = np.array([at.get(name, 0) for name in SIGNALS])
-        self._least = np.array(least)
-        self._most = np.array([np.nextafter(running_rpm, -np.inf), config.denominator_idle_km_h])
+        most = math.nextafter(running_rpm, -math.inf), config.denominator_idle_km_h
+        self._places = np.array([at.get(name, 0) for name in (*SIGNALS, *SIGNALS[:2])])
+        self._low = np.array([*least, -math.inf, -math.inf])
+        self._high = np.array([*[math.inf] * len(least), *most])
         self.unavailable = tuple(name for name in SIGNALS if name not in at)
         self._engine = EngineWatch(config)
         self._start_least_ns = _ns(config.start_s)
@@ -240,11 +243,8 @@ class Cycles:
     def _codes(self, block: SampleBlock) -> IntArray:
         """Return an integer for each sample, (n,): samples with the same one are alike."""
         x = block.values.take(self._places, axis=1)
-        flags = np.zeros((len(x), 8), dtype=np.bool_)
-        np.greater_equal(x, self._least, out=flags[:, :5])
-        np.less_equal(x[:, :2], self._most, out=flags[:, 5:7])
-        bits = np.packbits(flags, axis=1)[:, 0].astype(np.int64)
-        return bits * _N_QUALITIES + block.quality[:, self._heard]
+        inside = (self._low <= x) & (x <= self._high)
+        return np.asarray(inside @ _CODE + block.quality[:, self._heard])
 
     def _flags(self, bits: int) -> _Flags:
         return _Flags(
