@@ -128,14 +128,13 @@ def _check_table(args: argparse.Namespace) -> int:
 
 
 def _write_profile(args: argparse.Namespace) -> int:
+    from monitor.base.outputs import write_text
     from monitor.frames.profiles.proposal import proposed
     from monitor.frames.tables.readers import open_table
 
     if not args.log:
         raise UsageError("--write-profile needs a LOG")
-    args.write_profile.write_text(
-        "\n".join(proposed(open_table(args.log))) + "\n", encoding="utf-8"
-    )
+    write_text(args.write_profile, "\n".join(proposed(open_table(args.log))) + "\n")
     say(
         f"{args.write_profile}: a profile to edit; try it with "
         f"o2mon check {args.log} --profile {args.write_profile}"

@@ -52,19 +52,14 @@ def warn(line: str) -> None:
 
 def add_columns(parser: argparse.ArgumentParser) -> None:
     """Add the options that say what the columns of a table are."""
-    group = parser.add_mutually_exclusive_group()
-    group.add_argument(
+    parser.add_argument(
         "--profile",
+        "--columns",
         type=paths.read,
         dest="columns",
         metavar="NAME|FILE",
-        help="columns of a logger's file (default: recognised by its columns)",
-    )
-    group.add_argument(
-        "--columns",
-        type=paths.read,
-        metavar="FILE",
-        help="TOML file for other tables: canonical name = column",
+        help="TOML file that says which column is which signal, or a shipped profile's name "
+        "(default: the profile of a logger's file is recognised)",
     )
 
 

@@ -96,7 +96,7 @@ def add_signal_options(parser: argparse.ArgumentParser) -> None:
 
 
 def add_bus_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options ``--dbc``, ``--map`` and ``--columns`` for reading logs and tables."""
+    """Add the options ``--dbc``, ``--map`` and ``--profile`` for reading logs and tables."""
     parser.add_argument(
         "--dbc",
         type=paths.read,
@@ -114,20 +114,14 @@ def add_bus_options(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="signal map of the preceding --dbc",
     )
-    group = parser.add_mutually_exclusive_group()
-    group.add_argument(
-        "--columns",
-        type=paths.read,
-        metavar="FILE",
-        help="TOML file that renames the columns of a table or measurement file",
-    )
-    group.add_argument(
+    parser.add_argument(
         "--profile",
+        "--columns",
         type=paths.read,
         dest="columns",
         metavar="NAME|FILE",
-        help="columns of a logger's file such as .msl, .mlg and CSV of COBB or Torque (default: "
-        "recognised by its columns)",
+        help="TOML file that says which column of a table or measurement file is which signal, or "
+        "a shipped profile's name (default: the profile of a logger's file is recognised)",
     )
 
 
