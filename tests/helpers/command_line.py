@@ -49,10 +49,11 @@ def words_of(parser: argparse.ArgumentParser, chosen: dict[str, str]) -> list[st
     """
     words: list[str] = []
     positional: list[str] = []
+    left = dict(chosen)  # two options may fill one name, one of them is given
     for action in parser._actions:
-        if action.dest in chosen:
-            value = chosen[action.dest]
-        elif action.required and action.nargs not in ("?", "*"):
+        if action.dest in left:
+            value = left.pop(action.dest)
+        elif action.dest not in chosen and action.required and action.nargs not in ("?", "*"):
             value = f"/nowhere/{action.dest}"
         else:
             continue

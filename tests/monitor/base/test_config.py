@@ -189,5 +189,5 @@ def test_what_is_not_text_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_missing_file_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"nowhere\.toml: No such file"):
+    with pytest.raises(ConfigError, match=r"nowhere\.toml: cannot read the settings: No such file"):
         config.load(tmp_path / "nowhere.toml")

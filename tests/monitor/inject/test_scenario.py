@@ -103,7 +103,7 @@ EXPECT = '[[expect]]\ncode = "P2A00"\n'
         ('[[expect]]\ncode = "none"\nwithin_s = 5.0', "within_s says nothing beside code"),
         (EXPECT + EXPECT, "contradict each other or repeat"),
         (EXPECT + '[[expect]]\ncode = "none"', "contradict each other or repeat"),
-        ("title = ", "not TOML"),
+        ("title = ", "not a TOML file"),
     ],
 )
 def test_what_is_wrong_in_a_scenario_is_named_with_its_file_and_key(
