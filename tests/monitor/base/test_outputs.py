@@ -135,6 +135,7 @@ WRITERS = {"write_text", "write_bytes", "savefig", "to_csv", "write_csv", "write
 # these write into a temporary folder, into memory, or beside the place, and rename themselves
 ALLOWED = {
     "monitor/base/outputs.py",
+    "monitor/memory/spare.py",
     "training/jobs/values.py",
     "training/jobs/model_bytes.py",
     "training/fleet/bench.py",
