@@ -9,15 +9,22 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 from monitor.base.errors import ModelError
 
 T = TypeVar("T")
 
-METADATA_KEY = "o2_monitor_card"
 SCHEMA = "o2_monitor.card/1"
 WINDOW_SAMPLES = 50  # Model Based Diagnosis of Oxygen Sensors, section 2
+# field → least and largest value
+RANGES: Final = {
+    "period_ns": (1_000_000, 3_600_000_000_000),  # 1 ms to 1 h
+    "lags": (1, 100_000),
+    "input_lag_start": (0, 100_000),
+    "window_samples": (2, 100_000),
+}
+SHOWN: Final = 60  # characters of a wrong value in a message
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +107,8 @@ class ModelCard:
     limits: Mapping[str, Limit] = field(default_factory=dict)
     reference: Mapping[str, Any] = field(default_factory=dict)  # healthy reference of this vehicle
     packages: Mapping[str, str] = field(default_factory=dict)
+    # of all parts of the file but its metadata, entered by the writer; "" in older cards
+    graph_sha256: str = field(default="", compare=False)
     schema: str = SCHEMA
 
     @property
@@ -122,20 +131,20 @@ class ModelCard:
         Raises ModelError if ``text`` is no card of this schema.
         """
         try:
-            data = json.loads(text)
-        except json.JSONDecodeError as error:
+            data = json.loads(text, parse_constant=_refused, parse_float=_finite)
+        except (ValueError, RecursionError) as error:
             raise ModelError(f"{path}: the model card is not JSON: {error}") from None
         if not isinstance(data, dict):
             raise ModelError(f"{path}: the model card is a {type(data).__name__}, not an object")
         if data.get("schema") != SCHEMA:
             raise ModelError(
-                f"{path}: the model card has schema {data.get('schema')!r}, wanted {SCHEMA!r}"
+                f"{path}: the model card has schema {_shown(data.get('schema'))}, wanted {SCHEMA!r}"
             )
         return _card(data, path)
 
 
 def _card(data: dict[str, Any], path: str) -> ModelCard:
-    data = {"structure": {}} | data  # older cards lack it
+    data = {"structure": {}, "graph_sha256": ""} | data  # older cards lack them
     _keys(data, ModelCard, path, "model card")
     try:
         data["inputs"] = tuple(_part(Channel, c, path, "inputs") for c in data["inputs"])
@@ -157,42 +166,77 @@ def _card(data: dict[str, Any], path: str) -> ModelCard:
             data[name] = dict(data[name])
         for name in ("residual_mean", "residual_std"):
             data[name] = float(data[name])
-    except (TypeError, ValueError, AttributeError) as error:
+    except (TypeError, ValueError, AttributeError, OverflowError) as error:
         raise ModelError(f"{path}: the model card has a value of the wrong type: {error}") from None
     _check(data, path)
     return ModelCard(**data)
+
+
+def _refused(constant: str) -> Any:
+    raise ValueError(f"it holds {constant}, which is no number")
+
+
+def _finite(text: str) -> float:
+    if not math.isfinite(float(text)):
+        raise ValueError(f"it holds {text[:20]}, which is no finite number")
+    return float(text)
+
+
+def _shown(value: Any) -> str:
+    """Return a value for a message, which stays one line."""
+    try:
+        said = repr(value)
+    except ValueError:  # a whole number of thousands of digits
+        said = f"a {type(value).__name__}"
+    return _short(said)
+
+
+def _short(said: str) -> str:
+    return said if len(said) <= SHOWN else f"{said[:SHOWN]}…"
 
 
 def _keys(data: Mapping[str, Any], kind: type, path: str, where: str) -> None:
     names = {f.name for f in dataclasses.fields(kind)}
     for word, keys in (("lacks", names - data.keys()), ("has unknown", data.keys() - names)):
         if keys:
-            raise ModelError(f"{path}: {where} {word} {', '.join(sorted(keys))}")
+            raise ModelError(f"{path}: {where} {word} {_short(', '.join(sorted(keys)))}")
 
 
 def _part(kind: type[T], data: Any, path: str, where: str) -> T:
     """Return a dataclass whose fields are strings, ints and floats; check the JSON's types."""
     if not isinstance(data, dict):
-        raise ModelError(f"{path}: {where} holds {data!r}, wanted an object")
+        raise ModelError(f"{path}: {where} holds {_shown(data)}, wanted an object")
     _keys(data, kind, path, where)
     values = {}
     for f in dataclasses.fields(kind):  # type: ignore[arg-type]
         value = data[f.name]
         if f.type is float and isinstance(value, int) and not isinstance(value, bool):
-            value = float(value)
+            value = float(value)  # OverflowError for one that no float holds
         if type(value) is not f.type or (isinstance(value, float) and not math.isfinite(value)):
             wanted = getattr(f.type, "__name__", f.type)
-            raise ModelError(f"{path}: {where}.{f.name} is {value!r}, wanted {wanted}")
+            raise ModelError(f"{path}: {where}.{f.name} is {_shown(value)}, wanted {wanted}")
         values[f.name] = value
     return kind(**values)
 
 
-def _check(data: Mapping[str, Any], path: str) -> None:
-    for name in ("period_ns", "lags", "input_lag_start", "window_samples"):
-        if type(data[name]) is not int or data[name] < (name != "input_lag_start"):
-            raise ModelError(f"{path}: {name} is {data[name]!r}, wanted a positive whole number")
+def _check_fields(data: Mapping[str, Any], path: str) -> None:
+    """Check the fields that stand for themselves."""
+    for name, (least, most) in RANGES.items():
+        if type(data[name]) is not int or not least <= data[name] <= most:
+            wanted = f"a whole number from {least} to {most}"
+            raise ModelError(f"{path}: {name} is {_shown(data[name])}, wanted {wanted}")
+    for name in ("kind", "transform", "graph_sha256"):
+        if not isinstance(data[name], str):
+            raise ModelError(f"{path}: {name} is {_shown(data[name])}, wanted a text")
+    if data["residual_std"] < 0.0:
+        raise ModelError(f"{path}: residual_std is {data['residual_std']}, wanted 0 or more")
     if data["transform"] not in ("phi", "none"):
-        raise ModelError(f"{path}: transform is {data['transform']!r}, wanted 'phi' or 'none'")
+        was = _shown(data["transform"])
+        raise ModelError(f"{path}: transform is {was}, wanted 'phi' or 'none'")
+
+
+def _check(data: Mapping[str, Any], path: str) -> None:
+    _check_fields(data, path)
     if not data["inputs"]:
         raise ModelError(f"{path}: the model card has no inputs")
     low, high = data["output_limits"]
@@ -211,5 +255,7 @@ def _check(data: Mapping[str, Any], path: str) -> None:
         raise ModelError(
             f"{path}: the state holds {layout.output_count} outputs, the lags are {data['lags']}"
         )
+    if layout.output_step < 1 or layout.output_count < 1:
+        raise ModelError(f"{path}: the output history {layout} is empty")
     if not 0 <= layout.output_start < layout.output_slice.stop <= layout.size:
         raise ModelError(f"{path}: the output history {layout} lies outside the state")

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from monitor.base.errors import ModelError
 from monitor.base.types import BoolArray, FloatArray
-from monitor.model.card import METADATA_KEY, ModelCard
+from monitor.model import model_file
+from monitor.model.card import ModelCard
 
 Float32Array = NDArray[np.float32]
 Inputs = NDArray[np.float32] | NDArray[np.float64]
@@ -90,13 +91,17 @@ class Model:
     def load(cls, path: Path | str, batch: int = 1) -> "Model":
         """Return the model of an ONNX file.
 
-        Raises ModelError if the file is not ONNX, has no card, or card and graph disagree.
+        Raises ModelError if the file is not ONNX, has no card, exceeds a bound, or if card and
+        graph disagree. Cards of older models do not say the graph's sha256; they are taken.
         """
-        session = open_session(path)
-        text = session.get_modelmeta().custom_metadata_map.get(METADATA_KEY)
-        if text is None:
-            raise ModelError(f"{path}: no model card (metadata {METADATA_KEY!r}) in this ONNX file")
-        card = ModelCard.from_json(text, str(path))
+        file = model_file.read(path)
+        card = ModelCard.from_json(file.card, str(path))
+        if card.graph_sha256 and card.graph_sha256 != file.graph_sha256:
+            raise ModelError(
+                f"{path}: the graph was changed or damaged: its sha256 is not the one in its card "
+                f"({file.graph_sha256[:12]}…, wanted {card.graph_sha256[:12]}…)"
+            )
+        session = open_session(file.content, str(path))
         check_graph(session, card, str(path))
         return cls(session, card, batch)
 
@@ -195,15 +200,13 @@ class Model:
         return rest
 
 
-def open_session(path: Path | str) -> ort.InferenceSession:
-    """Return a single-threaded session; raises ModelError if the file is not a usable ONNX."""
-    if not Path(path).is_file():
-        raise ModelError(f"{path}: no such model file")
+def open_session(content: bytes, path: str) -> ort.InferenceSession:
+    """Return a single-threaded session of a file's content; raises ModelError."""
     options = ort.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.log_severity_level = 4  # errors are raised, not printed
     try:
-        return ort.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+        return ort.InferenceSession(content, options, providers=["CPUExecutionProvider"])
     except Exception as error:  # onnxruntime's errors have no other common base
         reason = str(error).splitlines()[0]
         raise ModelError(f"{path}: not a usable ONNX file: {reason}") from None

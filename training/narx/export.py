@@ -7,7 +7,7 @@ for every batch size on onnxruntime's CPU provider.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,8 @@ from onnx import TensorProto, helper, numpy_helper
 from monitor.base.errors import ModelError
 from monitor.base.outputs import replaced, write_bytes
 from monitor.base.types import FloatArray
-from monitor.model.card import METADATA_KEY, ModelCard, StateLayout
+from monitor.model import model_file
+from monitor.model.card import ModelCard, StateLayout
 from monitor.model.step import LAMBDA_MAX, PHI_MAX, Model
 from training.narx.network import Spec, layers, linear_path
 from training.recordings.preparation import Scaling
@@ -235,10 +236,23 @@ def finished(graph: Graph, n_inputs: int, size: int) -> onnx.ModelProto:
 
 def save(path: Path | str, network: Network, card: ModelCard) -> None:
     """Write graph and card to one file."""
-    model = build(network)
-    helper.set_model_props(model, {METADATA_KEY: card.to_json()})
+    write(path, build(network), card)
+
+
+def write(path: Path | str, model: onnx.ModelProto, card: ModelCard) -> None:
+    """Write a graph and its card to one file."""
     Path(path).parent.mkdir(parents=True, exist_ok=True)
-    write_bytes(path, model.SerializeToString())
+    write_bytes(path, file_content(model, card))
+
+
+def file_content(model: onnx.ModelProto, card: ModelCard) -> bytes:
+    """Return the content of a model file, whose card holds the sha256 of its graph."""
+    model.ClearField("metadata_props")
+    graph = model_file.graph_sha256(model.SerializeToString())
+    helper.set_model_props(
+        model, model_file.metadata_of(replace(card, graph_sha256=graph).to_json())
+    )
+    return model.SerializeToString()
 
 
 def update_card(path: Path | str, card: ModelCard, out: Path | str | None = None) -> None:
@@ -249,9 +263,8 @@ def update_card(path: Path | str, card: ModelCard, out: Path | str | None = None
     """
     Model.load(path)  # raises if the file is no model
     model = onnx.load(str(path))
-    helper.set_model_props(model, {METADATA_KEY: card.to_json()})
     with replaced(out or path) as begun:
-        begun.write_bytes(model.SerializeToString())
+        begun.write_bytes(file_content(model, card))
         try:
             Model.load(begun)
         except ModelError as error:

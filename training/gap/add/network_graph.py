@@ -14,16 +14,23 @@ from typing import Final
 
 import numpy as np
 import onnx
-from onnx import helper, numpy_helper
+from onnx import numpy_helper
 
 from monitor.base.errors import ModelError
-from monitor.base.outputs import write_bytes
 from monitor.base.types import FloatArray
-from monitor.model.card import METADATA_KEY, ModelCard, StateLayout
+from monitor.model.card import ModelCard, StateLayout
 from monitor.model.step import Model
 from training.gap.add.network_before import CONTROLLER, Before
 from training.greybox.graph.chain_difference import ChainDifference
-from training.narx.export import Graph, Network, finished, lambda_nodes, network_nodes, next_nodes
+from training.narx.export import (
+    Graph,
+    Network,
+    finished,
+    lambda_nodes,
+    network_nodes,
+    next_nodes,
+    write,
+)
 from training.narx.network import Spec
 from training.recordings.preparation import Scaling
 
@@ -120,9 +127,7 @@ class NetworkWithEffects:
 
     def save(self, path: Path | str, card: ModelCard) -> None:
         """Write graph and card to one file."""
-        model = self.build()
-        helper.set_model_props(model, {METADATA_KEY: card.to_json()})
-        write_bytes(path, model.SerializeToString())
+        write(path, self.build(), card)
 
     def split(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the network's inputs (n, k) and the difference (n,) for ``u`` (n, n_inputs)."""

@@ -13,12 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from onnx import ModelProto, helper
+from onnx import ModelProto
 
 from monitor.base.errors import ModelError
-from monitor.base.outputs import write_bytes
 from monitor.base.types import FloatArray
-from monitor.model.card import METADATA_KEY, ModelCard, StateLayout
+from monitor.model.card import ModelCard, StateLayout
 from monitor.model.step import LAMBDA_MAX, PHI_MAX
 from training.greybox.chain import SPEED_LEAST_RPM, Constants, base_path, with_speed
 from training.greybox.chain import Path as ChainPath
@@ -39,7 +38,7 @@ from training.greybox.graph.nodes import (
     speed_nodes,
     valve_nodes,
 )
-from training.narx.export import Graph, finished
+from training.narx.export import Graph, finished, write
 
 FORGOTTEN = 12.0  # time constants after which the start of a lag no longer matters
 
@@ -248,7 +247,4 @@ def chain_nodes(
 
 def save(path: Path | str, greybox: Greybox, card: ModelCard) -> None:
     """Write graph and card to one file."""
-    model = build(greybox)
-    helper.set_model_props(model, {METADATA_KEY: card.to_json()})
-    Path(path).parent.mkdir(parents=True, exist_ok=True)
-    write_bytes(path, model.SerializeToString())
+    write(path, build(greybox), card)
