@@ -122,7 +122,7 @@ def judge_project(bus: UdpCan, seconds: float) -> tuple[Meter, int]:
 
 def judge_plain(bus: UdpCan, seconds: float) -> tuple[Meter, int]:
     setup = replay.set_up(None, (), config.load())
-    card, run = setup.model.card, open_session(setup.model_path).run
+    card, run = setup.model.card, open_session(setup.model_path.read_bytes(), "model").run
     database = load_database(setup.bus_map.pairs[0][0])
     mapped = {name: setup.bus_map.channels[name].mapped for name in card.input_names}
     inputs = [mapped[name].signal for name in card.input_names]

@@ -171,7 +171,7 @@ def step_project(bench: Bench) -> tuple[float, ...]:
 
 def step_plain(bench: Bench) -> tuple[float, ...]:
     inputs = [np.array([u], np.float32) for u in _inputs(bench)]
-    session = open_session(bench.setup.model_path)
+    session = open_session(bench.setup.model_path.read_bytes(), "model")
     state = np.zeros((1, bench.setup.model.card.state.size), np.float32)
     start = process_time()
     for u in inputs:
@@ -200,7 +200,7 @@ def replay_project(bench: Bench) -> tuple[float, ...]:
 
 
 def replay_plain(bench: Bench, *, everything: bool = False) -> tuple[float, ...]:
-    session = open_session(bench.setup.model_path)
+    session = open_session(bench.setup.model_path.read_bytes(), "model")
     start = process_time()
     if not plain_loop(bench, session.run, everything=everything):
         raise AssertionError("no window was filled")

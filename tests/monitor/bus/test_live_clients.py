@@ -1,6 +1,7 @@
 """Clients that are slow, silent or too many, against the server with short patience."""
 
 import asyncio
+import contextlib
 import json
 import socket
 import threading
@@ -149,22 +150,47 @@ def test_a_stream_is_not_cut_off_while_nothing_happens(server: Running) -> None:
             seen += client.recv(65536)
 
 
-def test_connections_beyond_the_most_are_refused(server: Running) -> None:
+def test_of_connections_beyond_the_most_the_longest_idle_ones_are_cut(
+    server: Running, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(protocol, "REQUEST_S", 30.0)
     clients = [connect(server.port) for _ in range(protocol.CONNECTIONS + 20)]
     try:
         assert until(lambda: server.connections <= protocol.CONNECTIONS)
-        refused = 0
-        for client in clients[protocol.CONNECTIONS :]:
+        cut = 0
+        for client in clients[:20]:
             try:
-                refused += client.recv(1) == b""
+                cut += client.recv(1) == b""
             except ConnectionResetError:
-                refused += 1
-        assert refused == 20
+                cut += 1
+        assert cut == 20
     finally:
         for client in clients:
             client.close()
     assert until(lambda: server.connections == 0)
     assert httpx.get(server.url).status_code == 200
+
+
+def test_clients_that_send_a_byte_a_second_keep_nobody_from_the_page(
+    server: Running, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # GIVEN 150 clients that send their requests byte by byte, and streams that nobody reads
+    monkeypatch.setattr(protocol, "REQUEST_S", 30.0)
+    monkeypatch.setattr(protocol, "STALLED_S", 30.0)
+    slow = [connect(server.port, b"GET / HT") for _ in range(150)]
+    deaf = [connect(server.port, EVENTS) for _ in range(STREAMS)]
+    try:
+        for _ in range(3):
+            for client in slow:
+                with contextlib.suppress(OSError):  # cut meanwhile
+                    client.sendall(b"T")
+            # WHEN browsers come THEN each gets the page
+            for _ in range(5):
+                assert httpx.get(server.url, timeout=2.0).status_code == 200
+        assert server.hub.streams <= STREAMS
+    finally:
+        for client in (*slow, *deaf):
+            client.close()
 
 
 def test_streams_beyond_the_most_are_told_to_come_later(server: Running) -> None:
