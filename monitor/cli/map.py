@@ -49,15 +49,16 @@ def _map(args: argparse.Namespace) -> int:
 
     import_without_mdf()
     from monitor.base.signals import NARX_INPUTS, OUTPUT
-    from monitor.decode.bus_map import load_database
+    from monitor.decode.bus_map import read_database
     from monitor.mapping.text import make_map
 
     if args.cylinders < 1:
         raise UsageError("--cylinders is at least 1")
     if args.out and args.out.exists() and not args.force:
         raise UsageError(f"{args.out}: is there already; --force overwrites it")
+    database, notes = read_database(args.dbc)
     text, proposals = make_map(
-        load_database(args.dbc), args.dbc, log=args.log, cylinders=args.cylinders
+        database, args.dbc, log=args.log, cylinders=args.cylinders, notes=notes
     )
     tell = say if args.out else _tell_apart
     if args.out is None:
@@ -65,6 +66,8 @@ def _map(args: argparse.Namespace) -> int:
     else:
         write_text(args.out, text)
     missing = [name for name in (*NARX_INPUTS, OUTPUT) if name not in proposals.names]
+    for note in notes:
+        tell(f"database: {note}")
     tell(f"proposed: {', '.join(proposals.names) or 'nothing'}")
     if missing:
         tell(f"not proposed, though a model needs it: {', '.join(missing)}")

@@ -11,12 +11,13 @@ from pathlib import Path
 from textwrap import shorten
 from typing import Final, NamedTuple
 
-from cantools.database import load_file
+from cantools.database import load_file, load_string
 from cantools.database.can import Database, Message, Signal
 
 from monitor.base.errors import SignalMapError
 from monitor.base.inputs import read_small
 from monitor.decode import soundness
+from monitor.decode.dbc_text import read
 from monitor.decode.parameter_groups import is_any_source
 from monitor.decode.signal_map import Derived, Integrity, MappedSignal, SignalMap, load_signal_map
 
@@ -83,19 +84,35 @@ def load_database(path: Path) -> Database:
 
     Raises SignalMapError if it cannot be read.
     """
+    return read_database(path)[0]
+
+
+def read_database(path: Path) -> tuple[Database, tuple[str, ...]]:
+    """Return the CAN database in ``path``, and what had to be changed or left out to read it.
+
+    Raises SignalMapError if it cannot be read.
+    """
+    notes: tuple[str, ...] = ()
     try:
-        soundness.check_text(path, read_small(path, soundness.MOST_BYTES))
-        database = load_file(path, strict=False)
+        raw = read_small(path, soundness.MOST_BYTES)
+        soundness.check_text(path, raw)
+        try:
+            database = load_file(path, strict=False)
+        except Exception:  # cantools raises its parsers' own errors
+            if path.suffix.lower() != ".dbc":
+                raise
+            text = raw.decode("cp1252", errors="replace")
+            database, notes = read(text, lambda text: load_string(text, "dbc", strict=False))
     except OSError as error:
         raise SignalMapError(f"{path}: cannot read the CAN database: {error.strerror}") from error
     except SignalMapError:
         raise
-    except Exception as error:  # cantools raises its parsers' own errors
+    except Exception as error:
         reason = shorten(str(error) or type(error).__name__, _REASON, placeholder=" …")
         raise SignalMapError(f"{path}: not a CAN database: {reason}") from error
     if not isinstance(database, Database):
         raise SignalMapError(f"{path}: a diagnostics database, a CAN database is wanted")
-    return database
+    return database, notes
 
 
 def load_pairs(pairs: Iterable[tuple[str | Path, str | Path]]) -> BusMap:

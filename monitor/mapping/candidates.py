@@ -8,6 +8,7 @@ from typing import Any, Final
 
 from cantools.database.can import Database, Message, Signal
 
+from monitor.mapping.agreement import doubts
 from monitor.mapping.meanings import FUEL_FLOW, MEANINGS, OF_ONE_SENSOR, OTHER, Meaning
 from monitor.mapping.scaling import scaling_of
 from monitor.mapping.vocabulary import match, words_of
@@ -42,6 +43,7 @@ class Candidate:
     why: tuple[str, ...]
     is_phi: bool = False  # the signal is 1 / lambda
     blocked: str = ""  # the reason why it is never proposed, only shown
+    doubts: tuple[str, ...] = ()  # why it stays a comment until a person confirms it
     is_stated: bool = False  # the database says that its sensor is the upstream one
 
     @property
@@ -49,10 +51,16 @@ class Candidate:
         """Return message and signal."""
         return f"{self.message.name}.{self.signal.name}"
 
+    @property
+    def rank(self) -> tuple[bool, bool, float]:
+        """Return the order of candidates: those without a doubt first, then the likeliest."""
+        return bool(self.blocked), bool(self.doubts), -self.confidence
+
     def judged(self, why: str, weight: float = 1.0, plus: float = 0.0, **more: Any) -> "Candidate":
         """Return the candidate with one more reason, its confidence times ``weight``."""
         confidence = min(1.0, self.confidence * weight + plus)
-        return replace(self, confidence=confidence, why=(*self.why, why), **more)
+        doubts = (*self.doubts, why) if weight < 1.0 else self.doubts
+        return replace(self, confidence=confidence, why=(*self.why, why), doubts=doubts, **more)
 
 
 def ranked(database: Database) -> dict[str, list[Candidate]]:
@@ -64,7 +72,7 @@ def ranked(database: Database) -> dict[str, list[Candidate]]:
 def _candidates(database: Database, name: str, meaning: Meaning) -> list[Candidate]:
     every = (_candidate(name, meaning, *place) for place in _signals(database))
     likely = [candidate for candidate in every if candidate is not None]
-    return sorted(likely, key=lambda c: (bool(c.blocked), -c.confidence, *_preference(c)))
+    return sorted(likely, key=lambda c: (*c.rank, *_preference(c)))
 
 
 def _preference(candidate: Candidate) -> tuple[float, float, str]:
@@ -98,6 +106,7 @@ def _candidate(name: str, meaning: Meaning, message: Message, signal: Signal) ->
         offset=scaling.offset,
         why=(why, *scaling.why),
         is_phi=scaling.is_phi,
+        doubts=(*doubts(name, meaning, message, signal), *scaling.doubts),
     )
     return _of_one_sensor(candidate) if name in OF_ONE_SENSOR else _numbered(candidate)
 

@@ -124,7 +124,7 @@ MEANINGS: Final[dict[str, Meaning]] = {
         "manifold temperature 1.0, iat 0.95, air temperature 0.8",
         {"temperature": 1.0},
         (0.0, 50.0),
-        never="exhaust abgas egr ambient amb outside aussen umgebung target cabin innenraum "
+        never="exhaust abgas egr ambient amb outside ots aussen umgebung target cabin innenraum "
         "coolant oil ac evaporator",
     ),
     "coolant_temperature_degc": _meaning(
@@ -143,7 +143,7 @@ MEANINGS: Final[dict[str, Meaning]] = {
     "ambient_pressure_kpa": _meaning(
         "ambient pressure 1.0, baro pressure 1.0, baro 0.95",
         {"pressure": 1.0},
-        (80.0, 101.0),
+        (80.0, 104.0),
         without_unit=0.75,
         never="manifold temp tire",
     ),
@@ -202,7 +202,7 @@ MEANINGS: Final[dict[str, Meaning]] = {
         never="speed rpm limiter crash ignition count time",
     ),
     "sensor_ready": _flag(
-        "lambda sensor ready 1.0, lambda ready 0.95, sensor ready 0.95, b_sbb 0.9",
+        "lambda sensor ready 1.0, lambda ready 0.95, oxygen sensor ready 0.95, b_sbb 0.9",
         never="cam crank knock speed temp pressure abs",
     ),
 }

@@ -10,7 +10,6 @@ from monitor.mapping.meanings import OF_ONE_SENSOR
 
 SURE: Final = 0.6  # a candidate of this confidence is proposed
 RIVAL: Final = 0.4  # another sensor's signal of this confidence is a choice for a person
-MARGIN: Final = 0.05  # candidates closer than this are not told apart
 SHOWN: Final = 4  # candidates in the file
 NOTHING: Final = "nothing in the database looks like it"
 PHI_NAMES: Final = {"lambda_measured": "phi_measured", "lambda_target": "phi_target"}
@@ -106,6 +105,8 @@ def _doubt(candidates: Sequence[Candidate]) -> str:
     allowed = [c for c in candidates if not c.blocked]
     if not allowed:
         return "only of another sensor or bank, as it seems"
+    if allowed[0].doubts:
+        return "; ".join(allowed[0].doubts)
     if allowed[0].confidence < SURE:
         return "not sure enough"
     return _ambiguity(*allowed)
@@ -117,17 +118,7 @@ def _ambiguity(best: Candidate, *others: Candidate) -> str:
         rivals = [c for c in others if c.confidence >= RIVAL]
         if rivals and (not best.is_stated or any(c.is_stated for c in rivals)):
             return "AMBIGUOUS: several sensors, say which is the upstream one of bank 1"
-        return ""
-    rivals = [c for c in others if c.confidence >= SURE and best.confidence - c.confidence < MARGIN]
-    if any(_bare(c) != _bare(best) for c in rivals):
-        return "AMBIGUOUS: these are about equally likely"
     return ""
-
-
-def _bare(candidate: Candidate) -> str:
-    """Return the part of a signal's name that is the same in several messages."""
-    name = candidate.signal.name.lower().replace(candidate.message.name.lower(), "")
-    return name.strip("_0123456789")
 
 
 def _proposal(

@@ -74,17 +74,13 @@ class Observed:
     def reranked(self, ranked: Mapping[str, Sequence[Candidate]]) -> dict[str, list[Candidate]]:
         """Return the candidates as the recording bears them out, the likeliest first."""
         judged = {n: [_judged(c, self) for c in each[:CONSIDERED]] for n, each in ranked.items()}
-        best = {
-            name: max(each, key=lambda c: (not c.blocked, c.confidence))
-            for name, each in judged.items()
-            if each
-        }
+        best = {name: min(each, key=lambda c: c.rank) for name, each in judged.items() if each}
         for name, each in judged.items():
             together = [b if a == name else a for a, b in TOGETHER if name in (a, b)]
             partners = [best[other] for other in together if other in best]
             judged[name] = sorted(
                 (_compared(c, partners, self) for c in each),
-                key=lambda c: (bool(c.blocked), -c.confidence),
+                key=lambda c: c.rank,
             )
         return judged
 

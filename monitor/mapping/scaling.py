@@ -25,6 +25,7 @@ class Scaling:
     offset: float = 0.0
     weight: float = 1.0  # confidence that is left
     is_phi: bool = False  # the signal is 1 / lambda
+    doubts: tuple[str, ...] = ()
 
     def values(self, signal: Signal, *, declared: bool) -> tuple[float, float]:
         """Return the range of the canonical values, see ``span``."""
@@ -35,7 +36,8 @@ class Scaling:
 
     def less(self, weight: float, why: str) -> "Scaling":
         """Return the scaling with a doubt."""
-        return replace(self, weight=weight * self.weight, why=(*self.why, why))
+        doubts = (*self.doubts, why)
+        return replace(self, weight=weight * self.weight, why=(*self.why, why), doubts=doubts)
 
 
 def scaling_of(name: str, signal: Signal, meaning: Meaning) -> Scaling | None:

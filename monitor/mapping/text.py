@@ -21,11 +21,17 @@ value = factor * signal + offset, a value older than timeout_s is stale."""
 
 
 def make_map(
-    database: Database, dbc: Path, *, log: Path | None = None, cylinders: int = 4
+    database: Database,
+    dbc: Path,
+    *,
+    log: Path | None = None,
+    cylinders: int = 4,
+    notes: Sequence[str] = (),
 ) -> tuple[str, Proposals]:
     """Return the text of the map that is proposed, and the proposals.
 
     log : CAN log of a drive that the proposals are checked with
+    notes : what of the database could not be read as it stands
     Raises RecordingError if the log cannot be read.
     """
     candidates = ranked(database)
@@ -37,16 +43,22 @@ def make_map(
     guarded = protections(c.message for c in mapped)
     if observed:
         guarded = observed.protections(guarded)
-    return map_text(proposals, dbc, log, guarded), proposals
+    return map_text(proposals, dbc, log, guarded, notes), proposals
 
 
 def map_text(
-    proposals: Proposals, dbc: Path, log: Path | None = None, guarded: Sequence[Protection] = ()
+    proposals: Proposals,
+    dbc: Path,
+    log: Path | None = None,
+    guarded: Sequence[Protection] = (),
+    notes: Sequence[str] = (),
 ) -> str:
     """Return the file's text; ``monitor.decode.signal_map`` loads it if anything is proposed."""
     checked = f" and checked with {log.name}" if log else ""
     head = _HEAD.format(dbc=_line(dbc.name), log=_line(checked))
     lines = [*map(comment, head.splitlines()), ""]
+    if notes:
+        lines += [*map(comment, ("Changed or left out to read the database:", *notes)), ""]
     lines += [line for each in guarded for line in _guard(each)]
     lines += ["[signals]", *_entries(proposals.signals)]
     if proposals.auxiliary:

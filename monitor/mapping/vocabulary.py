@@ -36,6 +36,7 @@ CONCEPTS: Final[dict[str, str]] = {
     "feedback* adj",
     "trim": "trim* stft shortft* sft",
     "short": "short* stft st kurz*",
+    "oxygen": "o2 ho2s o2s oxygen*",
     "fr": "egocor* =fr =frm =fra",
     "fuel": "fuel* fl kraftstoff* krst carburant* benzin*",
     "mass": "mass* masse* msg qty quantity* menge* am amt amount* charge* fuellung*",
@@ -55,7 +56,7 @@ CONCEPTS: Final[dict[str, str]] = {
     "iat": "iat mat tans act",
     "coolant": "coolant* cool kuehlmittel* kuehlwasser* water* clnt ect clt ect cts",
     "ect": "ect clt tmot cts",
-    "ambient": "env ambient* amb outside* aussen* umgebung* umg outdoor* exterior*",
+    "ambient": "env ambient* amb ots outside* aussen* umgebung* umg outdoor* exterior*",
     "aat": "aat oat tumg tam",
     "baro": "baro* bap atm atmos* luftdruck* =pu pu barometric*",
     "battery": "batt* bat ub vbat wub ubat bordnetz* kl30 kl15 supply* module* vbatt accu*",
@@ -67,11 +68,11 @@ CONCEPTS: Final[dict[str, str]] = {
     "open": "open* openloop*",
     "active": "active* aktiv* actv act status* state* on enabled* enable* freigabe*",
     "cut": "cut* cutoff* fuelcut* abschalt* shutoff* off",
-    "dfco": "dfco dfso schubabschalt* schub* overrun* =b_sa sa decel*",
+    "dfco": "dfco dfso schubabschalt* =b_sa =sa",
     "ready": "ready* rdy valid* betriebsbereit* bereit* operational* warm",
     "b_lr": "=b_lr =blr",
     "b_sbb": "=b_sbbvk =bsbbvk",
-    "outside_air": "aussentemp* aussenluft*",
+    "outside_air": "aussentemp* aussenluft* otsair*",
 }
 
 _NOISE: Final = (  # words that tell no signal from another
@@ -146,15 +147,33 @@ def match(phrases: Mapping[str, float], words: tuple[str, ...]) -> float:
     >>> match({"engine speed": 1.0}, words_of("VehicleSpeed"))
     0.0
     """
-    best = 0.0
+    found = _best(phrases, words)
+    return found[0] if found else 0.0
+
+
+def _best(phrases: Mapping[str, float], words: tuple[str, ...]) -> tuple[float, list[str]] | None:
+    """Return how sure the best phrase is, and the words that it does not explain."""
+    best: tuple[float, list[str]] | None = None
     for phrase, weight in phrases.items():
         parts = [_told(concept, words) for concept in phrase.split()]
         if not all(parts):
             continue
         told = NOISE.union(*parts)
         rest = [w for w in words if w not in told and not w.isdigit()]
-        best = max(best, weight * (1.0 - 0.35 * (len(rest) / max(len(words), 1))))
+        sure = weight * (1.0 - 0.35 * (len(rest) / max(len(words), 1)))
+        if best is None or sure > best[0]:
+            best = sure, rest
     return best
+
+
+def unexplained(phrases: Mapping[str, float], words: tuple[str, ...]) -> list[str] | None:
+    """Return the words that the best phrase and noise leave over, None if no phrase fits.
+
+    >>> unexplained({"engine speed": 1.0}, words_of("EngineSpeedGearboxInput"))
+    ['gearbox', 'input']
+    """
+    found = _best(phrases, words)
+    return found[1] if found else None
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,140 @@
+"""Where name and unit of a signal do not agree with a canonical one: the doubts of a candidate.
+
+A line of the map stands only without a doubt. What makes a name say something else is a word that
+the quantity does not explain: a wish, a limit, another machine, a display.
+"""
+
+import re
+from collections.abc import Iterator
+from typing import Final
+
+from cantools.database.can import Message, Signal
+
+from monitor.mapping.meanings import Meaning
+from monitor.mapping.scaling import span
+from monitor.mapping.vocabulary import unexplained, unit_of, words_of
+
+# parts of words that make a signal another quantity, its wish, its limit or a copy of it
+_TARGET_WORDS: Final = r"wunsch|soll|target|tgt|desir|request|rqst|reqd|rqd|\breq\b|cmd|command|demand|setpoint|\bset\b"
+_OF_SIGNAL: Final = (
+    rf"{_TARGET_WORDS}|limit|\blim\b|lmt|\bmax|\bmin\b|average|\bavg|group|\bgrp|test|display|\bdisp\b|"
+    r"angez|\bhud\b|\bui\b|rough|low ?res|lores|unterst|\bunt\b|support|assist|\binh|verhinder|"
+    r"prevent|disable|invalid|\binv\b|\bpre\b|\brel\b|relativ|lead|object|\bobj\b|track|\bnav|"
+    r"toggle|reserve|ladedruck|boost|driver|predict|\bpred|model|calc|raw|offset|"
+    r"filter|default|threshold|schwelle|gradient|change|delta|diff|trend|avail|valid|quality|"
+    r"\bqf\b|status_|fault|error|fail|backup|redundan|copy|\bfake|unknown|\bnew\b|mode\b|button|"
+    r"switch|schalter|cancel|resume|toggl|enable|pedal"
+)
+# of the signal: another part of the car
+_PART: Final = (
+    r"wheel|\brad\b|tire|tyre|tpms|steer|lenk|\beps\b|brake|bremse|pump|oil|\boel|turbin|turbo|"
+    r"compressor|\bac\b|aircon|cabin|exhaust|abgas|\bnox\b|\begr\b|\bagr\b|gear|getriebe|trans|"
+    r"clutch|kuppl|camshaft|nockenw|\bfan|luefter|window|fenster|mirror|spiegel|wiper|wisch|light|"
+    r"licht|lamp|(?<!out)door|\btuer|trailer|anhaeng"
+)
+# of the signal or of its message: an electric machine, other traffic, comfort
+_ELSEWHERE: Final = (
+    r"seat|sitz|massage|lane|\blka|\bldw|\blda\b|depart|radar|cruise|\bacc\b|\badr\b|hybrid|"
+    r"\bhyb\b|\bhv|\bev\b|\bem ?\d|\bmcu\b|motact|inverter|traction|\bdcdc\b|\bbms\b|electric|"
+    r"elektr|charger|heater|heiz|htr|\btrack|\bobj|\blead\b"
+)
+# what the quantity itself may say of these
+_ALLOWED: Final = {
+    "lambda_target": _TARGET_WORDS,
+    "lambda_measured": r"\bpre\b|valid",
+    "lambda_controller": r"\bpre\b",
+    "sensor_ready": r"\bpre\b|valid|heiz",
+    "closed_loop": r"enable|mode\b",
+    "purge_duty_percent": r"cmd|command",
+}
+_HARMLESS_WORDS: Final = (  # of a name; they say nothing against the quantity
+    "data info signal sig val value msr act actual cur current ist crct flt ext rng cst coast "
+    "ungef approx linear bordnetzbatter sensor snsr analog dig fast slow high hs ls obd crk no "
+    "crankshaft fixed engine eng motor vehicle car ems ecm pcm x state on is has bit flag rate "
+    "inlet injector metering est estimated estimate"
+)
+_HARMLESS: Final = frozenset(_HARMLESS_WORDS.split())
+_PREFIX_LETTERS: Final = 4  # a name may begin with so short an abbreviation of its ECU
+_TEMPERATURE_OFFSETS: Final = (-40.0, -48.0, -50.0, -60.0)  # usual in degC, in no other unit
+_UNIT_IN_NAME: Final = {
+    "rotation": frozenset({"rpm"}),
+    "speed": frozenset({"kph", "kmh", "mph"}),
+}
+_HIGHEST_RPM: Final = 20_000.0  # a range below it and above 4000 is in 1/min
+
+
+def doubts(name: str, meaning: Meaning, message: Message, signal: Signal) -> Iterator[str]:
+    """Yield why a signal may not be the canonical one ``name``, in words."""
+    words = words_of(signal.name)
+    yield from _by_name(name, meaning, message, words)
+    yield from _by_unit(name, meaning, signal, words)
+
+
+def _by_name(
+    name: str, meaning: Meaning, message: Message, words: tuple[str, ...]
+) -> Iterator[str]:
+    allowed = _ALLOWED.get(name, r"(?!)")
+    own, of_message = (re.sub(allowed, "", " ".join(w)) for w in (words, words_of(message.name)))
+    for pattern in (_OF_SIGNAL, _PART, _ELSEWHERE):
+        if qualified := re.search(pattern, own):
+            yield f"its name says {qualified[0].strip()!r}"
+            return
+    if elsewhere := re.search(_ELSEWHERE, of_message):
+        yield f"its message {message.name} says {elsewhere[0].strip()!r}"
+        return
+    rest = unexplained(meaning.phrases, words)
+    if rest is None:
+        rest = _beside_message(meaning, message, words)
+    if rest is None:
+        yield "only its message or its comment says so"
+        return
+    known = _HARMLESS if meaning.is_flag else _HARMLESS | set(words_of(message.name))
+    odd = [w for w in rest if w not in known and not _is_prefix(w, words)]
+    if odd:
+        yield f"its name says {odd[0]!r}, too"
+
+
+def _beside_message(meaning: Meaning, message: Message, words: tuple[str, ...]) -> list[str] | None:
+    """Return the words that name and message leave over of the name; None if it says nothing."""
+    rest = unexplained(meaning.phrases, words + words_of(message.name))
+    own = [w for w in words if rest is not None and w in rest]
+    return own if rest is not None and len(own) < len(words) else None
+
+
+def _is_prefix(word: str, words: tuple[str, ...]) -> bool:
+    return word in words[:2] and len(word) <= _PREFIX_LETTERS
+
+
+def _by_unit(name: str, meaning: Meaning, signal: Signal, words: tuple[str, ...]) -> Iterator[str]:
+    if meaning.is_flag:
+        if signal.length > 2 and span(signal)[1] > 1.0 and not signal.choices:
+            yield f"a flag of {signal.length} bits without the meaning of its values"
+        return
+    written = (signal.unit or "").strip()
+    if unit_of(written) is not None:
+        if unit_of(written) == unit_of("-") and not {"number", "afr", "phi"} & set(
+            meaning.dimensions
+        ):
+            yield "it has no unit"
+        return
+    if written:
+        yield f"its unit {written!r} is not known"
+    elif not _is_plain_without_unit(name, meaning, signal, words):
+        yield "no unit is given"
+
+
+def _is_plain_without_unit(
+    name: str, meaning: Meaning, signal: Signal, words: tuple[str, ...]
+) -> bool:
+    """Return whether range and steps leave one unit only."""
+    low, high = span(signal)
+    for dimension in meaning.dimensions:
+        if _UNIT_IN_NAME.get(dimension, frozenset()) & set(words):
+            return True
+    if "temperature" in meaning.dimensions:
+        return float(signal.offset) in _TEMPERATURE_OFFSETS and not signal.is_signed
+    if "rotation" in meaning.dimensions:
+        return low >= 0.0 and 5000.0 < high <= _HIGHEST_RPM
+    if name.startswith("lambda_"):
+        return abs(float(signal.scale)) <= 0.01
+    return False
