@@ -15,9 +15,13 @@ from monitor.mapping.scaling import span
 from monitor.mapping.vocabulary import unexplained, unit_of, words_of
 
 # parts of words that make a signal another quantity, its wish, its limit or a copy of it
-_TARGET_WORDS: Final = r"wunsch|soll|target|tgt|desir|request|rqst|reqd|rqd|\breq\b|cmd|command|demand|setpoint|\bset\b"
+_TARGET_WORDS: Final = (
+    r"wunsch|soll|target|tgt|desir|request|rqst|reqd|rqd|\breq\b|cmd|command|demand|setpoint|"
+    r"\bset\b"
+)
 _OF_SIGNAL: Final = (
-    rf"{_TARGET_WORDS}|limit|\blim\b|lmt|\bmax|\bmin\b|average|\bavg|group|\bgrp|test|display|\bdisp\b|"
+    rf"{_TARGET_WORDS}|limit|\blim\b|lmt|\bmax|\bmin\b|average|\bavg|group|\bgrp|test|"
+    r"display|\bdisp\b|"
     r"angez|\bhud\b|\bui\b|rough|low ?res|lores|unterst|\bunt\b|support|assist|\binh|verhinder|"
     r"prevent|disable|invalid|\binv\b|\bpre\b|\brel\b|relativ|lead|object|\bobj\b|track|\bnav|"
     r"toggle|reserve|ladedruck|boost|driver|predict|\bpred|model|calc|raw|offset|"
