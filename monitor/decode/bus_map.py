@@ -110,10 +110,10 @@ def read_database(path: Path) -> tuple[Database, tuple[str, ...]]:
     except Exception as error:
         reason = shorten(str(error) or type(error).__name__, _REASON, placeholder=" …")
         raise SignalMapError(f"{path}: not a CAN database: {reason}") from error
-    if notes and not database.messages:
-        raise SignalMapError(f"{path}: not a CAN database: no message can be read; {notes[0]}")
     if not isinstance(database, Database):
         raise SignalMapError(f"{path}: a diagnostics database, a CAN database is wanted")
+    if notes and not database.messages:
+        raise SignalMapError(f"{path}: not a CAN database: no message can be read; {notes[0]}")
     return database, notes
 
 
