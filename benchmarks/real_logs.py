@@ -1,0 +1,225 @@
+"""Real logs of tuning tools: read, a model learned, logs left out predicted and judged.
+
+FOLDER holds logs, one folder per vehicle and logger; a loose file is a vehicle alone. For each
+vehicle the last log is left out of the fit; a vehicle with one log has its last 40 % of rows left
+out. All figures are of what is left out:
+
+- free run: correlation r and fit of the model that reads only its own past;
+- healthy: codes (each is a false alarm, as far as is known), and the share of time in windows with
+  a verdict;
+- faults put on the recorded lambda behind the control loop: how many give a code, how many the
+  right one.
+
+Nobody knows whether these sensors were sound. Logs without a lambda are read and listed.
+
+    python benchmarks/real_logs.py FOLDER [--profiles DIR] [--budget MINUTES] [--kind narx|greybox]
+
+A profile in DIR with the name of a vehicle's folder or file is given with its logs.
+"""
+
+import argparse
+import gzip
+import io
+import json
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from monitor.base.config import load as load_config
+from monitor.base.errors import O2Error
+from monitor.base.faults import SensorFault, resolve
+from monitor.base.signals import OUTPUT
+from monitor.grid.tables import Table, is_table, read_table
+from monitor.report import replay
+from training.cli import main as o2train
+from training.recordings.recording import Recording, load, write_table
+
+FAULTS: Final = (
+    "slow_symmetric",
+    "slow_rich_to_lean",
+    "slow_lean_to_rich",
+    "delay_symmetric",
+    "delay_rich_to_lean",
+    "delay_lean_to_rich",
+    "gain_low",
+    "biased_lean",
+    "biased_rich",
+    "stuck_lean",
+    "stuck_rich",
+    "stuck_at_one",
+)
+PART: Final = 0.6  # of a vehicle's only log that is fitted
+LEAST_S: Final = 60.0  # of a log that is worth a fit
+COLUMNS: Final = (
+    ("vehicle", 26),
+    ("profile", 11),
+    ("logs", 5),
+    ("s", 6),
+    ("rows/s", 7),
+    ("signals", 8),
+    ("r", 6),
+    ("fit %", 6),
+    ("codes", 22),
+    ("judged %", 9),
+    ("found", 8),
+    ("named", 8),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Vehicle:
+    """The logs of one vehicle."""
+
+    name: str
+    paths: tuple[Path, ...]
+    profile: Path | None
+
+
+def vehicles(folder: Path, profiles: Path | None) -> Iterator[Vehicle]:
+    for place in sorted(folder.iterdir()):
+        paths = sorted(place.iterdir()) if place.is_dir() else [place]
+        paths = [path for path in paths if path.is_file() and is_table(path)]
+        alike = _alike(paths)
+        for group in alike:
+            name = place.name if len(alike) == 1 else group[0].name
+            own = profiles / f"{name.split('.')[0]}.toml" if profiles else None
+            yield Vehicle(name, tuple(group), own if own and own.is_file() else None)
+
+
+def _alike(paths: Sequence[Path]) -> list[list[Path]]:
+    """Return groups of logs with the same beginning of names: of one vehicle."""
+    groups: dict[str, list[Path]] = {}
+    for path in paths:
+        groups.setdefault(path.suffix + path.name[:4].strip("0123456789"), []).append(path)
+    return list(groups.values())
+
+
+def parts(path: Path, into: Path) -> tuple[Path, Path]:
+    """Write the first and the last rows of a text log as two logs."""
+    opened = gzip.open if path.suffix == ".gz" else open
+    with opened(path, "rb") as file:
+        lines = file.read().splitlines(keepends=True)
+    first = next(i for i, line in enumerate(lines) if i and line[:1].isdigit())
+    cut = first + round(PART * (len(lines) - first))
+    name = path.name.removesuffix(".gz")
+    fitted, left_out = into / f"first_{name}", into / f"last_{name}"
+    fitted.write_bytes(b"".join(lines[:cut]))
+    left_out.write_bytes(b"".join((*lines[:first], *lines[cut:])))
+    return fitted, left_out
+
+
+def quietly(*arguments: str | Path) -> tuple[int, str]:
+    text = io.StringIO()
+    with redirect_stdout(text), redirect_stderr(text):
+        code = o2train([str(each) for each in arguments])
+    return code, text.getvalue()
+
+
+def judged(path: Path, setup: replay.Setup) -> dict[str, Any]:
+    entry, _ = replay.replay(path, setup)
+    return entry
+
+
+def faulty(recording: Recording, name: str, path: Path) -> Path:
+    """Write the recording with a fault on its lambda, from a third of its time on."""
+    values = recording.values.copy()
+    place = recording.names.index(OUTPUT)
+    begin = len(values) // 3
+    fault = SensorFault(resolve(name), recording.period_ns / 1e9)
+    values[begin:, place] = fault.apply(values[begin:, place].tolist())
+    write_table(path, recording.t_s, recording.names, values)
+    return path
+
+
+def row_of(vehicle: Vehicle, work: Path, kind: str, budget: float) -> dict[str, str]:
+    tables = [read_table(path, vehicle.profile) for path in vehicle.paths]
+    spans_s = [(int(t.t_ns[-1]) - int(t.t_ns[0])) / 1e9 for t in tables]
+    row = {
+        "vehicle": vehicle.name[:25],
+        "profile": tables[0].profile or "own",
+        "logs": str(len(tables)),
+        "s": f"{sum(spans_s):.0f}",
+        "rows/s": f"{sum(len(t.t_ns) for t in tables) / max(sum(spans_s), 1e-9):.1f}",
+        "signals": str(len(tables[0].names)),
+    }
+    print(f"\n{vehicle.name}: {', '.join(tables[0].names)}")
+    for table in tables:
+        for note in table.notes.lines:
+            print(f"  {table.path.name}: {note}")
+    if OUTPUT not in tables[0].names or sum(spans_s) < LEAST_S or _stands(tables):
+        return row | {"codes": "no usable lambda"}
+    *fitted, left_out = vehicle.paths if len(tables) > 1 else parts(vehicle.paths[0], work)
+    return row | _scored(vehicle, list(fitted), left_out, work, kind, budget)
+
+
+def _stands(tables: Sequence[Table]) -> bool:
+    values = np.concatenate([t.values[:, t.names.index(OUTPUT)] for t in tables])
+    return bool(np.nanstd(values) < 1e-6)
+
+
+def _scored(
+    vehicle: Vehicle, fitted: list[Path], left_out: Path, work: Path, kind: str, budget: float
+) -> dict[str, str]:
+    model, figures = work / "model.onnx", work / "figures.json"
+    own = ("--profile", vehicle.profile) if vehicle.profile else ()
+    limit = ("--budget", budget) if kind == "narx" else ()
+    code, said = quietly("fit", *fitted, "--out", model, "--kind", kind, *map(str, limit), *own)
+    if code:
+        return {"codes": said.strip().splitlines()[-1][-60:]}
+    print("  " + next((s for s in said.splitlines() if s.startswith("inputs:")), "inputs: paper's"))
+    quietly("evaluate", "--model", model, left_out, "--json", figures, *own)
+    scores = json.loads(figures.read_text())["recordings"][0]
+    row = {"r": f"{scores['correlation']:.3f}", "fit %": f"{scores['fit_percent']:.0f}"}
+    try:
+        setup = replay.set_up(model, [], load_config(None), vehicle.profile)
+    except O2Error:
+        return row | {"codes": "too short for limits"}
+    healthy = judged(left_out, setup)
+    decided = sum(w["verdict"] != "inconclusive" for w in healthy["windows"])
+    codes = " ".join(sorted({dtc["fault"] for dtc in healthy["dtcs"]})) or "none"
+    row |= {"codes": codes[:21] if healthy["completed"] or codes != "none" else "not judged"}
+    row["judged %"] = f"{100 * 50 * decided / max(healthy['samples'], 1):.0f}"
+    period_s = setup.model.card.period_ns / 1e9
+    recording = load(left_out, period_s=period_s, columns=vehicle.profile)
+    setup = replay.set_up(model, [], load_config(None))
+    found, named = [], []
+    for name in FAULTS:
+        entry = judged(faulty(recording, name, work / f"{name}.csv"), setup)
+        given = {fault for dtc in entry["dtcs"] for fault in (dtc["fault"], *dtc.get("also", ()))}
+        found += [name] * bool(entry["dtcs"])
+        named += [name] * (name in given)
+        print(f"  {name}: {' or '.join(sorted(given)) or '-'}")
+    row["found"] = f"{len(found)}/{len(FAULTS)}"
+    row["named"] = f"{len(named)}/{len(FAULTS)}"
+    return row
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--profiles", type=Path)
+    parser.add_argument("--budget", type=float, default=2.0)
+    parser.add_argument("--kind", choices=("narx", "greybox"), default="narx")
+    parser.add_argument("--only", help="vehicles whose names hold this text")
+    args = parser.parse_args()
+    rows = []
+    for vehicle in vehicles(args.folder, args.profiles):
+        if args.only and args.only not in vehicle.name:
+            continue
+        with tempfile.TemporaryDirectory() as work:
+            try:
+                rows.append(row_of(vehicle, Path(work), args.kind, args.budget))
+            except O2Error as error:
+                rows.append({"vehicle": vehicle.name[:25], "codes": str(error)[-60:]})
+    print()
+    for each in ({name: name for name, _ in COLUMNS}, *rows):
+        print("".join(f"{each.get(name, '-'):<{width}}" for name, width in COLUMNS).rstrip())
+
+
+if __name__ == "__main__":
+    main()

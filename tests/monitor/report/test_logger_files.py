@@ -1,0 +1,189 @@
+"""The logs of tuning tools through ``o2mon``: check, replay, profiles, Parquet, plug-ins."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from monitor import cli
+from monitor.base.errors import RecordingError
+from monitor.frames.tables import parquet, readers
+from monitor.grid.tables import read_table
+from tests.helpers.logger_files import drive, write_text_table
+from training.dyno.recording_files import write
+from training.dyno.simulation import Experiment
+
+UNITS = {  # of a logger: name → (column, its unit, factor, offset of canonical = f * x + o)
+    "lambda_measured": ("AFR", "AFR", 1 / 14.7, 0.0),
+    "manifold_pressure_kpa": ("MAP", "psi", 6.894757, 0.0),
+    "manifold_temperature_degc": ("MAT", "°F", 1 / 1.8, -32 / 1.8),
+    "coolant_temperature_degc": ("CLT", "°F", 1 / 1.8, -32 / 1.8),
+    "vehicle_speed_km_h": ("VSS", "mph", 1.609344, 0.0),
+    "maf_kg_h": ("MAF", "g/s", 3.6, 0.0),
+    "lambda_controller": ("EGO", "", 0.01, 0.0),
+}
+
+
+@pytest.fixture(scope="module")
+def own(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Give a simulated drive as an own table."""
+    return write(Experiment("micro_trips", 2003, 7), tmp_path_factory.mktemp("own"), "csv")
+
+
+def as_logged(own: Path, path: Path) -> tuple[Path, Path]:
+    """Write the same drive as a logger would, and the profile that reads it."""
+    table = read_table(own)
+    columns: dict[str, list[str]] = {"t": [f"{1e3 * t:.3f}" for t in table.t_ns / 1e9]}
+    units, lines = ["ms"], []
+    for i, name in enumerate(table.names):
+        column, unit, factor, offset = UNITS.get(name, (f"own {name}", "", 1.0, 0.0))
+        cells = (table.values[:, i] - offset) / factor
+        columns[column] = ["-" if np.isnan(x) else f"{x:.9g}".replace(".", ",") for x in cells]
+        units.append(unit)
+        scale = ", factor = 0.01" if name == "lambda_controller" else ""
+        lines.append(f'{name} = {{ column = "{column}"{scale} }}')
+    profile = path.with_suffix(".toml")
+    profile.write_text('time = "t"\n[signals]\n' + "\n".join(lines) + "\n")
+    columns["t"] = [text.replace(".", ",") for text in columns["t"]]
+    write_text_table(path, columns, separator="\t", encoding="utf-16", units=units)
+    return path, profile
+
+
+def test_a_logger_s_file_is_judged_like_the_same_drive_in_canonical_columns(
+    own: Path, tmp_path: Path
+) -> None:
+    # GIVEN a drive, and the same in psi, °F, mph, AFR, decimal commas, tabs and UTF-16
+    log, profile = as_logged(own, tmp_path / "drive.msl")
+    out = tmp_path / "out.json"
+    found = {}
+    # WHEN both are judged
+    for path, more in ((own, ()), (log, ("--profile", str(profile)))):
+        code = cli.main(["replay", str(path), "--quiet", "--json", str(out), *more])
+        found[path] = code, json.loads(out.read_text())["recordings"][0]
+    # THEN the verdict is the same, window by window
+    (code, canonical), (same_code, logged) = found.values()
+    assert code == same_code == 0
+    assert logged["profile"] == "drive"
+    assert len(canonical["windows"]) == len(logged["windows"]) > 10
+    means = [[w["mean"] for w in each["windows"]] for each in (canonical, logged)]
+    np.testing.assert_allclose(means[0], means[1], atol=1e-5)
+    enabled = [each["enabled_samples"] for each in (canonical, logged)]
+    assert abs(enabled[0] - enabled[1]) <= 5  # of thousands: values at the edge of a range
+
+
+def torque(path: Path, **more: np.ndarray) -> Path:
+    d = drive(n=300, period_s=1.0)
+    names = {"Engine RPM(rpm)": d["rpm"], "Intake Manifold Pressure(psi)": d["map_kpa"] / 6.894757}
+    clock = [f"{t // 60:02.0f}:{t % 60:04.1f}" for t in 3500.0 + d["t_s"]]
+    clock = [f"{int(t[:2]) % 60:02d}{t[2:]}" for t in clock]
+    return write_text_table(path, {"Device Time": clock, **names, **more})
+
+
+def test_check_says_profile_column_unit_range_and_what_is_missing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lambda_ = {"O2 Bank 1 Sensor 1 Wide Range Equivalence Ratio(λ)": drive(300)["afr"] / 14.7}
+    path = torque(tmp_path / "drive.csv", **lambda_)
+    assert cli.main(["check", str(path)]) == 0
+    text = capsys.readouterr().out
+    assert "profile: torque, recognised by its columns" in text
+    assert "300 rows in 299.0 s, 1 rows/s; used on a grid of 1 s" in text
+    assert "column Intake Manifold Pressure(psi)" in text
+    assert "missing: fuel_mass_mg" in text
+    assert "note: 1 times the clock started again" in text
+    # a log without a lambda is of no use, and says so
+    assert cli.main(["check", str(torque(tmp_path / "none.csv"))]) == 3
+    assert "missing: lambda_measured" in capsys.readouterr().out
+
+
+def test_check_of_an_own_table_says_what_the_model_lacks(
+    own: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["check", str(own)]) == 0
+    assert "the model has all it needs" in capsys.readouterr().out
+    path = tmp_path / "t.csv"
+    path.write_text("time_s,lambda_measured\n0,1\n0.1,1.01\n")
+    assert cli.main(["check", str(path)]) == 3
+    assert "the model lacks: air_mass_mg, fuel_mass_mg" in capsys.readouterr().out
+
+
+def test_check_alone_says_what_to_give(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.delenv("CAN_INTERFACE", raising=False)
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["check"]) == 2
+    assert "nothing to check: give a LOG" in capsys.readouterr().err
+
+
+def test_an_unknown_logger_gets_a_profile_to_edit(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    d = drive(50)
+    path = write_text_table(tmp_path / "x.csv", {"Zeit": d["t_s"], "RPM": d["rpm"]})
+    assert cli.main(["check", str(path)]) == 2
+    assert "--write-profile" in capsys.readouterr().err
+    mine = tmp_path / "x.toml"
+    assert cli.main(["check", str(path), "--write-profile", str(mine)]) == 0
+    assert cli.main(["check", str(path), "--profile", str(mine)]) == 3  # no lambda yet
+    out = capsys.readouterr().out
+    assert "column RPM" in out
+    assert "profile: x, given" in out
+
+
+def test_replay_of_a_logger_s_file_without_a_model_of_its_own_says_what_to_do(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lambda_ = {"O2 Bank 1 Sensor 1 Wide Range Equivalence Ratio(λ)": drive(300)["afr"] / 14.7}
+    path = torque(tmp_path / "drive.csv", **lambda_)
+    assert cli.main(["replay", str(path)]) == 2
+    assert "o2train fit LOG" in capsys.readouterr().err
+    assert cli.main(["replay", str(path), "--profile", "toque"]) == 2
+    assert "no profile toque: a file or one of bluedriver, cobb" in capsys.readouterr().err
+
+
+def test_parquet_is_judged_where_a_library_is_there_and_says_how_to_get_one(
+    own: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    polars = pytest.importorskip("polars")
+    path = tmp_path / "drive.parquet"
+    polars.read_csv(own, infer_schema_length=None).write_parquet(path)
+    assert cli.main(["replay", str(path), "--quiet"]) == 0
+    monkeypatch.setattr(parquet, "find_spec", lambda _: None)
+    with pytest.raises(RecordingError, match="pip install polars, or write the table as CSV"):
+        read_table(path)
+
+
+def test_a_plug_in_brings_a_reader_in_a_few_lines(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # GIVEN an installed distribution with an entry point for files of the suffix .two
+    (tmp_path / "two_reader.py").write_text(
+        "import numpy as np\n"
+        "from monitor.frames.tables.raw_table import RawColumn, RawTable\n"
+        "def open_two(path):\n"
+        "    cells = np.array([line.split('|') for line in path.read_text().splitlines()], float)\n"
+        "    columns = (RawColumn('Time (msec)'), RawColumn('Engine Speed (rpm)'))\n"
+        "    read = lambda wanted, notes: iter([cells[:, [each.column for each in wanted]]])\n"
+        "    return RawTable(path, 'two columns', columns, read)\n"
+    )
+    info = tmp_path / "two_reader-1.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: two-reader\nVersion: 1\n")
+    (info / "entry_points.txt").write_text("[o2_monitor.readers]\ntwo = two_reader:open_two\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    readers.plugins.cache_clear()
+    path = tmp_path / "drive.two"
+    path.write_text("0|1000\n100|1010\n200|1020\n")
+    try:
+        # WHEN a file of its kind is read THEN the profile knows its columns
+        table = read_table(path)
+        assert table.profile == "romraider"
+        assert table.values[:, 0].tolist() == [1000.0, 1010.0, 1020.0]
+        # and what the reader raises is told in one line
+        path.write_text("0|x\n")
+        with pytest.raises(RecordingError, match=r"reader two_reader:open_two fails: could not"):
+            read_table(path)
+    finally:
+        readers.plugins.cache_clear()

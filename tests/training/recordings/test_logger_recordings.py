@@ -1,0 +1,102 @@
+"""Logger's files as training recordings: inputs chosen, pinned values left out, one grid."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from monitor.base.errors import RecordingError
+from monitor.base.signals import NARX_INPUTS
+from monitor.base.types import Quality
+from monitor.cli import main as o2mon
+from tests.helpers.logger_files import drive, write_text_table
+from training.cli import main as o2train
+from training.recordings.input_choice import choose_inputs
+from training.recordings.preparation import prepare
+from training.recordings.recording import Recording, load
+
+COBB = ("Time (sec)", "RPM (RPM)", "AF Sens 1 Ratio (AFR)", "Boost (PSI)", "MAF (g/s)")
+
+
+def recording(names: tuple[str, ...], n: int = 50) -> Recording:
+    rng = np.random.default_rng(3)
+    values = 1.0 + rng.random((n, len(names)))
+    quality = np.zeros(values.shape, dtype=np.uint8)
+    return Recording(Path("a.csv"), "", 10**8, 0.1 * np.arange(n), names, values, quality)
+
+
+def cobb(path: Path, seed: int = 0, n: int = 900, step_s: float = 0.1) -> Path:
+    """Write a log whose lambda follows its load late: lean after tip-in, rich after tip-out."""
+    d = drive(n, step_s, seed)
+    rng = np.random.default_rng(seed)
+    load = np.repeat(rng.uniform(0.1, 0.9, n // 10 + 1), 10)[:n]
+    change = np.diff(load, prepend=load[0])
+    lean = np.convolve(change, 0.9 ** np.arange(30))[:n]
+    afr = 14.7 * (1.0 + 0.3 * np.roll(lean, 3)) + 0.03 * rng.standard_normal(n)
+    columns = [d["t_s"], 1500 + 2000 * load, afr, -11 + 9 * load, 5 + 60 * load]
+    return write_text_table(path, dict(zip(COBB, columns, strict=True)))
+
+
+def test_the_inputs_are_those_of_the_paper_where_they_are_there() -> None:
+    every = recording((*NARX_INPUTS, "engine_speed_rpm", "lambda_measured"))
+    assert choose_inputs([every], "lambda_measured") == NARX_INPUTS
+
+
+def test_of_each_cause_the_best_signal_that_moves_is_an_input() -> None:
+    names = ("injector_pulse_width_ms", "load_g_per_rev", "engine_speed_rpm", "lambda_controller")
+    log = recording((*names, "lambda_measured", "throttle_percent"))
+    assert choose_inputs([log], "lambda_measured") == names
+    # a controller that never moves is none, and without fuel the throttle helps
+    log.values[:, names.index("lambda_controller")] = 1.0
+    assert "lambda_controller" not in choose_inputs([log], "lambda_measured")
+    bare = recording(("manifold_pressure_kpa", "engine_speed_rpm", "throttle_percent"))
+    assert choose_inputs([bare], "lambda_measured") == bare.names
+    # only what all recordings have counts
+    with pytest.raises(RecordingError, match="all recordings have only engine_speed_rpm"):
+        choose_inputs([log, recording(("engine_speed_rpm", "lambda_measured"))], "lambda_measured")
+
+
+def test_a_pinned_sensor_is_no_measurement_outside_fuel_cut() -> None:
+    names = ("engine_speed_rpm", "manifold_pressure_kpa", "fuel_cut", "lambda_measured")
+    log = recording(names, 2000)
+    log.values[:, 1] += 50.0
+    log.values[:, 2] = 0.0
+    log.values[500:600, 2] = 1.0
+    log.quality[500:700, 3] = Quality.PINNED
+    data = prepare([log], names[:2], "lambda_measured")
+    unscored = np.flatnonzero(data.samples.weight == 0.0)
+    assert unscored.tolist() == list(range(600, 700))
+
+
+def test_logs_of_one_logger_at_different_rates_come_to_one_grid(tmp_path: Path) -> None:
+    from training.cli import recordings
+
+    fast = cobb(tmp_path / "a.csv", step_s=0.1)
+    slow = cobb(tmp_path / "b.csv", step_s=0.5)
+    args = type("Args", (), {"dbc": [], "map": [], "columns": None})()
+    read = recordings.load_all(args, [fast, slow], None)
+    assert [each.period_ns for each in read] == [500_000_000] * 2
+    assert load(fast).period_ns == 100_000_000
+
+
+def test_a_model_of_one_logger_s_columns_judges_its_next_log_without_a_word(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # GIVEN two logs, and a model fitted to them without naming inputs
+    logs = [cobb(tmp_path / f"{i}.csv", seed=i, n=3000) for i in range(2)]
+    model = tmp_path / "m.onnx"
+    small = ("--lags", "4", "--hidden", "4", "--starts", "1", "--budget", "0.1")
+    assert o2train(["fit", *map(str, logs), "--out", str(model), *small]) == 0
+    assert "inputs: air_mass_mg maf_kg_h manifold_pressure_kpa engine_speed_rpm (chosen" in (
+        capsys.readouterr().out
+    )
+    # WHEN the next log is judged THEN nothing more has to be said
+    third = cobb(tmp_path / "third.csv", seed=9, n=3000)
+    assert o2mon(["replay", str(third), "--model", str(model)]) in (0, 3)
+    out = capsys.readouterr().out
+    assert "read with the profile cobb" in out
+    assert "FAULT" not in out
+    # and a table in canonical columns is written on demand
+    table = tmp_path / "third_canonical.csv"
+    assert o2train(["table", str(third), "--out", str(table)]) == 0
+    assert table.read_text().startswith("time_s,air_mass_mg,maf_kg_h,manifold_pressure_kpa")
