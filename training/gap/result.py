@@ -4,8 +4,6 @@ The JSON's names are a contract: DESIGN, section 4.
 """
 
 import json
-import math
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -20,6 +18,7 @@ from training.gap.verify.evidence import Verification
 from training.gap.where.findings import Findings
 from training.greybox.chain import Constants
 from training.greybox.effects.model_effect import ModelEffect
+from training.jobs.json_tree import plain
 from training.recordings.recording import sha256
 
 SCHEMA: Final = "o2train.gap/1"
@@ -196,7 +195,8 @@ def as_json(result: Result) -> dict[str, Any]:
         },
         "seconds": result.seconds,
     }
-    return {name: _plain(value) for name, value in found.items()}
+    tree: dict[str, Any] = plain(found, digits=None)
+    return tree
 
 
 def save(result: Result, path: Path) -> None:
@@ -249,14 +249,3 @@ def _recording(r: TrainingRecording) -> dict[str, Any]:
 
 def _constants(values: Constants | None) -> dict[str, float] | None:
     return None if values is None else values._asdict()
-
-
-def _plain(value: Any) -> Any:
-    """Return a tree for JSON: numpy's numbers as Python's, numbers that are not finite as None."""
-    if isinstance(value, Mapping):
-        return {str(k): _plain(v) for k, v in value.items()}
-    if isinstance(value, Sequence) and not isinstance(value, str):
-        return [_plain(v) for v in value]
-    if hasattr(value, "item"):
-        value = value.item()
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -8,7 +8,6 @@ import pytest
 from cantools.database import load_file
 
 import dbc
-from monitor.base import config
 from monitor.base.errors import RecordingError
 from monitor.base.types import Frame
 from monitor.bus.loop import Loop
@@ -16,19 +15,7 @@ from monitor.frames.logs import read_frames
 from monitor.frames.loop_frames import TIME_MARK_ID, time_mark
 from monitor.memory.store import Memory
 from monitor.report import replay
-from tests.conftest import ROOT
 from tests.helpers.played_bus import Pause, PlayedBus, judged, run_on
-
-
-@pytest.fixture(scope="module")
-def setup() -> replay.Setup:
-    return replay.set_up(None, [], config.load())
-
-
-@pytest.fixture(scope="module")
-def late_sensor() -> list[Frame]:
-    (log,) = ROOT.glob("replay_logs/delay_rich_to_lean_*.blf")
-    return list(read_frames(log))[: 200 * 150]
 
 
 @pytest.mark.parametrize("suffix", ["log", "blf"])

@@ -6,26 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from monitor.base import config
 from monitor.base.types import Frame
 from monitor.bus.loop import Loop
 from monitor.frames.logs import read_frames
 from monitor.frames.loop_frames import FIRST_ID, is_own, time_mark
 from monitor.pipeline.events import DtcChanged, Event
 from monitor.report import replay
-from tests.conftest import ROOT
 from tests.helpers.played_bus import Ear, PlayedBus, judged, run_on
-
-
-@pytest.fixture(scope="module")
-def setup() -> replay.Setup:
-    return replay.set_up(None, [], config.load())
-
-
-@pytest.fixture(scope="module")
-def late_sensor() -> list[Frame]:
-    (log,) = ROOT.glob("replay_logs/delay_rich_to_lean_*.blf")
-    return list(read_frames(log))[: 200 * 150]
 
 
 @pytest.mark.parametrize("number", range(FIRST_ID, FIRST_ID + 3))

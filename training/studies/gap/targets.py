@@ -97,24 +97,32 @@ def assess(rows: Sequence[Row], base: str) -> list[Target]:
             [right_or_beside_fault(r) for r in big],
         ),
         _share("right name", narrow, 0.85, [right(r) for r in small]),
-        _most("an effect named", "nothing hidden", 0.01, [bool(r["names"]) for r in null]),
+        _share(
+            "an effect named",
+            "nothing hidden",
+            0.01,
+            [bool(r["names"]) for r in null],
+            at_least=False,
+        ),
         _share(
             "unknown_effect",
             "outside the library, gap at least twice",
             0.90,
             [r["verdict"] == "unknown_effect" for r in unknown],
         ),
-        _most(
+        _share(
             "a wrong name",
             "outside the library, gap at least twice",
             0.05,
             [bool(r["names"]) for r in unknown],
+            at_least=False,
         ),
-        _most(
+        _share(
             "taken for an effect",
             "sensor fault with an onset",
             0.01,
             [bool(r["names"]) for r in onset],
+            at_least=False,
         ),
         _share(
             "suspected",
@@ -122,24 +130,24 @@ def assess(rows: Sequence[Row], base: str) -> list[Target]:
             0.95,
             [r["verdict"] == SUSPECTED for r in fault],
         ),
-        _most(
+        _share(
             "added to the model",
             "sensor fault from the start",
             0.0,
             [bool(r["added"]) for r in fault],
+            at_least=False,
         ),
         *_closing(named, "rightly named, gap at least twice"),
         *_closing(big, f"all of {wide}"),
         *_closing([r for r in effect if errs(r)], "one effect, excess at least twice the noise"),
         *_detection(named),
         _quantile(
-            what="seconds per case, 95 % of them",
-            where="all",
+            "seconds per case, 95 % of them",
+            "all",
+            SECONDS_MOST[base],
+            [r["seconds"] for r in done(rows)],
+            SLOW,
             unit="s",
-            at_least=False,
-            wanted=SECONDS_MOST[base],
-            values=[r["seconds"] for r in done(rows)],
-            share=SLOW,
         ),
     ]
 
@@ -169,57 +177,34 @@ def _names(rows: Sequence[Row]) -> Target:
     return _share("right of all names given", "everything hidden", 0.98, good)
 
 
-def _share(what: str, where: str, wanted: float, good: Sequence[bool]) -> Target:
-    found = rate(sum(good), len(good))
+def _share(
+    what: str, where: str, wanted: float, good: Sequence[bool], *, at_least: bool = True
+) -> Target:
+    return _rate(what, where, wanted, sum(good), len(good), at_least=at_least)
+
+
+def _rate(
+    what: str, where: str, wanted: float, events: int, trials: int, *, at_least: bool = True
+) -> Target:
+    found = rate(events, trials)
     return Target(
         what=what,
         where=where,
         unit="share",
-        at_least=True,
+        at_least=at_least,
         wanted=wanted,
         found=found["rate"],
         low=found["low"],
         high=found["high"],
-        cases=len(good),
-    )
-
-
-def _most(what: str, where: str, wanted: float, bad: Sequence[bool]) -> Target:
-    found = rate(sum(bad), len(bad))
-    return Target(
-        what=what,
-        where=where,
-        unit="share",
-        at_least=False,
-        wanted=wanted,
-        found=found["rate"],
-        low=found["low"],
-        high=found["high"],
-        cases=len(bad),
+        cases=trials,
     )
 
 
 def _closing(rows: Sequence[Row], where: str) -> list[Target]:
     shares = [share for r in rows if (share := closed(r)) is not None]
     return [
-        _quantile(
-            what="gap closed, median",
-            where=where,
-            unit="share",
-            at_least=True,
-            wanted=0.90,
-            values=shares,
-            share=0.5,
-        ),
-        _quantile(
-            what="gap closed, tenth percentile",
-            where=where,
-            unit="share",
-            at_least=True,
-            wanted=0.60,
-            values=shares,
-            share=0.1,
-        ),
+        _quantile("gap closed, median", where, 0.90, shares, 0.5),
+        _quantile("gap closed, tenth percentile", where, 0.60, shares, 0.1),
     ]
 
 
@@ -247,38 +232,25 @@ def _detection(rows: Sequence[Row]) -> list[Target]:
     ):
         counts = [r[key] for r in rows if r[key] and {after, before} <= set(r[key])]
         drives, new, old = (sum(c[part] for c in counts) for part in ("drives", after, before))
-        share = rate(new, drives)
-        found.append(
-            Target(
-                what=what,
-                where=where,
-                unit="share",
-                at_least=at_least,
-                wanted=old / drives if drives else 0.0,
-                found=share["rate"],
-                low=share["low"],
-                high=share["high"],
-                cases=drives,
-            )
-        )
+        wanted = old / drives if drives else 0.0
+        found.append(_rate(what, where, wanted, new, drives, at_least=at_least))
     return found
 
 
 def _quantile(
     what: str,
     where: str,
-    unit: Literal["share", "s"],
-    at_least: bool,
     wanted: float,
     values: Sequence[float],
     share: float,
+    unit: Literal["share", "s"] = "share",
 ) -> Target:
     found, low, high = quantile(values, share) if values else (None, None, None)
     return Target(
         what=what,
         where=where,
         unit=unit,
-        at_least=at_least,
+        at_least=unit == "share",
         wanted=wanted,
         found=found,
         low=low,

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -184,21 +183,6 @@ def judged_on(task: Task) -> Prepared:
     In both cases no sample of role TEST was used to train or choose a model.
     """
     return scaled_as(task.data, task.test) if task.test else as_in_use(task.data)
-
-
-def plain(value: Any) -> Any:
-    """Return the value as JSON types: floats with 5 significant digits, NaN and inf as None."""
-    if isinstance(value, dict):
-        return {str(k): plain(v) for k, v in value.items()}
-    if isinstance(value, np.ndarray):
-        return plain(value.tolist())
-    if isinstance(value, list | tuple):
-        return [plain(v) for v in value]
-    if isinstance(value, np.bool_ | np.integer):
-        return value.item()
-    if isinstance(value, float | np.floating):
-        return float(f"{value:.5g}") if np.isfinite(value) else None
-    return value
 
 
 def thinned(values: FloatArray, most: int) -> FloatArray:

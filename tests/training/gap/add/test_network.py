@@ -25,7 +25,6 @@ from tests.helpers.gap_networks import (
     inputs_of,
     ranges,
     rmse,
-    small_network,
 )
 from training.gap.add.network import add, retrain
 from training.gap.add.network_graph import AS_INPUT, DIFFERENCE, TO_OUTPUT, network_of
@@ -94,11 +93,6 @@ def test_a_signal_that_is_never_good_is_refused() -> None:
     missing = without(drive("wltc_3b", 2_020_101), slice(None), "maf_kg_h")
     with pytest.raises(RecordingError, match="maf_kg_h is never good"):
         predicted_phi(shipped_model(), [missing])
-
-
-@pytest.fixture(scope="module")
-def base(tmp_path_factory: pytest.TempPathFactory) -> FitResult:
-    return small_network(tmp_path_factory.mktemp("base"))
 
 
 def again(card: ModelCard, old: Network, data: Prepared) -> tuple[Spec, list[FloatArray]]:

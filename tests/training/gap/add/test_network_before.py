@@ -22,7 +22,6 @@ from tests.helpers.gap_networks import (
     healthy_drives,
     ranges,
     rmse,
-    small_network,
     trained_on,
 )
 from training.gap.add import choice, network
@@ -43,11 +42,6 @@ from training.recordings.recording import Recording
 
 RAIL = ("rail_exponent", 16.0)
 NOTHING = ModelEffect.with_values("injector_offset", [0.0])
-
-
-@pytest.fixture(scope="module")
-def base(tmp_path_factory: pytest.TempPathFactory) -> FitResult:
-    return small_network(tmp_path_factory.mktemp("base"))
 
 
 @pytest.fixture(scope="module")

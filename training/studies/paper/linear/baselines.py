@@ -9,6 +9,7 @@ import numpy as np
 
 from monitor.base.errors import RecordingError, UsageError
 from monitor.base.types import FloatArray
+from training.jobs.json_tree import plain
 from training.studies.paper.linear.arx import (
     FREE_RUN_DELAYS,
     GRID_DELAYS,
@@ -31,7 +32,7 @@ from training.studies.paper.linear.regressors import (
     largest_order,
     triangle,
 )
-from training.studies.paper.linear.scores import example, plain, residuals, scores
+from training.studies.paper.linear.scores import example, residuals, scores
 from training.studies.paper.linear.subspace import Subspace, best_state_space, subspace
 
 __all__ = ["Regime", "linear"]

@@ -109,18 +109,3 @@ def example(
         "measured": y[at : at + length],
         "runs": {n: models[n].simulate(u, y[:skip])[at : at + length] for n in names},
     }
-
-
-def plain(value: Any) -> Any:
-    """Return the value as JSON types: floats with 5 significant digits, NaN and inf as None."""
-    if isinstance(value, Mapping):
-        return {str(k): plain(v) for k, v in value.items()}
-    if isinstance(value, np.ndarray):
-        return plain(value.tolist())
-    if isinstance(value, list | tuple):
-        return [plain(v) for v in value]
-    if isinstance(value, float | np.floating):
-        return float(f"{value:.5g}") if np.isfinite(value) else None
-    if isinstance(value, np.integer | np.bool_):
-        return value.item()
-    return value

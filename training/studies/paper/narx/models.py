@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from monitor.base.types import FloatArray, IntArray
+from training.jobs.json_tree import plain
 from training.narx import stages
 from training.narx.algorithms import gradient, lm, scaled_conjugate
 from training.narx.algorithms.bayes import DEFAULTS as BAYES_DEFAULTS
@@ -121,10 +122,10 @@ def train_one(data: Prepared, job: Job) -> Done:
         "iterations": len(outcome.costs) - 1,
         "stop": outcome.stop,
         "unfinished": _still_falling(outcome),
-        "seconds": _round(time.monotonic() - began),
-        "cpu_s": _round(time.process_time() - began_cpu),
+        "seconds": plain(time.monotonic() - began),
+        "cpu_s": plain(time.process_time() - began_cpu),
         "effective_weights": (
-            _round(outcome.effective_weights) if isinstance(outcome, BayesOutcome) else None
+            plain(outcome.effective_weights) if isinstance(outcome, BayesOutcome) else None
         ),
         **figures(data, spec, outcome.weights),
     }
@@ -147,13 +148,13 @@ def tune_one(data: Prepared, job: Job) -> Done:
                 "name": s.name,
                 "iterations": len(s.costs) - 1,
                 "stop": s.stop,
-                "best_score": _round(min(s.scores)),
-                "seconds": _round(s.seconds),
+                "best_score": plain(min(s.scores)),
+                "seconds": plain(s.seconds),
             }
             for s in trained.stages
         ],
-        "seconds": _round(time.monotonic() - began),
-        "cpu_s": _round(time.process_time() - began_cpu),
+        "seconds": plain(time.monotonic() - began),
+        "cpu_s": plain(time.process_time() - began_cpu),
     }
     return result, arrays(spec, trained.weights)
 
@@ -200,8 +201,8 @@ def figures(data: Prepared, spec: Spec, weights: FloatArray) -> dict[str, Any]:
     return {
         "one_step": _by_role(data, spec, one_step),
         "free_run": _by_role(data, spec, free),
-        "validation_score": _round(stages.free_run_score(data, spec, weights)),
-        "stuck_share": _round(stuck),
+        "validation_score": plain(stages.free_run_score(data, spec, weights)),
+        "stuck_share": plain(stuck),
         "diverged": bool(worse or stuck > STUCK_SHARE),
     }
 
@@ -254,8 +255,8 @@ def _measure(data: Prepared, predicted: FloatArray, at: IntArray) -> dict[str, A
         return {"samples": len(at), "r": None, "mse": None}
     return {
         "samples": len(at),
-        "r": _round(correlation(a, b)),
-        "mse": _round(float(np.mean((a - b) ** 2))),
+        "r": plain(correlation(a, b)),
+        "mse": plain(float(np.mean((a - b) ** 2))),
     }
 
 
@@ -263,7 +264,7 @@ def _forgets(data: Prepared, spec: Spec, weights: FloatArray) -> dict[str, Any]:
     """Return whether two histories give the same prediction after one window of the monitor."""
     found = contraction(data, spec, weights, CONTRACTION_SEED)
     share = found.gap / found.limit
-    return {"contraction_gap_over_limit": _round(share), "forgets": bool(share <= 1.0)}
+    return {"contraction_gap_over_limit": plain(share), "forgets": bool(share <= 1.0)}
 
 
 def _stuck_share(data: Prepared, spec: Spec, free: FloatArray) -> float:
@@ -281,7 +282,3 @@ def _writable(data: Prepared) -> Prepared:
     """Return ``data`` with copied arrays, because a cluster sends read-only arrays."""
     s = data.samples
     return replace(data, samples=Samples(*(np.array(a) for a in (s.u, s.y, s.weight))))
-
-
-def _round(value: float) -> float | None:
-    return float(f"{value:.5g}") if np.isfinite(value) else None

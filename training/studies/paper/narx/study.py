@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from monitor.base.errors import RecordingError, UsageError
-from monitor.base.manifest import source_of
 from monitor.base.types import FloatArray
 from training.narx.network import Spec
 from training.recordings.preparation import Prepared, Role
@@ -30,6 +29,7 @@ from training.studies.paper.narx.models import (
     tune_one,
 )
 from training.studies.paper.narx.verdicts import findings, judge, rules, warnings
+from training.studies.paper.task import source
 
 VERSION = 1  # of the jobs; stored jobs of another version are not reused
 SEED_STEP = 1000  # difference of the seeds of two starts, as in ``fit``
@@ -227,7 +227,7 @@ def _result(
     ]
     counted = {s["weights_key"]: s["cpu_s"] for m in models for s in m["starts"]}
     result = {
-        "source": _source(data),
+        "source": source(data.recordings),
         "inputs": [c.name for c in data.inputs],
         "output": data.output.name,
         "period_s": data.period_ns / 1e9,
@@ -289,14 +289,6 @@ def _best(
         return not figures.get("forgets", True), _or_inf(figures["validation_score"])
 
     return min(found, key=order)
-
-
-def _source(data: Prepared) -> str:
-    """Return ``simulated`` or ``recorded`` or both in words, by the recordings' manifests."""
-    simulated = [source_of(r.path, r.sha256) == "simulated" for r in data.recordings]
-    if all(simulated):
-        return "simulated" if simulated else "unknown"
-    return "simulated and recorded" if any(simulated) else "recorded"
 
 
 def _digest(data: Prepared, settings: Settings) -> str:

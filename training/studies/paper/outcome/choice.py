@@ -17,6 +17,7 @@ from monitor.base import config
 from monitor.base.errors import RecordingError, UsageError
 from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard
+from training.jobs.json_tree import plain
 from training.limits.decision_limits import MANY_WINDOWS, set_limits
 from training.narx.export import update_card
 from training.narx.fit import FitResult, fit
@@ -28,7 +29,7 @@ from training.narx.starts import committee
 from training.recordings.preparation import Prepared, Role
 from training.studies.paper.narx import parallel
 from training.studies.paper.narx.models import from_arrays
-from training.studies.paper.task import Settings, Task, as_in_use, judged_on, plain
+from training.studies.paper.task import Settings, Task, as_in_use, judged_on
 
 LEAST_GAIN = 0.01  # of the RMSE; a smaller gain does not justify more weights
 FEW_BLOCKS, FEW_GAIN = 3, 0.1  # with fewer blocks chance cannot be estimated; FEW_GAIN applies

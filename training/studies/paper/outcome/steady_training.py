@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from monitor.base.errors import RecordingError
+from training.jobs.json_tree import plain
 from training.narx.model_file import measures
 from training.narx.network import Spec
 from training.narx.stages import Trained, free_run, train
@@ -21,7 +22,7 @@ from training.recordings.preparation import Prepared, Role, prepare
 from training.recordings.recording import Recording
 from training.studies.paper.narx.models import thin
 from training.studies.paper.outcome.sensor import in_units, liveliest
-from training.studies.paper.task import LAGS, Task, as_in_use, plain, scaled_as, source
+from training.studies.paper.task import LAGS, Task, as_in_use, scaled_as, source
 
 HIDDEN = (8, 8)  # of the paper
 WINDOW_S = 5.0  # length of a steady window

@@ -1,0 +1,20 @@
+"""The usual setup and the log of a late sensor, for tests of the live loop."""
+
+import pytest
+
+from monitor.base import config
+from monitor.base.types import Frame
+from monitor.frames.logs import read_frames
+from monitor.report import replay
+from tests.conftest import ROOT
+
+
+@pytest.fixture(scope="session")
+def setup() -> replay.Setup:
+    return replay.set_up(None, [], config.load())
+
+
+@pytest.fixture(scope="session")
+def late_sensor() -> list[Frame]:
+    (log,) = ROOT.glob("replay_logs/delay_rich_to_lean_*.blf")
+    return list(read_frames(log))[: 200 * 150]
