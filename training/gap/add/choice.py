@@ -64,82 +64,23 @@ def add(
     Raises ParityError if no form computes the same in ONNX and numpy, ModelError as
     ``network.add``.
     """
-    card = base.check(material.model)
     out.parent.mkdir(parents=True, exist_ok=True)
-    use = _Use.of(material, card)
-    drives = base.drives_of(material.model, use.fit, material.healthy)
-    ranges = _ranges(use.fit, drives)
-    if card.kind == base.GREYBOX:
-        best = _inside_chain(
-            material, card, choices, known, ranges=ranges, use=use, drives=drives, out=out
-        )
-        says = FORMS[base.GREYBOX]
+    own = _Forms.of(material, known.plain if known else start)
+    if own.card.kind == base.GREYBOX:
+        best, says = own.inside_chain(choices, known, out), FORMS[base.GREYBOX]
     else:
-        chain = known.plain if known else start
         with TemporaryDirectory(dir=out.parent) as folder:
-            beside = _beside_network(
-                model=material.model,
-                folder=Path(folder),
-                choices=choices,
-                chain=chain,
-                ranges=ranges,
-                use=use,
-                drives=drives,
-            )
-            best, says = _best(beside)
+            best, says = _best(own.beside_network(choices, Path(folder)))
             if options.retrain_minutes > 0.0:
-                best, says = _or_trained_anew(
-                    material=material,
-                    other=best,
-                    says=says,
-                    chain=chain,
-                    ranges=ranges,
-                    use=use,
-                    budget_minutes=options.retrain_minutes,
-                    progress=progress,
-                )
+                best, says = own.or_trained_anew(best, says, options.retrain_minutes, progress)
             best.path.replace(out)
-    judges = use.unseen if best.form == TRAINED_ANEW else use.judges
+    judges = own.unseen if best.form == TRAINED_ANEW else own.judges
     if not best.rmse < _rmse(material.model, judges):
         out.unlink()
         return None, "", ()
     origin = HELD_OUT_BLOCKS if best.form == TRAINED_ANEW else ACCEPTED
-    _set_limits(out, use.fit, best.blocks, origin)
+    _set_limits(out, own.fit, best.blocks, origin)
     return out, says, best.added
-
-
-@dataclass(frozen=True, slots=True)
-class _Use:
-    """The recordings of the fit, and the recordings that no fit saw."""
-
-    fit: list[Recording]  # constants and networks are fitted to them
-    unseen: list[Recording]  # no fit saw them, if there are such, not even the old model's
-    known: bool  # the old model was trained on some of ``fit``
-
-    @classmethod
-    def of(cls, material: Material, card: ModelCard) -> "_Use":
-        fit, held_out = material.fit, material.held_out
-        trained_on = {each.sha256 for each in card.recordings}
-        unseen = [each for each in held_out if each.sha256 not in trained_on]
-        return cls(fit, unseen or held_out, any(each.sha256 in trained_on for each in fit))
-
-    @property
-    def judges(self) -> list[Recording]:
-        """Return the recordings on which the old model is held against one not trained anew."""
-        return self.unseen if self.known and self.unseen else self.fit
-
-
-def _ranges(recordings: Sequence[Recording], drives: Sequence[Drive]) -> Ranges:
-    """Return low and high of the signals that all of the recordings have."""
-    return {
-        name: (
-            float(min(np.min(d.signals[name]) for d in drives)),
-            float(max(np.max(d.signals[name]) for d in drives)),
-        )
-        for name in drives[0].signals
-        if all(name in d.signals for d in drives)
-        and all(name in recording.known for recording in recordings)  # not worked out
-    }
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,117 +94,134 @@ class _Tried:
     blocks: Sequence[HeldOut]  # of the recordings of the fit, to set its limits on
 
 
-def _inside_chain(
-    material: Material,
-    card: ModelCard,
-    choices: Sequence[Sequence[ModelEffect]],
-    known: Healthy | None,
-    *,
-    ranges: Ranges,
-    use: _Use,
-    drives: Sequence[Drive],
-    out: Path,
-) -> _Tried:
-    """Write the chain with the effects in it; there is one set of constants."""
-    (added,) = map(tuple, choices)
-    vehicle = greybox.Vehicle.of(known, Greybox.of(card), drives) if known else None
-    greybox.add(
-        material.model,
-        added,
-        out,
-        ranges=ranges,
-        recordings=tuple(map(training_recording, use.fit)),
-        vehicle=vehicle,
-        drives=drives,
-    )
-    return _Tried(
-        form=base.GREYBOX,
-        added=added,
-        path=out,
-        rmse=_rmse(out, use.judges),
-        blocks=whole(use.fit),
-    )
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Forms:
+    """The old model, the recordings by their use, and the forms that effects can be added in."""
 
+    model: Path
+    card: ModelCard
+    healthy: Sequence[Recording]
+    chain: Constants  # in which the effects stand beside a network
+    fit: list[Recording]  # constants and networks are fitted to them
+    unseen: list[Recording]  # no fit saw them, if there are such, not even the old model's
+    known: bool  # the old model was trained on some of ``fit``
+    drives: Sequence[Drive]  # of ``fit``
+    ranges: Ranges  # low and high of the signals that all of ``fit`` have
 
-def _beside_network(
-    model: Path,
-    folder: Path,
-    choices: Sequence[Sequence[ModelEffect]],
-    chain: Constants,
-    ranges: Ranges,
-    use: _Use,
-    drives: Sequence[Drive],
-) -> list[_Tried]:
-    """Write the network with effects before it and at its output, with each of the constants."""
-    forms = {"output": TO_OUTPUT}
-    if network.can_stand_before(model, choices[0], chain, drives[0]):
-        forms = {"before": BEFORE, **forms}
-    # On drives that it knows a network errs less than on others: the old limits stay.
-    blocks = [] if use.known else whole(use.fit)
-    tried, wrong = list[_Tried](), None
-    for (name, form), (i, added) in product(forms.items(), enumerate(choices)):
-        path = folder / f"{name}{i}.onnx"
-        try:
-            network.add(
-                model,
-                added,
-                chain,
-                path,
-                ranges=ranges,
-                recordings=tuple(map(training_recording, use.fit)),
-                drives=drives,
-                form=form,
-            )
-            tried.append(
-                _Tried(
-                    form=name,
-                    added=tuple(added),
-                    path=path,
-                    rmse=_rmse(path, use.judges),
-                    blocks=blocks,
-                )
-            )
-        except ParityError as error:
-            wrong = error
-    if not tried:
-        assert wrong is not None
-        raise wrong
-    return tried
-
-
-def _or_trained_anew(
-    material: Material,
-    other: _Tried,
-    says: str,
-    chain: Constants,
-    ranges: Ranges,
-    use: _Use,
-    budget_minutes: float,
-    progress: Progress,
-) -> tuple[_Tried, str]:
-    """Return the better of a file and a network trained anew beside it, in words."""
-    if not use.unseen:
-        return other, f"{says}; not trained anew: no recording is held out to judge it on"
-    path = other.path.with_name("retrained.onnx")
-    try:
-        blocks = network.retrain(
-            material.model,
-            other.added,
-            chain,
-            use.fit,
-            path,
-            ranges=ranges,
+    @classmethod
+    def of(cls, material: Material, chain: Constants) -> "_Forms":
+        card, fit, held_out = base.check(material.model), material.fit, material.held_out
+        trained_on = {each.sha256 for each in card.recordings}
+        drives = base.drives_of(material.model, fit, material.healthy)
+        return cls(
+            model=material.model,
+            card=card,
             healthy=material.healthy,
-            budget_minutes=budget_minutes,
-            progress=progress,
+            chain=chain,
+            fit=fit,
+            unseen=[each for each in held_out if each.sha256 not in trained_on] or held_out,
+            known=any(each.sha256 in trained_on for each in fit),
+            drives=drives,
+            ranges=_ranges(fit, drives),
         )
-    except (ModelError, RecordingError, UsageError) as error:
-        return other, f"{says}; not trained anew: {error}"
-    anew = _Tried(
-        form=TRAINED_ANEW, added=other.added, path=path, rmse=_rmse(path, use.unseen), blocks=blocks
-    )
-    best, says = _best([replace(other, rmse=_rmse(other.path, use.unseen)), anew])
-    return (best if best is anew else other), says
+
+    @property
+    def judges(self) -> list[Recording]:
+        """Return the recordings on which the old model is held against one not trained anew."""
+        return self.unseen if self.known and self.unseen else self.fit
+
+    def inside_chain(
+        self, choices: Sequence[Sequence[ModelEffect]], known: Healthy | None, out: Path
+    ) -> _Tried:
+        """Write the chain with the effects in it; there is one set of constants."""
+        (added,) = map(tuple, choices)
+        vehicle = greybox.Vehicle.of(known, Greybox.of(self.card), self.drives) if known else None
+        greybox.add(
+            self.model,
+            added,
+            out,
+            ranges=self.ranges,
+            recordings=tuple(map(training_recording, self.fit)),
+            vehicle=vehicle,
+            drives=self.drives,
+        )
+        return self._tried(base.GREYBOX, added, out, whole(self.fit))
+
+    def beside_network(
+        self, choices: Sequence[Sequence[ModelEffect]], folder: Path
+    ) -> list[_Tried]:
+        """Write the network with effects before it and at its output, with each of the choices."""
+        forms = {"output": TO_OUTPUT}
+        if network.can_stand_before(self.model, choices[0], self.chain, self.drives[0]):
+            forms = {"before": BEFORE, **forms}
+        # On drives that it knows a network errs less than on others: the old limits stay.
+        blocks = [] if self.known else whole(self.fit)
+        tried, wrong = list[_Tried](), None
+        for (name, form), (i, added) in product(forms.items(), enumerate(choices)):
+            path = folder / f"{name}{i}.onnx"
+            try:
+                network.add(
+                    self.model,
+                    added,
+                    self.chain,
+                    path,
+                    ranges=self.ranges,
+                    recordings=tuple(map(training_recording, self.fit)),
+                    drives=self.drives,
+                    form=form,
+                )
+            except ParityError as error:
+                wrong = error
+            else:
+                tried.append(self._tried(name, tuple(added), path, blocks))
+        if not tried:
+            assert wrong is not None
+            raise wrong
+        return tried
+
+    def or_trained_anew(
+        self, other: _Tried, says: str, budget_minutes: float, progress: Progress
+    ) -> tuple[_Tried, str]:
+        """Return the better of a file and a network trained anew beside it, in words."""
+        if not self.unseen:
+            return other, f"{says}; not trained anew: no recording is held out to judge it on"
+        path = other.path.with_name("retrained.onnx")
+        try:
+            blocks = network.retrain(
+                self.model,
+                other.added,
+                self.chain,
+                self.fit,
+                path,
+                ranges=self.ranges,
+                healthy=self.healthy,
+                budget_minutes=budget_minutes,
+                progress=progress,
+            )
+        except (ModelError, RecordingError, UsageError) as error:
+            return other, f"{says}; not trained anew: {error}"
+        rmse = _rmse(path, self.unseen)
+        anew = replace(other, form=TRAINED_ANEW, path=path, rmse=rmse, blocks=blocks)
+        best, says = _best([replace(other, rmse=_rmse(other.path, self.unseen)), anew])
+        return (best if best is anew else other), says
+
+    def _tried(
+        self, form: str, added: tuple[ModelEffect, ...], path: Path, blocks: Sequence[HeldOut]
+    ) -> _Tried:
+        return _Tried(form, added, path, _rmse(path, self.judges), blocks)
+
+
+def _ranges(recordings: Sequence[Recording], drives: Sequence[Drive]) -> Ranges:
+    """Return low and high of the signals that all of the recordings have."""
+    return {
+        name: (
+            float(min(np.min(d.signals[name]) for d in drives)),
+            float(max(np.max(d.signals[name]) for d in drives)),
+        )
+        for name in drives[0].signals
+        if all(name in d.signals for d in drives)
+        and all(name in recording.known for recording in recordings)  # not worked out
+    }
 
 
 def _best(tried: Sequence[_Tried]) -> tuple[_Tried, str]:
