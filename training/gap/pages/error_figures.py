@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 
-import numpy as np
 from matplotlib.figure import Figure
 
 from training.gap.name.verdict import Candidate
+from training.gap.pages.where_figures import runs_figure
 from training.gap.verify.evidence import Error, Trace
-from training.pages.figure import drawing, legend, panels
+from training.pages.figure import drawing, legend
 
 BEFORE, AFTER, FLOOR, WORSE = "0.55", "C0", "0.15", "C3"
 
@@ -46,28 +46,8 @@ def error_figure(errors: Sequence[Error]) -> Figure:
 
 def trace_figure(trace: Trace) -> Figure:
     """Draw measured phi and both models, and both residuals."""
-    figure, (top, bottom) = panels(2, 1, height=2.0, sharex=True, height_ratios=(2, 1))
-    top.plot(trace.t_s, trace.measured, color="0.15", linewidth=1.0, label="measured")
-    runs = ((trace.before, BEFORE, "model before"), (trace.after, AFTER, "model after"))
-    for phi, colour, name in runs:
-        top.plot(trace.t_s, phi, color=colour, linewidth=1.2, label=name)
-        residual = np.where(trace.scored, trace.measured - phi, np.nan)
-        bottom.plot(trace.t_s, residual, color=colour, linewidth=1.0)
-    shown = np.concatenate([x[trace.scored] for x in (trace.measured, trace.before, trace.after)])
-    if len(shown):
-        low, high = (float(v) for v in np.percentile(shown, [0.5, 99.5]))
-        margin = 0.15 * (high - low) + 1e-4
-        top.set_ylim(low - margin, high + margin)
-    bottom.axhline(0.0, color="0.7", linewidth=0.7)
-    for axes in (top, bottom):
-        low, high = axes.get_ylim()
-        axes.fill_between(trace.t_s, low, high, where=~trace.scored, color="0.92", step="mid", lw=0)
-        axes.set_ylim(low, high)
-        axes.margins(x=0)
-    top.set_ylabel("phi")
-    legend(top)
-    bottom.set(xlabel=f"s of {trace.recording}", ylabel="measured minus\npredicted [phi]")
-    return figure
+    runs = [(trace.before, BEFORE, "model before"), (trace.after, AFTER, "model after")]
+    return runs_figure(trace, runs)
 
 
 def ranking_figure(ranking: Sequence[Candidate], chosen: Sequence[str]) -> Figure:

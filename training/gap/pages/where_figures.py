@@ -3,9 +3,10 @@
 from collections.abc import Sequence
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from monitor.base.types import FloatArray
+from training.gap.verify.evidence import Trace
 from training.gap.where.bands import Bands
 from training.gap.where.drivers import UNITS, WORDS
 from training.gap.where.operating_map import Excerpt, OperatingMap
@@ -24,30 +25,32 @@ def label(name: str) -> str:
 
 def excerpt_figure(part: Excerpt) -> Figure:
     """Draw measured and predicted phi and their difference."""
-    figure, (top, bottom) = panels(2, 1, height=1.9, sharex=True, height_ratios=(2, 1))
+    return runs_figure(part, [(part.predicted, "C0", "predicted")])
+
+
+def runs_figure(part: Excerpt | Trace, runs: Sequence[tuple[FloatArray, str, str]]) -> Figure:
+    """Draw measured phi and models' runs (phi, colour, label), and what each of these misses."""
+    figure, (top, bottom) = panels(2, 1, height=2.0, sharex=True, height_ratios=(2, 1))
     top.plot(part.t_s, part.measured, color="0.2", linewidth=1.0, label="measured")
-    top.plot(part.t_s, part.predicted, color="C0", linewidth=1.0, label="predicted")
-    shown = np.concatenate([part.measured[part.scored], part.predicted[part.scored]])
+    for phi, colour, name in runs:
+        top.plot(part.t_s, phi, color=colour, linewidth=1.1, label=name)
+        residual = np.where(part.scored, part.measured - phi, np.nan)
+        bottom.plot(part.t_s, residual, color=colour, linewidth=1.0)
+    shown = np.concatenate([x[part.scored] for x in (part.measured, *(phi for phi, _, _ in runs))])
     if len(shown):
         low, high = (float(v) for v in np.percentile(shown, [0.5, 99.5]))
         margin = 0.15 * (high - low) + 1e-4
         top.set_ylim(low - margin, high + margin)
-    residual = np.where(part.scored, part.measured - part.predicted, np.nan)
-    bottom.plot(part.t_s, residual, color="C3", linewidth=0.9)
     bottom.axhline(0.0, color="0.6", linewidth=0.7)
     for axes in (top, bottom):
-        _grey(axes, part)
+        low, high = axes.get_ylim()
+        axes.fill_between(part.t_s, low, high, where=~part.scored, color="0.9", step="mid", lw=0)
+        axes.set_ylim(low, high)
         axes.margins(x=0)
     top.set_ylabel("phi")
     legend(top)
-    bottom.set(xlabel=f"s of {part.recording}", ylabel="residual")
+    bottom.set(xlabel=f"s of {part.recording}", ylabel="measured minus\npredicted [phi]")
     return figure
-
-
-def _grey(axes: Axes, part: Excerpt) -> None:
-    low, high = axes.get_ylim()
-    axes.fill_between(part.t_s, low, high, where=~part.scored, color="0.9", step="mid", lw=0)
-    axes.set_ylim(low, high)
 
 
 def map_figure(over: OperatingMap) -> Figure:
