@@ -13,11 +13,10 @@ from typing import Final
 
 import numpy as np
 import polars as pl
-from scipy import stats
 
 from monitor.base.types import FloatArray, IntArray
 from training.limits.rates import Figures, rate
-from training.limits.tolerance import CONFIDENCE, tolerance_limit, windows_needed
+from training.limits.tolerance import quantile_bounds, tolerance_limit, windows_needed
 
 GROUPS: Final = 500  # most groups to draw; more vehicles share groups
 
@@ -82,7 +81,7 @@ def _proposal(
     quantity: Quantity, scores: FloatArray, groups: IntArray, wished: float, now: float
 ) -> Figures:
     n, needed = len(scores), windows_needed(wished)
-    estimate, low, high = quantile_bounds(scores, 1.0 - wished)
+    low, high = quantile_bounds(scores, 1.0 - wished) if n else (None, None)
     return {
         "name": quantity.name,
         "title": quantity.title,
@@ -93,32 +92,8 @@ def _proposal(
         "wished": wished,
         "now": now,
         "now_rate": rate(int((scores >= now).sum()), n),
-        "quantile": estimate,
+        "quantile": float(np.quantile(scores, 1.0 - wished, method="inverted_cdf")) if n else None,
         "quantile_low": low,
         "quantile_high": high,
         "proposed": tolerance_limit(scores, groups, wished) if n >= needed else None,
     }
-
-
-def quantile_bounds(
-    values: FloatArray, probability: float, confidence: float = CONFIDENCE
-) -> tuple[float | None, float | None, float | None]:
-    """Return a quantile and its two-sided confidence bounds, None beyond the values.
-
-    values : (n,); the bounds are order statistics and hold for any distribution
-
-    Source: Conover, Practical Nonparametric Statistics, 3rd ed., section 3.2.
-
-    >>> quantile_bounds(np.arange(100.0), 0.5)
-    (49.0, 39.0, 60.0)
-    """
-    n, x = len(values), np.sort(values)
-    if n == 0:
-        return None, None, None
-    tail = (1.0 - confidence) / 2.0
-    low, high = (int(stats.binom.ppf(q, n, probability)) for q in (tail, 1.0 - tail))
-    return (
-        float(np.quantile(x, probability, method="inverted_cdf")),
-        float(x[low - 1]) if low >= 1 else None,
-        float(x[high]) if high < n else None,
-    )

@@ -3,7 +3,6 @@
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,7 +31,7 @@ from training.greybox.fit.constants import Fitted, described, fit_constants, ref
 from training.greybox.fit.vehicle_effects import own_of
 from training.greybox.graph.chain_graph import Greybox, longest_dead_time_s, register_for, save
 from training.greybox.graph.checks import TOLERANCE, contraction, parity, physical_inputs
-from training.narx.model_file import HeldOut, held_out, measures, recordings_of
+from training.narx.model_file import HeldOut, card_of, held_out
 from training.narx.stability import CONTRACTION_SAMPLES
 from training.recordings.preparation import MARGIN, Prepared, Role, prepare
 
@@ -173,12 +172,7 @@ def write_model(
     same, gap = parity(out, greybox, data), contraction(out, data, seed)
     checks = {
         "parity": {"samples": same[0], "onnx_numpy": same[1], "tolerance": TOLERANCE},
-        "contraction": {
-            "gap": gap.gap,
-            "samples": CONTRACTION_SAMPLES,
-            "pairs": gap.pairs,
-            "limit": gap.limit,
-        },
+        "contraction": gap.to_card(),
     }
     card = _card(greybox, fitted, data, predicted, checks)
     save(out, greybox, card)
@@ -256,27 +250,17 @@ def _card(
     predicted: FloatArray,
     checks: Mapping[str, Any],
 ) -> ModelCard:
-    test = data.role == Role.TEST
-    everything, enabled = (measures(data, predicted, rows) for rows in (test, test & data.enabled))
-    return ModelCard(
+    return card_of(
+        data,
+        predicted,
         kind="greybox",
-        inputs=data.inputs,
-        output=data.output,
-        transform=data.transform,
-        output_limits=(data.scaling.y_low, data.scaling.y_high),
-        period_ns=data.period_ns,
         lags=greybox.memory,
         input_lag_start=0,
         layers=(),
         state=greybox.state_layout,
-        recordings=recordings_of(data),
-        residual_mean=enabled.get("residual_mean", 0.0),
-        residual_std=enabled.get("residual_std", everything.get("residual_std", 0.0)),
         structure=described(fitted) | greybox.structure(),
-        fit={"test": everything, "test_enabled": enabled},
         checks=dict(checks),
         reference=reference(fitted),
-        packages={name: version(name) for name in ("numpy", "onnx", "onnxruntime", "scipy")},
     )
 
 

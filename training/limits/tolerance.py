@@ -6,6 +6,7 @@ whole drives.
 """
 
 import math
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -35,6 +36,23 @@ def upper_bound(events: int, trials: int, confidence: float = CONFIDENCE) -> flo
     if events >= trials:
         return 1.0
     return float(stats.beta.ppf(confidence, events + 1, trials - events))
+
+
+def quantile_bounds(
+    values: Sequence[float] | FloatArray, share: float, confidence: float = CONFIDENCE
+) -> tuple[float | None, float | None]:
+    """Return the two-sided confidence bounds of a quantile, None beyond the values (n,).
+
+    The bounds are order statistics and hold for any distribution.
+    Source: Conover, Practical Nonparametric Statistics, 3rd ed., section 3.2.
+
+    >>> quantile_bounds(np.arange(101.0), 0.5)
+    (40.0, 60.0)
+    """
+    n, x = len(values), np.sort(values)
+    tail = (1.0 - confidence) / 2.0
+    low, high = (int(stats.binom.ppf(q, n, share)) for q in (tail, 1.0 - tail))
+    return float(x[low - 1]) if low else None, float(x[high]) if high < n else None
 
 
 def windows_needed(rate: float, confidence: float = CONFIDENCE) -> int:

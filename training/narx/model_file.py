@@ -14,7 +14,7 @@ from monitor.model.card import ModelCard, TrainingRecording
 from monitor.model.step import from_model_units
 from training.narx.export import Network, save
 from training.narx.network import Spec
-from training.narx.stability import CONTRACTION_SAMPLES, Contraction
+from training.narx.stability import Contraction
 from training.recordings import metrics
 from training.recordings.preparation import Prepared, Role
 from training.recordings.recording import training_recording
@@ -91,14 +91,7 @@ def write_model(
     Raises ModelError if ONNX, torch and numpy disagree.
     """
     network = Network(spec, weights, data.scaling, data.transform, data.transforms, data.names)
-    checks: dict[str, Any] = {
-        "contraction": {
-            "gap": gap.gap,
-            "samples": CONTRACTION_SAMPLES,
-            "pairs": gap.pairs,
-            "limit": gap.limit,
-        },
-    }
+    checks: dict[str, Any] = {"contraction": gap.to_card()}
     save(out, network, _card(data, network, predicted, checks, members))
     checks["parity"] = _parity(out, network, data)
     card = _card(data, network, predicted, checks, members)
@@ -131,23 +124,14 @@ def _card(
     checks: Mapping[str, Any],
     members: int,
 ) -> ModelCard:
-    test = data.role == Role.TEST
-    everything = measures(data, predicted, test)
-    enabled = measures(data, predicted, test & data.enabled)
-    return ModelCard(
+    return card_of(
+        data,
+        predicted,
         kind="narx",
-        inputs=data.inputs,
-        output=data.output,
-        transform=data.transform,
-        output_limits=(data.scaling.y_low, data.scaling.y_high),
-        period_ns=data.period_ns,
         lags=network.spec.memory,
         input_lag_start=network.spec.boxes[0][0],
         layers=network.spec.hidden,
         state=network.state_layout,
-        recordings=recordings_of(data),
-        residual_mean=enabled.get("residual_mean", 0.0),
-        residual_std=enabled.get("residual_std", everything.get("residual_std", 0.0)),
         transforms=data.transforms,
         structure={
             "input_boxes": [list(box) for box in network.spec.boxes],
@@ -155,7 +139,28 @@ def _card(
             "linear_path": network.spec.linear_path,
             "members": members,
         },
-        fit={"test": everything, "test_enabled": enabled},
         checks=dict(checks),
+    )
+
+
+def card_of(data: Prepared, predicted: FloatArray, **own: Any) -> ModelCard:
+    """Return the card of a model that was fitted to ``data``.
+
+    predicted : (n,) free run over ``data.samples`` in model units, for the measures
+    own : fields that depend on the kind of model
+    """
+    test = data.role == Role.TEST
+    everything, enabled = (measures(data, predicted, rows) for rows in (test, test & data.enabled))
+    return ModelCard(
+        inputs=data.inputs,
+        output=data.output,
+        transform=data.transform,
+        output_limits=(data.scaling.y_low, data.scaling.y_high),
+        period_ns=data.period_ns,
+        recordings=recordings_of(data),
+        residual_mean=enabled.get("residual_mean", 0.0),
+        residual_std=enabled.get("residual_std", everything.get("residual_std", 0.0)),
+        fit={"test": everything, "test_enabled": enabled},
         packages={name: version(name) for name in PACKAGES},
+        **own,
     )

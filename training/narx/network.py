@@ -13,6 +13,7 @@ first.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -210,30 +211,40 @@ def simulate(
     start: IntArray,
     stop: IntArray,
     history: FloatArray,
-    out: FloatArray | None = None,
-    x: FloatArray | None = None,
 ) -> FloatArray:
     """Return free-run predictions (n,), NaN outside the pieces start[i] .. stop[i] - 1.
 
     u : (n, n_inputs), scaled; every start must have ``memory`` samples before it
     history : (n_pieces, lags), the output before each start, newest first, scaled
-    out : array (n,) for the result
-    x : ``input_regressors`` of ``u``, if there are many calls with the same inputs
     """
+    result = np.full(len(u), np.nan)
+    kernels.simulate(*_pieces(spec, weights, u, start, stop, history), result)
+    return result
+
+
+def last_outputs(
+    spec: Spec,
+    weights: FloatArray,
+    u: FloatArray,
+    start: IntArray,
+    stop: IntArray,
+    history: FloatArray,
+) -> FloatArray:
+    """Return the last prediction of every piece (n_pieces,), see ``simulate``."""
+    return np.asarray(kernels.ends(*_pieces(spec, weights, u, start, stop, history)))
+
+
+def _pieces(
+    spec: Spec,
+    weights: FloatArray,
+    u: FloatArray,
+    start: IntArray,
+    stop: IntArray,
+    history: FloatArray,
+) -> tuple[Any, ...]:
+    """Return what the kernels take; raises ValueError if a piece begins before the memory."""
     if len(start) and (start.min() < spec.memory or stop.max() > len(u)):
         raise ValueError(f"pieces must lie within {spec.memory} .. {len(u)}")
-    x = input_regressors(spec, u) if x is None else x
-    result = np.full(len(u), np.nan) if out is None else out
-    kernels.simulate(
-        weights,
-        spec.sizes_array(),
-        x,
-        spec.lags,
-        start,
-        stop,
-        np.clip(history, spec.y_min, spec.y_max),
-        spec.y_min,
-        spec.y_max,
-        result,
-    )
-    return result
+    history = np.clip(history, spec.y_min, spec.y_max)
+    x, limits = input_regressors(spec, u), (spec.y_min, spec.y_max)
+    return weights, spec.sizes_array(), x, spec.lags, start, stop, history, *limits

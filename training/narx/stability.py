@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor.base.types import FloatArray
-from training.narx.network import Spec, input_regressors, simulate
+from training.narx.network import Spec, last_outputs
 from training.recordings.preparation import Prepared
 
 CONTRACTION_SAMPLES = 50  # one window
@@ -20,6 +20,15 @@ class Contraction:
     gap: float
     limit: float
     pairs: int
+
+    def to_card(self) -> dict[str, float]:
+        """Return the entry for a card."""
+        return {
+            "gap": self.gap,
+            "samples": CONTRACTION_SAMPLES,
+            "pairs": self.pairs,
+            "limit": self.limit,
+        }
 
 
 def contraction(
@@ -40,19 +49,12 @@ def contraction(
     )
     start = rng.choice(places, pairs)
     stop = np.minimum(start + length, len(data.samples.y))
-    x = input_regressors(spec, data.samples.u)
     ends = []
-    run = np.empty(len(data.samples.y))
     for side in (0, 1):
         history = rng.uniform(spec.y_min, spec.y_max, size=(pairs, spec.lags))
         history[::2] = history[::2, :1]
         history[: pairs // 8] = spec.y_max if side else spec.y_min
-        end = np.empty(pairs)
-        for i in range(pairs):
-            one = slice(i, i + 1)
-            simulate(spec, weights, data.samples.u, start[one], stop[one], history[one], run, x)
-            end[i] = run[stop[i] - 1]
-        ends.append(end)
+        ends.append(last_outputs(spec, weights, data.samples.u, start, stop, history))
     gap = float(np.abs(ends[0] - ends[1]).max()) * data.scaling.y_std
     span = data.scaling.y_high - data.scaling.y_low
     return Contraction(gap, CONTRACTION_LIMIT * span / 1.7, pairs)

@@ -69,18 +69,6 @@ def test_few_vehicles_are_not_compared() -> None:
     assert outliers.standings(few) == []
 
 
-def test_bounds_of_a_quantile_hold_it_as_often_as_they_say() -> None:
-    rng, true = np.random.default_rng(3), stats.norm.ppf(0.9)
-    held = 0
-    for _ in range(400):
-        found, low, high = proposal.quantile_bounds(rng.standard_normal(200), 0.9)
-        assert low is not None and high is not None and low <= found <= high
-        held += low <= true <= high
-    assert held >= stats.binom.ppf(0.005, 400, 0.95)
-    assert proposal.quantile_bounds(np.arange(20.0), 0.99) == (19.0, 18.0, None)
-    assert proposal.quantile_bounds(np.array([1.0, 2.0]), 0.999) == (2.0, 2.0, None)
-
-
 NOW = {"j_mu": 0.05, "j_sigma": 0.02, "offset": 0.065}
 
 

@@ -23,6 +23,7 @@ from training.limits.judging import judge
 from training.limits.paper_limits import Residuals, choose, held_out
 from training.limits.tolerance import (
     cluster_bound,
+    quantile_bounds,
     rate_bounds,
     tolerance_limit,
     upper_bound,
@@ -80,6 +81,22 @@ def command(folder: Path, healthy: int = 3, rate: float = RATE) -> list[str]:
         "--faulty",
         *(str(p) for p in sorted(folder.glob("*_s9106_*.parquet"))),
     ]
+
+
+def test_bounds_of_a_quantile_hold_it_as_often_as_they_say() -> None:
+    rng, true = np.random.default_rng(3), stats.norm.ppf(0.9)
+    held = 0
+    for _ in range(400):
+        low, high = quantile_bounds(rng.standard_normal(200), 0.9)
+        assert low is not None and high is not None
+        held += low <= true <= high
+    assert held >= stats.binom.ppf(0.005, 400, 0.95)
+
+
+def test_a_quantile_of_few_values_has_no_bounds() -> None:
+    assert quantile_bounds(np.arange(20.0), 0.99) == (18.0, None)
+    assert quantile_bounds([1.0, 2.0, 3.0], 0.1) == (None, 3.0)
+    assert quantile_bounds([5.0], 0.5) == (None, None)
 
 
 def test_the_false_alarm_rate_holds_on_drives_that_set_no_limit(

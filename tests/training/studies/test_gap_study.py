@@ -30,7 +30,7 @@ from training.studies.gap.answers import (
 from training.studies.gap.gap_study_page import as_page
 from training.studies.gap.gap_study_result import as_text
 from training.studies.gap.plan import CASES, SEVERITIES, Study, cases, healthy_parts
-from training.studies.gap.targets import Target, assess, quantile
+from training.studies.gap.targets import Target, assess
 
 WHOLE = Study()
 TINY = [
@@ -233,11 +233,6 @@ def test_targets_are_met_missed_or_unproved() -> None:
     named = target(found, "new models", "named right")
     assert (named.wanted, named.found, named.met) == (0.6, 0.55, False)
     assert target(found, "new models", "false alarms").met
-
-
-def test_a_quantile_of_few_cases_has_no_bounds() -> None:
-    assert quantile([1.0, 2.0, 3.0], 0.1)[1:] == (None, 3.0)
-    assert quantile([5.0], 0.5) == (5.0, None, None)
 
 
 def test_the_confusion_matrix_counts_every_case_once() -> None:

@@ -35,7 +35,7 @@ from training.greybox.graph.effect_inputs import Ranges, channel_of
 from training.jobs.checkpoints import Progress
 from training.narx.export import Network
 from training.narx.model_file import HeldOut, held_out, measures, recordings_of
-from training.narx.stability import CONTRACTION_SAMPLES, Contraction
+from training.narx.stability import Contraction
 from training.narx.stages import Trained, free_run
 from training.recordings.preparation import Prepared, Role, prepare
 from training.recordings.recording import Recording
@@ -241,12 +241,6 @@ def _trained_card(
     predicted = data.scaling.unscale_y(free_run(data, best.spec, best.weights))
     test = own & (data.role == Role.TEST)
     everything, enabled = (measures(data, predicted, rows) for rows in (test, test & data.enabled))
-    contraction = {
-        "gap": gap.gap,
-        "samples": CONTRACTION_SAMPLES,
-        "pairs": gap.pairs,
-        "limit": gap.limit,
-    }
     return replace(
         card,
         layers=best.spec.hidden,
@@ -254,5 +248,5 @@ def _trained_card(
         residual_std=enabled.get("residual_std", everything.get("residual_std", 0.0)),
         structure=dict(card.structure) | {"members": best.members},
         fit={"test": everything, "test_enabled": enabled},
-        checks={"contraction": contraction},
+        checks={"contraction": gap.to_card()},
     )

@@ -9,10 +9,9 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
-from scipy import stats
 
 from training.limits.rates import rate
-from training.limits.tolerance import CONFIDENCE
+from training.limits.tolerance import quantile_bounds
 from training.studies.gap.answers import (
     CLASSES,
     SUSPECTED,
@@ -152,24 +151,6 @@ def assess(rows: Sequence[Row], base: str) -> list[Target]:
     ]
 
 
-def quantile(values: Sequence[float], share: float) -> tuple[float, float | None, float | None]:
-    """Return a quantile and its two-sided 95 % bounds; a bound is None if there are too few values.
-
-    The bounds are order statistics, so they hold for every distribution.
-    Source: Conover, Practical Nonparametric Statistics, 3rd ed., section 3.2.
-
-    >>> quantile([float(i) for i in range(101)], 0.5)
-    (50.0, 40.0, 60.0)
-    """
-    x = np.sort(values)
-    tail = (1.0 - CONFIDENCE) / 2.0
-    below = int(stats.binom.ppf(tail, len(x), share))
-    above = int(stats.binom.ppf(1.0 - tail, len(x), share))
-    low = float(x[below - 1]) if below else None
-    high = float(x[above]) if above < len(x) else None
-    return float(np.quantile(x, share)), low, high
-
-
 def _names(rows: Sequence[Row]) -> Target:
     """Return the target for the share of right names among all names in all cases."""
     given = [(r, name) for r in done(rows) for name in r["names"]]
@@ -245,14 +226,14 @@ def _quantile(
     share: float,
     unit: Literal["share", "s"] = "share",
 ) -> Target:
-    found, low, high = quantile(values, share) if values else (None, None, None)
+    low, high = quantile_bounds(values, share) if values else (None, None)
     return Target(
         what=what,
         where=where,
         unit=unit,
         at_least=unit == "share",
         wanted=wanted,
-        found=found,
+        found=float(np.quantile(values, share)) if values else None,
         low=low,
         high=high,
         cases=len(values),
