@@ -24,7 +24,7 @@ from tests.helpers.gap_networks import (
     rmse,
     trained_on,
 )
-from training.gap.add import choice, network
+from training.gap.add import choice, network, network_parity
 from training.gap.add.network import add, can_stand_before
 from training.gap.add.network_before import CORRECTED, Before
 from training.gap.add.network_graph import BEFORE, TO_OUTPUT, NetworkWithEffects
@@ -190,14 +190,14 @@ def test_a_form_that_fails_its_proof_is_left_out(
     # GIVEN a form in which ONNX and numpy differ, as they may where a network amplifies roundings
     chain, film = fitted()
     material = Material(base.path, gap_drives(), verify=gap_drives()[:1])
-    right = network.parity
+    right = network_parity.parity
 
     def parity(path: Path, model: NetworkWithEffects, drives: Sequence[Drive]) -> Parity:
         if model.form == wrong:
             raise ParityError("they differ")
         return right(path, model, drives)
 
-    monkeypatch.setattr(network, "parity", parity)
+    monkeypatch.setattr(network_parity, "parity", parity)
     # WHEN the film is added THEN the other form is taken, and no other file is left
     target = tmp_path / "model.onnx"
     new, form, added = choice.add(material, target, [[film]], None, chain, Options())
@@ -207,7 +207,7 @@ def test_a_form_that_fails_its_proof_is_left_out(
     assert list(tmp_path.iterdir()) == [new]
     # and with none that agrees nothing is
     monkeypatch.setattr(choice.network, "can_stand_before", lambda *_: wrong == BEFORE)
-    monkeypatch.setattr(network, "parity", _differ)
+    monkeypatch.setattr(network_parity, "parity", _differ)
     with pytest.raises(ParityError, match="they differ"):
         choice.add(material, tmp_path / "other.onnx", [[film]], None, chain, Options())
     assert list(tmp_path.iterdir()) == [new]
