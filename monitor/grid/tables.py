@@ -8,12 +8,12 @@ shipped one that its columns fit.
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from monitor.base.errors import RecordingError
-from monitor.base.signals import plausible_range
+from monitor.base.signals import OUTPUT, plausible_range
 from monitor.base.types import (
     BoolArray,
     FloatArray,
@@ -24,8 +24,14 @@ from monitor.base.types import (
     SampleBlock,
 )
 from monitor.frames.bounds import open_binary
-from monitor.frames.profiles.profile import is_profile, load_profile, path_of
-from monitor.frames.profiles.recognition import recognised
+from monitor.frames.profiles.profile import (
+    Profile,
+    is_profile,
+    load_profile,
+    path_of,
+    profile_of,
+)
+from monitor.frames.profiles.recognition import key, places, recognised
 from monitor.frames.profiles.signals import read_signals
 from monitor.frames.tables import own
 from monitor.frames.tables.parquet import read_parquet
@@ -101,13 +107,17 @@ def checked_columns(given: Path) -> Path:
 
 
 def read_table(
-    path: str | Path, columns: str | Path | None = None, further: Sequence[str] = ()
+    path: str | Path,
+    columns: str | Path | None = None,
+    further: Sequence[str] = (),
+    of_model: Mapping[str, Any] | None = None,
 ) -> Table:
     """Return the table in the file ``path``.
 
     columns : a columns map, or a profile; without it an own table's columns keep their names, and
         the profile of other files is recognised
     further : columns of a logger's file to read under their own names
+    of_model : tree of the profile in a model's card, for a logger's file that it fits
     Raises RecordingError naming file, line and column if the table is missing, empty, has cells
     that are no numbers, rows of another length or times that fall, or if no profile fits it.
     """
@@ -122,7 +132,7 @@ def read_table(
             f"{path}: not a table; 'o2train table' reads .mf4 and .mdf and writes .csv"
         )
     if given is not None and is_profile(given):
-        return _of_logger(open_table(path), given, further)
+        return _of_logger(open_table(path), load_profile(given), further)
     mapping = load_columns(given) if given is not None else None
     header = _own_header(path)
     if header and (mapping is not None or header[0] == TIME):
@@ -132,7 +142,7 @@ def read_table(
         notes = Notes()
         cells = np.concatenate(list(raw.read([Wanted(i) for i in range(len(raw.names))], notes)))
         return make_table(path, list(raw.names), cells, mapping, notes)
-    return _of_logger(raw, None, further)
+    return _of_logger(raw, _of_model(raw, of_model) or recognised(raw), further)
 
 
 def _own_header(path: Path) -> list[str] | None:
@@ -154,9 +164,19 @@ def is_logger_table(path: Path) -> bool:
     return (header or list(open_table(path).names))[:1] != [TIME]
 
 
-def _of_logger(raw: RawTable, given: Path | None, further: Sequence[str]) -> Table:
+def _of_model(raw: RawTable, tree: Mapping[str, Any] | None) -> Profile | None:
+    """Return the profile of a model's card if the table has its time and output, else None."""
+    if not tree:
+        return None
+    profile = profile_of(tree, Path("model.toml"))
+    there = places(raw.names)
+    needed = (profile.time, profile.signals.get(OUTPUT, ()))
+    fits = all(any(key(source.column) in there for source in sources) for sources in needed)
+    return profile if fits else None
+
+
+def _of_logger(raw: RawTable, profile: Profile | None, further: Sequence[str]) -> Table:
     """Return a logger's file as a table of canonical signals."""
-    profile = recognised(raw) if given is None else load_profile(given)
     if profile is None:
         names = [name for name in raw.names if name]
         shown = ", ".join(names[:_SHOWN]) + (", …" if len(names) > _SHOWN else "")

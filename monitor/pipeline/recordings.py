@@ -118,7 +118,8 @@ class RecordingReader:
 
     def _table(self, path: Path) -> OpenRecording:
         own = (*self._card.input_names, self._card.output.name)
-        table = read_table(path, self._columns, [name for name in own if name not in BY_NAME])
+        further = [name for name in own if name not in BY_NAME]
+        table = read_table(path, self._columns, further, self._card.profile)
         try:
             check_names(self._card, table.names)
         except RecordingError as error:

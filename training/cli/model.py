@@ -194,6 +194,7 @@ def run_fit(args: argparse.Namespace) -> int:
     recordings = load_all(args, args.recordings, args.period)
     check_each_once(recordings)
     result = _narx(args, recordings) if args.kind == "narx" else greybox.fit(args, recordings)
+    _keep_profile(args, result.path)
     warnings = (*_set_limits(result, recordings), *_set_reference(result, recordings))
     for warning in (*result.warnings, *warnings):
         print(f"o2train: warning: {warning}", file=sys.stderr)
@@ -260,6 +261,19 @@ def _narx(args: argparse.Namespace, recordings: "list[Recording]") -> "FitResult
             progress=bar.update,
             tried=bar.tried,
         )
+
+
+def _keep_profile(args: argparse.Namespace, path: Path) -> None:
+    """Write a given profile into the model card, so that the next log needs no option."""
+    from dataclasses import replace
+
+    from monitor.frames.profiles.profile import is_profile, load_profile, path_of, tree_of
+    from monitor.model.step import Model
+    from training.narx.export import update_card
+
+    if args.columns is not None and is_profile(path_of(args.columns)):
+        profile = tree_of(load_profile(path_of(args.columns)))
+        update_card(path, replace(Model.load(path).card, profile=profile))
 
 
 def _set_limits(result: "FitResult | GreyboxResult", recordings: "list[Recording]") -> list[str]:

@@ -148,10 +148,19 @@ def load_all(
     period_s : sample period of logs and, if set, of tables; None as in ``recording.load``
     Raises RecordingError or UsageError; the message names the file and the reason.
     """
+    from monitor.model.step import Model
     from training.recordings.recording import load
 
+    of_model = Model.load(args.model).card.profile if getattr(args, "model", None) else None
+
     def read(path: Path, period_s: float | None) -> "Recording":
-        return load(path, period_s=period_s, pairs=pairs_of(args), columns=args.columns)
+        return load(
+            path,
+            period_s=period_s,
+            pairs=pairs_of(args),
+            columns=args.columns,
+            of_model=of_model,
+        )
 
     found = [read(path, period_s) for path in paths]
     widest_ns = max((each.period_ns for each in found), default=0)

@@ -6,10 +6,10 @@ Logs and tables pass through the same code as in ``o2mon replay``.
 import hashlib
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -87,13 +87,15 @@ def load(
     period_s: float | None = None,
     pairs: Pairs | None = None,
     columns: str | Path | None = None,
+    of_model: Mapping[str, Any] | None = None,
 ) -> Recording:
     """Return the recording in ``path``, a CAN log or a table.
 
     names : the signals to read, in this order; None for all of them
     period_s : grid period; None is 100 ms for logs and a table's own if it is uniform
     pairs : pairs of DBC and signal map for logs, default the project's own ECU
-    columns : columns map for tables and measurement files
+    columns : columns map or profile for tables, columns map for measurement files
+    of_model : tree of the profile in a model's card, for a logger's file that it fits
     Raises RecordingError or SignalMapError naming the file and what is wrong.
     """
     path = Path(path)
@@ -105,7 +107,8 @@ def load(
     if is_measurement(path, columns):
         got, period_ns, block = _from_measurement(path, wanted, period_ns, columns)
     elif is_table(path):
-        table = read_table(path, columns, [n for n in wanted or () if n not in BY_NAME])
+        further = [n for n in wanted or () if n not in BY_NAME]
+        table = read_table(path, columns, further, of_model)
         check_rows(path, table.t_ns)
         profile, notes = table.profile, table.notes.lines
         got, period_ns, block = _from_table(table, wanted, period_ns)

@@ -34,6 +34,7 @@ _KEYS: Final = {"title", "based_on", "stoich_afr", "time", "recognise", "signals
 _SOURCE_KEYS: Final = {
     "column", "unit", "factor", "offset", "bit", "equals", "above", "words", "not", "pinned",
 }  # fmt: skip
+_SOURCE_NAMES: Final = {"units": "unit", "inverted": "not"}  # fields whose keys differ
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -129,7 +130,37 @@ def load_profile(path: Path) -> Profile:
 
     Raises ConfigError with file, key, what came and what was wanted.
     """
-    return _Reader(path).profile(read_toml(path, "the profile", ConfigError))
+    return profile_of(read_toml(path, "the profile", ConfigError), path)
+
+
+def profile_of(tree: Mapping[str, Any], path: Path) -> Profile:
+    """Return the profile of a TOML file's tree; raises ConfigError as ``load_profile``."""
+    return _Reader(path).profile(tree)
+
+
+def tree_of(profile: Profile) -> dict[str, Any]:
+    """Return the tree from which ``profile_of`` makes the profile again, without based_on."""
+    return {
+        "title": profile.title,
+        "stoich_afr": profile.stoich_afr,
+        "time": [_source_tree(source) for source in profile.time],
+        "signals": {
+            name: [_source_tree(source) for source in sources]
+            for name, sources in profile.signals.items()
+        },
+        "engine": {each.name: getattr(profile.engine, each.name) for each in fields(Engine)},
+    }
+
+
+def _source_tree(source: Source) -> dict[str, Any]:
+    plain = Source(column=source.column)
+    changed = {
+        _SOURCE_NAMES.get(each.name, each.name): getattr(source, each.name)
+        for each in fields(Source)
+        if getattr(source, each.name) != getattr(plain, each.name)
+    }
+    lists = {key: list(value) for key, value in changed.items() if isinstance(value, tuple)}
+    return {"column": source.column} | changed | lists
 
 
 class _Reader:

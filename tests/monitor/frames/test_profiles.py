@@ -1,5 +1,7 @@
 """Profiles: recognition, units, pinned values, derived signals, times, a logger of one's own."""
 
+import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +9,13 @@ import pytest
 
 from monitor.base.errors import ConfigError, RecordingError
 from monitor.base.types import Quality
-from monitor.frames.profiles.profile import load_profile, shipped, shipped_profile
+from monitor.frames.profiles.profile import (
+    load_profile,
+    profile_of,
+    shipped,
+    shipped_profile,
+    tree_of,
+)
 from monitor.frames.profiles.proposal import proposed
 from monitor.frames.profiles.recognition import recognised
 from monitor.frames.tables.readers import open_table
@@ -259,6 +267,13 @@ def test_a_profile_may_change_only_a_part_of_another(tmp_path: Path) -> None:
     table = read_table(msl(tmp_path / "a.msl"), mine)
     np.testing.assert_allclose(column(table, "lambda_measured"), D["afr"] / 9.0, rtol=1e-4)
     assert load_profile(mine).engine.injector_mg_per_ms == 6.0
+
+
+def test_a_profile_in_a_model_card_is_the_same_profile_again() -> None:
+    for name in shipped():
+        profile = shipped_profile(name)
+        again = profile_of(json.loads(json.dumps(tree_of(profile))), Path(f"{name}.toml"))
+        assert again == replace(profile, recognise=())
 
 
 @pytest.mark.parametrize(

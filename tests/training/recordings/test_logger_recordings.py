@@ -82,11 +82,14 @@ def test_logs_of_one_logger_at_different_rates_come_to_one_grid(tmp_path: Path) 
 def test_a_model_of_one_logger_s_columns_judges_its_next_log_without_a_word(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    # GIVEN two logs, and a model fitted to them without naming inputs
+    # GIVEN two logs, and a model fitted to them with a profile of one's own, without inputs
     logs = [cobb(tmp_path / f"{i}.csv", seed=i, n=3000) for i in range(2)]
+    mine = tmp_path / "mine.toml"
+    mine.write_text('based_on = "cobb"\nstoich_afr = 14.6\n')
     model = tmp_path / "m.onnx"
+    own = ("--profile", str(mine))
     small = ("--lags", "4", "--hidden", "4", "--starts", "1", "--budget", "0.1")
-    assert o2train(["fit", *map(str, logs), "--out", str(model), *small]) == 0
+    assert o2train(["fit", *map(str, logs), "--out", str(model), *small, *own]) == 0
     assert "inputs: air_mass_mg maf_kg_h manifold_pressure_kpa engine_speed_rpm (chosen" in (
         capsys.readouterr().out
     )
@@ -94,7 +97,7 @@ def test_a_model_of_one_logger_s_columns_judges_its_next_log_without_a_word(
     third = cobb(tmp_path / "third.csv", seed=9, n=3000)
     assert o2mon(["replay", str(third), "--model", str(model)]) in (0, 3)
     out = capsys.readouterr().out
-    assert "read with the profile cobb" in out
+    assert "read with the profile model" in out
     assert "FAULT" not in out
     # and a table in canonical columns is written on demand
     table = tmp_path / "third_canonical.csv"
