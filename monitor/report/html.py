@@ -140,6 +140,7 @@ def _recording(i: int, recording: Mapping[str, Any], output: str, opened: bool) 
         ("Paper’s rule", f"failed in {_many(n['paper'], 'window')}"),
         *_limits(recording.get("limits", {})),
         *_memory(recording.get("memory")),
+        *_logger(recording),
         ("File", f'<span class="wide">{_path(recording["path"])}</span>'),
         ("sha256", f'<code class="wide hash">{text(recording["sha256"])}</code>'),
     ]
@@ -158,6 +159,17 @@ def _recording(i: int, recording: Mapping[str, Any], output: str, opened: bool) 
         f"{_windows(recording)}"
         f'<div class="columns">{_enable(recording)}{_counters(recording)}</div></details>'
     )
+
+
+def _logger(recording: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return what a logger's file was read with, and its oddities."""
+    facts = []
+    if "profile" in recording:
+        facts.append(("Profile", f"<code>{text(recording['profile'])}</code>"))
+    if "notes" in recording:
+        notes = "; ".join(map(text, recording["notes"]))
+        facts.append(("Log", f'<span class="wide">{notes}</span>'))
+    return facts
 
 
 def _sentence(recording: Mapping[str, Any]) -> str:

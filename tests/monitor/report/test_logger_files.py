@@ -59,12 +59,14 @@ def test_a_logger_s_file_is_judged_like_the_same_drive_in_canonical_columns(
     found = {}
     # WHEN both are judged
     for path, more in ((own, ()), (log, ("--profile", str(profile)))):
-        code = cli.main(["replay", str(path), "--quiet", "--json", str(out), *more])
+        page = ("--html", str(path.with_suffix(".html")))
+        code = cli.main(["replay", str(path), "--quiet", "--json", str(out), *page, *more])
         found[path] = code, json.loads(out.read_text())["recordings"][0]
     # THEN the verdict is the same, window by window
     (code, canonical), (same_code, logged) = found.values()
     assert code == same_code == 0
     assert logged["profile"] == "drive"
+    assert "<code>drive</code>" in log.with_suffix(".html").read_text(encoding="utf-8")
     assert len(canonical["windows"]) == len(logged["windows"]) > 10
     means = [[w["mean"] for w in each["windows"]] for each in (canonical, logged)]
     np.testing.assert_allclose(means[0], means[1], atol=1e-5)
