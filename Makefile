@@ -6,7 +6,7 @@ DEMO    := .venv-demo
 HEALTHY  = $(firstword $(sort $(wildcard replay_logs/healthy_*)))
 FAULTY   = $(firstword $(sort $(wildcard replay_logs/delay_rich_to_lean_*)))
 
-.PHONY: help demo test whole check fast properties lint venv system bench matrix model calibration study replay_logs clean python
+.PHONY: help demo test whole check fast properties lint venv lock verify system bench matrix model calibration study replay_logs clean python
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z_]+:.*## / {printf "make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -47,6 +47,21 @@ lint: venv ## style, types and the direction of imports
 	$(VENV)/bin/lint-imports
 
 venv: $(VENV)/.installed ## the development environment in .venv
+
+# All hashes but torch's: torch comes as a build for one machine, with a hash of its own.
+lock: venv ## renew requirements-dev.lock from constraints.txt (needs uv)
+	@mkdir -p build && head -2 requirements-dev.lock > build/lock.head
+	grep -vE '^(#|torch==)' constraints.txt > build/pins.txt
+	uv pip compile --quiet --no-deps --universal --python-version 3.11 --generate-hashes --no-header --no-annotate \
+	  build/pins.txt -o build/pins.lock
+	cat build/lock.head build/pins.lock > requirements-dev.lock
+
+verify: | python ## make an environment of the locked files alone, in build/verify
+	rm -rf build/verify
+	$(PYTHON) -m venv build/verify
+	build/verify/bin/pip install --quiet --disable-pip-version-check --require-hashes --no-deps -r requirements-dev.lock
+	build/verify/bin/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	build/verify/bin/pip check
 
 bench: venv ## the benchmarks, those of logs and fleets on a small scale
 	@for call in replay_vs_plain_loop.py streaming.py batch.py free_run.py gap.py \

@@ -1,16 +1,30 @@
 """The installed wheel is complete, works outside the tree and needs no library of training."""
 
+import hashlib
+import json
 import os
+import re
 import shutil
 import subprocess
 import sys
+import tomllib
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
 
 from tests.conftest import ROOT
 
-SOURCES = ("pyproject.toml", "README.md", "LICENSE", "NOTICE", "monitor", "training", "dbc")
+SOURCES = (
+    "pyproject.toml",
+    "setup.py",
+    "README.md",
+    "LICENSE",
+    "NOTICE",
+    "monitor",
+    "training",
+    "dbc",
+)
 ABSENT = (
     *("training", "torch", "scipy", "numba", "polars", "pandas", "matplotlib", "onnx", "joblib"),
     "asammdf",  # python-can takes it where it is, and it brings pandas
@@ -62,6 +76,44 @@ def test_every_data_file_is_installed(installed: Path, folder: str, pattern: str
     wanted = {path.name for path in (ROOT / folder).glob(pattern)}
     assert wanted, f"{folder} has no {pattern}"
     assert {path.name for path in (installed / folder).glob(pattern)} == wanted
+
+
+def test_the_wheel_holds_a_bill_of_materials(installed: Path) -> None:
+    (path,) = installed.glob("o2_monitor-*.dist-info/sboms/o2-monitor.cdx.json")
+    bill = json.loads(path.read_text())
+    assert (bill["bomFormat"], bill["specVersion"]) == ("CycloneDX", "1.6")
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    own = bill["metadata"]["component"]
+    assert (own["name"], own["version"]) == (project["name"], project["version"])
+    # THEN it names each package that the runtime needs, and no other as needed
+    scopes = {each["name"]: each.get("scope") for each in bill["components"]}
+    wanted = {re.split("[<>=\\[]", line)[0] for line in project["dependencies"]}
+    assert {name for name, scope in scopes.items() if scope == "required"} == wanted
+    assert {"torch", "uPlot", "FASTSim drive cycles"} <= scopes.keys()
+    references = {each["bom-ref"] for each in bill["components"]}
+    (depends,) = bill["dependencies"]
+    assert set(depends["dependsOn"]) <= references
+    # and the contained files by their sha256
+    (plot,) = [each for each in bill["components"] if each["name"] == "uPlot"]
+    content = (ROOT / plot["properties"][0]["value"]).read_bytes()
+    assert plot["hashes"][0]["content"] == hashlib.sha256(content).hexdigest()
+
+
+def test_the_lock_file_has_hashes_of_every_pinned_package_but_torch() -> None:
+    pins = {line for line in (ROOT / "constraints.txt").read_text().split() if "==" in line}
+    lines = (ROOT / "requirements-dev.lock").read_text().splitlines()
+    locked = {line.split()[0] for line in lines if "==" in line}
+    assert {normal(pin) for pin in pins if not pin.startswith("torch==")} == set(
+        map(normal, locked)
+    )
+    for before, line in pairwise(lines):
+        if "==" in before:
+            assert re.match(r"    --hash=sha256:[0-9a-f]{64}", line), before
+
+
+def normal(pin: str) -> str:
+    name, version = pin.split("==")
+    return f"{re.sub('[-_.]+', '-', name).lower()}=={version}"
 
 
 def test_every_package_and_module_of_the_tree_is_installed(installed: Path) -> None:

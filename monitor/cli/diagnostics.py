@@ -25,6 +25,12 @@ def add_diagnostics(parser: argparse.ArgumentParser) -> None:
         help="identifier of the answers to testers: 7E9 to 7EF, 18DAF1xx, or none "
         "(default: 7E9; needs --transmit)",
     )
+    parser.add_argument(
+        "--security-key",
+        metavar="MODULE:FUNCTION",
+        help="before a tester may clear codes, it must answer a random seed with the key of this "
+        "function (UDS 0x27); also the name of an entry point",
+    )
     parser.add_argument("--vin", help="vehicle identification number that testers read")
     parser.add_argument(
         "--clear-while-running",
@@ -43,7 +49,7 @@ def diagnostics(
     """
     asked = args.diagnostics_id not in (None, _NONE)
     if not args.transmit:
-        if asked or args.vin or args.clear_while_running:
+        if asked or args.vin or args.clear_while_running or args.security_key:
             raise UsageError("diagnostics answers only with --transmit")
         return []
     if args.diagnostics_id == _NONE:
@@ -54,6 +60,7 @@ def diagnostics(
         tell(f"no diagnostics: {_MISSING}")
         return []
     from monitor import __version__
+    from monitor.bus.diagnostics.security import KeyAccess, key_of
     from monitor.bus.diagnostics.server import DEFAULT_RESPONSE_ID, Address, Diagnostics
     from monitor.bus.diagnostics.state import Identity, State
 
@@ -73,4 +80,6 @@ def diagnostics(
         running_rpm=config.plausibility.engine_running_rpm,
         clear_while_running=args.clear_while_running,
     )
+    if args.security_key:
+        state.access = KeyAccess(key_of(args.security_key))
     return [Diagnostics(state, Address.parse(args.diagnostics_id or DEFAULT_RESPONSE_ID))]

@@ -3,8 +3,8 @@
 import math
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import dataclass, field
+from typing import Final, Protocol
 
 from monitor.base.errors import UsageError
 from monitor.memory.dtc import DtcStore
@@ -47,6 +47,26 @@ class Identity:
         return f"{ascii_stem[:7]}-{self.model_sha256[:8]}"
 
 
+class Access(Protocol):
+    """Whether a tester may change anything; see ``security``."""
+
+    @property
+    def is_open(self) -> bool:
+        """Return whether it may."""
+
+    def lock(self) -> None:
+        """End the access with the session."""
+
+
+class Everybody:
+    """Access without a key."""
+
+    is_open: Final = True
+
+    def lock(self) -> None:
+        """Change nothing."""
+
+
 @dataclass(slots=True)
 class State:
     """Everything that an answer depends on.
@@ -63,7 +83,9 @@ class State:
     output: str
     running_rpm: float
     clear_while_running: bool = False
+    access: Access = field(default_factory=Everybody)
     session: int = DEFAULT_SESSION
+    now_s: float = 0.0  # of the loop's clock, at the latest request
     tick: Tick | None = None
     window: WindowJudged | None = None
     samples: int = 0
@@ -71,6 +93,11 @@ class State:
     windows: int = 0
     ignored_frames: int = 0  # frames over the accepted rate, or without a request
     failed_transfers: int = 0  # transfers of several frames that failed
+
+    def enter(self, session: int) -> None:
+        """Begin a session; access ends with the one before."""
+        self.session = session
+        self.access.lock()
 
     def push(self, event: Event) -> None:
         """Keep the latest sample and window, and count them."""

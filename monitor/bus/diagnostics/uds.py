@@ -1,4 +1,4 @@
-"""Unified diagnostic services of ISO 14229-1: 0x10, 0x14, 0x19, 0x22 and 0x3E."""
+"""Unified diagnostic services of ISO 14229-1: 0x10, 0x14, 0x19, 0x22, 0x27 and 0x3E."""
 
 from collections.abc import Callable, Iterable, Mapping
 from typing import Final
@@ -7,6 +7,7 @@ from monitor.base.errors import O2Error
 from monitor.bus.diagnostics.identifiers import IDENTIFIERS
 from monitor.bus.diagnostics.obd import POSITIVE, current_parameters
 from monitor.bus.diagnostics.parameters import encoded, unsigned
+from monitor.bus.diagnostics.security import DENIED, security_access
 from monitor.bus.diagnostics.state import DEFAULT_SESSION, EXTENDED_SESSION, RefusedError, State
 from monitor.bus.transmit import dtc_number
 from monitor.memory.dtc import CODES, TESTS, Dtc, Status
@@ -44,7 +45,7 @@ def _session(request: bytes, state: State) -> bytes | None:
     subfunction, is_silent = _subfunction(request, 2)
     if subfunction not in (DEFAULT_SESSION, EXTENDED_SESSION):
         raise RefusedError(SUBFUNCTION_NOT_SUPPORTED)
-    state.session = subfunction
+    state.enter(subfunction)
     return None if is_silent else bytes((request[0] + POSITIVE, subfunction)) + TIMING
 
 
@@ -61,6 +62,8 @@ def _clear(request: bytes, state: State) -> bytes:
     """Answer 0x14: clear the codes, in the extended session with the engine off."""
     if state.session != EXTENDED_SESSION:
         raise RefusedError(SERVICE_NOT_IN_SESSION)
+    if not state.access.is_open:
+        raise RefusedError(DENIED)
     _check_length(request, 4)
     if int.from_bytes(request[1:], "big") not in GROUPS:
         raise RefusedError(OUT_OF_RANGE)
@@ -205,5 +208,6 @@ SERVICES: Final[Mapping[int, Callable[[bytes, State], bytes | None]]] = {
     0x14: _clear,
     0x19: _codes,
     0x22: _read,
+    0x27: security_access,
     0x3E: _tester_present,
 }
