@@ -38,7 +38,7 @@ _PART: Final = (
 )
 # of the signal or of its message: an electric machine, other traffic, comfort
 _ELSEWHERE: Final = (
-    r"seat|sitz|massage|lane|\blka|\bldw|\blda\b|depart|radar|cruise|\bacc\b|\badr\b|hybrid|"
+    r"seat|sitz|massage|lane|\blka|\bldw|\blda\b|depart|radar|cruise|\bacc\b(?! pedal)|\badr\b|hybrid|"
     r"\bhyb\b|\bhv|\bev\b|\bem ?\d|\bmcu\b|motact|inverter|traction|\bdcdc\b|\bbms\b|electric|"
     r"elektr|charger|heater|heiz|htr|\btrack|\bobj|\blead\b"
 )
@@ -50,6 +50,7 @@ _ALLOWED: Final = {
     "sensor_ready": r"\bpre\b|valid|heiz",
     "closed_loop": r"enable|mode\b",
     "purge_duty_percent": r"cmd|command",
+    "vehicle_speed_km_h": r"\bbrk\b|\babs\b|\besp\b|\bdsc\b",  # the ECU that measures it
 }
 _HARMLESS_WORDS: Final = (  # of a name; they say nothing against the quantity
     "data info signal sig val value msr act actual cur current ist crct flt ext rng cst coast "
@@ -64,6 +65,7 @@ _UNIT_IN_NAME: Final = {
     "rotation": frozenset({"rpm"}),
     "speed": frozenset({"kph", "kmh", "mph"}),
 }
+_LEAST_RPM: Final = 5000.0  # every engine's signal reaches beyond
 _HIGHEST_RPM: Final = 20_000.0  # a range below it and above 4000 is in 1/min
 
 
@@ -72,6 +74,19 @@ def doubts(name: str, meaning: Meaning, message: Message, signal: Signal) -> Ite
     words = words_of(signal.name)
     yield from _by_name(name, meaning, message, words)
     yield from _by_unit(name, meaning, signal, words)
+    if name == "engine_speed_rpm" and not span(signal)[1] * _per_min(signal) > _LEAST_RPM:
+        yield f"its range ends at {span(signal)[1]:g}: no engine speed, or another unit"
+    if name == "vehicle_speed_km_h" and _is_bare(words) and unit_of(signal.unit) == unit_of("m/s"):
+        yield "any speed in m/s: perhaps of an object ahead"
+
+
+def _per_min(signal: Signal) -> float:
+    unit = unit_of(signal.unit)
+    return unit.factor if unit is not None and unit.dimension == "rotation" else 1.0
+
+
+def _is_bare(words: tuple[str, ...]) -> bool:
+    return not {"vehicle", "veh", "car", "fahrzeug"} & set(words)
 
 
 def _by_name(
@@ -93,6 +108,7 @@ def _by_name(
         yield "only its message or its comment says so"
         return
     known = _HARMLESS if meaning.is_flag else _HARMLESS | set(words_of(message.name))
+    rest = [w for w in rest if not re.fullmatch(allowed, w)]
     odd = [w for w in rest if w not in known and not _is_prefix(w, words)]
     if odd:
         yield f"its name says {odd[0]!r}, too"
@@ -136,7 +152,7 @@ def _is_plain_without_unit(
         if _UNIT_IN_NAME.get(dimension, frozenset()) & set(words):
             return True
     if "temperature" in meaning.dimensions:
-        return float(signal.offset) in _TEMPERATURE_OFFSETS and not signal.is_signed
+        return float(signal.offset) in _TEMPERATURE_OFFSETS
     if "rotation" in meaning.dimensions:
         return low >= 0.0 and 5000.0 < high <= _HIGHEST_RPM
     if name.startswith("lambda_"):

@@ -156,7 +156,7 @@ MEANINGS: Final[dict[str, Meaning]] = {
         "turbin oil clutch compressor wiper",
     ),
     "vehicle_speed_km_h": _meaning(
-        "vehicle speed 1.0, vehicle v 0.75, geschwindigkeit 0.9, speed 0.55",
+        "vehicle speed 1.0, vehicle v 0.75, geschwindigkeit 0.9, speed 0.65",
         {"speed": 1.0},
         (10.0, 120.0),
         never="engine eng motor rpm wheel rad fan luefter target soll set cruise limit gra acc "

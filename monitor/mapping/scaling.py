@@ -11,6 +11,8 @@ from monitor.mapping.vocabulary import Unit, unit_of, words_of
 
 STOICHIOMETRIC: Final = 14.7  # kg of air per kg of gasoline, the number of most AFR gauges
 GAUGE_KPA: Final = (90.0, 110.0)  # the atmosphere
+FILLERS: Final = (1.0, 255.0, 1023.0)  # that editors write where nobody states a range
+FILLER_BITS: Final = 10
 MIXTURE: Final = ("number", "ratio", "afr", "phi")
 PRESSURES: Final = (("MPa", 1000.0, 60.0), ("bar", 100.0, 600.0), ("kPa", 1.0, math.inf))
 PRESSURES_KPA: Final = (("bar", 100.0, 8.0), ("kPa", 1.0, 700.0), ("hPa", 0.1, math.inf))
@@ -69,7 +71,8 @@ def span(signal: Signal, *, declared: bool = True) -> tuple[float, float]:
     """
     if declared and signal.minimum is not None and signal.maximum is not None:
         low, high = float(signal.minimum), float(signal.maximum)
-        if low < high:
+        is_filler = low == 0.0 and high in FILLERS and signal.length > FILLER_BITS
+        if low < high and not is_filler:
             return low, high
     if signal.is_float:
         return -1e30, 1e30

@@ -76,7 +76,7 @@ CONCEPTS: Final[dict[str, str]] = {
 }
 
 _NOISE: Final = (  # words that tell no signal from another
-    "value val act actual ist istwert w l raw sig signal filt filtered abs absolute sensor sens "
+    "value val act actual actl ist istwert w l raw sig signal filt filtered abs absolute sensor sens "
     "ecu ecm pcm dme ems dde obd measured meas gemessen cur current est estimated calc msr x the "
     "of in at b1s1 b1 s1 bank sensor1 bank1 upstream us pre front vor vk vorkat precat primary "
     "status pct percent degc kpa bar rpm kmh kph commanded per and to u16 s16 u8 wert"
@@ -197,7 +197,7 @@ UNITS: Final[dict[Unit, str]] = {  # and the ways databases write them
     Unit("pressure", 0.1333224): "mmhg torr",
     Unit("pressure", 98.0665): "kgf/cm2 kg/cm2 at",
     Unit("temperature"): (
-        "degc c °c celsius gradc grad_c gradcelsius deg_c ºc grdc degrecelsi degreecelsius "
+        "degc c °c cel celsius gradc grad_c gradcelsius deg_c ºc grdc degrecelsi degreecelsius "
         "degreescelsius"
     ),
     Unit("temperature", 5 / 9, -160 / 9): "degf f °f fahrenheit deg_f ºf",
@@ -248,6 +248,14 @@ UNITS: Final[dict[Unit, str]] = {  # and the ways databases write them
 _UNIT_OF: Final = {written: unit for unit, names in UNITS.items() for written in names.split()}
 
 
+def _read_again(text: str) -> str:
+    """Return UTF-8 that was read as Windows text as it was meant."""
+    try:
+        return text.encode("cp1252").decode("utf-8")
+    except UnicodeError:
+        return text
+
+
 def unit_of(text: str | None) -> Unit | None:
     """Return the unit that a database writes, None if it writes none or an unfamiliar one.
 
@@ -258,6 +266,6 @@ def unit_of(text: str | None) -> Unit | None:
     >>> unit_of("furlong") is None
     True
     """
-    plain = re.sub(r"[\s\[\]]", "", (text or "").lower()).replace("unit_", "")
+    plain = re.sub(r"[\s\[\]]", "", _read_again(text or "").lower()).replace("unit_", "")
     plain = plain.replace("grad c", "degc").replace("\xba", "°")
     return _UNIT_OF.get(plain) or _UNIT_OF.get(plain.strip("()"))
