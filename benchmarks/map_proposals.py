@@ -39,7 +39,7 @@ def score(path: Path, label: dict[str, Any]) -> Score:
     _, proposals = make_map(database, path, notes=notes)
     stands = {c.name: c.place for c in proposals.found}
     possible = label.get("possible", {})
-    expected = {name: places for name, places in label.items() if name != "possible"}
+    expected = {name: places for name, places in label.items() if isinstance(places, list)}
     wrong = tuple(
         f"{name} = {place}"
         for name, place in stands.items()
@@ -54,12 +54,15 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--labels", type=Path, default=LABELS)
+    parser.add_argument("--set", type=int, default=2, help="set of labels (default: 2)")
     args = parser.parse_args()
     labels = tomllib.loads(args.labels.read_text())
     paths = {path.stem: path for path in args.folder.rglob("*.dbc")}
     warnings.simplefilter("ignore")
     scores = []
     for name, label in labels.items():
+        if label.get("set", 1) != args.set:
+            continue
         if name not in paths:
             print(f"{name}: not in {args.folder}", file=sys.stderr)
             continue

@@ -38,9 +38,9 @@ _PART: Final = (
 )
 # of the signal or of its message: an electric machine, other traffic, comfort
 _ELSEWHERE: Final = (
-    r"seat|sitz|massage|lane|\blka|\bldw|\blda\b|depart|radar|cruise|\bacc\b(?! pedal)|\badr\b|hybrid|"
-    r"\bhyb\b|\bhv|\bev\b|\bem ?\d|\bmcu\b|motact|inverter|traction|\bdcdc\b|\bbms\b|electric|"
-    r"elektr|charger|heater|heiz|htr|\btrack|\bobj|\blead\b"
+    r"seat|sitz|massage|lane|\blka|\bldw|\blda\b|depart|radar|cruise|\bacc\b(?! pedal)|\badr\b|"
+    r"hybrid|\bhyb\b|\bhv|\bev\b|\bem ?\d|\bmcu\b|motact|inverter|traction|\bdcdc\b|\bbms\b|"
+    r"electric|elektr|charger|heater|heiz|htr|\btrack|\bobj|\blead\b"
 )
 # what the quantity itself may say of these
 _ALLOWED: Final = {
@@ -56,7 +56,8 @@ _HARMLESS_WORDS: Final = (  # of a name; they say nothing against the quantity
     "data info signal sig val value msr act actual cur current ist crct flt ext rng cst coast "
     "ungef approx linear bordnetzbatter sensor snsr analog dig fast slow high hs ls obd crk no "
     "crankshaft fixed engine eng motor vehicle car ems ecm pcm x state on is has bit flag rate "
-    "inlet injector metering est estimated estimate"
+    "inlet injector metering est estimated estimate com clu real diag meas module mdule aout out "
+    "air int intake inj kombi vlt mph kph kmh"
 )
 _HARMLESS: Final = frozenset(_HARMLESS_WORDS.split())
 _PREFIX_LETTERS: Final = 4  # a name may begin with so short an abbreviation of its ECU
@@ -74,8 +75,11 @@ def doubts(name: str, meaning: Meaning, message: Message, signal: Signal) -> Ite
     words = words_of(signal.name)
     yield from _by_name(name, meaning, message, words)
     yield from _by_unit(name, meaning, signal, words)
-    if name == "engine_speed_rpm" and not span(signal)[1] * _per_min(signal) > _LEAST_RPM:
-        yield f"its range ends at {span(signal)[1]:g}: no engine speed, or another unit"
+    end = min(span(signal, declared=declared)[1] for declared in (False, True))
+    if name == "engine_speed_rpm" and end * _per_min(signal) <= _LEAST_RPM:
+        yield f"its range ends at {end:g}: no engine speed, or another unit"
+    if name.endswith("_pressure_kpa") and span(signal)[0] < 0.0:
+        yield f"its range begins at {span(signal)[0]:g}: a gauge pressure?"
     if name == "vehicle_speed_km_h" and _is_bare(words) and unit_of(signal.unit) == unit_of("m/s"):
         yield "any speed in m/s: perhaps of an object ahead"
 
@@ -107,9 +111,8 @@ def _by_name(
     if rest is None:
         yield "only its message or its comment says so"
         return
-    known = _HARMLESS if meaning.is_flag else _HARMLESS | set(words_of(message.name))
     rest = [w for w in rest if not re.fullmatch(allowed, w)]
-    odd = [w for w in rest if w not in known and not _is_prefix(w, words)]
+    odd = [w for w in rest if w not in _HARMLESS and not _is_prefix(w, words)]
     if odd:
         yield f"its name says {odd[0]!r}, too"
 
@@ -122,7 +125,7 @@ def _beside_message(meaning: Meaning, message: Message, words: tuple[str, ...]) 
 
 
 def _is_prefix(word: str, words: tuple[str, ...]) -> bool:
-    return word in words[:2] and len(word) <= _PREFIX_LETTERS
+    return word == words[0] and len(word) <= _PREFIX_LETTERS
 
 
 def _by_unit(name: str, meaning: Meaning, signal: Signal, words: tuple[str, ...]) -> Iterator[str]:

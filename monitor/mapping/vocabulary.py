@@ -76,9 +76,9 @@ CONCEPTS: Final[dict[str, str]] = {
 }
 
 _NOISE: Final = (  # words that tell no signal from another
-    "value val act actual actl ist istwert w l raw sig signal filt filtered abs absolute sensor sens "
-    "ecu ecm pcm dme ems dde obd measured meas gemessen cur current est estimated calc msr x the "
-    "of in at b1s1 b1 s1 bank sensor1 bank1 upstream us pre front vor vk vorkat precat primary "
+    "value val act actual actl ist istwert w l raw sig signal filt filtered abs absolute sensor "
+    "sens ecu ecm pcm dme ems dde obd measured meas gemessen cur current est estimated calc msr x "
+    "the of in at b1s1 b1 s1 bank sensor1 bank1 upstream us pre front vor vk vorkat precat primary "
     "status pct percent degc kpa bar rpm kmh kph commanded per and to u16 s16 u8 wert"
 )
 NOISE: Final = frozenset(_NOISE.split())
