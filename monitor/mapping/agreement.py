@@ -60,6 +60,8 @@ _HARMLESS_WORDS: Final = (  # of a name; they say nothing against the quantity
     "air int intake inj kombi vlt mph kph kmh"
 )
 _HARMLESS: Final = frozenset(_HARMLESS_WORDS.split())
+_ENGLISH: Final = frozenset({"rpm", "speed", "torque"})
+_SHORT: Final = 3  # letters of an abbreviation
 _PREFIX_LETTERS: Final = 4  # a name may begin with so short an abbreviation of its ECU
 _TEMPERATURE_OFFSETS: Final = (-40.0, -48.0, -50.0, -60.0)  # usual in degC, in no other unit
 _UNIT_IN_NAME: Final = {
@@ -102,7 +104,16 @@ def _by_name(
         if qualified := re.search(pattern, own):
             yield f"its name says {qualified[0].strip()!r}"
             return
-    if elsewhere := re.search(_ELSEWHERE, of_message):
+    if "motor" in words and _ENGLISH & set(words):
+        yield "its name says 'motor', which is an electric one in English"
+        return
+    if name == "engine_torque_nm" and not re.search(r"eng|mot|mo\b|\bmd", own):
+        yield "its name does not say that the torque is the engine's"
+        return
+    # an abbreviation says little: its message must not name another part of the car
+    is_short = max(map(len, words), default=0) <= _SHORT
+    about = f"{_ELSEWHERE}|{_PART}" if is_short else _ELSEWHERE
+    if elsewhere := re.search(about, of_message):
         yield f"its message {message.name} says {elsewhere[0].strip()!r}"
         return
     rest = unexplained(meaning.phrases, words)

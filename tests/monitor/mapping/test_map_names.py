@@ -332,3 +332,38 @@ def test_the_one_that_is_said_to_be_upstream_is_taken() -> None:
 )
 def test_what_only_resembles_is_not_proposed(signal: str, canonical: str) -> None:
     assert canonical not in found(database_of(signal))
+
+
+@pytest.mark.parametrize(
+    ("message", "signal"),
+    [
+        ("WHEEL_SPEEDS", 'FR (0.005,-100) [0|250] ""'),
+        ("Cruise", 'SET_SPEED (0.1,0) [0|250] "km/h"'),
+        ("TSK_07", 'TSK_Wunschgeschw (0.32,0) [0|327] "km/h"'),
+        ("Seat_Massage", 'SeatAmbientPressure (0.01,0) [0|600] "kPa"'),
+        ("LTA_RELATED", 'LDA_SA_TOGGLE (1,0) [0|1] ""'),
+        ("BAT11", 'BAT_SNSR_Invalid (1,0) [0|1] ""'),
+        ("EMS16", 'PRE_FUEL_CUT_IN (1,0) [0|1] ""'),
+        ("TCU12", 'FUEL_CUT_TCU (1,0) [0|1] ""'),
+        ("Motor_10", 'MO_rel_Saugrohrdruck (18,0) [0|1134] "mbar"'),
+        ("Motor_7", 'Ladedruck (0.01,0) [0|2.5] "bar"'),
+        ("CLU15", 'VehicleSpeed (1,0) [0|255] ""'),
+        ("DI_torque1", 'DI_motorRPM (1,0) [0|65535] "RPM"'),
+        ("DI_torque", 'DI_torqueActual (2,0) [0|8000] "Nm"'),
+        ("Hybrid_1", 'BatteryVoltage (0.2,0) [0|800] "V"'),
+        ("Radar_Object", 'Speed (0.07,0) [0|71] "km/h"'),
+        ("Manifold", 'EngMnfldPress (0.1,-206) [-206|600] "kPa"'),
+    ],
+)
+def test_a_signal_of_another_quantity_stays_a_comment_with_its_reason(
+    message: str, signal: str
+) -> None:
+    text, proposals = proposed(database_of(signal, message=message))
+    assert proposals.names == ()
+    lines = [line for line in text.splitlines() if "message =" in line]
+    assert all(line.startswith("#") for line in lines)
+
+
+def test_a_doubt_stands_beside_the_signal_that_it_keeps_a_comment() -> None:
+    text, _ = proposed(database_of('VehicleSpeed (1,0) [0|255] ""', message="CLU15"))
+    assert "# vehicle_speed_km_h: no unit is given" in text
