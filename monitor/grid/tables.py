@@ -32,7 +32,7 @@ from monitor.frames.profiles.profile import (
     profile_of,
 )
 from monitor.frames.profiles.recognition import key, places, recognised
-from monitor.frames.profiles.signals import read_signals
+from monitor.frames.profiles.signals import all_cells, read_signals
 from monitor.frames.tables import own
 from monitor.frames.tables.parquet import read_parquet
 from monitor.frames.tables.raw_table import Notes, RawTable, Wanted
@@ -140,7 +140,7 @@ def read_table(
     raw = open_table(path)
     if mapping is not None or raw.names[0] == TIME:
         notes = Notes()
-        cells = np.concatenate(list(raw.read([Wanted(i) for i in range(len(raw.names))], notes)))
+        cells = all_cells(raw, [Wanted(i) for i in range(len(raw.names))], notes)
         return make_table(path, list(raw.names), cells, mapping, notes)
     return _of_logger(raw, _of_model(raw, of_model) or recognised(raw), further)
 

@@ -94,7 +94,8 @@ def read_signals(raw: RawTable, profile: Profile, further: Sequence[str] = ()) -
     ]
     own = [_Choice(n, Source(column=n), there[key(n)]) for n in further if key(n) in there]
     notes = Notes()
-    cells = _cells(raw, (*times, *choices, *own), notes)
+    sources = (*times, *choices, *own)
+    cells = all_cells(raw, [Wanted(each.column, each.source.words) for each in sources], notes)
     time_s, wraps_s = _time(raw, times, cells)
     t_ns, rows = cleaned(time_s, wraps_s, notes)
     if not len(t_ns):
@@ -140,14 +141,16 @@ def _lives(name: str, cells: FloatArray) -> bool:
     return bool((known & (cells != 0.0)).any() if name in ALIVE else known.any())
 
 
-def _cells(raw: RawTable, choices: Sequence[_Choice], notes: Notes) -> FloatArray:
-    """Return all rows of the chosen columns, (n, n_choices)."""
-    wanted = [Wanted(each.column, each.source.words) for each in choices]
+def all_cells(raw: RawTable, wanted: Sequence[Wanted], notes: Notes) -> FloatArray:
+    """Return all rows of the wanted columns, (n, n_wanted).
+
+    Raises RecordingError if the file cannot be read or has no rows.
+    """
     try:
         blocks = list(raw.read(wanted, notes))
     except RecordingError:
         raise
-    except (OSError, EOFError, ValueError) as error:
+    except Exception as error:  # plug-ins' readers have no common base for their errors
         raise RecordingError(f"{raw.path}: cannot read it: {reason(error)}") from error
     if not blocks:
         raise RecordingError(f"{raw.path}: the log has no rows")

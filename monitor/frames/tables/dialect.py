@@ -146,7 +146,7 @@ def _columns(
 ) -> tuple[RawColumn, ...]:
     columns = []
     for i, cell in enumerate(names):
-        name, unit = cell.strip(), units[i].strip() if i < len(units) else ""
+        name, unit = _one_line(cell), _one_line(units[i]) if i < len(units) else ""
         found = [row[i] for row in sample[:_SAMPLE] if i < len(row) and not is_no_value(row[i])]
         kind, wraps_s = "number", 0.0
         if found and not any(is_number(text, comma=comma) for text in found):
@@ -155,6 +155,11 @@ def _columns(
             wraps_s = wrap_s(times[0]) if kind == "clock" else 0.0
         columns.append(RawColumn(name, unit, kind, wraps_s))  # type: ignore[arg-type]
     return tuple(columns)
+
+
+def _one_line(text: str) -> str:
+    """Return a name without line ends and other characters that cannot be printed."""
+    return "".join(letter for letter in " ".join(text.split()) if letter.isprintable())
 
 
 def name_and_unit(text: str) -> tuple[str, str]:

@@ -26,7 +26,7 @@ import numpy as np
 
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
-from monitor.frames.bounds import open_text
+from monitor.frames.bounds import open_binary, open_text
 from monitor.frames.tables.cells import clock, number
 from monitor.frames.tables.dialect import encoding_of
 from monitor.frames.tables.raw_table import DAY_S, Notes, RawColumn, RawTable, Wanted
@@ -48,7 +48,7 @@ TYPES: Final = {
 
 def is_haltech(path: Path) -> bool:
     """Return whether the file begins as a Haltech log does."""
-    with path.open("rb") as file:
+    with open_binary(path) as file:
         return MARK in file.read(64)
 
 
@@ -57,8 +57,8 @@ def open_haltech(path: Path) -> RawTable:
 
     Raises RecordingError if it describes no channel.
     """
-    with path.open("rb") as file:
-        encoding = encoding_of(file.read(1 << 16))
+    with open_binary(path) as binary:
+        encoding = encoding_of(binary.read(1 << 16))
     columns = [RawColumn("Time", "", "clock", DAY_S)]
     steps = [1.0]
     with open_text(path, encoding, errors="replace") as file:

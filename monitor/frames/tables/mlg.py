@@ -115,7 +115,7 @@ def _wanted_bytes(path: Path, file: BinaryIO, n: int) -> bytes:
 
 def _scalar(entry: bytes, dtype: str) -> _Field:
     scale, transform = struct.unpack_from(">ff", entry, 46)
-    return _Field(_text(entry[1:35]), _text(entry[35:45]), dtype, _exact(scale), transform)
+    return _Field(_name(entry[1:35]), _name(entry[35:45]), dtype, _exact(scale), transform)
 
 
 def _exact(scale: float) -> float:
@@ -137,9 +137,9 @@ def _bits(entry: bytes, dtype: str, names: _Names) -> list[_Field]:
     """Return one field per bit that has a name."""
     (index,), count = struct.unpack_from(">I", entry, 46), entry[50]
     own = names.of(index, min(count, 8 * np.dtype(dtype).itemsize))
-    group = _text(entry[1:35])
+    group = _name(entry[1:35])
     return [
-        _Field(f"{group}: {_text(name)}", "", dtype, 1.0, 0.0, bit)
+        _Field(f"{group}: {_name(name)}", "", dtype, 1.0, 0.0, bit)
         for bit, name in enumerate(own)
         if name and _text(name) != "INVALID"
     ] or [_Field(group, "", dtype, 1.0, 0.0)]
@@ -151,6 +151,11 @@ def _text(data: bytes) -> str:
         return text.decode("utf-8").strip()
     except UnicodeDecodeError:
         return text.decode("cp1252", errors="replace").strip()
+
+
+def _name(data: bytes) -> str:
+    """Return a field's name or unit, without characters that cannot be printed."""
+    return "".join(letter for letter in _text(data) if letter.isprintable())
 
 
 def _read(
