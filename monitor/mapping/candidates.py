@@ -44,6 +44,7 @@ class Candidate:
     is_phi: bool = False  # the signal is 1 / lambda
     blocked: str = ""  # the reason why it is never proposed, only shown
     doubts: tuple[str, ...] = ()  # why it stays a comment until a person confirms it
+    interval_s: float | None = None  # between two values in the recording, 95 % are shorter
     is_stated: bool = False  # the database says that its sensor is the upstream one
 
     @property

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from cantools.database.can import Message, Signal
+from cantools.database.can import Database, Message, Signal
 
 from monitor.base.errors import SignalMapError
 from monitor.base.signals import plausible_range
@@ -16,6 +16,7 @@ from monitor.base.types import FloatArray, Frame
 from monitor.decode.bus_map import BusMap, Channel
 from monitor.decode.checksum import ALGORITHMS, payload_checksum
 from monitor.decode.decoder import Decoder
+from monitor.decode.parameter_groups import group_of, is_any_source
 from monitor.decode.raw_values import bit_position
 from monitor.decode.signal_map import Integrity, MappedSignal
 from monitor.mapping.candidates import Candidate
@@ -61,7 +62,7 @@ class Observed:
     """The candidates' values and their messages' frames in a recording."""
 
     series: Mapping[tuple[str, str, str], Series]  # canonical name, message, signal
-    payloads: Mapping[tuple[int, bool], list[bytes]]  # identifier, 29 bits or not
+    payloads: Mapping[str, list[bytes]]  # by message name
 
     def series_of(self, candidate: Candidate) -> Series | None:
         """Return the values of a candidate, None if it cannot be decoded."""
@@ -69,7 +70,7 @@ class Observed:
 
     def frames_of(self, message: Message) -> list[bytes]:
         """Return the payloads of a message in their order."""
-        return self.payloads.get((message.frame_id, message.is_extended_frame), [])
+        return self.payloads.get(message.name, [])
 
     def reranked(self, ranked: Mapping[str, Sequence[Candidate]]) -> dict[str, list[Candidate]]:
         """Return the candidates as the recording bears them out, the likeliest first."""
@@ -90,7 +91,10 @@ class Observed:
 
 
 def observe(
-    frames: Iterable[Frame], ranked: Mapping[str, Sequence[Candidate]], dbc: Path
+    frames: Iterable[Frame],
+    ranked: Mapping[str, Sequence[Candidate]],
+    dbc: Path,
+    database: Database,
 ) -> Observed:
     """Return the values of the likeliest candidates that can be decoded."""
     candidates: list[Candidate] = []
@@ -99,23 +103,24 @@ def observe(
         key = f"c{len(candidates)}"
         message, signal = candidate.message, candidate.signal
         mapped = MappedSignal(key, message.name, signal.name)
-        channel = Channel(mapped, message, signal, Integrity(), dbc, dbc)
+        any_source = is_any_source(message, database)
+        channel = Channel(mapped, message, signal, Integrity(), dbc, dbc, any_source)
         try:
             _decoder({key: channel}, dbc)
         except (SignalMapError, ValueError, OverflowError):
             continue
         candidates.append(candidate)
         channels[key] = channel
-    payloads: dict[tuple[int, bool], list[bytes]] = {
-        (c.message.frame_id, c.message.is_extended_frame): [] for c in candidates
-    }
+    payloads: dict[str, list[bytes]] = {c.message.name: [] for c in candidates}
+    kept = {_key(c): payloads[c.message.name] for c in channels.values()}
     t_s: list[list[float]] = [[] for _ in candidates]
     values: list[list[float]] = [[] for _ in candidates]
     decoder, first_ns = _decoder(channels, dbc), None
     for _, frame in zip(range(MOST_FRAMES), frames, strict=False):
         first_ns = frame.t_ns if first_ns is None else first_ns
-        if (kept := payloads.get((frame.can_id, frame.is_extended))) is not None:
-            kept.append(frame.data)
+        for place in ((frame.can_id, frame.is_extended), _group(frame)):
+            if place in kept:
+                kept[place].append(frame.data)
         for index, value in zip(*(decoder.push(frame) or ((), ())), strict=True):
             t_s[index].append((frame.t_ns - first_ns) / 1e9)
             values[index].append(value)
@@ -124,6 +129,18 @@ def observe(
         for c, at, raw in zip(candidates, t_s, values, strict=True)
     }
     return Observed(series, payloads)
+
+
+def _key(channel: Channel) -> tuple[int, bool | None]:
+    """Return what tells the frames of a message: identifier, or parameter group and None."""
+    message = channel.message
+    if channel.any_source:
+        return group_of(message.frame_id), None
+    return message.frame_id, message.is_extended_frame
+
+
+def _group(frame: Frame) -> tuple[int, bool | None]:
+    return (group_of(frame.can_id), None) if frame.is_extended else (-1, None)
 
 
 def _decoder(channels: dict[str, Channel], dbc: Path) -> Decoder:
@@ -143,6 +160,9 @@ def _judged(candidate: Candidate, observed: Observed) -> Candidate:
         came = series is not None and observed.frames_of(candidate.message)
         lack = "never carries a value" if came else "lacks its message"
         return candidate.judged(f"the recording {lack}", 0.3)
+    if len(series.t_s) >= FEW:
+        interval_s = float(np.percentile(np.diff(series.t_s), 95.0))
+        candidate = replace(candidate, interval_s=interval_s)
     good = series.values[np.isfinite(series.values)]
     low, high = plausible_range(candidate.name)
     inside = good[(good >= low) & (good <= high)]

@@ -5,10 +5,11 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
-from cantools.database.can import Database, Message
+from cantools.database.can import Database
 
 from monitor.decode.checksum import ALGORITHMS
 from monitor.frames.logs import read_frames
+from monitor.judge.causes import timeout_of
 from monitor.mapping.candidates import Candidate, ranked
 from monitor.mapping.proposal import NOTHING, Proposal, Proposals, propose
 from monitor.mapping.recording import Protection, observe, protections
@@ -35,7 +36,7 @@ def make_map(
     Raises RecordingError if the log cannot be read.
     """
     candidates = ranked(database)
-    observed = observe(read_frames(log), candidates, dbc) if log else None
+    observed = observe(read_frames(log), candidates, dbc, database) if log else None
     if observed:
         candidates = observed.reranked(candidates)
     proposals = propose(candidates, cylinders)
@@ -146,15 +147,18 @@ def _entry(name: str, candidate: Candidate) -> str:
         parts.append(f"factor = {_number(candidate.factor)}")
     if candidate.offset != 0.0:
         parts.append(f"offset = {_number(candidate.offset)}")
-    parts.append(f"timeout_s = {_timeout_s(message)!r}")
+    parts.append(f"timeout_s = {_timeout_s(candidate)!r}")
     return f"{name} = {{ {', '.join(parts)} }}"
 
 
-def _timeout_s(message: Message) -> float:
-    """Return how old a value of the message may be: five cycles, at least 0.3 s.
+def _timeout_s(candidate: Candidate) -> float:
+    """Return how old a value may be: by the recording, else five cycles of the message.
 
-    3 s for answers to requests, 0.5 s where the database states no cycle.
+    At least 0.3 s; 3 s for answers to requests, 0.5 s where the database states no cycle.
     """
+    message = candidate.message
+    if candidate.interval_s is not None:
+        return timeout_of(candidate.interval_s)
     if message.cycle_time:
         return round(max(5 * message.cycle_time / 1000, 0.3), 3)
     return 3.0 if message.is_multiplexed() else 0.5

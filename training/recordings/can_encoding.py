@@ -24,6 +24,7 @@ def encode_message(
     values: Mapping[str, FloatArray],
     n: int,
     first_count: int = 0,
+    count_step: int = 1,
 ) -> Payloads:
     """Return the payloads of ``n`` frames of one message, shape (n, message.length).
 
@@ -31,7 +32,8 @@ def encode_message(
     integrity : counter, checksum and the raw value that says not available
     values : physical values (n,) of its signals; NaN or a missing signal is sent as not available,
         or as 0 where the message has no such value; values beyond the range saturate
-    first_count : alive counter of the first frame; it counts up frame by frame
+    first_count : alive counter of the first frame
+    count_step : by which it counts up from frame to frame
     Raises SignalMapError if the message cannot be encoded or lacks a signal.
     """
     if message.length > 8:
@@ -45,7 +47,7 @@ def encode_message(
         if name == integrity.checksum:
             continue
         if name == integrity.counter:
-            raw = (first_count + np.arange(n, dtype=np.int64)) % (1 << signal.length)
+            raw = (first_count + count_step * np.arange(n, dtype=np.int64)) % (1 << signal.length)
         elif not _is_sent(signal, signals, values):
             continue
         else:

@@ -31,46 +31,77 @@ DEFAULT_CYCLE_NS: Final = 20_000_000
 
 @dataclass(frozen=True, slots=True)
 class Outgoing:
-    """One message of a bus map with the canonical signals that it carries."""
+    """One message of a bus map with the canonical signals that it carries.
+
+    A multiplexed message is several: its groups of signals are sent in turn.
+    """
 
     message: Message
     integrity: Integrity
     channels: tuple[Channel, ...]
+    switches: tuple[tuple[str, int], ...] = ()  # multiplexers with their raw values
+    turn: int = 0  # of the group among those of its message
+    n_turns: int = 1
 
     @property
     def cycle_ns(self) -> int:
-        """Return its cycle time, 20 ms where the DBC gives none."""
+        """Return its cycle time; the message's is 20 ms where the DBC gives none."""
+        return self._own_cycle_ns * self.n_turns
+
+    @property
+    def first_ns(self) -> int:
+        """Return the time of its first frame after the first row."""
+        return self._own_cycle_ns * self.turn
+
+    @property
+    def _own_cycle_ns(self) -> int:
         cycle_ms = self.message.cycle_time
         return round(cycle_ms * 1_000_000) if cycle_ms else DEFAULT_CYCLE_NS
 
-    def encode(self, values: Mapping[str, FloatArray], n: int, first_count: int = 0) -> Payloads:
+    def encode(self, values: Mapping[str, FloatArray], n: int) -> Payloads:
         """Return ``n`` payloads, (n, length), from canonical values, each (n,); NaN is missing."""
-        physical = {
+        physical: dict[str, FloatArray] = {
             channel.signal.name: (values[channel.mapped.name] - channel.mapped.offset)
             / channel.mapped.factor
             for channel in self.channels
             if channel.mapped.name in values
         }
-        return encode_message(self.message, self.integrity, physical, n, first_count)
+        for name, raw in self.switches:
+            signal = self.message.get_signal_by_name(name)
+            physical[name] = np.full(n, raw * float(signal.scale) + float(signal.offset))
+        return encode_message(self.message, self.integrity, physical, n, self.turn, self.n_turns)
 
 
 def outgoing(bus_map: BusMap) -> tuple[Outgoing, ...]:
-    """Return the messages that carry the mapped signals, in the order of their identifiers.
-
-    Raises SignalMapError if a message is multiplexed: it answers requests and is not broadcast.
-    """
-    groups: dict[str, list[Channel]] = {}
+    """Return the messages that carry the mapped signals, in the order of their identifiers."""
+    messages: dict[str, list[Channel]] = {}
     for channel in bus_map.channels.values():
-        if channel.message.is_multiplexed():
-            raise SignalMapError(
-                f"{channel.map_path}: message {channel.message.name} is multiplexed "
-                "and cannot be broadcast"
-            )
-        groups.setdefault(channel.message.name, []).append(channel)
-    found = [
-        Outgoing(group[0].message, group[0].integrity, tuple(group)) for group in groups.values()
-    ]
+        messages.setdefault(channel.message.name, []).append(channel)
+    found = [each for channels in messages.values() for each in _turns(channels)]
     return tuple(sorted(found, key=lambda each: each.message.frame_id))
+
+
+def _turns(channels: Sequence[Channel]) -> list[Outgoing]:
+    """Return what is sent of one message: the groups of its signals, one for each switch."""
+    message, integrity = channels[0].message, channels[0].integrity
+    groups: dict[tuple[tuple[str, int], ...], list[Channel]] = {}
+    for channel in channels:
+        groups.setdefault(_switches(channel), []).append(channel)
+    always = groups.pop((), []) if len(groups) > 1 else []
+    return [
+        Outgoing(message, integrity, (*always, *group), switches, turn, len(groups))
+        for turn, (switches, group) in enumerate(groups.items())
+    ]
+
+
+def _switches(channel: Channel) -> tuple[tuple[str, int], ...]:
+    """Return the multiplexers above a signal with the raw values under which it comes."""
+    found, signal = [], channel.signal
+    while signal.multiplexer_signal is not None:
+        ids = signal.multiplexer_ids or [0]
+        found.append((signal.multiplexer_signal, int(ids[0])))
+        signal = channel.message.get_signal_by_name(signal.multiplexer_signal)
+    return tuple(found)
 
 
 def block_of(message: Message, times_ns: IntArray, payloads: Payloads) -> FrameBlock:
@@ -125,7 +156,8 @@ def broadcast(
     row_ns = int(np.median(np.diff(t_ns))) if len(t_ns) > 1 else DEFAULT_CYCLE_NS
     blocks = []
     for each in messages:
-        times_ns = np.arange(first_ns, int(t_ns[-1]) + row_ns, each.cycle_ns, dtype=np.int64)
+        begin_ns = first_ns + each.first_ns
+        times_ns = np.arange(begin_ns, int(t_ns[-1]) + row_ns, each.cycle_ns, dtype=np.int64)
         rows = np.searchsorted(t_ns, times_ns, side="right") - 1
         held = {name: column[rows] for name, column in values.items() if name in wanted}
         payloads = each.encode(held, len(times_ns))

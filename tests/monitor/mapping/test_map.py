@@ -117,6 +117,17 @@ def test_a_recording_decides_between_two_controllers(tmp_path: Path) -> None:
     assert "lacks its message" in text
 
 
+def test_a_recording_sets_how_old_a_value_may_be(tmp_path: Path) -> None:
+    # GIVEN a pressure that is sent once a second, and a database that states no cycle
+    database = database_of('MAP (1,0) [0|250] "kPa"', length=8)
+    assert "timeout_s = 0.5 " in proposed(database)[0]
+    log = tmp_path / "slow.log"
+    payloads = [(40 + k).to_bytes(8, "little").hex().upper() for k in range(60)]
+    log.write_text("".join(f"({k:.6f}) can0 100#{x}\n" for k, x in enumerate(payloads)))
+    # THEN the recording sets the time
+    assert "timeout_s = 3.0 " in proposed(database, log=log)[0]
+
+
 def test_a_recording_finds_out_a_unit_that_is_wrong(tmp_path: Path) -> None:
     # GIVEN a pressure that the database gives in kPa, but that is sent in hPa
     database = database_of('MAP (1,0) [0|2500] "kPa"', length=8)
@@ -251,7 +262,7 @@ def test_no_recording_upsets_it(
         for k, payload in enumerate(payloads * 5)
     ]
     found = ranked(database)
-    observed = observe(frames, found, Path("x.dbc"))
+    observed = observe(frames, found, Path("x.dbc"), database)
     proposals = propose(observed.reranked(found))
     guarded = observed.protections(protections(database.messages))
     text = map_text(proposals, Path("x.dbc"), Path("x.log"), guarded)

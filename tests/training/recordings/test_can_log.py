@@ -129,10 +129,25 @@ def test_a_map_without_the_tables_signals_is_refused() -> None:
         broadcast(ECU, T_NS, {"other": np.zeros(50)})
 
 
-def test_answers_are_not_broadcast() -> None:
+def test_the_groups_of_a_multiplexed_message_are_sent_in_turn_and_read_back() -> None:
+    # GIVEN a database with all signals in one message that its multiplexers switch
     obd = load_pairs([(dbc.path("obd2.dbc"), dbc.path("obd2.toml"))])
-    with pytest.raises(SignalMapError, match="multiplexed"):
-        outgoing(obd)
+    values = {"coolant_temperature_degc": 85.0, "engine_speed_rpm": 2000.0, "maf_kg_h": 72.0}
+    table = {name: np.full(50, value) for name, value in values.items()}
+    # WHEN a table is sent
+    frames = list(broadcast(obd, T_NS, table).frames())
+    # THEN every frame carries one group, and each value comes back
+    decoder, seen = Decoder(obd, tuple(values)), dict.fromkeys(values, 0)
+    for frame in frames:
+        for index, value in zip(*(decoder.push(frame) or ((), ())), strict=True):
+            name = decoder.channels[index]
+            assert value == pytest.approx(values[name], abs=0.5)
+            seen[name] += 1
+    assert min(seen.values()) > 10
+    groups = outgoing(obd)
+    assert len(groups) > 10
+    assert {each.n_turns for each in groups} == {len(groups)}
+    assert max(seen.values()) * len(groups) <= len(frames) + len(groups)
 
 
 @pytest.mark.parametrize("name", ["drive.txt", "drive.blf.gz", "missing/drive.log"])
