@@ -39,15 +39,14 @@ class Outcome:
     cpu_s: float
     peak_mb: float  # of resident memory, with what the parent had
 
-    @property
-    def complaints(self) -> list[str]:
+    def complaints(self, most_mb: float) -> list[str]:
         """Return which promises a command broke."""
         found = []
         if self.code not in ALLOWED:
             found.append("crash" if self.code < 0 else f"exit {self.code}")
         if min(self.wall_s, self.cpu_s) > HANG_S:
             found.append("hang")
-        if self.peak_mb > MOST_MB:
+        if self.peak_mb > most_mb:
             found.append("memory")
         if self.code == 2 and not self.last_line.startswith(("o2mon: ", "o2train: ")):
             found.append("no last line")
@@ -58,6 +57,7 @@ class Outcome:
 class Tally:
     """Counts over many calls."""
 
+    most_mb: float = MOST_MB
     calls: int = 0
     codes: Counter[int] = field(default_factory=Counter)
     complaints: Counter[str] = field(default_factory=Counter)
@@ -70,7 +70,7 @@ class Tally:
         self.codes[outcome.code] += 1
         self.longest_s = max(self.longest_s, min(outcome.wall_s, outcome.cpu_s))
         self.peak_mb = max(self.peak_mb, outcome.peak_mb)
-        broken = outcome.complaints
+        broken = outcome.complaints(self.most_mb)
         self.complaints.update(broken)
         return broken
 

@@ -29,6 +29,7 @@ from monitor.base.inputs import as_number, in_words, read_toml
 from monitor.decode.checksum import ALGORITHMS
 
 DEFAULT_TIMEOUT_S: Final = 0.5
+LONGEST_TIMEOUT_S: Final = 1e6  # eleven days
 _NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
 
 
@@ -159,9 +160,10 @@ class _Reader:
             self._known(entry, place, {"message", "signal", "factor", "offset", "timeout_s"})
             timeout_s = self._number(entry, "timeout_s", place, DEFAULT_TIMEOUT_S)
             factor = self._number(entry, "factor", place, 1.0)
-            if timeout_s <= 0.0 or factor == 0.0:
+            if not 0.0 < timeout_s <= LONGEST_TIMEOUT_S or factor == 0.0:
                 raise SignalMapError(
-                    f"{self.path}: [{place}] wants timeout_s above 0 and a factor other than 0"
+                    f"{self.path}: [{place}] wants timeout_s above 0 and at most "
+                    f"{LONGEST_TIMEOUT_S:g}, and a factor other than 0"
                 )
             result[name] = MappedSignal(
                 name=name,

@@ -14,6 +14,7 @@ from typing import Final
 from cantools.database.can import Message, Signal
 
 from monitor.base.errors import SignalMapError
+from monitor.base.inputs import in_words
 from monitor.frames.candump import MAX_BYTES
 
 MOST_BYTES: Final = 64 << 20  # of a database file; large ones of whole vehicles have 10 MB
@@ -22,14 +23,36 @@ MOST_BITS: Final = 64  # of a signal
 _FLOATS: Final = (16, 32, 64)
 _IDENTIFIERS: Final = {False: 1 << 11, True: 1 << 29}
 _RANGES: Final = re.compile(rb"^SG_MUL_VAL_\s+(\d+)\s+(\w+)\s+\w+\s+([^;\n]*);", re.MULTILINE)
+# Sizes and places of millions, which cantools would turn into as many parts of a format.
+_MILLIONS: Final = rb"-?0*[1-9]\d{6,}"
+_SIZES: Final = {
+    ".dbc": re.compile(
+        rb"\bSG_\s+(?P<name>\w+)[^:\n]*:\s*(?:\d+\s*\|\s*)?(?P<n>%b)\s*[|@]|"
+        rb"\bBO_\s+\d+\s+(?P<message>\w+)\s*:\s*(?P<bytes>%b)\s" % (_MILLIONS, _MILLIONS)
+    ),
+    ".kcd": re.compile(rb"\b(?P<name>offset|length|count)\s*=\s*[\"'](?P<n>%b)" % _MILLIONS),
+    ".sym": re.compile(
+        rb"^\s*(?P<name>Len|Mux|Var|Sig)\s*=(?:[^\n]*[\s,])??(?P<n>%b)\b" % _MILLIONS, re.MULTILINE
+    ),
+    ".arxml": re.compile(rb"<(?P<name>LENGTH|START-POSITION)>\s*(?P<n>%b)" % _MILLIONS),
+}
 _RANGE: Final = re.compile(rb"(\d+)-\s*(\d+)")
 
 
 def check_text(path: Path, content: bytes) -> None:
-    """Raise SignalMapError for a range of multiplexer values that no memory would hold.
+    """Raise SignalMapError for numbers with which the parser would take minutes or all memory.
 
-    The parser writes every value of a range into a list, so this comes before the parser.
+    The parser writes every multiplexer value of a range into a list, and makes a format of every
+    signal; so this comes before the parser.
     """
+    sizes = _SIZES.get(path.suffix.lower())
+    if sizes and (found := sizes.search(content)):
+        groups = {key: text.decode() for key, text in found.groupdict().items() if text}
+        name = groups.get("name") or groups.get("message")
+        n = groups.get("n") or groups.get("bytes", "")
+        raise SignalMapError(
+            f"{path}: {name} has a size or place of {in_words(n)}, less than a million is wanted"
+        )
     for message, signal, ranges in _RANGES.findall(content):
         n = 0
         for first, last in _RANGE.findall(ranges):

@@ -65,7 +65,7 @@ def check_ratio(packed: int, unpacked: int, ratio: int = RATIO) -> None:
     """Raise BoundError if so many bytes do not come of a packed log."""
     if unpacked > max(FREE_BYTES, ratio * packed):
         raise BoundError(
-            f"{packed:,} packed bytes grow to more than {unpacked:,}, "
+            f"{packed:,} bytes of the file grow to more than {unpacked:,}, "
             f"at most {ratio} times as many are wanted"
         )
 

@@ -15,11 +15,17 @@ import numpy as np
 
 from monitor.base.types import FrameBlock
 from monitor.frames.blocks import EXTENDED, FRAMES, chosen, joined
+from monitor.frames.bounds import TABLE_RATIO, check_ratio
 from monitor.frames.candump import LATEST_S, MAX_BYTES, LogCounters
 
 _BUS_EVENT: Final = 2  # flag of channel groups with bus events
 _BLOCK_HEADER: Final = struct.Struct("<4s4xQQ")  # id, length, number of links
 _FIRST_BLOCK: Final = 64  # byte after the identification
+_FIELDS: Final = 32  # bytes of a block after its links that are looked at
+_CHANNEL_GROUP: Final = struct.Struct("<QQH6xII")  # record id, records, flags, sizes
+_VARIABLE_LENGTH: Final = 1  # flag of a channel group
+_PACKED: Final = struct.Struct("<8xQ")  # unpacked bytes
+_IN_LISTS: Final = (b"DG", b"CG", b"CN", b"FH", b"CH", b"DL", b"AT", b"EV")  # by first link
 
 
 def check(file: IO[bytes]) -> None:
@@ -32,6 +38,7 @@ def check(file: IO[bytes]) -> None:
     if file.read(1) != b"4":
         raise ValueError("an MDF file of a version before 4")
     size = file.seek(0, 2)
+    blocks = _Blocks(size)
     seen: set[int] = set()
     waiting = [_FIRST_BLOCK]
     while waiting:
@@ -43,14 +50,47 @@ def check(file: IO[bytes]) -> None:
         head = file.read(_BLOCK_HEADER.size)
         if len(head) < _BLOCK_HEADER.size:
             raise ValueError(f"the file ends before its block at byte {address}")
-        name, length, links = _BLOCK_HEADER.unpack(head)
-        if name[:2] != b"##" or length < _BLOCK_HEADER.size + 8 * links:
+        name, length, n_links = _BLOCK_HEADER.unpack(head)
+        if name[:2] != b"##" or length < _BLOCK_HEADER.size + 8 * n_links:
             raise ValueError(f"no MDF block at byte {address}")
         if address + length > size:
             raise ValueError(f"the block at byte {address} ends too early")
-        waiting.extend(
-            target for (target,) in struct.iter_unpack("<Q", file.read(8 * links)) if target
-        )
+        links = [target for (target,) in struct.iter_unpack("<Q", file.read(8 * n_links))]
+        blocks.add(name[2:], links, file.read(_FIELDS))
+        waiting.extend(target for target in links if target)
+
+
+class _Blocks:
+    """Bounds on what the blocks of a file announce: the libraries believe it.
+
+    size : bytes of the file
+    """
+
+    def __init__(self, size: int) -> None:
+        self._size = size
+        self._unpacked = 0  # bytes of records that the channel groups and packed blocks announce
+        self._next: set[int] = set()  # blocks that another one of its kind names as the next
+
+    def add(self, name: bytes, links: list[int], fields: bytes) -> None:
+        """Look at a block; raises ValueError if its list has no end, BoundError for its size.
+
+        fields : the first bytes after its links
+        """
+        if name in _IN_LISTS and links and links[0]:
+            if links[0] in self._next:
+                raise ValueError(f"two blocks name the block at byte {links[0]} as the next")
+            self._next.add(links[0])
+        if name == b"CG" and len(fields) >= _CHANNEL_GROUP.size:
+            _, n_records, flags, low, high = _CHANNEL_GROUP.unpack_from(fields)
+            if flags & _VARIABLE_LENGTH:  # one number, the bytes of all records
+                self._unpacked += low | high << 32
+            else:  # bytes of data and of validity in each record
+                self._unpacked += n_records * (low + high)
+                check_ratio(self._size, low + high, TABLE_RATIO)
+        elif name == b"DZ" and len(fields) >= _PACKED.size:
+            (n_unpacked,) = _PACKED.unpack_from(fields)
+            check_ratio(self._size, n_unpacked, TABLE_RATIO)
+        check_ratio(self._size, self._unpacked, TABLE_RATIO)
 
 
 @contextmanager

@@ -1,0 +1,179 @@
+"""Fuzzes CAN databases, signal maps and settings: ``o2mon check``, ``replay`` and ``map``.
+
+A shipped database and its map get something wrong: numbers that no bus has, multiplexers that lead
+nowhere or in circles, ranges without end, keys of another type, broken text. A crash, exit code 4,
+a hang of more than 5 s, more than 500 MB and a failure without its line are failures; their files
+are kept.
+"""
+
+import argparse
+import functools
+import random
+import re
+import shutil
+import sys
+from collections.abc import Callable
+from itertools import islice
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from fuzz_logs import DRIVE, TEXT, lines_of_order
+from sandbox import Job, Tally, calls
+
+import dbc
+from monitor import cli
+from monitor.frames.logs import read_frames
+from monitor.inject.gateway import write_log
+
+MOST_MB = 500.0
+PAIRS = ("o2_ecu", "rusefi", "wideband", "obd2")
+BATCH = 100
+SIZES = "0 -1 1 2 7 8 9 16 17 63 64 65 100 1000 100000 10000000 4294967295 2147483648"
+OTHERS = "1e400 -1e400 1e-400 0.0 nan inf 1e308 -0 99999999999999999999 0x10 1.5"
+NUMBERS = (*SIZES.split(" "), *OTHERS.split(" "), "9" * 5000)
+_NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
+_SIGNAL = re.compile(r"^( SG_ \w+)\s*(?:[mM]\w*)?\s*:", re.MULTILINE)
+TOML = (
+    '"text"', "true", "nan", "-inf", "[]", "{}", "0", "-1", "1e308", "0x" + "f" * 5000,
+    "[" * 3000, "1979-05-27", '"""', "9" * 5000, '{ message = "M", signal = "S" }', '"\\u0000\\n"',
+)  # fmt: skip
+
+
+def numbers(text: str, rng: random.Random) -> str:
+    """Return a text with some numbers replaced."""
+    places = list(_NUMBER.finditer(text))
+    for place in sorted(
+        rng.sample(places, min(len(places), rng.choice((1, 1, 3, 20)))),
+        key=re.Match.start,
+        reverse=True,
+    ):
+        text = text[: place.start()] + rng.choice(NUMBERS) + text[place.end() :]
+    return text
+
+
+def multiplexers(text: str, rng: random.Random) -> str:
+    """Return a database whose signals come under multiplexers that may not be there."""
+
+    def marked(match: re.Match[str]) -> str:
+        mark = rng.choice(("M", "m0", "m3M", "m99999999", f"m{rng.randrange(300)}", "", "", ""))
+        return f"{match[1]} {mark} :"
+
+    text = _SIGNAL.sub(marked, text)
+    names = re.findall(r"^ SG_ (\w+)", text, re.MULTILINE)
+    messages = re.findall(r"^BO_ (\d+)", text, re.MULTILINE)
+    for _ in range(rng.randrange(6)):
+        first = rng.choice(("0", "3", "10000000", "9" * 30))
+        last = rng.choice(("0", "3", "65535", "10000000", "4294967295"))
+        text += (
+            f"SG_MUL_VAL_ {rng.choice(messages)} {rng.choice(names)} {rng.choice(names)} "
+            f"{first}-{last};\n"
+        )
+    return text
+
+
+def floats(text: str, rng: random.Random) -> str:
+    """Return a database some of whose signals are floats."""
+    message = ""
+    for line in text.splitlines():
+        if found := re.match(r"BO_ (\d+)", line):
+            message = found[1]
+        elif (found := re.match(r" SG_ (\w+)", line)) and rng.random() < 0.3:
+            text += f"SIG_VALTYPE_ {message} {found[1]} : {rng.choice((1, 2, 3))};\n"
+    return text
+
+
+def broken(text: str, rng: random.Random) -> str:
+    """Return a text with bytes, numbers or lines wrong."""
+    mutate = rng.choice((*TEXT, lines_of_order))
+    return mutate(bytearray(text.encode("latin-1", "replace")), rng).decode("latin-1")
+
+
+def values(text: str, rng: random.Random) -> str:
+    """Return a TOML text with values of other types, or keys and tables twice or elsewhere."""
+    lines = text.splitlines()
+    for _ in range(rng.choice((1, 1, 3))):
+        row = rng.randrange(len(lines))
+        key, sign, value = lines[row].partition("=")
+        if sign and rng.random() < 0.5:
+            lines[row] = f"{key}= {rng.choice(TOML)}"
+        elif sign:
+            lines[row] = f"{key}= " + re.sub(
+                r"= *[^,}]+",
+                lambda m: m[0] if rng.random() < 0.6 else f"= {rng.choice(TOML)} ",
+                value,
+            )
+        else:
+            lines.insert(row, rng.choice(lines))
+    return "\n".join(lines) + "\n"
+
+
+DATABASE: tuple[Callable[[str, random.Random], str], ...] = (
+    numbers, numbers, numbers, multiplexers, multiplexers, floats, broken,
+)  # fmt: skip
+SETTINGS: tuple[Callable[[str, random.Random], str], ...] = (numbers, values, values, broken)
+
+
+def case(folder: Path, number: int, rng: random.Random, log: Path) -> list[str]:
+    """Write a damaged pair or settings file; return the arguments of the command to run."""
+    name = rng.choice(PAIRS)
+    texts = {
+        "dbc": dbc.path(f"{name}.dbc").read_text("cp1252"),
+        "toml": dbc.path(f"{name}.toml").read_text(),
+    }
+    settings = Path(cli.__file__).parents[1] / "base" / "default.toml"
+    wrong = rng.choices(("dbc", "toml", "config"), (7, 2, 1))[0]
+    if wrong == "config":
+        path = folder / f"{number}.config.toml"
+        path.write_text(rng.choice(SETTINGS)(settings.read_text(), rng), "latin-1", "replace")
+        return ["replay", "--quiet", str(log), "--config", str(path)]
+    for _ in range(rng.choice((1, 1, 2))):
+        texts[wrong] = rng.choice(DATABASE if wrong == "dbc" else SETTINGS)(texts[wrong], rng)
+    paths = [folder / f"{number}.{kind}" for kind in texts]
+    for path, text in zip(paths, texts.values(), strict=True):
+        path.write_text(text, "latin-1", "replace")
+    if rng.random() < 0.2:
+        return ["map", str(paths[0])]
+    both = ["--dbc", str(paths[0]), "--map", str(paths[1])]
+    return rng.choice((["check", str(log), *both], ["replay", "--quiet", str(log), *both]))
+
+
+def fuzz(n: int, seed: int, keep: Path, say: Callable[[str], None] = print) -> Tally:
+    """Run commands with ``n`` damaged files; return the counts. Failures go to ``keep``."""
+    rng, tally = random.Random(seed), Tally(most_mb=MOST_MB)
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        log = folder / "drive.log"
+        write_log(log, islice(read_frames(DRIVE), 300))
+        for command in (["replay", "--quiet", str(log)], ["check", str(log)]):
+            cli.main(command)
+        for first in range(0, n, BATCH):
+            commands = [case(folder, i, rng, log) for i in range(first, min(first + BATCH, n))]
+            jobs: list[Job] = [functools.partial(cli.main, words) for words in commands]
+            for i, outcome in enumerate(calls(jobs), first):
+                found = tally.add(outcome)
+                for path in folder.glob(f"{i}.*"):
+                    if found:
+                        shutil.copy(path, keep / f"{seed}_{path.name}")
+                    path.unlink()
+                if found:
+                    say(f"{', '.join(found)}: {i} {commands[i - first][0]} {outcome}")
+            if (first + BATCH) % 1000 == 0:
+                say(tally.line())
+    return tally
+
+
+def main() -> int:
+    """Fuzz and print the counts; return 1 if a promise was broken."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--files", type=int, default=10_000)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--keep", type=Path, default=Path("build/fuzz"), help="failures go here")
+    args = parser.parse_args()
+    args.keep.mkdir(parents=True, exist_ok=True)
+    tally = fuzz(args.files, args.seed, args.keep, lambda line: print(line, flush=True))
+    print(tally.line())
+    return 1 if tally.complaints else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
