@@ -6,7 +6,7 @@ DEMO    := .venv-demo
 HEALTHY  = $(firstword $(sort $(wildcard replay_logs/healthy_*)))
 FAULTY   = $(firstword $(sort $(wildcard replay_logs/delay_rich_to_lean_*)))
 
-.PHONY: help demo test whole check fast properties lint venv lock verify system bench matrix model calibration study replay_logs clean python
+.PHONY: help demo test whole check fast properties lint venv lock system bench matrix model calibration study replay_logs clean python
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z_]+:.*## / {printf "make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -55,13 +55,6 @@ lock: venv ## renew requirements-dev.lock from constraints.txt (needs uv)
 	uv pip compile --quiet --no-deps --universal --python-version 3.11 --generate-hashes --no-header --no-annotate \
 	  build/pins.txt -o build/pins.lock
 	cat build/lock.head build/pins.lock > requirements-dev.lock
-
-verify: | python ## make an environment of the locked files alone, in build/verify
-	rm -rf build/verify
-	$(PYTHON) -m venv build/verify
-	build/verify/bin/pip install --quiet --disable-pip-version-check --require-hashes --no-deps -r requirements-dev.lock
-	build/verify/bin/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
-	build/verify/bin/pip check
 
 bench: venv ## the benchmarks, those of logs and fleets on a small scale
 	@for call in replay_vs_plain_loop.py streaming.py batch.py free_run.py gap.py \
@@ -125,8 +118,10 @@ clean: ## remove environments, caches and everything built
 	rm -rf .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
-$(VENV)/.installed: pyproject.toml constraints.txt | python
+# Everything with its hash but torch, see requirements-dev.lock; torch and this package follow.
+$(VENV)/.installed: pyproject.toml constraints.txt requirements-dev.lock | python
 	$(PYTHON) -m venv $(VENV)
+	$(VENV)/bin/pip install --quiet --disable-pip-version-check --require-hashes --no-deps -r requirements-dev.lock
 	$(VENV)/bin/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
 	@touch $@
 

@@ -29,6 +29,7 @@ class ModelFile(NamedTuple):
 
     content: bytes
     card: str  # JSON
+    is_signed: bool  # the card's sha256 stands beside it; older files lack it
     graph_sha256: str  # of all fields but the metadata
 
 
@@ -58,7 +59,7 @@ def read(path: Path | str) -> ModelFile:
     if own is not None and own.decode(errors="replace") != hashlib.sha256(card).hexdigest():
         raise ModelError(f"{path}: the model card was changed or damaged: its sha256 is another")
     try:
-        return ModelFile(found, card.decode(), graph_sha256)
+        return ModelFile(found, card.decode(), own is not None, graph_sha256)
     except UnicodeDecodeError:
         raise ModelError(f"{path}: the model card is no UTF-8 text") from None
 

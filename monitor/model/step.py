@@ -96,7 +96,9 @@ class Model:
         """
         file = model_file.read(path)
         card = ModelCard.from_json(file.card, str(path))
-        if card.graph_sha256 and card.graph_sha256 != file.graph_sha256:
+        if bool(card.graph_sha256) != file.is_signed:  # older files have neither
+            raise ModelError(f"{path}: of the checksums of graph and card one is missing")
+        if file.is_signed and card.graph_sha256 != file.graph_sha256:
             raise ModelError(
                 f"{path}: the graph was changed or damaged: its sha256 is not the one in its card "
                 f"({file.graph_sha256[:12]}…, wanted {card.graph_sha256[:12]}…)"

@@ -17,14 +17,17 @@ from monitor.model.card import ModelCard
 from monitor.model.step import Model
 
 
-def with_card_text(content: bytes, text: str | bytes) -> bytes:
-    """Return a model file with another card and without a checksum of it, as older files are."""
+def with_card_text(content: bytes, text: str | bytes, *, signed: bool = True) -> bytes:
+    """Return a model file with another card and its right checksum, or without one."""
     model = onnx.load_from_string(content)
     model.ClearField("metadata_props")
     raw = text.encode() if isinstance(text, str) else text
     marked = b"CARD" * (len(raw) // 4 + 1)
     stand_in = marked[: len(raw)].decode()
-    helper.set_model_props(model, {model_file.CARD: stand_in})
+    entries = {model_file.CARD: stand_in}
+    if signed:
+        entries[model_file.CARD_SHA256] = hashlib.sha256(raw).hexdigest()
+    helper.set_model_props(model, entries)
     return bytes(model.SerializeToString().replace(stand_in.encode(), raw))
 
 

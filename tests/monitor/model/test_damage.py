@@ -76,9 +76,15 @@ def test_a_model_from_before_the_checksums_is_taken_and_gets_them_with_its_next_
     path = tmp_path / "m.onnx"
     text = card_of(GOOD)
     old = "\n".join(line for line in text.splitlines() if "graph_sha256" not in line)
-    path.write_bytes(with_card_text(GOOD, old))
+    path.write_bytes(with_card_text(GOOD, old, signed=False))
     loaded = Model.load(path).card
     assert loaded.graph_sha256 == ""
+    # but a file that has one of the two checksums has lost the other
+    for text_of, signed in ((old, True), (text, False)):
+        path.write_bytes(with_card_text(GOOD, text_of, signed=signed))
+        with pytest.raises(ModelError, match="one is missing"):
+            Model.load(path)
+    path.write_bytes(with_card_text(GOOD, old, signed=False))
     update_card(path, loaded)
     assert Model.load(path).card.graph_sha256 == model_file.graph_sha256(GOOD)
     keys = {each.key for each in onnx.load(str(path)).metadata_props}
