@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from monitor.base.types import Frame
     from monitor.bus.link.port import BusHealth, Port
     from monitor.bus.polling.poller import ObdPoller
+    from monitor.report.replay import Setup
 
 HELP = "say which signals are there"
 _CHECK = """examples:
@@ -96,10 +97,31 @@ def _check(args: argparse.Namespace) -> int:
                 _say_polled(poller, health)
     for line in result.lines():
         say(line)
-    card = setup.model.card
-    missing = result.missing((*card.input_names, card.output.name))
-    say(f"the model lacks: {', '.join(missing)}" if missing else "the model has all it needs")
+    missing = result.missing((*setup.model.card.input_names, setup.model.card.output.name))
+    _say_verdict(missing, result.stale)
+    if args.log and not missing:
+        _say_causes(args, setup)
     return NOT_JUDGED if missing else 0
+
+
+def _say_verdict(missing: list[str], stale: list[str]) -> None:
+    if missing:
+        say(f"the model lacks: {', '.join(missing)}")
+    elif stale:
+        say(f"the model has every signal, but stale at times: {', '.join(stale)}")
+    else:
+        say("the model has all it needs")
+
+
+def _say_causes(args: argparse.Namespace, setup: "Setup") -> None:
+    """Say what would keep the recording from a verdict."""
+    from monitor.pipeline.recordings import RecordingReader
+    from monitor.report.check import held_up
+
+    card = setup.model.card
+    reader = RecordingReader(setup.bus_map, card, setup.columns)
+    for cause in held_up(reader.open(args.log), card, setup.config):
+        say(f"would hold up a verdict: {cause.in_words}")
 
 
 def _configured() -> bool:
@@ -121,9 +143,11 @@ def _check_table(args: argparse.Namespace) -> int:
     if args.model is None and is_of_logger(args.log, args.columns):
         say(advice(result))
         return NOT_JUDGED if result.missing([OUTPUT]) else 0
-    card = set_up(args).model.card
-    missing = result.missing((*card.input_names, card.output.name))
-    say(f"the model lacks: {', '.join(missing)}" if missing else "the model has all it needs")
+    setup = set_up(args)
+    missing = result.missing((*setup.model.card.input_names, setup.model.card.output.name))
+    _say_verdict(missing, [])
+    if not missing:
+        _say_causes(args, setup)
     return NOT_JUDGED if missing else 0
 
 

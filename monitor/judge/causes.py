@@ -16,6 +16,7 @@ from monitor.model.card import ModelCard
 
 MOST: Final = 3  # conditions that are named
 ENOUGH_WINDOWS: Final = 6  # from so many on, more of them alone do not help
+HALF: Final = 0.5
 HELD_ENOUGH: Final = 0.9  # a condition that held for this share kept no drive from its verdict
 
 _REMEDIES: Final = {  # condition → remedy where the signal itself is good
@@ -87,10 +88,19 @@ def causes(seen: Observed, asked: Asked, judgement: Judgement | None = None) -> 
     if undecided:
         found += _still_inputs(seen, asked, found)
     if judgement is None:
-        return found
+        return [each for each in found if _is_grave(each)]
     if judgement.unfinished and (not found or judgement.windows >= ENOUGH_WINDOWS):
         found += _evidence(seen, judgement)
     return found + _dead(seen, asked)
+
+
+def _is_grave(cause: Cause) -> bool:
+    """Return whether a cause may keep a recording from its verdict: half the samples, or a defect.
+
+    Good signals of an ordinary drive keep a quarter of its samples from being judged.
+    """
+    is_of_driving = cause.reason in ("below", "above", "interrupted", "untrained")
+    return not is_of_driving or cause.held_share is None or cause.held_share < HALF
 
 
 def _blocked(seen: Observed, asked: Asked) -> Iterator[Cause]:

@@ -4,10 +4,16 @@ import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
+from monitor.base.config import Config
 from monitor.base.signals import BY_NAME
-from monitor.base.types import Frame
+from monitor.base.types import Frame, SampleBlock
 from monitor.decode.bus_map import BusMap
 from monitor.decode.decoder import Decoder
+from monitor.judge.causes import Asked, Cause, causes, timeout_of
+from monitor.judge.enable import Enable
+from monitor.judge.observation import Observation
+from monitor.model.card import ModelCard
+from monitor.pipeline.recordings import OpenRecording
 
 
 @dataclass(slots=True)
@@ -24,9 +30,16 @@ class SignalSeen:
     maximum: float = -math.inf
     first_ns: int = 0
     last_ns: int = 0
+    heard_ns: int | None = None  # time of the last value, good or bad
+    longest_ns: int = 0  # between two values
+    stale: int = 0  # times that the next value came after the timeout
 
     def take(self, t_ns: int, value: float) -> None:
         """Take one value; NaN means not available, infinity out of range."""
+        if self.heard_ns is not None:
+            self.longest_ns = max(self.longest_ns, t_ns - self.heard_ns)
+            self.stale += t_ns - self.heard_ns > self.timeout_ns
+        self.heard_ns = t_ns
         if math.isnan(value):
             self.invalid += 1
         elif math.isinf(value):
@@ -48,10 +61,23 @@ class SignalSeen:
         """Return whether good values came until ``end_ns``."""
         return self.count > 0 and end_ns - self.last_ns <= self.timeout_ns
 
+    @property
+    def staleness(self) -> str:
+        """Return how often values came too late, and the timeout that would hold them."""
+        interval_s = 1.0 / self.rate_hz if self.rate_hz else self.longest_ns / 1e9
+        age_s, timeout_s = self.longest_ns / 1e9, self.timeout_ns / 1e9
+        return (
+            f"STALE {self.stale} times, values up to {age_s:.3g} s old, timeout_s is {timeout_s:g}"
+            f": set timeout_s = {timeout_of(max(interval_s, age_s / 3.0)):g} in the map"
+        )
+
     def verdict(self, end_ns: int) -> str:
         """Return the state of the signal in words, for a check that ends at ``end_ns``."""
         if self.count and not self.is_present(end_ns):
-            return f"STOPPED {(end_ns - self.last_ns) / 1e9:.1f} s before the end"
+            age_s, timeout_s = (end_ns - self.last_ns) / 1e9, self.timeout_ns / 1e9
+            return f"STOPPED {age_s:.1f} s before the end, timeout_s is {timeout_s:g}"
+        if self.stale:
+            return self.staleness
         if not self.count:
             return (
                 "not available"
@@ -78,6 +104,11 @@ class CheckResult:
         seen |= {name for name, sources in self.derived.items() if seen.issuperset(sources)}
         return [name for name in needed if name not in seen]
 
+    @property
+    def stale(self) -> list[str]:
+        """Return the signals whose values came later than their timeout allows."""
+        return [s.name for s in self.signals if s.stale]
+
     def lines(self) -> Iterator[str]:
         """Yield the lines of the table."""
         yield (
@@ -95,6 +126,20 @@ class CheckResult:
             yield f"{name:<28}made of {', '.join(sources)}"
         bad = ", ".join(f"{reason} {n}" for reason, n in self.rejected.items() if n)
         yield f"{self.frames} frames" + (f"; rejected: {bad}" if bad else "")
+
+
+def held_up(recording: OpenRecording, card: ModelCard, config: Config) -> list[Cause]:
+    """Return what would keep a recording from its verdict, by its signals and conditions.
+
+    Raises RecordingError as the recording is read.
+    """
+    names, period_s = recording.names, card.period_ns * 1e-9
+    enable = Enable.of(config.enable, names, card)
+    observation = Observation(enable, names, config.plausibility, period_s)
+    for part in recording.parts:
+        if isinstance(part, SampleBlock):
+            observation.push(part.values, part.quality, enable.push(part.values))
+    return causes(observation.observed(), Asked(card, config, recording.sources))
 
 
 def check(frames: Iterable[Frame], bus_map: BusMap) -> CheckResult:

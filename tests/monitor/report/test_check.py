@@ -156,3 +156,24 @@ def test_a_message_that_stops_is_said_to_have_stopped_and_counts_as_missing() ->
     result = check(half, BUS_MAP)
     assert seen(result, "lambda_measured").verdict(result.end_ns).startswith("STOPPED 1.0 s")
     assert result.missing(["lambda_measured", "air_mass_mg"]) == ["lambda_measured"]
+
+
+def test_a_signal_slower_than_its_timeout_is_stale_with_age_and_timeout() -> None:
+    # GIVEN a coolant temperature that comes once a second, under a timeout of half a second
+    coolant = BUS_MAP.channels["coolant_temperature_degc"]
+    timeout_s = coolant.mapped.timeout_s
+    sent, last_ns = [], -(10**12)
+    for frame in frames():
+        if frame.can_id == coolant.message.frame_id:
+            if frame.t_ns - last_ns < 1.5 * timeout_s * 1e9:
+                continue
+            last_ns = frame.t_ns
+        sent.append(frame)
+    # WHEN the log is checked
+    result = check(sent, BUS_MAP)
+    # THEN the check says so, and which timeout would hold
+    assert "coolant_temperature_degc" in result.stale
+    words = seen(result, "coolant_temperature_degc").verdict(result.end_ns)
+    assert words.startswith("STALE")
+    assert f"timeout_s is {timeout_s:g}" in words
+    assert "set timeout_s = " in words

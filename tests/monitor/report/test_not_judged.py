@@ -157,3 +157,14 @@ def test_a_drive_too_short_for_its_tests_says_which_have_no_decision(
     # THEN the reason is the time, and the advice a longer drive
     assert got.exit_code == 3
     assert {condition for condition, *_ in got.causes} & {"response", "model_settled"}
+
+
+def test_a_check_names_what_would_hold_up_a_verdict(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    healthy = table(tmp_path / "healthy.csv")
+    assert cli.main(["check", str(healthy)]) == 0
+    assert "hold up" not in capsys.readouterr().out
+    zeros = table(tmp_path / "zeros.csv", held("vehicle_speed_km_h", 0.0))
+    assert cli.main(["check", str(zeros)]) == 0
+    assert "vehicle_speed_km_h is 0 km/h throughout" in capsys.readouterr().out
