@@ -64,6 +64,7 @@ class Table:
     notes: Notes = field(default_factory=Notes)
     profile: str = ""  # of a logger's file
     columns: Mapping[str, str] = field(default_factory=dict)  # name → origin
+    blank: Mapping[str, str] = field(default_factory=dict)  # signal → its column without values
 
     def column_of(self, name: str) -> str:
         """Return where a signal comes from, as the user knows it.
@@ -194,6 +195,7 @@ def _of_logger(raw: RawTable, profile: Profile | None, further: Sequence[str]) -
         reading.notes,
         profile.name,
         {each.name: each.origin for each in reading.found},
+        reading.blank,
     )
 
 

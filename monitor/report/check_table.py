@@ -67,6 +67,9 @@ class TableCheck:
             yield self._line(name, values[:, i], quality[:, i], width, span_s)
         for note in table.notes.lines:
             yield f"note: {note}"
+        for name, column in table.blank.items():
+            if name not in self.present:
+                yield f"no value: {name} (column {column} is blank, or 0 throughout)"
         for name, cost in WORTH.items():
             if name not in self.present and not self.present & {*_INSTEAD.get(name, ())}:
                 yield f"missing: {name} ({cost})"

@@ -84,13 +84,14 @@ def joined(folder: str, path: str) -> str:
 
 
 def read_text(url: str) -> str:
-    """Return the content of a text file.
+    """Return the content of a text file; bytes that are not UTF-8 become lone surrogates.
 
     Raises UsageError if the file cannot be read.
     """
     try:
-        with fsspec.open(url, "r", encoding="utf-8", newline="") as file:
-            return str(file.read())
+        with fsspec.open(url, "rb") as file:
+            content: bytes = file.read()
+        return content.decode("utf-8", "surrogateescape")
     except Exception as error:
         raise UsageError(f"{url}: {_reason(error)}") from error
 

@@ -1,6 +1,6 @@
 """A raw table under a profile: canonical signals with their units, pinned values marked."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -57,7 +57,7 @@ class Reading:
     values: FloatArray  # (n, n_names), NaN for no value
     pinned: BoolArray  # (n, n_names)
     found: tuple[Found, ...]
-    blank: tuple[str, ...]  # signals whose columns hold no number
+    blank: Mapping[str, str]  # signals whose columns hold no number, and these columns
     notes: Notes
 
 
@@ -114,7 +114,7 @@ def read_signals(raw: RawTable, profile: Profile, further: Sequence[str] = ()) -
         taken.setdefault(
             each.name, (values, np.zeros(len(values), bool), Found(each.name, each.name, ""))
         )
-    blank = dict.fromkeys(each.name for each in choices if each.name not in taken)
+    blank = {each.name: raw.names[each.column] for each in choices if each.name not in taken}
     for made in derive({name: values for name, (values, _, _) in taken.items()}, profile.engine):
         none = np.zeros(len(made.values), dtype=bool)
         taken[made.name] = made.values, none, Found(made.name, "", "", made.in_words)
@@ -130,7 +130,7 @@ def read_signals(raw: RawTable, profile: Profile, further: Sequence[str] = ()) -
         np.column_stack([taken[name][0] for name in order]),
         np.column_stack([taken[name][1] for name in order]),
         tuple(taken[name][2] for name in order),
-        tuple(blank),
+        blank,
         notes,
     )
 

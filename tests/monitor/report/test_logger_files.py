@@ -74,7 +74,7 @@ def test_a_logger_s_file_is_judged_like_the_same_drive_in_canonical_columns(
     assert abs(enabled[0] - enabled[1]) <= 5  # of thousands: values at the edge of a range
 
 
-def torque(path: Path, **more: np.ndarray) -> Path:
+def torque(path: Path, **more: np.ndarray | list[str]) -> Path:
     d = drive(n=300, period_s=1.0)
     names = {"Engine RPM(rpm)": d["rpm"], "Intake Manifold Pressure(psi)": d["map_kpa"] / 6.894757}
     clock = [f"{t // 60:02.0f}:{t % 60:04.1f}" for t in 3500.0 + d["t_s"]]
@@ -95,8 +95,11 @@ def test_check_says_profile_column_unit_range_and_what_is_missing(
     assert "missing: fuel_mass_mg" in text
     assert "note: 1 times the clock started again" in text
     # a log without a lambda is of no use, and says so
-    assert cli.main(["check", str(torque(tmp_path / "none.csv"))]) == 3
-    assert "missing: lambda_measured" in capsys.readouterr().out
+    blank = {"O2 Bank 1 Sensor 1 Wide Range Equivalence Ratio(λ)": ["-"] * 300}
+    assert cli.main(["check", str(torque(tmp_path / "none.csv", **blank))]) == 3
+    out = capsys.readouterr().out
+    assert "no value: lambda_measured (column O2 Bank 1 Sensor 1 Wide Range" in out
+    assert "missing: lambda_measured" in out
 
 
 def test_check_of_an_own_table_says_what_the_model_lacks(

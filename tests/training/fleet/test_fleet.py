@@ -245,6 +245,14 @@ def test_a_manifest_that_cannot_be_meant_is_refused(tmp_path: Path, text: str, s
         drives_of([str(tmp_path / "m.csv")])
 
 
+def test_a_logger_s_file_in_any_encoding_is_a_recording_and_no_manifest(tmp_path: Path) -> None:
+    path = tmp_path / "live.csv"
+    path.write_text("Time(s), O2 Voltage (V)\n0.0, 0.3\n", encoding="utf-16")
+    assert [drive.path for drive in drives_of([str(path)])] == [str(path)]
+    (tmp_path / "drive.msl").write_text("Time\tRPM\n0\t900\n")
+    assert len(drives_of([str(tmp_path)])) == 2
+
+
 def test_a_place_without_recordings_is_named(tmp_path: Path) -> None:
     for given in (str(tmp_path), str(tmp_path / "gone"), f"{tmp_path}/*.blf", "nosuch://x/y"):
         with pytest.raises(UsageError, match=given.replace("*", r"\*")):
