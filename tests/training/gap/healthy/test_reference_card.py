@@ -37,6 +37,7 @@ from training.studies.gap.plan import Part
 
 VEHICLE = 2011
 HEALTHY = ("wltc_3b", "micro_trips", "udds", "us06")
+FEW = 3  # healthy drives that can be held against each other
 DRIVEN = ("micro_trips", "wltc_3b")
 FILM = {"wall_film": 4.0}
 
@@ -134,7 +135,7 @@ def test_a_model_fitted_to_drives_with_the_effect_gets_the_charge_of_healthy_one
     tmp_path: Path,
 ) -> None:
     # GIVEN a chain fitted to drives with a hidden effect, which its error of the charge takes in
-    driven, healthy = recordings(2_311_000, purge=8.0), recordings(2_310_000, HEALTHY)
+    driven, healthy = recordings(2_311_000, purge=8.0), recordings(2_310_000, HEALTHY)[:FEW]
     model = fit_greybox(driven, tmp_path / "m.onnx").path
     assert [each.charged for each in base.drives_of(model, driven)] == [True, True]
     # WHEN healthy drives are given
@@ -158,7 +159,7 @@ def test_a_model_fitted_to_drives_with_the_effect_gets_the_charge_of_healthy_one
 
 def test_walls_that_a_model_has_taken_in_are_named_and_not_added_again(tmp_path: Path) -> None:
     # GIVEN a chain fitted to drives with walls, which are part of it then
-    driven, healthy = recordings(2_311_000, **FILM), recordings(2_310_000, HEALTHY)
+    driven, healthy = recordings(2_311_000, **FILM), recordings(2_310_000, HEALTHY)[:FEW]
     fitted = fit_greybox(driven, tmp_path / "m.onnx")
     assert [own.name for own in fitted.greybox.own] == ["wall_film"]
     # WHEN healthy drives without them are given
@@ -199,7 +200,7 @@ def test_an_extended_model_looked_at_with_the_healthy_recordings_of_before_has_n
 ) -> None:
     # GIVEN a model with the effect, and healthy recordings from before it was there
     assert alone.new_model is not None
-    healthy = recordings(2_310_000, HEALTHY)
+    healthy = recordings(2_310_000, HEALTHY)[:FEW]
     # WHEN drives with it are held against them
     again = asked(alone.new_model, recordings(2_311_000, **FILM), tmp_path, healthy=healthy)
     # THEN that the model is wrong on these does not count as a gap

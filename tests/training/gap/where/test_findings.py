@@ -174,9 +174,11 @@ def test_without_a_gap_at_most_one_case_in_ten_has_a_finding(beside_healthy: boo
     assert sum(hits) <= 1
 
 
-@pytest.mark.parametrize(("slope_1_s", "few", "many"), [(1.5, 3, 5), (0.001, 6, 12)])
+@pytest.mark.parametrize(
+    ("slope_1_s", "few", "many", "samples"), [(1.5, 3, 5, 3000), (0.001, 6, 12, 1500)]
+)
 def test_a_driver_that_tells_few_drives_apart_is_left_out_and_the_notes_say_so(
-    slope_1_s: float, few: int, many: int
+    slope_1_s: float, few: int, many: int, samples: int
 ) -> None:
     # GIVEN what differs more between drives than within them, or is constant as the weather is
     def hot(made: Made) -> np.ndarray:
@@ -187,7 +189,7 @@ def test_a_driver_that_tells_few_drives_apart_is_left_out_and_the_notes_say_so(
 
     # WHEN there are few and many drives
     left_out, looked_at = (
-        localise([drive(seed, hot, n=3000) for seed in range(1, 1 + n)]) for n in (few, many)
+        localise([drive(seed, hot, n=samples) for seed in range(1, 1 + n)]) for n in (few, many)
     )
     # THEN only many are asked for it
     assert "ambient_temperature_degc" not in {r.driver for r in left_out.regimes}
