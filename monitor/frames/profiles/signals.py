@@ -7,19 +7,17 @@ from typing import Final
 import numpy as np
 
 from monitor.base.errors import RecordingError
-from monitor.base.signals import BY_NAME, SIGNALS, plausible_range
+from monitor.base.signals import BY_NAME, SIGNALS
 from monitor.base.types import BoolArray, FloatArray, IntArray
+from monitor.frames.profiles.conversion import Choice, Setting, converted, stated_texts
 from monitor.frames.profiles.derived import derive
 from monitor.frames.profiles.profile import Profile, Source
 from monitor.frames.profiles.recognition import key, places
 from monitor.frames.profiles.times import cleaned
-from monitor.frames.profiles.units import Unit, conversion, unit_of
-from monitor.frames.tables.dialect import name_and_unit
+from monitor.frames.profiles.units import Unit, unit_of
 from monitor.frames.tables.raw_table import Notes, RawColumn, RawTable, Wanted
 from monitor.frames.tables.readers import reason
 
-# unit texts of canonical signals are units of loggers, too; a name here says its quantity
-_TARGETS: Final = {"degC": "°c", "1/min": "rpm", "Nm": "nm", "mg/stroke": "mg"}
 # a running engine leaves none of these at 0: a column of zeros is a sensor that the car lacks
 ALIVE: Final = frozenset(
     {"engine_speed_rpm", "maf_kg_h", "air_mass_mg", "fuel_mass_mg", "manifold_pressure_kpa"}
@@ -61,13 +59,6 @@ class Reading:
     notes: Notes
 
 
-@dataclass(frozen=True, slots=True)
-class _Choice:
-    name: str
-    source: Source
-    column: int
-
-
 def read_signals(raw: RawTable, profile: Profile, further: Sequence[str] = ()) -> Reading:
     """Return the canonical signals of a raw table.
 
@@ -76,7 +67,7 @@ def read_signals(raw: RawTable, profile: Profile, further: Sequence[str] = ()) -
     """
     there = places(raw.names)
     times = [
-        _Choice("time", each, there[key(each.column)])
+        Choice("time", each, there[key(each.column)])
         for each in profile.time
         if key(each.column) in there
     ]
@@ -87,12 +78,12 @@ def read_signals(raw: RawTable, profile: Profile, further: Sequence[str] = ()) -
             f"there are {', '.join(raw.names[:8])}{', …' if len(raw.names) > 8 else ''}"
         )
     choices = [
-        _Choice(name, source, there[key(source.column)])
+        Choice(name, source, there[key(source.column)])
         for name, sources in profile.signals.items()
         for source in sources
         if key(source.column) in there
     ]
-    own = [_Choice(n, Source(column=n), there[key(n)]) for n in further if key(n) in there]
+    own = [Choice(n, Source(column=n), there[key(n)]) for n in further if key(n) in there]
     notes = Notes()
     sources = (*times, *choices, *own)
     cells = all_cells(raw, [Wanted(each.column, each.source.words) for each in sources], notes)
@@ -100,7 +91,7 @@ def read_signals(raw: RawTable, profile: Profile, further: Sequence[str] = ()) -
     t_ns, rows = cleaned(time_s, wraps_s, notes)
     if not len(t_ns):
         raise RecordingError(f"{raw.path}: no row with a time")
-    setting = _Setting(
+    setting = Setting(
         raw,
         profile,
         [(each, cells[rows, place]) for place, each in enumerate(choices, len(times))],
@@ -157,7 +148,7 @@ def all_cells(raw: RawTable, wanted: Sequence[Wanted], notes: Notes) -> FloatArr
     return np.concatenate(blocks)
 
 
-def _time(raw: RawTable, times: Sequence[_Choice], cells: FloatArray) -> tuple[FloatArray, float]:
+def _time(raw: RawTable, times: Sequence[Choice], cells: FloatArray) -> tuple[FloatArray, float]:
     """Return the times in s, and after which time they wrap."""
     for place, each in enumerate(times):
         column = raw.columns[each.column]
@@ -174,7 +165,7 @@ def _time(raw: RawTable, times: Sequence[_Choice], cells: FloatArray) -> tuple[F
 
 def _stated(column: RawColumn, source: Source, quantity: str, stoich: float = 14.7) -> Unit | None:
     """Return the unit that the file or the profile states, None without one."""
-    for text in (*_stated_texts(column), *source.units):
+    for text in (*stated_texts(column), *source.units):
         unit = unit_of(text, stoich)
         if unit is not None and unit.quantity == quantity:
             return unit
@@ -182,7 +173,7 @@ def _stated(column: RawColumn, source: Source, quantity: str, stoich: float = 14
 
 
 def _signal(
-    raw: RawTable, profile: Profile, setting: "_Setting", choice: _Choice, cells: FloatArray
+    raw: RawTable, profile: Profile, setting: Setting, choice: Choice, cells: FloatArray
 ) -> tuple[FloatArray, BoolArray, Found]:
     column, source = raw.columns[choice.column], choice.source
     pinned = np.zeros(len(cells), dtype=bool)
@@ -191,7 +182,7 @@ def _signal(
     if source.is_flag:
         values, unit = _flag(source, cells), ""
     else:
-        values, unit = _converted(profile, setting, choice, column, cells)
+        values, unit = converted(profile, setting, choice, column, cells)
         values = values * source.factor + source.offset
     if source.inverted:
         values = 1.0 - values
@@ -208,86 +199,3 @@ def _flag(source: Source, cells: FloatArray) -> FloatArray:
         whole = np.where(np.isfinite(cells), cells, 0.0).astype(np.int64)
         holds = (whole >> source.bit) & 1 == 1
     return np.where(np.isfinite(cells), holds.astype(np.float64), np.nan)
-
-
-def _converted(
-    profile: Profile, setting: "_Setting", choice: _Choice, column: RawColumn, cells: FloatArray
-) -> tuple[FloatArray, str]:
-    """Return the values in the signal's unit, and the logger's unit in words."""
-    canonical = BY_NAME[choice.name].unit
-    target = _target(choice.name, profile)
-    if target is None:
-        return cells, column.unit
-    for text in _stated_texts(column):
-        unit = unit_of(text, profile.stoich_afr)
-        if unit is not None and unit.quantity == target.quantity and text != "-":
-            return _scaled(cells, unit, target), text
-    text = setting.unit(choice.source)
-    unit = unit_of(text, profile.stoich_afr)
-    if unit is not None and unit.quantity == target.quantity:
-        return _scaled(cells, unit, target), text
-    return cells, canonical
-
-
-def _target(name: str, profile: Profile) -> Unit | None:
-    canonical = BY_NAME[name].unit
-    return unit_of(_TARGETS.get(canonical, canonical), profile.stoich_afr)
-
-
-class _Setting:
-    """The unit of columns whose unit is a setting of the logger: one choice for all alike.
-
-    Units of mixture are one setting; all others are another: metric or not.
-    """
-
-    def __init__(
-        self, raw: RawTable, profile: Profile, columns: Sequence[tuple[_Choice, FloatArray]]
-    ) -> None:
-        self._place = dict.fromkeys((False, True), 0)
-        for is_mixture in self._place:
-            open_ = [
-                (choice, cells)
-                for choice, cells in columns
-                if len(choice.source.units) > 1
-                and self._is_mixture(choice.source) == is_mixture
-                and not any(
-                    unit_of(text, profile.stoich_afr)
-                    for text in _stated_texts(raw.columns[choice.column])
-                )
-            ]
-            most = max((len(choice.source.units) for choice, _ in open_), default=1)
-            votes = [
-                sum(_fits(profile, each, cells, place) for each, cells in open_)
-                for place in range(most)
-            ]
-            self._place[is_mixture] = votes.index(max(votes))
-
-    @staticmethod
-    def _is_mixture(source: Source) -> bool:
-        return any(text.casefold() in ("afr", "lambda") for text in source.units)
-
-    def unit(self, source: Source) -> str:
-        """Return the unit of a column that states none, "" where the profile gives none."""
-        if not source.units:
-            return ""
-        return source.units[min(self._place[self._is_mixture(source)], len(source.units) - 1)]
-
-
-def _fits(profile: Profile, choice: _Choice, cells: FloatArray, place: int) -> bool:
-    """Return whether a unit gives plausible values."""
-    source, target = choice.source, _target(choice.name, profile)
-    unit = unit_of(source.units[min(place, len(source.units) - 1)], profile.stoich_afr)
-    if unit is None or target is None or not np.isfinite(cells).any():
-        return True
-    low, high = plausible_range(choice.name)
-    middle = float(np.nanmedian(_scaled(cells, unit, target) * source.factor + source.offset))
-    return low <= middle <= high
-
-
-def _stated_texts(column: RawColumn) -> tuple[str, str]:
-    return column.unit, name_and_unit(column.name)[1]
-
-
-def _scaled(cells: FloatArray, unit: Unit, target: Unit) -> FloatArray:
-    factor, offset = conversion(unit, target)
-    return cells if factor == 1.0 and offset == 0.0 else cells * factor + offset

@@ -19,8 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from monitor.base.errors import RecordingError
-from monitor.base.types import BoolArray, FloatArray, IntArray
+from monitor.base.types import FloatArray, IntArray
 from monitor.frames.bounds import open_binary
+from monitor.frames.tables.mlg_blocks import BLOCK_HEAD, Blocks
 from monitor.frames.tables.raw_table import Notes, RawColumn, RawTable, Wanted
 
 MAGIC: Final = b"MLVLG\0"
@@ -29,12 +30,10 @@ TIMESTAMP: Final = "MLG timestamp"  # name of the column of unwrapped timestamps
 _TYPES: Final = {0: "u1", 1: "i1", 2: ">u2", 3: ">i2", 4: ">u4", 5: ">i4", 6: ">i8", 7: ">f4"}
 _BITS: Final = {10: "u1", 11: ">u2", 12: ">u4", 0x10: "u1", 0x11: ">u2", 0x12: ">u4"}
 _FIELD_BYTES: Final = {1: 55, 2: 89}
-_BLOCK_HEAD: Final = 4  # type, counter, timestamp
-_MARKER: Final = _BLOCK_HEAD + 50
 _TICK_S: Final = 1e-5
 _WRAP: Final = 1 << 16
-_CHUNK: Final = 4 << 20  # bytes that are read at once
 _MOST_FIELDS: Final = 20_000
+MOST_NAMES: Final = 4 << 20  # bytes of the names of bits
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +86,7 @@ def _header(path: Path, file: BinaryIO) -> tuple[int, _Layout, str]:
         raise RecordingError(f"{path}: data from byte {data}, within the {n} fields before it")
     body = head[start:] + _wanted_bytes(path, file, start + n * size - len(head))
     entries = [body[i * size : (i + 1) * size] for i in range(n)]
-    rest = file.read(min(data - start - n * size, _CHUNK))
+    rest = file.read(min(data - start - n * size, MOST_NAMES))
     names = _Names(rest[: max(info - start - n * size, 0)], start + n * size)
     fields, offsets, at = [], [], 0
     for number, entry in enumerate(entries, 1):
@@ -162,7 +161,7 @@ def _read(
     path: Path, layout: _Layout, wanted: Sequence[Wanted], notes: Notes
 ) -> Iterator[FloatArray]:
     """Yield the wanted fields, (n, n_wanted), of one chunk after the other."""
-    blocks = _Blocks(layout)
+    blocks = Blocks(layout.record)
     clock = _Clock()
     with open_binary(path) as file:
         _skip(path, file, layout.data)
@@ -187,7 +186,7 @@ def _skip(path: Path, file: BinaryIO, n: int) -> None:
 
 
 def _values(records: NDArray[np.uint8], field: _Field, offset: int) -> FloatArray:
-    start = _BLOCK_HEAD + offset
+    start = BLOCK_HEAD + offset
     size = np.dtype(field.dtype).itemsize
     raw = np.ascontiguousarray(records[:, start : start + size]).view(field.dtype)[:, 0]
     if field.bit is not None:
@@ -211,95 +210,6 @@ class _Clock:
         ticks = self._ticks + np.cumsum(steps)
         self._last, self._ticks = int(stamps[-1]), int(ticks[-1])
         return np.asarray(ticks * _TICK_S)
-
-
-class _Blocks:
-    """The records of the data, checked, in arrays of whole blocks."""
-
-    def __init__(self, layout: _Layout) -> None:
-        self._size = _BLOCK_HEAD + layout.record + 1
-
-    def of(self, file: BinaryIO, notes: Notes) -> Iterator[NDArray[np.uint8]]:
-        """Yield good records, (n, bytes of a block), with type, counter and timestamp.
-
-        Markers, bad records and bytes that belong to no block are left out and counted.
-        """
-        size, rest, n = self._size, b"", 0
-        step = max(_CHUNK // size, 4) * size
-        while True:
-            data = file.read(step)
-            chunk = np.frombuffer(rest + data, dtype=np.uint8)
-            at = 0
-            for begin, end, is_good in self._runs(chunk, notes, ended=not data):
-                at = end
-                if is_good:
-                    n += (end - begin) // size
-                    yield chunk[begin:end].reshape(-1, size)
-            rest = chunk[at:].tobytes()
-            if not data:
-                break
-        if rest:
-            notes.sentences.append(f"cut short after {n} records: {len(rest)} bytes are left")
-
-    def _runs(
-        self, chunk: NDArray[np.uint8], notes: Notes, *, ended: bool
-    ) -> Iterator[tuple[int, int, bool]]:
-        """Yield spans [begin, end): good records in a row, and what is passed over.
-
-        ended : the chunk is the file's last
-        """
-        size, at, n = self._size, 0, len(chunk)
-        good: BoolArray | None = None
-        while n - at >= size or (n - at >= _MARKER and chunk[at] == 1):
-            count = self._good_in_a_row(chunk[at : at + (n - at) // size * size])
-            if count:
-                yield at, at + count * size, True
-                at += count * size
-                continue
-            if chunk[at] == 1 and n - at >= _MARKER:
-                notes.count("markers")
-                yield at, at + _MARKER, False
-                at += _MARKER
-                continue
-            if good is None:
-                good = self._good_places(chunk)
-            following = np.flatnonzero(good[at + 1 :])
-            if following.size:
-                to = at + 1 + int(following[0])
-            elif ended or n - at > 8 * size:  # nothing readable: keep what may begin a record
-                to = max(n - size + 1, at + 1) if not ended else n
-            else:
-                return
-            notes.count(
-                "bad_checksum" if to - at == size else "damaged_bytes",
-                1 if to - at == size else to - at,
-            )
-            yield at, to, False
-            at = to
-
-    def _good_in_a_row(self, data: NDArray[np.uint8]) -> int:
-        """Return how many blocks at the start are records whose checksum is right."""
-        blocks = data.reshape(-1, self._size)
-        good = (blocks[:, 0] == 0) & (
-            np.add.reduce(blocks[:, _BLOCK_HEAD:-1], axis=1, dtype=np.uint8) == blocks[:, -1]
-        )
-        return len(good) if good.all() else int(good.argmin())
-
-    def _good_places(self, chunk: NDArray[np.uint8]) -> BoolArray:
-        """Return (n,) bool: here begins a good record, and a marker or the next record after it."""
-        size = self._size
-        good = np.zeros(len(chunk), dtype=bool)
-        if len(chunk) < size:
-            return good
-        sums = np.cumsum(chunk, dtype=np.uint8)
-        starts = np.arange(len(chunk) - size + 1)
-        own = sums[starts + size - 2] - sums[starts + _BLOCK_HEAD - 1]
-        good[starts] = (chunk[starts] == 0) & (own == chunk[starts + size - 1])
-        good[starts] &= chunk[starts + size - 1] != 0  # zeros alone look like records
-        after = starts[: max(len(chunk) - size - 1, 0)]
-        counted = chunk[after + size + 1] == chunk[after + 1] + np.uint8(1)
-        good[after] &= counted & (chunk[after + size] <= 1)
-        return good
 
 
 def is_mlg(path: Path) -> bool:

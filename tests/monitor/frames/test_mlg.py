@@ -88,7 +88,7 @@ def test_a_log_larger_than_a_chunk_gives_what_small_chunks_give(
     path = tmp_path / "a.mlg"
     path.write_bytes(mlg_header(2, FIELDS) + b"".join(blocks))
     whole, noted = everything(open_mlg(path))
-    monkeypatch.setattr("monitor.frames.tables.mlg._CHUNK", 100)
+    monkeypatch.setattr("monitor.frames.tables.mlg_blocks.CHUNK", 100)
     parts, again = everything(open_mlg(path))
     np.testing.assert_array_equal(parts, whole)
     assert again == noted

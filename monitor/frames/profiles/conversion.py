@@ -1,0 +1,110 @@
+"""Values of a logger's column in the unit of the canonical signal."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from monitor.base.signals import BY_NAME, plausible_range
+from monitor.base.types import FloatArray
+from monitor.frames.profiles.profile import Profile, Source
+from monitor.frames.profiles.units import Unit, conversion, unit_of
+from monitor.frames.tables.dialect import name_and_unit
+from monitor.frames.tables.raw_table import RawColumn, RawTable
+
+# unit texts of canonical signals are units of loggers, too; a name here says its quantity
+_TARGETS: Final = {"degC": "°c", "1/min": "rpm", "Nm": "nm", "mg/stroke": "mg"}
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """A column that may carry a signal."""
+
+    name: str
+    source: Source
+    column: int
+
+
+def _target(name: str, profile: Profile) -> Unit | None:
+    canonical = BY_NAME[name].unit
+    return unit_of(_TARGETS.get(canonical, canonical), profile.stoich_afr)
+
+
+class Setting:
+    """The unit of columns whose unit is a setting of the logger: one choice for all alike.
+
+    Units of mixture are one setting; all others are another: metric or not.
+    """
+
+    def __init__(
+        self, raw: RawTable, profile: Profile, columns: Sequence[tuple[Choice, FloatArray]]
+    ) -> None:
+        self._place = dict.fromkeys((False, True), 0)
+        for is_mixture in self._place:
+            open_ = [
+                (choice, cells)
+                for choice, cells in columns
+                if len(choice.source.units) > 1
+                and self._is_mixture(choice.source) == is_mixture
+                and not any(
+                    unit_of(text, profile.stoich_afr)
+                    for text in stated_texts(raw.columns[choice.column])
+                )
+            ]
+            most = max((len(choice.source.units) for choice, _ in open_), default=1)
+            votes = [
+                sum(_fits(profile, each, cells, place) for each, cells in open_)
+                for place in range(most)
+            ]
+            self._place[is_mixture] = votes.index(max(votes))
+
+    @staticmethod
+    def _is_mixture(source: Source) -> bool:
+        return any(text.casefold() in ("afr", "lambda") for text in source.units)
+
+    def unit(self, source: Source) -> str:
+        """Return the unit of a column that states none, "" where the profile gives none."""
+        if not source.units:
+            return ""
+        return source.units[min(self._place[self._is_mixture(source)], len(source.units) - 1)]
+
+
+def _fits(profile: Profile, choice: Choice, cells: FloatArray, place: int) -> bool:
+    """Return whether a unit gives plausible values."""
+    source, target = choice.source, _target(choice.name, profile)
+    unit = unit_of(source.units[min(place, len(source.units) - 1)], profile.stoich_afr)
+    if unit is None or target is None or not np.isfinite(cells).any():
+        return True
+    low, high = plausible_range(choice.name)
+    middle = float(np.nanmedian(_scaled(cells, unit, target) * source.factor + source.offset))
+    return low <= middle <= high
+
+
+def stated_texts(column: RawColumn) -> tuple[str, str]:
+    """Return the places in which a file states a column's unit, "" where it does not."""
+    return column.unit, name_and_unit(column.name)[1]
+
+
+def _scaled(cells: FloatArray, unit: Unit, target: Unit) -> FloatArray:
+    factor, offset = conversion(unit, target)
+    return cells if factor == 1.0 and offset == 0.0 else cells * factor + offset
+
+
+def converted(
+    profile: Profile, setting: Setting, choice: Choice, column: RawColumn, cells: FloatArray
+) -> tuple[FloatArray, str]:
+    """Return the values in the signal's unit, and the logger's unit in words."""
+    canonical = BY_NAME[choice.name].unit
+    target = _target(choice.name, profile)
+    if target is None:
+        return cells, column.unit
+    for text in stated_texts(column):
+        unit = unit_of(text, profile.stoich_afr)
+        if unit is not None and unit.quantity == target.quantity and text != "-":
+            return _scaled(cells, unit, target), text
+    text = setting.unit(choice.source)
+    unit = unit_of(text, profile.stoich_afr)
+    if unit is not None and unit.quantity == target.quantity:
+        return _scaled(cells, unit, target), text
+    return cells, canonical
