@@ -24,6 +24,7 @@ _FIRST_BLOCK: Final = 64  # byte after the identification
 _FIELDS: Final = 32  # bytes of a block after its links that are looked at
 _CHANNEL_GROUP: Final = struct.Struct("<QQH6xII")  # record id, records, flags, sizes
 _VARIABLE_LENGTH: Final = 1  # flag of a channel group
+_CHANNEL: Final = struct.Struct("<3xBII")  # bit, byte, bits
 _PACKED: Final = struct.Struct("<8xQ")  # unpacked bytes
 _IN_LISTS: Final = (b"DG", b"CG", b"CN", b"FH", b"CH", b"DL", b"AT", b"EV")  # by first link
 
@@ -56,8 +57,9 @@ def check(file: IO[bytes]) -> None:
         if address + length > size:
             raise ValueError(f"the block at byte {address} ends too early")
         links = [target for (target,) in struct.iter_unpack("<Q", file.read(8 * n_links))]
-        blocks.add(name[2:], links, file.read(_FIELDS))
+        blocks.add(address, name[2:], links, file.read(_FIELDS))
         waiting.extend(target for target in links if target)
+    blocks.check_channels()
 
 
 class _Blocks:
@@ -69,9 +71,11 @@ class _Blocks:
     def __init__(self, size: int) -> None:
         self._size = size
         self._unpacked = 0  # bytes of records that the channel groups and packed blocks announce
+        self._groups: list[tuple[int, int]] = []  # first channel, bytes of a record
+        self._channels: dict[int, tuple[list[int], int]] = {}  # next and part; last bit
         self._next: set[int] = set()  # blocks that another one of its kind names as the next
 
-    def add(self, name: bytes, links: list[int], fields: bytes) -> None:
+    def add(self, address: int, name: bytes, links: list[int], fields: bytes) -> None:
         """Look at a block; raises ValueError if its list has no end, BoundError for its size.
 
         fields : the first bytes after its links
@@ -80,17 +84,37 @@ class _Blocks:
             if links[0] in self._next:
                 raise ValueError(f"two blocks name the block at byte {links[0]} as the next")
             self._next.add(links[0])
-        if name == b"CG" and len(fields) >= _CHANNEL_GROUP.size:
+        if name == b"CG" and len(links) > 1 and len(fields) >= _CHANNEL_GROUP.size:
             _, n_records, flags, low, high = _CHANNEL_GROUP.unpack_from(fields)
             if flags & _VARIABLE_LENGTH:  # one number, the bytes of all records
                 self._unpacked += low | high << 32
             else:  # bytes of data and of validity in each record
+                self._groups.append((links[1], low))
                 self._unpacked += n_records * (low + high)
                 check_ratio(self._size, low + high, TABLE_RATIO)
+        elif name == b"CN" and len(fields) >= _CHANNEL.size:
+            bit, byte, n_bits = _CHANNEL.unpack_from(fields)
+            self._channels[address] = (links[:2], 8 * byte + bit + n_bits)
         elif name == b"DZ" and len(fields) >= _PACKED.size:
             (n_unpacked,) = _PACKED.unpack_from(fields)
             check_ratio(self._size, n_unpacked, TABLE_RATIO)
         check_ratio(self._size, self._unpacked, TABLE_RATIO)
+
+    def check_channels(self) -> None:
+        """Raise ValueError for a channel beyond its record, which asammdf's C code would read."""
+        for first, n_bytes in self._groups:
+            waiting, seen = [first], set[int]()
+            while waiting:
+                address = waiting.pop()
+                if address not in self._channels or address in seen:
+                    continue
+                seen.add(address)
+                links, end = self._channels[address]
+                if end > 8 * n_bytes:
+                    raise ValueError(
+                        f"the channel at byte {address} lies beyond its record of {n_bytes} bytes"
+                    )
+                waiting += links
 
 
 @contextmanager

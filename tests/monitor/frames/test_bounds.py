@@ -3,7 +3,9 @@
 import gzip
 import os
 import random
+import re
 import socket
+import struct
 import zlib
 from pathlib import Path
 
@@ -17,7 +19,9 @@ from monitor.frames.blocks import frames_of
 from monitor.frames.bounds import FREE_BYTES, LINE_BYTES, PIECE_BYTES, RATIO
 from monitor.frames.candump import LogCounters
 from monitor.frames.log_blocks import read_blocks
+from tests.helpers.bad_logs import block
 from tests.helpers.read_outcome import outcome, streamed
+from training.recordings.mf4_log import write_mf4
 
 FRAME = {
     ".log": "(1.000000) vcan0 123#0102\n",
@@ -138,3 +142,26 @@ def test_an_identifier_beyond_29_bits_is_refused_in_blocks_as_in_the_stream(
     line = FRAME[kind].splitlines(keepends=True)[-1]
     path.write_text(FRAME[kind] + line.replace(before, after.format(identifier)))
     refused(path, "after 1 frames")
+
+
+def test_an_mf4_whose_channel_lies_beyond_its_record_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "drive.mf4"
+    write_mf4(path, block([Frame(10**18 + i * 10**6, 1, False, b"12345678") for i in range(9)]))
+    whole = bytearray(path.read_bytes())
+    links, fields = 24 + 8 * 8, struct.Struct("<BBBBII")  # kinds, bit offset, byte offset, bits
+    for found in re.finditer(b"##CN", bytes(whole)):
+        place = found.start() + links
+        kind, sync, data, bit, _, n_bits = fields.unpack_from(whole, place)
+        fields.pack_into(whole, place, kind, sync, data, bit, 1 << 20, n_bits)
+    path.write_bytes(whole)
+    refused(path, "lies beyond its record")
+
+
+def test_an_mf4_that_announces_more_records_than_it_holds_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "drive.mf4"
+    write_mf4(path, block([Frame(10**18 + i * 10**6, 1, False, b"12345678") for i in range(9)]))
+    whole = bytearray(path.read_bytes())
+    group = whole.index(b"##CG") + 24 + 6 * 8
+    struct.pack_into("<I", whole, group + 24, 1 << 31)  # bytes of a record
+    path.write_bytes(whole)
+    refused(path, "bytes of the file grow to more than")
