@@ -55,7 +55,7 @@ class Timeline:
 
     def __init__(self, decoder: BlockDecoder) -> None:
         self.counters = TimeCounters()
-        self._alive = AliveCounters(decoder)
+        self._decoder = decoder
         self._pause_ns = min(decoder.timeouts_ns)  # no value goes stale in a shorter pause
         self._newest_ns: int | None = None  # of the believed times
         self._shift_ns = 0  # believed time is the frame's time less this
@@ -102,7 +102,7 @@ class Timeline:
         """
         assert self._newest_ns is not None
         walk = _Walk(self._recent, frames, self._newest_ns, self._shift_ns, self._pause_ns)
-        walk.run(self._alive, self.counters, is_last=is_last)
+        walk.run(self._decoder, self.counters, is_last=is_last)
         self._newest_ns, self._shift_ns = walk.newest_ns, walk.shift_ns
         n = walk.at
         self._waiting = chosen(frames, slice(n, None)) if n < len(frames.t_ns) else None
@@ -151,6 +151,7 @@ class _Walk:
         whole, self._n_before = recent.before(frames)
         self._t_ns = whole.t_ns.copy()  # believed where the walk has been
         self._whole = whole._replace(t_ns=self._t_ns)
+        self._alive: AliveCounters | None = None  # read when they are needed
         self._raw_ns = frames.t_ns
         self._is_own = (frames.key & EXTENDED > 0) & (frames.key & (EXTENDED - 1) >= FIRST_ID)
 
@@ -158,7 +159,7 @@ class _Walk:
         """Return the believed times of the first frames, (n,)."""
         return self._t_ns[self._n_before : self._n_before + n]
 
-    def run(self, alive: AliveCounters, counters: TimeCounters, *, is_last: bool) -> None:
+    def run(self, decoder: BlockDecoder, counters: TimeCounters, *, is_last: bool) -> None:
         """Walk on until a doubtful frame has too few frames behind it, or to the end."""
         n = len(self._raw_ns)
         while self.at < n:
@@ -170,7 +171,7 @@ class _Walk:
                 if not self._is_doubtful(t_ns, is_own=is_own):
                     self._accept(t_ns)
                 elif is_last or n - self.at >= LOOK:
-                    self._decide(t_ns, alive, counters)
+                    self._decide(t_ns, decoder, counters)
                 else:
                     return
                 self.at += 1
@@ -194,7 +195,7 @@ class _Walk:
         self._t_ns[self._n_before + self.at] = t_ns
         self.newest_ns = max(self.newest_ns, t_ns)
 
-    def _decide(self, t_ns: int, alive: AliveCounters, counters: TimeCounters) -> None:
+    def _decide(self, t_ns: int, decoder: BlockDecoder, counters: TimeCounters) -> None:
         """Give the doubtful frame a believed time; it would be at ``t_ns``."""
         later_ns = self._raw_ns[self.at + 1 : self.at + 1 + WITNESSES] - _wrapped(self.shift_ns)
         is_forward = t_ns > self.newest_ns
@@ -209,8 +210,8 @@ class _Walk:
             self._accept(self.newest_ns)
             return
         at = self._n_before + self.at
-        verdict = alive.verdict(
-            self._whole,
+        self._alive = self._alive or AliveCounters(decoder, self._whole)
+        verdict = self._alive.verdict(
             begin=max(at - LOOK, 0),
             at=at,
             end=at + LOOK,
