@@ -1,6 +1,6 @@
 """Real logs of tuning tools: read, a model learned, logs left out predicted and judged.
 
-FOLDER holds logs, one folder per vehicle and logger; a loose file is a vehicle alone. For each
+FOLDER holds logs, one folder per vehicle and logger; a loose table is a vehicle alone. For each
 vehicle the last log is left out of the fit; a vehicle with one log has its last 40 % of rows left
 out. All figures are of what is left out:
 
@@ -14,7 +14,8 @@ Nobody knows whether these sensors were sound. Logs without a lambda are read an
 
     python benchmarks/real_logs.py FOLDER [--profiles DIR] [--budget MINUTES] [--kind narx|greybox]
 
-A profile in DIR with the name of a vehicle's folder or file is given with its logs.
+A profile in DIR (default: ``profiles`` beside this file) with the name of a vehicle's folder or
+file is given with its logs.
 """
 
 import argparse
@@ -202,7 +203,7 @@ def _scored(
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--profiles", type=Path)
+    parser.add_argument("--profiles", type=Path, default=Path(__file__).parent / "profiles")
     parser.add_argument("--budget", type=float, default=2.0)
     parser.add_argument("--kind", choices=("narx", "greybox"), default="narx")
     parser.add_argument("--only", help="vehicles whose names hold this text")
