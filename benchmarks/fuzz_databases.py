@@ -61,7 +61,7 @@ def multiplexers(text: str, rng: random.Random) -> str:
     text = _SIGNAL.sub(marked, text)
     names = re.findall(r"^ SG_ (\w+)", text, re.MULTILINE)
     messages = re.findall(r"^BO_ (\d+)", text, re.MULTILINE)
-    for _ in range(rng.randrange(6)):
+    for _ in range(rng.randrange(6) if names and messages else 0):
         first = rng.choice(("0", "3", "10000000", "9" * 30))
         last = rng.choice(("0", "3", "65535", "10000000", "4294967295"))
         text += (
