@@ -244,7 +244,7 @@ def _narx(args: argparse.Namespace, recordings: "list[Recording]") -> "FitResult
     inputs = inputs_of(args, (*recordings, *validate))
     if args.ratio and not {"fuel_mass_mg", "air_mass_mg"} <= set(inputs):
         raise UsageError("--ratio needs the inputs fuel_mass_mg and air_mass_mg")
-    with Bar() as bar:
+    with Bar(args.budget) as bar:
         return fit(
             recordings,
             inputs,

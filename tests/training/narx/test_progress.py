@@ -1,0 +1,46 @@
+"""The progress of a training: best error so far and time left."""
+
+import io
+
+from training.cli.progress_bar import LINE_S, Bar
+from training.narx.stages import EPOCHS
+
+HORIZON = min(EPOCHS)
+
+
+class Clock:
+    """A clock that a test moves."""
+
+    def __init__(self) -> None:
+        self.now_s = 0.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+def test_without_a_terminal_a_line_tells_best_error_and_time_left() -> None:
+    # GIVEN a training whose progress goes to a file, with ten minutes at most
+    clock, out = Clock(), io.StringIO()
+    with Bar(10.0, out, clock) as bar:
+        bar.update(0, HORIZON, 0, 0.9)
+        assert out.getvalue() == ""
+        # WHEN half a minute has passed
+        clock.now_s = LINE_S
+        bar.update(0, HORIZON, 1, 0.5)
+    # THEN one line tells the best error, and at most the rest of the budget
+    (line,) = out.getvalue().splitlines()
+    assert "best free run 0.500" in line
+    assert "at most 9:30 left" in line
+
+
+def test_the_time_left_follows_the_pace_and_never_exceeds_the_budget() -> None:
+    clock = Clock()
+    with Bar(10.0, io.StringIO(), clock) as bar:
+        assert bar.left_s == 600.0
+        for epoch in range(5):
+            clock.now_s = 0.1 * epoch
+            bar.update(0, HORIZON, epoch, 1.0)
+        rest = sum(EPOCHS.values()) - 5
+        assert abs(bar.left_s - 0.1 * rest) < 1e-6
+        clock.now_s = 700.0
+        assert bar.left_s == 0.0
