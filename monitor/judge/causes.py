@@ -87,8 +87,10 @@ def causes(seen: Observed, asked: Asked, judgement: Judgement | None = None) -> 
     found += _open_loop(seen, asked)
     if undecided:
         found += _still_inputs(seen, asked, found)
+    grave = [each for each in found if _is_grave(each)]
     if judgement is None:
-        return [each for each in found if _is_grave(each)]
+        return grave
+    found = grave or found
     if judgement.unfinished and (not found or judgement.windows >= ENOUGH_WINDOWS):
         found += _evidence(seen, judgement)
     return found + _dead(seen, asked)

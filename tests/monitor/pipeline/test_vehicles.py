@@ -200,7 +200,8 @@ def test_a_dead_vehicle_speed_is_what_kept_it_from_judging(
 ) -> None:
     got = replayed(mx5, mx5_model, folder / "parked.toml")
     assert got.exit_code == 3
-    assert "no window of enabled samples was filled (vehicle_speed held 0 %" in got.out
+    assert "not judged: vehicle_speed held 0 % of the time: vehicle_speed_km_h is 0" in got.out
+    assert got.recording["not_judged"][0]["reason"] == "constant"
 
 
 def test_a_cold_sensor_is_not_stuck_where_nothing_says_that_the_engine_stands(
