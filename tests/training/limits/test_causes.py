@@ -1,0 +1,47 @@
+"""Why healthy recordings give no windows: fit and calibrate name the column at fault."""
+
+from pathlib import Path
+
+import pytest
+
+from monitor.base import config
+from monitor.base.errors import RecordingError
+from monitor.model.step import Model
+from monitor.report.replay import shipped_model
+from tests.helpers.drive_tables import Columns, table
+from training.limits.decision_limits import limits_of
+from training.limits.judging import why_not
+from training.recordings.recording import Recording, load
+
+CONFIG = config.load()
+CARD = Model.load(shipped_model()).card
+
+
+def recording(path: Path, **changes: float) -> Recording:
+    def change(data: Columns) -> None:
+        for name, value in changes.items():
+            data[name][:] = value
+
+    return load(table(path, change))
+
+
+def test_a_column_of_zeros_is_named_instead_of_more_recordings(tmp_path: Path) -> None:
+    zeros = recording(tmp_path / "zeros.csv", vehicle_speed_km_h=0.0)
+    with pytest.raises(RecordingError, match="0 healthy windows") as raised:
+        limits_of([[]], CARD, CONFIG, "test", [zeros])
+    assert "vehicle_speed_km_h is 0 km/h throughout" in str(raised.value)
+    assert "more or longer" not in str(raised.value)
+
+
+def test_a_controller_that_stands_is_no_closed_loop(tmp_path: Path) -> None:
+    constant = recording(tmp_path / "constant.csv", lambda_controller=1.0)
+    (cause,) = why_not(constant, CARD, CONFIG)
+    assert (cause.condition, cause.signal, cause.reason) == (
+        "closed_loop",
+        "lambda_controller",
+        "constant",
+    )
+
+
+def test_nothing_is_wrong_with_an_ordinary_drive(tmp_path: Path) -> None:
+    assert why_not(recording(tmp_path / "drive.csv"), CARD, CONFIG) == []
