@@ -265,7 +265,7 @@ class DtcStore:
 
     def count_judged(self, test: str) -> bool:
         """Count that a test could have found a fault; return whether it is new in this cycle."""
-        if test in self._judged or self._is_paused(test):
+        if test in self._judged or test not in self._ratios or self._is_paused(test):
             return False
         self._judged.add(test)
         before = self._ratios[test]

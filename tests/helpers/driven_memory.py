@@ -79,7 +79,10 @@ def main() -> None:
         path, seed = line.split()
         pid = os.fork()
         if pid == 0:
-            _drive_for_ever(Path(path), int(seed))
+            try:
+                _drive_for_ever(Path(path), int(seed))
+            finally:
+                os._exit(1)  # the input is the parent's
         os.write(1, f"pid {pid}\n".encode())
         os.waitpid(pid, 0)
         os.write(1, b"end\n")
