@@ -400,7 +400,7 @@ def test_an_out_that_is_a_file_is_refused_in_one_line(
     (tmp_path / "out").write_text("")
     assert main([*TINY, "--out", str(tmp_path / "out")]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert line == f"o2train: {tmp_path / 'out'}: File exists"
+    assert line == f"o2train: {tmp_path / 'out'}: is a file, a folder is wanted"
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from typing import Any, NoReturn
 import pytest
 
 from monitor import cli as o2mon
+from monitor.base.command import INTERRUPTED
 from monitor.base.errors import ModelError
 from monitor.model.step import Model
 from tests.helpers.gap_files import drives, run
@@ -129,7 +130,7 @@ def named(chain: Path, healthy: list[Path], film: list[Path]) -> Iterator[Stoppe
 
 
 def test_a_run_that_was_stopped_goes_on_without_naming_again(named: Stopped) -> None:
-    assert named.codes[0] == cli.INTERRUPTED
+    assert named.codes[0] == INTERRUPTED
     assert named.codes[2] == 0
     assert "name" not in named.called
     assert "learn" not in named.called
@@ -138,7 +139,7 @@ def test_a_run_that_was_stopped_goes_on_without_naming_again(named: Stopped) -> 
 
 
 def test_a_run_with_other_options_begins_from_the_beginning(named: Stopped) -> None:
-    assert named.codes[1] == cli.INTERRUPTED
+    assert named.codes[1] == INTERRUPTED
     assert named.called[0] == "other options"
 
 
