@@ -108,12 +108,17 @@ def _is_grave(cause: Cause) -> bool:
 def _blocked(seen: Observed, asked: Asked) -> Iterator[Cause]:
     """Yield the causes of the conditions that held least."""
     shares = {c: seen.share(c) for c in CONDITIONS if c not in seen.unavailable}
-    if shares["inputs_valid"] <= shares["model_settled"] + (1.0 - HELD_ENOUGH):
-        del shares["model_settled"]  # it follows from the inputs
+    if shares["inputs_valid"] < HELD_ENOUGH:
+        del shares["model_settled"], shares["trained_range"]  # they follow from the inputs
     worst = sorted(shares, key=lambda name: shares[name])
-    for condition in worst[:MOST]:
-        if shares[condition] < HELD_ENOUGH:
-            yield _of_condition(condition, shares[condition], seen, asked)
+    named: set[tuple[str | None, str]] = set()  # signals with the reason that was told
+    for condition in worst:
+        if shares[condition] >= HELD_ENOUGH or len(named) == MOST:
+            return
+        cause = _of_condition(condition, shares[condition], seen, asked)
+        if (cause.signal, cause.reason) not in named:
+            named.add((cause.signal, cause.reason))
+            yield cause
 
 
 def _of_condition(condition: str, share: float, seen: Observed, asked: Asked) -> Cause:
