@@ -59,13 +59,15 @@ class ResponseConfig:
     gain_transient_max: float
     gain_late_min: float
     gain_max: float
+    gain_known: float
+    gain_memory: float
     excitation_noise: float
+    noise_least: float
     evidence_weight: float
     false_alarm_probability: float
     miss_probability: float
     evidence_alike: float
     evidence_most: float
-    evidence_memory: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,7 +188,8 @@ _LOWEST: Final = {
     "response.gain_late_min": 0.0,
     "response.excitation_noise": 0.0,
     "response.evidence_alike": 0.0,
-    "response.evidence_memory": 0.0,
+    "response.gain_known": 0.0,
+    "response.gain_memory": 0.0,
     "bias.variance_shared": 0.0,
     "bias.memory": 0.0,
     "bias.gain_drives": 0.0,
@@ -204,7 +207,8 @@ _LOWEST: Final = {
 _HIGHEST: Final = {
     "enable.purge_open_percent": 100.0,
     "enable.purge_step_percent": 100.0,
-    "response.evidence_memory": 1.0,
+    "response.gain_memory": 1.0,
+    "response.noise_least": 1.0,
     "response.evidence_weight": 1.0,
     "response.false_alarm_probability": 0.5,
     "response.miss_probability": 0.5,

@@ -94,9 +94,9 @@ class Decisions:
             config.response,
             hypotheses,
             Noise(limits.noise, limits.noise_memory),
-            limits.excitation,
             period_s,
-            limits.gain,
+            limits.evidence,
+            limits.gain_expected,
         )
         self._bias = BiasRule(config.bias, limits.offset_low, limits.offset_high, limits.offset_std)
         self._debounce = dict.fromkeys(OF_VEHICLE, Debounce())
@@ -188,7 +188,7 @@ class Decisions:
             for edge in EDGES
             if isinstance(value := found[f"{what}_{edge}_s"], float)
         ]
-        gain, unit = found["gain"], limits.gain
+        gain, unit = found["gain"], limits.gain_expected
         if not isinstance(gain, float):
             results = []  # no window was judged yet
         else:
@@ -211,7 +211,8 @@ class Decisions:
         sound = self._debounce["response"].passed and not self._suspicious
         if self._transform != "phi" or not (enough and sound) or self.store.fault_flag:
             return None
-        return Seen(self._offset_sum / self._windows, self._response.drive_gain)
+        gain = self._response.drive_gain / self._limits.gain_model
+        return Seen(self._offset_sum / self._windows, gain)
 
     def _orient(self, measured: FloatArray) -> FloatArray:
         if self._transform == "phi":

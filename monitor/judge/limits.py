@@ -17,6 +17,7 @@ NAMES: Final = (
     "offset",
     "offset_std",
 )  # in the card
+OPTIONAL: Final = ("evidence", "gain_model")  # older cards lack them
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +32,14 @@ class Limits:
     offset_low: float  # bias, output's unit
     offset_high: float
     offset_std: float  # of healthy windows' means, output's unit
-    gain: float = 1.0  # of this vehicle's healthy sensor
+    evidence: float = 1.0  # most of a window's samples that count as independent
+    gain_model: float = 1.0  # measurement over prediction of healthy sensors
+    gain: float = 1.0  # of this vehicle's healthy sensor, relative to gain_model
+
+    @property
+    def gain_expected(self) -> float:
+        """Return measurement over prediction of this vehicle's healthy sensor."""
+        return self.gain_model * self.gain
 
     @classmethod
     def from_card(cls, card: ModelCard, config: Config, where: str) -> "Limits":
@@ -59,6 +67,7 @@ class Limits:
         if card.transform == "phi":
             offset = max(offset, config.bias.offset_limit_lambda)
             values["offset_std"] = max(values["offset_std"], config.bias.window_std_lambda)
+        values |= {name: card.limits[name].value for name in OPTIONAL if name in card.limits}
         return cls(**values, offset_low=-offset, offset_high=offset)
 
     def of_vehicle(self, reference: Reference, config: BiasConfig) -> "Limits":

@@ -2,12 +2,16 @@
 
 Every claim says how a sensor follows the mixture: one column of the bank of ``hypotheses`` (a lag
 or a dead time on one edge direction or both) and a range for its gain. Evidence for each claim is
-summed over windows until one fault, or the sound sensor, leads by enough.
+summed over windows until one fault, or the sound sensor, leads by enough. Every window counts by
+how well its prediction separates the claims: one in which the mixture hardly moves, or which the
+model follows badly, adds little, and none is left out for it.
 
 Sources: Basseville and Nikiforov, Detection of Abrupt Changes, chapter 4 (log likelihood ratios
 summed until a threshold); Wald, Sequential Analysis, section 3.2 (the thresholds for stated
 probabilities of a false alarm and of a miss); Kay, Fundamentals of Statistical Signal Processing
-II, section 9.3 (linear model in coloured noise: whiten both sides).
+II, section 9.3 (linear model in coloured noise: whiten both sides); Lange, Little and Taylor,
+Robust statistical modeling using the t distribution, JASA 84 (1989) (a scale of its own for each
+window, and the weights that follow from it).
 """
 
 import math
@@ -87,13 +91,15 @@ def claims(config: ResponseConfig, bank: tuple[Hypothesis, ...]) -> tuple[Claim,
 class ResponseRule:
     """Sequential comparison of claims, constant memory.
 
-    In each window measurement and bank are whitened by the healthy residual's memory; for each
-    claim gain (within its range) and offset come from least squares, and the concentrated Gaussian
-    log likelihood, with ``evidence_weight`` of the samples counted as independent, is added to the
-    claim's evidence, which fades by ``evidence_memory`` per window.
+    In each window measurement and bank are whitened by the healthy residual's memory, and the
+    offset is taken off. Each claim has one gain, within its range, estimated over the drive by
+    least squares with the windows weighted by the inverse of their error's variance, and fading by
+    ``gain_memory`` per window. The log likelihood of a window, whose scale is unknown and at least
+    ``noise_least`` of the healthy innovation's variance, is added to the claim's evidence;
+    ``evidence_weight`` of its samples count as independent.
 
     noise : of the healthy residual
-    excitation_min : least standard deviation of the prediction that makes a window judgeable
+    evidence_weight : at most that of the settings; lower for a model whose errors look like faults
     gain_reference : this vehicle's healthy gain, which the gains of the claims are relative to
     """
 
@@ -102,17 +108,19 @@ class ResponseRule:
         config: ResponseConfig,
         bank: tuple[Hypothesis, ...],
         noise: Noise,
-        excitation_min: float,
         period_s: float,
+        evidence_weight: float = 1.0,
         gain_reference: float = 1.0,
     ) -> None:
         self._config, self._noise = config, noise
-        self._excitation_min = excitation_min
+        self._weight = min(evidence_weight, config.evidence_weight)
+        self._least_var = config.noise_least * noise.innovation_var
         alpha, beta = config.false_alarm_probability, config.miss_probability
         self.evidence_fail = math.log((1.0 - beta) / alpha)
         self.evidence_pass = math.log((1.0 - alpha) / beta)
         self._claims, self._n_columns = claims(config, bank), len(bank)
         self._columns = np.array([c.column for c in self._claims])
+        self._gain_reference = gain_reference
         self._gain_low = gain_reference * np.array([c.gain_low for c in self._claims])
         self._gain_high = gain_reference * np.array([c.gain_high for c in self._claims])
         faulty = np.array([bool(c.fault) for c in self._claims])
@@ -125,9 +133,10 @@ class ResponseRule:
 
     def reset(self) -> None:
         """Forget all evidence."""
-        n = len(self._claims)
+        n, known = len(self._claims), self._config.gain_known
         self._evidence = np.zeros(n)
-        self._gain_sums = np.zeros((2, n))
+        # weighted sums of prediction squared, and of measurement times prediction, per claim
+        self._gain_sums = np.vstack((np.full(n, known), np.full(n, known * self._gain_reference)))
         self._drive_sums = np.zeros((3, n))  # like gain sums and evidence, but nothing fades
         self._windows = 0
 
@@ -148,14 +157,15 @@ class ResponseRule:
         ignore : (w,)
         """
         _, excitation = means_and_stds(np.array([bank[:, 0] for bank in banks]))
-        usable = ~ignore & (excitation >= self._excitation_min)
-        evidence, gain_sums = self._summed(usable, self._regressed(measured, banks, usable))
+        usable = ~ignore
+        moments = self._regressed(measured, banks, usable)
+        evidence, gain_sums = self._summed(usable, moments, measured.shape[1] - self._ahead - 1)
         return self._reports(usable, excitation, evidence, gain_sums)
 
     def _regressed(
         self, measured: FloatArray, banks: Sequence[FloatArray], usable: BoolArray
     ) -> FloatArray:
-        """Return sxx, sxy and log likelihood of each claim in usable windows, (w, 3, n_claims)."""
+        """Return sxx, sxy and syy of each claim in usable windows, means, (w, 3, n_claims)."""
         places = np.flatnonzero(usable)
         moments = np.empty((len(places), 3, len(self._claims)))
         for first in range(0, len(places), _WINDOWS):
@@ -174,39 +184,54 @@ class ResponseRule:
         y = self._whitened(measured[:, :m])
         x = self._whitened(x)
         moments = np.empty((len(banks), 3, len(self._claims)))
-        sxx, sxy, log_likelihood = moments[:, 0], moments[:, 1], moments[:, 2]
-        np.einsum("wij,wij->wj", x, x).take(self._columns, 1, sxx, "clip")
-        (y[:, np.newaxis] @ x)[:, 0].take(self._columns, 1, sxy, "clip")
-        syy = (y[:, np.newaxis] @ y[:, :, np.newaxis])[:, 0]
-        gain = sxy / np.maximum(sxx, 1e-12)
-        np.minimum(np.maximum(gain, self._gain_low, out=gain), self._gain_high, out=gain)
-        error_var = np.maximum(syy - gain * (2.0 * sxy - gain * sxx), 0.0) / y.shape[1]
-        independent = self._config.evidence_weight * y.shape[1]
-        found = -0.5 * independent * np.log(error_var + self._noise.innovation_var)
-        np.subtract(found, found[:, :1], out=log_likelihood)
+        np.einsum("wij,wij->wj", x, x).take(self._columns, 1, moments[:, 0], "clip")
+        (y[:, np.newaxis] @ x)[:, 0].take(self._columns, 1, moments[:, 1], "clip")
+        moments[:, 2] = (y[:, np.newaxis] @ y[:, :, np.newaxis])[:, 0]
+        moments /= y.shape[1]
         return moments
 
-    def _summed(self, usable: BoolArray, moments: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return evidence, (w, n_claims), and gain sums, (w, 2, n_claims), after each window."""
-        memory, most = self._config.evidence_memory, self._config.evidence_most
+    def _summed(
+        self, usable: BoolArray, moments: FloatArray, n_new: int
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return evidence, (w, n_claims), and gain sums, (w, 2, n_claims), after each window.
+
+        n_new : whitened samples of a window
+        """
         evidence = np.empty((len(usable), len(self._claims)))
         gain_sums = np.empty((len(usable), 2, len(self._claims)))
         rest = iter(moments)
         for now, sums, is_usable in zip(evidence, gain_sums, usable.tolist(), strict=True):
-            if not is_usable:
-                now[:], sums[:] = self._evidence, self._gain_sums
-                continue
-            each = next(rest)
-            np.multiply(self._evidence, memory, out=now)
-            np.add(now, each[2], out=now)
-            # a long healthy time must not outweigh the fault that follows it (Page's test)
-            np.maximum(now, now.max() - most, out=now)
-            np.multiply(self._gain_sums, memory, out=sums)
-            np.add(sums, each[:2], out=sums)
-            self._drive_sums += each
-            self._evidence, self._gain_sums = now, sums
-        self._evidence, self._gain_sums = self._evidence.copy(), self._gain_sums.copy()
+            if is_usable:
+                self._add(next(rest), n_new)
+            now[:], sums[:] = self._evidence, self._gain_sums
         return evidence, gain_sums
+
+    def _add(self, moments: FloatArray, n_new: int) -> None:
+        """Add a window's moments, (3, n_claims), to gains and evidence."""
+        sums, evidence = self._gain_sums, self._evidence
+        weighted = moments[:2] * (n_new / self._error_var(moments, self._gain(sums)))
+        sums *= self._config.gain_memory
+        sums += weighted
+        error_var = self._error_var(moments, self._gain(sums))
+        log_likelihood = -0.5 * self._weight * n_new * np.log(error_var)
+        log_likelihood -= log_likelihood[0]
+        evidence += log_likelihood
+        # a long healthy time must not outweigh the fault that follows it (Page's test)
+        np.maximum(evidence, evidence.max() - self._config.evidence_most, out=evidence)
+        self._drive_sums[:2] += weighted
+        self._drive_sums[2] += log_likelihood
+
+    def _gain(self, sums: FloatArray) -> FloatArray:
+        """Return each claim's gain, within its range, from the sums of all windows."""
+        gain = sums[1] / sums[0]
+        return np.minimum(np.maximum(gain, self._gain_low, out=gain), self._gain_high, out=gain)
+
+    def _error_var(self, moments: FloatArray, gain: FloatArray) -> FloatArray:
+        """Return the variance of what each claim leaves of a window, with its least part added."""
+        sxx, sxy, syy = moments
+        error_var = np.maximum(syy - gain * (2.0 * sxy - gain * sxx), 0.0)
+        error_var += self._least_var
+        return error_var
 
     def _quicker(self, now: FloatArray, m: int) -> FloatArray:
         """Return the prediction ``lead_s`` ahead of its time, (m,)."""
@@ -281,9 +306,8 @@ class ResponseRule:
         """Return the gain with its standard deviation; None before any window."""
         if not self._windows:
             return {"gain": None, "gain_std": None}
-        sxx, sxy = sums[0], sums[1]
-        spread = self._noise.innovation_var / self._config.evidence_weight / max(sxx, 1e-12)
-        return {"gain": sxy / max(sxx, 1e-12), "gain_std": math.sqrt(spread)}
+        sxx, sxy = sums
+        return {"gain": sxy / sxx, "gain_std": math.sqrt(1.0 / (self._weight * sxx))}
 
 
 _TIMES = tuple(f"{what}_{edge}" for what in ("lag", "dead_time") for edge in EDGES)

@@ -26,7 +26,7 @@ MANY_WINDOWS = 100  # with fewer windows, the 0.99 quantile is the largest value
 PAPER_QUANTILE = 0.99
 HELD_OUT = "test blocks held out of the training recordings"
 MEMORY_MOST = 0.95  # correlation of the noise; above it a window holds almost no information
-EXCITATION_STEP = 1.25  # factor between two tried excitation limits
+EVIDENCE_SAFETY = 3.0  # the healthy recordings' largest evidence of a fault stays so far below a code
 NO_LIMITS = Limits(
     j_mu=np.inf,
     j_sigma=np.inf,
@@ -157,17 +157,16 @@ def with_limits(
 ) -> tuple[ModelCard, int]:
     """Return the model card with limits from held-out blocks, and the number of their windows.
 
-    The excitation limit rises until the response rule fails no window of the healthy recordings.
+    The healthy gain is the median over the recordings. The weight of evidence falls until the
+    healthy recordings' evidence of a fault stays well below a code.
     Raises RecordingError if there are fewer than 10 windows.
     """
     drives = held_out_windows(model, recordings, held_out, config)
     limits = limits_of(drives, model.card, config, origin, recordings)
     card = replace(model.card, limits={**model.card.limits, **limits})
-    least = _sound_excitation(model, recordings, Limits.from_card(card, config, origin), config)
-    if least > limits["excitation"].value:
-        why = f"{limits['excitation'].origin}, raised until the recordings get no code"
-        limits["excitation"] = replace(limits["excitation"], value=least, origin=why)
-        card = replace(card, limits={**card.limits, **limits})
+    used = Limits.from_card(card, config, origin)
+    for name, limit in _response_limits(model, recordings, used, config).items():
+        card = replace(card, limits={**card.limits, name: limit})
     return card, sum(map(len, drives))
 
 
@@ -179,17 +178,42 @@ def whole(recordings: Sequence[Recording]) -> list[HeldOut]:
     return [HeldOut(i, 0, len(r.values), "test") for i, r in enumerate(recordings)]
 
 
-def _sound_excitation(
+def _response_limits(
     model: Model, recordings: Sequence[Recording], limits: Limits, config: Config
-) -> float:
-    """Return the lowest excitation limit at which the response rule fails no healthy recording.
+) -> dict[str, Limit]:
+    """Return the healthy gain, and the weight of evidence, from healthy recordings.
 
-    Without this limit a sound sensor looks weak or late if the model follows its vehicle poorly.
+    The gain's spread from drive to drive, and a model that follows its vehicle poorly, look like a
+    weak or late sensor; the evidence counts less by as much as it says so.
     """
-    while any(
-        window.outcome == "failed" and window.fault not in TESTS["bias"]
+    where = f"{len(recordings)} healthy recordings"
+    limits = replace(limits, gain_model=1.0, evidence=math.inf)
+    gains = [
+        float(gain)
         for judged in judge_recordings(recordings, model, limits, config)
-        for window in judged.windows
-    ):
-        limits = replace(limits, excitation=EXCITATION_STEP * limits.excitation)
-    return limits.excitation
+        if (gain := _last_gain(judged.windows)) is not None
+    ]
+    gain = float(np.median(gains)) if gains else 1.0
+    limits = replace(limits, gain_model=gain)
+    most = max(
+        (
+            float(window.statistics["evidence"] or 0.0)
+            for judged in judge_recordings(recordings, model, limits, config)
+            for window in judged.windows
+        ),
+        default=0.0,
+    )
+    alpha, beta = config.response.false_alarm_probability, config.response.miss_probability
+    allowed = math.log((1.0 - beta) / alpha) / EVIDENCE_SAFETY
+    weight = config.response.evidence_weight * min(allowed / max(most, 1e-9), 1.0)
+    return {
+        "gain_model": Limit(gain, "-", f"median gain of the likeliest sound sensor, {where}"),
+        "evidence": Limit(
+            weight, "-", f"largest evidence of a fault {most:.3g} at full weight, {where}"
+        ),
+    }
+
+
+def _last_gain(windows: Sequence[WindowJudged]) -> float | None:
+    gain = windows[-1].statistics["gain"] if windows else None
+    return float(gain) if isinstance(gain, float) else None

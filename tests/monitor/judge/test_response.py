@@ -139,9 +139,7 @@ def healthy_noise() -> Noise:
 
 
 def new_rule(gain_reference: float = 1.0) -> ResponseRule:
-    noise = healthy_noise()
-    least = CONFIG.excitation_noise * noise.std
-    return ResponseRule(CONFIG, BANK, noise, least, PERIOD_S, gain_reference)
+    return ResponseRule(CONFIG, BANK, healthy_noise(), PERIOD_S, gain_reference=gain_reference)
 
 
 def judge(measured: FloatArray, predicted: FloatArray, rule: ResponseRule) -> list[Response]:
@@ -258,16 +256,28 @@ def test_a_weak_sensors_gain_is_estimated() -> None:
     assert 0.0 < spread < 0.05
 
 
-def test_without_excitation_nothing_is_decided() -> None:
-    # GIVEN a sensor that is far too slow, and a prediction that hardly moves
+def test_a_mixture_that_hardly_moves_decides_nothing() -> None:
+    # GIVEN a sensor that is far too slow, and a mixture that moves by a tenth of its noise
     measured, predicted = drive(slow("symmetric", 2.0), 1)
-    still = 1.0 + (predicted - predicted.mean()) * 0.2
+    rng = np.random.default_rng(2)
+    still = 1.0 + (predicted - 1.0) * 0.01
+    read = 1.0 + (measured - 1.0) * 0.01 + rng.normal(0.0, healthy_noise().std, len(measured))
     # WHEN the windows are judged
-    found = judge(measured, still, new_rule())
-    # THEN none is decided, and none leaves evidence
+    found = judge(read, still, new_rule())
+    # THEN none is decided
     assert {v.outcome for v in found} == {"inconclusive"}
-    assert found[-1].statistics["evidence"] == 0.0
-    assert found[-1].statistics["gain"] is None
+
+
+def test_windows_that_say_little_decide_together() -> None:
+    # GIVEN a late sensor under a mixture so still that no window decides by itself
+    measured, predicted = drive(late("symmetric", 0.6), 1, 1000.0)
+    rng = np.random.default_rng(2)
+    read = measured + rng.normal(0.0, 0.06, len(measured))
+    noisy = Noise(math.hypot(0.06, healthy_noise().std), 0.0)
+    rule = ResponseRule(CONFIG, BANK, noisy, PERIOD_S)
+    found = judge(read, predicted, rule)
+    assert {v.outcome for v in found[:2]} == {"inconclusive"}
+    assert found[-1].fault == "delay_symmetric"
 
 
 def test_an_ignored_window_leaves_no_evidence() -> None:
