@@ -59,6 +59,7 @@ class ResponseConfig:
     gain_transient_max: float
     gain_late_min: float
     gain_max: float
+    gain_least: float
     gain_known: float
     gain_memory: float
     excitation_noise: float
@@ -189,6 +190,7 @@ _LOWEST: Final = {
     "response.excitation_noise": 0.0,
     "response.evidence_alike": 0.0,
     "response.gain_known": 0.0,
+    "response.gain_least": 0.0,
     "response.gain_memory": 0.0,
     "bias.variance_shared": 0.0,
     "bias.memory": 0.0,

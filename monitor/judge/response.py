@@ -29,6 +29,7 @@ from monitor.judge.residual import means_and_stds
 
 Outcome = Literal["passed", "failed", "inconclusive"]
 EDGES = ("rich_to_lean", "lean_to_rich")
+UNRELATED = "unrelated"  # the prediction says nothing of the measurement: neither sound nor a fault
 _WINDOWS = 8  # regressed at once: what fits into the processor's cache
 
 
@@ -64,13 +65,13 @@ class Claim:
     hypothesis: Hypothesis
     gain_low: float
     gain_high: float
-    fault: str  # "" is a sound sensor
+    fault: str  # "" is a sound sensor, UNRELATED none at all
 
 
 @cache
 def claims(config: ResponseConfig, bank: tuple[Hypothesis, ...]) -> tuple[Claim, ...]:
     """Return every claim about the sensor, the healthy one first."""
-    top = config.gain_max
+    least, top = config.gain_least, config.gain_max
     found = []
     # a sensor quicker than the training vehicle's; without it a dead time of one period of a
     # steady modulation explains such a sensor better than none
@@ -78,13 +79,14 @@ def claims(config: ResponseConfig, bank: tuple[Hypothesis, ...]) -> tuple[Claim,
     for column, each in enumerate((*bank, quick)):
         if not each.beyond_limit:
             found.append(Claim(column, each, config.gain_sound_min, top, ""))
-            found.append(Claim(column, each, 0.0, config.gain_weak_max, "gain_low"))
+            found.append(Claim(column, each, least, config.gain_weak_max, "gain_low"))
         elif each.kind == "delay":
             found.append(Claim(column, each, config.gain_late_min, top, each.fault))
         else:
             found.append(Claim(column, each, config.gain_slow_min, top, each.fault))
             if each.direction == "symmetric":
-                found.append(Claim(column, each, 0.0, config.gain_transient_max, "transient"))
+                found.append(Claim(column, each, least, config.gain_transient_max, "transient"))
+    found.append(Claim(len(bank), quick, 0.0, 0.0, UNRELATED))
     return tuple(found)
 
 
@@ -123,8 +125,9 @@ class ResponseRule:
         self._gain_reference = gain_reference
         self._gain_low = gain_reference * np.array([c.gain_low for c in self._claims])
         self._gain_high = gain_reference * np.array([c.gain_high for c in self._claims])
-        faulty = np.array([bool(c.fault) for c in self._claims])
-        self._faults, self._sound = np.flatnonzero(faulty), np.flatnonzero(~faulty)
+        names = np.array([c.fault for c in self._claims])
+        self._sound = np.flatnonzero(names == "")
+        self._faults = np.flatnonzero((names != "") & (names != UNRELATED))
         times = np.array([_times(c.hypothesis) for c in self._claims]).T
         self._moments = np.vstack((times, times**2))
         self._lead = config.lead_s / period_s
@@ -255,13 +258,15 @@ class ResponseRule:
     ) -> list[Response]:
         faulty = evidence.take(self._faults, 1)
         fault = faulty.argmax(axis=1)
-        margin = faulty.max(axis=1) - evidence.take(self._sound, 1).max(axis=1)
+        likeliest_fault, sound = faulty.max(axis=1), evidence.take(self._sound, 1).max(axis=1)
+        unrelated = evidence[:, -1]
+        margin = likeliest_fault - np.maximum(sound, unrelated)
+        lead = sound - np.maximum(likeliest_fault, unrelated)
         best = evidence.argmax(axis=1)
         times = self._estimated_times(evidence)
         found = []
-        for i, is_usable, gap, own in zip(
-            range(len(evidence)), usable.tolist(), margin.tolist(), best.tolist(), strict=True
-        ):
+        columns = usable.tolist(), margin.tolist(), lead.tolist(), best.tolist()
+        for i, is_usable, gap, sound_gap, own in zip(range(len(evidence)), *columns, strict=True):
             self._windows += is_usable
             outcome: Outcome = "inconclusive"
             name: str | None = None
@@ -270,7 +275,7 @@ class ResponseRule:
                 likeliest = int(self._faults[fault[i]])
                 outcome, name = "failed", self._claims[likeliest].fault
                 also = self._alike(evidence[i], likeliest)
-            elif is_usable and gap <= -self.evidence_pass:
+            elif is_usable and sound_gap >= self.evidence_pass:
                 outcome = "passed"
             claim = self._claims[own]
             statistics: dict[str, float | str | None] = {
