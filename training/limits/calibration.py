@@ -18,7 +18,7 @@ from monitor.judge.limits import Limits
 from monitor.model.card import Limit, ModelCard
 from monitor.model.step import Model
 from monitor.pipeline.events import WindowJudged
-from training.limits.decision_limits import NO_LIMITS, limits_of
+from training.limits.decision_limits import NO_LIMITS, limits_of, response_limits
 from training.limits.judging import Judged, judge_recordings, most_common_cause, why_not
 from training.limits.paper_limits import PaperLimits, Residuals, choose, held_out
 from training.limits.tolerance import CONFIDENCE, rate_bounds
@@ -205,7 +205,7 @@ def _row(
         "codes": sorted({dtc.code for dtc in judged.dtcs}),
         "named": sorted({dtc.fault for dtc in judged.dtcs}),
         "completed": judged.completed,
-        "evidence": max((_evidence(w) for w in judged.windows if w.excited), default=None),
+        "evidence": max((_evidence(w) for w in judged.windows), default=None),
         "mean": [_short(x) for x in seen.mean],
         "std": [_short(x) for x in seen.std],
     }

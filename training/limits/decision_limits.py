@@ -26,7 +26,9 @@ MANY_WINDOWS = 100  # with fewer windows, the 0.99 quantile is the largest value
 PAPER_QUANTILE = 0.99
 HELD_OUT = "test blocks held out of the training recordings"
 MEMORY_MOST = 0.95  # correlation of the noise; above it a window holds almost no information
-EVIDENCE_SAFETY = 3.0  # the healthy recordings' largest evidence of a fault stays so far below a code
+EVIDENCE_SAFETY = (
+    3.0  # the healthy recordings' largest evidence of a fault stays so far below a code
+)
 NO_LIMITS = Limits(
     j_mu=np.inf,
     j_sigma=np.inf,
@@ -165,9 +167,8 @@ def with_limits(
     limits = limits_of(drives, model.card, config, origin, recordings)
     card = replace(model.card, limits={**model.card.limits, **limits})
     used = Limits.from_card(card, config, origin)
-    for name, limit in _response_limits(model, recordings, used, config).items():
-        card = replace(card, limits={**card.limits, name: limit})
-    return card, sum(map(len, drives))
+    response = response_limits(model, recordings, used, config)
+    return replace(card, limits={**card.limits, **response}), sum(map(len, drives))
 
 
 def whole(recordings: Sequence[Recording]) -> list[HeldOut]:
@@ -178,7 +179,7 @@ def whole(recordings: Sequence[Recording]) -> list[HeldOut]:
     return [HeldOut(i, 0, len(r.values), "test") for i, r in enumerate(recordings)]
 
 
-def _response_limits(
+def response_limits(
     model: Model, recordings: Sequence[Recording], limits: Limits, config: Config
 ) -> dict[str, Limit]:
     """Return the healthy gain, and the weight of evidence, from healthy recordings.

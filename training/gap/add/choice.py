@@ -241,9 +241,8 @@ def _set_limits(
 ) -> None:
     """Set the limits of the new model on blocks, unless those it has let it see more.
 
-    A model without limits keeps none, and too few windows change nothing. A window may be judged
-    from some movement on; the old limits stay where they want less of it and no code stands on the
-    recordings with them.
+    A model without limits keeps none, and too few windows change nothing. The old limits stay
+    where they give evidence more weight and no code stands on the recordings with them.
     """
     settings, model = config.load(), Model.load(new)
     if not model.card.limits:
@@ -253,7 +252,7 @@ def _set_limits(
     except RecordingError:
         return
     found, old = (Limits.from_card(each, settings, str(new)) for each in (card, model.card))
-    if old.excitation < found.excitation:
+    if old.evidence > found.evidence:
         judged = judge_recordings(recordings, model, old, settings)
         if not any(each.dtcs for each in judged):
             return
