@@ -62,8 +62,9 @@ class Judgement:
     """What the tests had when the recording ended."""
 
     windows: int = 0
-    excited: int = 0  # windows in which the prediction moves enough
+    excited: int = 0  # windows in which the prediction moves clearly
     unfinished: tuple[str, ...] = ()  # tests without a decision
+    left_s: float | None = None  # enabled driving that the response test still needs
 
 
 @dataclass(frozen=True, slots=True)
@@ -265,11 +266,13 @@ def _evidence(seen: Observed, judgement: Judgement) -> list[Cause]:
     n, excited = judgement.windows, judgement.excited
     tests = ", ".join(judgement.unfinished)
     had = f"{seen.enabled * seen.period_s:.0f} s could be judged"
-    if "response" in judgement.unfinished and n and excited < n / 2:
-        advice = (
-            f"in {excited} of {n} windows the prediction moves enough: drive with changing load"
-        )
-        return [Cause("evidence", round(excited / n, 6), None, "not_excited", advice)]
+    if "response" in judgement.unfinished and n:
+        moved = f"in {excited} of {n} windows the prediction moves clearly"
+        left_s = judgement.left_s
+        more = "more" if left_s is None else f"about {left_s:.0f} s more"
+        advice = f"{had}, {moved}: drive {more} like this, less with changing load"
+        reason = "not_excited" if excited < n / 2 else "undecided"
+        return [Cause("evidence", round(excited / n, 6), None, reason, advice)]
     advice = f"{had}, without a decision of {tests}: record a longer drive"
     return [Cause(judgement.unfinished[0], None, None, "undecided", advice)]
 

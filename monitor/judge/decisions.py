@@ -39,7 +39,7 @@ class WindowJudged:
     outcome: Outcome
     fault: str | None
     also: tuple[str, ...]
-    excited: bool  # the prediction moves enough for the response rule
+    excited: bool  # the prediction moves clearly
     statistics: dict[str, float | str | None]
 
 
@@ -72,6 +72,14 @@ class Facts(NamedTuple):
     response: Response
 
 
+class Evidence(NamedTuple):
+    """How far the response test is from a decision about one fault."""
+
+    log_odds: float  # of the fault over all that is no fault
+    needed: float  # log odds, or their negative where they are below 0, that decide
+    seconds_to_decision: float | None  # of enabled driving like that so far, None if it shows none
+
+
 class Decisions:
     """Everything that is decided about one sensor in one driving cycle.
 
@@ -90,6 +98,7 @@ class Decisions:
     ) -> None:
         self.store, self._limits, self._config = store, limits, config
         self._transform = transform
+        self._window_s = config.window.n_samples * period_s
         self._response = ResponseRule(
             config.response,
             hypotheses,
@@ -203,6 +212,28 @@ class Decisions:
     def _is_excited(self, response: Response) -> bool:
         excitation = response.statistics["excitation"]
         return isinstance(excitation, float) and excitation >= self._limits.excitation
+
+    def probability(self, fault: str) -> float:
+        """Return the probability of a fault's name among the names with the same code."""
+        odds = self._response.odds
+        if fault not in odds:
+            return 1.0
+        alike = [value for name, value in odds.items() if CODES[name] == CODES[fault]]
+        return math.exp(odds[fault] - max(alike)) / sum(math.exp(v - max(alike)) for v in alike)
+
+    def evidence(self) -> dict[str, Evidence]:
+        """Return how far the response test is from a decision about each fault.
+
+        The time left supposes that the evidence goes on to grow as it did so far.
+        """
+        rule, seconds = self._response, self._response.windows * self._window_s
+        found = {}
+        for fault, odds in rule.odds.items():
+            needed = rule.evidence_fail if odds > 0.0 else rule.evidence_pass
+            missing = max(needed - abs(odds), 0.0)
+            left = missing / abs(odds) * seconds if odds else None
+            found[fault] = Evidence(odds, needed, left)
+        return found
 
     @property
     def seen(self) -> Seen | None:

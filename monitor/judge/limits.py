@@ -28,7 +28,7 @@ class Limits:
     j_sigma: float  # paper's rule, standard deviation of the residual, output's unit
     noise: float  # healthy residual in enabled windows, standard deviation
     noise_memory: float  # its correlation from one sample to the next
-    excitation: float  # least standard deviation of the prediction that makes a window judgeable
+    excitation: float  # standard deviation from which a prediction is said to move clearly
     offset_low: float  # bias, output's unit
     offset_high: float
     offset_std: float  # of healthy windows' means, output's unit

@@ -141,7 +141,18 @@ class ResponseRule:
         # weighted sums of prediction squared, and of measurement times prediction, per claim
         self._gain_sums = np.vstack((np.full(n, known), np.full(n, known * self._gain_reference)))
         self._drive_sums = np.zeros((3, n))  # like gain sums and evidence, but nothing fades
-        self._windows = 0
+        self.windows = 0  # that were not ignored
+
+    @property
+    def odds(self) -> dict[str, float]:
+        """Return for each fault its log likelihood over all that is no fault, over all windows."""
+        evidence = self._evidence
+        other = max(evidence[self._sound].max(), evidence[-1])
+        leads: dict[str, float] = {}
+        for i in self._faults.tolist():
+            name = self._claims[i].fault
+            leads[name] = max(leads.get(name, -math.inf), float(evidence[i] - other))
+        return leads
 
     @property
     def drive_gain(self) -> float:
@@ -226,13 +237,15 @@ class ResponseRule:
 
     def _gain(self, sums: FloatArray) -> FloatArray:
         """Return each claim's gain, within its range, from the sums of all windows."""
-        gain = sums[1] / sums[0]
-        return np.minimum(np.maximum(gain, self._gain_low, out=gain), self._gain_high, out=gain)
+        gain: FloatArray = sums[1] / sums[0]
+        np.maximum(gain, self._gain_low, out=gain)
+        np.minimum(gain, self._gain_high, out=gain)
+        return gain
 
     def _error_var(self, moments: FloatArray, gain: FloatArray) -> FloatArray:
         """Return the variance of what each claim leaves of a window, with its least part added."""
         sxx, sxy, syy = moments
-        error_var = np.maximum(syy - gain * (2.0 * sxy - gain * sxx), 0.0)
+        error_var: FloatArray = np.maximum(syy - gain * (2.0 * sxy - gain * sxx), 0.0)
         error_var += self._least_var
         return error_var
 
@@ -267,7 +280,7 @@ class ResponseRule:
         found = []
         columns = usable.tolist(), margin.tolist(), lead.tolist(), best.tolist()
         for i, is_usable, gap, sound_gap, own in zip(range(len(evidence)), *columns, strict=True):
-            self._windows += is_usable
+            self.windows += is_usable
             outcome: Outcome = "inconclusive"
             name: str | None = None
             also: tuple[str, ...] = ()
@@ -309,7 +322,7 @@ class ResponseRule:
 
     def _estimated_gain(self, sums: Sequence[float]) -> dict[str, float | None]:
         """Return the gain with its standard deviation; None before any window."""
-        if not self._windows:
+        if not self.windows:
             return {"gain": None, "gain_std": None}
         sxx, sxy = sums
         return {"gain": sxy / sxx, "gain_std": math.sqrt(1.0 / (self._weight * sxx))}

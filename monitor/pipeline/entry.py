@@ -14,7 +14,7 @@ from monitor.decode.decoder import MessageCounters
 from monitor.grid.assembler import AssemblerCounters
 from monitor.grid.tables import Table
 from monitor.judge.causes import Cause, Source
-from monitor.judge.decisions import WindowJudged
+from monitor.judge.decisions import Evidence, WindowJudged
 from monitor.judge.enable import CONDITIONS
 from monitor.judge.limits import Limits
 from monitor.memory.dtc import Dtc
@@ -43,14 +43,30 @@ def window_entry(event: WindowJudged, t0_ns: int) -> dict[str, Any]:
     }
 
 
-def dtc_entry(dtc: Dtc, t0_ns: int) -> dict[str, Any]:
-    """Return a code."""
+def evidence_entry(evidence: Mapping[str, Evidence]) -> dict[str, dict[str, float | None]]:
+    """Return how far the response test is from a decision about each fault."""
+    return {
+        fault: {
+            "log_odds": round(each.log_odds, 3),
+            "needed": round(each.needed, 3),
+            "seconds_to_decision": each.seconds_to_decision and round(each.seconds_to_decision, 1),
+        }
+        for fault, each in evidence.items()
+    }
+
+
+def dtc_entry(dtc: Dtc, t0_ns: int, probability: float) -> dict[str, Any]:
+    """Return a code.
+
+    probability : of its fault's name among the names with the same code
+    """
     entry: dict[str, Any] = {
         "code": dtc.code,
         "fault": dtc.fault,
         "status": int(dtc.status),
         "state": dtc.state,
         "t_s": seconds(dtc.t_ns, t0_ns) if dtc.t_ns else None,
+        "probability": round(probability, 4),
     }
     if dtc.also:
         entry["also"] = list(dtc.also)

@@ -17,7 +17,7 @@ from monitor.base.errors import RecordingError
 from monitor.base.runs import runs
 from monitor.base.types import SampleBlock
 from monitor.judge import bank, enable
-from monitor.judge.decisions import Decisions, Facts, ticks_to_mature
+from monitor.judge.decisions import Decisions, Evidence, Facts, ticks_to_mature
 from monitor.judge.enable import Enable
 from monitor.judge.limits import Limits
 from monitor.judge.observation import Observation
@@ -144,6 +144,14 @@ class Monitor:
     def unfinished(self) -> tuple[str, ...]:
         """Return the tests that have reached no decision in this driving cycle."""
         return self._decisions.unfinished
+
+    def evidence(self) -> dict[str, Evidence]:
+        """Return how far the response test is from a decision about each fault."""
+        return self._decisions.evidence()
+
+    def probability(self, fault: str) -> float:
+        """Return the probability of a fault's name among the names with the same code."""
+        return self._decisions.probability(fault)
 
     def observation(self) -> Observation:
         """Return a count of this monitor's samples that begins with the next one."""

@@ -15,6 +15,7 @@ from monitor.judge.causes import Asked, Cause, Judgement, Source, causes
 from monitor.pipeline.entry import (
     dtc_entry,
     enable_shares,
+    evidence_entry,
     limits_entry,
     not_judged,
     seconds,
@@ -93,7 +94,9 @@ class Collector:
         """Return the recording's entry of the JSON."""
         monitor = self._monitor
         seen = self._observation.observed()
-        judgement = Judgement(self._n_windows, self._n_excited, monitor.unfinished)
+        judgement = Judgement(
+            self._n_windows, self._n_excited, monitor.unfinished, _left_s(monitor)
+        )
         is_faulty = monitor.store.fault_flag
         why = [] if is_faulty else causes(seen, self._asked, judgement)
         return {
@@ -104,10 +107,14 @@ class Collector:
             "windows": list(self._windows),
             "windows_interrupted": monitor.interrupted_windows,
             "windows_dropped": self._n_windows - len(self._windows),
-            "dtcs": [dtc_entry(dtc, self._t0_ns or 0) for dtc in monitor.store.active],
+            "dtcs": [
+                dtc_entry(dtc, self._t0_ns or 0, monitor.probability(dtc.fault))
+                for dtc in monitor.store.active
+            ],
             "fault_flag": monitor.store.fault_flag,
             "completed": monitor.completed,
             "not_judged": not_judged(why),
+            "evidence": evidence_entry(monitor.evidence()),
             "enable": enable_shares(seen.held.tolist(), monitor.samples, monitor.unavailable),
             "limits": limits_entry(monitor.limits),
             "counters": dict(counters),
@@ -118,6 +125,13 @@ class Collector:
         columns = (self._series or _Series(None)).columns()
         on = (column.astype(np.bool_) for column in columns[3:])
         return Trace(*columns[:3], *on)
+
+
+def _left_s(monitor: Monitor) -> float | None:
+    """Return the driving in s that the slowest decision of the response test still needs."""
+    left = [each.seconds_to_decision for each in monitor.evidence().values()]
+    known = [each for each in left if each is not None]
+    return max(known) if known and len(known) == len(left) else None
 
 
 class _Series:

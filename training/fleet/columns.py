@@ -44,7 +44,7 @@ RECORDINGS: Final[Columns] = {
     "windows_passed": (pl.UInt32(), "number of windows with the verdict passed"),
     "windows_failed": (pl.UInt32(), "number of windows with the verdict failed"),
     "windows_inconclusive": (pl.UInt32(), "number of windows with the verdict inconclusive"),
-    "windows_excited": (pl.UInt32(), "number of windows whose prediction moves enough to judge"),
+    "windows_excited": (pl.UInt32(), "number of windows whose prediction moves clearly"),
     "windows_paper_failed": (pl.UInt32(), "number of windows that fail the paper's rule"),
     "completed": (pl.Boolean(), "true if the response test reached a decision"),
     "fault_flag": (pl.Boolean(), "true if a code is pending or confirmed at the end of the drive"),
@@ -149,7 +149,7 @@ WINDOWS: Final[Columns] = {
     "verdict": (pl.String(), "passed, failed or inconclusive"),
     "fault": (pl.String(), "name of the fault, null without a fault"),
     "also": (_TEXTS, "further faults that the window cannot distinguish from the named fault"),
-    "excited": (pl.Boolean(), "true if the prediction moves enough to judge"),
+    "excited": (pl.Boolean(), "true if the prediction moves clearly"),
     "excitation": (pl.Float64(), "standard deviation of the prediction, phi"),
     "evidence": (
         pl.Float64(),

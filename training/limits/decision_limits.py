@@ -12,7 +12,6 @@ from monitor.base.config import Config
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
 from monitor.judge.limits import Limits
-from monitor.memory.dtc import TESTS
 from monitor.model.card import Limit, ModelCard
 from monitor.model.step import Model
 from monitor.pipeline.events import WindowJudged

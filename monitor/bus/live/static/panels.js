@@ -169,7 +169,7 @@ function response(state, changed) {
   }
   const verdict = `Window ${last.index}: ${last.verdict}` + (last.fault ? ` (${words(last.fault)})` : "");
   const evidence = s.evidence == null ? "" : `; likeliest sensor: ${words(String(s.hypothesis))}, evidence for a fault ${signed(s.evidence, 1)}`;
-  const still = last.excited ? "" : "; the mixture moved too little to judge the response";
+  const still = last.excited ? "" : "; the mixture hardly moved";
   element(body, "p", { className: "quiet", textContent: verdict + evidence + still + "." });
 }
 
