@@ -193,7 +193,8 @@ def response_limits(
         for judged in judge_recordings(recordings, model, limits, config)
         if (gain := _last_gain(judged.windows)) is not None
     ]
-    gain = float(np.median(gains)) if gains else 1.0
+    least = config.response.gain_least  # a model that follows less says nothing of its vehicle
+    gain = min(max(float(np.median(gains)), least), 1.0 / least) if gains else 1.0
     limits = replace(limits, gain_model=gain)
     most = max(
         (
