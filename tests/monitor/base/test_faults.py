@@ -192,7 +192,7 @@ def test_many_small_steps_of_the_lag_are_one_large_one(
 
 def test_every_fault_has_a_code() -> None:
     assert set(NAMES) <= set(CODES)
-    assert set(CODES) - set(NAMES) == {"signal_invalid", "bus_off"}  # never put onto a sensor
+    assert set(CODES) - set(NAMES) == {"signal_invalid", "bus_off", "memory_lost"}
 
 
 @pytest.mark.parametrize("name", ["", "slow", "slow_", "healthy", "gain_high", "Slow_symmetric"])
