@@ -26,6 +26,7 @@ def _parser() -> argparse.ArgumentParser:
         recordings,
         simulate,
         study,
+        tables,
     )
 
     parser = argparse.ArgumentParser(
@@ -34,6 +35,6 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"o2train {__version__}")
     commands = parser.add_subparsers(required=True, metavar="command", dest="command")
     modules = (simulate, recordings, check, model, calibrate, study)
-    for module in (*modules, gap, gap_study, fleet):
+    for module in (*modules, tables, gap, gap_study, fleet):
         module.add_parsers(commands)
     return parser

@@ -1,16 +1,22 @@
 """The command ``o2train simulate``: write drives of the simulated vehicle as logs or tables."""
 
 import argparse
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from monitor.base import option_paths as paths
 from monitor.base.errors import UsageError
+
+if TYPE_CHECKING:
+    from training.dyno.engine import Layout
+    from training.dyno.simulation import Experiment
 
 _EXAMPLES = """examples:
   o2train simulate --out drives                               healthy WLTC of vehicle 1
   o2train simulate --out drives --cycle udds --seed 7 --format parquet
   o2train simulate --out drives --fault delay_rich_to_lean=0.6 --vehicle 12
   o2train simulate --out drives --effect wall_film=4 --effect purge=2 --count 20
+  o2train simulate --out drives --injection port --metering speed_density --format csv \\
+      --period 0.05 --truth truth.json                        a tuner's log and its true tables
 
 All written drives are synthetic. --vehicle fixes the production spread of the vehicle. --seed fixes
 driver, noise and weather. The same command writes the same bytes, except for the time of writing in
@@ -65,6 +71,25 @@ def add_parsers(commands: Any) -> None:
         help=f"effect of the vehicle: {', '.join(effects.NAMES)}; an effect of severity 1 is about "
         "as large as the noise",
     )
+    parser.add_argument(
+        "--injection",
+        choices=("port", "direct"),
+        help="give the vehicle real injectors and a wall film; a table then holds a tuner's log",
+    )
+    parser.add_argument(
+        "--metering",
+        choices=("maf", "speed_density"),
+        help="how the ECU of such a vehicle meters air (default speed_density)",
+    )
+    parser.add_argument(
+        "--truth",
+        type=paths.written,
+        metavar="FILE",
+        help="write what the tables of such a vehicle should say, as JSON",
+    )
+    parser.add_argument(
+        "--axes", type=paths.read, metavar="FILE.msq", help="tune whose axes the true tables have"
+    )
     parser.add_argument("--seed", type=int, default=1, help="seed of the first drive (default 1)")
     parser.add_argument(
         "--count",
@@ -103,6 +128,7 @@ def run(args: argparse.Namespace) -> int:
     from training.dyno.recording_files import write
     from training.dyno.simulation import Experiment
 
+    layout = _layout(args)
     if args.count < 1 or not args.period >= 0.01:
         raise UsageError("--count is at least 1, --period at least 0.01 s")
     if min(args.seed, args.vehicle) < 0:
@@ -127,9 +153,45 @@ def run(args: argparse.Namespace) -> int:
             fault_start_s=args.fault_start,
             effects=hidden,
             duration_s=args.duration,
+            layout=layout,
         )
         print(write(experiment, args.out, args.format, args.period))
+        if args.truth is not None and seed == args.seed:
+            _write_truth(experiment, args)
     return 0
+
+
+def _layout(args: argparse.Namespace) -> "Layout | None":
+    """Return the layout of the options; raises UsageError where only a part of it is given."""
+    from training.dyno.engine import Layout
+
+    if args.injection is None and (args.metering or args.truth):
+        raise UsageError("--metering and --truth need --injection")
+    if args.axes is not None and args.truth is None:
+        raise UsageError("--axes needs --truth")
+    if args.injection is None:
+        return None
+    return Layout(args.injection, args.metering or "speed_density")
+
+
+def _write_truth(experiment: "Experiment", args: argparse.Namespace) -> None:
+    """Write the true tables of the first drive's vehicle, at that drive's air temperature."""
+    import json
+
+    import numpy as np
+
+    from training.cli.tables import axes_for
+    from training.dyno import truth
+    from training.dyno.simulation import simulate
+    from training.recordings.ecu_table import KPA, MG_PER_STROKE, document
+
+    engine = experiment.engine
+    assert engine is not None
+    axes = axes_for(args.axes, MG_PER_STROKE if args.metering == "maf" else KPA)
+    degc = float(np.mean(simulate(experiment)["manifold_temperature_degc"]))
+    true = document(truth.tables(engine, axes, degc), source="simulated")
+    args.truth.write_text(json.dumps(true, indent=1) + "\n")
+    print(args.truth)
 
 
 def _fault(text: str) -> tuple[str, float | None]:

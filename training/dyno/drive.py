@@ -10,7 +10,7 @@ that file only. The large parts are inlined: calls with two dozen numbers would 
 run time.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numba
 import numpy as np
@@ -61,7 +61,7 @@ def _bilinear(table: FloatArray, xs: FloatArray, ys: FloatArray, x: float, y: fl
 
 
 @numba.njit(cache=True)
-def _nominal_ve(rpm: float, kpa: float) -> float:
+def nominal_ve(rpm: float, kpa: float) -> float:
     """Return the volumetric efficiency that the ECU was calibrated with."""
     return 0.80 + 0.11 * np.exp(-(((rpm - 3200.0) / 1900.0) ** 2)) + 0.05 * (1 - 35.0 / (kpa + 15))
 
@@ -80,9 +80,19 @@ def _psi(ratio: float) -> float:
 
 
 @numba.njit(cache=True)
-def _charge_mg(ve: float, kpa: float, degc: float) -> float:
+def charge_mg(ve: float, kpa: float, degc: float) -> float:
     """Return the air per stroke in mg from volumetric efficiency, pressure and temperature."""
     return ve * DISPLACEMENT_M3 / 4.0 * kpa * 1e3 / (R_AIR * (degc + 273.15)) * 1e6
+
+
+def nominal_ves(rpm: FloatArray, kpa: FloatArray) -> FloatArray:
+    """Return the nominal volumetric efficiency of many operating points."""
+    return np.asarray(cast(Any, nominal_ve).py_func(rpm, kpa))
+
+
+def charges_mg(ve: FloatArray, kpa: FloatArray, degc: FloatArray | float) -> FloatArray:
+    """Return the air per stroke in mg of many operating points."""
+    return np.asarray(cast(Any, charge_mg).py_func(ve, kpa, degc))
 
 
 @numba.njit(cache=True)
@@ -212,8 +222,8 @@ def _breathe(
 ) -> _Air:
     """Return the state of boost, throttle, manifold and runner one step later."""
     p_man, t_k, strokes_per_s = a.manifold_kpa, t_man + 273.15, rpm / 30.0
-    ve_nominal = _nominal_ve(rpm, p_man)
-    p_ref = charge_ref / max(_charge_mg(ve_nominal, 1.0, t_man), 1e-6)
+    ve_nominal = nominal_ve(rpm, p_man)
+    p_ref = charge_ref / max(charge_mg(ve_nominal, 1.0, t_man), 1e-6)
     p_ref = min(max(p_ref, 15.0), 2.1 * ambient_kpa)
     boost_ref = min(max(1.06 * p_ref - ambient_kpa, 0.0), 0.022 * max(rpm - 900.0, 0.0))
     boost = a.boost_kpa + (boost_ref - a.boost_kpa) * STEP_S / 0.5
@@ -228,7 +238,7 @@ def _breathe(
     wall = e.charge_temperature * max(coolant - t_man, 0.0) / (0.4 + maf_slow / 60.0)
     runner_tau = e.manifold_filling * 1500.0 / max(rpm, 500.0)
     runner = a.runner_kpa + (p_man - a.runner_kpa) * STEP_S / (runner_tau + STEP_S)
-    charge = _charge_mg(ve, runner, t_man + wall)
+    charge = charge_mg(ve, runner, t_man + wall)
     flow_in = area * p_up * speed_factor * _psi(p_man / p_up)
     stiff = area * speed_factor * 7.53 + charge * 1e-6 * strokes_per_s / max(p_man, 10.0)
     gain = R_AIR * t_k / MANIFOLD_M3 * 1e-3
@@ -257,7 +267,7 @@ def _measure(
     lag = s.lag_kg_h + (reading - s.lag_kg_h) * STEP_S / 0.03
     maf = max(lag * (1.0 + 0.004 * maf_noise), 0.0)
     map_kpa = a.manifold_kpa + map_offset_kpa + 0.08 * map_noise
-    charge = _charge_mg(_nominal_ve(rpm, map_kpa), map_kpa, t_man)
+    charge = charge_mg(nominal_ve(rpm, map_kpa), map_kpa, t_man)
     maf_slow = s.maf_slow_kg_h + (maf - s.maf_slow_kg_h) * STEP_S / 1.5
     flow = charge * (rpm / 30.0) * 3.6e-3
     charge_slow = s.charge_slow_kg_h + (flow - s.charge_slow_kg_h) * STEP_S / 1.5

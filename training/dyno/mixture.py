@@ -21,6 +21,7 @@ LAMBDA_MAX = 15.9  # highest lambda that the ECU sends, in fuel cut
 HISTORY = 512  # steps of 10 ms in a ring, the longest delay
 TRIM_LIMIT = 0.30
 SENSOR_WARM_UP_S = 15.0
+EXHAUST_KG_M3 = 0.45
 
 _lag_step = numba.njit(cache=True)(faults.lag_step)
 _one_sided = numba.njit(cache=True)(faults.one_sided)
@@ -95,6 +96,16 @@ def _injected_mg(
     return max(injected, 0.0)
 
 
+class Course(NamedTuple):
+    """Properties of the vehicle that follow its operating point; every field has shape (n,)."""
+
+    film_share: FloatArray  # fraction of the injected fuel that wets the wall
+    film_tau_s: FloatArray  # time constant of its evaporation
+    fuel_error_mg: FloatArray  # per stroke, that the injectors add to the command
+    exhaust_kg_m3: FloatArray  # density of the exhaust between valve and sensor
+    sensor_tau_s: FloatArray
+
+
 class _Fuel(NamedTuple):
     """State of wall film, canister vapour and fuel in the oil, and the fuel in the cylinder."""
 
@@ -114,13 +125,12 @@ def _fuel_step(
     coolant: float,
     manifold_kpa: float,
     purge_duty: float,
+    share: float,
+    film_tau: float,
     c: Conditions,
     e: Effects,
 ) -> _Fuel:
     """Return the state of wall film, canister vapour and oil one step later."""
-    cold = max(88.0 - coolant, 0.0) / 60.0
-    share = min((e.wall_film + 0.02 * e.ethanol) * (1.0 + 1.5 * cold), 0.6)
-    film_tau = (0.35 + 0.5 * cold) * (1.0 + 0.4 * 40.0 / (manifold_kpa + 20.0))
     evaporated = f.film_mg / film_tau  # mg/s
     film_mg = f.film_mg + STEP_S * (share * injected * strokes_per_s - evaporated)
     vapour = f.vapour_mg_s + STEP_S / 0.7 * (
@@ -179,6 +189,7 @@ def _transport(
     k: int,
     delayed: float,
     flow: float,
+    density_kg_m3: float,
     cut: bool,
     entered: FloatArray,
     advected: FloatArray,
@@ -186,7 +197,7 @@ def _transport(
     e: Effects,
 ) -> _Exhaust:
     """Return the state of the exhaust one step later: a pipe with plug flow, two mixed volumes."""
-    litres_per_s = flow / 3600.0 / 0.45 * 1e3
+    litres_per_s = flow / 3600.0 / density_kg_m3 * 1e3
     entered[k] = delayed
     advected[k + 1] = advected[k] + litres_per_s * STEP_S
     behind = x.behind
@@ -269,6 +280,7 @@ def simulate(
     c: Conditions,
     e: Effects,
     f: SensorParameters,
+    course: Course,
     noise: FloatArray,
     phi_step: FloatArray,
     forced_trim: FloatArray,
@@ -308,9 +320,21 @@ def simulate(
         fuel_ecu = 0.0 if cut else air_ecu / STOICHIOMETRIC_AIR_FUEL * target * trim
 
         # mixture at the exhaust valve
-        injected = 0.0 if cut else _injected_mg(fuel_ecu, d.rail_mpa[k], d.battery_v[k], p, e)
+        opened = max(fuel_ecu + course.fuel_error_mg[k], 0.0)
+        injected = 0.0 if cut else _injected_mg(opened, d.rail_mpa[k], d.battery_v[k], p, e)
         fuel = _fuel_step(
-            fuel, t_s, injected, cut, rpm / 30.0, coolant, d.manifold_kpa[k], d.purge_duty[k], c, e
+            fuel,
+            t_s,
+            injected,
+            cut,
+            rpm / 30.0,
+            coolant,
+            d.manifold_kpa[k],
+            d.purge_duty[k],
+            course.film_share[k],
+            course.film_tau_s[k],
+            c,
+            e,
         )
         scavenged = _scavenged(d.manifold_kpa[k], c.ambient_kpa, rpm, e.scavenging)
         phi = fuel.cylinder_mg * stoichiometric / (d.air_true_mg[k] * (1.0 + scavenged))
@@ -323,8 +347,19 @@ def simulate(
 
         # transport, sensor and reading; the delay begins with 90 / rpm s in the cylinder
         delayed = _look_back(cylinder, k, 90.0 / rpm + p.transport_delay_s)
-        exhaust = _transport(exhaust, k, delayed, flow, cut, entered, advected, p.mixing_tau_s, e)
-        uego = _pumping(uego, exhaust.gas, flow, p.sensor_tau_s, c.ambient_kpa, e)
+        exhaust = _transport(
+            exhaust,
+            k,
+            delayed,
+            flow,
+            course.exhaust_kg_m3[k],
+            cut,
+            entered,
+            advected,
+            p.mixing_tau_s,
+            e,
+        )
+        uego = _pumping(uego, exhaust.gas, flow, course.sensor_tau_s[k], c.ambient_kpa, e)
         healthy = 1.0 + p.sensor_gain * (uego - 1.0) + p.sensor_offset + 0.0008 * noise[k, 1]
         sensed[k % HISTORY] = healthy
         slow, lambda_read = _read(slow, k, sensed, faulty, f)
@@ -349,6 +384,7 @@ def run(
     rng: np.random.Generator,
     phi_step: FloatArray,
     forced_trim: FloatArray | None = None,
+    course: Course | None = None,
 ) -> Mixture:
     """Return the mixture side of a drive.
 
@@ -356,6 +392,7 @@ def run(
     rng : draws the noise of mixture and sensor
     phi_step : (n,) added to the commanded phi in closed loop
     forced_trim : (n,) replaces the output of the lambda controller, None replaces nothing
+    course : properties that follow the operating point, None is those of the type
     """
     noise = rng.standard_normal((len(drive.engine_rpm), 3))
     f = fault or Fault("healthy", 0.0)
@@ -371,4 +408,18 @@ def run(
         start_s=start_s if fault else np.inf,
     )
     trim = np.empty(0) if forced_trim is None else forced_trim
-    return simulate(drive, p, c, e, sensor, noise, phi_step, trim)
+    course = course or usual_course(drive, p, e)
+    return simulate(drive, p, c, e, sensor, course, noise, phi_step, trim)
+
+
+def usual_course(d: Drive, p: Piece, e: Effects) -> Course:
+    """Return the properties of the type's direct injection along a drive."""
+    cold = np.maximum(88.0 - d.coolant_degc, 0.0) / 60.0
+    none = np.zeros(len(d.engine_rpm))
+    return Course(
+        film_share=np.minimum((e.wall_film + 0.02 * e.ethanol) * (1.0 + 1.5 * cold), 0.6),
+        film_tau_s=(0.35 + 0.5 * cold) * (1.0 + 0.4 * 40.0 / (d.manifold_kpa + 20.0)),
+        fuel_error_mg=none,
+        exhaust_kg_m3=none + EXHAUST_KG_M3,
+        sensor_tau_s=none + p.sensor_tau_s,
+    )

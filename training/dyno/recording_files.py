@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from monitor.base import manifest
-from training.dyno import ecu
+from training.dyno import ecu, logger
 from training.dyno.simulation import Experiment, simulate
 from training.recordings.can_log import write_log
 from training.recordings.recording import sha256, write_table
@@ -18,15 +18,21 @@ def write(experiment: Experiment, folder: Path, suffix: str, period_s: float = 0
     """Simulate one drive, write it and its manifest entry into ``folder``, and return the path.
 
     suffix : "log", "blf", "asc", "trc" or "mf4" for a CAN log of the project's ECU; "parquet",
-        "csv" or "csv.gz" for a table on a sample grid of ``period_s``
+        "csv" or "csv.gz" for a table on a sample grid of ``period_s``; the table of an experiment
+        with a layout holds the answers of its ECU every ``period_s``
     Raises UsageError for an unknown cycle, RecordingError if the file cannot be written.
     """
     path = folder / f"{experiment.name}.{suffix}"
+    signals = simulate(experiment)
+    if suffix in TABLES and experiment.layout is not None:
+        names = logger.columns(experiment.layout)
+        t_s, values = logger.polled(signals, names, period_s)
+        write_table(path, t_s, names, values)
+        _note(experiment, path)
+        return path
     bus_map = ecu.own_bus()
     rng = np.random.default_rng([0x0_2, 5, experiment.seed, experiment.vehicle])
-    sent = ecu.broadcast(
-        simulate(experiment), bus_map, rng, experiment.fault, experiment.fault_start_s
-    )
+    sent = ecu.broadcast(signals, bus_map, rng, experiment.fault, experiment.fault_start_s)
     if suffix in TABLES:
         block = ecu.samples(sent, bus_map, round(period_s * 1e9))
         t_s = block.t_ns / 1e9
@@ -52,6 +58,7 @@ def describe(experiment: Experiment, path: Path) -> dict[str, Any]:
         "fault_start_s": experiment.fault_start_s if fault else None,
         "in_the_loop": bool(fault),
         "effects": {k: v for k, v in experiment.effects._asdict().items() if v},
+        **({"layout": experiment.layout.name} if experiment.layout else {}),
     }
 
 

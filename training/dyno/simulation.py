@@ -7,9 +7,10 @@ import numpy as np
 from monitor.base.faults import Fault
 from monitor.base.signals import OWN
 from monitor.base.types import FloatArray
-from training.dyno import cycles, drive, mixture, vehicle
+from training.dyno import cycles, drive, engine, mixture, vehicle
 from training.dyno.drive import Drive
 from training.dyno.effects import Effects
+from training.dyno.engine import Engine, Layout
 from training.dyno.mixture import Mixture
 from training.dyno.vehicle import Conditions
 
@@ -27,6 +28,7 @@ class Experiment:
     duration_s: float | None = None  # None is the whole cycle
     conditions: Conditions | None = None  # None: the seed draws them
     forced_trim: FloatArray | None = None  # (n,) replaces the output of the lambda controller
+    layout: Layout | None = None  # of injection and metering; None is the type's ideal one
 
     @property
     def name(self) -> str:
@@ -36,8 +38,14 @@ class Experiment:
         'udds_v1_s7_healthy'
         """
         effects = [name for name, scale in self.effects._asdict().items() if scale]
+        layout = [] if self.layout is None else [self.layout.name]
         content = [*([self.fault.name] if self.fault else []), *effects] or ["healthy"]
-        return "_".join([self.cycle, f"v{self.vehicle}", f"s{self.seed}", *content])
+        return "_".join([self.cycle, f"v{self.vehicle}", f"s{self.seed}", *layout, *content])
+
+    @property
+    def engine(self) -> Engine | None:
+        """Return the engine of the vehicle, None without a layout."""
+        return None if self.layout is None else engine.engine(self.vehicle, self.layout)
 
 
 def simulate(experiment: Experiment) -> dict[str, FloatArray]:
@@ -51,6 +59,11 @@ def simulate(experiment: Experiment) -> dict[str, FloatArray]:
     conditions = experiment.conditions or vehicle.conditions(experiment.seed)
     effects = experiment.effects
     air = drive.run(trace, piece, conditions, effects, np.random.default_rng([*key, 1]))
+    own, course = experiment.engine, None
+    if own is not None:
+        air = engine.metered(own, air, piece.maf_gain, np.random.default_rng([*key, 5]))
+        piece, effects = engine.installed(own, piece, effects)
+        course = engine.course(own, air)
     fuel = mixture.run(
         air,
         piece,
@@ -61,8 +74,20 @@ def simulate(experiment: Experiment) -> dict[str, FloatArray]:
         rng=np.random.default_rng([*key, 2]),
         phi_step=trace.phi_step,
         forced_trim=experiment.forced_trim,
+        course=course,
     )
-    return _canonical(air, fuel, conditions, np.random.default_rng([*key, 4]))
+    signals = _canonical(air, fuel, conditions, np.random.default_rng([*key, 4]))
+    return signals if own is None else signals | _logged(own, air, fuel)
+
+
+def _logged(own: Engine, air: Drive, fuel: Mixture) -> dict[str, FloatArray]:
+    """Return the signals that only an ECU with a layout logs."""
+    ve = engine.ecu_ve(own, air.engine_rpm, air.manifold_kpa)
+    return {
+        "injector_pulse_width_ms": engine.pulse_width_ms(own, air, fuel.fuel_ecu_mg),
+        "volumetric_efficiency_percent": 100.0 * ve,
+        "lambda_correction_percent": 100.0 * fuel.lambda_controller,
+    }
 
 
 def _canonical(

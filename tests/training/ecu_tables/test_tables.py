@@ -1,0 +1,151 @@
+"""Tables for an ECU: axes of a tune, files, sensitivities, and the command end to end."""
+
+import json
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import pytest
+
+from monitor.base.errors import UsageError
+from training.cli import main
+from training.dyno.engine import Layout
+from training.dyno.recording_files import write
+from training.dyno.simulation import Experiment
+from training.ecu_tables.fields import grid_over
+from training.ecu_tables.files import csv, tuner_studio
+from training.ecu_tables.msq import read_axes
+from training.ecu_tables.parameters import Parameters
+from training.ecu_tables.prediction import Case, reading, sensitivities
+from training.ecu_tables.signals import subject_of
+from training.recordings.ecu_table import EcuTable, axes_of
+from training.recordings.recording import load
+
+TUNE = """<?xml version="1.0" encoding="ISO-8859-1"?>
+<msq xmlns="http://www.msefi.com/:msq"><page number="0">
+<constant cols="1" name="frpm_table1" rows="3" units="RPM">
+ 800.0
+ 1600.0
+ 2400.0
+</constant>
+<constant cols="1" name="fmap_table1" rows="2" units="kPa">30 60</constant></page></msq>
+"""
+
+
+def test_the_axes_of_a_tune_are_those_of_its_fuel_table(tmp_path: Path) -> None:
+    tune = tmp_path / "CurrentTune.msq"
+    tune.write_text(TUNE)
+    assert read_axes(tune) == ((800.0, 1600.0, 2400.0), (30.0, 60.0))
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        (TUNE.replace("<msq", '<!DOCTYPE msq [<!ENTITY a "b">]><msq'), "document type"),
+        (TUNE.replace("1600.0", "500.0"), "rising"),
+        (TUNE.replace("30 60", "low high"), "numbers are wanted"),
+        (TUNE.replace("fmap_table1", "other"), "no axes of speed and load"),
+        ("rpm,map\n1,2\n", "no tune in XML"),
+    ],
+)
+def test_a_file_without_axes_is_refused_by_name(tmp_path: Path, text: str, reason: str) -> None:
+    tune = tmp_path / "bad.msq"
+    tune.write_text(text)
+    with pytest.raises(UsageError, match=reason) as refused:
+        read_axes(tune)
+    assert "bad.msq" in str(refused.value)
+
+
+def test_a_table_file_has_speed_across_load_upwards_and_zero_where_nothing_was_measured() -> None:
+    axes = axes_of("manifold_pressure_kpa", (800.0, 1600.0, 2400.0), (30.0, 60.0))
+    values = np.array([[0.3, 0.25], [0.2, np.nan], [0.15, 0.1]])
+    table = EcuTable(
+        name="lambda_delay",
+        unit="s",
+        axes=(axes.speed, axes.load),
+        estimate=values,
+        low=values,
+        high=values,
+        samples=np.ones((3, 2), dtype=np.int64),
+    )
+    root = ET.fromstring(tuner_studio(table))
+    space = "{http://www.EFIAnalytics.com/:table}"
+    rows = root.find(f"{space}table/{space}zValues")
+    assert rows is not None and rows.text is not None
+    assert [line.split() for line in rows.text.strip().splitlines()] == [
+        ["300", "200", "150"],
+        ["250", "0", "100"],
+    ]
+    assert csv(table).splitlines()[4] == "1600,60,,,,1"
+    assert table.document()["estimate"][1] == [0.2, None]
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a short log of a car with port injection and speed density."""
+    experiment = Experiment(
+        cycle="micro_trips",
+        vehicle=3,
+        seed=4,
+        duration_s=150.0,
+        layout=Layout("port", "speed_density"),
+    )
+    return write(experiment, tmp_path_factory.mktemp("drive"), "csv", 0.05)
+
+
+def test_the_sensitivities_are_the_derivatives_of_the_reading(drive: Path) -> None:
+    subject = subject_of([load(drive)])
+    d = subject.drives[0]
+    p = Parameters(subject, grid_over([d.rpm], [d.load]))
+    x = p.mean() + 0.05 * np.random.default_rng(1).standard_normal(p.size)
+    x[p.at["flow"]] = 1.5
+    case = Case.of(d, p)
+    base, slopes = sensitivities(p, x, case)
+    np.testing.assert_allclose(base, reading(p, x, case))
+    for k in (*range(19), *(p.at[name].start + 7 for name in ("delay", "lag", "share", "tau"))):
+        up, down = x.copy(), x.copy()
+        up[k] += 1e-6
+        down[k] -= 1e-6
+        wanted = (reading(p, up, case) - reading(p, down, case)) / 2e-6
+        error = np.sqrt(np.mean((slopes[:, k] - wanted) ** 2))
+        assert error <= 0.01 * np.sqrt(np.mean(wanted**2)) + 1e-9, k
+
+
+def test_a_log_becomes_tables_with_bounds_and_blank_cells(tmp_path: Path, drive: Path) -> None:
+    tune, out = tmp_path / "t.msq", tmp_path / "out"
+    tune.write_text(TUNE)
+    assert main(["tables", str(drive), "--out", str(out), "--axes", str(tune)]) == 0
+    document = json.loads((out / "tables.json").read_text())
+    assert document["schema"] == "o2train.tables/1"
+    names = [t["name"] for t in document["tables"]]
+    assert {"lambda_delay", "lambda_lag", "wall_film_time", "injector_dead_time"} <= set(names)
+    assert "injector_flow_scale" not in names  # no displacement: the air has no scale
+    delay = document["tables"][names.index("lambda_delay")]
+    estimate = np.array(delay["estimate"], dtype=float)
+    low, high = (np.array(delay[k], dtype=float) for k in ("low", "high"))
+    samples = np.array(delay["samples"])
+    filled = np.isfinite(estimate)
+    assert filled.any()
+    assert np.isnan(estimate[samples < 100]).all()
+    assert (low[filled] < estimate[filled]).all() and (estimate[filled] < high[filled]).all()
+    assert "drive that fills" in (out / "report.html").read_text()
+
+
+def test_a_log_without_fuel_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "nofuel.csv"
+    rows = "\n".join(f"{0.05 * k:.2f},1500,{1 + 0.01 * (k % 7)},40" for k in range(200))
+    path.write_text(f"time_s,engine_speed_rpm,lambda_measured,manifold_pressure_kpa\n{rows}\n")
+    assert main(["tables", str(path), "--out", str(tmp_path / "out")]) == 2
+    assert "injector_pulse_width_ms or fuel_mass_mg" in capsys.readouterr().err
+
+
+def test_the_truth_has_the_form_of_the_tables(tmp_path: Path) -> None:
+    truth = tmp_path / "truth.json"
+    call = ["simulate", "--out", str(tmp_path), "--injection", "port", "--duration", "30"]
+    assert main([*call, "--format", "csv", "--period", "0.05", "--truth", str(truth)]) == 0
+    document = json.loads(truth.read_text())
+    assert document["schema"] == "o2train.tables/1"
+    delay = document["tables"][0]
+    assert delay["name"] == "lambda_delay"
+    assert np.shape(delay["estimate"]) == tuple(len(a["values"]) for a in delay["axes"])
+    assert 0.05 < np.min(delay["estimate"]) < np.max(delay["estimate"]) < 1.5

@@ -1,0 +1,132 @@
+"""The command ``o2train tables``: lambda delay, wall film and injector tables from recordings."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from monitor.base import option_paths as paths
+from monitor.base.errors import UsageError
+from training.cli.recordings import add_bus_options, add_period_option, load_all
+
+if TYPE_CHECKING:
+    from training.recordings.ecu_table import TableAxes
+    from training.recordings.recording import Recording
+
+_EXAMPLES = """examples:
+  o2train tables drive.csv --out tables
+  o2train tables monday.csv tuesday.csv --out tables --axes CurrentTune.msq
+  o2train tables drive.csv --out tables --displacement-l 1.8 --period 0.07
+
+Needs engine_speed_rpm, lambda_measured, injector_pulse_width_ms or fuel_mass_mg, and one of
+air_mass_mg, manifold_pressure_kpa, maf_kg_h. Cells that the recordings do not tell stay blank."""
+
+
+def add_parsers(commands: Any) -> None:
+    """Add the command ``tables`` to ``commands``."""
+    parser = commands.add_parser(
+        "tables",
+        help="estimate tables for an ECU: lambda delay, wall film, injectors",
+        description="Estimate lambda delay and lag, wall film, injector dead time and flow, and\n"
+        "the sensor's own lag from recordings of one car. Each cell has an estimate, a 90 %\n"
+        "interval and its number of samples. Written are tables.json, CSV and TunerStudio\n"
+        "files, and a page.",
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("recordings", type=paths.read, nargs="+", help="recordings of one car")
+    parser.add_argument(
+        "--out", type=paths.folder, required=True, metavar="DIR", help="folder to write"
+    )
+    parser.add_argument(
+        "--axes",
+        type=paths.read,
+        metavar="FILE.msq",
+        help="TunerStudio tune whose axes of speed and load are used (default: fixed axes)",
+    )
+    parser.add_argument(
+        "--load",
+        choices=("kpa", "mg"),
+        help="load axis: manifold pressure in kPa or air in mg per stroke (default: kPa if the "
+        "recordings have it)",
+    )
+    parser.add_argument(
+        "--displacement-l",
+        type=float,
+        metavar="L",
+        help="displacement in litres of four cylinders; without it speed density does not tell "
+        "the injector flow",
+    )
+    add_period_option(parser)
+    add_bus_options(parser)
+    parser.set_defaults(func=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Estimate the tables, write them and return exit code 0.
+
+    Raises RecordingError or UsageError (exit code 2).
+    """
+    from training.ecu_tables import config, files, fit, page, signals, tables
+    from training.recordings.recording import check_each_once
+
+    if args.displacement_l is not None and not 0.05 <= args.displacement_l <= 30.0:
+        raise UsageError(f"--displacement-l {args.displacement_l:g}: 0.05 to 30 litres are wanted")
+    recordings = of_one_period(args)
+    check_each_once(recordings)
+    load = {"kpa": "manifold_pressure_kpa", "mg": "air_mass_mg", None: None}[args.load]
+    subject = signals.subject_of(recordings, load, args.displacement_l)
+    axes = axes_for(args.axes, subject.load)
+    _make_folder(args.out)
+    fitted = fit.fit(subject)
+    made = tables.tables(fitted, axes, config.defaults())
+    names = [r.path.name for r in recordings]
+    sources = [{"path": str(r.path), "sha256": r.sha256} for r in recordings]
+    files.write_files(args.out, made, recordings=sources)
+    page.write_report(args.out / "report.html", fitted, made, names)
+    for line in summary(made):
+        print(line)
+    print(f"{args.out / 'report.html'}: {subject.samples} usable samples, {subject.air.value}")
+    return 0
+
+
+def of_one_period(args: argparse.Namespace) -> "list[Recording]":
+    """Return the recordings on one grid: that of ``--period``, or the slowest of their own."""
+    recordings = load_all(args, args.recordings, args.period)
+    slowest = max(r.period_ns for r in recordings)
+    if any(r.period_ns != slowest for r in recordings):
+        print(
+            f"o2train: warning: the recordings have several periods; {slowest / 1e9:g} s is used",
+            file=sys.stderr,
+        )
+        recordings = load_all(args, args.recordings, slowest / 1e9)
+    return recordings
+
+
+def axes_for(path: Path | None, load: str) -> "TableAxes":
+    """Return the axes of a tune, or the default ones."""
+    from training.ecu_tables.msq import read_axes
+    from training.recordings.ecu_table import axes_of
+
+    return axes_of(load) if path is None else axes_of(load, *read_axes(path))
+
+
+def _make_folder(path: Path) -> None:
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(f"{path}: {error.strerror}") from None
+
+
+def summary(made: "list[Any]") -> list[str]:
+    """Return one line per table: filled cells and the range of the estimates."""
+    import numpy as np
+
+    lines = []
+    for table in made:
+        good = table.estimate[np.isfinite(table.estimate)]
+        told = f"{len(good)} of {table.estimate.size} cells"
+        if len(good):
+            told += f", {good.min():.3g} to {good.max():.3g} {table.unit}".rstrip(" -")
+        lines.append(f"{table.key}: {told}")
+    return lines

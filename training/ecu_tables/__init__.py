@@ -1,0 +1,1 @@
+"""Tables for an ECU from recordings: lambda delay and lag, wall film, injectors, with bounds."""

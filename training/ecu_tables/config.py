@@ -1,0 +1,30 @@
+"""Settings of the tables from ``default.toml`` beside this file."""
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+
+
+@dataclass(frozen=True, slots=True)
+class TablesConfig:
+    """Numbers that decide what a cell says."""
+
+    z90: float  # half width of a 90 % interval in standard deviations
+    least_s: float  # usable samples nearest to a cell, below which it is blank
+    widest: Mapping[str, float]  # table → relative half width from which a cell is blank
+    widening: Mapping[str, float]  # table → factor on the standard deviation
+
+
+@cache
+def defaults() -> TablesConfig:
+    """Return the settings of ``default.toml``."""
+    text = resources.files("training.ecu_tables").joinpath("default.toml").read_text()
+    read = tomllib.loads(text)
+    return TablesConfig(
+        z90=read["interval"]["z90"],
+        least_s=read["cell"]["least_s"],
+        widest=read["widest"],
+        widening=read["widening"],
+    )

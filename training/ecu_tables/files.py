@@ -1,0 +1,82 @@
+"""The files of the tables: JSON, one CSV per table, one TunerStudio table file per table.
+
+A TunerStudio table has no blank cells, so a blank cell is 0 there: no delay, lag or film is ever 0.
+"""
+
+import io
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from monitor.base.types import FloatArray
+from training.recordings.ecu_table import EcuTable, document
+
+NAMESPACE: Final = "http://www.EFIAnalytics.com/:table"
+BLANK: Final = 0.0
+SCALES: Final = {"s": (1000.0, 0, "ms"), "-": (100.0, 1, "%"), "ms": (1.0, 3, "ms")}
+UNSCALED: Final = (1.0, 3, "")
+
+
+def write_files(folder: Path, tables: Sequence[EcuTable], **more: Any) -> list[Path]:
+    """Write ``tables.json``, a CSV and a TunerStudio file per table, and return their paths."""
+    paths = [folder / "tables.json"]
+    paths[0].write_text(json.dumps(document(tables, **more), indent=1) + "\n")
+    for table in tables:
+        paths.append(folder / f"{table.key}.csv")
+        paths[-1].write_text(csv(table))
+        if len(table.axes) == 2:
+            paths.append(folder / f"{table.key}.table")
+            paths[-1].write_text(tuner_studio(table))
+    return paths
+
+
+def csv(table: EcuTable) -> str:
+    """Return one line per cell: its place, estimate, bounds and samples; blank cells are empty."""
+    names = [axis.name for axis in table.axes]
+    out = io.StringIO()
+    out.write(",".join([*names, f"{table.name} [{table.unit}]", "low", "high", "samples"]) + "\n")
+    for at in np.ndindex(table.estimate.shape):
+        place = [f"{axis.values[k]:g}" for axis, k in zip(table.axes, at, strict=True)]
+        values = [_text(float(v[at])) for v in (table.estimate, table.low, table.high)]
+        out.write(",".join([*place, *values, str(int(table.samples[at]))]) + "\n")
+    return out.getvalue()
+
+
+def _text(value: float) -> str:
+    return "" if np.isnan(value) else f"{value:.6g}"
+
+
+def tuner_studio(table: EcuTable) -> str:
+    """Return the table as TunerStudio and MegaTune import it: speed across, load upwards.
+
+    Times are in ms, fractions in percent, as these programs show them.
+    """
+    speed, load = table.axes
+    factor, digits, _ = SCALES.get(table.unit, UNSCALED)
+    rows = _filled(table.estimate.T * factor)
+    lines = [
+        '<?xml version="1.0" encoding="UTF-8" standalone="no"?>',
+        f'<tableData xmlns="{NAMESPACE}">',
+        '  <bibliography author="o2-monitor" company="" writeDate=""/>',
+        '  <versionInfo fileFormat="1.0"/>',
+        f'  <table cols="{len(speed.values)}" rows="{len(load.values)}">',
+        f'    <xAxis cols="{len(speed.values)}" name="rpm">',
+        *(f"      {value:.1f}" for value in speed.values),
+        "    </xAxis>",
+        f'    <yAxis name="{"map" if load.unit == "kPa" else "load"}" rows="{len(load.values)}">',
+        *(f"      {value:.1f}" for value in load.values),
+        "    </yAxis>",
+        f'    <zValues cols="{len(speed.values)}" rows="{len(load.values)}">',
+        *("      " + " ".join(f"{v:.{digits}f}" for v in row) for row in rows),
+        "    </zValues>",
+        "  </table>",
+        "</tableData>",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _filled(values: FloatArray) -> FloatArray:
+    return np.where(np.isnan(values), BLANK, values)

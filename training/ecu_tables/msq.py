@@ -1,0 +1,107 @@
+"""Axes of an ECU's own tables from a TunerStudio tune (.msq, XML).
+
+TunerStudio writes every table axis as a ``constant`` with a name of the firmware. The first pair
+of the list that the tune holds is taken: a lambda delay table's own axes, else those of the fuel
+table (rusEFI, Speeduino, MegaSquirt). A document type declaration is refused, so no entity is ever
+expanded.
+"""
+
+from itertools import pairwise
+from pathlib import Path
+from typing import Final
+from xml.parsers import expat
+
+from monitor.base.errors import UsageError
+
+PAIRS: Final = (
+    ("lambdaDelayRpmBins", "lambdaDelayLoadBins"),
+    ("veRpmBins", "veLoadBins"),
+    ("rpmBins", "fuelLoadBins"),
+    ("rpmBins", "mapBins"),
+    ("frpm_table1", "fmap_table1"),
+    ("frpm_table", "fmap_table"),
+    ("rpm_table1", "map_table1"),
+    ("rpmBins8", "mapBins8"),
+)
+LARGEST: Final = 64  # values of one axis
+MOST_BYTES: Final = 50_000_000
+
+
+def read_axes(path: Path) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Return speeds in 1/min and loads of the tune's table, both rising.
+
+    Raises UsageError if the file is no tune, or holds none of the known pairs of axes.
+    """
+    constants = _constants(path)
+    for speeds, loads in PAIRS:
+        if speeds in constants and loads in constants:
+            return _axis(path, speeds, constants[speeds]), _axis(path, loads, constants[loads])
+    known = ", ".join(f"{a} with {b}" for a, b in PAIRS)
+    bins = [name for name in constants if "bins" in name.lower() or "rpm_table" in name.lower()]
+    raise UsageError(
+        f"{path}: no axes of speed and load; known are {known}; the tune has "
+        f"{', '.join(bins[:8]) or 'no axes'}"
+    )
+
+
+def _constants(path: Path) -> dict[str, str]:
+    """Return the text of every constant that has a name."""
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise UsageError(f"{path}: {error.strerror}") from None
+    if len(data) > MOST_BYTES:
+        raise UsageError(f"{path}: {len(data)} bytes, at most {MOST_BYTES} are wanted")
+    reader = _Reader(path)
+    try:
+        reader.parser.Parse(data, True)
+    except expat.ExpatError as error:
+        raise UsageError(f"{path}: no tune in XML: {error}") from None
+    if reader.root.rpartition(" ")[2] != "msq":
+        raise UsageError(f"{path}: the root is <{reader.root}>, a tune's is <msq>")
+    return {name: "".join(parts) for name, parts in reader.constants.items()}
+
+
+class _Reader:
+    """Collects the constants of a tune while expat reads it."""
+
+    def __init__(self, path: Path) -> None:
+        self.root = ""
+        self.constants: dict[str, list[str]] = {}
+        self._path, self._now = path, None
+        self._text: list[str] | None = None
+        self.parser = expat.ParserCreate(namespace_separator=" ")
+        self.parser.StartDoctypeDeclHandler = self._refuse
+        self.parser.StartElementHandler = self._start
+        self.parser.EndElementHandler = self._end
+        self.parser.CharacterDataHandler = self._take
+
+    def _refuse(self, *_: object) -> None:
+        raise UsageError(f"{self._path}: a tune has no document type declaration")
+
+    def _start(self, name: str, attributes: dict[str, str]) -> None:
+        self.root = self.root or name
+        if name.rpartition(" ")[2] == "constant" and "name" in attributes:
+            self._text = self.constants.setdefault(attributes["name"], [])
+
+    def _end(self, _: str) -> None:
+        self._text = None
+
+    def _take(self, text: str) -> None:
+        if self._text is not None:
+            self._text.append(text)
+
+
+def _axis(path: Path, name: str, text: str) -> tuple[float, ...]:
+    try:
+        values = [float(word) for word in text.replace('"', " ").split()]
+    except ValueError:
+        raise UsageError(
+            f"{path}: {name} holds {text.strip()[:40]!r}, numbers are wanted"
+        ) from None
+    rising = all(a < b for a, b in pairwise(values))
+    if not 2 <= len(values) <= LARGEST or not rising or not values[-1] < float("inf"):
+        raise UsageError(
+            f"{path}: {name} has {len(values)} values, 2 to {LARGEST} rising are wanted"
+        )
+    return tuple(values)

@@ -1,0 +1,107 @@
+"""The page of the tables: heat maps with bounds and blank cells, and the drive that fills them."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from training.ecu_tables.drive_plan import plan
+from training.ecu_tables.fit import Fitted
+from training.pages.figure import drawing
+from training.pages.numbers import counted
+from training.pages.page import page
+from training.recordings.ecu_table import EcuTable
+
+TITLES: Final = {
+    "lambda_delay": "Lambda delay: dead time from injection to sensor",
+    "lambda_lag": "Lambda lag: time constants of exhaust mixing and sensor together",
+    "wall_film_fraction": "Wall film: fraction of the fuel that wets the wall",
+    "wall_film_time": "Wall film: time constant of evaporation",
+    "injector_dead_time": "Injector dead time over battery voltage",
+    "injector_flow_scale": "Injector flow",
+    "sensor_lag": "The sensor's own lag over exhaust flow",
+}
+SHOWN: Final = {"s": (1000.0, "ms", 0), "-": (100.0, "%", 0), "ms": (1.0, "ms", 2)}
+PLAIN: Final = (1.0, "mg/ms", 2)
+
+
+def write_report(
+    path: Path, fitted: Fitted, tables: Sequence[EcuTable], names: Sequence[str]
+) -> None:
+    """Write the page; figures are embedded, nothing is loaded from elsewhere."""
+    subject = fitted.parameters.subject
+    period_s = subject.drives[0].period_s
+    filled = {t.key: int(np.isfinite(t.estimate).sum()) for t in tables}
+    text = page(
+        "ecu_tables.html",
+        "Tables from recordings",
+        verdict=_verdict(tables),
+        tables=tables,
+        filled=filled,
+        heading=heading,
+        draw=draw,
+        legs=plan(tables, period_s),
+        subject=subject,
+        minutes=subject.samples * period_s / 60.0,
+        sigma=fitted.sigma,
+        recordings=names,
+        seconds=lambda t: float(t.samples.sum()) * period_s,
+    )
+    path.write_text(text)
+
+
+def heading(table: EcuTable) -> str:
+    """Return a table's heading with its band of coolant temperature."""
+    band = table.coolant
+    at = "" if band is None else f", coolant {band.low_degc:g} to {band.high_degc:g} °C"
+    return TITLES[table.name] + at
+
+
+def _verdict(tables: Sequence[EcuTable]) -> str:
+    delay = next(t for t in tables if t.name == "lambda_delay")
+    good = delay.estimate[np.isfinite(delay.estimate)]
+    if len(good) == 0:
+        return "The recordings do not tell the lambda delay of any cell."
+    low, high = 1000.0 * good.min(), 1000.0 * good.max()
+    cells = counted(len(good), "cell")
+    return f"Lambda delay {low:.0f} to {high:.0f} ms in {cells}; blank cells were not measured."
+
+
+def draw(table: EcuTable) -> Figure:
+    """Return a heat map, or a line with bounds for a table over one axis."""
+    return _heat_map(table) if len(table.axes) == 2 else _line(table)
+
+
+def _heat_map(table: EcuTable) -> Figure:
+    speed, load = table.axes
+    factor, unit, digits = SHOWN.get(table.unit, PLAIN)
+    values = table.estimate.T * factor
+    half = (table.high - table.low).T / 2.0 * factor
+    figure, axes = drawing(1.2 + 0.38 * len(load.values))
+    axes.set_facecolor("0.93")
+    image = axes.pcolormesh(np.ma.masked_invalid(values), cmap="viridis", edgecolors="w", lw=0.6)
+    figure.colorbar(image, ax=axes, label=unit)
+    size = 7 if len(speed.values) <= 10 else 5
+    middle = np.nanmean(values) if np.isfinite(values).any() else 0.0
+    for j, i in zip(*np.nonzero(np.isfinite(values)), strict=True):
+        colour = "w" if values[j, i] < middle else "k"
+        text = f"{values[j, i]:.{digits}f}\n±{half[j, i]:.{digits}f}"
+        axes.text(i + 0.5, j + 0.5, text, ha="center", va="center", size=size, color=colour)
+    axes.set_xticks(np.arange(len(speed.values)) + 0.5, [f"{v:g}" for v in speed.values])
+    axes.set_yticks(np.arange(len(load.values)) + 0.5, [f"{v:g}" for v in load.values])
+    axes.set(xlabel="engine speed [1/min]", ylabel=f"load [{load.unit}]")
+    return figure
+
+
+def _line(table: EcuTable) -> Figure:
+    axis = table.axes[0]
+    factor, unit, _ = SHOWN.get(table.unit, PLAIN)
+    figure, axes = drawing(2.4)
+    at = np.isfinite(table.estimate)
+    x, y = np.asarray(axis.values)[at], table.estimate[at] * factor
+    bounds = np.abs(np.stack([table.low[at], table.high[at]]) * factor - y)
+    axes.errorbar(x, y, yerr=bounds, fmt="o-", capsize=3)
+    axes.set(xlabel=f"{axis.name.replace('_', ' ')} [{axis.unit}]", ylabel=unit)
+    return figure

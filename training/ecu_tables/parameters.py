@@ -1,0 +1,185 @@
+"""The parameters of the tables' fit, their priors, and the laws that join neighbouring cells.
+
+Each law is smooth physics with a few constants: a dead time of revolutions, pipe volume over
+flow and a rest; lags of mixed volume over flow and of the sensor; a wall film (Aquino, SAE 810494)
+whose share and time follow load, speed and coolant. On each law lies a field over speed and load,
+so that a cell can differ from the law where its samples say so.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from monitor.base.types import FloatArray
+from training.ecu_tables.fields import Grid
+from training.ecu_tables.signals import KG_H_PER_MG_RPM, Air, Drive, Subject
+from training.recordings.ecu_table import KPA
+
+FLOW_REFERENCE_KG_H: Final = 40.0
+SPEED_REFERENCE_RPM: Final = 2000.0
+LOAD_REFERENCE: Final = {KPA: 50.0, "air_mass_mg": 250.0}
+FLOW_LEAST_KG_H: Final = 3.0
+SHARE_MOST: Final = 0.85
+LOG_TIME, LOG_TIME_SPAN = -0.8, 1.8  # a film evaporates within 0.07 to 2.7 s, never slower
+
+
+class Scalar(NamedTuple):
+    """Prior of one constant."""
+
+    name: str
+    mean: float
+    sd: float
+
+
+SCALARS: Final = (
+    Scalar("flow", 0.0, 2.0),  # log of injected fuel over the unit of the command
+    Scalar("dead_ms", -0.35, 0.6),  # log of the injector's dead time at 14 V in ms
+    Scalar("dead_exponent", 1.6, 0.4),  # of 14 V over the voltage
+    Scalar("filling", 5.94, 0.4),  # log of the manifold's time constant times rpm
+    Scalar("delay_s", 0.03, 0.03),
+    Scalar("delay_rev", 1.5, 0.1),  # intake, compression, expansion, half the exhaust stroke
+    Scalar("delay_flow", 0.7, 1.0),  # log of s kg/h
+    Scalar("mixed_flow", -1.0, 0.8),  # log of s kg/h
+    Scalar("sensor_s", -2.4, 0.4),  # log, at 40 kg/h
+    Scalar("sensor_flow", 0.25, 0.12),  # share of the sensor's lag that falls with flow
+    Scalar("film", -1.5, 1.2),  # log odds of the share, warm
+    Scalar("film_cold", 1.0, 0.6),
+    Scalar("film_load", 0.2, 0.3),
+    Scalar("film_speed", -0.1, 0.3),
+    Scalar("time", -0.7, 0.5),  # log s, warm
+    Scalar("time_cold", 0.7, 0.4),
+    Scalar("time_load", -0.2, 0.3),
+    Scalar("time_speed", -0.2, 0.3),
+    Scalar("span", 1.0, 0.01),  # of the sensor about phi 1
+)
+FUEL: Final = ("flow", "dead_ms", "dead_exponent")
+AIR: Final = ("filling",)
+DELAY: Final = ("delay_s", "delay_rev", "delay_flow")
+MIXING: Final = ("mixed_flow",)
+SENSOR: Final = ("sensor_s", "sensor_flow")
+FILM: Final = ("film", "film_cold", "film_load", "film_speed")
+FILM_TIME: Final = ("time", "time_cold", "time_load", "time_speed")
+SPAN: Final = ("span",)
+FIRST: Final = tuple(n[0] for n in (FUEL, AIR, FILM, FILM_TIME, DELAY, MIXING, SENSOR, SPAN))
+FIELDS: Final = ("gain", "delay", "lag", "share", "tau")
+FIELD_SD: Final = {"gain": 0.02, "delay": 0.15, "lag": 0.12, "share": 0.15, "tau": 0.12}
+GAIN_SD_WITHOUT_VE: Final = 0.15
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """Names, places and priors of one fit's parameter vector."""
+
+    subject: Subject
+    grid: Grid
+
+    @cached_property
+    def at(self) -> dict[str, slice]:
+        """Return where each constant and field stands in the vector."""
+        places = {s.name: slice(k, k + 1) for k, s in enumerate(SCALARS)}
+        for k, name in enumerate(FIELDS):
+            start = len(SCALARS) + k * self.grid.size
+            places[name] = slice(start, start + self.grid.size)
+        return places
+
+    @property
+    def size(self) -> int:
+        """Return the length of the vector."""
+        return len(SCALARS) + len(FIELDS) * self.grid.size
+
+    def mean(self) -> FloatArray:
+        """Return the prior's mean."""
+        x = np.zeros(self.size)
+        x[: len(SCALARS)] = [s.mean for s in SCALARS]
+        return x
+
+    def precision(self) -> FloatArray:
+        """Return the inverse of the prior's covariance (size, size)."""
+        full = np.zeros((self.size, self.size))
+        for k, s in enumerate(SCALARS):
+            full[k, k] = s.sd**-2.0
+        for name in FIELDS:
+            sd = FIELD_SD[name]
+            if name == "gain" and self.subject.air is Air.SPEED_DENSITY:
+                sd = GAIN_SD_WITHOUT_VE
+            full[self.at[name], self.at[name]] = self.grid.precision(sd)
+        return full
+
+    def value(self, x: FloatArray, name: str) -> float:
+        """Return one constant."""
+        return float(x[self.at[name]][0])
+
+
+class Point(NamedTuple):
+    """Places at which the laws are asked; each (n,)."""
+
+    rpm: FloatArray
+    load: FloatArray
+    flow_kg_h: FloatArray  # of the exhaust
+    cold: FloatArray
+
+
+def point_of(drive: Drive) -> Point:
+    """Return the operating points of a drive's samples."""
+    flow = np.maximum(drive.air * drive.rpm * KG_H_PER_MG_RPM, FLOW_LEAST_KG_H)
+    return Point(drive.rpm, drive.load, flow, drive.cold)
+
+
+def delay_s(p: Parameters, x: FloatArray, at: Point, field: FloatArray) -> FloatArray:
+    """Return the dead time from injection to sensor in s at steady operating points."""
+    return near_delay_s(p, x, at) + pipe_kg_h_s(p, x, field) / at.flow_kg_h
+
+
+def near_delay_s(p: Parameters, x: FloatArray, at: Point) -> FloatArray:
+    """Return the part of the dead time that is none of the pipe's, in s."""
+    revolutions = p.value(x, "delay_rev") * 60.0 / at.rpm
+    return np.asarray(np.maximum(p.value(x, "delay_s") + revolutions, 0.0))
+
+
+def pipe_kg_h_s(p: Parameters, x: FloatArray, field: FloatArray) -> FloatArray:
+    """Return the gas between valve and sensor as flow times time, in s kg/h."""
+    return np.asarray(np.exp(p.value(x, "delay_flow") + field))
+
+
+def mixing_s(p: Parameters, x: FloatArray, at: Point, field: FloatArray) -> FloatArray:
+    """Return the lag of the mixed exhaust volume in s."""
+    return np.asarray(np.exp(p.value(x, "mixed_flow") + field) / at.flow_kg_h)
+
+
+def sensor_s(p: Parameters, x: FloatArray, flow_kg_h: FloatArray) -> FloatArray:
+    """Return the lag of the sensor in s."""
+    share = p.value(x, "sensor_flow")
+    falls = np.sqrt(FLOW_REFERENCE_KG_H / flow_kg_h)
+    return np.asarray(np.exp(p.value(x, "sensor_s")) * (1.0 + share * (falls - 1.0)))
+
+
+def film_share(p: Parameters, x: FloatArray, at: Point, field: FloatArray) -> FloatArray:
+    """Return the fraction of the fuel that wets the wall."""
+    odds = p.value(x, "film") + _law(p, x, "film", at) + field
+    return np.asarray(SHARE_MOST / (1.0 + np.exp(-odds)))
+
+
+def film_time_s(p: Parameters, x: FloatArray, at: Point, field: FloatArray) -> FloatArray:
+    """Return the time constant of the film in s."""
+    level = (p.value(x, "time") + _law(p, x, "time", at) + field - LOG_TIME) / LOG_TIME_SPAN
+    return np.asarray(np.exp(LOG_TIME + LOG_TIME_SPAN * np.tanh(level)))
+
+
+def dead_ms(p: Parameters, x: FloatArray, volts: FloatArray) -> FloatArray:
+    """Return the dead time of the injectors in ms."""
+    return np.asarray(
+        np.exp(p.value(x, "dead_ms") + p.value(x, "dead_exponent") * np.log(14.0 / volts))
+    )
+
+
+def _law(p: Parameters, x: FloatArray, of: str, at: Point) -> FloatArray:
+    """Return how a film's constant moves with temperature, load and speed."""
+    load = np.log(np.maximum(at.load, 1.0) / LOAD_REFERENCE[p.subject.load])
+    speed = np.log(at.rpm / SPEED_REFERENCE_RPM)
+    return np.asarray(
+        p.value(x, f"{of}_cold") * at.cold
+        + p.value(x, f"{of}_load") * load
+        + p.value(x, f"{of}_speed") * speed
+    )

@@ -1,0 +1,179 @@
+"""The reading that the parameters predict on a drive, with its derivatives."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numba import njit
+
+from monitor.base.types import FloatArray
+from training.ecu_tables import kernels
+from training.ecu_tables import parameters as laws
+from training.ecu_tables.fields import Weights
+from training.ecu_tables.kernels import Columns, Valve, Way
+from training.ecu_tables.parameters import Parameters, Point
+from training.ecu_tables.signals import Air, Drive
+
+STEP: Final = 1e-5  # of a law's difference quotient
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """A drive with what does not change during a fit."""
+
+    drive: Drive
+    point: Point
+    weights: Weights
+    passed: FloatArray  # (n,) gas that has left the engine until each sample, in s kg/h
+
+    @staticmethod
+    def of(drive: Drive, p: Parameters) -> "Case":
+        """Return the case of a drive."""
+        point = laws.point_of(drive)
+        passed = np.cumsum(point.flow_kg_h) * drive.period_s
+        return Case(drive, point, p.grid.weights(drive.rpm, drive.load), passed)
+
+
+def reading(p: Parameters, x: FloatArray, case: Case) -> FloatArray:
+    """Return the predicted phi of the sensor (n,)."""
+    return _run(p, x, case, derivatives=False)[0]
+
+
+def sensitivities(p: Parameters, x: FloatArray, case: Case) -> tuple[FloatArray, FloatArray]:
+    """Return the predicted phi (n,) and its derivatives over the parameters (n, size)."""
+    return _run(p, x, case, derivatives=True)
+
+
+def _run(
+    p: Parameters, x: FloatArray, case: Case, *, derivatives: bool
+) -> tuple[FloatArray, FloatArray]:
+    columns = _columns(p, derivatives=derivatives)
+    knots, shares = case.weights.at, case.weights.share
+    fields = {name: case.weights.apply(x[p.at[name]]) for name in laws.FIELDS}
+    slopes = _Slopes(p, x, derivatives)
+    valve, way = _valve(p, x, case, fields, slopes), _way(p, x, case, fields, slopes)
+    phi, phi_slopes = kernels.valve(valve, columns, knots, shares)
+    return kernels.sensor(phi, phi_slopes, way, columns, knots, shares)
+
+
+def _columns(p: Parameters, *, derivatives: bool) -> Columns:
+    first = [p.at[name].start for name in laws.FIRST]
+    fields = [p.at[name].start for name in ("gain", "share", "tau", "delay", "lag")]
+    size = p.size if derivatives else 0
+    return Columns._make([*first, *fields, size])
+
+
+@dataclass(frozen=True, slots=True)
+class _Slopes:
+    """Difference quotients of a law over its constants, none if nobody wants derivatives."""
+
+    p: Parameters
+    x: FloatArray
+    wanted: bool
+
+    def of(self, law: Callable[[FloatArray], FloatArray], names: Sequence[str]) -> FloatArray:
+        """Return (n, n_names); (n, 0) if no derivatives are wanted."""
+        base = law(self.x)
+        made = np.empty((len(base), len(names) if self.wanted else 0))
+        for j in range(made.shape[1]):
+            moved = self.x.copy()
+            moved[self.p.at[names[j]]] += STEP
+            made[:, j] = (law(moved) - base) / STEP
+        return made
+
+
+def _valve(
+    p: Parameters, x: FloatArray, case: Case, fields: Mapping[str, FloatArray], slopes: _Slopes
+) -> Valve:
+    d, at = case.drive, case.point
+
+    def share(y: FloatArray) -> FloatArray:
+        return laws.film_share(p, y, at, fields["share"])
+
+    def log_time(y: FloatArray) -> FloatArray:
+        return np.asarray(np.log(laws.film_time_s(p, y, at, fields["tau"])))
+
+    return Valve(
+        fuel=injected_mg(p, x, d),
+        fuel_slopes=slopes.of(lambda y: injected_mg(p, y, d), laws.FUEL),
+        air=air_mg(p, x, d),
+        air_slopes=slopes.of(lambda y: air_mg(p, y, d), laws.AIR),
+        share=share(x),
+        share_slopes=slopes.of(share, laws.FILM),
+        time=np.exp(log_time(x)) / d.period_s,
+        time_slopes=slopes.of(log_time, laws.FILM_TIME),
+        gain=np.exp(fields["gain"]),
+        strokes=d.rpm / 30.0 * d.period_s,
+    )
+
+
+def _way(
+    p: Parameters, x: FloatArray, case: Case, fields: Mapping[str, FloatArray], slopes: _Slopes
+) -> Way:
+    at, period_s = case.point, case.drive.period_s
+    pipe_s, pipe_slope_s = _pipe_s(p, x, case, fields["delay"])
+
+    def near(y: FloatArray) -> FloatArray:
+        return laws.near_delay_s(p, y, at) / period_s
+
+    def log_lag(y: FloatArray) -> FloatArray:
+        return np.asarray(np.log(laws.sensor_s(p, y, at.flow_kg_h)) + fields["lag"])
+
+    near_slopes = slopes.of(near, laws.DELAY[:-1])
+    pipe_slopes = (pipe_slope_s / period_s)[:, None][:, : near_slopes.shape[1]]
+    return Way(
+        delay=near(x) + pipe_s / period_s,
+        delay_slopes=np.concatenate([near_slopes, pipe_slopes], axis=1),
+        mixing=laws.mixing_s(p, x, at, fields["lag"]) / period_s,
+        lag=np.exp(log_lag(x)) / period_s,
+        lag_slopes=slopes.of(log_lag, laws.SENSOR),
+        span=p.value(x, "span"),
+    )
+
+
+def _pipe_s(
+    p: Parameters, x: FloatArray, case: Case, field: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the time in the pipe (n,) in s and its derivative over the volume's logarithm.
+
+    The gas at the sensor entered the pipe when the pipe's volume less had passed the valves.
+    """
+    t_s = np.arange(len(field)) * case.drive.period_s
+    volume = laws.pipe_kg_h_s(p, x, field)
+    entered = case.passed - volume
+    before = np.maximum(case.passed[0] - entered, 0.0) / case.point.flow_kg_h[0]
+    entry_s = np.interp(entered, case.passed, t_s) - before
+    at = np.minimum(np.searchsorted(case.passed, entered), len(field) - 1)
+    return t_s - entry_s, volume / case.point.flow_kg_h[at]
+
+
+def injected_mg(p: Parameters, x: FloatArray, d: Drive) -> FloatArray:
+    """Return the injected fuel per stroke (n,) in mg."""
+    flow = np.exp(p.value(x, "flow"))
+    if d.pulse_ms is None:
+        assert d.fuel_mg is not None
+        return np.asarray(flow * d.command * d.fuel_mg)
+    opened = np.maximum(d.pulse_ms - laws.dead_ms(p, x, d.volts), 0.0)
+    return np.asarray(flow * d.command * d.pressure * np.where(d.pulse_ms > 0.0, opened, 0.0))
+
+
+def air_mg(p: Parameters, x: FloatArray, d: Drive) -> FloatArray:
+    """Return the air per stroke in the cylinder (n,) in mg."""
+    if p.subject.air is not Air.METER:
+        return d.air
+    return _behind(d.air, np.exp(p.value(x, "filling")) / d.rpm / d.period_s)
+
+
+@njit(cache=True)
+def _behind(flow: FloatArray, time: FloatArray) -> FloatArray:  # pragma: no cover
+    """Return the flow behind a lag of ``time`` samples."""
+    out = np.empty(len(flow))
+    state = flow[0]
+    for k in range(len(flow)):
+        keep = np.exp(-1.0 / time[k])
+        newest = 1.0 - time[k] * (1.0 - keep)
+        last = flow[k - 1] if k > 0 else flow[k]
+        state = keep * state + newest * flow[k] + (1.0 - keep - newest) * last
+        out[k] = state
+    return out

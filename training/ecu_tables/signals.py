@@ -1,0 +1,260 @@
+"""What the fit of the tables reads from a recording: fuel command, air, mixture, operating point.
+
+Fuel is the pulse width where the recording has one, else the fuel mass. Air is the mass per
+stroke as broadcast, else speed density from the manifold pressure, else the air meter behind the
+filling of the manifold.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final
+
+import numpy as np
+
+from monitor.base.errors import RecordingError
+from monitor.base.types import BoolArray, FloatArray
+from training.recordings.ecu_table import KPA, MG_PER_STROKE
+from training.recordings.recording import Recording
+
+R_AIR: Final = 287.0  # J/(kg K)
+KELVIN: Final = 273.15
+CYLINDERS: Final = 4
+LITRES: Final = 2.0  # displacement where nobody says one: the flow scale is then unknown
+KG_H_PER_MG_RPM: Final = CYLINDERS / 2.0 * 60.0e-6  # kg/h of a charge of 1 mg at 1 rpm
+WARM_DEGC: Final = 88.0
+MANIFOLD_DEGC: Final = 35.0
+VOLTS: Final = 14.0
+PHI_LEAST: Final = 0.70  # below it the gas is that of fuel cut, or the sensor at its end
+PHI_MOST: Final = 1.45
+ACROSS_S: Final = 0.3  # half of the window over which the mixture's move is taken
+AIR_S: Final = 0.35
+SMOOTH_LEAST: Final = 5
+VOLTS_S: Final = 0.6  # a logger's 0.1 V is coarse, and the voltage moves slowly
+AIR_ACROSS_S: Final = 1.0
+HOLD_MOST_S: Final = 1.0  # longest gap of a signal that holds its value
+
+
+class Air(StrEnum):
+    """Where the air per stroke comes from."""
+
+    STROKE = "air mass per stroke"
+    SPEED_DENSITY_VE = "manifold pressure and the ECU's volumetric efficiency"
+    SPEED_DENSITY = "manifold pressure"
+    METER = "air meter behind the manifold"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Drive:
+    """One recording on its grid; every array has shape (n,)."""
+
+    name: str
+    period_s: float
+    rpm: FloatArray
+    load: FloatArray  # in the unit of the load axis
+    pulse_ms: FloatArray | None  # 0 in fuel cut
+    fuel_mg: FloatArray | None  # per stroke, where there is no pulse width
+    volts: FloatArray
+    pressure: FloatArray  # square root of the fuel pressure over its reference
+    air: FloatArray  # mg per stroke, smooth; the air meter's flow per speed before the manifold
+    command: FloatArray  # smooth over raw air, which takes the air's noise out of the fuel too
+    cold: FloatArray  # 0 warm, 1 at 28 °C
+    phi: FloatArray  # measured, 1 / lambda
+    usable: BoolArray
+    move: FloatArray  # range of phi within 0.3 s, which bounds what can be predicted
+    air_move: FloatArray  # range of the air's logarithm in the last second, for the same reason
+
+    def __len__(self) -> int:
+        return len(self.rpm)
+
+
+@dataclass(frozen=True, slots=True)
+class Subject:
+    """The drives of one vehicle and what their signals are."""
+
+    drives: tuple[Drive, ...]
+    air: Air
+    load: str  # name of the load axis
+    has_pulse: bool
+    has_rail: bool
+    has_volts: bool
+    has_coolant: bool
+    absolute_air: bool  # the air is in true milligrams, so a flow scale can be told
+
+    @property
+    def samples(self) -> int:
+        """Return the number of usable samples."""
+        return int(sum(int(d.usable.sum()) for d in self.drives))
+
+
+def load_of(recordings: Sequence[Recording]) -> str:
+    """Return the load axis that the recordings can fill: kPa, or mg per stroke without MAP."""
+    return KPA if _in_all(recordings, "manifold_pressure_kpa") else MG_PER_STROKE
+
+
+def subject_of(
+    recordings: Sequence[Recording], load: str | None = None, displacement_l: float | None = None
+) -> Subject:
+    """Return the drives of one vehicle.
+
+    load : name of the load axis; None takes the one that the recordings fill
+    displacement_l : of four cylinders, in litres; without it speed density has no scale
+    Raises RecordingError if the recordings hold no fuel, no air, no speed or no lambda.
+    """
+    for name in ("engine_speed_rpm", "lambda_measured"):
+        if not _in_all(recordings, name):
+            raise RecordingError(f"{recordings[0].path}: tables need {name}")
+    has_pulse = _in_all(recordings, "injector_pulse_width_ms")
+    if not has_pulse and not _in_all(recordings, "fuel_mass_mg"):
+        raise RecordingError(
+            f"{recordings[0].path}: tables need injector_pulse_width_ms or fuel_mass_mg"
+        )
+    air = _air_of(recordings)
+    load = load or load_of(recordings)
+    if load == KPA and not _in_all(recordings, KPA):
+        raise RecordingError(
+            f"{recordings[0].path}: a load axis in kPa needs manifold_pressure_kpa"
+        )
+    litres = displacement_l or LITRES
+    drives = tuple(_drive(r, air, load, has_pulse, litres) for r in recordings)
+    return Subject(
+        drives=drives,
+        air=air,
+        load=load,
+        has_pulse=has_pulse,
+        has_rail=_in_all(recordings, "rail_pressure_mpa"),
+        has_volts=_in_all(recordings, "battery_voltage_v"),
+        has_coolant=_in_all(recordings, "coolant_temperature_degc"),
+        absolute_air=air in (Air.STROKE, Air.METER) or displacement_l is not None,
+    )
+
+
+def _in_all(recordings: Sequence[Recording], name: str) -> bool:
+    return all(name in r.known for r in recordings)
+
+
+def _air_of(recordings: Sequence[Recording]) -> Air:
+    if _in_all(recordings, "air_mass_mg"):
+        return Air.STROKE
+    if _in_all(recordings, KPA):
+        has_ve = _in_all(recordings, "volumetric_efficiency_percent")
+        return Air.SPEED_DENSITY_VE if has_ve else Air.SPEED_DENSITY
+    if _in_all(recordings, "maf_kg_h"):
+        return Air.METER
+    raise RecordingError(
+        f"{recordings[0].path}: tables need air_mass_mg, manifold_pressure_kpa or maf_kg_h"
+    )
+
+
+def _drive(r: Recording, air: Air, load: str, has_pulse: bool, litres: float) -> Drive:
+    period_s = r.period_ns / 1e9
+    hold = max(round(HOLD_MOST_S / period_s), 1)
+    held = {name: _held(r.values[:, i], hold) for i, name in enumerate(r.names)}
+    rpm = held["engine_speed_rpm"]
+    charge = _charge(held, air, litres)
+    fuel = held["injector_pulse_width_ms" if has_pulse else "fuel_mass_mg"]
+    if "fuel_cut" in r.known:
+        fuel = np.where(held["fuel_cut"] > 0.5, 0.0, fuel)
+    with np.errstate(divide="ignore"):
+        phi = 1.0 / r.column("lambda_measured")
+    load_values = held[KPA] if load == KPA else charge
+    coolant = held.get("coolant_temperature_degc", np.full(len(rpm), WARM_DEGC))
+    volts = held.get("battery_voltage_v", np.full(len(rpm), VOLTS))
+    rail = held.get("rail_pressure_mpa")
+    known = [rpm, charge, fuel, load_values, volts, coolant]
+    usable = np.isfinite(np.column_stack([*known, phi])).all(axis=1)
+    usable &= (phi > PHI_LEAST) & (phi < PHI_MOST) & (rpm > 300.0)
+    usable &= ~_stuck(phi, round(2.0 / period_s))
+    if "sensor_ready" in r.known:
+        usable &= held["sensor_ready"] > 0.5
+    filled = [_filled(values) for values in known]
+    half = round(AIR_ACROSS_S / 2.0 / period_s)
+    raw = np.maximum(filled[1], 10.0)
+    smooth = raw if air is Air.METER else np.maximum(_smooth(raw, _odd(AIR_S / period_s)), 10.0)
+    return Drive(
+        name=r.path.name,
+        period_s=period_s,
+        rpm=np.maximum(filled[0], 300.0),
+        load=filled[3],
+        pulse_ms=filled[2] if has_pulse else None,
+        fuel_mg=None if has_pulse else filled[2],
+        volts=np.clip(_smooth(filled[4], _odd(VOLTS_S / period_s)), 6.0, 18.0),
+        pressure=np.ones(len(rpm))
+        if rail is None
+        else np.sqrt(np.maximum(_filled(rail), 0.1) / 10),
+        air=smooth,
+        command=np.ones(len(rpm)) if air is Air.METER else smooth / raw,
+        cold=np.maximum(WARM_DEGC - filled[5], 0.0) / 60.0,
+        phi=_filled(phi),
+        usable=usable,
+        move=_range(_filled(phi), round(ACROSS_S / period_s)),
+        air_move=_before(_range(np.log(np.maximum(filled[1], 10.0)), half), half),
+    )
+
+
+def _charge(held: Mapping[str, FloatArray], air: Air, litres: float) -> FloatArray:
+    """Return the air per stroke in mg; of an air meter before the manifold."""
+    if air is Air.STROKE:
+        return held["air_mass_mg"]
+    if air is Air.METER:
+        return np.asarray(held["maf_kg_h"] / (KG_H_PER_MG_RPM * held["engine_speed_rpm"]))
+    degc = held.get("manifold_temperature_degc", np.full(len(held[KPA]), MANIFOLD_DEGC))
+    efficiency = np.full(len(degc), 0.85)
+    if air is Air.SPEED_DENSITY_VE:
+        efficiency = held["volumetric_efficiency_percent"] / 100.0
+    volume_m3 = litres * 1e-3 / CYLINDERS
+    return np.asarray(efficiency * volume_m3 * held[KPA] * 1e9 / (R_AIR * (degc + KELVIN)))
+
+
+def _held(values: FloatArray, most: int) -> FloatArray:
+    """Return the values with gaps of at most ``most`` samples filled with the last value."""
+    at = np.where(np.isfinite(values), np.arange(len(values)), -1)
+    last = np.maximum.accumulate(at)
+    near = (last >= 0) & (np.arange(len(values)) - last <= most)
+    return np.where(near, values[np.maximum(last, 0)], np.nan)
+
+
+def _filled(values: FloatArray) -> FloatArray:
+    """Return the values with every gap filled with the last value, the first one at the start."""
+    good = np.flatnonzero(np.isfinite(values))
+    if len(good) == 0:
+        return np.ones(len(values))
+    last = good[np.maximum(np.searchsorted(good, np.arange(len(values)), side="right") - 1, 0)]
+    return np.asarray(values[last])
+
+
+def _stuck(phi: FloatArray, samples: int) -> BoolArray:
+    """Return where phi holds one value for so many samples: cold sensor, end of its range."""
+    same = np.concatenate([[False], phi[1:] == phi[:-1]])
+    at = np.arange(len(phi))
+    change = np.maximum.accumulate(np.where(same, 0, at))
+    ends = np.append(np.flatnonzero(~same)[1:], len(phi)) if len(phi) else np.empty(0, np.int64)
+    starts = np.flatnonzero(~same)
+    length = np.zeros(len(phi), dtype=np.int64)
+    length[starts] = ends - starts
+    return np.asarray(length[change] >= samples)
+
+
+def _smooth(values: FloatArray, samples: int) -> FloatArray:
+    """Return the values smoothed by a moving parabola (Savitzky and Golay, 1964)."""
+    from scipy.signal import savgol_filter  # noqa: PLC0415
+
+    if samples < SMOOTH_LEAST or samples > len(values):
+        return values
+    return np.asarray(savgol_filter(values, samples, 2, mode="nearest"))
+
+
+def _odd(number: float) -> int:
+    return 2 * int(number / 2.0) + 1
+
+
+def _before(values: FloatArray, samples: int) -> FloatArray:
+    """Return the values of so many samples ago."""
+    return np.concatenate([np.full(samples, values[0]), values])[: len(values)]
+
+
+def _range(values: FloatArray, half: int) -> FloatArray:
+    from scipy.ndimage import maximum_filter1d, minimum_filter1d  # noqa: PLC0415
+
+    size = 2 * half + 1
+    return np.asarray(maximum_filter1d(values, size) - minimum_filter1d(values, size))

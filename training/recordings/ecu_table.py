@@ -1,0 +1,135 @@
+"""Tables over axes, as an engine control unit holds them, with bounds and samples of each cell."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from monitor.base.types import FloatArray, IntArray
+
+SCHEMA: Final = "o2train.tables/1"
+MG_PER_STROKE, KPA = "air_mass_mg", "manifold_pressure_kpa"
+LOAD_UNITS: Final[Mapping[str, str]] = {KPA: "kPa", MG_PER_STROKE: "mg/stroke"}
+LOADS: Final[Mapping[str, tuple[float, ...]]] = {
+    KPA: (20.0, 30.0, 40.0, 50.0, 65.0, 80.0, 100.0, 130.0, 170.0),
+    MG_PER_STROKE: (80.0, 120.0, 170.0, 230.0, 300.0, 390.0, 500.0, 650.0, 850.0),
+}
+SPEEDS_RPM: Final = (800.0, 1100.0, 1500.0, 2000.0, 2500.0, 3000.0, 3700.0, 4500.0, 5500.0)
+VOLTS: Final = (9.0, 10.0, 11.0, 12.0, 12.5, 13.0, 13.5, 14.0, 14.5, 15.0, 16.0)
+RAIL_REFERENCE_MPA: Final = 10.0
+FLOWS_KG_H: Final = (8.0, 12.0, 20.0, 30.0, 45.0, 70.0, 110.0, 170.0, 260.0)
+
+
+@dataclass(frozen=True, slots=True)
+class CoolantBand:
+    """A band of coolant temperature; its tables hold at ``at_degc``."""
+
+    low_degc: float
+    high_degc: float
+    at_degc: float
+
+
+COOLANT_BANDS: Final = (
+    CoolantBand(-40.0, 20.0, 10.0),
+    CoolantBand(20.0, 40.0, 30.0),
+    CoolantBand(40.0, 60.0, 50.0),
+    CoolantBand(60.0, 80.0, 70.0),
+    CoolantBand(80.0, 150.0, 88.0),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """One axis of a table."""
+
+    name: str
+    unit: str
+    values: tuple[float, ...]  # rising
+
+    def nearest(self, values: FloatArray) -> IntArray:
+        """Return the place of the nearest axis value for each of the ``values`` (n,).
+
+        >>> Axis("engine_speed_rpm", "1/min", (800.0, 1200.0)).nearest(np.array([0.0, 1001.0]))
+        array([0, 1])
+        """
+        at = np.asarray(self.values)
+        return np.asarray(np.searchsorted((at[1:] + at[:-1]) / 2.0, values), dtype=np.int64)
+
+
+@dataclass(frozen=True, slots=True)
+class TableAxes:
+    """The axes of all tables of one vehicle."""
+
+    speed: Axis
+    load: Axis
+    volts: Axis = Axis("battery_voltage_v", "V", VOLTS)
+    exhaust_flow: Axis = Axis("exhaust_flow_kg_h", "kg/h", FLOWS_KG_H)
+
+    def pressure(self, *, direct: bool) -> Axis:
+        """Return the axis of the flow scale: one fuel pressure, at which the scale holds."""
+        if direct:
+            return Axis("rail_pressure_mpa", "MPa", (RAIL_REFERENCE_MPA,))
+        return Axis("fuel_pressure_relative", "-", (1.0,))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EcuTable:
+    """Estimate, 90 % bounds and samples of each cell; NaN where nothing was measured."""
+
+    name: str
+    unit: str
+    axes: tuple[Axis, ...]
+    estimate: FloatArray  # one dimension per axis
+    low: FloatArray
+    high: FloatArray
+    samples: IntArray
+    coolant: CoolantBand | None = None
+
+    @property
+    def key(self) -> str:
+        """Return the name with the band of the coolant, as files are named."""
+        band = self.coolant
+        return self.name if band is None else f"{self.name}_{band.at_degc:.0f}degc"
+
+    def document(self) -> dict[str, Any]:
+        """Return the table as JSON holds it, null where nothing was measured."""
+        band = self.coolant
+        return {
+            "name": self.name,
+            "unit": self.unit,
+            **({} if band is None else {"coolant_degc": _band(band)}),
+            "axes": [{"name": a.name, "unit": a.unit, "values": list(a.values)} for a in self.axes],
+            "estimate": nulls(self.estimate),
+            "low": nulls(self.low),
+            "high": nulls(self.high),
+            "samples": self.samples.tolist(),
+        }
+
+
+def axes_of(load: str, speeds: Sequence[float] = (), loads: Sequence[float] = ()) -> TableAxes:
+    """Return the axes over speed and load, the default values where none are given."""
+    return TableAxes(
+        Axis("engine_speed_rpm", "1/min", tuple(speeds) or SPEEDS_RPM),
+        Axis(load, LOAD_UNITS[load], tuple(loads) or LOADS[load]),
+    )
+
+
+def document(tables: Sequence[EcuTable], **more: Any) -> dict[str, Any]:
+    """Return the tables of one vehicle as JSON holds them."""
+    return {"schema": SCHEMA, **more, "tables": [table.document() for table in tables]}
+
+
+def nulls(values: FloatArray) -> Any:
+    """Return nested lists with None for NaN, rounded to six significant digits.
+
+    >>> nulls(np.array([[1.0, np.nan]]))
+    [[1.0, None]]
+    """
+    if values.ndim:
+        return [nulls(each) for each in values]
+    return None if np.isnan(values) else float(f"{values:.6g}")
+
+
+def _band(band: CoolantBand) -> dict[str, float]:
+    return {"low": band.low_degc, "high": band.high_degc, "at": band.at_degc}
