@@ -56,13 +56,15 @@ def plain(value: float, digits: int = 3) -> str:
     return f"{value:,.0f}" if value >= 10.0 ** (digits - 1) else short(value, digits)
 
 
-def percent(share: float | None, digits: int = 0) -> str:
+def percent(share: float | None, digits: int = 0, sign: str = "") -> str:
     """Return a share in percent.
 
-    >>> percent(0.1234, 1).replace(NBSP, " ")
-    '12.3 %'
+    sign : "+" shows the sign of a change, too
+
+    >>> percent(0.1234, 1).replace(NBSP, " "), percent(0.02, sign="+").replace(NBSP, " ")
+    ('12.3 %', '+2 %')
     """
-    return MISSING if is_missing(share) else f"{100.0 * (share or 0.0):.{digits}f}{NBSP}%"
+    return MISSING if is_missing(share) else f"{100.0 * (share or 0.0):{sign}.{digits}f}{NBSP}%"
 
 
 def percent_rate(rate: Mapping[str, Any], *, bounds: bool = True) -> str:

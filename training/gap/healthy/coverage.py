@@ -7,6 +7,7 @@ from typing import Final
 from training.gap.config import CONFIG
 from training.gap.healthy.behaviour import Healthy
 from training.greybox.fit.drive import MIN_SCORED_S, Drive
+from training.pages.numbers import percent
 
 LIMITS: Final = CONFIG.healthy
 
@@ -24,7 +25,9 @@ def coverage_warnings(drives: Sequence[Drive], known: Healthy | None) -> list[st
     ]
     share = 1.0 - sum(left) / max(sum(there), 1)
     if share >= LIMITS.unvisited_max:
-        warnings.append(f"{share:.0%} of the samples lie {_away(drives, known)} and name nothing")
+        warnings.append(
+            f"{percent(share)} of the samples lie {_away(drives, known)} and name nothing"
+        )
     return warnings
 
 

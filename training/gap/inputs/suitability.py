@@ -13,6 +13,7 @@ from training.gap.inputs import base
 from training.greybox.chain import Constants, base_path, valve_phi
 from training.greybox.effects import ALL
 from training.greybox.fit.drive import NEEDED, Drive
+from training.pages.numbers import percent
 from training.recordings.recording import Recording
 
 LIMITS: Final = CONFIG.inputs
@@ -121,10 +122,10 @@ def check_moving(drives: Sequence[Drive]) -> None:
     valve = [valve_phi(base_path(Constants(), d.signals))[d.scored] for d in drives]
     phi, phi_moves = _moves(valve)
     raise RecordingError(
-        f"{_names(drives)}: no excitation, 90 % of the samples lie within {load_moves:.1%} of "
-        f"{load:.0f} mg of air per stroke, {speed_moves:.1%} of {speed:.0f} rpm and "
-        f"{phi_moves:.1%} of phi {phi:.2f} at the valve; load or speed must move by "
-        f"{LIMITS.moves_min:.0%}, better mixed driving"
+        f"{_names(drives)}: no excitation, {percent(0.9)} of the samples lie within "
+        f"{percent(load_moves, 1)} of {load:.0f} mg of air per stroke, {percent(speed_moves, 1)} of {speed:.0f} rpm and "
+        f"{percent(phi_moves, 1)} of phi {phi:.2f} at the valve; load or speed must move by "
+        f"{percent(LIMITS.moves_min)}, better mixed driving"
     )
 
 

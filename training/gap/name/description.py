@@ -21,6 +21,7 @@ from training.greybox.fit import ridge
 from training.greybox.fit.comparison import FOLDS
 from training.greybox.fit.constants import sandwich
 from training.greybox.fit.drive import Drive, path_of
+from training.pages.numbers import percent
 
 TERMS_MOST: Final = 4
 GAIN_LEAST: Final = 80.0  # fall of the held-out deviance by a term, as for an effect to be named
@@ -73,7 +74,7 @@ class Description:
         parts = [term.text for term in self.terms]
         return (
             f"Measured minus predicted phi goes with {'; '.join(parts)}: "
-            f"{self.share:.0%} of what can be explained."
+            f"{percent(self.share)} of what can be explained."
         )
 
 

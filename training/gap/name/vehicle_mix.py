@@ -19,16 +19,16 @@ from training.gap.name.verdict import Naming
 from training.greybox.chain import Constants
 from training.greybox.fit.drive import Drive
 from training.greybox.fit.joint import WHITE, Case, Term, errors, predict
+from training.pages.numbers import NBSP, fixed, percent
 
 DRIVES_LEAST: Final = 3
 STEPS: Final = {"gain": 1e-3, "dead_time_s": 5e-3, "sensor_s": 5e-3}  # for derivatives
 SUMS: Final = {"gain": (1.0, 0.0, 0.0), "dead time and lag": (0.0, 1.0, 1.0)}
-AS_TEXT: Final = {"gain": "{:.1%}", "dead time and lag": "{:.3f} s"}
 # Standard deviation between drives of one simulated vehicle, beyond their standard errors.
 USUAL: Final = {"gain": 0.003, "dead time and lag": 0.008}
 T_LEAST: Final = {"gain": 4.0, "dead time and lag": 6.5}
 CAUSES: Final = {
-    "gain": ", such as the fuel, of which E10 instead of E0 is 3.5%, or the sensor",
+    "gain": f", such as the fuel, of which E10 instead of E0 is {percent(0.035, 1)}, or the sensor",
     "dead time and lag": ", such as the sensor or its place",
 }
 OVER_HEALTHY: Final = 1.5  # times what healthy drives differ by
@@ -142,7 +142,10 @@ def _sentence(p: Partition, drives: Sequence[Drive], usual: float | None) -> str
     )
     side = "below" if few is p.low else "above"
     names = ", ".join(drives[i].name for i in few)
-    differ = AS_TEXT[p.quantity].format
+
+    def differ(value: float) -> str:
+        return percent(value, 1) if p.quantity == "gain" else f"{fixed(value, 3)}{NBSP}s"
+
     healthy = "" if usual is None else f" (healthy ones differ by {differ(usual)})"
     return (
         f"{names}: {p.quantity} {differ(p.difference)} {side} that of the other "

@@ -9,7 +9,7 @@ from training.gap.verify.evidence import Count, Detection, Error, rate
 from training.greybox.effects import LIBRARY
 from training.greybox.effects.form.effect import Parameter
 from training.greybox.fit.sensor_faults import FAULTS
-from training.pages.numbers import MISSING, fixed, unit_of
+from training.pages.numbers import MISSING, fixed, percent, unit_of
 
 AT_BOUND: Final = 0.01  # of the range
 KNOWN: Final[Mapping[str, tuple[Parameter, ...]]] = {
@@ -21,11 +21,6 @@ KNOWN: Final[Mapping[str, tuple[Parameter, ...]]] = {
 def phi(value: float | None) -> str:
     """Return a figure in phi."""
     return fixed(value, 4)
-
-
-def percent(value: float | None) -> str:
-    """Return a share in percent, as the command prints it."""
-    return MISSING if value is None else f"{value:.0%}"
 
 
 def change(e: Error) -> str:

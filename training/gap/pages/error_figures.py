@@ -8,6 +8,7 @@ from training.gap.name.verdict import Candidate
 from training.gap.pages.where_figures import runs_figure
 from training.gap.verify.evidence import Error, Trace
 from training.pages.figure import drawing, legend
+from training.pages.numbers import percent
 
 BEFORE, AFTER, FLOOR, WORSE = "0.55", "C0", "0.15", "C3"
 
@@ -57,7 +58,7 @@ def ranking_figure(ranking: Sequence[Candidate], chosen: Sequence[str]) -> Figur
     for at, c in enumerate(ranking):
         strong = c.name in chosen
         axes.barh(at, c.score, color=colours[c.kind], alpha=1.0 if strong else 0.45, height=0.72)
-        words = "" if c.win is None else f"  beaten in {c.win:.0%} of draws"
+        words = "" if c.win is None else f"  beaten in {percent(c.win)} of draws"
         axes.annotate(
             words,
             (max(c.score, 0.0), at),

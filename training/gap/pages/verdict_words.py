@@ -3,9 +3,10 @@
 from training.gap.name.decision import T_LEAST
 from training.gap.name.naming import ADEQUATE_ALONE
 from training.gap.name.ranking import ADEQUATE
-from training.gap.pages.cells import percent, phi
+from training.gap.pages.cells import phi
 from training.gap.result import Result
 from training.gap.verify.evidence import Count, Detection, Error
+from training.pages.numbers import percent
 
 
 def verdict_sentence(result: Result) -> str:

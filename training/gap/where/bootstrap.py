@@ -10,6 +10,7 @@ import numpy as np
 
 from monitor.base.types import FloatArray, IntArray
 from training.gap.config import CONFIG
+from training.pages.numbers import percent
 
 DRAWS = 500
 SIGNS = 1999
@@ -24,7 +25,7 @@ class Share:
     high: float
 
     def __str__(self) -> str:
-        return f"{self.value:.0%} ({self.low:.0%} to {self.high:.0%})"
+        return f"{percent(self.value)} ({percent(self.low)} to {percent(self.high)})"
 
 
 @dataclass(frozen=True, slots=True)

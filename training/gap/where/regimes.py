@@ -25,6 +25,7 @@ from training.gap.where.candidates import (
 )
 from training.gap.where.splines import Basis, held_out, normal
 from training.greybox.fit.comparison import FOLDS, gather
+from training.pages.numbers import percent
 
 LIMITS: Final = CONFIG.regimes
 CURVES: Final = 4  # of the best regimes are drawn
@@ -87,7 +88,7 @@ def _shape(regime: Regime) -> str:
     if regime.point == "timing":
         return f": {abs(value) * 1e3:.0f} ms {'late' if value < 0 else 'early'} at {at}"
     if regime.point == "sensitivity":
-        return f": {value:+.1%} at {at}"
+        return f": {percent(value, 1, '+')} at {at}"
     side = "richer" if value > 0 else "leaner"
     return f": at {at} the sensor reads {abs(value):.4f} {side} in phi than predicted"
 

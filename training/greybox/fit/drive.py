@@ -13,6 +13,7 @@ from monitor.model.step import PHI_MAX
 from training.greybox.chain import RECOVERY_S, Constants, Path, base_path, charge_mg, with_speed
 from training.greybox.effects import ALL, Effect, Own, along
 from training.greybox.effects.form.air_meter import following
+from training.pages.numbers import percent
 from training.recordings.preparation import hold
 from training.recordings.recording import Recording
 
@@ -123,8 +124,9 @@ def make(
     if seconds < MIN_SCORED_S:
         raise RecordingError(
             f"{name}: {seconds:.0f} s can be scored, {MIN_SCORED_S:.0f} wanted; of its samples "
-            f"{good.mean():.0%} have lambda, {inputs_good.mean():.0%} {', '.join(sorted(read))}, "
-            f"{1.0 - cut.mean():.0%} are outside fuel cut (fuel_mass_mg from {CUT_FUEL_MG:g} mg)"
+            f"{percent(good.mean())} have lambda, {percent(inputs_good.mean())} "
+            f"{', '.join(sorted(read))}, {percent(1.0 - cut.mean())} are outside fuel cut "
+            f"(fuel_mass_mg from {CUT_FUEL_MG:g} mg)"
         )
     phi = np.where(good, phi, hold(np.where(good, phi, np.nan)))
     return Drive(

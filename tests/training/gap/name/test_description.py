@@ -19,6 +19,7 @@ from training.gap.name.feature_words import _WORDS, words_of
 from training.gap.name.signal_functions import functions_of
 from training.greybox.chain import Constants, Path, base_path, simulate
 from training.greybox.fit.drive import Drive, make
+from training.pages.numbers import percent
 
 BASE = Constants(1.0, 0.15, 1.5, 0.06, 0.1, 1.0)
 Change = Callable[[Path, dict[str, FloatArray]], Path]
@@ -101,7 +102,7 @@ def test_two_parts_of_a_formula_are_found_one_after_the_other() -> None:
     assert found.terms[0].share > found.terms[1].share
     assert sum(term.share for term in found.terms) == pytest.approx(found.share)
     assert found.share <= 1.0
-    assert f"{found.share:.0%} of what can be explained" in found.sentence
+    assert f"{percent(found.share)} of what can be explained" in found.sentence
     assert all(term.words in found.sentence for term in found.terms)
 
 

@@ -25,6 +25,7 @@ from training.greybox.effects import LIBRARY
 from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.joint import Fit
 from training.greybox.fit.sensor_faults import FAULTS
+from training.pages.numbers import percent
 
 VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
 SECTIONS = ("now", "much", "what", "where", "steps", "from")
@@ -352,7 +353,9 @@ def test_a_fall_of_the_error_that_is_not_beyond_confidence_is_none_to_use() -> N
         ({"t": 2.3}, "enough of it; purge comes first, but unevenly (t 2.3, 3 needed)."),
         (
             {"adequacy": 0.83},
-            "with 83% of what can be explained (85% needed, 50% of one far ahead)",
+            "with 83 % of what can be explained (85 % needed, 50 % of one far ahead)".replace(
+                " %", "\u00a0%"
+            ),
         ),
         ({"score": 70.0}, "no candidate of the library explains enough of it."),
     ],
@@ -415,7 +418,7 @@ def test_a_gap_is_measured_from_the_error_on_healthy_recordings_where_there_are_
     gone = (0.0210**2 - 0.0112**2) / (0.0210**2 - 0.0110**2)
     assert own.closed_beyond_healthy == pytest.approx(gone)
     page = gap_page.as_page(made("named", verified=own))
-    assert f"{gone:.0%} of what exceeds the error on healthy recordings is gone" in page
+    assert f"{percent(gone)} of what exceeds the error on healthy recordings is gone" in page
     # and where the new model errs less than the old one did on healthy drives
     less = replace(own, healthy=replace(healthy, before=0.0130))
     page = gap_page.as_page(made("named", verified=less))
