@@ -2,7 +2,7 @@
 
 The frames are those of python-can's ``BLFReader``, the errors those of ``monitor.frames.logs``.
 A CAN FD object may hold fewer bytes of data than it announces: the rest is zero, as Vector's tools
-read it (python-can's issue 1905). An object whose headers place data behind its own end is damage,
+read it (python-can's issue 1905). An object whose headers place its data outside of it is damage,
 an error as every frame that contradicts itself; python-can takes bytes of the next object.
 Containers are inflated and joined. Their objects form a chain, because each object's length gives
 the start of the next one. The reader finds all signatures at once and keeps those on the chain.
@@ -58,7 +58,7 @@ class Contents(NamedTuple):
     is_remote: BoolArray  # (n,)
     announced: IntArray  # (n,) bytes of data by the length code
     length: IntArray  # (n,) bytes of data in the object
-    is_over: BoolArray  # (n,) the data end behind the object
+    is_outside: BoolArray  # (n,) the headers place data outside of the object
     data: NDArray[np.uint8]  # (n, 8) or (n, 64)
 
 
@@ -172,7 +172,7 @@ def _blocks(objects: Objects, start_s: float, counters: LogCounters) -> Iterator
     contents = _contents(objects)
     is_data = (objects.kind >= _CLASSIC) & ~contents.is_remote
     block = FrameBlock(t_ns, contents.key, contents.length.astype(np.uint8), contents.data)
-    is_wrong = (contents.announced != contents.length) | is_late | contents.is_over
+    is_wrong = (contents.announced != contents.length) | is_late | contents.is_outside
     is_wrong &= is_data
     n = int(np.argmax(is_wrong)) if is_wrong.any() else len(t_ns)
     counters.skipped += int(np.count_nonzero((objects.kind[:n] != _OTHER) & ~is_data[:n]))
@@ -185,11 +185,11 @@ def _blocks(objects: Objects, start_s: float, counters: LogCounters) -> Iterator
         yield block
     if n < len(t_ns):
         announced, length = contents.announced[n], contents.length[n]
+        if contents.is_outside[n]:
+            raise ValueError(f"the data of a frame of {length} bytes lie outside of its object")
         if announced != length:
             raise ValueError(f"a frame of {announced} bytes holds only {length}")
-        if is_late[n]:
-            raise ValueError(f"a frame at {times_s[n]:g} s")
-        raise ValueError(f"the data of a frame of {length} bytes end behind its object")
+        raise ValueError(f"a frame at {times_s[n]:g} s")
 
 
 def _times_s(objects: Objects, start_s: float) -> FloatArray:
@@ -218,9 +218,9 @@ def _contents(objects: Objects) -> Contents:
     data = words.take(body + 3).astype(np.uint64) << np.uint64(32)
     data |= words.take(body + 2)
     data &= _DATA.take(length)
-    is_over = np.zeros(len(key), dtype=np.bool_)
+    is_outside = np.zeros(len(key), dtype=np.bool_)
     read = data.view(np.uint8).reshape(-1, 8)
-    contents = Contents(key, is_remote, announced, length, is_over, read)
+    contents = Contents(key, is_remote, announced, length, is_outside, read)
     if (objects.kind >= _FD).any():
         return _with_fd(objects, contents)
     return contents
@@ -246,12 +246,11 @@ def _with_fd(objects: Objects, contents: Contents) -> Contents:
     # valid bytes beyond the object's end, or beyond the start of its extension, are zero
     behind = (objects.words.take(body + 8) >> 24).astype(np.int64)
     size, at = objects.size[rows], objects.at[rows]
-    header = (objects.words.take(at + 1) & 0xFFFF).astype(np.int64)  # as the object says
-    there = np.where(behind, behind, size) - header - python_can.CAN_FD_MSG_64_STRUCT.size
-    there = np.minimum(length, there)
-    end = 4 * (body - at) + python_can.CAN_FD_MSG_64_STRUCT.size + there
-    contents.is_over[rows] = (there > 0) & (end > size)
-    data[rows] = _bytes(objects, body, 40, there)
+    header, own = (objects.words.take(at + 1) & 0xFFFF).astype(np.int64), 4 * (body - at)
+    there = np.where(behind, behind, size) - own - python_can.CAN_FD_MSG_64_STRUCT.size
+    end = own + python_can.CAN_FD_MSG_64_STRUCT.size + np.minimum(length, there)
+    contents.is_outside[rows] = (header != own) | (there < 0) | (end > size)
+    data[rows] = _bytes(objects, body, 40, np.minimum(length, there))
     return contents._replace(data=data)
 
 

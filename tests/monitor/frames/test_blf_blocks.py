@@ -91,7 +91,7 @@ def blf_file(containers: list[tuple[bytes, int]], millisecond: int = 0) -> bytes
 
 
 # errors where python-can reads on: bytes of the next object, or to the end for one that is too long
-OWN = re.compile("end behind its object|an object of .* bytes, at most")
+OWN = re.compile("lie outside of its object|an object of .* bytes, at most")
 
 
 def fd_object(n: int, data: bytes, *, header: int = 32, behind: int = 0) -> bytes:
@@ -131,8 +131,8 @@ def test_can_fd_data_that_an_object_announces_but_does_not_hold_are_zero(
 
 
 @pytest.mark.parametrize("cuts", [[], [90], [155], [160, 222]])
-@pytest.mark.parametrize("wrong", [{"header": 20}, {"behind": 88}])
-def test_can_fd_data_that_end_behind_their_object_are_damage_however_the_file_is_cut(
+@pytest.mark.parametrize("wrong", [{"header": 20}, {"header": 105}, {"behind": 88}, {"behind": 60}])
+def test_can_fd_data_outside_of_their_object_are_damage_however_the_file_is_cut(
     tmp_path: Path, wrong: dict[str, int], cuts: list[int]
 ) -> None:
     parts = [fd_object(8, b"abcdefgh"), fd_object(16, b"short", **wrong), fd_object(8, b"abcdefgh")]
@@ -142,10 +142,8 @@ def test_can_fd_data_that_end_behind_their_object_are_damage_however_the_file_is
     path.write_bytes(blf_file([(content[begin:end], DEFLATED) for begin, end in edges]))
     found = read_at_once(path)
     assert [frame.data for frame in found[0]] == [b"abcdefgh"]
-    error = (
-        "damaged or cut short after 1 frames: the data of a frame of 16 bytes end behind its object"
-    )
-    assert found[2] == f"{path}: {error}"
+    error = "the data of a frame of 16 bytes lie outside of its object"
+    assert found[2] == f"{path}: damaged or cut short after 1 frames: {error}"
     assert found == streamed(path)
 
 

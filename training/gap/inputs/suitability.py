@@ -125,7 +125,8 @@ def check_moving(drives: Sequence[Drive]) -> None:
         f"{_names(drives)}: no excitation, {percent(0.9)} of the samples lie within "
         f"{percent(load_moves, 1)} of {load:.0f} mg of air per stroke, "
         f"{percent(speed_moves, 1)} of {speed:.0f} rpm and {percent(phi_moves, 1)} of "
-        f"phi {phi:.2f} at the valve; load or speed must move by {percent(LIMITS.moves_min)}, better mixed driving"
+        f"phi {phi:.2f} at the valve; load or speed must move by "
+        f"{percent(LIMITS.moves_min)}, better mixed driving"
     )
 
 
