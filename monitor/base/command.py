@@ -86,7 +86,8 @@ def _users_part(error: Exception, extra: str | None) -> str | None:
 
 def _one_line(text: str) -> str:
     """Return an error as one line of bounded length: a name in a file may hold anything."""
-    text = "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in text[: _LONGEST + 1])
+    text = text[: _LONGEST + 1].replace("\N{NO-BREAK SPACE}", " ")
+    text = "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in text)
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]} …"
 
 
