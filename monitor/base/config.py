@@ -3,8 +3,6 @@
 ``default.toml`` gives the reason of every value; the unit stands in the key.
 """
 
-import math
-import sys
 import tomllib
 from dataclasses import dataclass
 from functools import cache
@@ -219,7 +217,11 @@ _HIGHEST: Final = {
     "bias.gain_spread": 0.5,
     "debounce.response_fail": 127.0,
     "debounce.response_pass": 127.0,
+    "response.lags_s": 60.0,  # the bank keeps so much of the prediction in memory
+    "response.delays_s": 60.0,
+    "response.lead_s": 60.0,
 }
+_MOST: Final = 1e6  # of any other number: 11 days, or so many samples
 
 
 def load(path: Path | None = None) -> Config:
@@ -277,11 +279,11 @@ def _is(wanted: type, value: Any) -> bool:
 
 def _check_size(path: Path, section: str, key: str, number: float) -> None:
     name = f"{section}.{key}"
-    lowest, highest = _LOWEST.get(name), _HIGHEST.get(name, math.inf)
+    lowest, highest = _LOWEST.get(name), _HIGHEST.get(name, _MOST)
     above = number >= lowest if lowest is not None else number > 0.0
-    if not (above and number <= min(highest, sys.float_info.max)):
+    if not (above and number <= highest):
         wanted = f"at least {lowest:g}" if lowest is not None else "above 0"
-        wanted += f" and at most {highest:g}" if highest < math.inf else ""
+        wanted += f" and at most {highest:g}"
         raise ConfigError(f"{path}: [{section}] {key} = {number}, wanted {wanted}")
 
 

@@ -43,7 +43,7 @@ class BlockAssembler:
         self.counters = AssemblerCounters()
         self.is_off_bus = False  # the monitor itself hears nothing, from the last frame pushed on
         self.is_live = False  # the loop's own frames came: the recording was made live
-        self._period_ns, self._timeouts_ns = period_ns, timeouts_ns
+        self.period_ns, self._timeouts_ns = period_ns, timeouts_ns
         self._output = Output(channels, names, derived)
         self._n_names = len(names)
         self._received_ns = [0] * len(channels)  # time of each channel's last value
@@ -162,7 +162,7 @@ class BlockAssembler:
         return stop, late, is_jump
 
     def _anchor(self, t_ns: int, quality: int = _STALE) -> "_Grid":
-        self._grid = _Grid(t_ns, self._period_ns, len(self._timeouts_ns), quality)
+        self._grid = _Grid(t_ns, self.period_ns, len(self._timeouts_ns), quality)
         self._newest_ns, self._late_in_a_row = t_ns, 0
         return self._grid
 
@@ -184,7 +184,7 @@ class BlockAssembler:
             until, self._received_ns, self._timeouts_ns, off_bus=self.is_off_bus
         )
         ticks = np.arange(until - len(values) + 1, until + 1, dtype=np.int64)
-        t_ns = grid.anchor_ns + ticks * self._period_ns
+        t_ns = grid.anchor_ns + ticks * self.period_ns
         return self._numbered(t_ns, *self._output.of_arrays(values, quality))
 
     def _numbered(self, t_ns: IntArray, values: FloatArray, quality: QualityArray) -> SampleBlock:

@@ -15,6 +15,7 @@ from monitor.frames.loop_frames import BUS_STATE_ID, CLEARED_ID, LOG_GAP_ID
 from monitor.grid.block_assembler import BlockAssembler, joined
 
 _FRAMES = 1 << 20  # decoded at once
+_SAMPLES = 1 << 18  # that the time of the frames held may span
 _NONE = np.empty(0, dtype=np.int64)
 _BUS_STATE, _CLEARED, _GAP = (
     can_id | EXTENDED for can_id in (BUS_STATE_ID, CLEARED_ID, LOG_GAP_ID)
@@ -39,8 +40,12 @@ def log_samples(
     n = 0
     for block in blocks:
         assembler.is_live |= bool((block.key >= _CLEARED).any())
-        for part in _up_to_own(block):
+        for part in _parts(block, _SAMPLES * assembler.period_ns):
             last = part.key[-1]
+            if held.spans(part) > _SAMPLES * assembler.period_ns:
+                samples = held.flush()
+                n += len(samples.t_ns)
+                yield samples
             held.push(part)
             if last not in (_BUS_STATE, _CLEARED) and held.n < _FRAMES:
                 continue
@@ -85,6 +90,10 @@ class _Held:
         self._gaps: list[IntArray] = []
         self.n = 0
 
+    def spans(self, block: FrameBlock) -> int:
+        """Return the time from the first frame held to the last of a block in ns."""
+        return int(block.t_ns[-1] - self._t_ns[0][0]) if self.n else 0
+
     def push(self, block: FrameBlock) -> None:
         """Take some frames."""
         rows = self._decoder.needed(block)
@@ -107,12 +116,21 @@ class _Held:
         return self._assembler.push(t_ns, decoded, gaps)
 
 
-def _up_to_own(block: FrameBlock) -> Iterator[FrameBlock]:
-    """Yield a block in parts that end with the own frames that change something."""
-    if len(block.key) == 0:
+def _parts(block: FrameBlock, longest_ns: int) -> Iterator[FrameBlock]:
+    """Yield a block in parts that end with the own frames that change something.
+
+    longest_ns : most time between a part's first frame and those after it, so that few frames far
+        apart do not become very many samples at once
+    """
+    n = len(block.key)
+    if n == 0:
         return
     own = np.flatnonzero(block.key >= _CLEARED)
     own = own[(block.key[own] == _BUS_STATE) | (block.key[own] == _CLEARED)]
-    for begin, end in pairwise([0, *(own + 1).tolist(), len(block.key)]):
-        if begin < end:
-            yield chosen(block, slice(begin, end))
+    edges = {0, *(own + 1).tolist(), n}
+    newest_ns = np.maximum.accumulate(block.t_ns)
+    if newest_ns[-1] - newest_ns[0] > longest_ns:
+        span = (newest_ns - newest_ns[0]) // longest_ns
+        edges |= set((np.flatnonzero(np.diff(span)) + 1).tolist())
+    for begin, end in pairwise(sorted(edges)):
+        yield chosen(block, slice(begin, end))

@@ -14,6 +14,7 @@ from monitor.mapping.scaling import scaling_of
 from monitor.mapping.vocabulary import match, words_of
 
 FUEL_FLOW_NAME: Final = "fuel_flow_kg_h"
+_SLOW_MS: Final = 1_000_000  # cycle of a message that says none
 _DOWNSTREAM: Final = re.compile(
     r"downstream|post_?cat|nach_?kat|hinter|after_?cat|behind|rear|second|sekund|stromab|"
     r"\b(post|nk|hk|ds|nach|after|aft|tail|lsh|lsf|sec|binary|binaer|narrow\w*|nernst|switching)\b"
@@ -78,7 +79,9 @@ def _candidates(database: Database, name: str, meaning: Meaning) -> list[Candida
 
 def _preference(candidate: Candidate) -> tuple[float, float, str]:
     """Return the order of equals: the faster message, the finer steps, then the name."""
-    cycle_ms = candidate.message.cycle_time or 1e6
+    cycle_ms = min(
+        candidate.message.cycle_time or _SLOW_MS, _SLOW_MS
+    )  # a database may say anything
     return float(cycle_ms), abs(float(candidate.signal.scale) * candidate.factor), candidate.place
 
 
