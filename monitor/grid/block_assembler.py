@@ -102,16 +102,19 @@ class BlockAssembler:
             return []
         return self._break(self._grid, t_ns, is_jump=False, quality=_GAP)
 
-    def push_series(self, t_ns: IntArray, series: Sequence[Series]) -> SampleBlock:
+    def push_series(
+        self, t_ns: IntArray, series: Sequence[Series], break_quality: Quality = Quality.STALE
+    ) -> SampleBlock:
         """Take the times of frames, (n,), never decreasing, and the values of each channel.
 
         Breaks of the recording lie between the times of one call and those of the next.
+        break_quality : of what has not been received since the break before these times
         """
         found = []
         if self._grid is None:
             grid = self._anchor(int(t_ns[0]))
         else:
-            found = self._break(self._grid, int(t_ns[0]), is_jump=True)
+            found = self._break(self._grid, int(t_ns[0]), is_jump=True, quality=int(break_quality))
             grid = self._grid
         self._newest_ns = int(t_ns[-1])
         for channel, (times_ns, values) in enumerate(series):
@@ -334,6 +337,7 @@ def assemble_arrays(
     period_ns: int,
     timeouts_ns: Sequence[int],
     derived: Sequence[Derived] = (),
+    longest_ns: int = MAX_JUMP_NS,
 ) -> SampleBlock:
     """Return all samples of a recording whose frames are in the order of time.
 
@@ -341,6 +345,8 @@ def assemble_arrays(
     series : for each channel the times, among those of the frames, and the values; NaN is not
         available, infinite is out of range
     channels, names, period_ns, timeouts_ns, derived : as for ``Assembler``
+    longest_ns : a longer time without any frame is a pause of the recording, of which nothing is
+        known; above MAX_JUMP_NS it is a break anyway
     Raises SignalMapError if times decrease, or as ``Assembler``.
     """
     if len(series) != len(channels):
@@ -349,10 +355,12 @@ def assemble_arrays(
     steps_ns = np.diff(frame_times_ns)
     if np.any(steps_ns < 0):
         raise SignalMapError("the times of the frames decrease")
-    cuts = [0, *(np.flatnonzero(steps_ns > MAX_JUMP_NS) + 1).tolist(), len(frame_times_ns)]
+    pauses = np.flatnonzero(steps_ns > min(longest_ns, MAX_JUMP_NS))
+    kinds = [Quality.STALE if steps_ns[k] > MAX_JUMP_NS else Quality.GAP for k in pauses.tolist()]
+    cuts = [0, *(pauses + 1).tolist(), len(frame_times_ns)]
     blocks = [
-        assembler.push_series(frame_times_ns[begin:end], series)
-        for begin, end in pairwise(cuts)
+        assembler.push_series(frame_times_ns[begin:end], series, kind)
+        for (begin, end), kind in zip(pairwise(cuts), [Quality.STALE, *kinds], strict=True)
         if begin < end
     ]
     return joined(blocks, len(names))

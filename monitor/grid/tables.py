@@ -321,15 +321,28 @@ def table_block(
         timeouts_ns = [max(500_000_000, 3 * row_ns)] * len(names)
     cells = np.where(quality == Quality.OUT_OF_RANGE, np.inf, values)
     series = [(table.t_ns, cells[:, column]) for column in range(len(names))]
+    longest_ns = min(timeouts_ns, default=DEFAULT_PERIOD_NS)  # no row for so long: a pause
     if pinned is None:
         return assemble_arrays(
-            table.t_ns, series, names, names, period_ns=period_ns, timeouts_ns=timeouts_ns
+            table.t_ns,
+            series,
+            names,
+            names,
+            period_ns=period_ns,
+            timeouts_ns=timeouts_ns,
+            longest_ns=longest_ns,
         )
     # a tick is pinned if any of its rows is: the marks pass the grid beside the values
     series += [(table.t_ns, pinned[:, column].astype(np.float64)) for column in range(len(names))]
     both = (*names, *(f"{name} pinned" for name in names))
     block = assemble_arrays(
-        table.t_ns, series, both, both, period_ns=period_ns, timeouts_ns=[*timeouts_ns] * 2
+        table.t_ns,
+        series,
+        both,
+        both,
+        period_ns=period_ns,
+        timeouts_ns=[*timeouts_ns] * 2,
+        longest_ns=longest_ns,
     )
     n = len(names)
     marks = np.asarray(block.values[:, n:] > 0.0)

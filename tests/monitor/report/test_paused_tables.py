@@ -1,0 +1,31 @@
+"""A logger that pauses says nothing of the sensor."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from monitor import cli
+from training.recordings.recording import load
+
+ROOT = Path(__file__).resolve().parents[3]
+DRIVE = ROOT / "replay_logs" / "healthy_micro_trips_v102_s102.blf"
+
+
+@pytest.mark.parametrize("pause_s", [0.9, 4.0, 12.0, 55.0])
+def test_a_table_of_a_healthy_drive_with_a_pause_gets_no_code(
+    pause_s: float, tmp_path: Path
+) -> None:
+    recording = load(DRIVE)
+    t_s = np.arange(len(recording.values)) * recording.period_ns / 1e9
+    t_s[2000:] += pause_s
+    table = tmp_path / "paused.csv"
+    cells = np.column_stack([t_s, recording.values])
+    header = ",".join(("time_s", *recording.names))
+    np.savetxt(table, cells, "%.9g", ",", header=header, comments="")
+    out = tmp_path / "out.json"
+    assert cli.main(["replay", str(table), "--json", str(out)]) == 0
+    (judged,) = json.loads(out.read_text())["recordings"]
+    assert judged["dtcs"] == []
+    assert judged["windows_interrupted"] >= 1
