@@ -1,6 +1,7 @@
 """What all tests share: one thread per numeric library, property test profile, shared data."""
 
 import os
+import signal
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,9 @@ for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[_threads] = "1"
 
 ROOT = Path(__file__).resolve().parent.parent
+
+# Under nohup the programs that tests start would inherit an ignored hang-up.
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 settings.register_profile("default", deadline=None, max_examples=number(USUAL))
 # A case that is found elsewhere is printed, and becomes an @example of its test.
