@@ -79,7 +79,7 @@ class Transmitter:
         active = self._monitor.store.active
         first = active[0] if active else None
         return {
-            "FaultFlag": int(first is not None),
+            "FaultFlag": int(self._monitor.store.fault_flag),
             "WarningLamp": int(any(d.status & Status.WARNING_INDICATOR for d in active)),
             "MonitorState": self._monitor_state(tick),
             "DtcCount": len(active),

@@ -19,7 +19,7 @@ from monitor.frames.candump import MAX_BYTES
 
 MOST_BYTES: Final = 64 << 20  # of a database file; large ones of whole vehicles have 10 MB
 MOST_SWITCHES: Final = 1 << 16  # values of one multiplexer: 16 bits
-MOST_BITS: Final = 64  # of a signal
+MOST_BITS: Final = 8 * 64  # of a signal: a whole CAN FD frame
 _FLOATS: Final = (16, 32, 64)
 _IDENTIFIERS: Final = {False: 1 << 11, True: 1 << 29}
 _RANGES: Final = re.compile(rb"^SG_MUL_VAL_\s+(\d+)\s+(\w+)\s+\w+\s+([^;\n]*);", re.MULTILINE)

@@ -129,7 +129,15 @@ def test_without_a_fault_the_status_says_so() -> None:
     }
 
 
-@pytest.mark.parametrize("fault", CODES)
+def test_a_lost_memory_is_told_but_sets_no_flag() -> None:
+    stand = Stand(completed=True)
+    stand.store.fail("memory_lost", 1)
+    said = decoded(only(stand.transmitter(), tick(0)))
+    assert (said["FaultFlag"], said["DtcCount"], said["MonitorState"]) == (0, 1, 3)
+    assert said["Dtc"] == dtc_number("P062F")
+
+
+@pytest.mark.parametrize("fault", sorted(CODES.keys() - {"memory_lost"}))
 def test_a_fault_sets_the_flag_and_is_told_with_its_status(fault: str) -> None:
     stand = Stand(completed=True)
     changed = stand.store.fail(fault, 1)

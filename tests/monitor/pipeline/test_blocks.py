@@ -207,7 +207,7 @@ _EMPTY = SampleBlock(
 
 
 def test_a_model_that_predicts_no_number_fills_no_window_either_way(tmp_path: Path) -> None:
-    model = tiny_model(tmp_path, "none", np.nan)
+    model = tiny_model(tmp_path, "none", 1e38)  # sums of infinities of either sign
     index = np.arange(100)
     values = np.tile(USUAL, (100, 1))
     block = SampleBlock(index, index * PERIOD_NS, values, np.zeros(values.shape, dtype=np.uint8))

@@ -17,6 +17,8 @@ from training.dyno.mixture import LAMBDA_MAX
 from training.dyno.simulation import Experiment, simulate
 from training.studies.matrix.plan import Trial
 
+MISSING_FROM_S = 60.0  # until then the message comes
+
 _lag_step = numba.njit(cache=True)(faults.lag_step)
 _one_sided = numba.njit(cache=True)(faults.one_sided)
 
@@ -28,12 +30,15 @@ def samples(trial: Trial, bus_map: BusMap, period_ns: int) -> SampleBlock:
     """
     fault = faults.resolve(trial.fault, trial.severity) if trial.fault else None
     inside = fault if trial.placement == "loop" else trial.aged
+    # a message that never came is no fault that a first drive can show
+    start_s = MISSING_FROM_S if inside is not None and inside.missing else 0.0
     signals = simulate(
         Experiment(
             trial.cycle,
             trial.vehicle,
             trial.seed,
             inside,
+            start_s,
             effects=Effects(ethanol=trial.ethanol),
             conditions=trial.conditions,
         )
@@ -41,7 +46,7 @@ def samples(trial: Trial, bus_map: BusMap, period_ns: int) -> SampleBlock:
     if fault is not None and trial.placement == "after":
         signals["lambda_measured"] = put_on(signals["lambda_measured"], fault)
     rng = np.random.default_rng([0x0_2, 5, trial.seed, trial.vehicle])
-    return ecu.samples(ecu.broadcast(signals, bus_map, rng, inside), bus_map, period_ns)
+    return ecu.samples(ecu.broadcast(signals, bus_map, rng, inside, start_s), bus_map, period_ns)
 
 
 def put_on(lambda_healthy: FloatArray, fault: Fault) -> FloatArray:
