@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from monitor.base import option_paths as paths
 from monitor.base.errors import UsageError
+from monitor.base.outputs import write_text
 
 if TYPE_CHECKING:
     from training.dyno.engine import Layout
@@ -190,7 +191,7 @@ def _write_truth(experiment: "Experiment", args: argparse.Namespace) -> None:
     axes = axes_for(args.axes, MG_PER_STROKE if args.metering == "maf" else KPA)
     degc = float(np.mean(simulate(experiment)["manifold_temperature_degc"]))
     true = document(truth.tables(engine, axes, degc), source="simulated")
-    args.truth.write_text(json.dumps(true, indent=1) + "\n")
+    write_text(args.truth, json.dumps(true, indent=1) + "\n")
     print(args.truth)
 
 

@@ -11,6 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from monitor.base.outputs import write_text
 from monitor.base.types import FloatArray
 from training.recordings.ecu_table import EcuTable, document
 
@@ -23,13 +24,13 @@ UNSCALED: Final = (1.0, 3, "")
 def write_files(folder: Path, tables: Sequence[EcuTable], **more: Any) -> list[Path]:
     """Write ``tables.json``, a CSV and a TunerStudio file per table, and return their paths."""
     paths = [folder / "tables.json"]
-    paths[0].write_text(json.dumps(document(tables, **more), indent=1) + "\n")
+    write_text(paths[0], json.dumps(document(tables, **more), indent=1) + "\n")
     for table in tables:
         paths.append(folder / f"{table.key}.csv")
-        paths[-1].write_text(csv(table))
+        write_text(paths[-1], csv(table))
         if len(table.axes) == 2:
             paths.append(folder / f"{table.key}.table")
-            paths[-1].write_text(tuner_studio(table))
+            write_text(paths[-1], tuner_studio(table))
     return paths
 
 

@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 from matplotlib.figure import Figure
 
+from monitor.base.outputs import write_text
 from training.ecu_tables.drive_plan import plan
 from training.ecu_tables.fit import Fitted
 from training.pages.figure import drawing
@@ -49,7 +50,7 @@ def write_report(
         recordings=names,
         seconds=lambda t: float(t.samples.sum()) * period_s,
     )
-    path.write_text(text)
+    write_text(path, text)
 
 
 def heading(table: EcuTable) -> str:

@@ -28,6 +28,7 @@ MEMORY_MOST = 0.95  # correlation of the noise; above it a window holds almost n
 EVIDENCE_SAFETY = (
     3.0  # the healthy recordings' largest evidence of a fault stays so far below a code
 )
+LEAST_EVIDENCE = 1e-3  # with less the response rule decides nothing within a day
 NO_LIMITS = Limits(
     j_mu=np.inf,
     j_sigma=np.inf,
@@ -195,8 +196,29 @@ def response_limits(
     ]
     least = config.response.gain_least  # a model that follows less says nothing of its vehicle
     gain = min(max(float(np.median(gains)), least), 1.0 / least) if gains else 1.0
-    limits = replace(limits, gain_model=gain)
-    most = max(
+    alpha, beta = config.response.false_alarm_probability, config.response.miss_probability
+    allowed = math.log((1.0 - beta) / alpha) / EVIDENCE_SAFETY
+    weight = config.response.evidence_weight
+    full = most = _most_evidence(
+        model, recordings, replace(limits, gain_model=gain, evidence=weight), config
+    )
+    while most > allowed and weight > LEAST_EVIDENCE:  # evidence has bounds, so it is not linear
+        weight *= max(allowed / most, 0.5)
+        used = replace(limits, gain_model=gain, evidence=weight)
+        most = _most_evidence(model, recordings, used, config)
+    return {
+        "gain_model": Limit(gain, "-", f"median gain of the likeliest sound sensor, {where}"),
+        "evidence": Limit(
+            weight, "-", f"largest evidence of a fault {full:.3g} at full weight, {where}"
+        ),
+    }
+
+
+def _most_evidence(
+    model: Model, recordings: Sequence[Recording], limits: Limits, config: Config
+) -> float:
+    """Return the largest evidence of a fault in any window of healthy recordings."""
+    return max(
         (
             float(window.statistics["evidence"] or 0.0)
             for judged in judge_recordings(recordings, model, limits, config)
@@ -204,15 +226,6 @@ def response_limits(
         ),
         default=0.0,
     )
-    alpha, beta = config.response.false_alarm_probability, config.response.miss_probability
-    allowed = math.log((1.0 - beta) / alpha) / EVIDENCE_SAFETY
-    weight = config.response.evidence_weight * min(allowed / max(most, 1e-9), 1.0)
-    return {
-        "gain_model": Limit(gain, "-", f"median gain of the likeliest sound sensor, {where}"),
-        "evidence": Limit(
-            weight, "-", f"largest evidence of a fault {most:.3g} at full weight, {where}"
-        ),
-    }
 
 
 def _last_gain(windows: Sequence[WindowJudged]) -> float | None:

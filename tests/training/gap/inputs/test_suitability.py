@@ -145,8 +145,8 @@ def test_drives_of_one_vehicle_are_not_warned_of() -> None:
 @pytest.mark.parametrize(
     ("other", "differs"),
     [
-        (USUAL._replace(gain=1.03), r"gain 3\.\d%"),
-        (USUAL._replace(dead_time_s=0.25), r"dead time and lag 0\.\d{3} s"),
+        (USUAL._replace(gain=1.03), r"gain 3\.\d\s%"),
+        (USUAL._replace(dead_time_s=0.25), r"dead time and lag 0\.\d{3}\ss"),
     ],
 )
 def test_recordings_of_two_vehicles_are_warned_of_by_name(other: Constants, differs: str) -> None:
