@@ -62,7 +62,7 @@ def test_a_killed_study_goes_on_where_it_was(
     command = [sys.executable, "-c", KILLED, str(tmp_path / "data"), str(folder)]
     study = subprocess.Popen(command, stderr=subprocess.DEVNULL)
     deadline = time.monotonic() + 60
-    while len(list(folder.glob("*.json"))) < 2 and time.monotonic() < deadline:
+    while len(list(folder.glob("train_*.json"))) < 2 and time.monotonic() < deadline:
         assert study.poll() is None
         time.sleep(0.002)
     workers = [p for p in children(study.pid) if "LokyProcess" in command_line(p)]
