@@ -34,9 +34,23 @@ NUMBERS = (*SIZES.split(" "), *OTHERS.split(" "), "9" * 5000)
 _NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
 _SIGNAL = re.compile(r"^( SG_ \w+)\s*(?:[mM]\w*)?\s*:", re.MULTILINE)
 TOML = (
-    '"text"', "true", "nan", "-inf", "[]", "{}", "0", "-1", "1e308", "0x" + "f" * 5000,
-    "[" * 3000, "1979-05-27", '"""', "9" * 5000, '{ message = "M", signal = "S" }', '"\\u0000\\n"',
-)  # fmt: skip
+    '"text"',
+    "true",
+    "nan",
+    "-inf",
+    "[]",
+    "{}",
+    "0",
+    "-1",
+    "1e308",
+    "0x" + "f" * 5000,
+    "[" * 3000,
+    "1979-05-27",
+    '"""',
+    "9" * 5000,
+    '{ message = "M", signal = "S" }',
+    '"\\u0000\\n"',
+)
 
 
 def numbers(text: str, rng: random.Random) -> str:
@@ -108,8 +122,14 @@ def values(text: str, rng: random.Random) -> str:
 
 
 DATABASE: tuple[Callable[[str, random.Random], str], ...] = (
-    numbers, numbers, numbers, multiplexers, multiplexers, floats, broken,
-)  # fmt: skip
+    numbers,
+    numbers,
+    numbers,
+    multiplexers,
+    multiplexers,
+    floats,
+    broken,
+)
 SETTINGS: tuple[Callable[[str, random.Random], str], ...] = (numbers, values, values, broken)
 
 

@@ -32,8 +32,17 @@ from monitor.base.signals import BY_NAME
 STOICH_AFR: Final = 14.7
 _KEYS: Final = {"title", "based_on", "stoich_afr", "time", "recognise", "signals", "engine"}
 _SOURCE_KEYS: Final = {
-    "column", "unit", "factor", "offset", "bit", "equals", "above", "words", "not", "pinned",
-}  # fmt: skip
+    "column",
+    "unit",
+    "factor",
+    "offset",
+    "bit",
+    "equals",
+    "above",
+    "words",
+    "not",
+    "pinned",
+}
 _SOURCE_NAMES: Final = {"units": "unit", "inverted": "not"}  # fields whose keys differ
 
 

@@ -14,23 +14,59 @@ class Unit:
 
 
 _PRESSURE: Final = {  # kPa
-    "kpa": 1.0, "pa": 1e-3, "psi": 6.894757, "psia": 6.894757, "psig": 6.894757, "bar": 100.0,
-    "mbar": 0.1, "hpa": 0.1, "mpa": 1000.0, "inhg": 3.386389, "mmhg": 0.1333224, "atm": 101.325,
-    "kg/cm2": 98.0665, "kg/cm²": 98.0665,
-}  # fmt: skip
+    "kpa": 1.0,
+    "pa": 1e-3,
+    "psi": 6.894757,
+    "psia": 6.894757,
+    "psig": 6.894757,
+    "bar": 100.0,
+    "mbar": 0.1,
+    "hpa": 0.1,
+    "mpa": 1000.0,
+    "inhg": 3.386389,
+    "mmhg": 0.1333224,
+    "atm": 101.325,
+    "kg/cm2": 98.0665,
+    "kg/cm²": 98.0665,
+}
 _SPEED: Final = {"km/h": 1.0, "kph": 1.0, "kmh": 1.0, "mph": 1.609344, "m/s": 3.6}
 _FLOW: Final = {  # kg/h
-    "kg/h": 1.0, "kg/hr": 1.0, "g/s": 3.6, "g/sec": 3.6, "gram/s": 3.6, "grams/sec": 3.6,
-    "grams/s": 3.6, "gm/s": 3.6, "lb/min": 27.215542, "lbs/min": 27.215542, "kg/s": 3600.0,
-}  # fmt: skip
+    "kg/h": 1.0,
+    "kg/hr": 1.0,
+    "g/s": 3.6,
+    "g/sec": 3.6,
+    "gram/s": 3.6,
+    "grams/sec": 3.6,
+    "grams/s": 3.6,
+    "gm/s": 3.6,
+    "lb/min": 27.215542,
+    "lbs/min": 27.215542,
+    "kg/s": 3600.0,
+}
 _TIME: Final = {  # s
-    "s": 1.0, "sec": 1.0, "secs": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6,
-    "µs": 1e-6, "μs": 1e-6, "min": 60.0, "h": 3600.0,
-    "millisec": 1e-3, "milliseconds": 1e-3, "ns": 1e-9,
-}  # fmt: skip
+    "s": 1.0,
+    "sec": 1.0,
+    "secs": 1.0,
+    "seconds": 1.0,
+    "ms": 1e-3,
+    "msec": 1e-3,
+    "us": 1e-6,
+    "µs": 1e-6,
+    "μs": 1e-6,
+    "min": 60.0,
+    "h": 3600.0,
+    "millisec": 1e-3,
+    "milliseconds": 1e-3,
+    "ns": 1e-9,
+}
 _OTHER: Final = {
     "speed of rotation": {
-        "1/min": 1.0, "rpm": 1.0, "rev/min": 1.0, "r/min": 1.0, "min-1": 1.0, "hz": 60.0,
+        "1/min": 1.0,
+        "rpm": 1.0,
+        "rev/min": 1.0,
+        "r/min": 1.0,
+        "min-1": 1.0,
+        "hz": 60.0,
     },
     "share": {"%": 1.0, "percent": 1.0, "pct": 1.0},
     "voltage": {"v": 1.0, "volt": 1.0, "volts": 1.0, "mv": 1e-3},
@@ -38,7 +74,7 @@ _OTHER: Final = {
     "mass": {"mg": 1.0, "mg/stroke": 1.0, "mg/cyl": 1.0, "g": 1000.0, "g/stroke": 1000.0},
     "load": {"g/rev": 1.0, "mg/rev": 1e-3},
     "torque": {"nm": 1.0, "n·m": 1.0, "lbft": 1.355818, "lb-ft": 1.355818, "ft-lb": 1.355818},
-}  # fmt: skip
+}
 
 UNITS: Final[dict[str, Unit]] = {
     **{name: Unit("pressure", factor) for name, factor in _PRESSURE.items()},

@@ -18,8 +18,14 @@ WORDS_MORE: Final = {"active": 1.0, "inactive": 0.0, "high": 1.0, "low": 0.0, "o
 # h:m:s or m:s, with a date before it or not
 _CLOCK: Final = re.compile(r"(?:(\d{1,3}):)?(\d{1,2}):(\d{1,2}(?:[.,]\d*)?)\s*([ap]m)?", re.I)
 _DATES: Final = (
-    "%Y-%m-%d", "%Y/%m/%d", "%d.%m.%Y", "%m/%d/%Y", "%d-%b-%Y", "%d/%m/%Y", "%Y%m%d",
-)  # fmt: skip
+    "%Y-%m-%d",
+    "%Y/%m/%d",
+    "%d.%m.%Y",
+    "%m/%d/%Y",
+    "%d-%b-%Y",
+    "%d/%m/%Y",
+    "%Y%m%d",
+)
 
 Parse = Callable[[str], float]
 

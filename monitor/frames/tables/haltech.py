@@ -37,13 +37,23 @@ _ROWS: Final = 1 << 13
 _MOST_LINES: Final = 100_000  # of the channels' description
 # type of a channel: (unit, value of one step)
 TYPES: Final = {
-    "EngineSpeed": ("rpm", 1.0), "AbsPressure": ("kPa", 0.1), "Pressure": ("kPa", 0.1),
-    "Percentage": ("%", 0.1), "Angle": ("deg", 0.1), "BatteryVoltage": ("V", 0.001),
-    "Temperature": ("K", 0.1), "Speed": ("km/h", 0.1), "AFR": ("lambda", 0.001),
-    "Time_us": ("ms", 0.001), "Time_ms": ("ms", 1.0), "Time_ms_as_s": ("s", 0.001),
-    "Time_s": ("s", 1.0), "Current_uA_as_mA": ("mA", 0.001), "MassOverTime": ("g/s", 1.0),
+    "EngineSpeed": ("rpm", 1.0),
+    "AbsPressure": ("kPa", 0.1),
+    "Pressure": ("kPa", 0.1),
+    "Percentage": ("%", 0.1),
+    "Angle": ("deg", 0.1),
+    "BatteryVoltage": ("V", 0.001),
+    "Temperature": ("K", 0.1),
+    "Speed": ("km/h", 0.1),
+    "AFR": ("lambda", 0.001),
+    "Time_us": ("ms", 0.001),
+    "Time_ms": ("ms", 1.0),
+    "Time_ms_as_s": ("s", 0.001),
+    "Time_s": ("s", 1.0),
+    "Current_uA_as_mA": ("mA", 0.001),
+    "MassOverTime": ("g/s", 1.0),
     "MassPerCyl": ("mg", 1.0),
-}  # fmt: skip
+}
 
 
 def is_haltech(path: Path) -> bool:

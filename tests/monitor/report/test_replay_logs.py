@@ -79,3 +79,17 @@ def test_each_log_is_a_driving_cycle_of_its_own_without_memory(tmp_path: Path) -
     assert cli.main(["replay", faulty, healthy, "--json", str(out)]) == 1
     flags = [r["fault_flag"] for r in json.loads(out.read_text())["recordings"]]
     assert flags == [True, False]
+
+
+def test_the_result_says_how_far_each_fault_is_from_a_decision(tmp_path: Path) -> None:
+    # GIVEN the replay of a late sensor
+    out = tmp_path / "out.json"
+    log = ROOT / "replay_logs" / "delay_rich_to_lean_micro_trips_v106_s108.blf"
+    assert cli.main(["replay", str(log), "--quiet", "--json", str(out)]) == 1
+    (recording,) = json.loads(out.read_text())["recordings"]
+    # THEN its fault alone is beyond what a decision needs, and its name is certain
+    evidence = recording["evidence"]
+    decided = [n for n, e in evidence.items() if e["log_odds"] >= e["needed"]]
+    assert decided == ["delay_rich_to_lean"]
+    assert evidence["delay_rich_to_lean"]["seconds_to_decision"] == 0.0
+    assert [dtc["probability"] for dtc in recording["dtcs"]] == [1.0]
