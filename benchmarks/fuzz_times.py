@@ -28,7 +28,7 @@ from monitor.grid.block_assembler import BlockAssembler
 from monitor.grid.block_samples import Clearing, log_samples
 from monitor.grid.timeline import TimeCounters, Timeline
 from monitor.memory.dtc import DtcStore
-from monitor.pipeline.events import CycleStarted
+from monitor.pipeline.events import CycleStarted, Event
 from monitor.pipeline.monitor import Judge, Monitor, needed_names
 from monitor.pipeline.side_by_side import slices
 from monitor.report import replay
@@ -164,9 +164,9 @@ class Listening(Loop):
         self.judged.append(frame)
         super()._judge(frame)
 
-    def _handle(self, event: Any) -> None:
+    def _tell(self, event: Event) -> None:
         self.cycles += isinstance(event, CycleStarted)
-        super()._handle(event)
+        super()._tell(event)
 
 
 def arrivals(t_ns: np.ndarray, rng: np.random.Generator) -> list[float]:

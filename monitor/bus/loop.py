@@ -18,32 +18,21 @@ from monitor.base.errors import RecordingError
 from monitor.base.types import Frame, Quality
 from monitor.bus.attachment import Attachment
 from monitor.bus.ending import ended_by_signals
+from monitor.bus.judging import Judging
 from monitor.bus.link.clock import Clock
 from monitor.bus.link.port import BusHealth, Port
 from monitor.bus.link.recorder import Recorder
 from monitor.bus.link.socketcan import BLOCK_S
 from monitor.frames.loop_frames import bus_state, codes_cleared, is_own, time_mark
-from monitor.memory.reference import Seen
 from monitor.memory.store import Memory
-from monitor.pipeline.entry import bus_sources
 from monitor.pipeline.events import (
-    BlockEvent,
-    CycleStarted,
     Event,
     Tick,
-    Ticks,
-    WindowJudged,
     singly,
 )
-from monitor.pipeline.frames import FramePipeline
-from monitor.report.replay import Setup, frame_counters, of_memory, store_of
-from monitor.report.sinks import Collector
+from monitor.report.replay import Setup, frame_counters
 
-KEEP: Final = 1_000  # latest windows kept: three hours of driving in 2.5 MB
-KEEP_SAMPLES: Final = 200_000  # latest samples kept for the report: 5 h at 10 Hz
 _STALE: Final = int(Quality.STALE)
-STORE_AGAIN_S: Final = 10.0  # wait after a failed attempt to store the fault memory
-STORE_DRIVEN_S: Final = 60.0  # most engine running time that a kill may lose
 
 
 class Loop:
@@ -72,26 +61,16 @@ class Loop:
         monotonic_s: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
-        self._memory, self._say, self._now_s = memory, say, monotonic_s
-        store = store_of(memory, setup.config.profile)
-        self._setup = setup = setup.of_vehicle(memory) if memory else setup
-        self.pipeline = FramePipeline(setup.bus_map, setup.model, setup.limits, setup.config, store)
-        monitor = self.pipeline.monitor
-        self.collector = Collector(
-            monitor,
-            sources=bus_sources(setup.bus_map, monitor.names),
-            trace=trace,
-            keep=KEEP,
-            keep_samples=KEEP_SAMPLES,
-        )
+        self._say, self._now_s = say, monotonic_s
+        self.judging = Judging(setup, memory, trace=trace, say=say, monotonic_s=monotonic_s)
+        self.pipeline, self.collector = self.judging.pipeline, self.judging.collector
         self.attachments = list(attachments)
         self.health = BusHealth()
         self._port = Port(bus, self.health, reopen, say, monotonic_s, sleep)
         self._record_path = record
         self._recorder: Recorder | None = None
         self.clock = Clock(monotonic_s, min(self.pipeline.decoder.timeouts_ns))
-        self._due_s = self._store_again_s = math.inf
-        self._stored_run_s = store.counts.engine_run_since_clear_s
+        self._due_s = math.inf
         self._wanted: dict[tuple[int, bool], list[Attachment]] = {}
         self._stop = self._is_off = self._has_begun = False
 
@@ -150,7 +129,7 @@ class Loop:
         """
         self._judge(codes_cleared(self.clock.made()))
         self._store()
-        if self._store_again_s < math.inf:
+        if self.judging.is_failing:
             raise RecordingError("the codes are cleared, but that is not stored yet")
 
     def _take(self, frame: Frame) -> None:
@@ -168,30 +147,16 @@ class Loop:
                 self._has_begun = True
                 self._judge(time_mark(frame.t_ns))
             self._record(self._recorder, frame)
-        events = self.pipeline.push(frame)
-        if events:
-            for event in events:
-                self._handle(event)
+        has_events = False
+        for event in self.judging.push(frame):
+            has_events = True
+            self.health.memory_errors = self.judging.memory_errors
+            for each in singly(event):
+                self._tell(each)
+                if isinstance(each, Tick):
+                    self._note_stale(each)
+        if has_events:
             self._work()
-
-    def _handle(self, event: BlockEvent) -> None:
-        if not isinstance(event, Ticks | WindowJudged) or self._has_driven:
-            self._store()
-        if isinstance(event, CycleStarted):
-            self._learn(event.seen)
-            if self._memory is not None:
-                self._adopt(self._memory)
-        self.collector.push(event)
-        for each in singly(event):
-            self._tell(each)
-            if isinstance(each, Tick):
-                self._note_stale(each)
-
-    @property
-    def _has_driven(self) -> bool:
-        """Return whether enough running time has passed since the last storing."""
-        run_s = self.pipeline.monitor.store.counts.engine_run_since_clear_s
-        return run_s - self._stored_run_s >= STORE_DRIVEN_S
 
     def _tell(self, event: Event) -> None:
         for attachment in tuple(self.attachments):
@@ -210,13 +175,13 @@ class Loop:
     def _work(self) -> None:
         """Send the frames of the attachments, and find the time of the next call."""
         now_s = self._now_s()
-        if now_s >= self._store_again_s:
+        if now_s >= self.judging.store_again_s:
             self._store()
         for attachment in tuple(self.attachments):
             for frame in self._ask(attachment, attachment.work, now_s):
                 self._port.send(frame)
         self._due_s = min((self._due_of(a) for a in tuple(self.attachments)), default=math.inf)
-        self._due_s = min(self._due_s, self._store_again_s)
+        self._due_s = min(self._due_s, self.judging.store_again_s)
 
     def _due_of(self, attachment: Attachment) -> float:
         try:
@@ -265,24 +230,9 @@ class Loop:
                 recorder.close()
 
     def _store(self) -> None:
-        """Store the changes of the fault memory; on failure tell it once and try again later."""
-        if self._memory is None:
-            return
-        failing = self._store_again_s < math.inf
-        saved = self.pipeline.monitor.store.saved
-        self._stored_run_s = saved.counts.engine_run_since_clear_s
-        try:
-            self._memory.save(saved)
-        except RecordingError as error:
-            self.health.memory_errors += 1
-            self._store_again_s = self._now_s() + STORE_AGAIN_S
-            self._due_s = min(self._due_s, self._store_again_s)
-            if not failing:
-                self._say(f"{error}; judging goes on, storing is tried again")
-            return
-        self._store_again_s = math.inf
-        if failing:
-            self._say("the fault memory is stored again")
+        self.judging.store()
+        self.health.memory_errors = self.judging.memory_errors
+        self._due_s = min(self._due_s, self.judging.store_again_s)
 
     def _close(self) -> None:
         for attachment in tuple(self.attachments):
@@ -296,25 +246,7 @@ class Loop:
         except RecordingError as error:
             self._say(str(error))
         self._port.close()
-        if self._memory:
-            self._store()
-            self._learn(self.pipeline.monitor.seen)
-
-    def _adopt(self, memory: Memory) -> None:
-        """Judge the next driving cycle with the latest reference of the vehicle."""
-        try:
-            self.pipeline.monitor.adopt(self._setup.of_vehicle(memory).limits)
-        except RecordingError as error:
-            self._say(str(error))
-
-    def _learn(self, seen: Seen | None) -> None:
-        """Add a driving cycle to the vehicle's reference."""
-        if self._memory is None:
-            return
-        try:
-            self._memory.learn(self._setup.model_sha256, seen, self._setup.config.bias)
-        except RecordingError as error:
-            self._say(str(error))
+        self.judging.close()
 
     def result(self, channel: str) -> dict[str, Any]:
         """Return the run as a recording's entry of ``o2mon.replay/1``."""
@@ -327,7 +259,7 @@ class Loop:
                 "transmit_errors": self.health.transmit_errors,
             }
         )
-        return self.collector.result(channel, None, counters) | of_memory(self._memory)
+        return self.judging.result(channel, counters)
 
 
 def run(loop: Loop, duration_s: float | None) -> None:

@@ -10,7 +10,7 @@ from soak import LOG, soak
 def test_memory_is_flat_while_the_loop_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("monitor.bus.loop.KEEP", 3)  # windows, soon reached
+    monkeypatch.setattr("monitor.bus.judging.KEEP", 3)  # windows, soon reached
     points = soak(LOG, hours=0.14, every_h=0.02, folder=tmp_path, trace=True)
     assert points[-1].windows > 10
     assert not any(point.codes for point in points)

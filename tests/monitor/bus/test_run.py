@@ -132,7 +132,7 @@ def test_what_could_not_be_replayed_is_not_recorded(
 def test_a_run_of_days_keeps_the_latest_windows_and_says_how_many_it_dropped(
     setup: replay.Setup, late_sensor: list[Frame], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("monitor.bus.loop.KEEP", 3)
+    monkeypatch.setattr("monitor.bus.judging.KEEP", 3)
     live, _ = run_on(late_sensor, setup)
     assert len(live["windows"]) == 3
     assert live["windows_dropped"] == live["windows"][-1]["index"] + 1 - 3 > 0

@@ -21,7 +21,7 @@ import pytest
 
 from monitor.base.config import load
 from monitor.base.errors import RecordingError
-from monitor.bus.loop import STORE_DRIVEN_S
+from monitor.bus.judging import STORE_DRIVEN_S
 from monitor.frames.logs import read_frames
 from monitor.memory.dtc import Dtc, DtcStore, Saved
 from monitor.memory.store import Memory
