@@ -116,7 +116,7 @@ def in_words(value: object, most: int = 60) -> str:
     """Return a value as an error line shows it: its beginning, on one line.
 
     >>> in_words([1] * 100)
-    '[1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, …'
+    '[1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1,…'
     """
     text = repr(value)
     return text if len(text) <= most else f"{text[:most]}…"

@@ -5,6 +5,7 @@ state; scaling, clipping and added effects are inside the graph. Input and outpu
 once, and the state alternates between two buffers, so a step allocates nothing.
 """
 
+import hashlib
 import math
 from pathlib import Path
 from typing import Any
@@ -73,8 +74,17 @@ class Model:
     Inputs must be finite; the caller replaces stale and invalid signals.
     """
 
-    def __init__(self, session: ort.InferenceSession, card: ModelCard, batch: int = 1) -> None:
+    def __init__(
+        self,
+        session: ort.InferenceSession,
+        card: ModelCard,
+        batch: int = 1,
+        *,
+        path: Path = Path(),
+        sha256: str = "",
+    ) -> None:
         self.card, self._session, self.batch = card, session, batch
+        self.path, self.sha256 = path, sha256  # of the file
         self.n_inputs = len(card.inputs)
         self._u = np.zeros((batch, self.n_inputs), np.float32)
         self._row, self._ones = self._u[0], np.ones(self.n_inputs, np.float32)
@@ -105,11 +115,12 @@ class Model:
             )
         session = open_session(file.content, str(path))
         check_graph(session, card, str(path))
-        return cls(session, card, batch)
+        sha256 = hashlib.sha256(file.content).hexdigest()
+        return cls(session, card, batch, path=Path(path), sha256=sha256)
 
     def with_batch(self, batch: int) -> "Model":
         """Return the same model with a new state for ``batch`` vehicles."""
-        return Model(self._session, self.card, batch)
+        return Model(self._session, self.card, batch, path=self.path, sha256=self.sha256)
 
     @property
     def state(self) -> Float32Array:

@@ -15,7 +15,7 @@ from monitor.frames.candump_blocks import Parser
 from monitor.frames.log_blocks import read_blocks
 from monitor.grid.block_assembler import BlockAssembler
 from monitor.grid.block_samples import Clearing, log_samples, whole
-from monitor.grid.tables import is_table, read_table, table_block
+from monitor.grid.tables import Table, is_table, read_table, table_block
 from monitor.grid.timeline import Timeline
 from monitor.judge.causes import Source
 from monitor.model.card import ModelCard
@@ -81,7 +81,7 @@ class RecordingReader:
         Raises RecordingError naming the file, or ConfigError for the columns map, here or while
         the blocks are read.
         """
-        return self._table(path) if is_table(path) else self._log(path)
+        return self._table_file(path) if is_table(path) else self._log(path)
 
     def read(self, path: Path) -> ReadRecording:
         """Return a whole recording with the signals that the monitor looks at.
@@ -116,20 +116,26 @@ class RecordingReader:
             path, self._names, parts, counters, self._sources, lambda: assembler.is_live
         )
 
-    def _table(self, path: Path) -> OpenRecording:
+    def _table_file(self, path: Path) -> OpenRecording:
         own = (*self._card.input_names, self._card.output.name)
         further = [name for name in own if name not in BY_NAME]
-        table = read_table(path, self._columns, further, self._card.profile)
+        return self.table(read_table(path, self._columns, further, self._card.profile))
+
+    def table(self, table: Table) -> OpenRecording:
+        """Return a table as a recording of one block.
+
+        Raises RecordingError if it lacks a signal that the model needs.
+        """
         try:
             check_names(self._card, table.names)
         except RecordingError as error:
             logger = f" in this log ({table.profile}); {OTHER_MODEL}" if table.profile else ""
-            raise RecordingError(f"{path}: {error}{logger}") from None
+            raise RecordingError(f"{table.path}: {error}{logger}") from None
         block = table_block(table, table.names, self._card.period_ns)
         counters = table_counts(table, block, self._card)
         sources = {name: Source(table.column_of(name)) for name in table.names}
         return OpenRecording(
-            path,
+            table.path,
             table.names,
             iter([block]),
             lambda: counters,

@@ -37,14 +37,22 @@ SHIPPED_MODEL = "shipped.onnx"
 class Setup:
     """What every recording of a call is judged with."""
 
-    model_path: Path
-    model_sha256: str
     model: Model
     limits: Limits
     config: Config
     bus_map: BusMap
     columns: Path | None = None
     parse: Parser | None = None  # of candump text, instead of numpy's
+
+    @property
+    def model_path(self) -> Path:
+        """Return the model's file."""
+        return self.model.path
+
+    @property
+    def model_sha256(self) -> str:
+        """Return the sha256 of the model's file."""
+        return self.model.sha256
 
     def of_vehicle(self, memory: Memory) -> "Setup":
         """Return the setup for the vehicle whose reference stands in the memory."""
@@ -58,7 +66,7 @@ def shipped_model() -> Path:
 
 
 def set_up(
-    model: Path | None,
+    model: Path | Model | None,
     pairs: Sequence[tuple[Path, Path]],
     config: Config,
     columns: Path | None = None,
@@ -67,12 +75,11 @@ def set_up(
 
     Raises ModelError or SignalMapError.
     """
-    path = model or shipped_model()
-    loaded = Model.load(path)
+    loaded = model if isinstance(model, Model) else Model.load(model or shipped_model())
     own = [(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))]
     bus_map = load_pairs(pairs or own)
-    limits = Limits.from_card(loaded.card, config, str(path))
-    return Setup(path, sha256_of(path), loaded, limits, config, bus_map, columns)
+    limits = Limits.from_card(loaded.card, config, str(loaded.path))
+    return Setup(loaded, limits, config, bus_map, columns)
 
 
 def sha256_of(path: Path) -> str:
@@ -103,10 +110,25 @@ def replay(
     Raises RecordingError, SignalMapError or ModelError.
     """
     sha256 = sha256_of(path)
+    reader = RecordingReader(setup.bus_map, setup.model.card, setup.columns, setup.parse)
+    recording, series = judged(reader.open(path), sha256, setup, memory, trace=trace)
+    return recording | {"source": source_of(path, sha256)}, series
+
+
+def judged(
+    opened: OpenRecording,
+    sha256: str | None,
+    setup: Setup,
+    memory: Memory | None = None,
+    *,
+    trace: bool = False,
+) -> tuple[dict[str, Any], Trace]:
+    """Judge an open recording, as ``replay`` judges one on disk.
+
+    sha256 : of its file, None if there is none
+    """
     store = store_of(memory, setup.config.profile)
     setup = setup.of_vehicle(memory) if memory else setup
-    card = setup.model.card
-    opened = RecordingReader(setup.bus_map, card, setup.columns, setup.parse).open(path)
     monitor = Monitor(Judge(opened.names, setup.model, setup.config), setup.limits, store)
     collector = Collector(monitor, sources=opened.sources, trace=trace)
     for event in _events(monitor, opened):
@@ -114,12 +136,12 @@ def replay(
         if memory and isinstance(event, CycleStarted):
             memory.learn(setup.model_sha256, event.seen, setup.config.bias)
             monitor.adopt(setup.of_vehicle(memory).limits)
-    check_long_enough(path, monitor.samples)
-    recording = collector.result(str(path), sha256, opened.counters())
+    check_long_enough(opened.path, monitor.samples)
+    recording = collector.result(str(opened.path), sha256, opened.counters())
     if memory:
         memory.save(store.saved)
         memory.learn(setup.model_sha256, monitor.seen, setup.config.bias)
-    recording |= {"source": source_of(path, sha256)} | of_memory(memory)
+    recording |= of_memory(memory)
     if opened.profile:
         recording |= {"profile": opened.profile}
     if opened.notes:

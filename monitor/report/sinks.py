@@ -70,15 +70,20 @@ class Collector:
         if isinstance(event, Ticks):
             self._tick(event)
         elif isinstance(event, WindowJudged):
-            self._windows.append(window_entry(event, self._t0_ns or 0))
+            self._windows.append(window_entry(event, self.begin_ns))
             self._n_windows += 1
             self._n_excited += event.excited
         else:
             self._flag = self._monitor.store.fault_flag
 
+    @property
+    def begin_ns(self) -> int:
+        """Return the time of the recording's first sample, 0 before it."""
+        return self._t0_ns or 0
+
     def seconds(self, t_ns: int) -> float:
         """Return a time in seconds since the recording's first sample."""
-        return seconds(t_ns, self._t0_ns or 0)
+        return seconds(t_ns, self.begin_ns)
 
     def _tick(self, ticks: Ticks) -> None:
         if self._t0_ns is None:
@@ -108,7 +113,7 @@ class Collector:
             "windows_interrupted": monitor.interrupted_windows,
             "windows_dropped": self._n_windows - len(self._windows),
             "dtcs": [
-                dtc_entry(dtc, self._t0_ns or 0, monitor.probability(dtc.fault))
+                dtc_entry(dtc, self.begin_ns, monitor.probability(dtc.fault))
                 for dtc in monitor.store.active
             ],
             "fault_flag": monitor.store.fault_flag,

@@ -83,7 +83,7 @@ class Try:
 def boxes(longest: int) -> tuple[tuple[int, int], ...]:
     """Return boxes over lags 0 .. longest: single lags first, each later one 1.35 times as old.
 
-    >>> boxes(15)[-4:]
+    >>> boxes(15)[-3:]
     ((8, 9), (9, 12), (12, 16))
     """
     edges = [0]

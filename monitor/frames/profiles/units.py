@@ -121,7 +121,7 @@ def unit_of(text: str, stoich_afr: float) -> Unit | None:
 def conversion(source: Unit, target: Unit) -> tuple[float, float]:
     """Return factor and offset from one unit of a quantity to another.
 
-    >>> conversion(UNITS["psi"], UNITS["mpa"])
-    (0.006894757, 0.0)
+    >>> conversion(UNITS["psi"], UNITS["kpa"])
+    (6.894757, 0.0)
     """
     return source.factor / target.factor, (source.offset - target.offset) / target.factor

@@ -1,0 +1,118 @@
+"""A monitor for programs that already listen on a bus with python-can."""
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import can
+
+from monitor.api.recordings import Buses
+from monitor.api.stream import Monitor
+from monitor.api.verdict import Code, Verdict
+from monitor.base.types import Frame
+from monitor.bus.link.clock import Clock
+from monitor.frames.logs import frame_of
+from monitor.frames.loop_frames import is_own
+from monitor.model.step import Model
+from monitor.pipeline.entry import dtc_entry
+from monitor.pipeline.events import BlockEvent, DtcChanged
+
+_LOG = logging.getLogger("o2_monitor")
+
+
+class OxygenSensorMonitor(can.Listener):
+    """A ``can.Listener`` that judges the sensor: ``can.Notifier(bus, [OxygenSensorMonitor()])``.
+
+    model, buses, config, memory : as in ``replay``
+    on_code : called with every code that becomes pending or confirmed, in the notifier's thread
+    monotonic_s : clock that measures when a message arrives, in s
+
+    A message's time is believed unless the clock says that it cannot be, as in ``o2mon run``. A
+    bus that falls silent shows with its next message; call ``tick`` about twice a second where it
+    must show before. An error in ``on_code`` is logged under ``o2_monitor`` and ends nothing: an
+    exception would end python-can's thread for all listeners.
+
+    >>> import can
+    >>> with can.Bus("doctest", interface="virtual") as bus:
+    ...     listener = OxygenSensorMonitor(on_code=print)
+    ...     notifier = can.Notifier(bus, [listener], timeout=0.01)
+    ...     notifier.stop()
+    >>> listener.verdict.is_judged
+    False
+    """
+
+    def __init__(
+        self,
+        model: str | Path | Model | None = None,
+        *,
+        buses: Buses = (),
+        config: str | Path | None = None,
+        memory: str | Path | None = None,
+        series: bool = False,
+        on_code: Callable[[Code], None] | None = None,
+        monotonic_s: Callable[[], float] = time.monotonic,
+    ) -> None:
+        super().__init__()
+        self.monitor = Monitor(model, buses=buses, config=config, memory=memory, series=series)
+        self._on_code, self._now_s = on_code, monotonic_s
+        self._clock = Clock(monotonic_s, min(self.monitor.judging.pipeline.decoder.timeouts_ns))
+        self._lock = threading.Lock()  # the notifier's thread writes, another one may read
+
+    def on_message_received(self, msg: can.Message) -> None:
+        """Judge one message; a message that cannot be used is counted."""
+        with self._lock:
+            if msg.is_error_frame or msg.is_remote_frame:
+                self.monitor.skipped += 1
+                return
+            frame = frame_of(msg)
+            if is_own(frame):
+                self.monitor.skipped += 1
+                return
+            now_s = self._now_s()
+            if self._clock.heard(frame.t_ns, now_s):
+                self._take([frame])
+            else:
+                self._take(self._clock.weighed(frame, now_s))
+
+    def tick(self) -> None:
+        """Let time go on while no message comes."""
+        with self._lock:
+            mark = self._clock.mark()
+            if mark is not None:
+                self._take([mark])
+
+    def on_error(self, exc: Exception) -> None:
+        """Log an error of the bus."""
+        _LOG.error("bus: %s", exc)
+
+    def stop(self) -> None:
+        """Store and close the fault memory; the notifier calls it at its end."""
+        with self._lock:
+            self.monitor.close()
+
+    @property
+    def verdict(self) -> Verdict:
+        """Return the verdict so far."""
+        with self._lock:
+            verdict = self.monitor.verdict
+            counters = verdict.entry["counters"] | self._clock.counters.found
+        return Verdict({**verdict.entry, "counters": counters}, verdict.series)
+
+    def _take(self, frames: Iterable[Frame]) -> None:
+        for frame in frames:
+            for event in self.monitor.take(frame):
+                self._tell(event)
+
+    def _tell(self, event: BlockEvent) -> None:
+        if self._on_code is None or not isinstance(event, DtcChanged) or not event.dtc.state:
+            return
+        judging = self.monitor.judging
+        monitor = judging.pipeline.monitor
+        begin_ns = judging.collector.begin_ns
+        entry = dtc_entry(event.dtc, begin_ns, monitor.probability(event.dtc.fault))
+        try:
+            self._on_code(Code(**{**entry, "also": tuple(entry.get("also", ()))}))
+        except Exception:
+            _LOG.exception("on_code failed")

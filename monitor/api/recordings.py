@@ -1,0 +1,109 @@
+"""Drives on disk and drives in arrays to verdicts."""
+
+from collections.abc import Mapping, Sequence
+from contextlib import closing, nullcontext
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from monitor.api.verdict import Verdict
+from monitor.base import config as settings
+from monitor.base.errors import UsageError
+from monitor.grid.tables import checked_columns, make_table
+from monitor.memory.store import Memory
+from monitor.model.step import Model
+from monitor.pipeline.recordings import RecordingReader
+from monitor.report import replay as replays
+
+Buses = Sequence[tuple[str | Path, str | Path]]
+ARRAYS: Final = Path("arrays")  # the name of a drive without a file
+
+
+def load_model(path: str | Path | None = None) -> Model:
+    """Return a model file, checked, or the shipped model without a path.
+
+    Its ``card`` says inputs, output, sample period, limits and training recordings; ``reset``,
+    ``step`` and ``run_batch`` predict.
+    Raises ModelError if the file is none, or card and graph disagree.
+
+    >>> model = load_model()
+    >>> model.card.output.name, model.card.period_ns / 1e9
+    ('lambda_measured', 0.1)
+    """
+    return Model.load(path or replays.shipped_model())
+
+
+def set_up(
+    model: str | Path | Model | None = None,
+    buses: Buses = (),
+    columns: str | Path | None = None,
+    config: str | Path | None = None,
+) -> replays.Setup:
+    """Return what drives are judged with; parameters as in ``replay``."""
+    return replays.set_up(
+        model if isinstance(model, Model) else load_model(model),
+        [(Path(dbc), Path(signal_map)) for dbc, signal_map in buses],
+        settings.load(Path(config) if config else None),
+        checked_columns(Path(columns)) if columns else None,
+    )
+
+
+def replay(
+    recording: str | Path | Mapping[str, Any],
+    *,
+    model: str | Path | Model | None = None,
+    buses: Buses = (),
+    columns: str | Path | None = None,
+    config: str | Path | None = None,
+    memory: str | Path | None = None,
+    series: bool = False,
+) -> Verdict:
+    """Judge one drive as fast as possible, as ``o2mon replay`` does.
+
+    recording : a CAN log, table or logger's file; or columns of equal length by name, with
+        ``time_s`` among them: a dict of arrays, a polars or a pandas frame
+    model : a model file or ``load_model``'s; default the shipped model
+    buses : pairs of DBC and signal map for CAN logs; default the project's own ECU
+    columns : columns map or profile of a table, or a shipped profile's name
+    config : TOML file that changes the shipped settings
+    memory : fault memory to go on from and to store into; without one both are empty
+    series : keep measurement and prediction in ``Verdict.series``
+    Raises O2Error with one line that names the file or signal, what came and what is wanted.
+
+    >>> import numpy as np
+    >>> from monitor import load_model
+    >>> card = load_model().card
+    >>> columns = {name: np.full(900, 1.0) for name in (*card.input_names, card.output.name)}
+    >>> verdict = replay({"time_s": np.arange(900) / 10, **columns})
+    >>> verdict.has_fault, [code.code for code in verdict.codes]  # it never moves
+    (True, ['P0134'])
+    """
+    setup = set_up(model, buses, columns, config)
+    held = Memory(Path(memory), hold=True) if memory else None
+    with closing(held) if held else nullcontext():
+        if isinstance(recording, str | Path):
+            entry, trace = replays.replay(Path(recording), setup, held, trace=series)
+        else:
+            reader = RecordingReader(setup.bus_map, setup.model.card)
+            opened = reader.table(make_table(ARRAYS, *_cells(recording), None))
+            entry, trace = replays.judged(opened, None, setup, held, trace=series)
+    return Verdict(entry, trace)
+
+
+def _cells(columns: Any) -> tuple[list[str], Any]:
+    """Return the names and the cells, (n, n_columns), of columns by name, time first."""
+    names = [str(name) for name in (columns.columns if hasattr(columns, "columns") else columns)]
+    if "time_s" not in names:
+        raise UsageError(f"no column time_s, there are {', '.join(names)}")
+    names.sort(key=lambda name: name != "time_s")
+    arrays = []
+    for name in names:
+        try:
+            arrays.append(np.asarray(columns[name], dtype=np.float64))
+        except (TypeError, ValueError):
+            raise UsageError(f"column {name}: numbers are wanted") from None
+    lengths = {len(array) if array.ndim == 1 else -1 for array in arrays}
+    if len(lengths) > 1 or -1 in lengths:
+        raise UsageError("columns of one length and one dimension are wanted")
+    return names, np.column_stack(arrays)

@@ -1,0 +1,100 @@
+"""A drive while it is driven: frames one by one."""
+
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import can
+
+from monitor.api.recordings import Buses, set_up
+from monitor.api.verdict import Verdict
+from monitor.base.errors import RecordingError
+from monitor.base.types import Frame
+from monitor.bus.judging import Judging
+from monitor.frames.logs import frame_of
+from monitor.frames.loop_frames import is_own
+from monitor.memory.store import Memory
+from monitor.model.step import Model
+from monitor.pipeline.events import BlockEvent
+from monitor.report.replay import frame_counters
+
+
+class Monitor:
+    """Judges one sensor from CAN frames in the order of their time.
+
+    Time comes with the frames; a clock is never asked. A frame that cannot be used is counted.
+
+    model, buses, config, memory : as in ``replay``
+    series : keep measurement and prediction in ``Verdict.series``, the latest five hours at 10 Hz
+    Raises O2Error with one line that says what cannot be used.
+
+    >>> import can
+    >>> with Monitor() as monitor:
+    ...     events = monitor.push(can.Message(timestamp=0.0, arbitration_id=0x123, data=b"1"))
+    ...     monitor.verdict.is_judged
+    False
+    """
+
+    def __init__(
+        self,
+        model: str | Path | Model | None = None,
+        *,
+        buses: Buses = (),
+        config: str | Path | None = None,
+        memory: str | Path | None = None,
+        series: bool = False,
+    ) -> None:
+        self.setup = set_up(model, buses, None, config)
+        self._memory = Memory(Path(memory), hold=True) if memory else None
+        self.notes: list[str] = []  # about the fault memory
+        self.judging = Judging(self.setup, self._memory, trace=series, say=self.notes.append)
+        self.skipped = 0  # error frames, remote frames, and frames of the monitor's own identifiers
+        self._has_begun = False
+
+    def push(self, message: can.Message | Frame) -> list[BlockEvent]:
+        """Take one message and return what it causes: ticks, windows, changes of codes."""
+        if isinstance(message, Frame):
+            frame = message
+        elif message.is_error_frame or message.is_remote_frame:
+            self.skipped += 1
+            return []
+        else:
+            frame = frame_of(message)
+        if is_own(frame):
+            self.skipped += 1
+            return []
+        return list(self.take(frame))
+
+    def take(self, frame: Frame) -> Iterator[BlockEvent]:
+        """Yield what a frame causes, be it one of the bus or a time mark; take all of it."""
+        return self.judging.push(frame)
+
+    @property
+    def verdict(self) -> Verdict:
+        """Return the verdict so far."""
+        collector = self.judging.collector
+        counters = frame_counters(self.judging.pipeline) | {"skipped": self.skipped}
+        return Verdict(self.judging.result("bus", counters), collector.trace())
+
+    def close(self) -> None:
+        """Store and close the fault memory; the verdict can still be read."""
+        memory, self._memory = self._memory, None
+        if memory is not None:
+            self.judging.close()
+            with suppress(RecordingError):
+                memory.close()
+
+    def __enter__(self) -> Self:
+        """Return the monitor."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close it."""
+        self.close()

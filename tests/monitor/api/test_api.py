@@ -1,0 +1,176 @@
+"""The Python API says what the command says."""
+
+import json
+import logging
+import subprocess
+import sys
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+import can
+import numpy as np
+import polars as pl
+import pytest
+
+import monitor
+from monitor import Code, Monitor, O2Error, OxygenSensorMonitor, load_model, replay
+from monitor.cli import main
+from monitor.grid.tables import read_table
+from monitor.report.sinks import rounded
+from tests.conftest import ROOT
+
+LATE = ROOT / "replay_logs" / "delay_symmetric_micro_trips_v108_s112.blf"
+CODES = ("P015A", "P015B")
+
+
+@cache
+def messages() -> list[can.Message]:
+    """Return the log up to ten seconds behind its codes."""
+    every = list(can.LogReader(LATE))
+    return [message for message in every if message.timestamp < every[0].timestamp + 40.0]
+
+
+def test_a_log_has_the_verdict_of_the_command(tmp_path: Path) -> None:
+    out = tmp_path / "result.json"
+    assert main(["replay", str(LATE), "--json", str(out), "--quiet"]) == 1
+    told = json.loads(out.read_text())["recordings"][0]
+    verdict = replay(LATE)
+    assert verdict.to_dict() == told
+    assert [code.code for code in verdict.codes] == list(CODES)
+    assert verdict.has_fault
+    assert verdict.is_judged
+    assert "P015A delay_symmetric" in str(verdict)
+
+
+def test_arrays_and_frames_have_the_verdict_of_the_table_they_come_from(tmp_path: Path) -> None:
+    card = load_model().card
+    t_s = np.arange(1200) / 10
+    rng = np.random.default_rng(3)
+    columns = {name: rng.uniform(0.9, 1.1, 1200) for name in card.input_names}
+    columns[card.output.name] = np.ones(1200)
+    drive = {**columns, "time_s": t_s}
+    path = tmp_path / "drive.csv"
+    pl.DataFrame({"time_s": t_s, **columns}).write_csv(path)
+    from_file = replay(path, series=True)
+    assert from_file.has_fault  # a sensor that never moves
+    for recording in (drive, pl.DataFrame(drive)):
+        verdict = replay(recording, series=True)
+        assert verdict.codes == from_file.codes
+        assert verdict.entry["windows"] == from_file.entry["windows"]
+        np.testing.assert_array_equal(verdict.series.predicted, from_file.series.predicted)
+    assert read_table(path).names == tuple(columns)
+
+
+@pytest.mark.parametrize(
+    ("columns", "says"),
+    [
+        ({"lambda_measured": [1.0]}, "no column time_s"),
+        ({"time_s": [0.0, 1.0], "lambda_measured": [1.0]}, "one length"),
+        ({"time_s": [0.0], "lambda_measured": ["one"]}, "column lambda_measured: numbers"),
+        ({"time_s": [0.0, 0.1], "lambda_measured": [1.0, 1.0]}, "the model needs air_mass_mg"),
+    ],
+)
+def test_arrays_that_cannot_be_judged_are_named(
+    columns: dict[str, list[object]], says: str
+) -> None:
+    with pytest.raises(O2Error, match=says):
+        replay(columns)
+
+
+def test_frames_one_by_one_give_the_codes_of_the_log() -> None:
+    with Monitor(series=True) as live:
+        for message in messages():
+            live.push(message)
+        live.push(can.Message(is_error_frame=True))
+        verdict = live.verdict
+    assert [(code.code, code.t_s) for code in verdict.codes] == [
+        (code.code, code.t_s) for code in replay(LATE).codes
+    ]
+    assert verdict.entry["counters"]["skipped"] == 1
+    assert verdict.to_polars().columns == ["t_s", "measured", "predicted", "enabled", "fault_flag"]
+    assert len(verdict.windows_to_polars()) == len(verdict.entry["windows"])
+
+
+def listen(listener: OxygenSensorMonitor, now: Callable[[float], None]) -> None:
+    for message in messages():
+        now(message.timestamp)
+        listener.on_message_received(message)
+
+
+class Clock:
+    """A monotonic clock that the test sets."""
+
+    now_s = 0.0
+
+    def set(self, t_s: float) -> None:
+        self.now_s = t_s
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+def test_a_listener_of_python_can_tells_codes_as_they_come() -> None:
+    clock, told = Clock(), list[Code]()
+    listener = OxygenSensorMonitor(on_code=told.append, monotonic_s=clock)
+    listen(listener, clock.set)
+    assert [(code.code, code.state) for code in told] == [(code, "pending") for code in CODES]
+    assert told[0] == listener.verdict.codes[0]
+
+
+def test_a_listener_hears_a_bus_fall_silent_by_its_ticks() -> None:
+    clock, told = Clock(), list[Code]()
+    listener = OxygenSensorMonitor(on_code=told.append, monotonic_s=clock)
+    listen(listener, clock.set)
+    end_s = clock.now_s
+    for k in range(60):
+        clock.set(end_s + 0.5 * k)
+        listener.tick()
+    assert "U0100" in [code.code for code in told]
+
+
+def test_an_error_of_the_user_s_function_ends_no_notifier(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    def fail(code: Code) -> None:
+        raise ValueError(code.code)
+
+    clock = Clock()
+    listener = OxygenSensorMonitor(on_code=fail, monotonic_s=clock)
+    with caplog.at_level(logging.ERROR, logger="o2_monitor"):
+        listen(listener, clock.set)
+    assert [code.code for code in listener.verdict.codes] == list(CODES)
+    assert len(caplog.records) == len(CODES)
+
+
+def test_a_notifier_feeds_the_listener_and_closes_its_memory(tmp_path: Path) -> None:
+    memory = tmp_path / "o2.db"
+    with (
+        can.Bus("api", interface="virtual") as ear,
+        can.Bus("api", interface="virtual") as mouth,
+    ):
+        listener = OxygenSensorMonitor(memory=memory)
+        notifier = can.Notifier(ear, [listener], timeout=0.01)
+        for message in messages()[:200]:
+            mouth.send(message)
+        mouth.send(can.Message(arbitration_id=0x7FF, data=b"end"))
+        while listener.verdict.entry["counters"]["unmapped"] == 0:
+            pass
+        notifier.stop()
+    verdict = replay(LATE, memory=memory)  # nobody holds it any more
+    assert verdict.entry["memory"]["state"] == "ok"
+    assert verdict.has_fault
+
+
+def test_a_result_is_plain_data() -> None:
+    verdict = replay(LATE)
+    assert json.loads(json.dumps(verdict.to_dict())) == rounded(dict(verdict.entry))
+
+
+def test_importing_the_package_loads_no_library() -> None:
+    code = "import sys, monitor; print(*sorted({'numpy', 'can', 'onnxruntime'} & set(sys.modules)))"
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert ran.stdout.strip() == ""
+    assert {"replay", "Monitor"} <= set(dir(monitor))
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = monitor.nothing
