@@ -29,6 +29,7 @@ MARKS = {
     "kernel": ("run_with_vcan",),
     "browser": ("browser",),
     "trains": (
+        "training/api",
         "training/fleet",
         "training/gap",
         "training/greybox",

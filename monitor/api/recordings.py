@@ -5,19 +5,17 @@ from contextlib import closing, nullcontext
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
-
 from monitor.api.verdict import Verdict
 from monitor.base import config as settings
-from monitor.base.errors import UsageError
-from monitor.grid.tables import checked_columns, make_table
+from monitor.grid.arrays import table_of
+from monitor.grid.tables import checked_columns
 from monitor.memory.store import Memory
 from monitor.model.step import Model
 from monitor.pipeline.recordings import RecordingReader
 from monitor.report import replay as replays
 
 Buses = Sequence[tuple[str | Path, str | Path]]
-ARRAYS: Final = Path("arrays")  # the name of a drive without a file
+ARRAYS: Final = "arrays"  # the name of a drive without a file
 
 
 def load_model(path: str | Path | None = None) -> Model:
@@ -86,24 +84,6 @@ def replay(
             entry, trace = replays.replay(Path(recording), setup, held, trace=series)
         else:
             reader = RecordingReader(setup.bus_map, setup.model.card)
-            opened = reader.table(make_table(ARRAYS, *_cells(recording), None))
+            opened = reader.table(table_of(recording, ARRAYS))
             entry, trace = replays.judged(opened, None, setup, held, trace=series)
     return Verdict(entry, trace)
-
-
-def _cells(columns: Any) -> tuple[list[str], Any]:
-    """Return the names and the cells, (n, n_columns), of columns by name, time first."""
-    names = [str(name) for name in (columns.columns if hasattr(columns, "columns") else columns)]
-    if "time_s" not in names:
-        raise UsageError(f"no column time_s, there are {', '.join(names)}")
-    names.sort(key=lambda name: name != "time_s")
-    arrays = []
-    for name in names:
-        try:
-            arrays.append(np.asarray(columns[name], dtype=np.float64))
-        except (TypeError, ValueError):
-            raise UsageError(f"column {name}: numbers are wanted") from None
-    lengths = {len(array) if array.ndim == 1 else -1 for array in arrays}
-    if len(lengths) > 1 or -1 in lengths:
-        raise UsageError("columns of one length and one dimension are wanted")
-    return names, np.column_stack(arrays)

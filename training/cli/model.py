@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from monitor.model.card import ModelCard
-    from training.greybox.model import GreyboxResult
     from training.narx.fit import FitResult
     from training.recordings.recording import Recording
 
@@ -185,26 +184,32 @@ def run_fit(args: argparse.Namespace) -> int:
 
     Raises UsageError or RecordingError (exit code 2).
     """
-    from training.greybox import fit_page
-    from training.narx import training_page
+    from tqdm import tqdm
+
+    from training.api.models import completed
     from training.narx.fit import FitResult
     from training.recordings.recording import check_each_once
 
     report = _check_fit(args)
     recordings = load_all(args, args.recordings, args.period)
     check_each_once(recordings)
-    result = _narx(args, recordings) if args.kind == "narx" else greybox.fit(args, recordings)
-    _keep_profile(args, result.path)
-    warnings = (*_set_limits(result, recordings), *_set_reference(result, recordings))
-    for warning in (*result.warnings, *warnings):
+    outcome = _narx(args, recordings) if args.kind == "narx" else greybox.fit(args, recordings)
+    with tqdm(unit="step", leave=False, disable=None) as bar:
+
+        def progress(text: str) -> None:
+            bar.set_description_str(text)
+            bar.update()
+
+        fitted = completed(outcome, recordings, args.columns, progress)
+    _print_limits(fitted.card)
+    for warning in fitted.warnings:
         print(f"o2train: warning: {warning}", file=sys.stderr)
-    if isinstance(result, FitResult):
-        _print_fit(result)
-        training_page.write_report(report, result)
+    if isinstance(outcome, FitResult):
+        _print_fit(outcome)
     else:
-        greybox.print_fit(result)
-        fit_page.write_report(report, result)
-    _print_measures(result.card)
+        greybox.print_fit(outcome)
+    fitted.write_report(report)
+    _print_measures(fitted.card)
     print(f"report: {report}")
     return 0
 
@@ -263,55 +268,11 @@ def _narx(args: argparse.Namespace, recordings: "list[Recording]") -> "FitResult
         )
 
 
-def _keep_profile(args: argparse.Namespace, path: Path) -> None:
-    """Write a given profile into the model card, so that the next log needs no option."""
-    from dataclasses import replace
-
-    from monitor.frames.profiles.profile import is_profile, load_profile, path_of, tree_of
-    from monitor.model.step import Model
-    from training.narx.export import update_card
-
-    if args.columns is not None and is_profile(path_of(args.columns)):
-        profile = tree_of(load_profile(path_of(args.columns)))
-        update_card(path, replace(Model.load(path).card, profile=profile))
-
-
-def _set_limits(result: "FitResult | GreyboxResult", recordings: "list[Recording]") -> list[str]:
-    """Set the decision limits from the held-out blocks; return warnings."""
-    from monitor.base import config
-    from monitor.base.errors import RecordingError
-    from training.limits.decision_limits import MANY_WINDOWS, set_limits
-
-    try:
-        card, n_windows = set_limits(result.path, recordings, result.held_out, config.load())
-    except RecordingError as error:
-        return [f"no decision limits: {error}"]
+def _print_limits(card: "ModelCard") -> None:
     for name, limit in card.limits.items():
         print(f"limit {name}: {limit.value:.4g} {limit.unit} ({limit.origin})")
-    if n_windows < MANY_WINDOWS:
-        return [
-            f"the decision limits rest on {n_windows} windows, {MANY_WINDOWS} and more are wanted: "
-            "a healthy drive may be judged faulty; train on more or longer drives"
-        ]
-    return []
-
-
-def _set_reference(result: "FitResult | GreyboxResult", recordings: "list[Recording]") -> list[str]:
-    """Store the healthy reference for ``o2train gap`` in the model card; return warnings."""
-    from tqdm import tqdm
-
-    from training.gap.reference import set_reference
-
-    with tqdm(unit="step", leave=False, disable=None) as bar:
-
-        def progress(text: str) -> None:
-            bar.set_description_str(text)
-            bar.update()
-
-        card, warning = set_reference(result.path, recordings, progress)
     if learned := card.reference.get("gap"):
         print(f"healthy reference of o2train gap: {len(learned['recordings'])} recordings")
-    return [warning] if warning else []
 
 
 def _print_fit(result: "FitResult") -> None:

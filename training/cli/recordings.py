@@ -149,26 +149,15 @@ def load_all(
     Raises RecordingError or UsageError; the message names the file and the reason.
     """
     from monitor.model.step import Model
-    from training.recordings.recording import load
+    from training.api.recordings import load_recordings
 
-    of_model = Model.load(args.model).card.profile if getattr(args, "model", None) else None
-
-    def read(path: Path, period_s: float | None) -> "Recording":
-        return load(
-            path,
-            period_s=period_s,
-            pairs=pairs_of(args),
-            columns=args.columns,
-            of_model=of_model,
-        )
-
-    found = [read(path, period_s) for path in paths]
-    widest_ns = max((each.period_ns for each in found), default=0)
-    if period_s is None and any(each.profile and each.period_ns != widest_ns for each in found):
-        found = [
-            each if each.period_ns == widest_ns else read(each.path, widest_ns / 1e9)
-            for each in found
-        ]
+    found = load_recordings(
+        paths,
+        period_s=period_s,
+        buses=pairs_of(args),
+        columns=args.columns,
+        of_model=Model.load(args.model).card.profile if getattr(args, "model", None) else None,
+    )
     tell_notes(found)
     return found
 

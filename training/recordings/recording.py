@@ -21,6 +21,7 @@ from monitor.base.types import FloatArray, IntArray, Quality, QualityArray, Samp
 from monitor.decode.block_decoder import BlockDecoder
 from monitor.decode.bus_map import BusMap, load_pairs
 from monitor.frames.log_blocks import read_blocks
+from monitor.grid.arrays import table_of
 from monitor.grid.block_assembler import BlockAssembler, assemble_arrays
 from monitor.grid.block_samples import log_samples, whole
 from monitor.grid.tables import (
@@ -126,6 +127,34 @@ def load(
     t_s = (block.t_ns - block.t_ns[0]) / 1e9
     return Recording(
         path, sha256(path), period_ns, t_s, got, block.values, block.quality, profile, notes
+    )
+
+
+def of_columns(columns: Any, name: str, period_s: float | None = None) -> Recording:
+    """Return columns in memory as a recording.
+
+    columns : dict of arrays, or a frame of polars or pandas, with ``time_s`` among them
+    name : of the recording in results and messages
+    period_s : as in ``load``
+    Raises RecordingError naming the recording and what is wrong.
+    """
+    table = table_of(columns, name)
+    check_rows(table.path, table.t_ns)
+    names, period_ns, block = _from_table(
+        table, None, None if period_s is None else round(period_s * 1e9)
+    )
+    content = hashlib.sha256(json.dumps(table.names).encode())
+    content.update(table.t_ns.tobytes())
+    content.update(table.values.tobytes())
+    return Recording(
+        table.path,
+        content.hexdigest(),
+        period_ns,
+        (block.t_ns - block.t_ns[0]) / 1e9,
+        names,
+        block.values,
+        block.quality,
+        notes=table.notes.lines,
     )
 
 

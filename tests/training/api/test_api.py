@@ -1,0 +1,99 @@
+"""The Python API of the offline part says what the command says."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+import training
+from monitor import O2Error, replay
+from monitor.base.signals import OUTPUT
+from training import estimate_tables, evaluate, find_gap, fit, load_recordings
+from training.cli import main
+from training.recordings.table_files import write_table
+
+INPUTS = ("fuel", "air")
+QUICK = {"lags": 3, "hidden": (4,), "starts": 1, "budget_minutes": 0.1, "threads": 1}
+
+
+def drive_of(seed: int, n: int = 3500) -> dict[str, np.ndarray]:
+    """Return a drive of a lambda that follows two inputs with a lag, no car's."""
+    rng = np.random.default_rng(seed)
+    fuel = np.repeat(rng.uniform(0.0, 1.0, n // 7), 7)
+    air = np.repeat(rng.uniform(0.0, 1.0, n // 14), 14)
+    level, reading = np.empty(n), 1.0
+    for t in range(n):
+        k = max(t - 2, 0)
+        reading += 0.4 * (1.0 / (0.95 + 0.1 * fuel[k] * (1.2 - 0.4 * air[k])) - reading)
+        level[t] = reading + 0.001 * rng.standard_normal()
+    return {"time_s": np.arange(n) / 10, "fuel": fuel, "air": air, OUTPUT: level}
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("api") / "level.onnx"
+    drives = [drive_of(1), pl.DataFrame(drive_of(2)), drive_of(3)]
+    fitted = fit(drives, out, inputs=INPUTS, **QUICK)
+    told = fitted.to_dict()
+    assert told["inputs"] == list(INPUTS)
+    assert told["fit"]["test"]["correlation"] > 0.9
+    assert json.loads(json.dumps(told)) == told
+    fitted.write_report(out.with_suffix(".html"))
+    assert "fuel" in out.with_suffix(".html").read_text()
+    return out
+
+
+def test_a_model_of_arrays_is_evaluated_as_by_the_command(model: Path, tmp_path: Path) -> None:
+    drive, path, out = drive_of(4), tmp_path / "drive.csv", tmp_path / "figures.json"
+    names = (*INPUTS, OUTPUT)
+    write_table(path, drive["time_s"], names, np.column_stack([drive[name] for name in names]))
+    assert main(["evaluate", "--model", str(model), str(path), "--json", str(out)]) == 0
+    told = json.loads(out.read_text())
+    read = evaluate(model, path)
+    assert read.to_dict() == told
+    of_arrays = evaluate(model, drive).recordings[0]
+    assert of_arrays["rmse"] == pytest.approx(told["recordings"][0]["rmse"], rel=1e-6)
+    assert read.to_polars()["samples"].to_list() == [told["recordings"][0]["samples"]]
+
+
+def test_a_drive_is_judged_with_the_new_model(model: Path) -> None:
+    verdict = replay(drive_of(5), model=model, series=True)
+    assert np.isfinite(verdict.columns()["predicted"]).mean() > 0.9
+    assert not verdict.has_fault
+
+
+def test_a_gap_is_looked_for_in_any_output(model: Path, tmp_path: Path) -> None:
+    wrong = [drive_of(seed) for seed in (6, 7)]
+    for each in wrong:
+        each[OUTPUT] = each[OUTPUT] + 0.04 * each["fuel"]
+    gap = find_gap(model, wrong, tmp_path / "gap", healthy=[drive_of(8), drive_of(9)])
+    assert gap.verdict != "no_gap"
+    assert gap.model is None
+    gap.write_report(tmp_path / "gap.html")
+    assert json.loads(json.dumps(gap.to_dict()))["verdict"] == gap.verdict
+
+
+@pytest.mark.parametrize(
+    ("call", "says"),
+    [
+        (lambda out: fit([drive_of(1)], out / "model.txt", inputs=INPUTS), "ends in .onnx"),
+        (lambda out: fit([drive_of(1), drive_of(1)], out / "m.onnx", inputs=INPUTS), "the same as"),
+        (lambda out: load_recordings({OUTPUT: [1.0]}), "recording 0: no column time_s"),
+        (lambda out: load_recordings(out / "none.csv"), "none.csv"),
+        (lambda out: estimate_tables(drive_of(1)), "lambda_measured|engine_speed_rpm"),
+        (lambda out: find_gap(out / "m.onnx", [], out, add=["wings"]), "'wings' is unknown"),
+    ],
+)
+def test_what_cannot_be_used_is_named(call: object, says: str, tmp_path: Path) -> None:
+    assert callable(call)
+    with pytest.raises(O2Error, match=says):
+        call(tmp_path)
+
+
+def test_public_names_are_there() -> None:
+    for name in training.__all__:
+        assert getattr(training, name).__doc__
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = training.nothing

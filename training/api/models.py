@@ -1,0 +1,186 @@
+"""Fit a model and evaluate it."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Literal
+
+from monitor.base import config
+from monitor.base.errors import RecordingError, UsageError
+from monitor.base.signals import OUTPUT
+from monitor.frames.profiles.profile import is_profile, load_profile, path_of, tree_of
+from monitor.model.card import ModelCard
+from monitor.model.step import Model
+from training.api.recordings import Given, load_recordings
+from training.gap.reference import set_reference
+from training.greybox import fit_page
+from training.greybox.model import GreyboxResult, fit_greybox
+from training.limits.decision_limits import MANY_WINDOWS, set_limits
+from training.narx import training_page
+from training.narx.export import update_card
+from training.narx.fit import FitResult
+from training.narx.fit import fit as fit_narx
+from training.recordings.input_choice import choose_inputs
+from training.recordings.recording import Pairs, Recording, check_each_once
+from training.studies.evaluation import evaluate as evaluated
+
+FitOutcome = FitResult | GreyboxResult
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fit:
+    """A fitted model: its file, its card with limits and healthy reference, and its training."""
+
+    card: ModelCard
+    outcome: FitOutcome
+    warnings: tuple[str, ...]
+
+    @property
+    def path(self) -> Path:
+        """Return the model file."""
+        return self.outcome.path
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return path, kind, inputs, errors on held-out samples, limits and warnings."""
+        return {
+            "path": str(self.path),
+            "kind": self.card.kind,
+            "inputs": list(self.card.input_names),
+            "output": self.card.output.name,
+            "period_s": self.card.period_ns / 1e9,
+            "fit": {part: dict(figures) for part, figures in self.card.fit.items()},
+            "limits": {name: limit.value for name, limit in self.card.limits.items()},
+            "warnings": list(self.warnings),
+        }
+
+    def write_report(self, path: str | Path) -> None:
+        """Write the page that ``o2train fit`` writes."""
+        if isinstance(self.outcome, FitResult):
+            training_page.write_report(Path(path), self.outcome)
+        else:
+            fit_page.write_report(Path(path), self.outcome)
+
+
+def fit(
+    recordings: Given | Sequence[Given],
+    out: str | Path,
+    *,
+    kind: Literal["narx", "greybox"] = "narx",
+    inputs: Sequence[str] | None = None,
+    output: str = OUTPUT,
+    validate: Given | Sequence[Given] = (),
+    period_s: float | None = None,
+    buses: Pairs | None = None,
+    columns: str | Path | None = None,
+    seed: int = 0,
+    **shape: Any,
+) -> Fit:
+    """Train a model on drives of a healthy vehicle and write it, with its limits, as ``out``.
+
+    recordings, validate, period_s, buses, columns : as in ``load_recordings``; ``validate`` chooses
+        and stops the training and is not trained on, by default held-out blocks do
+    out : the ``.onnx`` file to write
+    kind : a network, or the physical chain
+    inputs : default the paper's where all recordings have them, else chosen from what there is
+    output : signal to predict
+    shape : of a network: ``lags``, ``hidden``, ``starts``, ``budget_minutes`` (10), ``threads``,
+        ``transforms``, ``progress`` as in ``training.narx.fit.fit``
+    Raises O2Error with one line that names what cannot be used.
+    """
+    if Path(out).suffix != ".onnx":
+        raise UsageError(f"{out}: a model file ends in .onnx")
+    how: dict[str, Any] = {"period_s": period_s, "buses": buses, "columns": columns}
+    drives = load_recordings(recordings, **how)
+    judges = load_recordings(validate, **how)
+    check_each_once(drives)
+    outcome: FitOutcome
+    if kind == "greybox":
+        outcome = fit_greybox(
+            drives, out, inputs=inputs, output=output, seed=seed, validate=judges, **shape
+        )
+    else:
+        chosen = tuple(inputs) if inputs else choose_inputs((*drives, *judges), output)
+        outcome = fit_narx(drives, chosen, output, out, seed=seed, validate=judges, **shape)
+    return completed(outcome, drives, columns)
+
+
+def completed(
+    outcome: FitOutcome,
+    recordings: Sequence[Recording],
+    columns: str | Path | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Fit:
+    """Put profile, decision limits and healthy reference into the card of a new model."""
+    _keep_profile(outcome.path, columns)
+    limits = _set_limits(outcome, recordings)
+    card, warning = set_reference(outcome.path, recordings, progress)
+    reference = [warning] if warning else []
+    return Fit(card=card, outcome=outcome, warnings=(*outcome.warnings, *limits, *reference))
+
+
+def _keep_profile(path: Path, columns: str | Path | None) -> None:
+    """Write a given profile into the model card, so that the next log needs no option."""
+    if columns is not None and is_profile(path_of(Path(columns))):
+        profile = tree_of(load_profile(path_of(Path(columns))))
+        update_card(path, replace(Model.load(path).card, profile=profile))
+
+
+def _set_limits(outcome: FitOutcome, recordings: Sequence[Recording]) -> list[str]:
+    """Set the decision limits from the held-out blocks; return warnings."""
+    try:
+        _, n_windows = set_limits(outcome.path, recordings, outcome.held_out, config.load())
+    except RecordingError as error:
+        return [f"no decision limits: {error}"]
+    if n_windows < MANY_WINDOWS:
+        return [
+            f"the decision limits rest on {n_windows} windows, {MANY_WINDOWS} and more are wanted: "
+            "a healthy drive may be judged faulty; train on more or longer drives"
+        ]
+    return []
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluation:
+    """The errors of a model on recordings; ``entry`` is ``o2train.evaluate/1``."""
+
+    entry: Mapping[str, Any]
+
+    @property
+    def recordings(self) -> list[Mapping[str, Any]]:
+        """Return the figures of each recording, in the output's unit."""
+        return list(self.entry["recordings"])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return ``o2train.evaluate/1`` as plain dicts and lists."""
+        return dict(self.entry)
+
+    def to_polars(self) -> Any:
+        """Return one row per recording as a ``polars.DataFrame``, without the enabled samples."""
+        rows = [{k: v for k, v in each.items() if k != "enabled"} for each in self.recordings]
+        return import_module("polars").DataFrame(rows, infer_schema_length=None)
+
+
+def evaluate(
+    model: str | Path,
+    recordings: Given | Sequence[Given],
+    *,
+    washout: int | None = None,
+    buses: Pairs | None = None,
+    columns: str | Path | None = None,
+) -> Evaluation:
+    """Return a model's errors on recordings, in free run and one step ahead.
+
+    washout : first samples, which set the state and are not scored; default the longest lag
+    Other parameters as in ``load_recordings``.
+    Raises O2Error with one line that names what cannot be used.
+    """
+    card = Model.load(model).card
+    drives = load_recordings(
+        recordings,
+        period_s=card.period_ns / 1e9,
+        buses=buses,
+        columns=columns,
+        of_model=card.profile,
+    )
+    return Evaluation(evaluated(model, drives, washout))

@@ -1,0 +1,131 @@
+"""Find the effect that a model lacks, and estimate an ECU's tables."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from monitor.base.errors import UsageError
+from monitor.model.step import Model
+from training.api.recordings import Given, load_recordings
+from training.ecu_tables import config, fit, signals, tables
+from training.ecu_tables.msq import read_axes
+from training.gap.inputs.roles import Material, options_of
+from training.gap.pages import gap_page
+from training.gap.result import Result, as_json
+from training.gap.workflow import investigate
+from training.greybox.effects import LIBRARY
+from training.recordings.ecu_table import EcuTable, axes_of
+from training.recordings.recording import Pairs, Recording, check_each_once
+
+LOADS = {"kpa": "manifold_pressure_kpa", "mg": "air_mass_mg", None: None}
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """What the gap workflow found; ``entry`` is ``o2train.gap/1`` (docs/reference/json.md)."""
+
+    entry: Mapping[str, Any]
+    result: Result = field(repr=False)
+
+    @property
+    def verdict(self) -> str:
+        """Return named, no_gap, ambiguous, unknown_effect or sensor_fault_suspected."""
+        return str(self.entry["verdict"])
+
+    @property
+    def effects(self) -> list[str]:
+        """Return the names of the effects that were added, or of the ambiguous set."""
+        return [effect["name"] for effect in self.entry["effects"]]
+
+    @property
+    def model(self) -> Path | None:
+        """Return the new model file, None if none was written."""
+        return self.result.new_model
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return ``o2train.gap/1`` as plain dicts and lists."""
+        return dict(self.entry)
+
+    def write_report(self, path: str | Path) -> None:
+        """Write the page that ``o2train gap`` writes."""
+        gap_page.save(self.result, Path(path))
+
+
+def find_gap(
+    model: str | Path,
+    recordings: Given | Sequence[Given],
+    out: str | Path,
+    *,
+    healthy: Given | Sequence[Given] = (),
+    verify: Given | Sequence[Given] = (),
+    steps: int = 2,
+    sensor_known_good: bool = False,
+    add: Sequence[str] = (),
+    retrain_minutes: float = 3.0,
+    period_s: float | None = None,
+    buses: Pairs | None = None,
+    columns: str | Path | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Gap:
+    """Find where a model and recordings disagree, name the effect, add it, verify the new model.
+
+    out : folder for the new ``model.onnx``, made if it is not there
+    healthy : recordings on which the model was accepted; verify : recordings that no fit may see
+    steps : most effects to add; add : effects to add although they may be faults
+    sensor_known_good : the sensor was checked
+    retrain_minutes : for a network with the effect as a further input
+    Other parameters as in ``load_recordings``.
+    Raises O2Error with one line that names what cannot be used.
+    """
+    unknown = [name for name in add if name not in LIBRARY]
+    if unknown:
+        raise UsageError(f"effect {unknown[0]!r} is unknown; there are {', '.join(LIBRARY)}")
+    options = options_of(steps, sensor_known_good, add, retrain_minutes)
+    card = Model.load(model).card
+
+    def read(given: Given | Sequence[Given]) -> list[Recording]:
+        return load_recordings(
+            given,
+            period_s=period_s if period_s is not None else card.period_ns / 1e9,
+            buses=buses,
+            columns=columns,
+            of_model=card.profile,
+        )
+
+    material = Material(Path(model), read(recordings), read(healthy), read(verify))
+    folder = Path(out)
+    folder.mkdir(parents=True, exist_ok=True)
+    result = investigate(material, folder, options, progress=progress)
+    return Gap(as_json(result), result)
+
+
+def estimate_tables(
+    recordings: Given | Sequence[Given],
+    *,
+    axes: str | Path | None = None,
+    load: Literal["kpa", "mg"] | None = None,
+    displacement_l: float | None = None,
+    period_s: float | None = None,
+    buses: Pairs | None = None,
+    columns: str | Path | None = None,
+) -> list[EcuTable]:
+    """Estimate an ECU's tables from recordings of one car, as ``o2train tables`` does.
+
+    axes : TunerStudio tune (``.msq``) whose axes are used
+    load : load axis, default pressure if the recordings have it
+    displacement_l : in litres
+    Other parameters as in ``load_recordings``; recordings with several periods take the slowest.
+    Returns one ``EcuTable`` per table: ``estimate``, ``low`` and ``high`` (90 %) as arrays with one
+    dimension per axis, NaN where nothing was measured.
+    Raises O2Error with one line that names what cannot be used.
+    """
+    how: dict[str, Any] = {"buses": buses, "columns": columns}
+    drives = load_recordings(recordings, period_s=period_s, **how)
+    slowest_ns = max(each.period_ns for each in drives)
+    if any(each.period_ns != slowest_ns for each in drives):
+        drives = load_recordings(recordings, period_s=slowest_ns / 1e9, **how)
+    check_each_once(drives)
+    subject = signals.subject_of(drives, LOADS[load], displacement_l)
+    own = () if axes is None else read_axes(Path(axes))
+    return tables.tables(fit.fit(subject), axes_of(subject.load, *own), config.defaults())
