@@ -40,7 +40,7 @@ SIGNALS: tuple[Signal, ...] = (
     Signal("closed_loop", "-", 0.0, 1.0, "enable"),
     Signal("fuel_cut", "-", 0.0, 1.0, "enable"),
     Signal("sensor_ready", "-", 0.0, 1.0, "enable"),
-    # what other ECUs and loggers have; the project's own ECU sends none of them
+    # what other ECUs and loggers have; the project's own ECU sends only those of the catalyst
     Signal("injector_pulse_width_ms", "ms", 0.0, 100.0, "foreign"),
     Signal("volumetric_efficiency_percent", "%", 0.0, 300.0, "foreign"),
     Signal("lambda_correction_percent", "%", -60.0, 100.0, "foreign"),
@@ -48,6 +48,7 @@ SIGNALS: tuple[Signal, ...] = (
     Signal("pump_current_ma", "mA", -20.0, 20.0, "foreign"),
     Signal("downstream_voltage_v", "V", -0.2, 5.0, "foreign"),
     Signal("catalyst_temperature_degc", "degC", -40.0, 1300.0, "foreign"),
+    Signal("downstream_heater_percent", "%", 0.0, 100.0, "foreign"),
 )
 
 BY_NAME: dict[str, Signal] = {signal.name: signal for signal in SIGNALS}

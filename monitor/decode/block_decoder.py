@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from monitor.base.types import BoolArray, FloatArray, FrameBlock, IntArray
 from monitor.decode.bus_map import BusMap, Channel
 from monitor.decode.checksum import payload_checksums
-from monitor.decode.decoder import EXTENDED, MessageCounters, by_message, counters_of
+from monitor.decode.decoder import EXTENDED, MessageCounters, by_message, counters_of, is_optional
 from monitor.decode.decoder_source import (
     Conditions,
     Member,
@@ -96,8 +96,9 @@ class BlockDecoder:
 
     @property
     def counters(self) -> dict[str, MessageCounters]:
-        """Return the counters by message name."""
-        return {each.plan.name: counters_of(each.counts) for each in self._messages.values()}
+        """Return the counters by message name, of optional messages only if they came."""
+        counters = {each.plan: counters_of(each.counts) for each in self._messages.values()}
+        return {plan.name: c for plan, c in counters.items() if c.received or not plan.is_optional}
 
 
 class Plan:
@@ -105,6 +106,7 @@ class Plan:
 
     def __init__(self, key: int, members: Sequence[Member]) -> None:
         channel = members[0][1]
+        self.is_optional = is_optional(members)
         self.any_source, self.address = channel.any_source, key & 0xFF
         mask = mask_of(key & ~EXTENDED) | EXTENDED if self.any_source else 0xFFFFFFFF
         self.match = np.uint32(mask), np.uint32(key & mask)  # bits of a key, and their value

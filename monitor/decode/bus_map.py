@@ -54,14 +54,15 @@ class BusMap:
     pairs: tuple[Pair, ...]
     channels: dict[str, Channel]  # by canonical or auxiliary name
     derived: dict[str, Derived]
-    names: tuple[str, ...]  # what can be asked for, in the order of the maps
+    names: tuple[str, ...]  # what every vehicle sends, in the order of the maps
+    optional: tuple[str, ...] = ()  # what can be asked for, but not every vehicle sends it
 
     def sources(self, names: Sequence[str]) -> tuple[str, ...]:
         """Return the channels needed for ``names``: those asked for, then what they derive from.
 
         Raises SignalMapError naming what no map provides.
         """
-        missing = [name for name in names if name not in self.names]
+        missing = [name for name in names if name not in (*self.names, *self.optional)]
         if missing:
             files = ", ".join(str(map_path) for _, map_path in self.pairs)
             raise SignalMapError(f"{files}: does not provide {', '.join(missing)}")
@@ -128,6 +129,7 @@ def load_pairs(pairs: Iterable[tuple[str | Path, str | Path]]) -> BusMap:
     channels: dict[str, Channel] = {}
     derived: dict[str, Derived] = {}
     names: dict[str, None] = {}
+    optional: dict[str, None] = {}
     auxiliary: dict[str, Path] = {}
     for dbc, map_path in paths:
         signal_map = load_signal_map(map_path)
@@ -136,16 +138,20 @@ def load_pairs(pairs: Iterable[tuple[str | Path, str | Path]]) -> BusMap:
             if name in auxiliary or name in names:
                 raise SignalMapError(f"{map_path}: {name} is also defined by {auxiliary.get(name)}")
             auxiliary[name] = map_path
-        for mapped in [*signal_map.signals.values(), *signal_map.auxiliary.values()]:
+        both = [*signal_map.signals.values(), *signal_map.optional.values()]
+        for mapped in [*both, *signal_map.auxiliary.values()]:
             derived.pop(mapped.name, None)
             channels[mapped.name] = _channel(mapped, signal_map, database, dbc)
         for name, each in signal_map.derived.items():
             channels.pop(name, None)
             derived[name] = each
         names.update(dict.fromkeys([*signal_map.signals, *signal_map.derived]))
+        optional.update(dict.fromkeys(signal_map.optional))
     _check_overlap(channels)
     _check_derived(channels, derived, paths)
-    return BusMap(paths, channels, derived, tuple(names))
+    return BusMap(
+        paths, channels, derived, tuple(names), tuple(n for n in optional if n not in names)
+    )
 
 
 def _channel(mapped: MappedSignal, signal_map: SignalMap, database: Database, dbc: Path) -> Channel:

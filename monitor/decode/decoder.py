@@ -40,7 +40,7 @@ class Decoder:
     """Decodes the frames that carry ``names``; everything else is skipped and counted.
 
     bus_map : what the bus provides
-    names : canonical signals wanted, any subset of ``bus_map.names``
+    names : canonical signals wanted, any of ``bus_map.names`` and ``bus_map.optional``
     Raises SignalMapError if a name is not provided or a protected signal does not fit.
     """
 
@@ -52,6 +52,7 @@ class Decoder:
         self._groups: dict[int, tuple[Sender, Decode]] = {}  # by parameter group
         self._resets: list[Callable[[], None]] = []
         self._counts: dict[str, list[int]] = {}
+        self._optional: set[str] = set()  # messages that not every vehicle sends
         for key, members in by_message(bus_map, self.channels).items():
             counts = [0] * len(Reason)
             decode, reset = build_decoder(members, counts, self.received)
@@ -63,6 +64,8 @@ class Decoder:
                 self._handlers[key] = decode
             self._resets.append(reset)
             self._counts[members[0][1].message.name] = counts
+            if is_optional(members):
+                self._optional.add(members[0][1].message.name)
 
     def receive(self, frame: Frame) -> bool:
         """Add what the frame says to ``received``.
@@ -115,8 +118,9 @@ class Decoder:
 
     @property
     def counters(self) -> dict[str, MessageCounters]:
-        """Return the counters by message name."""
-        return {name: counters_of(counts) for name, counts in self._counts.items()}
+        """Return the counters by message name, of optional messages only if they came."""
+        counters = {name: counters_of(counts) for name, counts in self._counts.items()}
+        return {name: c for name, c in counters.items() if c.received or name not in self._optional}
 
 
 def by_message(bus_map: BusMap, channels: Sequence[str]) -> dict[int, list[Member]]:
@@ -128,6 +132,11 @@ def by_message(bus_map: BusMap, channels: Sequence[str]) -> dict[int, list[Membe
         key = message.frame_id | (EXTENDED if message.is_extended_frame else 0)
         groups.setdefault(key, []).append((index, channel))
     return groups
+
+
+def is_optional(members: Sequence[Member]) -> bool:
+    """Return whether a message carries optional signals alone."""
+    return all(channel.mapped.is_optional for _, channel in members)
 
 
 def counters_of(counts: Sequence[int]) -> MessageCounters:

@@ -11,6 +11,8 @@ A map is a TOML file beside a DBC::
     [messages.NAME]                  # the same keys for one message; "" switches a check off
     [signals]                        # canonical = factor * signal + offset
     lambda_measured = { message = "M", signal = "S", factor = 1.0, offset = 0.0, timeout_s = 0.3 }
+    [optional]                       # as [signals], of a sensor that not every vehicle has: silence
+                                     # of a message with such signals alone is no fault
     [auxiliary]                      # as [signals], only for use in derived signals
     [derived.fuel_mass_mg]           # factor * product of numerator / product of denominator
     factor = 30000.0
@@ -30,6 +32,7 @@ from monitor.decode.checksum import ALGORITHMS
 
 DEFAULT_TIMEOUT_S: Final = 0.5
 LONGEST_TIMEOUT_S: Final = 1e6  # eleven days
+_SECTIONS: Final = {"integrity", "messages", "signals", "optional", "auxiliary", "derived"}
 _NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
 
 
@@ -43,6 +46,7 @@ class MappedSignal:
     factor: float = 1.0
     offset: float = 0.0
     timeout_s: float = DEFAULT_TIMEOUT_S  # a value older than this is stale
+    is_optional: bool = False  # not every vehicle sends it
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +80,7 @@ class SignalMap:
 
     path: Path
     signals: Mapping[str, MappedSignal]
+    optional: Mapping[str, MappedSignal] = field(default_factory=dict)
     auxiliary: Mapping[str, MappedSignal] = field(default_factory=dict)
     derived: Mapping[str, Derived] = field(default_factory=dict)
     integrity: Integrity = field(default_factory=Integrity)
@@ -102,7 +107,7 @@ class _Reader:
         self.path = path
 
     def signal_map(self, raw: Mapping[str, Any]) -> SignalMap:
-        self._known(raw, "", {"integrity", "messages", "signals", "auxiliary", "derived"})
+        self._known(raw, "", _SECTIONS)
         integrity = self._integrity(self._table(raw, "integrity"), "integrity", Integrity())
         messages = {
             name: self._integrity(self._table(each, name), f"messages.{name}", integrity)
@@ -111,13 +116,18 @@ class _Reader:
         }
         signals = self._signals(self._table(raw, "signals"), "signals")
         auxiliary = self._signals(self._table(raw, "auxiliary"), "auxiliary")
+        optional = {
+            name: replace(each, is_optional=True)
+            for name, each in self._signals(self._table(raw, "optional"), "optional").items()
+        }
         mapped = {**signals, **auxiliary}
         derived = self._derived(self._table(raw, "derived"), mapped)
         if not signals and not derived:
             raise SignalMapError(f"{self.path}: [signals] is empty, at least one is needed")
-        for name in signals.keys() & auxiliary.keys() | mapped.keys() & derived.keys():
+        twice = signals.keys() & auxiliary.keys() | mapped.keys() & derived.keys()
+        for name in twice | optional.keys() & (mapped.keys() | derived.keys()):
             raise SignalMapError(f"{self.path}: {name} is defined twice")
-        return SignalMap(self.path, signals, auxiliary, derived, integrity, messages)
+        return SignalMap(self.path, signals, optional, auxiliary, derived, integrity, messages)
 
     def _known(self, table: Mapping[str, Any], where: str, keys: set[str]) -> None:
         unknown = sorted(table.keys() - keys)

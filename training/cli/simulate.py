@@ -1,6 +1,7 @@
 """The command ``o2train simulate``: write drives of the simulated vehicle as logs or tables."""
 
 import argparse
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from monitor.base import option_paths as paths
@@ -8,6 +9,8 @@ from monitor.base.errors import UsageError
 from monitor.base.outputs import write_text
 
 if TYPE_CHECKING:
+    from monitor.base.downstream_faults import DownstreamFault
+    from monitor.base.faults import Fault
     from training.dyno.engine import Layout
     from training.dyno.simulation import Experiment
 
@@ -15,6 +18,7 @@ _EXAMPLES = """examples:
   o2train simulate --out drives                               healthy WLTC of vehicle 1
   o2train simulate --out drives --cycle udds --seed 7 --format parquet
   o2train simulate --out drives --fault delay_rich_to_lean=0.6 --vehicle 12
+  o2train simulate --out drives --fault catalyst_low=0.06     a catalyst that stores 0.06 g
   o2train simulate --out drives --effect wall_film=4 --effect purge=2 --count 20
   o2train simulate --out drives --injection port --metering speed_density --format csv \\
       --period 0.05 --truth truth.json                        a tuner's log and its true tables
@@ -27,7 +31,7 @@ FORMATS = ("log", "blf", "asc", "trc", "mf4", "parquet", "csv", "csv.gz")
 
 def add_parsers(commands: Any) -> None:
     """Add the command ``simulate`` to ``commands``."""
-    from monitor.base import faults
+    from monitor.base import downstream_faults, faults
     from training.dyno import effects
 
     parser = commands.add_parser(
@@ -55,7 +59,13 @@ def add_parsers(commands: Any) -> None:
         default=[],
         metavar="NAME[=SEVERITY]",
         help=f"sensor fault in the control loop: {', '.join(faults.NAMES)}; the unit of the "
-        "severity depends on the fault: s (slow, delay), gain or lambda (bias)",
+        "severity depends on the fault: s (slow, delay), gain or lambda (bias). Behind it: "
+        f"{', '.join(downstream_faults.NAMES)}; g (catalyst_low), s, gain or V (stuck)",
+    )
+    parser.add_argument(
+        "--downstream",
+        action="store_true",
+        help="give the vehicle a catalyst with a sensor behind it; a fault of either does so, too",
     )
     parser.add_argument(
         "--fault-start",
@@ -124,7 +134,6 @@ def run(args: argparse.Namespace) -> int:
     """
     from tqdm import tqdm
 
-    from monitor.base import faults
     from training.dyno import effects
     from training.dyno.recording_files import write
     from training.dyno.simulation import Experiment
@@ -138,7 +147,7 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(f"--duration {args.duration:g}: a positive number is wanted")
     if not 0.0 <= args.fault_start < (args.duration or float("inf")):
         raise UsageError(f"--fault-start {args.fault_start:g}: not within the drive")
-    fault = faults.combine([faults.resolve(*pair) for pair in map(_fault, args.fault)])
+    fault, downstream_fault = _faults(args.fault)
     hidden = effects.from_severities(dict(map(_severity, args.effect)))
     try:
         args.out.mkdir(parents=True, exist_ok=True)
@@ -155,11 +164,25 @@ def run(args: argparse.Namespace) -> int:
             effects=hidden,
             duration_s=args.duration,
             layout=layout,
+            downstream=args.downstream or downstream_fault is not None,
+            downstream_fault=downstream_fault,
         )
         print(write(experiment, args.out, args.format, args.period))
         if args.truth is not None and seed == args.seed:
             _write_truth(experiment, args)
     return 0
+
+
+def _faults(texts: Sequence[str]) -> "tuple[Fault | None, DownstreamFault | None]":
+    """Return the fault of the sensor, and that behind it; raises UsageError for two behind it."""
+    from monitor.base import downstream_faults, faults
+
+    pairs = [_fault(text) for text in texts]
+    behind = [pair for pair in pairs if pair[0] in downstream_faults.NAMES]
+    if len(behind) > 1:
+        raise UsageError(f"faults {[name for name, _ in behind]}: one behind the sensor is wanted")
+    own = [faults.resolve(*pair) for pair in pairs if pair not in behind]
+    return faults.combine(own), downstream_faults.resolve(*behind[0]) if behind else None
 
 
 def _layout(args: argparse.Namespace) -> "Layout | None":

@@ -52,8 +52,8 @@ def broadcast(
     fault : the fault signal_missing stops the lambda message at ``fault_start_s``
     """
     n = len(next(iter(signals.values())))
-    sent = []
-    for planned in outgoing(bus_map):
+    messages = []
+    for planned in outgoing(bus_map, signals):
         start_ns = int(rng.integers(0, planned.cycle_ns // 1000)) * 1000
         times_ns = np.arange(start_ns, (n - 1) * STEP_NS, planned.cycle_ns)
         jitter_ns = np.clip(rng.standard_normal(len(times_ns)), -5.0, 5.0) * JITTER_NS
@@ -62,33 +62,39 @@ def broadcast(
             times_ns = times_ns[times_ns < fault_start_s * 1e9]
         names = [channel.mapped.name for channel in planned.channels]
         values = {name: signals[name][times_ns // STEP_NS] for name in names}
-        sent.append(Broadcast(planned, times_ns, values))
-    return sent
+        messages.append(Broadcast(planned, times_ns, values))
+    return messages
 
 
-def frames(sent: list[Broadcast]) -> FrameBlock:
+def frames(messages: list[Broadcast]) -> FrameBlock:
     """Return the frames of the drive in time order."""
     return merge(
         [
             block_of(b.outgoing.message, b.times_ns, b.outgoing.encode(b.values, len(b.times_ns)))
-            for b in sent
+            for b in messages
         ]
     )
 
 
-def samples(sent: list[Broadcast], bus_map: BusMap, period_ns: int) -> SampleBlock:
+def names_of(messages: list[Broadcast], bus_map: BusMap) -> tuple[str, ...]:
+    """Return the names of the drive's samples: those of every vehicle, then its own."""
+    own = {name for b in messages for name in b.values}
+    return (*bus_map.names, *(name for name in bus_map.optional if name in own))
+
+
+def samples(messages: list[Broadcast], bus_map: BusMap, period_ns: int) -> SampleBlock:
     """Return the samples that the monitor assembles from the frames of the drive.
 
-    The columns have the order of ``bus_map.names``.
+    The columns have the order of ``names_of``.
     """
-    names = bus_map.names
+    names = names_of(messages, bus_map)
     series = {
         channel.mapped.name: (b.times_ns, _as_read(channel, b.values[channel.mapped.name]))
-        for b in sent
+        for b in messages
         for channel in b.outgoing.channels
     }
     return assemble_arrays(
-        np.sort(np.concatenate([b.times_ns for b in sent])),
+        np.sort(np.concatenate([b.times_ns for b in messages])),
         [series[name] for name in names],
         names,
         names,

@@ -12,6 +12,8 @@ import numpy as np
 from monitor.base import faults
 from monitor.base.faults import Fault
 from monitor.base.types import FloatArray
+from training.dyno import catalyst
+from training.dyno.catalyst import Downstream
 from training.dyno.cycles import STEP_S
 from training.dyno.drive import Drive
 from training.dyno.effects import Effects
@@ -25,6 +27,8 @@ EXHAUST_KG_M3 = 0.45
 
 _lag_step = numba.njit(cache=True)(faults.lag_step)
 _one_sided = numba.njit(cache=True)(faults.one_sided)
+_begin_brick = numba.njit(cache=True)(catalyst.begin)
+_behind = catalyst.step
 
 
 class SensorParameters(NamedTuple):
@@ -51,6 +55,9 @@ class Mixture(NamedTuple):
     closed_loop: FloatArray
     sensor_ready: FloatArray
     phi_sensor: FloatArray  # reading of a healthy sensor in this vehicle
+    downstream_v: FloatArray  # of the switching sensor; (0,) without one, as the two below
+    downstream_heater: FloatArray  # duty, 0 to 1
+    brick_degc: FloatArray
 
 
 @numba.njit(cache=True)
@@ -274,7 +281,7 @@ def _control(s: _Control, expected: float, reading: float, active: bool) -> _Con
 
 
 @numba.njit(cache=True)
-def simulate(
+def simulate(  # noqa: PLR0915  # the loop couples all parts in every step
     d: Drive,
     p: Piece,
     c: Conditions,
@@ -284,12 +291,17 @@ def simulate(
     noise: FloatArray,
     phi_step: FloatArray,
     forced_trim: FloatArray,
+    rear: Downstream,
+    rear_noise: FloatArray,
+    rear_warm: float,
 ) -> Mixture:
     """Return fuel and lambda over the drive.
 
     noise : (n, 3) standard normal: mixture, sensor electronics, drift of the disturbance line
     phi_step : (n,) added to the commanded phi in closed loop
     forced_trim : (n,) replaces the output of the lambda controller; length 0 replaces nothing
+    rear_noise : (n,) standard normal of the downstream sensor; length 0 without one
+    rear_warm : part of the working temperature that the brick has at the start
     """
     n = len(d.engine_rpm)
     out = np.empty((7, n))
@@ -300,6 +312,9 @@ def simulate(
     exhaust, control = _Exhaust(0, 1.0, 1.0, 0.0, 1.0), _Control(1.0, 0.0, 0.0)
     uego, slow, phase, since_cut = 1.0, 1.0, 0.0, 10.0
     stoichiometric = STOICHIOMETRIC_AIR_FUEL - 5.7 * e.ethanol
+    behind = np.empty((3, len(rear_noise)))
+    cells_g, ring = np.zeros(catalyst.CELLS), np.full(catalyst.RING, 0.5)
+    brick = _begin_brick(rear, rear_warm)
     for k in range(n):
         t_s = k * STEP_S
         rpm, air_ecu, coolant = d.engine_rpm[k], d.air_ecu_mg[k], d.coolant_degc[k]
@@ -313,6 +328,9 @@ def simulate(
         # command
         phase += STEP_S / (1.1 + 2.2 / (1.0 + flow / 25.0))
         modulation = 0.028 * _triangle(phase) + phi_step[k] if closed else 0.0
+        if rear.active > 0.0:
+            modulation += brick.trim if closed else 0.0
+            modulation += catalyst.REFILL_PHI * brick.refill
         target = _target_phi(t_s, coolant, rpm, air_ecu, since_cut, modulation)
         trim = 1.0 + control.integral + control.proportional
         if len(forced_trim) > 0:
@@ -371,7 +389,24 @@ def simulate(
         out[0, k], out[1, k], out[2, k] = fuel_ecu, lambda_read, 1.0 / target
         out[3, k], out[4, k] = trim, 1.0 if closed else 0.0
         out[5, k], out[6, k] = 1.0 if ready else 0.0, healthy
-    return Mixture(out[0], out[1], out[2], out[3], out[4], out[5], out[6])
+
+        if rear.active > 0.0:
+            brick = _behind(
+                brick,
+                cells_g,
+                ring,
+                k,
+                exhaust.gas,
+                flow / 3.6,
+                since_cut,
+                closed,
+                rear_noise[k],
+                rear,
+            )
+            behind[0, k], behind[1, k], behind[2, k] = brick.volts, brick.heater, brick.degc
+    return Mixture(
+        out[0], out[1], out[2], out[3], out[4], out[5], out[6], behind[0], behind[1], behind[2]
+    )
 
 
 def run(
@@ -385,6 +420,8 @@ def run(
     phi_step: FloatArray,
     forced_trim: FloatArray | None = None,
     course: Course | None = None,
+    rear: Downstream = catalyst.NONE,
+    rear_rng: np.random.Generator | None = None,
 ) -> Mixture:
     """Return the mixture side of a drive.
 
@@ -393,6 +430,8 @@ def run(
     phi_step : (n,) added to the commanded phi in closed loop
     forced_trim : (n,) replaces the output of the lambda controller, None replaces nothing
     course : properties that follow the operating point, None is those of the type
+    rear : catalyst and downstream sensor, by default none
+    rear_rng : draws the noise of the downstream sensor
     """
     noise = rng.standard_normal((len(drive.engine_rpm), 3))
     f = fault or Fault("healthy", 0.0)
@@ -409,7 +448,10 @@ def run(
     )
     trim = np.empty(0) if forced_trim is None else forced_trim
     course = course or usual_course(drive, p, e)
-    return simulate(drive, p, c, e, sensor, course, noise, phi_step, trim)
+    n_rear = len(noise) if rear.active and rear_rng is not None else 0
+    rear_noise = rear_rng.standard_normal(n_rear) if rear_rng is not None else np.empty(0)
+    warm = 1.0 if c.coolant_start_degc > 60.0 else 0.0
+    return simulate(drive, p, c, e, sensor, course, noise, phi_step, trim, rear, rear_noise, warm)
 
 
 def usual_course(d: Drive, p: Piece, e: Effects) -> Course:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from monitor.base import manifest
-from training.dyno import ecu, logger
+from training.dyno import catalyst, ecu, logger
 from training.dyno.simulation import Experiment, simulate
 from training.recordings.can_log import write_log
 from training.recordings.recording import sha256, write_table
@@ -36,7 +36,7 @@ def write(experiment: Experiment, folder: Path, suffix: str, period_s: float = 0
     if suffix in TABLES:
         block = ecu.samples(sent, bus_map, round(period_s * 1e9))
         t_s = block.t_ns / 1e9
-        write_table(path, t_s, bus_map.names, block.values)
+        write_table(path, t_s, ecu.names_of(sent, bus_map), block.values)
     else:
         write_log(path, ecu.frames(sent))
     _note(experiment, path)
@@ -58,7 +58,25 @@ def describe(experiment: Experiment, path: Path) -> dict[str, Any]:
         "fault_start_s": experiment.fault_start_s if fault else None,
         "in_the_loop": bool(fault),
         "effects": {k: v for k, v in experiment.effects._asdict().items() if v},
+        **_of_downstream(experiment),
         **({"layout": experiment.layout.name} if experiment.layout else {}),
+    }
+
+
+def _of_downstream(experiment: Experiment) -> dict[str, Any]:
+    """Return what the manifest says of catalyst and downstream sensor, if the vehicle has them."""
+    if not experiment.downstream:
+        return {}
+    fault = experiment.downstream_fault
+    rear = catalyst.installed(experiment.vehicle, fault, experiment.fault_start_s, 0.0)
+    own = {"downstream": True, "catalyst_capacity_g": round(rear.capacity_g, 4)}
+    if fault is None:
+        return own
+    return own | {
+        "fault": fault.name,
+        "severity": fault.severity,
+        "fault_start_s": experiment.fault_start_s,
+        "in_the_loop": True,
     }
 
 

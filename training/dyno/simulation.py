@@ -4,10 +4,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from monitor.base.downstream_faults import DownstreamFault
 from monitor.base.faults import Fault
 from monitor.base.signals import OWN
 from monitor.base.types import FloatArray
-from training.dyno import cycles, drive, engine, mixture, vehicle
+from training.dyno import catalyst, cycles, drive, engine, mixture, vehicle
 from training.dyno.drive import Drive
 from training.dyno.effects import Effects
 from training.dyno.engine import Engine, Layout
@@ -29,6 +30,8 @@ class Experiment:
     conditions: Conditions | None = None  # None: the seed draws them
     forced_trim: FloatArray | None = None  # (n,) replaces the output of the lambda controller
     layout: Layout | None = None  # of injection and metering; None is the type's ideal one
+    downstream: bool = False  # catalyst and downstream sensor are there
+    downstream_fault: DownstreamFault | None = None  # needs ``downstream``
 
     @property
     def name(self) -> str:
@@ -39,7 +42,10 @@ class Experiment:
         """
         effects = [name for name, scale in self.effects._asdict().items() if scale]
         layout = [] if self.layout is None else [self.layout.name]
-        content = [*([self.fault.name] if self.fault else []), *effects] or ["healthy"]
+        faults = [each.name for each in (self.fault, self.downstream_fault) if each]
+        content = [*faults, *effects] or ["healthy"]
+        if self.downstream and self.downstream_fault is None:
+            content.append("downstream")
         return "_".join([self.cycle, f"v{self.vehicle}", f"s{self.seed}", *layout, *content])
 
     @property
@@ -75,9 +81,30 @@ def simulate(experiment: Experiment) -> dict[str, FloatArray]:
         phi_step=trace.phi_step,
         forced_trim=experiment.forced_trim,
         course=course,
+        rear=_rear(experiment, conditions),
+        rear_rng=np.random.default_rng([*key, 6]) if experiment.downstream else None,
     )
     signals = _canonical(air, fuel, conditions, np.random.default_rng([*key, 4]))
+    if experiment.downstream:
+        signals |= _behind(fuel)
     return signals if own is None else signals | _logged(own, air, fuel)
+
+
+def _rear(experiment: Experiment, c: Conditions) -> catalyst.Downstream:
+    """Return catalyst and downstream sensor of the experiment."""
+    if not experiment.downstream:
+        return catalyst.NONE
+    fault, start_s = experiment.downstream_fault, experiment.fault_start_s
+    return catalyst.installed(experiment.vehicle, fault, start_s, c.ambient_degc)
+
+
+def _behind(fuel: Mixture) -> dict[str, FloatArray]:
+    """Return the signals from behind the catalyst."""
+    return {
+        "downstream_voltage_v": fuel.downstream_v,
+        "downstream_heater_percent": 100.0 * fuel.downstream_heater,
+        "catalyst_temperature_degc": fuel.brick_degc,
+    }
 
 
 def _logged(own: Engine, air: Drive, fuel: Mixture) -> dict[str, FloatArray]:

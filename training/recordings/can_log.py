@@ -4,7 +4,7 @@ Each message is sent at its cycle time (GenMsgCycleTime of the DBC) with the las
 frame: a zero-order hold. A canonical signal that the table lacks is sent as not available.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -72,10 +72,15 @@ class Outgoing:
         return encode_message(self.message, self.integrity, physical, n, self.turn, self.n_turns)
 
 
-def outgoing(bus_map: BusMap) -> tuple[Outgoing, ...]:
-    """Return the messages that carry the mapped signals, in the order of their identifiers."""
+def outgoing(bus_map: BusMap, names: Container[str] = ()) -> tuple[Outgoing, ...]:
+    """Return the messages that carry the mapped signals, in the order of their identifiers.
+
+    names : signals that the vehicle has; an optional signal that is not among them is not sent
+    """
     messages: dict[str, list[Channel]] = {}
     for channel in bus_map.channels.values():
+        if channel.mapped.is_optional and channel.mapped.name not in names:
+            continue
         messages.setdefault(channel.message.name, []).append(channel)
     found = [each for channels in messages.values() for each in _turns(channels)]
     return tuple(sorted(found, key=lambda each: each.message.frame_id))
@@ -145,7 +150,7 @@ def broadcast(
     if the table has them.
     Raises SignalMapError if the map carries none of the signals.
     """
-    messages = outgoing(bus_map)
+    messages = outgoing(bus_map, values)
     wanted = {channel.mapped.name for each in messages for channel in each.channels}
     if not wanted & values.keys():
         raise SignalMapError(

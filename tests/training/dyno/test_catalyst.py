@@ -1,0 +1,147 @@
+"""The simulated catalyst and the sensor behind it."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from monitor.base import downstream_faults
+from monitor.base.errors import UsageError
+from monitor.base.types import FloatArray
+from tests.helpers.examples import inputs
+from training.dyno import catalyst, ecu
+from training.dyno.simulation import Experiment, simulate
+
+WARM_S = 300.0
+
+
+@inputs(60)
+@given(
+    capacity_g=st.floats(0.005, 1.5),
+    degc=st.floats(20.0, 900.0),
+    air_g_s=st.floats(0.5, 120.0),
+    x=st.lists(st.floats(-0.3, 1.0), min_size=1, max_size=40),
+    filling=st.floats(0.0, 1.0),
+)
+def test_what_enters_and_does_not_leave_is_stored(
+    capacity_g: float, degc: float, air_g_s: float, x: list[float], filling: float
+) -> None:
+    own = catalyst.piece(1)._replace(capacity_g=capacity_g)
+    lit, usable = catalyst.activity(degc), catalyst.usable_g(capacity_g, degc)
+    cells_g = np.full(catalyst.CELLS, filling * usable / catalyst.CELLS)
+    for x_in in x:
+        before = cells_g.sum()
+        x_out = catalyst.store(cells_g, x_in, air_g_s, 0.0025, usable, own, lit)
+        stored = catalyst.OXYGEN_IN_AIR * air_g_s * (x_in - x_out) * 0.0025
+        assert cells_g.sum() - before == pytest.approx(stored, abs=1e-12)
+        # and no cell is ever over full or below empty, and the gas never changes its sign
+        assert (cells_g >= 0.0).all()
+        assert (cells_g <= usable / catalyst.CELLS * (1.0 + 1e-12)).all()
+        assert 0.0 <= x_out * np.sign(x_in) <= abs(x_in)
+
+
+def test_at_15_g_s_and_lambda_1_03_a_catalyst_stores_a_tenth_of_a_gram_each_second() -> None:
+    own = catalyst.piece(1)._replace(capacity_g=1.5)
+    cells_g = np.zeros(catalyst.CELLS)
+    for _ in range(400):
+        catalyst.store(cells_g, 1.0 - 1.0 / 1.03, 15.0, 0.0025, 1.5, own, 1.0)
+    assert cells_g.sum() == pytest.approx(0.1, rel=0.05)
+
+
+@cache
+def driven(fault: str = "", severity: float | None = None) -> dict[str, FloatArray]:
+    """A drive of vehicle 3 with catalyst and downstream sensor."""
+    found = downstream_faults.resolve(fault, severity) if fault else None
+    return simulate(
+        Experiment(
+            cycle="udds",
+            vehicle=3,
+            seed=2,
+            duration_s=700.0,
+            downstream=True,
+            downstream_fault=found,
+        )
+    )
+
+
+def after_warm_up(name: str, fault: str = "", severity: float | None = None) -> FloatArray:
+    return driven(fault, severity)[name][round(WARM_S * 100) :]
+
+
+def switching(volts: FloatArray) -> int:
+    """How often the voltage goes from clearly rich to clearly lean."""
+    state = np.where(volts > 0.6, 1, np.where(volts < 0.3, -1, 0))
+    state = state[state != 0]
+    return int((np.diff(state) < 0).sum())
+
+
+def test_the_less_a_catalyst_stores_the_more_its_sensor_switches() -> None:
+    none, low, sound = (
+        switching(after_warm_up("downstream_voltage_v", "catalyst_low", g))
+        for g in (0.02, 0.06, 0.6)
+    )
+    assert none > low > 1.2 * sound
+
+
+def test_a_vehicle_without_a_downstream_sensor_sends_what_it_sent_before() -> None:
+    bus_map = ecu.own_bus()
+    every = [name for name in driven() if name not in bus_map.optional]
+    plain = {name: driven()[name] for name in every}
+    sent, behind = (
+        ecu.broadcast(signals, bus_map, np.random.default_rng(1)) for signals in (plain, driven())
+    )
+    assert [b.outgoing.message.name for b in behind[len(sent) :]] == ["ECU_Downstream"]
+    # and the frames of all other messages keep their times
+    for a, b in zip(sent, behind[: len(sent)], strict=True):
+        np.testing.assert_array_equal(a.times_ns, b.times_ns)
+
+
+def test_in_fuel_cut_the_sensor_reads_lean_and_the_refill_brings_it_back() -> None:
+    volts, cut = after_warm_up("downstream_voltage_v"), after_warm_up("fuel_cut") > 0.5
+    long = np.convolve(cut, np.ones(300), "full")[: len(cut)] > 299
+    assert long.any()
+    assert np.median(volts[long]) < 0.15
+    assert np.quantile(volts[~cut], 0.9) > 0.6
+
+
+def test_the_outer_trim_holds_the_mixture_within_its_authority() -> None:
+    plain = simulate(Experiment(cycle="udds", vehicle=3, seed=2, duration_s=700.0))
+    closed = after_warm_up("closed_loop") > 0.5
+    before = plain["lambda_target"][round(WARM_S * 100) :]
+    moved = (after_warm_up("lambda_target") - before)[closed & (before < 1.035)]
+    assert np.abs(np.quantile(moved, [0.05, 0.95])).max() < 0.08
+    assert np.abs(moved).max() > 0.0
+
+
+@pytest.mark.parametrize("kind", ["slow", "delay"])
+def test_a_slow_or_late_sensor_falls_later_in_fuel_cut(kind: str) -> None:
+    cut = after_warm_up("fuel_cut") > 0.5
+    begins = np.flatnonzero(~cut[:-1] & cut[1:])
+    fault = f"downstream_{kind}_rich_to_lean"
+    sound, faulty = (after_warm_up("downstream_voltage_v", name) for name in ("", fault))
+    at = begins[begins + 80 < len(cut)] + 80  # 0.8 s later
+    assert np.median(faulty[at] - sound[at]) > 0.1
+
+
+def test_a_weak_sensor_moves_less_and_a_stuck_one_not_at_all() -> None:
+    sound = np.ptp(after_warm_up("downstream_voltage_v"))
+    assert np.ptp(after_warm_up("downstream_voltage_v", "downstream_weak", 0.4)) < 0.6 * sound
+    assert np.ptp(after_warm_up("downstream_voltage_v", "downstream_stuck_rich")) < 0.1
+
+
+def test_a_cold_brick_stores_nothing() -> None:
+    own = catalyst.piece(1)
+    cells_g = np.zeros(catalyst.CELLS)
+    x = catalyst.store(cells_g, 0.03, 15.0, 0.01, 0.2, own, catalyst.activity(20.0))
+    assert x == pytest.approx(0.03, rel=1e-3)
+
+
+def test_an_impossible_fault_behind_the_sensor_is_refused() -> None:
+    with pytest.raises(UsageError, match="catalyst_low"):
+        downstream_faults.resolve("catalyst_low", 0.0)
+    with pytest.raises(UsageError, match="unknown"):
+        downstream_faults.resolve("catalyst_high")
+    with pytest.raises(UsageError, match="below 1"):
+        downstream_faults.resolve("downstream_weak", 1.0)

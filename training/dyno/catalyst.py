@@ -1,0 +1,267 @@
+"""Three-way catalyst and the switching sensor behind it, for the compiled mixture loop.
+
+Oxygen is stored in ``CELLS`` cells in series. With x = 1 - phi (positive is lean) of the gas that
+enters a cell, the cell stores 0.23 · air flow · x · rho g/s and the gas leaves it with
+(1 - rho) · x. rho falls to zero where a cell is full (lean gas) or empty (rich gas), and release is
+slower than filling. What a cell stores is limited by its room, so the balance holds exactly.
+
+Sources:
+- Brandt, Wang and Grizzle, Dynamic modeling of a three-way catalyst for SI engine exhaust emission
+  control, IEEE Trans. Control Systems Technology 8 (2000): the storage equation with 0.23, rho of
+  the sign of the mixture and the filling, capacity falling with age, switching sensor behind it;
+- Auckenthaler, Modelling and control of three-way catalytic converters, ETH 16018 (2005): cells in
+  series, slower reduction than oxidation of ceria, hydrogen that shifts the switching sensor;
+- Peyton Jones, Roberts, Pan and Jackson, SAE 1999-01-0860: storage and release at unequal rates;
+- Kumar, Makki and Filev, SAE 2014: capacity and activity that follow the brick's temperature.
+"""
+
+from typing import Final, NamedTuple
+
+import numba
+import numpy as np
+
+from monitor.base.downstream_faults import DownstreamFault
+from monitor.base.types import FloatArray
+from training.dyno.cycles import STEP_S
+
+CELLS: Final = 5
+SUBSTEPS: Final = 4  # of a 10 ms step: at full flow a cell of 6 mg fills within 2 ms
+OXYGEN_IN_AIR: Final = 0.23  # mass fraction
+LIGHT_OFF_DEGC: Final = 300.0
+FULL_DEGC: Final = 550.0  # from here the whole capacity takes part
+LAG_TO_RICH_S: Final = 0.05  # a switching sensor is quicker towards rich
+LAG_TO_LEAN_S: Final = 0.11
+HEATED_S: Final = 25.0  # from engine start
+TRIM_MOST: Final = 0.02  # authority of the outer trim, in phi
+REFILL_PHI: Final = 0.03  # enrichment after a fuel cut, until the downstream sensor reads rich
+REFILLED_V: Final = 0.55
+REFILL_MOST_S: Final = 12.0
+TRIM_AFTER_S: Final = 3.0  # after a fuel cut
+RING: Final = 512  # steps of 10 ms, the longest dead time
+
+
+class Downstream(NamedTuple):
+    """Catalyst, downstream sensor and outer trim of one vehicle, as plain numbers."""
+
+    active: float  # 0: the vehicle has none of it
+    capacity_g: float  # of oxygen, warm
+    fill_half: float  # part of a cell's room at which rho is 1/2
+    release_half: float  # part of a cell's filling at which rho is 1/2; larger: release is slower
+    flow_g_s: float  # air flow at which the gas stays so short that rho falls to 63 %
+    hydrogen: float  # shift of the switching point by hydrogen, in x
+    equilibrium: float  # x of the gas over a last cell that is full, or empty (negative)
+    width: float  # of the switching characteristic, in x
+    low_v: float
+    span_v: float
+    pipe_l: float  # from the catalyst to the sensor
+    brick_start_degc: float
+    sulphur: float  # part of the capacity that sulphur blocks
+    leak: float  # air drawn in between the sensors at idle, as a part of the exhaust
+    tau_to_rich_s: float  # fault: added lag
+    tau_to_lean_s: float
+    delay_to_rich_s: float  # fault: dead time
+    delay_to_lean_s: float
+    gain: float  # fault: part of the amplitude that is left
+    stuck_v: float  # fault: frozen voltage, 0 is none
+    start_s: float  # of a fault of the sensor
+
+
+NONE: Final = Downstream(*([0.0] * len(Downstream._fields)))
+
+
+class Brick(NamedTuple):
+    """State of brick, pipe, sensor and outer trim."""
+
+    degc: float
+    x_out: float  # of the gas that leaves the catalyst
+    x_pipe: float  # of the gas at the sensor
+    richness: float  # of the sensor's signal behind its lag, 0 to 1
+    volts: float
+    trim: float  # added to the commanded phi
+    integral: float
+    heater: float  # duty, 0 to 1
+    refill: float  # 1 while the ECU enriches after a fuel cut, until the sensor reads rich
+
+
+def piece(vehicle: int) -> Downstream:
+    """Return the catalyst and sensor of the vehicle with this number, within production spread."""
+    rng = np.random.default_rng([0x0_2, 6, vehicle])
+    u = rng.uniform(-1.0, 1.0, 10)
+    return Downstream(
+        active=1.0,
+        capacity_g=float(0.55 * np.exp(0.5 * u[0])),  # full useful life to fresh, 0.33 to 0.9
+        fill_half=0.08 * (1.0 + 0.3 * u[1]),
+        release_half=0.16 * (1.0 + 0.3 * u[2]),
+        flow_g_s=90.0 * (1.0 + 0.2 * u[3]),
+        hydrogen=0.0011 * (1.0 + 0.25 * u[4]),
+        equilibrium=0.0014 * (1.0 + 0.3 * u[9]),
+        width=0.0012 * (1.0 + 0.3 * u[5]),
+        low_v=0.07 + 0.02 * u[6],
+        span_v=0.76 + 0.04 * u[7],
+        pipe_l=1.0 * (1.0 + 0.3 * u[8]),
+        brick_start_degc=0.0,
+        sulphur=0.0,
+        leak=0.0,
+        tau_to_rich_s=0.0,
+        tau_to_lean_s=0.0,
+        delay_to_rich_s=0.0,
+        delay_to_lean_s=0.0,
+        gain=1.0,
+        stuck_v=0.0,
+        start_s=np.inf,
+    )
+
+
+def installed(
+    vehicle: int, fault: DownstreamFault | None, start_s: float, brick_start_degc: float
+) -> Downstream:
+    """Return the vehicle's catalyst and sensor with a fault; a catalyst is bad from the start."""
+    own = piece(vehicle)._replace(brick_start_degc=brick_start_degc)
+    if fault is None:
+        return own
+    return own._replace(
+        capacity_g=fault.capacity_g or own.capacity_g,
+        tau_to_rich_s=fault.tau_to_rich_s,
+        tau_to_lean_s=fault.tau_to_lean_s,
+        delay_to_rich_s=fault.delay_to_rich_s,
+        delay_to_lean_s=fault.delay_to_lean_s,
+        gain=fault.gain,
+        stuck_v=fault.stuck_v,
+        start_s=start_s,
+    )
+
+
+def begin(d: Downstream, warm: float) -> Brick:
+    """Return the state at engine start; ``warm`` 0 to 1 is what is left of a hot brick."""
+    return Brick(d.brick_start_degc + warm * 280.0, 0.0, 0.0, 0.5, 0.45, 0.0, 0.0, 1.0, 0.0)
+
+
+@numba.njit(cache=True)
+def activity(degc: float) -> float:
+    """Return how far the brick has lit off, 0 to 1."""
+    return 1.0 / (1.0 + np.exp(-(degc - LIGHT_OFF_DEGC) / 22.0))
+
+
+@numba.njit(cache=True)
+def usable_g(capacity_g: float, degc: float) -> float:
+    """Return the oxygen that a catalyst can hold at a temperature in g."""
+    warm = min(max((degc - 200.0) / (FULL_DEGC - 200.0), 0.0), 1.0)
+    return capacity_g * (0.25 + 0.75 * warm)
+
+
+@numba.njit(cache=True)
+def store(
+    cells_g: FloatArray,
+    x_in: float,
+    air_g_s: float,
+    step_s: float,
+    usable: float,
+    d: Downstream,
+    lit: float,
+) -> float:
+    """Fill or empty the cells, (CELLS,) g each, for one step; return x of the gas behind them."""
+    room = usable / len(cells_g)
+    reach = lit * (1.0 - np.exp(-d.flow_g_s / air_g_s))
+    x = x_in
+    for j in range(len(cells_g)):
+        inflow = OXYGEN_IN_AIR * air_g_s * x * step_s  # g, negative is a want of oxygen
+        if x > 0.0:
+            free = max(room - cells_g[j], 0.0)
+            rho = reach * free / (free + d.fill_half * room)
+            stored = min(rho * inflow, free)
+        else:
+            held = max(cells_g[j], 0.0)
+            rho = reach * held / (held + d.release_half * room)
+            stored = -min(-rho * inflow, held)
+        cells_g[j] += stored
+        if inflow != 0.0:
+            x *= 1.0 - stored / inflow
+    return x
+
+
+@numba.njit(cache=True)
+def _brick_degc(degc: float, x_in: float, x_out: float, air_g_s: float, cut: bool) -> float:
+    """Return the brick's temperature one step later: gas, exotherm and loss to the road."""
+    gas = 20.0 if cut else 60.0
+    gas += 420.0 + 330.0 * air_g_s / (air_g_s + 15.0) if not cut else 180.0
+    exotherm = 60.0 * activity(degc) if not cut else 0.0
+    exotherm += 900.0 * abs(x_in - x_out) * activity(degc) if not cut else 0.0
+    rate = 0.010 + 0.0035 * air_g_s  # 1/s, of a brick of about 1 kg
+    return degc + STEP_S * (rate * (gas + exotherm - degc) - 0.0008 * (degc - 20.0))
+
+
+@numba.njit(cache=True)
+def _sensed(d: Downstream, x: float, degc: float) -> float:
+    """Return the richness that a switching sensor shows in the steady state, 0 to 1."""
+    shift = d.hydrogen * (1.5 - 0.5 * activity(degc))
+    return 1.0 / (1.0 + np.exp(min(max((x - shift) / d.width, -40.0), 40.0)))
+
+
+@numba.njit(cache=True)
+def step(
+    b: Brick,
+    cells_g: FloatArray,
+    ring: FloatArray,
+    k: int,
+    phi_in: float,
+    air_g_s: float,
+    since_cut_s: float,
+    closed: bool,
+    noise: float,
+    d: Downstream,
+) -> Brick:
+    """Return the state one step of 10 ms later; ``cells_g`` and ``ring`` change in place.
+
+    ring : (RING,) the sensor's steady richness of the last steps, for its dead time
+    since_cut_s : since the last fuel cut, 0 within one
+    closed : whether the lambda controller is active; the outer trim follows it
+    """
+    t_s, air, cut = k * STEP_S, max(air_g_s, 0.5), since_cut_s <= 0.0
+    x_in, lit = 1.0 - phi_in, activity(b.degc)
+    usable = usable_g(d.capacity_g, b.degc) * (1.0 - d.sulphur)
+    x_out = 0.0
+    for _ in range(SUBSTEPS):
+        x_out += store(cells_g, x_in, air, STEP_S / SUBSTEPS, usable, d, lit) / SUBSTEPS
+    degc = _brick_degc(b.degc, x_in, x_out, air, cut)
+    pipe_s = d.pipe_l / (air * 2.4)  # exhaust of 450 °C: 2.4 l per g
+    filled = lit * (2.0 * cells_g[-1] / max(usable / len(cells_g), 1e-9) - 1.0)
+    leaked = x_out + d.equilibrium * filled + d.leak * np.exp(-(air - 3.0) / 8.0)
+    x_pipe = b.x_pipe + (leaked - b.x_pipe) * (1.0 - np.exp(-STEP_S / pipe_s))
+    faulty = t_s >= d.start_s
+    ring[k % RING] = _sensed(d, x_pipe, degc)
+    now = ring[k % RING]
+    if faulty and d.delay_to_rich_s + d.delay_to_lean_s > 0.0:
+        late_rich = ring[(k - int(d.delay_to_rich_s / STEP_S)) % RING]
+        late_lean = ring[(k - int(d.delay_to_lean_s / STEP_S)) % RING]
+        if d.delay_to_lean_s == 0.0:
+            now = min(now, late_rich)
+        elif d.delay_to_rich_s == 0.0:
+            now = max(now, late_lean)
+        else:
+            now = late_rich
+    rising = now > b.richness
+    tau_s = LAG_TO_RICH_S if rising else LAG_TO_LEAN_S
+    if faulty:
+        tau_s += d.tau_to_rich_s if rising else d.tau_to_lean_s
+    richness = b.richness + (now - b.richness) * (1.0 - np.exp(-STEP_S / tau_s))
+    # a cold sensor rests at 0.45 V behind its high resistance
+    heated = min(max((t_s - 0.5 * HEATED_S) / (0.5 * HEATED_S), 0.0), 1.0)
+    hot_v = d.span_v * (1.0 - 0.00015 * max(degc - 400.0, 0.0))
+    volts = d.low_v + hot_v * richness
+    if faulty:
+        volts = 0.45 + d.gain * (volts - 0.45)
+    volts = 0.45 + heated * (volts - 0.45)
+    if faulty and d.stuck_v > 0.0:
+        volts = d.stuck_v
+    volts += 0.004 * noise
+    integral, trim = b.integral, b.trim
+    if closed and since_cut_s > TRIM_AFTER_S and degc > LIGHT_OFF_DEGC and heated >= 1.0:
+        error_v = min(max(0.62 - volts, -0.3), 0.3)  # below the aim the gas is too lean
+        integral = min(max(integral + 0.0012 * error_v * STEP_S, -TRIM_MOST), TRIM_MOST)
+        wanted = min(max(integral + 0.006 * error_v, -TRIM_MOST), TRIM_MOST)
+        trim += (wanted - trim) * STEP_S / 0.4
+    refill = (
+        1.0 if cut else (0.0 if volts > REFILLED_V or since_cut_s > REFILL_MOST_S else b.refill)
+    )
+    heater = 1.0 - 0.45 * heated
+    return Brick(degc, x_out, x_pipe, richness, volts, trim, integral, heater, refill)
