@@ -6,7 +6,7 @@ DEMO    := .venv-demo
 HEALTHY  = $(firstword $(sort $(wildcard replay_logs/healthy_*)))
 FAULTY   = $(firstword $(sort $(wildcard replay_logs/delay_rich_to_lean_*)))
 
-.PHONY: help demo test whole check fast properties lint venv lock system bench matrix model calibration study replay_logs clean python
+.PHONY: help demo test whole check fast properties examples lint venv lock system bench matrix model calibration study replay_logs clean python
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z_]+:.*## / {printf "make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -40,10 +40,15 @@ fast: venv
 properties: venv ## the property tests with ten times as many inputs, other ones in each run
 	O2_INPUTS=2 $(VENV)/bin/python -m pytest -q -n 2 --dist worksteal -m hypothesis
 
+examples: venv ## run every example, also the long ones (ten minutes)
+	@for each in first_verdict listen_on_a_bus train_and_compare find_a_missing_effect; do \
+	  echo "== examples/$$each.py"; $(VENV)/bin/python examples/$$each.py || exit 1; done
+
 lint: venv ## style, types and the direction of imports
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/mypy
+	MYPYPATH=. $(VENV)/bin/mypy --strict examples/*.py # as a user's programs are
 	$(VENV)/bin/lint-imports
 
 venv: $(VENV)/.installed ## the development environment in .venv

@@ -1,0 +1,55 @@
+"""The examples run as they are; `make examples` runs the long ones, too."""
+
+import importlib.util
+import subprocess
+import sys
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from monitor import load_model
+from tests.conftest import ROOT
+
+EXAMPLES = ROOT / "examples"
+QUICK = {
+    "first_verdict.py": ("no fault", "FAULT: P0133 slow_symmetric"),
+    "listen_on_a_bus.py": ("P015A delay_symmetric is pending", "bus: FAULT: P015A"),
+}
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_an_example_runs_as_it_is(name: str) -> None:
+    call = [sys.executable, str(EXAMPLES / name)]
+    ran = subprocess.run(call, capture_output=True, text=True, check=True, cwd=ROOT)
+    for words in QUICK[name]:
+        assert words in ran.stdout
+
+
+def reader() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("read_model", EXAMPLES / "read_model.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_a_reader_of_twenty_lines_predicts_as_the_monitor_does() -> None:
+    model = load_model()
+    rng = np.random.default_rng(5)
+    inputs = model.card.inputs
+    columns = {
+        each.name: rng.uniform(each.minimum, each.maximum, 200).astype(np.float32)
+        for each in inputs
+    }
+    u = np.column_stack([columns[each.name] for each in inputs])
+    model.reset(u[0])
+    predicted = reader().predict(str(model.path), columns)
+    np.testing.assert_array_equal(predicted, [model.step(row) for row in u])
+
+
+def test_the_reader_has_twenty_lines() -> None:
+    source = (EXAMPLES / "read_model.py").read_text().split("if __name__")[0]
+    body = source[source.index("import json") :]
+    assert len([line for line in body.splitlines() if line.strip()]) <= 20
