@@ -42,6 +42,12 @@ class WindowJudged:
     excited: bool  # the prediction moves clearly
     statistics: dict[str, float | str | None]
 
+    @property
+    def is_outside(self) -> bool:
+        """Return whether the model learned no such driving, so that the window is no evidence."""
+        beyond = self.statistics.get("region_beyond")
+        return isinstance(beyond, float) and beyond > 1.0
+
 
 @dataclass(frozen=True, slots=True)
 class DtcChanged:
@@ -67,7 +73,8 @@ class Facts(NamedTuple):
 
     mean: float  # of the residual, output's unit
     std: float
-    frozen: bool  # the measurement does not move
+    no_evidence: bool  # the measurement does not move, or the model learned no such driving
+    beyond: float | None  # of the learned region, from 1 on outside; None without a region
     offset: float  # mean of the measurement against the likeliest sensor, output's unit
     response: Response
 
@@ -137,22 +144,27 @@ class Decisions:
         measured = np.array([window.measured for window in windows])
         mean, std = means_and_stds(np.array([window.residual for window in windows]))
         span = np.maximum.reduce(measured, axis=1) - np.minimum.reduce(measured, axis=1)
-        frozen = span <= self._config.plausibility.stuck_range
+        ignore = span <= self._config.plausibility.stuck_range
+        beyond: list[float] | list[None] = [None] * len(windows)
+        if self._limits.region is not None:
+            apart = self._limits.region.beyond(np.array([window.inputs for window in windows]))
+            ignore |= apart > 1.0
+            beyond = apart.tolist()
         # an offset in lambda would change the gain in phi
         phi = self._orient(measured - mean[:, np.newaxis])
         banks = [window.bank for window in windows]
-        responses = self._response.judge(phi, banks, frozen)
+        responses = self._response.judge(phi, banks, ignore)
         # a sensor slow or late on one edge rectifies the modulation, which shifts its mean
         likeliest = [bank[:, each.column] for bank, each in zip(banks, responses, strict=True)]
         beside = measured - lambda_of(np.array(likeliest), self._transform)
         offset = np.add.reduce(beside, axis=1) / beside.shape[1]
-        columns = mean.tolist(), std.tolist(), frozen.tolist(), offset.tolist(), responses
-        return list(map(Facts, *columns))
+        own = mean.tolist(), std.tolist(), ignore.tolist(), beyond
+        return list(map(Facts, *own, offset.tolist(), responses))
 
     def window(self, window: Window, facts: Facts) -> Iterator[WindowJudged | Change]:
         """Take a full window; yield its verdict, then the codes that it changes."""
-        mean, std, frozen, offset, response = facts
-        bias = self._bias.judge(offset, ignore=frozen)
+        mean, std, no_evidence, beyond, offset, response = facts
+        bias = self._bias.judge(offset, ignore=no_evidence)
         if response.outcome == "inconclusive" and bias.outcome == "failed":
             bias = replace(bias, outcome="inconclusive", fault=None)
         outcome, fault, also = response.outcome, response.fault, response.also
@@ -173,6 +185,7 @@ class Decisions:
                 "offset": bias.offset,
                 "offset_std": bias.offset_std,
                 "offset_beyond": bias.beyond,
+                **({} if beyond is None else {"region_beyond": beyond}),
             },
         )
         self.store.report(self._results(response, bias))

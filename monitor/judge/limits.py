@@ -5,6 +5,7 @@ from typing import Final
 
 from monitor.base.config import BiasConfig, Config
 from monitor.base.errors import ConfigError, ModelError
+from monitor.judge.region import Region
 from monitor.memory.reference import Reference
 from monitor.model.card import ModelCard
 
@@ -35,6 +36,7 @@ class Limits:
     evidence: float = 1.0  # most of a window's samples that count as independent
     gain_model: float = 1.0  # measurement over prediction of healthy sensors
     gain: float = 1.0  # of this vehicle's healthy sensor, relative to gain_model
+    region: Region | None = None  # of the inputs, outside of which a window is no evidence
 
     @property
     def gain_expected(self) -> float:
@@ -68,7 +70,8 @@ class Limits:
             offset = max(offset, config.bias.offset_limit_lambda)
             values["offset_std"] = max(values["offset_std"], config.bias.window_std_lambda)
         values |= {name: card.limits[name].value for name in OPTIONAL if name in card.limits}
-        return cls(**values, offset_low=-offset, offset_high=offset)
+        region = Region.from_card(card.region, where)
+        return cls(**values, offset_low=-offset, offset_high=offset, region=region)
 
     def of_vehicle(self, reference: Reference, config: BiasConfig) -> "Limits":
         """Return the limits of the vehicle that the reference was learned on."""

@@ -1,7 +1,8 @@
 """Windows of consecutive enabled samples."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ class Window:
     measured: FloatArray  # (n,) output's unit
     predicted: FloatArray  # (n,) output's unit
     bank: FloatArray  # (n, n_hypotheses), oriented like phi
+    inputs: FloatArray = field(default_factory=partial(np.empty, (0, 0)))  # (n, n_inputs)
 
     @property
     def residual(self) -> FloatArray:
@@ -41,6 +43,7 @@ class Series(NamedTuple):
     t_ns: IntArray  # (n,)
     measured: FloatArray  # (n,) output's unit
     predicted: FloatArray  # (n,) output's unit
+    inputs: FloatArray  # (n, n_inputs) of the model
 
 
 class Windows:
@@ -90,12 +93,13 @@ class Windows:
                 part, bank = slice(k, stop), read[k - begin : stop - begin]
                 if stop - k == self._n:
                     self._t_start_ns = series.t_ns.item(k)
-                    arrays = series.measured[part].copy(), series.predicted[part].copy(), bank
+                    own = (series.measured[part].copy(), series.predicted[part].copy(), bank)
+                    arrays = (*own, series.inputs[part].copy())
                     found.append((stop - 1, self._window(series.t_ns.item(stop - 1), *arrays)))
                 else:
                     self._fill(part, series, bank)
                     if self._filled == self._n:
-                        arrays = self._measured, self._predicted, self._bank
+                        arrays = self._measured, self._predicted, self._bank, self._inputs
                         found.append((stop - 1, self._window(series.t_ns.item(stop - 1), *arrays)))
                         self._filled = 0
                 k = stop
@@ -107,14 +111,14 @@ class Windows:
             self._t_start_ns = series.t_ns.item(part.start)
             self._measured, self._predicted = np.empty(self._n), np.empty(self._n)
             self._bank = np.empty(self._shape)
+            self._inputs = np.empty((self._n, series.inputs.shape[1]))
         place = slice(self._filled, self._filled + part.stop - part.start)
         self._measured[place] = series.measured[part]
         self._predicted[place] = series.predicted[part]
         self._bank[place] = bank
+        self._inputs[place] = series.inputs[part]
         self._filled = place.stop
 
-    def _window(
-        self, t_end_ns: int, measured: FloatArray, predicted: FloatArray, bank: FloatArray
-    ) -> Window:
+    def _window(self, t_end_ns: int, *arrays: FloatArray) -> Window:
         self.completed += 1
-        return Window(self.completed - 1, self._t_start_ns, t_end_ns, measured, predicted, bank)
+        return Window(self.completed - 1, self._t_start_ns, t_end_ns, *arrays)

@@ -107,6 +107,8 @@ class ModelCard:
     limits: Mapping[str, Limit] = field(default_factory=dict)
     reference: Mapping[str, Any] = field(default_factory=dict)  # healthy reference of this vehicle
     packages: Mapping[str, str] = field(default_factory=dict)
+    # joint region of the inputs in which the model was learned; {} in older cards
+    region: Mapping[str, Any] = field(default_factory=dict)
     # the logger's profile that was given to the fit, as its TOML tree; {} in older cards
     profile: Mapping[str, Any] = field(default_factory=dict)
     # of all parts of the file but its metadata, entered by the writer; "" in older cards
@@ -146,7 +148,12 @@ class ModelCard:
 
 
 def _card(data: dict[str, Any], path: str) -> ModelCard:
-    data = {"structure": {}, "graph_sha256": "", "profile": {}} | data  # older cards lack them
+    data = {
+        "structure": {},
+        "graph_sha256": "",
+        "profile": {},
+        "region": {},
+    } | data  # older cards lack them
     _keys(data, ModelCard, path, "model card")
     try:
         data["inputs"] = tuple(_part(Channel, c, path, "inputs") for c in data["inputs"])
@@ -164,7 +171,7 @@ def _card(data: dict[str, Any], path: str) -> ModelCard:
         data["layers"] = tuple(int(n) for n in data["layers"])
         for name in ("transforms", "effects"):
             data[name] = tuple(dict(item) for item in data[name])
-        for name in ("structure", "fit", "checks", "reference", "packages", "profile"):
+        for name in ("structure", "fit", "checks", "reference", "packages", "profile", "region"):
             data[name] = dict(data[name])
         for name in ("residual_mean", "residual_std"):
             data[name] = float(data[name])

@@ -69,8 +69,8 @@ class Judge:
         check_names(self.card, self.names)
         self.period_s = self.card.period_ns * 1e-9
         self.hypotheses = bank.build(config.response)
-        inputs = [self.names.index(name) for name in self.card.input_names]
-        self._segments = Segments(model, self.hypotheses, inputs, self.period_s, rows)
+        self.inputs = [self.names.index(name) for name in self.card.input_names]
+        self._segments = Segments(model, self.hypotheses, self.inputs, self.period_s, rows)
 
     def push(
         self, monitors: Sequence["Monitor"], blocks: Sequence[SampleBlock]
@@ -254,7 +254,8 @@ class Monitor:
         if len(part.measured) == 0:
             return
         self._run = part.end
-        series = Series(part.block.t_ns, part.measured, part.predicted)
+        inputs = part.block.values.take(self._judge.inputs, axis=1)
+        series = Series(part.block.t_ns, part.measured, part.predicted, inputs)
         windows = self._windows.push(part.spans, series, goes_on=part.run is not None)
         then = part.then
         is_cleared, self._clearings = self._clearings != self.store.clearings, self.store.clearings

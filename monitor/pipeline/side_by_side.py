@@ -18,6 +18,7 @@ from monitor.pipeline.monitor import Judge, Monitor
 
 SAMPLES = 2048  # of each recording that are judged at once
 _NONE = np.empty(0)
+_NO_INPUTS = np.empty((0, 0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,7 +186,9 @@ class _Run:
             self._ticks.append(event)
         elif isinstance(event, WindowJudged):
             if not self._keep_banks:
-                window = replace(event.window, bank=event.window.bank[:, :0].copy())
+                window = replace(
+                    event.window, bank=event.window.bank[:, :0].copy(), inputs=_NO_INPUTS
+                )
                 event = replace(event, window=window)
             self._windows.append(event)
         elif isinstance(event, DtcChanged):

@@ -60,7 +60,7 @@ class Collector:
         judge = monitor.judge
         self._asked = Asked(judge.card, judge.config, sources or {})
         self._windows: deque[dict[str, Any]] = deque(maxlen=keep)
-        self._n_windows = self._n_excited = 0
+        self._n_windows = self._n_excited = self._n_outside = 0
         self._series = _Series(keep_samples) if trace else None
         self._output = monitor.names.index(monitor.output)
         self._flag = monitor.store.fault_flag
@@ -73,6 +73,7 @@ class Collector:
             self._windows.append(window_entry(event, self.begin_ns))
             self._n_windows += 1
             self._n_excited += event.excited
+            self._n_outside += event.is_outside
         else:
             self._flag = self._monitor.store.fault_flag
 
@@ -100,7 +101,11 @@ class Collector:
         monitor = self._monitor
         seen = self._observation.observed()
         judgement = Judgement(
-            self._n_windows, self._n_excited, monitor.unfinished, _left_s(monitor)
+            self._n_windows,
+            self._n_excited,
+            monitor.unfinished,
+            _left_s(monitor),
+            self._n_outside,
         )
         is_faulty = monitor.store.fault_flag
         why = [] if is_faulty else causes(seen, self._asked, judgement)

@@ -16,6 +16,7 @@ from monitor.model.card import Limit, ModelCard
 from monitor.model.step import Model
 from monitor.pipeline.events import WindowJudged
 from training.limits.judging import judge_recordings, most_common_cause
+from training.limits.region import region_of
 from training.narx.export import update_card
 from training.narx.model_file import HeldOut
 from training.recordings.recording import Recording
@@ -41,21 +42,22 @@ NO_LIMITS = Limits(
 )
 
 
-def held_out_windows(
-    model: Model, recordings: Sequence[Recording], held_out: Sequence[HeldOut], config: Config
+def _held_out_windows(
+    drives: Sequence[list[WindowJudged]],
+    recordings: Sequence[Recording],
+    held_out: Sequence[HeldOut],
 ) -> list[list[WindowJudged]]:
-    """Return the windows in held-out blocks with the role ``test``, one list per recording."""
-    all_judged = judge_recordings(recordings, model, NO_LIMITS, config)
-    windows = []
-    for number, (recording, judged) in enumerate(zip(recordings, all_judged, strict=True)):
+    """Return the windows of drives that lie in held-out blocks with the role ``test``."""
+    found = []
+    for number, (recording, windows) in enumerate(zip(recordings, drives, strict=True)):
         spans = [(h.first, h.stop) for h in held_out if h.recording == number and h.role == "test"]
         ticks = [
             (w.window.t_start_ns // recording.period_ns, w.window.t_end_ns // recording.period_ns)
-            for w in judged.windows
+            for w in windows
         ]
         inside = [any(a <= i and k < b for a, b in spans) for i, k in ticks]
-        windows.append(list(compress(judged.windows, inside)))
-    return windows
+        found.append(list(compress(windows, inside)))
+    return found
 
 
 def limits_of(
@@ -159,13 +161,21 @@ def with_limits(
 ) -> tuple[ModelCard, int]:
     """Return the model card with limits from held-out blocks, and the number of their windows.
 
-    The healthy gain is the median over the recordings. The weight of evidence falls until the
+    The joint region of the inputs is that of all windows of the recordings, for a network. The
+    healthy gain is the median over the recordings. The weight of evidence falls until the
     healthy recordings' evidence of a fault stays well below a code.
     Raises RecordingError if there are fewer than 10 windows.
     """
-    drives = held_out_windows(model, recordings, held_out, config)
+    judged = judge_recordings(recordings, model, NO_LIMITS, config)
+    everything = [each.windows for each in judged]
+    drives = _held_out_windows(everything, recordings, held_out)
     limits = limits_of(drives, model.card, config, origin, recordings)
-    card = replace(model.card, limits={**model.card.limits, **limits})
+    region = region_of(everything, model.card.input_names) if model.card.kind == "narx" else None
+    card = replace(
+        model.card,
+        limits={**model.card.limits, **limits},
+        region=region.to_card() if region else {},
+    )
     used = Limits.from_card(card, config, origin)
     response = response_limits(model, recordings, used, config)
     return replace(card, limits={**card.limits, **response}), sum(map(len, drives))

@@ -13,7 +13,7 @@ import numpy as np
 
 from monitor.base.errors import RecordingError, UsageError
 from monitor.base.signals import BY_NAME
-from monitor.base.types import FloatArray, Quality
+from monitor.base.types import BoolArray, FloatArray, Quality
 from monitor.model.card import Channel
 from monitor.model.step import PHI_MAX, to_model_units
 from training.recordings.outliers import outlier_mask
@@ -34,6 +34,12 @@ MARGIN = {"phi": 0.05, "none": 0.3}  # of the trained range, by which signals ma
 # as its own movement in normal operation.
 CONTROLLER = "lambda_controller"
 CONTROLLER_NOISE = 0.03
+
+# In closed loop lambda stays near 1 whatever the fuel, so recordings hardly show what a lasting
+# change of fuel does. The balance of fuel and air says it: at the same air, phi is proportional to
+# the fuel. Training turns both up and down together, so slowly that dead time and lag hardly count.
+FUEL = "fuel_mass_mg"
+FUEL_TURN, FUEL_TURN_S = 0.10, 30.0  # most of a turn, and time from one turn to the next
 
 
 class Role(IntEnum):
@@ -167,6 +173,11 @@ def prepare(
     valid = np.isfinite(y)
     role = _roles(segments, period_ns, block_s, seed, lags, validate)
     train = (role == Role.TRAIN) & valid
+    recorded = y
+    if transform == "phi" and FUEL in inputs:
+        turns = fuel_turns(role == Role.TRAIN, period_ns, seed)
+        u[:, list(inputs).index(FUEL)] *= turns
+        y = y * turns
     seen = apply(transforms, inputs, u)
     if transform == "phi" and CONTROLLER in inputs:
         blur = np.random.default_rng([seed, 1]).standard_normal(len(u)) * (role == Role.TRAIN)
@@ -181,7 +192,7 @@ def prepare(
         enabled=on & valid,
         scaling=scaling,
         inputs=tuple(_channel(n, u[train, i]) for i, n in enumerate(inputs)),
-        output=_channel(output, _in_output_units(transform, y[train])),
+        output=_channel(output, _in_output_units(transform, recorded[train])),
         transform=transform,
         transforms=tuple(transforms),
         recordings=tuple(recordings),
@@ -189,6 +200,20 @@ def prepare(
         outliers=outliers,
         warnings=tuple(_warnings(u[train], y[train], inputs, output, outliers)),
     )
+
+
+def fuel_turns(rows: BoolArray, period_ns: int, seed: int) -> FloatArray:
+    """Return (n,) factors of the fuel: 1 outside ``rows``, else within 1 +- ``FUEL_TURN``.
+
+    They change slowly, and are 1 at the ends of every run of rows.
+    """
+    n, step = len(rows), max(round(FUEL_TURN_S * 1e9 / period_ns), 1)
+    knots = np.random.default_rng([seed, 2]).uniform(-FUEL_TURN, FUEL_TURN, n // step + 2)
+    turn = np.interp(np.arange(n) / step, np.arange(len(knots)), knots)
+    for first, stop in runs(rows):
+        inside = np.arange(1, stop - first + 1)
+        turn[first:stop] *= np.minimum(1.0, 6.0 / step * np.minimum(inside, inside[::-1]))
+    return np.asarray(np.where(rows, 1.0 + turn, 1.0))
 
 
 def enabled_rows(recording: "Recording") -> np.ndarray:

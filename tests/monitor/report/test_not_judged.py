@@ -1,8 +1,9 @@
 """Why a drive was not judged: condition, share, signal, reason and advice in every output."""
 
 import json
+import shutil
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,11 @@ import numpy as np
 import pytest
 
 from monitor import cli
+from monitor.judge.region import Region
+from monitor.model.step import Model
+from monitor.report.replay import shipped_model
 from tests.helpers.drive_tables import PERIOD_S, Columns, table
+from training.narx.export import update_card
 
 Change = Callable[[Columns], None]
 
@@ -168,3 +173,25 @@ def test_a_check_names_what_would_hold_up_a_verdict(
     zeros = table(tmp_path / "zeros.csv", held("vehicle_speed_km_h", 0.0))
     assert cli.main(["check", str(zeros)]) == 0
     assert "vehicle_speed_km_h is 0 km/h throughout" in capsys.readouterr().out
+
+
+def test_a_drive_outside_of_what_the_model_learned_gives_no_verdict_and_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model = tmp_path / "model.onnx"
+    shutil.copy(shipped_model(), model)
+    card = Model.load(model).card
+    n = len(card.inputs)
+    far = Region(card.input_names, np.ones(2 * n), np.full((1, 2 * n), 1e4), 1.0)
+    update_card(model, replace(card, region=far.to_card()))
+    out = tmp_path / "out.json"
+    path = table(tmp_path / "drive.csv", lambda _: None)
+    assert cli.main(["replay", str(path), "--model", str(model), "--json", str(out)]) == 3
+    (recording,) = json.loads(out.read_text())["recordings"]
+    n_windows = len(recording["windows"])
+    assert all(w["statistics"]["region_beyond"] > 1.0 for w in recording["windows"])
+    assert [(c["condition"], c["reason"]) for c in recording["not_judged"]][-1] == (
+        "evidence",
+        "untrained",
+    )
+    assert f"{n_windows} of {n_windows} windows hold driving" in capsys.readouterr().out

@@ -1,0 +1,82 @@
+"""What a lasting change of fuel does to the prediction, learned in closed loop."""
+
+from pathlib import Path
+
+import numpy as np
+
+from monitor.base.types import FloatArray, Quality
+from monitor.model.step import Model
+from training.narx.fit import fit
+from training.recordings.preparation import FUEL_TURN, Role, fuel_turns, prepare
+from training.recordings.recording import Recording
+
+PERIOD_NS = 100_000_000
+NAMES = ("air_mass_mg", "fuel_mass_mg", "lambda_measured")
+N = 4000
+
+
+def closed_loop(seed: int, noise: float = 0.02) -> Recording:
+    """Lambda is held at 1 with a dither of 2 %; the broadcast fuel is inexact."""
+    rng = np.random.default_rng(seed)
+    air = 300.0 + 150.0 * np.sin(np.arange(N) / 83.0) + 60.0 * np.sin(np.arange(N) / 19.0)
+    dither = 0.02 * np.sign(np.sin(2.0 * np.pi * np.arange(N) / 17.0))
+    fuel = air / 14.7 * (1.0 + dither)
+    phi = np.ones(N)
+    for k in range(3, N):
+        phi[k] = phi[k - 1] + 0.4 * (14.7 * fuel[k - 3] / air[k - 3] - phi[k - 1])
+    broadcast = fuel * (1.0 + noise * rng.standard_normal(N))
+    values = np.column_stack([air, broadcast, 1.0 / phi + 0.001 * rng.standard_normal(N)])
+    quality = np.full(values.shape, Quality.GOOD, dtype=np.uint8)
+    t_s = np.arange(N) * 0.1
+    return Recording(Path(f"loop{seed}.csv"), str(seed), PERIOD_NS, t_s, NAMES, values, quality)
+
+
+def predicted_phi(path: Path, recording: Recording, factor: float) -> FloatArray:
+    u = recording.values[:, :2] * np.array([1.0, factor])
+    model = Model.load(path)
+    model.reset(u[:1], np.array([1.0]))
+    return np.asarray(1.0 / model.run_batch(u[np.newaxis].astype(np.float32))[0])
+
+
+def test_a_network_learned_in_closed_loop_follows_a_lasting_change_of_fuel(tmp_path: Path) -> None:
+    path = tmp_path / "m.onnx"
+    fit(
+        [closed_loop(1)],
+        NAMES[:2],
+        NAMES[2],
+        path,
+        lags=4,
+        hidden=(4,),
+        starts=1,
+        budget_minutes=0.15,
+        threads=1,
+    )
+    other = closed_loop(2, noise=0.0)
+    richer = predicted_phi(path, other, 1.05)[100:].mean()
+    leaner = predicted_phi(path, other, 0.95)[100:].mean()
+    assert 0.09 < richer - leaner < 0.11
+
+
+def test_fuel_and_phi_are_turned_together_where_the_network_learns_and_nowhere_else() -> None:
+    recording = closed_loop(3)
+    data = prepare([recording], NAMES[:2], NAMES[2])
+    fuel = data.samples.u[:, 1] * data.scaling.u_std[1] + data.scaling.u_mean[1]
+    phi = data.scaling.unscale_y(data.samples.y)
+    by_fuel = fuel / recording.values[:, 1]
+    by_phi = phi * recording.values[:, 2]
+    train = data.role == Role.TRAIN
+    assert np.abs(by_fuel - by_phi).max() < 1e-9
+    assert np.abs(by_fuel[~train] - 1.0).max() < 1e-9
+    assert by_fuel[train].std() > FUEL_TURN / 5.0
+    assert (data.output.minimum, data.output.maximum) == (
+        recording.values[train, 2].min(),
+        recording.values[train, 2].max(),
+    )
+
+
+def test_the_fuel_is_turned_slowly_and_stands_as_recorded_at_the_ends_of_each_block() -> None:
+    rows = np.repeat([True, False, True], [900, 200, 500])
+    turns = fuel_turns(rows, PERIOD_NS, seed=4)
+    assert np.abs(turns - 1.0).max() <= FUEL_TURN
+    assert np.abs(np.diff(turns)).max() < 0.003
+    assert (turns[~rows] == 1.0).all()
