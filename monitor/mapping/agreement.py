@@ -50,19 +50,31 @@ _ALLOWED: Final = {
     "sensor_ready": r"\bpre\b|valid|heiz",
     "closed_loop": r"enable|mode\b",
     "purge_duty_percent": r"cmd|command",
+    **dict.fromkeys(
+        ("manifold_pressure_kpa", "manifold_temperature_degc", "ambient_temperature_degc"),
+        r"int|inlet|air",
+    ),
+    **dict.fromkeys(("fuel_mass_mg", "air_mass_mg"), r"int|inj|injector"),
+    "battery_voltage_v": r"u?lo|lv",  # of a car with a traction battery
     "vehicle_speed_km_h": r"\bbrk\b|\babs\b|\besp\b|\bdsc\b",  # the ECU that measures it
 }
+_ENGINE: Final = r"eng|mot|mo\b|\bmd|\b(ecm|ems|dme|cmm)\b"
 _HARMLESS_WORDS: Final = (  # of a name; they say nothing against the quantity
     "data info signal sig val value msr act actual cur current ist crct flt ext rng cst coast "
     "ungef approx linear bordnetzbatter sensor snsr analog dig fast slow high hs ls obd crk no "
     "crankshaft fixed engine eng motor vehicle car ems ecm pcm x state on is has bit flag rate "
-    "inlet injector metering est estimated estimate com clu real diag meas module mdule aout out "
-    "air int intake inj kombi vlt mph kph kmh"
+    "metering est estimated estimate com clu real diag meas module mdule aout out "
+    "kombi vlt mph kph kmh"
 )
 _HARMLESS: Final = frozenset(_HARMLESS_WORDS.split())
+_THINGS: Final = frozenset("engine eng motor vehicle car crankshaft crk ems ecm pcm".split())
 _ENGLISH: Final = frozenset({"rpm", "speed", "torque"})
 _SHORT: Final = 3  # letters of an abbreviation
 _PREFIX_LETTERS: Final = 4  # a name may begin with so short an abbreviation of its ECU
+_BARE: Final = frozenset(  # of any machine; an unknown word beside them says of which
+    "rpm speed spd torque trq tq temp temperature pressure press voltage volt drehzahl n v t u p "
+    "trim air flow geschw".split()
+)
 _TEMPERATURE_OFFSETS: Final = (-40.0, -48.0, -50.0, -60.0)  # usual in degC, in no other unit
 _UNIT_IN_NAME: Final = {
     "rotation": frozenset({"rpm"}),
@@ -107,7 +119,7 @@ def _by_name(
     if "motor" in words and _ENGLISH & set(words):
         yield "its name says 'motor', which is an electric one in English"
         return
-    if name == "engine_torque_nm" and not re.search(r"eng|mot|mo\b|\bmd", own):
+    if name == "engine_torque_nm" and not re.search(_ENGINE, f"{own} {of_message}"):
         yield "its name does not say that the torque is the engine's"
         return
     # an abbreviation says little: its message must not name another part of the car
@@ -123,7 +135,8 @@ def _by_name(
         yield "only its message or its comment says so"
         return
     rest = [w for w in rest if not re.fullmatch(allowed, w)]
-    odd = [w for w in rest if w not in _HARMLESS and not _is_prefix(w, words)]
+    own_prefix = words[0] in words_of(message.name) or not _is_bare_quantity(words[1:])
+    odd = [w for w in rest if w not in _HARMLESS and not (own_prefix and _is_prefix(w, words))]
     if odd:
         yield f"its name says {odd[0]!r}, too"
 
@@ -133,6 +146,12 @@ def _beside_message(meaning: Meaning, message: Message, words: tuple[str, ...]) 
     rest = unexplained(meaning.phrases, words + words_of(message.name))
     own = [w for w in words if rest is not None and w in rest]
     return own if rest is not None and len(own) < len(words) else None
+
+
+def _is_bare_quantity(words: tuple[str, ...]) -> bool:
+    """Return whether the words name a quantity, but not of which thing."""
+    spare = _HARMLESS - _THINGS
+    return all(w in _BARE or w in spare or w.isdigit() for w in words)
 
 
 def _is_prefix(word: str, words: tuple[str, ...]) -> bool:

@@ -130,7 +130,7 @@ MEANINGS: Final[dict[str, Meaning]] = {
     "coolant_temperature_degc": _meaning(
         "coolant temperature 1.0, ect 0.95, coolant 0.75, engine temperature 0.8",
         {"temperature": 1.0},
-        (20.0, 95.0),
+        (20.0, 85.0),  # the thermostat is open
         never="oil oel trans gear getriebe intercooler llk inverter battery exhaust target soll "
         "air intake fan lamp ambient outside aussen fuel manifold charge",
     ),

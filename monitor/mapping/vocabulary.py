@@ -56,7 +56,7 @@ CONCEPTS: Final[dict[str, str]] = {
     "iat": "iat mat tans act",
     "coolant": "coolant* cool kuehlmittel* kuehlwasser* water* clnt ect clt ect cts",
     "ect": "ect clt tmot cts",
-    "ambient": "env ambient* amb ots outside* aussen* umgebung* umg outdoor* exterior*",
+    "ambient": "env ambient* amb ots outside* outsd aussen* umgebung* umg outdoor* exterior*",
     "aat": "aat oat tumg tam",
     "baro": "baro* bap atm atmos* luftdruck* =pu pu barometric*",
     "battery": "batt* bat ub vbat wub ubat bordnetz* kl30 kl15 supply* module* vbatt accu*",
@@ -91,6 +91,7 @@ _SPELLINGS: Final = (
 _PART: Final = re.compile(
     r"h?o2s?\d{0,2}(?![a-z])|[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+\d*|[A-Z]+\d*|\d+"
 )
+_LEAST_LETTERS: Final = 3  # of a stem inside of a longer word
 _ENDINGS: Final = ("w", "l", "raw", "01", "1")  # of a name, without a meaning
 
 
@@ -113,6 +114,26 @@ def words_of(name: str) -> tuple[str, ...]:
         numbered = re.fullmatch(r"(?!h?o2s?\d*$)([a-z]{2,})(\d+)", word)
         words += numbered.groups() if numbered else [word]
     return tuple(words)
+
+
+@cache
+def _letters() -> re.Pattern[str]:
+    """Return the pattern of a word that known words fill but for an ending of the last."""
+    stems = {stem.strip("=*").replace("_", "") for stems in _STEMS.values() for stem in stems}
+    long = sorted((s for s in stems | NOISE if len(s) >= _LEAST_LETTERS), key=len, reverse=True)
+    known = "|".join(map(re.escape, long))
+    return re.compile(
+        rf"(?:(?:{known})(?:en|es|s|n)?)+|(?:{known})*(?:{known})(?<=\w{{4}})\w{{,4}}"
+    )
+
+
+def is_made_of_known(word: str) -> bool:
+    """Return whether known words fill a word; a stem behind other letters says nothing.
+
+    >>> is_made_of_known("motordrehzahl"), is_made_of_known("battery"), is_made_of_known("trailer")
+    (True, True, False)
+    """
+    return _letters().fullmatch(word) is not None
 
 
 def _told(concept: str, words: tuple[str, ...]) -> set[str]:
@@ -173,7 +194,16 @@ def unexplained(phrases: Mapping[str, float], words: tuple[str, ...]) -> list[st
     ['gearbox', 'input']
     """
     found = _best(phrases, words)
-    return found[1] if found else None
+    if found is None:
+        return None
+    stems = {stem for stems in _STEMS.values() for stem in stems}
+    odd = [
+        w
+        for w in words
+        if w not in found[1] and not w.isdigit() and w not in stems | NOISE
+        if not is_made_of_known(w)
+    ]
+    return found[1] + odd
 
 
 @dataclass(frozen=True, slots=True)
