@@ -54,7 +54,8 @@ _ALLOWED: Final = {
         ("manifold_pressure_kpa", "manifold_temperature_degc", "ambient_temperature_degc"),
         r"int|inlet|air",
     ),
-    **dict.fromkeys(("fuel_mass_mg", "air_mass_mg"), r"int|inj|injector"),
+    **dict.fromkeys(("fuel_mass_mg", "rail_pressure_mpa"), r"inj|injector"),
+    **dict.fromkeys(("air_mass_mg", "maf_kg_h"), r"int|inlet|intake|air"),
     "battery_voltage_v": r"u?lo|lv",  # of a car with a traction battery
     "vehicle_speed_km_h": r"\bbrk\b|\babs\b|\besp\b|\bdsc\b",  # the ECU that measures it
 }
@@ -67,14 +68,15 @@ _HARMLESS_WORDS: Final = (  # of a name; they say nothing against the quantity
     "kombi vlt mph kph kmh"
 )
 _HARMLESS: Final = frozenset(_HARMLESS_WORDS.split())
-_THINGS: Final = frozenset("engine eng motor vehicle car crankshaft crk ems ecm pcm".split())
+_THING_WORDS: Final = "engine eng motor vehicle car crankshaft crk ems ecm pcm"
 _ENGLISH: Final = frozenset({"rpm", "speed", "torque"})
 _SHORT: Final = 3  # letters of an abbreviation
 _PREFIX_LETTERS: Final = 4  # a name may begin with so short an abbreviation of its ECU
-_BARE: Final = frozenset(  # of any machine; an unknown word beside them says of which
+_BARE_WORDS: Final = (  # of any machine; an unknown word beside them says of which
     "rpm speed spd torque trq tq temp temperature pressure press voltage volt drehzahl n v t u p "
-    "trim air flow geschw".split()
+    "trim air flow geschw"
 )
+_BARE: Final = frozenset(_BARE_WORDS.split()) | (_HARMLESS - set(_THING_WORDS.split()))
 _TEMPERATURE_OFFSETS: Final = (-40.0, -48.0, -50.0, -60.0)  # usual in degC, in no other unit
 _UNIT_IN_NAME: Final = {
     "rotation": frozenset({"rpm"}),
@@ -150,8 +152,7 @@ def _beside_message(meaning: Meaning, message: Message, words: tuple[str, ...]) 
 
 def _is_bare_quantity(words: tuple[str, ...]) -> bool:
     """Return whether the words name a quantity, but not of which thing."""
-    spare = _HARMLESS - _THINGS
-    return all(w in _BARE or w in spare or w.isdigit() for w in words)
+    return all(w in _BARE or w.isdigit() for w in words)
 
 
 def _is_prefix(word: str, words: tuple[str, ...]) -> bool:

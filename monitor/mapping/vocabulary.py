@@ -19,7 +19,7 @@ CONCEPTS: Final[dict[str, str]] = {
     "n": "n",
     "v": "v",
     "vehicle": "vehicul* vehicle* veh fahrzeug* fzg car road* vhcl",
-    "geschwindigkeit": "geschw* fahrgeschw* vss =vfzg vfzg tacho* kmh kph",
+    "geschwindigkeit": "fahrgeschwindigkeit* geschwindigkeit* geschw* fahrgeschw* vss =vfzg vfzg tacho* kmh kph",
     "torque": "torque* trq tq drehmoment* motormoment* moment mmot",
     "throttle": "throttle* thr tps tp drosselklappe* dk wdkba droka* papillon*",
     "position": "position* pos angle* winkel* stellung* valve*",
@@ -121,10 +121,8 @@ def _letters() -> re.Pattern[str]:
     """Return the pattern of a word that known words fill but for an ending of the last."""
     stems = {stem.strip("=*").replace("_", "") for stems in _STEMS.values() for stem in stems}
     long = sorted((s for s in stems | NOISE if len(s) >= _LEAST_LETTERS), key=len, reverse=True)
-    known = "|".join(map(re.escape, long))
-    return re.compile(
-        rf"(?:(?:{known})(?:en|es|s|n)?)+|(?:{known})*(?:{known})(?<=\w{{4}})\w{{,4}}"
-    )
+    short, full = ("|".join(s for s in long if (len(s) > 3) == more) for more in (False, True))
+    return re.compile(rf"(?:(?:{full}|{short})(?:en|es|s|n)?|(?:{full})\w{{0,4}})+")
 
 
 def is_made_of_known(word: str) -> bool:
