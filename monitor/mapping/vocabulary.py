@@ -19,7 +19,8 @@ CONCEPTS: Final[dict[str, str]] = {
     "n": "n",
     "v": "v",
     "vehicle": "vehicul* vehicle* veh fahrzeug* fzg car road* vhcl",
-    "geschwindigkeit": "fahrgeschwindigkeit* geschwindigkeit* geschw* fahrgeschw* vss =vfzg vfzg tacho* kmh kph",
+    "geschwindigkeit": "fahrgeschwindigkeit* geschwindigkeit* geschw* fahrgeschw* vss =vfzg vfzg "
+    "tacho* kmh kph",
     "torque": "torque* trq tq drehmoment* motormoment* moment mmot",
     "throttle": "throttle* thr tps tp drosselklappe* dk wdkba droka* papillon*",
     "position": "position* pos angle* winkel* stellung* valve*",
