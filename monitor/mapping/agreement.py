@@ -11,6 +11,7 @@ from typing import Final
 from cantools.database.can import Message, Signal
 
 from monitor.mapping.meanings import Meaning
+from monitor.mapping.own_names import own_name
 from monitor.mapping.scaling import span
 from monitor.mapping.vocabulary import unexplained, unit_of, words_of
 
@@ -46,18 +47,18 @@ _ELSEWHERE: Final = (
 _ALLOWED: Final = {
     "lambda_target": _TARGET_WORDS,
     "lambda_measured": r"\bpre\b|valid",
-    "lambda_controller": r"\bpre\b",
+    "lambda_controller": r"\bpre\b|term",
     "sensor_ready": r"\bpre\b|valid|heiz",
     "closed_loop": r"enable|mode\b",
     "purge_duty_percent": r"cmd|command",
     **dict.fromkeys(
         ("manifold_pressure_kpa", "manifold_temperature_degc", "ambient_temperature_degc"),
-        r"int|inlet|air",
+        r"int|intk|inlet|air",
     ),
     **dict.fromkeys(("fuel_mass_mg", "rail_pressure_mpa"), r"inj|injector"),
     **dict.fromkeys(("air_mass_mg", "maf_kg_h"), r"int|inlet|intake|air"),
     "battery_voltage_v": r"u?lo|lv",  # of a car with a traction battery
-    "vehicle_speed_km_h": r"\bbrk\b|\babs\b|\besp\b|\bdsc\b",  # the ECU that measures it
+    "vehicle_speed_km_h": r"\bbrk\b|\babs\b|\besp\b|\bdsc\b|speed",  # the ECU that measures it
 }
 _ENGINE: Final = r"eng|mot|mo\b|\bmd|\b(ecm|ems|dme|cmm)\b"
 _HARMLESS_WORDS: Final = (  # of a name; they say nothing against the quantity
@@ -88,7 +89,7 @@ _HIGHEST_RPM: Final = 20_000.0  # a range below it and above 4000 is in 1/min
 
 def doubts(name: str, meaning: Meaning, message: Message, signal: Signal) -> Iterator[str]:
     """Yield why a signal may not be the canonical one ``name``, in words."""
-    words = words_of(signal.name)
+    words = words_of(own_name(message, signal))
     yield from _by_name(name, meaning, message, words)
     yield from _by_unit(name, meaning, signal, words)
     end = min(span(signal, declared=declared)[1] for declared in (False, True))

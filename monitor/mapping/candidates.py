@@ -10,6 +10,7 @@ from cantools.database.can import Database, Message, Signal
 
 from monitor.mapping.agreement import doubts
 from monitor.mapping.meanings import FUEL_FLOW, MEANINGS, OF_ONE_SENSOR, OTHER, Meaning
+from monitor.mapping.own_names import own_name
 from monitor.mapping.scaling import scaling_of
 from monitor.mapping.vocabulary import match, words_of
 
@@ -117,7 +118,7 @@ def _candidate(name: str, meaning: Meaning, message: Message, signal: Signal) ->
 
 def _name(meaning: Meaning, message: Message, signal: Signal) -> tuple[float, str]:
     """Return how sure names and comment are, and the one that says most."""
-    words = words_of(signal.name)
+    words = words_of(own_name(message, signal))
     if _is_other(meaning, words):
         return 0.0, ""
     sure, why = match(meaning.phrases, words), f"its name says {signal.name}"
@@ -148,7 +149,11 @@ def _is_other(meaning: Meaning, words: tuple[str, ...]) -> bool:
 
 def _numbered(candidate: Candidate) -> Candidate:
     """Return the candidate, less sure if its name says that it is a second one."""
-    numbers = [w for w in words_of(candidate.signal.name) if w.isdigit() and int(w) > 1]
+    numbers = [
+        w
+        for w in words_of(own_name(candidate.message, candidate.signal))
+        if w.isdigit() and int(w) > 1
+    ]
     if not numbers:
         return candidate
     return candidate.judged(f"its name ends in {numbers[0]}: perhaps a second one", 0.75)
@@ -156,7 +161,8 @@ def _numbered(candidate: Candidate) -> Candidate:
 
 def _of_one_sensor(candidate: Candidate) -> Candidate:
     """Return the candidate, blocked if it belongs to another sensor than the upstream one."""
-    texts = (candidate.signal.name, candidate.message.name, candidate.signal.comment or "")
+    own = own_name(candidate.message, candidate.signal)
+    texts = (own, candidate.message.name, candidate.signal.comment or "")
     reason = _elsewhere(texts)
     if reason:
         return replace(candidate, blocked=reason)

@@ -6,6 +6,7 @@ from typing import Final
 
 from cantools.database.can import Signal
 
+from monitor.base.signals import plausible_range
 from monitor.mapping.meanings import LAMBDA_FAMILY, Meaning
 from monitor.mapping.vocabulary import Unit, unit_of, words_of
 
@@ -13,6 +14,7 @@ STOICHIOMETRIC: Final = 14.7  # kg of air per kg of gasoline, the number of most
 GAUGE_KPA: Final = (90.0, 110.0)  # the atmosphere
 FILLERS: Final = (1.0, 255.0, 1023.0)  # that editors write where nobody states a range
 FILLER_BITS: Final = 10
+MOST_ABOVE: Final = 300.0  # times the plausible range; a stated range beyond has another unit
 MIXTURE: Final = ("number", "ratio", "afr", "phi")
 PRESSURES: Final = (("MPa", 1000.0, 60.0), ("bar", 100.0, 600.0), ("kPa", 1.0, math.inf))
 PRESSURES_KPA: Final = (("bar", 100.0, 8.0), ("kPa", 1.0, 700.0), ("hPa", 0.1, math.inf))
@@ -159,6 +161,11 @@ def _plausible(scaling: Scaling, name: str, signal: Signal, meaning: Meaning) ->
     too_coarse = abs(float(signal.scale) * scaling.factor) > (high - low) / 3
     if not carried[0] <= low < high <= carried[1] or (too_coarse and not signal.is_float):
         return None
+    most = MOST_ABOVE * max(map(abs, plausible_range(name)))
+    is_filler = stated == carried or _is_power_of_two(signal)
+    if max(map(abs, stated)) > most and not (is_filler or scaling.is_phi):
+        why = f"its range reaches {max(stated, key=abs):g}: another unit?"
+        scaling = scaling.less(0.6, why)
     if not stated[0] <= low < high <= stated[1]:
         why = f"its range {stated[0]:g} to {stated[1]:g} does not hold {low:g} to {high:g}"
         scaling = scaling.less(0.6, why)
@@ -166,3 +173,9 @@ def _plausible(scaling: Scaling, name: str, signal: Signal, meaning: Meaning) ->
         why = f"its values begin at {carried[0]:g} kPa: a gauge pressure, which needs an offset?"
         scaling = scaling.less(0.5, why)
     return scaling
+
+
+def _is_power_of_two(signal: Signal) -> bool:
+    """Return whether the range ends where some bits do: an editor wrote it."""
+    end = int(signal.maximum or 0)
+    return signal.maximum == end and end > 0 and (end + 1) & end == 0

@@ -232,7 +232,7 @@ UNITS: Final[dict[Unit, str]] = {  # and the ways databases write them
     Unit("temperature", 5 / 9, -160 / 9): "degf f °f fahrenheit deg_f ºf",
     Unit("temperature", 1.0, -273.15): "k kelvin degk °k",
     Unit("mass_flow"): "kg/h kgh kg/hr kgph kg/std",
-    Unit("mass_flow", 3.6): "g/s gps g/sec",
+    Unit("mass_flow", 3.6): "g/s gps g/sec grams/sec grams/s gram/s",
     Unit("mass_flow", 3600.0): "kg/s",
     Unit("mass_flow", 60.0): "kg/min",
     Unit("mass_flow", 0.06): "g/min",
