@@ -162,10 +162,12 @@ def main() -> None:
     parser.add_argument("split", choices=SPLITS)
     parser.add_argument("--model", type=Path)
     parser.add_argument("--budget", default="8")
+    parser.add_argument("--no-mask", action="store_true", help="judge fuel cuts as any driving")
     args = parser.parse_args()
     split, settings = SPLITS[args.split], config.load()
     with tempfile.TemporaryDirectory() as name:
-        columns = Path(name) / "columns.toml" if split.has_cut else None
+        masks = split.has_cut and not args.no_mask
+        columns = Path(name) / "columns.toml" if masks else None
         if columns:
             columns.write_text(MASK)
         path = args.model or Path(name) / "bosch.onnx"

@@ -6,6 +6,8 @@ Results come in the order of time, one after the other.
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
+from operator import attrgetter
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
@@ -47,6 +49,16 @@ class WindowJudged:
         """Return whether the model learned no such driving, so that the window is no evidence."""
         beyond = self.statistics.get("region_beyond")
         return isinstance(beyond, float) and beyond > 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class CutJudged:
+    """The test of the fuel-cut response has judged a window around a fuel cut."""
+
+    t_ns: int
+    outcome: Outcome
+    fault: str | None
+    statistics: dict[str, float | str | None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,6 +126,16 @@ class Decisions:
             limits.evidence,
             limits.gain_expected,
         )
+        # edges of fuel cuts are judged by the same claims, and their evidence is the same
+        self._cut_response = ResponseRule(
+            config.response,
+            hypotheses,
+            Noise(limits.noise, limits.noise_memory),
+            period_s,
+            limits.evidence_cut,
+            limits.gain_cut,
+            self._response,
+        )
         self._bias = BiasRule(config.bias, limits.offset_low, limits.offset_high, limits.offset_std)
         self._debounce = dict.fromkeys(OF_VEHICLE, Debounce())
         self._named: dict[str, str] = {}  # the fault that each matured test has set
@@ -139,8 +161,24 @@ class Decisions:
     def facts(self, windows: Sequence[Window]) -> list[Facts]:
         """Return the facts of windows that follow each other.
 
-        Every window goes through here once, before ``window`` decides.
+        Every window goes through here once, before ``window`` or ``cut`` decides.
         """
+        found: list[Facts] = []
+        for is_cut, group in groupby(windows, attrgetter("is_cut")):
+            facts_of = self._cut_facts if is_cut else self._window_facts
+            found += facts_of([*group])
+        return found
+
+    def _cut_facts(self, windows: Sequence[Window]) -> list[Facts]:
+        measured = np.array([window.measured for window in windows])
+        mean, std = means_and_stds(np.array([window.residual for window in windows]))
+        banks = [window.bank for window in windows]
+        ignore = np.zeros(len(windows), dtype=np.bool_)
+        responses = self._cut_response.judge(self._orient(measured), banks, ignore)
+        own = zip(mean.tolist(), std.tolist(), responses, strict=True)
+        return [Facts(each_mean, each_std, False, None, 0.0, r) for each_mean, each_std, r in own]
+
+    def _window_facts(self, windows: Sequence[Window]) -> list[Facts]:
         measured = np.array([window.measured for window in windows])
         mean, std = means_and_stds(np.array([window.residual for window in windows]))
         span = np.maximum.reduce(measured, axis=1) - np.minimum.reduce(measured, axis=1)
@@ -198,6 +236,17 @@ class Decisions:
                 yield from self._step(
                     test, failed, self._by(failed), name, result.also, window.t_end_ns
                 )
+        self.completed |= self._debounce["response"].failed or self._debounce["response"].passed
+
+    def cut(self, window: Window, facts: Facts) -> Iterator[CutJudged | Change]:
+        """Take a full window around a fuel cut; yield its verdict, then the codes it changes."""
+        response, t_ns = facts.response, window.t_end_ns
+        yield CutJudged(t_ns, response.outcome, response.fault, response.statistics)
+        failed = response.outcome == "failed"
+        self._suspicious |= failed
+        if response.outcome != "inconclusive":
+            name = response.fault or ""
+            yield from self._step("response", failed, self._by(failed), name, response.also, t_ns)
         self.completed |= self._debounce["response"].failed or self._debounce["response"].passed
 
     def _results(self, response: Response, bias: Bias) -> list[TestResult]:

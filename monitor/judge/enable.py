@@ -50,11 +50,23 @@ NEEDS: Final = {  # condition → its signal
     "vehicle_speed": "vehicle_speed_km_h",
     "purge_steady": "purge_duty_percent",
 }
+# what a fuel cut breaks of itself: without fuel the loop is open and the engine is driven
+_CUT_BREAKS: Final = ("closed_loop", "fuel_cut_recovered", "engine_load", "purge_steady")
 # conditions that a time of recovery follows: they hold so many samples after they were last broken
 _RECOVERING: Final = ("model_settled", "trained_range", "fuel_cut_recovered", "purge_steady")
 # columns of what a sample says, as ``Enable.push`` puts them together: those of _RECOVERING after
 # their recovery, then the others, at last those that follow from a range
+_EXCUSED = np.isin(CONDITIONS, _CUT_BREAKS)
 _VALID, _TRAINED, _STEADY, _HOLDS, _RANGES = range(len(_RECOVERING), len(_RECOVERING) + 5)
+
+
+def in_fuel_cut(conditions: BoolArray) -> BoolArray:
+    """Return the samples, (n,), that nothing but a fuel cut, or the recovery from it, disables.
+
+    conditions : (n, n_conditions)
+    """
+    others = np.logical_and.reduce(conditions | _EXCUSED, axis=1)
+    return np.asarray(others & ~conditions[:, CONDITIONS.index("fuel_cut_recovered")])
 
 
 class Range(NamedTuple):

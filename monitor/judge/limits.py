@@ -18,7 +18,7 @@ NAMES: Final = (
     "offset",
     "offset_std",
 )  # in the card
-OPTIONAL: Final = ("evidence", "gain_model")  # older cards lack them
+OPTIONAL: Final = ("evidence", "gain_model", "evidence_cut", "gain_cut")  # older cards lack them
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +35,8 @@ class Limits:
     offset_std: float  # of healthy windows' means, output's unit
     evidence: float = 1.0  # most of a window's samples that count as independent
     gain_model: float = 1.0  # measurement over prediction of healthy sensors
+    evidence_cut: float = 0.0  # like evidence, in windows around fuel cuts; 0 leaves them out
+    gain_cut: float = 1.0  # like gain_model, in windows around fuel cuts
     gain: float = 1.0  # of this vehicle's healthy sensor, relative to gain_model
     region: Region | None = None  # of the inputs, outside of which a window is no evidence
 

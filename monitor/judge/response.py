@@ -103,6 +103,8 @@ class ResponseRule:
     noise : of the healthy residual
     evidence_weight : at most that of the settings; lower for a model whose errors look like faults
     gain_reference : this vehicle's healthy gain, which the gains of the claims are relative to
+    shares : a rule on other windows of the same drive, to whose evidence this one's adds; a drive
+        has one gain relative to the references
     """
 
     def __init__(
@@ -113,6 +115,7 @@ class ResponseRule:
         period_s: float,
         evidence_weight: float = 1.0,
         gain_reference: float = 1.0,
+        shares: "ResponseRule | None" = None,
     ) -> None:
         self._config, self._noise = config, noise
         self._weight = min(evidence_weight, config.evidence_weight)
@@ -123,8 +126,8 @@ class ResponseRule:
         self._claims, self._n_columns = claims(config, bank), len(bank)
         self._columns = np.array([c.column for c in self._claims])
         self._gain_reference = gain_reference
-        self._gain_low = gain_reference * np.array([c.gain_low for c in self._claims])
-        self._gain_high = gain_reference * np.array([c.gain_high for c in self._claims])
+        self._gain_low = np.array([c.gain_low for c in self._claims])
+        self._gain_high = np.array([c.gain_high for c in self._claims])
         names = np.array([c.fault for c in self._claims])
         self._sound = np.flatnonzero(names == "")
         self._faults = np.flatnonzero((names != "") & (names != UNRELATED))
@@ -132,14 +135,17 @@ class ResponseRule:
         self._moments = np.vstack((times, times**2))
         self._lead = config.lead_s / period_s
         self._ahead = math.ceil(self._lead)
+        n = len(self._claims)
+        self._evidence: FloatArray = np.zeros(n) if shares is None else shares._evidence
+        # weighted sums of prediction squared, and of measurement times prediction, per claim
+        self._gain_sums: FloatArray = np.zeros((2, n)) if shares is None else shares._gain_sums
         self.reset()
 
     def reset(self) -> None:
         """Forget all evidence."""
         n, known = len(self._claims), self._config.gain_known
-        self._evidence = np.zeros(n)
-        # weighted sums of prediction squared, and of measurement times prediction, per claim
-        self._gain_sums = np.vstack((np.full(n, known), np.full(n, known * self._gain_reference)))
+        self._evidence.fill(0.0)
+        self._gain_sums.fill(known)
         self._drive_sums = np.zeros((3, n))  # like gain sums and evidence, but nothing fades
         self.windows = 0  # that were not ignored
 
@@ -159,7 +165,7 @@ class ResponseRule:
         """Return the gain of the likeliest sound sensor over all judged windows; 1 without one."""
         sound = self._sound[self._drive_sums[2, self._sound].argmax()]
         sxx, sxy, _ = self._drive_sums[:, sound].tolist()
-        return sxy / sxx if sxx > 0.0 else 1.0
+        return self._gain_reference * sxy / sxx if sxx > 0.0 else 1.0
 
     def judge(
         self, measured: FloatArray, banks: Sequence[FloatArray], ignore: BoolArray
@@ -202,6 +208,8 @@ class ResponseRule:
         (y[:, np.newaxis] @ x)[:, 0].take(self._columns, 1, moments[:, 1], "clip")
         moments[:, 2] = (y[:, np.newaxis] @ y[:, :, np.newaxis])[:, 0]
         moments /= y.shape[1]
+        moments[:, 0] *= self._gain_reference**2
+        moments[:, 1] *= self._gain_reference
         return moments
 
     def _summed(
@@ -236,7 +244,7 @@ class ResponseRule:
         self._drive_sums[2] += log_likelihood
 
     def _gain(self, sums: FloatArray) -> FloatArray:
-        """Return each claim's gain, within its range, from the sums of all windows."""
+        """Return each claim's gain over the reference, within its range, from all windows."""
         gain: FloatArray = sums[1] / sums[0]
         np.maximum(gain, self._gain_low, out=gain)
         np.minimum(gain, self._gain_high, out=gain)
@@ -325,7 +333,9 @@ class ResponseRule:
         if not self.windows:
             return {"gain": None, "gain_std": None}
         sxx, sxy = sums
-        return {"gain": sxy / sxx, "gain_std": math.sqrt(1.0 / (self._weight * sxx))}
+        reference = self._gain_reference
+        std = reference * math.sqrt(1.0 / (self._weight * sxx))
+        return {"gain": reference * sxy / sxx, "gain_std": std}
 
 
 _TIMES = tuple(f"{what}_{edge}" for what in ("lag", "dead_time") for edge in EDGES)

@@ -22,6 +22,9 @@ class Window:
     predicted: FloatArray  # (n,) output's unit
     bank: FloatArray  # (n, n_hypotheses), oriented like phi
     inputs: FloatArray = field(default_factory=partial(np.empty, (0, 0)))  # (n, n_inputs)
+    is_cut: bool = field(
+        default=False, kw_only=True
+    )  # around a fuel cut, by which alone its samples are not enabled
 
     @property
     def residual(self) -> FloatArray:
@@ -49,8 +52,8 @@ class Series(NamedTuple):
 class Windows:
     """Fills windows that do not overlap; an interruption discards the window begun."""
 
-    def __init__(self, n_samples: int, n_hypotheses: int) -> None:
-        self._n = n_samples
+    def __init__(self, n_samples: int, n_hypotheses: int, *, is_cut: bool = False) -> None:
+        self._n, self._is_cut = n_samples, is_cut
         self._shape = n_samples, n_hypotheses
         self._filled = 0  # samples of the window begun
         self._t_start_ns = 0
@@ -121,4 +124,4 @@ class Windows:
 
     def _window(self, t_end_ns: int, *arrays: FloatArray) -> Window:
         self.completed += 1
-        return Window(self.completed - 1, self._t_start_ns, t_end_ns, *arrays)
+        return Window(self.completed - 1, self._t_start_ns, t_end_ns, *arrays, is_cut=self._is_cut)

@@ -4,13 +4,14 @@ from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 from monitor.base.types import BoolArray, FloatArray, Sample, SampleBlock
-from monitor.judge.decisions import Change, Counted, DtcChanged, WindowJudged
+from monitor.judge.decisions import Change, Counted, CutJudged, DtcChanged, WindowJudged
 from monitor.memory.reference import Seen
 
 __all__ = [
     "BlockEvent",
     "Change",
     "Counted",
+    "CutJudged",
     "CycleStarted",
     "DtcChanged",
     "Event",
@@ -56,7 +57,7 @@ class CycleStarted(NamedTuple):
     seen: Seen | None  # for the vehicle's reference to learn, of the driving cycle before
 
 
-Happening = CycleStarted | WindowJudged | DtcChanged | Counted
+Happening = CycleStarted | WindowJudged | CutJudged | DtcChanged | Counted
 BlockEvent = Ticks | Happening  # what a monitor yields
 Event = Tick | Happening  # the same, sample by sample
 

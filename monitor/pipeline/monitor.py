@@ -34,6 +34,7 @@ from monitor.pipeline.events import (
     BlockEvent,
     Change,
     Counted,
+    CutJudged,
     CycleStarted,
     DtcChanged,
     Happening,
@@ -113,7 +114,12 @@ class Monitor:
         )
         self._maturing = Maturing(*ticks_to_mature(config.debounce, period_s))
         self._activity = ActivityTest.of(plausibility, output, names, period_s)
-        self._windows = Windows(config.window.n_samples, len(judge.hypotheses))
+        n_samples, n_hypotheses = config.window.n_samples, len(judge.hypotheses)
+        self._windows = Windows(n_samples, n_hypotheses)
+        # an edge of a fuel cut takes one to two seconds, and a cut is soon over
+        is_judged = limits.evidence_cut > 0.0
+        cut_windows = Windows(n_samples // 2, n_hypotheses, is_cut=True)
+        self._cut_windows = cut_windows if is_judged else None
         self._run: RunState | None = None
         self._driven: list[Driven] = []  # not counted yet
         self._decide = partial(
@@ -239,6 +245,8 @@ class Monitor:
             segments=segments,
             then=then,
             windows=self._windows,
+            in_cut=enable.in_fuel_cut(conditions),
+            cut_windows=self._cut_windows,
             run=run,
         )
 
@@ -256,7 +264,11 @@ class Monitor:
         self._run = part.end
         inputs = part.block.values.take(self._judge.inputs, axis=1)
         series = Series(part.block.t_ns, part.measured, part.predicted, inputs)
-        windows = self._windows.push(part.spans, series, goes_on=part.run is not None)
+        goes_on = part.run is not None
+        windows = self._windows.push(part.spans, series, goes_on=goes_on)
+        if self._cut_windows is not None:
+            windows += self._cut_windows.push(part.cut_spans, series, goes_on=goes_on)
+            windows.sort(key=itemgetter(0))
         then = part.then
         is_cleared, self._clearings = self._clearings != self.store.clearings, self.store.clearings
         edges = sorted({0, *part.cuts, len(part.measured)})
@@ -356,11 +368,12 @@ class Monitor:
         yield from self._frozen(changes, block, k)
 
     def _judged(self, window: Window, block: SampleBlock, k: int) -> Iterator[Happening]:
-        yield from self._frozen(self._decisions.window(window, next(self._facts)), block, k)
+        decide = self._decisions.cut if window.is_cut else self._decisions.window
+        yield from self._frozen(decide(window, next(self._facts)), block, k)
 
     def _frozen(
-        self, events: Iterable[WindowJudged | Change], block: SampleBlock, k: int
-    ) -> Iterator[WindowJudged | Change]:
+        self, events: Iterable[WindowJudged | CutJudged | Change], block: SampleBlock, k: int
+    ) -> Iterator[WindowJudged | CutJudged | Change]:
         """Yield the events; with a code that fails, the signals of sample k are kept."""
         for event in events:
             if isinstance(event, DtcChanged) and event.dtc.status & Status.TEST_FAILED:

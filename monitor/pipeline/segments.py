@@ -1,6 +1,6 @@
 """Model and sensor bank on runs of samples with valid inputs, many recordings side by side."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import NamedTuple
@@ -38,9 +38,12 @@ class Part:
     segments: list[tuple[int, int]]  # runs of samples with valid inputs in one driving cycle
     then: list[Then]
     windows: Windows
+    in_cut: BoolArray  # (n,) samples that only a fuel cut disables
+    cut_windows: Windows | None  # None where fuel cuts are not judged
     run: RunState | None  # that the first segment goes on from, if it begins with the block
     predicted: FloatArray = field(init=False)  # (n,) output's unit
     spans: list[Span] = field(default_factory=list)  # the samples that fill windows
+    cut_spans: list[Span] = field(default_factory=list)  # those that fill windows around cuts
     end: RunState | None = None  # behind the last sample
 
     def __post_init__(self) -> None:
@@ -62,6 +65,21 @@ class _Row(NamedTuple):
         """Return a row for the samples begin to end of a part."""
         state = part.run if begin == 0 else None
         return cls(part, begin, end, state, end == len(part.measured))
+
+    def spans(self, usable: BoolArray) -> Iterator[tuple[list[Span], int, int]]:
+        """Yield the samples of the segment that fill windows, and the part's spans they join.
+
+        usable : (n,) of the segment, samples with a prediction
+        """
+        part, inside = self.part, slice(self.begin, self.end)
+        goes_on = self.state is not None
+        kinds = [(part.windows, part.enabled, part.spans)]
+        if part.cut_windows is not None:
+            kinds.append((part.cut_windows, part.in_cut, part.cut_spans))
+        for windows, samples, target in kinds:
+            found = windows.spans(samples[inside] & usable, goes_on=goes_on, is_last=self.is_last)
+            for begin, end in found:
+                yield target, begin, end
 
 
 class Segments:
@@ -92,32 +110,30 @@ class Segments:
         for part in parts:
             if len(part.segments) > 1:
                 part.spans.sort(key=lambda span: span.begin)
+                part.cut_spans.sort(key=lambda span: span.begin)
 
     def _run(self, rows: Sequence[_Row]) -> None:
         """Run the rows, the longest first."""
         lengths = [row.end - row.begin for row in rows]
         predicted, states = self._predict(rows, lengths)
         begins: list[BankState] = []
-        spans = Spans([], [], [])
+        spans, targets = Spans([], [], []), list[list[Span]]()
         values = oriented(predicted, self._card.transform)
         for i, (row, value) in enumerate(zip(rows, values[:, 0].tolist(), strict=True)):
             part, inside = row.part, slice(row.begin, row.end)
             own = part.predicted[inside] = predicted[i, : lengths[i]]
             begins.append(row.state.bank if row.state else self._bank.begin(value))
-            usable = part.enabled[inside] & (own == own)  # noqa: PLR0124
-            for begin, end in part.windows.spans(
-                usable, goes_on=row.state is not None, is_last=row.is_last
-            ):
+            usable = own == own  # noqa: PLR0124
+            for target, begin, end in row.spans(usable):
                 spans.row.append(i)
                 spans.begin.append(begin)
                 spans.end.append(end)
+                targets.append(target)
         read, ends = self._bank.push(values, lengths, begins, spans)
         at = 0
-        for i, begin, end in zip(*spans, strict=True):
-            row = rows[i]
-            row.part.spans.append(
-                Span(row.begin + begin, row.begin + end, read[at : (at := at + end - begin)])
-            )
+        for i, begin, end, target in zip(*spans, targets, strict=True):
+            first = rows[i].begin
+            target.append(Span(first + begin, first + end, read[at : (at := at + end - begin)]))
         for i, row in enumerate(rows):
             if row.is_last:
                 row.part.end = RunState(states[i], ends[i])

@@ -13,7 +13,14 @@ from monitor.judge.limits import Limits
 from monitor.memory.dtc import Dtc, DtcStore
 from monitor.memory.reference import Reference, Seen
 from monitor.model.step import Model
-from monitor.pipeline.events import BlockEvent, CycleStarted, DtcChanged, Ticks, WindowJudged
+from monitor.pipeline.events import (
+    BlockEvent,
+    CutJudged,
+    CycleStarted,
+    DtcChanged,
+    Ticks,
+    WindowJudged,
+)
 from monitor.pipeline.monitor import Judge, Monitor
 
 SAMPLES = 2048  # of each recording that are judged at once
@@ -30,6 +37,7 @@ class Judged:
     conditions: BoolArray  # (n, n_conditions) in the order of enable.CONDITIONS
     enabled: BoolArray  # (n,)
     windows: list[WindowJudged]
+    cuts: list[CutJudged]
     interrupted_windows: int  # begun and discarded
     changes: list[DtcChanged]
     cycles: list[CycleStarted]  # driving cycles that begin within the recording
@@ -167,6 +175,7 @@ class _Run:
         self._measured = block.values[:, judge.names.index(self.monitor.output)].copy()
         self._ticks: list[Ticks] = []
         self._windows: list[WindowJudged] = []
+        self._cuts: list[CutJudged] = []
         self._changes: list[DtcChanged] = []
         self._cycles: list[CycleStarted] = []
         self.blocks = self._parts(block, clearings)
@@ -191,6 +200,8 @@ class _Run:
                 )
                 event = replace(event, window=window)
             self._windows.append(event)
+        elif isinstance(event, CutJudged):
+            self._cuts.append(event)
         elif isinstance(event, DtcChanged):
             self._changes.append(event)
         elif isinstance(event, CycleStarted):
@@ -209,6 +220,7 @@ class _Run:
             conditions=np.concatenate(conditions),
             enabled=np.concatenate([_NONE.astype(np.bool_), *(each.enabled for each in ticks)]),
             windows=self._windows,
+            cuts=self._cuts,
             interrupted_windows=monitor.interrupted_windows,
             changes=self._changes,
             cycles=self._cycles,

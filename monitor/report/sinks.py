@@ -24,6 +24,7 @@ from monitor.pipeline.entry import (
 from monitor.pipeline.events import (
     BlockEvent,
     Counted,
+    CutJudged,
     CycleStarted,
     DtcChanged,
     Happening,
@@ -60,7 +61,7 @@ class Collector:
         judge = monitor.judge
         self._asked = Asked(judge.card, judge.config, sources or {})
         self._windows: deque[dict[str, Any]] = deque(maxlen=keep)
-        self._n_windows = self._n_excited = self._n_outside = 0
+        self._n_windows = self._n_excited = self._n_outside = self._n_cuts = 0
         self._series = _Series(keep_samples) if trace else None
         self._output = monitor.names.index(monitor.output)
         self._flag = monitor.store.fault_flag
@@ -74,6 +75,8 @@ class Collector:
             self._n_windows += 1
             self._n_excited += event.excited
             self._n_outside += event.is_outside
+        elif isinstance(event, CutJudged):
+            self._n_cuts += 1
         else:
             self._flag = self._monitor.store.fault_flag
 
@@ -124,6 +127,7 @@ class Collector:
             "fault_flag": monitor.store.fault_flag,
             "completed": monitor.completed,
             "not_judged": not_judged(why),
+            **({"windows_fuel_cut": self._n_cuts} if monitor.limits.evidence_cut else {}),
             "evidence": evidence_entry(monitor.evidence()),
             "enable": enable_shares(seen.held.tolist(), monitor.samples, monitor.unavailable),
             "limits": limits_entry(monitor.limits),
@@ -208,6 +212,9 @@ def event_line(event: Happening, collector: Collector) -> str:
         dtc = event.dtc
         state = dtc.state or "not set"
         return f"{collector.seconds(event.t_ns):8.1f} s  {dtc.code} {dtc.fault} {state}"
+    if isinstance(event, CutJudged):
+        said = f"{event.outcome} {event.fault or ''}"
+        return f"{collector.seconds(event.t_ns):8.1f} s  window around a fuel cut  {said}"
     paper = "  paper: failed" if event.paper_failed else ""
     return (
         f"{collector.seconds(event.window.t_end_ns):8.1f} s  window {event.window.index}  "

@@ -14,7 +14,15 @@ from monitor.judge.limits import Limits
 from monitor.memory.dtc import DtcStore, Saved
 from monitor.memory.reference import Reference
 from monitor.model.step import Model
-from monitor.pipeline.events import BlockEvent, CycleStarted, DtcChanged, Tick, Ticks, WindowJudged
+from monitor.pipeline.events import (
+    BlockEvent,
+    CutJudged,
+    CycleStarted,
+    DtcChanged,
+    Tick,
+    Ticks,
+    WindowJudged,
+)
 from monitor.pipeline.monitor import Judge, Monitor
 from monitor.pipeline.side_by_side import Judged
 
@@ -28,6 +36,7 @@ class Streamed:
 
     ticks: list[Tick]
     windows: list[WindowJudged]
+    cuts: list[CutJudged]
     changes: list[DtcChanged]
     cycles: list[CycleStarted]
     monitor: Monitor
@@ -72,6 +81,7 @@ def stream(
     return Streamed(
         [tick for event in events if isinstance(event, Ticks) for tick in event.each()],
         [event for event in events if isinstance(event, WindowJudged)],
+        [event for event in events if isinstance(event, CutJudged)],
         [event for event in events if isinstance(event, DtcChanged)],
         [event for event in events if isinstance(event, CycleStarted)],
         monitor,
@@ -85,6 +95,7 @@ def assert_same(streamed: Streamed, judged: Judged) -> None:
     )
     assert [tick.enabled for tick in streamed.ticks] == judged.enabled.tolist()
     np.testing.assert_array_equal([tick.predicted for tick in streamed.ticks], judged.predicted)
+    assert streamed.cuts == judged.cuts
     assert len(streamed.windows) == len(judged.windows)
     for a, b in zip(streamed.windows, judged.windows, strict=True):
         assert replace(a, window=b.window) == b  # mean, std, verdict, statistics: every digit

@@ -14,7 +14,7 @@ from monitor.base.types import FloatArray
 from monitor.judge.limits import Limits
 from monitor.model.card import Limit, ModelCard
 from monitor.model.step import Model
-from monitor.pipeline.events import WindowJudged
+from monitor.pipeline.events import CutJudged, WindowJudged
 from training.limits.judging import judge_recordings, most_common_cause
 from training.limits.region import region_of
 from training.narx.export import update_card
@@ -192,52 +192,87 @@ def whole(recordings: Sequence[Recording]) -> list[HeldOut]:
 def response_limits(
     model: Model, recordings: Sequence[Recording], limits: Limits, config: Config
 ) -> dict[str, Limit]:
-    """Return the healthy gain, and the weight of evidence, from healthy recordings.
+    """Return the healthy gains, and the weights of evidence, from healthy recordings.
 
     The gain's spread from drive to drive, and a model that follows its vehicle poorly, look like a
-    weak or late sensor; the evidence counts less by as much as it says so.
+    weak or late sensor; the evidence counts less by as much as it says so. Windows around fuel
+    cuts have a gain and a weight of their own; the weight is 0 without such windows.
     """
     where = f"{len(recordings)} healthy recordings"
-    limits = replace(limits, gain_model=1.0, evidence=math.inf)
-    gains = [
-        float(gain)
-        for judged in judge_recordings(recordings, model, limits, config)
-        if (gain := _last_gain(judged.windows)) is not None
-    ]
+    full = config.response.evidence_weight
+    plain = replace(limits, gain_model=1.0, evidence=math.inf, evidence_cut=full, gain_cut=1.0)
+    judged = judge_recordings(recordings, model, plain, config)
+    gain = _healthy_gain([_last_gain(each.windows) for each in judged], config)
+    used = replace(limits, gain_model=gain, evidence=full, evidence_cut=0.0)
+    most = _most_evidence(model, recordings, used, config)
+    used = _calmed(model, recordings, used, "evidence", config)
+    found = {
+        "gain_model": Limit(gain, "-", f"median gain of the likeliest sound sensor, {where}"),
+        "evidence": Limit(
+            used.evidence, "-", f"largest evidence of a fault {most:.3g} at full weight, {where}"
+        ),
+    }
+    n_cuts = sum(len(each.cuts) for each in judged)
+    if not n_cuts:
+        return found
+    gain = _healthy_gain([_last_gain(each.cuts) for each in judged], config)
+    used = replace(used, gain_cut=gain, evidence_cut=full)
+    most = _most_evidence(model, recordings, used, config)
+    used = _calmed(model, recordings, used, "evidence_cut", config)
+    where = f"{n_cuts} windows around fuel cuts of {where}"
+    return found | {
+        "gain_cut": Limit(gain, "-", f"median gain of the likeliest sound sensor, {where}"),
+        "evidence_cut": Limit(
+            used.evidence_cut,
+            "-",
+            f"largest evidence of a fault {most:.3g} at full weight, {where}",
+        ),
+    }
+
+
+def _healthy_gain(gains: Sequence[float | None], config: Config) -> float:
+    """Return the median of the drives' gains, 1 without any."""
+    known = [gain for gain in gains if gain is not None]
     least = config.response.gain_least  # a model that follows less says nothing of its vehicle
-    gain = min(max(float(np.median(gains)), least), 1.0 / least) if gains else 1.0
+    return min(max(float(np.median(known)), least), 1.0 / least) if known else 1.0
+
+
+def _weighted(limits: Limits, name: str, weight: float) -> Limits:
+    if name == "evidence_cut":
+        return replace(limits, evidence_cut=weight)
+    return replace(limits, evidence=weight)
+
+
+def _calmed(
+    model: Model,
+    recordings: Sequence[Recording],
+    limits: Limits,
+    name: str,
+    config: Config,
+) -> Limits:
+    """Return the limits with a weight so low that healthy recordings stay well below a code."""
     alpha, beta = config.response.false_alarm_probability, config.response.miss_probability
     allowed = math.log((1.0 - beta) / alpha) / EVIDENCE_SAFETY
     weight = config.response.evidence_weight
-    full = most = _most_evidence(
-        model, recordings, replace(limits, gain_model=gain, evidence=weight), config
-    )
+    most = _most_evidence(model, recordings, limits, config)
     while most > allowed and weight > LEAST_EVIDENCE:  # evidence has bounds, so it is not linear
         weight *= max(allowed / most, 0.5)
-        used = replace(limits, gain_model=gain, evidence=weight)
-        most = _most_evidence(model, recordings, used, config)
-    return {
-        "gain_model": Limit(gain, "-", f"median gain of the likeliest sound sensor, {where}"),
-        "evidence": Limit(
-            weight, "-", f"largest evidence of a fault {full:.3g} at full weight, {where}"
-        ),
-    }
+        limits = _weighted(limits, name, weight)
+        most = _most_evidence(model, recordings, limits, config)
+    return limits
 
 
 def _most_evidence(
     model: Model, recordings: Sequence[Recording], limits: Limits, config: Config
 ) -> float:
     """Return the largest evidence of a fault in any window of healthy recordings."""
-    return max(
-        (
-            float(window.statistics["evidence"] or 0.0)
-            for judged in judge_recordings(recordings, model, limits, config)
-            for window in judged.windows
-        ),
-        default=0.0,
-    )
+    found = [0.0]
+    for judged in judge_recordings(recordings, model, limits, config):
+        for windows in (judged.windows, judged.cuts):
+            found += [float(window.statistics["evidence"] or 0.0) for window in windows]
+    return max(found)
 
 
-def _last_gain(windows: Sequence[WindowJudged]) -> float | None:
+def _last_gain(windows: Sequence[WindowJudged | CutJudged]) -> float | None:
     gain = windows[-1].statistics["gain"] if windows else None
     return float(gain) if isinstance(gain, float) else None

@@ -57,6 +57,7 @@ TIGHT = replace(
     j_sigma=0.02,
     noise=0.02,
     excitation=0.01,
+    evidence_cut=0.5,
 )
 
 

@@ -50,12 +50,13 @@ def test_simulated_drives_with_the_shipped_model_are_judged_alike(
 ) -> None:
     blocks, names = drives
     model = Model.load(shipped_model())
-    limits = Limits.from_card(model.card, SHIPPED, "shipped")
+    limits = replace(Limits.from_card(model.card, SHIPPED, "shipped"), evidence_cut=0.75)
     judged = judge_all(blocks, names, model, limits, SHIPPED)
     for block, got in zip(blocks, judged, strict=True):
         assert_same(stream(block, names, model, limits, SHIPPED, fresh()), got)
     # there was something to compare
     assert sum(len(j.windows) for j in judged) > 100
+    assert sum(len(j.cuts) for j in judged) > 20
     assert any(w.excited for j in judged for w in j.windows)
     assert {"out_of_range", "signal_missing"} <= {d.fault for j in judged for d in j.dtcs}
     assert any(j.completed for j in judged)

@@ -1,0 +1,66 @@
+"""Fuel cuts: the edges of lambda that a drive has without any dither tell of the sensor, too."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from monitor.base import faults
+from monitor.base.types import SampleBlock
+from monitor.judge.limits import Limits
+from monitor.model.step import Model
+from monitor.pipeline.side_by_side import Judged, judge_all
+from monitor.report.replay import shipped_model
+from tests.helpers.streamed import PERIOD_NS, SHIPPED
+from training.dyno import ecu, vehicle
+from training.dyno.simulation import Experiment, simulate
+
+WARM = vehicle.conditions(1)._replace(coolant_start_degc=85.0)
+DRIVE = Experiment("udds", vehicle=3, seed=9300, conditions=WARM, duration_s=700.0)
+MODEL = Model.load(shipped_model())
+# nothing but fuel cuts may decide
+ONLY_CUTS = replace(
+    Limits.from_card(MODEL.card, SHIPPED, "shipped"), evidence=1e-9, evidence_cut=0.75
+)
+
+
+def drive(fault: str | None, severity: float | None = None) -> tuple[SampleBlock, tuple[str, ...]]:
+    own = faults.resolve(fault, severity) if fault else None
+    experiment = replace(DRIVE, fault=own)
+    bus_map = ecu.own_bus()
+    rng = np.random.default_rng(3)
+    sent = ecu.broadcast(simulate(experiment), bus_map, rng, own, 0.0)
+    return ecu.samples(sent, bus_map, PERIOD_NS), bus_map.names
+
+
+def judged(fault: str | None, severity: float | None, limits: Limits) -> Judged:
+    block, names = drive(fault, severity)
+    return judge_all([block], names, MODEL, limits, SHIPPED)[0]
+
+
+@pytest.mark.parametrize(
+    ("fault", "severity"),
+    [
+        ("slow_rich_to_lean", 0.6),
+        ("delay_lean_to_rich", 0.5),
+    ],
+)
+def test_fuel_cuts_alone_name_a_sensor_that_is_slow_or_late_on_one_edge(
+    fault: str, severity: float
+) -> None:
+    got = judged(fault, severity, ONLY_CUTS)
+    assert [dtc.fault for dtc in got.dtcs if dtc.fault.startswith(("slow", "delay"))] == [fault]
+
+
+def test_fuel_cuts_alone_call_a_sound_sensor_sound() -> None:
+    got = judged(None, None, ONLY_CUTS)
+    assert got.dtcs == []
+    assert got.completed
+    assert len(got.cuts) >= 10
+
+
+def test_without_a_weight_in_the_card_fuel_cuts_say_nothing() -> None:
+    got = judged("slow_rich_to_lean", 0.6, replace(ONLY_CUTS, evidence_cut=0.0))
+    assert got.cuts == []
+    assert not got.completed
+    assert got.dtcs == []
