@@ -1,12 +1,14 @@
 """What all tests share: one thread per numeric library, property test profile, shared data."""
 
 import os
+import shutil
 import signal
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
 
+from tests.helpers import shared
 from tests.helpers.examples import USUAL, number
 
 # Before any test imports numpy: one thread is the fastest on small matrices.
@@ -54,16 +56,35 @@ MARKS = {
     ),
 }
 
+FIRST = ("kernel", "trains", "waits", "browser", "thorough")  # marks in the order of a run
+
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark slow tests; begin with those that mostly wait for a bus, so that others run beside."""
+    """Mark slow tests; one worker runs the tests of a file, in the order of ``FIRST``.
+
+    So a fixture of a module is made once. Tests with a kernel share a lock: one worker runs all.
+    """
     for item in items:
         place = item.path.relative_to(ROOT / "tests").as_posix()
         fixtures = getattr(item, "fixturenames", ())
         for mark, names in MARKS.items():
             if any(place.startswith(name) or name in fixtures for name in names):
                 item.add_marker(mark)
-    items.sort(key=lambda item: item.get_closest_marker("kernel") is None)
+        kernel = item.get_closest_marker("kernel") is not None
+        item.add_marker(pytest.mark.xdist_group("kernel" if kernel else place))
+    items.sort(key=_rank)
+
+
+def _rank(item: pytest.Item) -> int:
+    """Return the place of a test in a run: the long ones first, so that no worker ends late."""
+    marks = {mark.name for mark in item.iter_markers()}
+    return next((rank for rank, mark in enumerate(FIRST) if mark in marks), len(FIRST))
+
+
+def pytest_unconfigure(config: pytest.Config) -> None:
+    """Remove what the workers of this run shared."""
+    if uid := getattr(config.pluginmanager.get_plugin("dsession"), "nodemanager", None):
+        shutil.rmtree(shared.folder(uid.testrunuid), ignore_errors=True)
 
 
 @pytest.fixture(scope="session")

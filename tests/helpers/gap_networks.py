@@ -11,6 +11,7 @@ from monitor.base.signals import NARX_INPUTS, OUTPUT
 from monitor.base.types import FloatArray
 from monitor.model.card import TrainingRecording
 from monitor.model.step import Model
+from tests.helpers.shared import shared
 from training.dyno import vehicle
 from training.dyno.ecu import broadcast, own_bus, samples
 from training.dyno.effects import from_severities
@@ -86,19 +87,19 @@ def trained_on(recordings: Sequence[Recording], folder: Path) -> FitResult:
     )
 
 
-@cache
+@shared
 def healthy_drives() -> tuple[Recording, ...]:
     """Return drives with nothing hidden."""
     return tuple(drive(cycle, 2_020_110 + i) for i, cycle in enumerate(CYCLES))
 
 
-@cache
+@shared
 def gap_drives(hidden: tuple[str, float] = FILM) -> tuple[Recording, ...]:
     """Return drives with a hidden effect of a severity."""
     return tuple(drive(cycle, 2_020_120 + i, hidden) for i, cycle in enumerate(CYCLES))
 
 
-@cache
+@shared
 def fitted(hidden: tuple[str, float] = FILM) -> tuple[Constants, ModelEffect]:
     """Return the library's form of an effect in the chain, fitted to drives with the plant's."""
     name, drives = hidden[0], tuple(map(from_recording, gap_drives(hidden)))

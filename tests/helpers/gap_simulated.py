@@ -5,6 +5,7 @@ from functools import cache
 import numpy as np
 
 from monitor.base.faults import resolve
+from tests.helpers.shared import shared
 from training.dyno.ecu import broadcast, own_bus, samples
 from training.dyno.effects import from_severities
 from training.dyno.simulation import Experiment, simulate
@@ -45,7 +46,7 @@ def simulated(
     return drive.make(experiment.name, 0.1, columns, measured)
 
 
-@cache
+@shared
 def known() -> Healthy:
     """Return what these drives say, and how far they contradict each other."""
     return yardstick.learn(healthy(), Constants())

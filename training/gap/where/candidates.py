@@ -14,7 +14,7 @@ from typing import Final, Literal, get_args
 
 import numpy as np
 
-from monitor.base.types import FloatArray
+from monitor.base.types import FloatArray, IntArray
 from training.gap.where.bootstrap import Excess
 from training.gap.where.drivers import AT_SENSOR, Driver, find_drivers, rate
 from training.gap.where.splines import (
@@ -53,22 +53,25 @@ class Side:
         drivers = {d.name: d for d in find_drivers(recordings)}
         return cls(recordings, blocks, drivers, transport)
 
-    def design(self, name: str, point: Point, basis: Basis | None) -> FloatArray:
-        """Return the candidate's functions (m, k) at the scored samples."""
+    def functions(self, name: str, basis: Basis | None) -> list[FloatArray]:
+        """Return the functions (n, k) of a driver in each recording; constants without a basis."""
+        if basis is None:
+            return [np.ones((len(r.residual), 1)) for r in self.recordings]
+        return [basis(values) for values in self.drivers[name].values]
+
+    def design(self, functions: Sequence[FloatArray], point: Point) -> FloatArray:
+        """Return a driver's functions (m, k) as they act from ``point``, at the scored samples."""
         made = []
-        for i, r in enumerate(self.recordings):
-            n = len(r.residual)
-            values = np.ones((n, 1)) if basis is None else basis(self.drivers[name].values[i])
-            if point == "before the transport" and self.transport is not None:
-                values = self.transport.move(values, i, r.period_s)
+        for i, (r, values) in enumerate(zip(self.recordings, functions, strict=True)):
             phi = hold(r.phi_predicted)
-            if point == "timing":
-                values = np.column_stack(
-                    [values * rate(phi, r.period_s)[:, np.newaxis], np.ones(n)]
-                )
-            if point == "sensitivity":
-                values = np.column_stack([values * (phi - 1.0)[:, np.newaxis], np.ones(n)])
-            made.append(values)
+            if point == "before the transport" and self.transport is not None:
+                made.append(self.transport.move(values, i, r.period_s))
+            elif point == "timing":
+                made.append(_beside_constant(values, rate(phi, r.period_s)))
+            elif point == "sensitivity":
+                made.append(_beside_constant(values, phi - 1.0))
+            else:
+                made.append(values)
         return gather(made, self.blocks)
 
 
@@ -102,34 +105,56 @@ def points(name: str, side: Side) -> tuple[Point, ...]:
     return POINTS
 
 
-def evaluate(new: Side, healthy: Side | None, name: str, point: Point) -> Candidate:
-    """Return a candidate fitted to some blocks and scored on others."""
+def evaluate(new: Side, healthy: Side | None, name: str) -> list[Candidate]:
+    """Return the candidates of a driver, one for each point, fitted and scored on other blocks."""
     driver = new.drivers.get(name)
     values = np.zeros(1) if driver is None else gather(driver.values, new.blocks)
     basis = None if driver is None else Basis.of(values)
-    own = normal(new.design(name, point, basis), new.blocks)
-    fold = new.blocks.fold
-    if healthy is None:
-        known, reference, common = None, np.zeros_like(own.right), np.zeros_like(own.right)
-    else:
-        known = normal(healthy.design(name, point, basis), healthy.blocks)
+    functions = new.functions(name, basis)
+    of_healthy = None if healthy is None else (healthy, healthy.functions(name, basis))
+    median = float(np.median(values))
+    found = []
+    for point in points(name, new):
+        own = normal(new.design(functions, point), new.blocks)
+        known = None
+        if of_healthy is not None:
+            side, theirs = of_healthy
+            known = normal(side.design(theirs, point), side.blocks)
+        is_offset = driver is None and point == "at the sensor"
+        gains, tested = _gains(own, known, new.blocks.fold, None if is_offset else point)
+        found.append(
+            Candidate(
+                driver=driver,
+                point=point,
+                basis=basis,
+                median=median,
+                new=own,
+                healthy=known,
+                gains=gains,
+                tested=tested,
+            )
+        )
+    return found
+
+
+def _gains(
+    own: Normal, known: Normal | None, fold: IntArray, point: Point | None
+) -> tuple[FloatArray, FloatArray]:
+    """Return ``gains`` and ``tested`` of a candidate; beside an offset unless ``point`` is None."""
+    reference, common = np.zeros_like(own.right), np.zeros_like(own.right)
+    if known is not None:
         reference = np.tile(healthy_coefficients(known), (len(fold), 1))
         common = common_coefficients(own, known, fold)
-    if driver is not None or point != "at the sensor":  # an offset explains nothing of a regime
+    if point is not None:  # an offset explains nothing of a regime
         level = _constant(own.right.shape[1], point)
         reference, common = (offset(own, c, level, fold) for c in (reference, common))
     after = own.error(held_out(own, fold))
-    tested = own.error(common) - after
-    return Candidate(
-        driver=driver,
-        point=point,
-        basis=basis,
-        median=float(np.median(values)),
-        new=own,
-        healthy=known,
-        gains=own.error(reference) - after,
-        tested=tested,
-    )
+    return own.error(reference) - after, own.error(common) - after
+
+
+def _beside_constant(values: FloatArray, factor: FloatArray) -> FloatArray:
+    """Return functions (n, k) times ``factor`` (n,), and a constant as the last one."""
+    return np.column_stack([values * factor[:, np.newaxis], np.ones(len(values))])
 
 
 def _constant(k: int, point: Point) -> FloatArray:

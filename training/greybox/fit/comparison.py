@@ -76,7 +76,7 @@ class Stack:
     """The scored samples of several recordings, concatenated."""
 
     residual: FloatArray  # (m,)
-    block: IntArray  # (m,) number of the block of time, 0 to n_blocks - 1
+    block: IntArray  # (m,) number of the block of time, 0 to n_blocks - 1, never falling
     fold: IntArray  # (n_blocks,) number of the group of blocks that is held out together
     recording: IntArray  # (n_blocks,) number of the recording
     rows: tuple[IntArray, ...]  # scored rows of each recording
