@@ -288,7 +288,9 @@ class Decisions:
 
         The time left supposes that the evidence goes on to grow as it did so far.
         """
-        rule, seconds = self._response, self._response.windows * self._window_s
+        rule, n_cuts = self._response, self._cut_response.windows
+        # a window around a fuel cut has half the samples
+        seconds = (rule.windows + 0.5 * n_cuts) * self._window_s
         found = {}
         for fault, odds in rule.odds.items():
             needed = rule.evidence_fail if odds > 0.0 else rule.evidence_pass
