@@ -97,6 +97,8 @@ def _check(args: argparse.Namespace) -> int:
                 _say_polled(poller, health)
     for line in result.lines():
         say(line)
+    for note in setup.bus_map.notes:
+        say(f"database: {note}")
     missing = result.missing((*setup.model.card.input_names, setup.model.card.output.name))
     _say_verdict(missing, result.stale)
     if args.log and not missing:

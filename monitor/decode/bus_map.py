@@ -56,6 +56,7 @@ class BusMap:
     derived: dict[str, Derived]
     names: tuple[str, ...]  # what every vehicle sends, in the order of the maps
     optional: tuple[str, ...] = ()  # what can be asked for, but not every vehicle sends it
+    notes: tuple[str, ...] = ()  # what of the databases was changed or left out to read them
 
     def sources(self, names: Sequence[str]) -> tuple[str, ...]:
         """Return the channels needed for ``names``: those asked for, then what they derive from.
@@ -131,9 +132,11 @@ def load_pairs(pairs: Iterable[tuple[str | Path, str | Path]]) -> BusMap:
     names: dict[str, None] = {}
     optional: dict[str, None] = {}
     auxiliary: dict[str, Path] = {}
+    notes: list[str] = []
     for dbc, map_path in paths:
         signal_map = load_signal_map(map_path)
-        database = load_database(dbc)
+        database, changed = read_database(dbc)
+        notes.extend(f"{dbc}: {note}" for note in changed)
         for name in signal_map.auxiliary:
             if name in auxiliary or name in names:
                 raise SignalMapError(f"{map_path}: {name} is also defined by {auxiliary.get(name)}")
@@ -149,9 +152,8 @@ def load_pairs(pairs: Iterable[tuple[str | Path, str | Path]]) -> BusMap:
         optional.update(dict.fromkeys(signal_map.optional))
     _check_overlap(channels)
     _check_derived(channels, derived, paths)
-    return BusMap(
-        paths, channels, derived, tuple(names), tuple(n for n in optional if n not in names)
-    )
+    further = tuple(n for n in optional if n not in names)
+    return BusMap(paths, channels, derived, tuple(names), further, tuple(notes))
 
 
 def _channel(mapped: MappedSignal, signal_map: SignalMap, database: Database, dbc: Path) -> Channel:

@@ -9,7 +9,8 @@ import numpy as np
 
 from monitor.base.signals import BY_NAME, OUTPUT
 from monitor.base.types import FloatArray, Quality, QualityArray
-from monitor.frames.profiles.profile import is_profile, path_of
+from monitor.frames.profiles.profile import is_profile, path_of, shipped
+from monitor.frames.profiles.recognition import recognised
 from monitor.frames.tables.readers import is_readable, open_table
 from monitor.grid.tables import Table, in_range, is_logger_table, read_table, table_period_ns
 
@@ -116,6 +117,9 @@ def check_table(path: Path, columns: Path | None = None) -> TableCheck:
     if table.profile:
         raw = open_table(path)
         how = "given" if columns is not None else "recognised by its columns"
+        own = recognised(raw) if columns is None else None
+        if own is not None and own.name not in shipped():
+            how += f", your own of {own.file}"
         header.append(f"{raw.kind}, {len(raw.columns)} columns")
         header.append(f"profile: {table.profile}, {how}")
     return TableCheck(table, tuple(header))

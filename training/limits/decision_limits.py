@@ -25,6 +25,7 @@ MINIMUM_WINDOWS = 10
 MANY_WINDOWS = 100  # with fewer windows, the 0.99 quantile is the largest value
 PAPER_QUANTILE = 0.99
 HELD_OUT = "test blocks held out of the training recordings"
+ALSO_CHOSEN_ON = " and blocks that chose the weights, because these hold too few windows"
 MEMORY_MOST = 0.95  # correlation of the noise; above it a window holds almost no information
 EVIDENCE_SAFETY = (
     3.0  # the healthy recordings' largest evidence of a fault stays so far below a code
@@ -46,11 +47,12 @@ def _held_out_windows(
     drives: Sequence[list[WindowJudged]],
     recordings: Sequence[Recording],
     held_out: Sequence[HeldOut],
+    roles: Sequence[str],
 ) -> list[list[WindowJudged]]:
-    """Return the windows of drives that lie in held-out blocks with the role ``test``."""
+    """Return the windows of drives that lie in held-out blocks with one of the roles."""
     found = []
     for number, (recording, windows) in enumerate(zip(recordings, drives, strict=True)):
-        spans = [(h.first, h.stop) for h in held_out if h.recording == number and h.role == "test"]
+        spans = [(h.first, h.stop) for h in held_out if h.recording == number and h.role in roles]
         ticks = [
             (w.window.t_start_ns // recording.period_ns, w.window.t_end_ns // recording.period_ns)
             for w in windows
@@ -161,14 +163,18 @@ def with_limits(
 ) -> tuple[ModelCard, int]:
     """Return the model card with limits from held-out blocks, and the number of their windows.
 
-    The joint region of the inputs is that of all windows of the recordings, for a network. The
-    healthy gain is the median over the recordings. The weight of evidence falls until the
+    Short recordings, whose test blocks hold fewer than 10 windows, give those of the blocks that
+    chose the weights, too, and the limits say so; no weight was fitted to either. The joint region
+    of the inputs is that of all windows of the recordings, for a network. The healthy gain is the median over the recordings. The weight of evidence falls until the
     healthy recordings' evidence of a fault stays well below a code.
     Raises RecordingError if there are fewer than 10 windows.
     """
     judged = judge_recordings(recordings, model, NO_LIMITS, config)
     everything = [each.windows for each in judged]
-    drives = _held_out_windows(everything, recordings, held_out)
+    drives = _held_out_windows(everything, recordings, held_out, ("test",))
+    if sum(map(len, drives)) < MINIMUM_WINDOWS and origin == HELD_OUT:
+        drives = _held_out_windows(everything, recordings, held_out, ("test", "validate"))
+        origin += ALSO_CHOSEN_ON
     limits = limits_of(drives, model.card, config, origin, recordings)
     region = region_of(everything, model.card.input_names) if model.card.kind == "narx" else None
     card = replace(

@@ -42,13 +42,16 @@ def _correction(s: Signals, _: Engine) -> FloatArray:
 
 
 def _no_fuel(s: Signals, engine: Engine) -> FloatArray:
-    """Return 1 while the injectors stay shut at speed, or in an overrun by the profile."""
+    """Return 1 while the injectors stay shut at speed; without a pulse width in an overrun.
+
+    A pulse width above 0 says that fuel comes, whatever the pressure.
+    """
     turns = s["engine_speed_rpm"] > SPEED_LEAST_RPM
     cut, known = np.zeros(len(turns), dtype=bool), np.zeros(len(turns), dtype=bool)
     if _PULSE in s:
         cut |= turns & (s[_PULSE] <= 0.0)
         known |= np.isfinite(s[_PULSE])
-    if _PRESSURE in s and engine.overrun_below_kpa > 0.0:
+    elif _PRESSURE in s and engine.overrun_below_kpa > 0.0:
         fast = s["engine_speed_rpm"] > engine.overrun_above_rpm
         cut |= fast & (s[_PRESSURE] < engine.overrun_below_kpa)
         known |= np.isfinite(s[_PRESSURE])

@@ -98,6 +98,7 @@ class Profile:
     recognise: tuple[Recognition, ...] = ()
     signals: Mapping[str, tuple[Source, ...]] = field(default_factory=dict)
     engine: Engine = field(default_factory=Engine)
+    file: Path | None = field(default=None, compare=False)
 
 
 def shipped() -> tuple[str, ...]:
@@ -139,7 +140,8 @@ def load_profile(path: Path) -> Profile:
 
     Raises ConfigError with file, key, what came and what was wanted.
     """
-    return profile_of(read_toml(path, "the profile", ConfigError), path)
+    tree = read_toml(path, "the profile", ConfigError)
+    return replace(profile_of(tree, path), file=path)
 
 
 def profile_of(tree: Mapping[str, Any], path: Path) -> Profile:
@@ -184,20 +186,21 @@ class _Reader:
         base = (
             Profile(name="", title="")
             if based_on is None
-            else replace(shipped_profile(self._text("based_on", based_on)), recognise=())
+            else shipped_profile(self._text("based_on", based_on))
         )
         signals = dict(base.signals)
         for name, given in self._table("signals", raw.get("signals", {})).items():
             if name not in BY_NAME:
                 raise self._error(f"[signals] {name}", "is no canonical signal")
             signals[name] = self._sources(f"[signals] {name}", given)
+        recognise = tuple(self._recognition(each) for each in raw.get("recognise", []))
         time = self._sources("time", raw["time"]) if "time" in raw else base.time
         return Profile(
             name=self._path.stem,
             title=self._text("title", raw.get("title", base.title or self._path.stem)),
             stoich_afr=self._number("stoich_afr", raw.get("stoich_afr", base.stoich_afr)),
             time=time,
-            recognise=tuple(self._recognition(each) for each in raw.get("recognise", [])),
+            recognise=recognise or base.recognise,
             signals=signals,
             engine=self._engine(self._table("engine", raw.get("engine", {})), base.engine),
         )

@@ -1,10 +1,26 @@
-"""Which profile a raw table belongs to, by its columns and the text before them."""
+"""Which profile a raw table belongs to, by its columns and the text before them.
 
-from collections.abc import Iterable
+A user's own profiles come first: those beside the log, then those in the user's folder.
+"""
 
-from monitor.frames.profiles.profile import Profile, Recognition, shipped, shipped_profile
+import os
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Final
+
+from monitor.frames.profiles.profile import (
+    Profile,
+    Recognition,
+    is_profile,
+    load_profile,
+    shipped,
+    shipped_profile,
+)
 from monitor.frames.tables.dialect import name_and_unit
 from monitor.frames.tables.raw_table import RawTable
+
+OWN_FOLDER: Final = "O2_PROFILES"  # environment variable: a folder of own profiles
+MOST_OWN: Final = 100  # profiles of a folder that are tried
 
 
 def key(name: str) -> str:
@@ -33,12 +49,46 @@ def places(names: Iterable[str]) -> dict[str, int]:
 
 
 def recognised(raw: RawTable) -> Profile | None:
-    """Return the shipped profile that fits best: with the most columns that it names; or None."""
+    """Return the profile that fits best, an own one before a shipped one; or None.
+
+    Of several in one place the one counts that names most of the table.
+    Raises ConfigError if an own profile cannot be used.
+    """
     there = places(raw.names)
+    for folder in (raw.path.parent, own_folder()):
+        best = _best(_own(folder), there, raw.preamble)
+        if best is not None:
+            return best
+    return _best(map(shipped_profile, shipped()), there, raw.preamble)
+
+
+def own_folder() -> Path:
+    """Return the folder of a user's own profiles, which need not exist."""
+    given = os.environ.get(OWN_FOLDER)
+    if given:
+        return Path(given)
+    config = os.environ.get("XDG_CONFIG_HOME")
+    return (Path(config) if config else Path.home() / ".config") / "o2-monitor" / "profiles"
+
+
+def _own(folder: Path) -> Iterator[Profile]:
+    """Yield the profiles in a folder that say which files they are for."""
+    try:
+        paths = sorted(folder.glob("*.toml"))
+    except OSError:
+        return
+    for path in paths[:MOST_OWN]:
+        if is_profile(path):
+            profile = load_profile(path)
+            if profile.recognise:
+                yield profile
+
+
+def _best(profiles: Iterable[Profile], there: dict[str, int], preamble: str) -> Profile | None:
+    """Return the profile that names most of the table, None if none fits."""
     best: tuple[int, Profile] | None = None
-    for name in shipped():
-        profile = shipped_profile(name)
-        score = max((_score(each, there, raw.preamble) for each in profile.recognise), default=0)
+    for profile in profiles:
+        score = max((_score(each, there, preamble) for each in profile.recognise), default=0)
         if score and (best is None or score > best[0]):
             best = score, profile
     return best[1] if best else None

@@ -20,6 +20,7 @@ from monitor.frames.profiles.proposal import proposed
 from monitor.frames.profiles.recognition import recognised
 from monitor.frames.tables.readers import open_table
 from monitor.grid.tables import Table, read_table, table_block, table_period_ns
+from monitor.report.check_table import check_table
 from tests.helpers.logger_files import Field, drive, write_mlg, write_text_table
 
 D = drive()
@@ -267,6 +268,46 @@ def test_a_profile_may_change_only_a_part_of_another(tmp_path: Path) -> None:
     table = read_table(msl(tmp_path / "a.msl"), mine)
     np.testing.assert_allclose(column(table, "lambda_measured"), D["afr"] / 9.0, rtol=1e-4)
     assert load_profile(mine).engine.injector_mg_per_ms == 6.0
+
+
+def test_an_own_profile_beside_the_log_or_in_the_user_s_folder_is_recognised(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # GIVEN a log that a shipped profile knows, and an own profile for E85 in the user's folder
+    folder, drives = tmp_path / "profiles", tmp_path / "drives"
+    folder.mkdir()
+    drives.mkdir()
+    log = msl(drives / "a.msl")
+    (folder / "e85.toml").write_text('based_on = "megasquirt"\nstoich_afr = 9.0\n')
+    assert read_table(log).profile == "megasquirt"
+    monkeypatch.setenv("O2_PROFILES", str(folder))
+    assert read_table(log).profile == "e85"
+    # WHEN another one stands beside the log, with files that are no profiles
+    (drives / "map.toml").write_text('time_s = "Time"\n')
+    (drives / "race.toml").write_text('based_on = "megasquirt"\nstoich_afr = 6.4\n')
+    # THEN it comes first, and check says where it is
+    table = read_table(log)
+    assert table.profile == "race"
+    np.testing.assert_allclose(column(table, "lambda_measured"), D["afr"] / 6.4, rtol=1e-4)
+    assert any("your own of" in line and "race.toml" in line for line in check_table(log).header)
+    # AND a profile that cannot be used is named, not passed over
+    (drives / "race.toml").write_text('based_on = "megasquirt"\nstoich_afr = "E85"\n')
+    with pytest.raises(ConfigError, match=r"race\.toml: stoich_afr"):
+        read_table(log)
+
+
+def test_low_pressure_is_no_fuel_cut_where_a_pulse_width_says_otherwise(tmp_path: Path) -> None:
+    # GIVEN an engine that keeps injecting at 12 kPa in the first seconds, as many builds do
+    low = np.where(D["t_s"] < 3.0, 12.0, 60.0)
+    columns = {"Time (msec)": 1000.0 * D["t_s"], "Engine Speed (rpm)": np.full_like(low, 2500.0)}
+    columns |= {"Manifold Absolute Pressure (kPa)": low}
+    cut = column(read_table(write_text_table(tmp_path / "a.csv", columns)), "fuel_cut")
+    assert cut.any()
+    # WHEN the log has the pulse width, too
+    columns |= {"Fuel Injector #1 Pulse Width (ms)": np.full_like(low, 1.4)}
+    table = read_table(write_text_table(tmp_path / "b.csv", columns))
+    # THEN it counts
+    assert not column(table, "fuel_cut").any()
 
 
 def test_a_profile_in_a_model_card_is_the_same_profile_again() -> None:
