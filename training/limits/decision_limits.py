@@ -165,8 +165,9 @@ def with_limits(
 
     Short recordings, whose test blocks hold fewer than 10 windows, give those of the blocks that
     chose the weights, too, and the limits say so; no weight was fitted to either. The joint region
-    of the inputs is that of all windows of the recordings, for a network. The healthy gain is the median over the recordings. The weight of evidence falls until the
-    healthy recordings' evidence of a fault stays well below a code.
+    of the inputs is that of all windows of the recordings, for a network. The healthy gain is the
+    median over the recordings. The weight of evidence falls until the healthy recordings' evidence
+    of a fault stays well below a code.
     Raises RecordingError if there are fewer than 10 windows.
     """
     judged = judge_recordings(recordings, model, NO_LIMITS, config)
