@@ -100,6 +100,48 @@ class PlausibilityConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class CatalystConfig:
+    """The bank of catalysts with downstream sensors, and the limits of its rule."""
+
+    threshold_g: float
+    threshold_margin: float
+    capacities_g: tuple[float, ...]
+    offsets_phi: tuple[float, ...]
+    offset_std_phi: float
+    zone_shares: tuple[float, ...]
+    breakthrough: float
+    equilibrium_phi: float
+    hydrogen_phi: float
+    switching_phi: float
+    voltage_low_v: float
+    voltage_span_v: float
+    voltage_std_v: float
+    tail: float
+    sensor_lag_s: float
+    sensor_sound_lags_s: tuple[float, ...]
+    sensor_slow_lags_s: tuple[float, ...]
+    sensor_late_s: float
+    sensor_weak_gains: tuple[float, ...]
+    sensor_prior: float
+    lean_v: float
+    rich_v: float
+    stuck_range_v: float
+    warm_degc: float
+    warm_up_s: float
+    hold_s: float
+    settle_s: float
+    segment_s: float
+    segment_most: float
+    memory_s: float
+    evidence_weight: float
+    evidence_most: float
+    evidence_alike: float
+    interval_weight: float
+    false_alarm_probability: float
+    miss_probability: float
+
+
+@dataclass(frozen=True, slots=True)
 class DebounceConfig:
     """Steps of the fault detection counter, and times for electrical faults."""
 
@@ -153,6 +195,7 @@ class Config:
     response: ResponseConfig
     bias: BiasConfig
     plausibility: PlausibilityConfig
+    catalyst: CatalystConfig
     debounce: DebounceConfig
     cycles: CyclesConfig
     obd: ObdConfig
@@ -193,6 +236,15 @@ _LOWEST: Final = {
     "bias.variance_shared": 0.0,
     "bias.memory": 0.0,
     "bias.gain_drives": 0.0,
+    "catalyst.offsets_phi": -0.5,
+    "catalyst.equilibrium_phi": 0.0,
+    "catalyst.hydrogen_phi": 0.0,
+    "catalyst.voltage_low_v": 0.0,
+    "catalyst.sensor_prior": 0.0,
+    "catalyst.warm_degc": -273.15,
+    "catalyst.warm_up_s": 0.0,
+    "catalyst.settle_s": 0.0,
+    "catalyst.evidence_alike": 0.0,
     "plausibility.stuck_range": 0.0,
     "plausibility.start_patience_s": 0.0,
     "plausibility.stuck_band_at_one": 0.0,
@@ -212,6 +264,12 @@ _HIGHEST: Final = {
     "response.evidence_weight": 1.0,
     "response.false_alarm_probability": 0.5,
     "response.miss_probability": 0.5,
+    "catalyst.evidence_weight": 1.0,
+    "catalyst.interval_weight": 1.0,
+    "catalyst.hold_s": 60.0,
+    "catalyst.false_alarm_probability": 0.5,
+    "catalyst.miss_probability": 0.5,
+    "catalyst.sensor_late_s": 60.0,  # the bank keeps so much of its prediction in memory
     "bias.variance_shared": 1.0,
     "bias.memory": 1.0,
     "bias.gain_spread": 0.5,
@@ -298,6 +356,7 @@ def _build(tree: dict[str, Any], where: str) -> Config:
         response=section(ResponseConfig, "response"),
         bias=section(BiasConfig, "bias"),
         plausibility=section(PlausibilityConfig, "plausibility"),
+        catalyst=section(CatalystConfig, "catalyst"),
         debounce=section(DebounceConfig, "debounce"),
         cycles=section(CyclesConfig, "cycles"),
         obd=section(ObdConfig, "obd"),

@@ -16,6 +16,7 @@ from monitor.base.config import Config, DebounceConfig
 from monitor.base.types import FloatArray
 from monitor.judge.bank import Hypothesis
 from monitor.judge.bias import Bias, BiasRule, paper_failed
+from monitor.judge.catalyst_rule import Claim
 from monitor.judge.limits import Limits
 from monitor.judge.plausibility import TickResult
 from monitor.judge.residual import lambda_of, means_and_stds
@@ -157,6 +158,13 @@ class Decisions:
     def activity(self, failed: bool, fault: str, t_ns: int) -> Sequence[Change]:
         """Take a judged stretch of the activity test."""
         return self._step("activity", failed, self._by(failed), fault, (), t_ns)
+
+    def behind(self, test: str, claim: Claim, t_ns: int) -> Sequence[Change]:
+        """Take how the evidence about catalyst or downstream sensor stands."""
+        if claim.outcome == "inconclusive":
+            return ()
+        failed = claim.outcome == "failed"
+        return self._step(test, failed, self._by(failed), claim.fault or "", claim.also, t_ns)
 
     def facts(self, windows: Sequence[Window]) -> list[Facts]:
         """Return the facts of windows that follow each other.

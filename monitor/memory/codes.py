@@ -22,6 +22,16 @@ CODES: dict[str, tuple[str, ...]] = {
     "signal_invalid": ("U0401",),
     "bus_off": ("U0001",),  # the monitor itself is off the bus, so no sender is blamed
     "memory_lost": ("P062F",),
+    "catalyst_low": ("P0420",),
+    "downstream_slow_rich_to_lean": ("P013A",),
+    "downstream_slow_lean_to_rich": ("P013B",),
+    "downstream_slow_symmetric": ("P013A", "P013B"),
+    "downstream_delay_rich_to_lean": ("P013E",),
+    "downstream_delay_lean_to_rich": ("P013F",),
+    "downstream_delay_symmetric": ("P013E", "P013F"),
+    "downstream_weak": ("P2A01",),
+    "downstream_stuck_lean": ("P2270",),
+    "downstream_stuck_rich": ("P2271",),
 }
 LOST: Final = "memory_lost"  # the fault memory was damaged and begun anew
 # Faults of the monitor, not of the vehicle: they never set the fault flag, see ``DtcStore``.
@@ -37,7 +47,10 @@ TESTS: dict[str, tuple[str, ...]] = {
     "range": ("out_of_range",),
     "ready": ("not_ready",),
     "memory": (LOST,),
+    "catalyst": ("catalyst_low",),
+    "downstream": tuple(name for name in CODES if name.startswith("downstream_")),
 }
+BEHIND: Final = ("catalyst", "downstream")  # tests of vehicles with a downstream sensor
 # Tests of the vehicle; the monitor's own has no in-use performance ratio and decides at once.
 OF_VEHICLE: Final = tuple(test for test in TESTS if not OF_MONITOR.issuperset(TESTS[test]))
 # Tests that judge every sample; they have no in-use performance ratio (13 CCR 1968.2 (d)(3.2)).

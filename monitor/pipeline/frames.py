@@ -24,7 +24,7 @@ class FramePipeline:
         self, bus_map: BusMap, model: Model, limits: Limits, config: Config, store: DtcStore
     ) -> None:
         card = model.card
-        names = needed_names(card, bus_map.names)
+        names = needed_names(card, (*bus_map.names, *bus_map.optional))
         self.monitor = Monitor(Judge(names, model, config), limits, store, is_live=True)
         self._samples = FrameSamples(bus_map, names, card.period_ns)
         self.decoder, self.assembler = self._samples.decoder, self._samples.assembler

@@ -17,12 +17,16 @@ from monitor.base.errors import RecordingError
 from monitor.base.runs import runs
 from monitor.base.types import SampleBlock
 from monitor.judge import bank, enable
+from monitor.judge.catalyst import SIGNALS as CATALYST_SIGNALS
+from monitor.judge.catalyst import VOLTAGE as CATALYST_VOLTAGE
+from monitor.judge.catalyst import BehindResult, CatalystMonitor
 from monitor.judge.decisions import Decisions, Evidence, Facts, ticks_to_mature
 from monitor.judge.enable import Enable
 from monitor.judge.limits import Limits
 from monitor.judge.observation import Observation
 from monitor.judge.plausibility import ActivityTest, Maturing, Plausibility, TickResult
 from monitor.judge.window import Series, Window, Windows
+from monitor.memory.codes import BEHIND
 from monitor.memory.cycles import SIGNALS as CYCLE_SIGNALS
 from monitor.memory.cycles import Cycles, Driven, Moment
 from monitor.memory.dtc import DtcStore, Status
@@ -52,7 +56,7 @@ _BURNING = np.array(
     ]
 )
 # the order of what happens at one sample; its tick comes before those from _MATURED on
-_DRIVEN, _COUNTED, _WINDOWS_KNOWN, _MATURED, _ACTIVE, _JUDGED = range(6)
+_DRIVEN, _COUNTED, _WINDOWS_KNOWN, _MATURED, _ACTIVE, _BEHIND, _JUDGED = range(7)
 
 
 class Judge:
@@ -114,6 +118,9 @@ class Monitor:
         )
         self._maturing = Maturing(*ticks_to_mature(config.debounce, period_s))
         self._activity = ActivityTest.of(plausibility, output, names, period_s)
+        self.catalyst = CatalystMonitor(
+            config.catalyst, names, period_s, plausibility.engine_running_rpm
+        )
         n_samples, n_hypotheses = config.window.n_samples, len(judge.hypotheses)
         self._windows = Windows(n_samples, n_hypotheses)
         # an edge of a fuel cut takes one to two seconds, and a cut is soon over
@@ -148,8 +155,12 @@ class Monitor:
 
     @property
     def unfinished(self) -> tuple[str, ...]:
-        """Return the tests that have reached no decision in this driving cycle."""
-        return self._decisions.unfinished
+        """Return the tests that have reached no decision in this driving cycle.
+
+        Without a downstream sensor nothing behind the catalyst is to be decided.
+        """
+        open_tests = self._decisions.unfinished
+        return tuple(t for t in open_tests if t not in BEHIND or self.catalyst.is_heard)
 
     def evidence(self) -> dict[str, Evidence]:
         """Return how far the response test is from a decision about each fault."""
@@ -215,6 +226,7 @@ class Monitor:
             then.append((k, _COUNTED, partial(self._count, moment, block, k)))
         if self._clearings != self.store.clearings:
             self._maturing.reset()
+            self.catalyst.reset()
         measured = values[:, self._output]
         conditions = np.empty((n, len(enable.CONDITIONS)), dtype=np.bool_)
         segments: list[tuple[int, int]] = []
@@ -233,6 +245,9 @@ class Monitor:
             for k, failed, fault in self._activity.push(measured[part], active):
                 act = partial(self._act, block, begin + k, failed=failed, fault=fault)
                 then.append((begin + k, _ACTIVE, act))
+            for behind in self.catalyst.push(values[part]):
+                k = begin + behind.at
+                then.append((k, _BEHIND, partial(self._judge_behind, behind, block, k)))
         enabled = np.logical_and.reduce(conditions, axis=1)
         goes_on = bool(segments) and segments[0][0] == 0 and 0 not in cuts
         run = self._run if goes_on else None
@@ -256,6 +271,7 @@ class Monitor:
         self._plausibility.reset()
         self._maturing.reset()
         self._activity.reset()
+        self.catalyst.reset()
 
     def end(self, part: Part) -> Iterator[BlockEvent]:
         """Yield the events of a block that has been through the model."""
@@ -367,6 +383,13 @@ class Monitor:
         changes = self._decisions.activity(failed, fault, block.t_ns.item(k))
         yield from self._frozen(changes, block, k)
 
+    def _judge_behind(
+        self, result: BehindResult, block: SampleBlock, k: int
+    ) -> Iterable[Happening]:
+        t_ns = block.t_ns.item(k)
+        changes = self._decisions.behind(result.test, result.claim, t_ns)
+        return list(self._frozen(changes, block, k))
+
     def _judged(self, window: Window, block: SampleBlock, k: int) -> Iterator[Happening]:
         decide = self._decisions.cut if window.is_cut else self._decisions.window
         yield from self._frozen(decide(window, next(self._facts)), block, k)
@@ -395,4 +418,6 @@ def check_names(card: ModelCard, names: Sequence[str]) -> None:
 def needed_names(card: ModelCard, available: Collection[str]) -> tuple[str, ...]:
     """Return which of the available signals the monitor looks at, in its order."""
     wanted = (*card.input_names, card.output.name, *enable.SIGNALS, *CYCLE_SIGNALS)
+    if CATALYST_VOLTAGE in available:
+        wanted = (*wanted, *CATALYST_SIGNALS)
     return tuple(name for name in dict.fromkeys(wanted) if name in available)

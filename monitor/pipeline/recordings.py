@@ -71,7 +71,7 @@ class RecordingReader:
         parse: Parser | None = None,
     ) -> None:
         self._card, self._columns, self._parse = card, columns, parse
-        self._names = needed_names(card, bus_map.names)
+        self._names = needed_names(card, (*bus_map.names, *bus_map.optional))
         self._decoder = BlockDecoder(bus_map, self._names)
         self._sources = bus_sources(bus_map, self._names)
 

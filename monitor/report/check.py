@@ -143,8 +143,11 @@ def held_up(recording: OpenRecording, card: ModelCard, config: Config) -> list[C
 
 
 def check(frames: Iterable[Frame], bus_map: BusMap) -> CheckResult:
-    """Return counts and range of every mapped signal over the frames."""
-    decoder = Decoder(bus_map, bus_map.names)
+    """Return counts and range of every mapped signal over the frames.
+
+    Optional signals are among them if they came.
+    """
+    decoder = Decoder(bus_map, (*bus_map.names, *bus_map.optional))
     seen = [
         SignalSeen(name, BY_NAME[name].unit if name in BY_NAME else "", timeout_ns)
         for name, timeout_ns in zip(decoder.channels, decoder.timeouts_ns, strict=True)
@@ -162,4 +165,7 @@ def check(frames: Iterable[Frame], bus_map: BusMap) -> CheckResult:
         for reason in ("length", "checksum", "stuck", "lost"):
             rejected[reason] = rejected.get(reason, 0) + getattr(counters, reason)
     derived = {d.name: d.sources for d in decoder.derived}
-    return CheckResult(tuple(seen), n, end_ns, rejected, derived)
+    there = tuple(
+        s for s in seen if s.name not in bus_map.optional or s.count or s.invalid or s.out_of_range
+    )
+    return CheckResult(there, n, end_ns, rejected, derived)

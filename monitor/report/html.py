@@ -33,6 +33,16 @@ MEANINGS = {
     "signal_missing": "signal is not received",
     "signal_invalid": "signal is sent as invalid",
     "bus_off": "the monitor itself is off the bus",
+    "catalyst_low": "the catalyst stores too little oxygen",
+    "downstream_slow_rich_to_lean": "the downstream sensor is slow on rich-to-lean edges",
+    "downstream_slow_lean_to_rich": "the downstream sensor is slow on lean-to-rich edges",
+    "downstream_slow_symmetric": "the downstream sensor is slow on both edges",
+    "downstream_delay_rich_to_lean": "the downstream sensor is late on rich-to-lean edges",
+    "downstream_delay_lean_to_rich": "the downstream sensor is late on lean-to-rich edges",
+    "downstream_delay_symmetric": "the downstream sensor is late on both edges",
+    "downstream_weak": "the downstream sensor is of reduced amplitude",
+    "downstream_stuck_lean": "the downstream sensor is stuck at a lean value",
+    "downstream_stuck_rich": "the downstream sensor is stuck at a rich value",
     "memory_lost": "the monitor's fault memory was damaged and begins anew",
 }
 _VERDICTS = {  # class: symbol, words

@@ -112,6 +112,7 @@ class Collector:
         )
         is_faulty = monitor.store.fault_flag
         why = [] if is_faulty else causes(seen, self._asked, judgement)
+        behind = monitor.catalyst.entry()
         return {
             "path": path,
             "sha256": sha256,
@@ -132,6 +133,7 @@ class Collector:
             "enable": enable_shares(seen.held.tolist(), monitor.samples, monitor.unavailable),
             "limits": limits_entry(monitor.limits),
             "counters": dict(counters),
+            **({} if behind is None else {"catalyst": behind}),
         }
 
     def trace(self) -> Trace:

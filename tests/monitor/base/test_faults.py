@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from monitor.base import config
+from monitor.base import config, downstream_faults
 from monitor.base.errors import UsageError
 from monitor.base.faults import (
     NAMES,
@@ -191,8 +191,9 @@ def test_many_small_steps_of_the_lag_are_one_large_one(
 
 
 def test_every_fault_has_a_code() -> None:
-    assert set(NAMES) <= set(CODES)
-    assert set(CODES) - set(NAMES) == {"signal_invalid", "bus_off", "memory_lost"}
+    names = {*NAMES, *downstream_faults.NAMES}
+    assert names <= set(CODES)
+    assert set(CODES) - names == {"signal_invalid", "bus_off", "memory_lost"}
 
 
 @pytest.mark.parametrize("name", ["", "slow", "slow_", "healthy", "gain_high", "Slow_symmetric"])

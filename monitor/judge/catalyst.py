@@ -1,0 +1,158 @@
+"""The catalyst monitor: samples in, verdicts on catalyst and downstream sensor out.
+
+It works where the samples hold the downstream voltage, upstream lambda and the air flow, from the
+first good voltage on. Samples that are missing for a moment are bridged with the last values; after
+a longer gap the filling of the catalyst is found anew.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from monitor.base.config import CatalystConfig
+from monitor.base.types import BoolArray, FloatArray
+from monitor.judge.catalyst_rule import CatalystRule, Claim
+
+VOLTAGE: Final = "downstream_voltage_v"
+NEEDED: Final = (VOLTAGE, "lambda_measured", "maf_kg_h")
+SIGNALS: Final = (
+    *NEEDED,
+    "catalyst_temperature_degc",
+    "downstream_heater_percent",
+    "engine_speed_rpm",
+)
+KG_H_PER_G_S: Final = 3.6
+
+
+class BehindResult(NamedTuple):
+    """How the evidence of one test stands at a sample."""
+
+    at: int
+    test: str  # "catalyst" or "downstream"
+    claim: Claim
+
+
+class CatalystMonitor:
+    """Judges catalyst and downstream sensor of one vehicle; the state goes from block to block.
+
+    names : signals of a sample
+    running_rpm : engine speed from which the engine runs
+    """
+
+    def __init__(
+        self, config: CatalystConfig, names: Sequence[str], period_s: float, running_rpm: float
+    ) -> None:
+        at = {name: i for i, name in enumerate(names)}
+        self.is_possible = all(name in at for name in NEEDED)
+        self._places = np.array([at.get(name, 0) for name in NEEDED])
+        self._brick = at.get("catalyst_temperature_degc")
+        self._speed = at.get("engine_speed_rpm")
+        self._config, self._period_s, self._running_rpm = config, period_s, running_rpm
+        self._n_hold = round(config.hold_s / period_s)
+        self._n_warm_up = round(config.warm_up_s / period_s)
+        self.rule: CatalystRule | None = None  # from the first good voltage on
+        self.reset()
+
+    @property
+    def is_heard(self) -> bool:
+        """Return whether a good voltage came, so that there is something to judge."""
+        return self.rule is not None
+
+    def reset(self) -> None:
+        """Begin as after switching on."""
+        if self.rule is not None:
+            self.rule.reset()
+        self._last = np.full(len(NEEDED), np.nan)
+        self._missing = 0  # samples in a row with a value missing
+        self._running = 0  # samples with the engine running
+
+    def push(self, values: FloatArray) -> Iterator[BehindResult]:
+        """Yield the verdicts that samples, (n, n_names), allow; all of them must be taken."""
+        if not self.is_possible or not len(values):
+            return
+        own = values.take(self._places, axis=1)
+        if self.rule is None:
+            if not np.isfinite(own[:, 0]).any():
+                self._count_running(values)
+                return
+            self.rule = CatalystRule(self._config, self._period_s)
+        yield from self._judged(self.rule, own, self._warm(values))
+
+    def _judged(
+        self, rule: CatalystRule, own: FloatArray, warm: BoolArray
+    ) -> Iterator[BehindResult]:
+        good = np.isfinite(own)
+        held, usable = self._held(own, good)
+        x = 1.0 - 1.0 / np.maximum(held[:, 1], 0.1)
+        air_g_s, counts = held[:, 2] / KG_H_PER_G_S, warm & good.all(axis=1)
+        begin, edges = 0, [*(np.flatnonzero(np.diff(usable)) + 1).tolist(), len(usable)]
+        for end in edges:
+            part = slice(begin, end)
+            if not usable[begin]:
+                rule.interrupt()
+            else:
+                for k in rule.push(x[part], air_g_s[part], held[part, 0], counts[part]):
+                    yield BehindResult(begin + k, "catalyst", rule.catalyst())
+                    yield BehindResult(begin + k, "downstream", rule.sensor())
+            begin = end
+
+    def _held(self, own: FloatArray, good: BoolArray) -> tuple[FloatArray, BoolArray]:
+        """Return the values with short gaps bridged, (n, 3), and where they can be used, (n,)."""
+        n = len(own)
+        padded = np.vstack([self._last, own])
+        rows = np.where(np.isfinite(padded), np.arange(n + 1)[:, np.newaxis], 0)
+        np.maximum.accumulate(rows, axis=0, out=rows)
+        held = np.take_along_axis(padded, rows, axis=0)[1:]
+        self._last = held[-1].copy()
+        complete = good.all(axis=1)
+        ticks = np.arange(n)
+        since = np.maximum.accumulate(np.where(complete, ticks, -1))
+        missing = np.where(since < 0, self._missing + ticks + 1, ticks - since)
+        self._missing = int(missing[-1])
+        return held, np.isfinite(held).all(axis=1) & (missing <= self._n_hold)
+
+    def _warm(self, values: FloatArray) -> BoolArray:
+        """Return on which samples the brick is warm, by its temperature or by running time."""
+        run = self._count_running(values) >= self._n_warm_up
+        if self._brick is None:
+            return run
+        degc = values[:, self._brick]
+        return np.where(np.isfinite(degc), degc >= self._config.warm_degc, run)
+
+    def _count_running(self, values: FloatArray) -> FloatArray:
+        """Return how many samples the engine has run on each, (n,)."""
+        runs = np.ones(len(values))
+        if self._speed is not None:
+            runs = (values[:, self._speed] >= self._running_rpm).astype(np.float64)
+        count = self._running + np.cumsum(runs)
+        self._running = int(count[-1])
+        return np.asarray(count)
+
+    def entry(self) -> dict[str, Any] | None:
+        """Return what the report says of the catalyst, None without a downstream voltage."""
+        if self.rule is None:
+            return None
+        rule, capacity = self.rule, self.rule.capacity()
+        catalyst, sensor = rule.catalyst(), rule.sensor()
+        found: dict[str, Any] = {
+            "segments": rule.segments,
+            "threshold_g": self._config.threshold_g,
+            "capacity_g": None,
+            "capacity_low_g": None,
+            "capacity_high_g": None,
+            "capacity_is_bound": False,
+            "verdict": catalyst.outcome,
+            "log_odds": round(catalyst.log_odds, 3),
+            "sensor_verdict": sensor.outcome,
+            "sensor_log_odds": round(sensor.log_odds, 3),
+            "needed": round(rule.evidence_fail, 3),
+        }
+        if capacity is not None:
+            found |= {
+                "capacity_g": round(capacity.grams, 4),
+                "capacity_low_g": round(capacity.low_g, 4),
+                "capacity_high_g": None if capacity.is_bound else round(capacity.high_g, 4),
+                "capacity_is_bound": capacity.is_bound,
+            }
+        return found

@@ -1,0 +1,156 @@
+"""A bank of catalysts with downstream sensors: what would each one's voltage be?
+
+Every member is one store of oxygen with a breakthrough that grows with its filling, an offset of
+the upstream reading, and a switching sensor behind it. The members run side by side from upstream
+lambda and air flow. One tick costs a few array operations, whatever the number of members.
+
+Equations, with x = 1 - 1/lambda + offset (positive is lean), filling f from 0 to 1 and capacity C:
+oxygen 0.23 · air · x · period enters; the part f^p (lean) or (1 - f)^p (rich) passes, the rest is
+stored as far as there is room. Source of the storage equation: Brandt, Wang and Grizzle, IEEE
+Trans. Control Systems Technology 8 (2000), with one store instead of their rate maps.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+
+from monitor.base.config import CatalystConfig
+from monitor.base.types import FloatArray
+
+OXYGEN_IN_AIR: Final = 0.23  # mass fraction
+STUCK: Final = ("downstream_stuck_lean", "downstream_stuck_rich")
+WEAK: Final = "downstream_weak"
+MID_V: Final = 0.45  # of a switching sensor, between rich and lean
+
+
+@dataclass(frozen=True, slots=True)
+class RearSensor:
+    """A downstream sensor: lags and dead times per direction, and its gain."""
+
+    fault: str  # "" is a sound sensor
+    tau_to_rich_s: float
+    tau_to_lean_s: float
+    delay_s: float = 0.0
+    direction: int = 0  # of the dead time: 1 to rich, -1 to lean, 0 both
+    gain: float = 1.0
+
+
+def sensors(config: CatalystConfig) -> tuple[RearSensor, ...]:
+    """Return the sensors of the bank, sound ones first."""
+    sound, late = config.sensor_lag_s, config.sensor_late_s
+    found = [RearSensor("", tau, tau) for tau in config.sensor_sound_lags_s]
+    for tau in config.sensor_slow_lags_s:
+        found += [
+            RearSensor("downstream_slow_symmetric", tau, tau),
+            RearSensor("downstream_slow_rich_to_lean", sound, tau),
+            RearSensor("downstream_slow_lean_to_rich", tau, sound),
+        ]
+    found += [
+        RearSensor("downstream_delay_symmetric", sound, sound, late),
+        RearSensor("downstream_delay_rich_to_lean", sound, sound, late, -1),
+        RearSensor("downstream_delay_lean_to_rich", sound, sound, late, 1),
+    ]
+    found += [RearSensor(WEAK, sound, sound, gain=g) for g in config.sensor_weak_gains]
+    found += [RearSensor(name, sound, sound) for name in STUCK]
+    return tuple(found)
+
+
+@dataclass(frozen=True)
+class Members:
+    """The members of the bank: axes (sensor, capacity, offset)."""
+
+    config: CatalystConfig
+    period_s: float
+
+    @cached_property
+    def sensors(self) -> tuple[RearSensor, ...]:
+        """Return the sensors, in the order of the first axis."""
+        return sensors(self.config)
+
+    @cached_property
+    def capacity_g(self) -> FloatArray:
+        """Return the capacities, (n_capacities, 1)."""
+        return np.array(self.config.capacities_g)[:, np.newaxis]
+
+    @cached_property
+    def offset(self) -> FloatArray:
+        """Return what is added to the upstream x, (n_offsets,)."""
+        return np.array(self.config.offsets_phi)
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Return the numbers of sensors, capacities and offsets."""
+        return len(self.sensors), len(self.capacity_g), len(self.offset)
+
+
+class CatalystBank:
+    """Runs all members; the state goes on from block to block."""
+
+    def __init__(self, members: Members) -> None:
+        config, sensors, period_s = members.config, members.sensors, members.period_s
+        self._members, self._config = members, config
+        column = (len(sensors), 1, 1)
+        to_rich, to_lean = (
+            np.array([getattr(s, name) for s in sensors]).reshape(column)
+            for name in ("tau_to_rich_s", "tau_to_lean_s")
+        )
+        self._to_rich = 1.0 - np.exp(-period_s / to_rich)
+        self._to_lean = 1.0 - np.exp(-period_s / to_lean)
+        self._gain = config.voltage_span_v * np.array([s.gain for s in sensors]).reshape(column)
+        low = config.voltage_low_v - MID_V
+        self._low_v = MID_V + low * np.array([s.gain for s in sensors]).reshape(column)
+        self._ticks = max(round(config.sensor_late_s / period_s), 1)
+        shares = np.array(config.zone_shares) / sum(config.zone_shares)
+        self._zones_g = [share * members.capacity_g for share in shares.tolist()]
+        self._late = [(i, s.direction) for i, s in enumerate(sensors) if s.delay_s > 0.0]
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin with every catalyst half full."""
+        shape = self._members.shape
+        self._filling = np.full((len(self._zones_g), *shape[1:]), 0.5)
+        self._richness = np.full(shape, 0.5)
+        self._past = np.full((self._ticks, *shape[1:]), 0.5)  # a ring of the sensors' steady states
+        self._at = 0
+
+    def push(self, x: FloatArray, air_g_s: FloatArray) -> Iterator[FloatArray]:
+        """Yield the voltages of all members on each tick, (n_sensors, n_capacities, n_offsets).
+
+        x : (n,) 1 - 1/lambda upstream; air_g_s : (n,)
+        """
+        mass = OXYGEN_IN_AIR * self._members.period_s * air_g_s
+        for each, grams in zip(x.tolist(), mass.tolist(), strict=True):
+            yield self._volts(self._behind(each, grams))
+
+    def _behind(self, x: float, grams: float) -> FloatArray:
+        """Return the steady richness behind each catalyst, 0 to 1, (n_capacities, n_offsets)."""
+        config, own = self._config, x + self._members.offset
+        out, lean = own, own > 0.0
+        for zone, share_g in enumerate(self._zones_g):
+            filling = self._filling[zone]
+            passes = np.where(lean, filling, 1.0 - filling) ** config.breakthrough
+            room = np.where(lean, 1.0 - filling, -filling) * share_g
+            kept = grams * out * (1.0 - passes)
+            stored = np.where(lean, np.minimum(kept, room), np.maximum(kept, room))
+            filling += stored / share_g
+            np.clip(filling, 0.0, 1.0, out=filling)
+            out = out - stored / max(grams, 1e-9)
+        seen = out + config.equilibrium_phi * (2.0 * filling - 1.0) - config.hydrogen_phi
+        return np.asarray(0.5 - 0.5 * np.tanh(seen / (2.0 * config.switching_phi)))
+
+    def _volts(self, steady: FloatArray) -> FloatArray:
+        now = np.broadcast_to(steady, self._members.shape)
+        if self._late:
+            now = now.copy()
+            late = self._past[self._at]
+            for i, direction in self._late:
+                one_sided = {1: np.minimum, -1: np.maximum}.get(direction)
+                now[i] = one_sided(steady, late) if one_sided else late
+            self._past[self._at] = steady
+            self._at = (self._at + 1) % self._ticks
+        step = now - self._richness
+        self._richness += step * np.where(step > 0.0, self._to_rich, self._to_lean)
+        return np.asarray(self._low_v + self._gain * self._richness)

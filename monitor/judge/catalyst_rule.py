@@ -1,0 +1,194 @@
+"""The catalyst's rule: which catalyst, sensor and offset explain the downstream voltage?
+
+Each member of the bank predicts the voltage. The log likelihood of the measured voltage, in a
+distribution with heavy tails, is summed over segments of a few seconds. No segment counts for more
+than ``segment_most`` against any member, so one oddity decides nothing. Claims are compared by the
+sequential test of the response rule: a claim holds when it leads by the log odds of the stated
+probabilities of a false alarm and of a miss (Wald, Sequential Analysis, section 3.2).
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+
+from monitor.base.config import CatalystConfig
+from monitor.base.types import BoolArray, FloatArray
+from monitor.judge.catalyst_bank import MID_V, STUCK, WEAK, CatalystBank, Members
+
+Outcome = Literal["passed", "failed", "inconclusive"]
+CATALYST: Final = "catalyst_low"
+IMPOSSIBLE: Final = -1e9  # log likelihood of a member that the voltage rules out
+
+
+@dataclass(frozen=True, slots=True)
+class Claim:
+    """How the evidence stands for one test."""
+
+    outcome: Outcome
+    fault: str | None
+    log_odds: float  # of the likeliest fault over all that is none
+    also: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Capacity:
+    """What the catalyst stores, with a 90 % interval."""
+
+    grams: float
+    low_g: float
+    high_g: float
+    is_bound: bool  # nothing showed the upper end: at least ``low_g``
+
+
+class CatalystRule:
+    """Sequential comparison of the bank's members, constant memory."""
+
+    def __init__(self, config: CatalystConfig, period_s: float) -> None:
+        self._config = config
+        self.members = members = Members(config, period_s)
+        self._bank = CatalystBank(members)
+        self._n_segment = max(round(config.segment_s / period_s), 1)
+        self._n_settle = round(config.settle_s / period_s)
+        self._weight = config.evidence_weight * period_s / config.memory_s
+        alpha, beta = config.false_alarm_probability, config.miss_probability
+        self.evidence_fail = math.log((1.0 - beta) / alpha)
+        self.evidence_pass = math.log((1.0 - alpha) / beta)
+        capacity = members.capacity_g[:, 0]
+        margin = config.threshold_margin
+        self._is_low = capacity < config.threshold_g / margin
+        self._is_sound = capacity > config.threshold_g * margin
+        self._faults = [s.fault for s in members.sensors]
+        self._stuck = np.array([fault in STUCK for fault in self._faults])
+        prior = -0.5 * (members.offset / config.offset_std_phi) ** 2
+        bad = np.array([config.sensor_prior if f else 0.0 for f in self._faults])
+        self._prior = prior - bad[:, np.newaxis, np.newaxis]
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all evidence."""
+        self._evidence = np.zeros(self.members.shape)
+        self._segment = np.zeros(self.members.shape)
+        self._n = self.segments = 0
+        self._low_v, self._high_v = math.inf, -math.inf
+        self._sum_v, self._n_v = 0.0, 0
+        self.interrupt()
+
+    def interrupt(self) -> None:
+        """Lose track of the filling, after samples that are missing."""
+        self._bank.reset()
+        self._segment[:] = 0.0
+        self._n, self._wait = 0, self._n_settle
+
+    def push(
+        self, x: FloatArray, air_g_s: FloatArray, volts: FloatArray, counts: BoolArray
+    ) -> Iterator[int]:
+        """Take samples without a gap; yield those at which a segment ends, right after it.
+
+        x : (n,) 1 - 1/lambda upstream; counts : (n,) whether the sample may be judged
+        """
+        steps = self._bank.push(x, air_g_s)
+        for k, (predicted, v, is_on) in enumerate(
+            zip(steps, volts.tolist(), counts.tolist(), strict=True)
+        ):
+            if self._wait:
+                self._wait -= 1
+            elif is_on:
+                self._add(predicted, v)
+                if self._n == self._n_segment:
+                    self._close()
+                    yield k
+
+    def _add(self, predicted: FloatArray, volts: float) -> None:
+        self._low_v, self._high_v = min(self._low_v, volts), max(self._high_v, volts)
+        self._sum_v += volts
+        self._n_v += 1
+        predicted[self._stuck] = self._sum_v / self._n_v  # such a sensor reads its own mean
+        z = (volts - predicted) / self._config.voltage_std_v
+        nu = self._config.tail
+        self._segment -= 0.5 * (nu + 1.0) * np.log1p(z * z / nu)
+        self._n += 1
+
+    def _close(self) -> None:
+        most = self._config.segment_most
+        segment = self._segment * self._weight
+        possible = [self._may_be(fault) for fault in self._faults]
+        self._evidence += np.clip(segment - segment[possible].max(), -most, 0.0)
+        top = self._evidence[possible].max()
+        np.clip(self._evidence, top - self._config.evidence_most, top, out=self._evidence)
+        self._segment[:] = 0.0
+        self._n = 0
+        self.segments += 1
+
+    @property
+    def _posterior(self) -> FloatArray:
+        total = self._evidence + self._prior
+        total[[not self._may_be(fault) for fault in self._faults]] = IMPOSSIBLE
+        return np.asarray(total)
+
+    def _may_be(self, fault: str) -> bool:
+        """Return whether the range of the voltage so far allows a fault of its amplitude."""
+        config = self._config
+        if fault == WEAK:
+            return self._low_v > config.lean_v or self._high_v < config.rich_v
+        if fault in STUCK:
+            is_lean = self._sum_v < MID_V * self._n_v
+            still = self._high_v - self._low_v <= config.stuck_range_v
+            return still and fault == STUCK[0 if is_lean else 1]
+        return True
+
+    def catalyst(self) -> Claim:
+        """Return how the evidence stands for a catalyst below the threshold."""
+        total = self._posterior
+        odds = _sum(total[:, self._is_low]) - _sum(total[:, self._is_sound])
+        return self._claim(odds, CATALYST)
+
+    def sensor(self) -> Claim:
+        """Return how the evidence stands for a faulty downstream sensor."""
+        each = dict.fromkeys(self._faults, -math.inf)
+        for fault, member in zip(self._faults, self._posterior, strict=True):
+            each[fault] = np.logaddexp(each[fault], _sum(member))
+        sound = each.pop("")
+        name = max(each, key=lambda fault: each[fault])
+        alike = self._config.evidence_alike
+        also = tuple(f for f in each if f != name and each[f] > each[name] - alike)
+        return self._claim(float(each[name] - sound), name, also)
+
+    def _claim(self, odds: float, fault: str, also: tuple[str, ...] = ()) -> Claim:
+        if self.segments and odds >= self.evidence_fail:
+            return Claim("failed", fault, odds, also)
+        if self.segments and -odds >= self.evidence_pass:
+            return Claim("passed", None, odds)
+        return Claim("inconclusive", None, odds)
+
+    def capacity(self) -> Capacity | None:
+        """Return the estimated capacity, None before any evidence."""
+        if not self.segments:
+            return None
+        total = self._config.interval_weight * self._posterior
+        weight = np.exp(total - total.max()).sum(axis=(0, 2))
+        weight /= weight.sum()
+        log_g = np.log(self.members.capacity_g[:, 0])
+        middle = 0.5 * (log_g[1:] + log_g[:-1])
+        edges = np.concatenate([[2 * log_g[0] - middle[0]], middle, [2 * log_g[-1] - middle[-1]]])
+        below = np.concatenate([[0.0], np.cumsum(weight)])
+        low, high = np.interp([0.05, 0.95], below, edges)
+        is_bound = bool(weight[-1] > 0.05)
+        return Capacity(float(np.exp(weight @ log_g)), math.exp(low), math.exp(high), is_bound)
+
+    def offset(self) -> tuple[float, float]:
+        """Return mean and standard deviation of what the balance adds to upstream x, in phi."""
+        total = self._posterior
+        weight = np.exp(total - total.max()).sum(axis=(0, 1))
+        weight /= weight.sum()
+        mean = float(weight @ self.members.offset)
+        spread = float(weight @ (self.members.offset - mean) ** 2)
+        return mean, math.sqrt(spread)
+
+
+def _sum(log_weights: FloatArray) -> float:
+    """Return the logarithm of a sum."""
+    top = float(log_weights.max())
+    return top + math.log(float(np.exp(log_weights - top).sum()))

@@ -1,0 +1,107 @@
+"""The catalyst monitor on signals that are made here, apart from the simulated dynamometer."""
+
+import numpy as np
+import pytest
+
+from monitor.base import config
+from monitor.base.types import FloatArray
+from monitor.judge.catalyst import NEEDED, BehindResult, CatalystMonitor
+from monitor.judge.catalyst_bank import CatalystBank, Members
+
+PERIOD_S = 0.1
+SETTINGS = config.shipped().catalyst
+NAMES = (*NEEDED, "engine_speed_rpm")
+
+
+def tank_volts(x: FloatArray, air_g_s: FloatArray, capacity_g: float, lag_s: float) -> FloatArray:
+    """Voltage behind an ideal tank: nothing passes until it is full, or empty."""
+    held, richness, volts = 0.5 * capacity_g, 0.5, []
+    for each, air in zip(x.tolist(), air_g_s.tolist(), strict=True):
+        held += 0.23 * air * each * PERIOD_S
+        resting = 0.85 - 0.4 * held / capacity_g  # the fuller, the leaner the gas above the store
+        now = 0.0 if held > capacity_g else 1.0 if held < 0.0 else resting
+        held = min(max(held, 0.0), capacity_g)
+        richness += (now - richness) * (1.0 - np.exp(-PERIOD_S / lag_s))
+        volts.append(0.07 + 0.72 * richness)
+    return np.array(volts)
+
+
+def a_drive(
+    capacity_g: float, lag_s: float = 0.1, minutes: float = 12.0, seed: int = 1
+) -> FloatArray:
+    """Modulated driving with changing load and a fuel cut each 40 s, (n, n_names)."""
+    rng = np.random.default_rng(seed)
+    n = round(minutes * 60 / PERIOD_S)
+    t_s = PERIOD_S * np.arange(n)
+    air_g_s = 12.0 + 8.0 * np.sin(t_s / 9.0) + 3.0 * np.sin(t_s / 2.3)
+    x = 0.03 * np.sign(np.sin(2.0 * np.pi * t_s / 2.4)) + 0.004 * rng.standard_normal(n)
+    cut = t_s % 40.0 < 4.0
+    refill = (t_s % 40.0 >= 4.0) & (t_s % 40.0 < 8.0)
+    air_g_s[cut] = 4.0
+    x = np.where(cut, 0.93, np.where(refill, -0.06, x))
+    volts = tank_volts(x, air_g_s, capacity_g, lag_s) + 0.01 * rng.standard_normal(n)
+    return np.column_stack([volts, 1.0 / (1.0 - x), 3.6 * air_g_s, np.full(n, 2000.0)])
+
+
+def judged(values: FloatArray, block: int = 700) -> tuple[CatalystMonitor, list[BehindResult]]:
+    monitor = CatalystMonitor(SETTINGS, NAMES, PERIOD_S, 500.0)
+    results = []
+    for first in range(0, len(values), block):
+        part = monitor.push(values[first : first + block])
+        results += [each._replace(at=each.at + first) for each in part]
+    return monitor, results
+
+
+@pytest.mark.parametrize("capacity_g", [0.03, 0.06, 0.3, 0.6])
+def test_a_catalyst_is_judged_by_what_it_stores(capacity_g: float) -> None:
+    monitor, _ = judged(a_drive(capacity_g))
+    entry = monitor.entry()
+    assert entry is not None
+    assert entry["verdict"] == ("failed" if capacity_g < 0.1 else "passed")
+    assert entry["sensor_verdict"] != "failed"
+    if capacity_g > 0.1:
+        assert entry["capacity_g"] == pytest.approx(capacity_g, rel=0.5)
+
+
+@pytest.mark.parametrize("lag_s", [1.5, 3.0])
+def test_a_slow_sensor_passes_no_bad_catalyst(lag_s: float) -> None:
+    monitor, _ = judged(a_drive(0.05, lag_s=lag_s))
+    entry = monitor.entry()
+    assert entry is not None
+    assert entry["verdict"] != "passed" or entry["sensor_verdict"] == "failed"
+
+
+def test_no_result_depends_on_where_blocks_begin() -> None:
+    values = a_drive(0.06, minutes=6.0)
+    values[2000:2030, 0] = np.nan  # bridged no longer
+    values[2500:2505, 1] = np.nan  # bridged
+    whole, small = judged(values, 5000), judged(values, 7)
+    assert [r.at for r in whole[1]] == [r.at for r in small[1]]
+    odds = [[r.claim.log_odds for r in results] for _, results in (whole, small)]
+    assert odds[0] == odds[1]
+
+
+def test_without_the_voltage_there_is_nothing_to_judge() -> None:
+    values = a_drive(0.06, minutes=1.0)
+    values[:, 0] = np.nan
+    monitor, results = judged(values)
+    assert (results, monitor.is_heard, monitor.entry()) == ([], False, None)
+
+
+def test_a_cold_brick_is_not_judged() -> None:
+    names = (*NAMES, "catalyst_temperature_degc")
+    monitor = CatalystMonitor(SETTINGS, names, PERIOD_S, 500.0)
+    values = np.column_stack([a_drive(0.02), np.full(7200, 250.0)])
+    assert list(monitor.push(values)) == []
+
+
+def test_every_member_keeps_its_oxygen_between_empty_and_full() -> None:
+    members = Members(SETTINGS, PERIOD_S)
+    bank, rng = CatalystBank(members), np.random.default_rng(2)
+    x = np.clip(rng.standard_normal(400) * 0.3, -0.3, 1.0)
+    for volts in bank.push(x, rng.uniform(0.0, 120.0, 400)):
+        assert np.isfinite(volts).all()
+        assert volts.min() > 0.0
+        assert volts.max() < 1.0
+        assert (bank._filling >= 0.0).all()
+        assert (bank._filling <= 1.0).all()
