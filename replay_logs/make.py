@@ -1,6 +1,7 @@
 """Make the recordings of this folder, their manifest and the expected events.
 
     python replay_logs/make.py             everything
+    python replay_logs/make.py --behind    only the drives with a catalyst, and all expected events
     python replay_logs/make.py --expected  only the expected events, after a change of the monitor
 
 All drives are simulated. Their vehicles and seeds are used by no training: training uses vehicle 1
@@ -13,13 +14,15 @@ import sys
 from pathlib import Path
 
 from monitor import cli
-from monitor.base import faults, manifest
+from monitor.base import downstream_faults, faults, manifest
 from training.dyno import vehicle
 from training.dyno.recording_files import describe, write
 from training.dyno.simulation import Experiment
 
 HERE = Path(__file__).parent
 FIRST_VEHICLE, FIRST_SEED = 101, 101
+FIRST_BEHIND = 150  # vehicles and seeds with a sensor behind the catalyst follow
+BEHIND = ("catalyst_low", "downstream_slow_rich_to_lean")
 RESPONSE_S, SHORT_S = 420.0, 150.0  # length of a drive: response faults and healthy, other faults
 FAULT_START_S = {"signal_missing": 60.0}
 
@@ -51,16 +54,36 @@ def experiments() -> list[tuple[str, Experiment]]:
     return chosen
 
 
-def make_recordings() -> None:
-    """Write all logs and the manifest."""
-    for old in (*HERE.glob("*.blf"), HERE / manifest.NAME):
-        old.unlink(missing_ok=True)
-    for stem, experiment in experiments():
+def behind() -> list[tuple[str, Experiment]]:
+    """Return (file stem, drive) with a sensor behind the catalyst, warm at the start."""
+    faults = (None, *map(downstream_faults.resolve, BEHIND))
+    number, seed = FIRST_BEHIND, FIRST_BEHIND
+    chosen = []
+    for fault in faults:
+        number, seed = number + 1, seed + 1
+        while vehicle.conditions(seed).coolant_start_degc < 66.0:
+            seed += 1
+        drive = Experiment(
+            cycle="micro_trips",
+            vehicle=number,
+            seed=seed,
+            duration_s=RESPONSE_S,
+            downstream=True,
+            downstream_fault=fault,
+        )
+        chosen.append((f"{fault.name if fault else 'healthy_downstream'}_micro_trips", drive))
+    return chosen
+
+
+def make_recordings(experiments: list[tuple[str, Experiment]]) -> None:
+    """Write logs and their entries of the manifest."""
+    for stem, experiment in experiments:
         written = write(experiment, HERE, "blf")
         path = written.rename(HERE / f"{stem}_v{experiment.vehicle}_s{experiment.seed}.blf")
         entries = manifest.load(HERE)
         del entries[written.name]
-        name = experiment.fault.name if experiment.fault else None
+        fault = experiment.fault or experiment.downstream_fault
+        name = fault.name if fault else None
         entry = describe(experiment, path) | {
             "expected": {"fault": name, "exit_code": int(bool(name))}
         }
@@ -83,8 +106,14 @@ def main() -> int:
     """Run the script; return 1 if a verdict is wrong, otherwise 0."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--expected", action="store_true")
-    if not parser.parse_args().expected:
-        make_recordings()
+    parser.add_argument("--behind", action="store_true")
+    args = parser.parse_args()
+    if not (args.expected or args.behind):
+        for old in (*HERE.glob("*.blf"), HERE / manifest.NAME):
+            old.unlink(missing_ok=True)
+        make_recordings(experiments())
+    if not args.expected:
+        make_recordings(behind())
     return int(make_expected() > 0)
 
 
