@@ -13,7 +13,7 @@ from monitor.base.types import Frame
 from monitor.memory.reference import Seen
 from monitor.memory.store import Memory
 from monitor.pipeline.entry import bus_sources
-from monitor.pipeline.events import BlockEvent, CycleStarted, Ticks, WindowJudged
+from monitor.pipeline.events import BlockEvent, CutJudged, CycleStarted, Ticks, WindowJudged
 from monitor.pipeline.frames import FramePipeline
 from monitor.report.replay import Setup, of_memory, store_of
 from monitor.report.sinks import Collector
@@ -66,7 +66,7 @@ class Judging:
     def push(self, frame: Frame) -> Iterator[BlockEvent]:
         """Take one frame and yield what it causes; all of it must be taken."""
         for event in self.pipeline.push(frame):
-            if not isinstance(event, Ticks | WindowJudged) or self._has_driven:
+            if not isinstance(event, Ticks | WindowJudged | CutJudged) or self._has_driven:
                 self.store()
             if isinstance(event, CycleStarted):
                 self._learn(event.seen)

@@ -13,7 +13,15 @@ from typing import Any, Final, TextIO
 from monitor.base.types import Frame
 from monitor.bus.link.port import BusHealth
 from monitor.judge.enable import CONDITIONS
-from monitor.pipeline.events import Counted, CycleStarted, DtcChanged, Event, Tick, WindowJudged
+from monitor.pipeline.events import (
+    Counted,
+    CutJudged,
+    CycleStarted,
+    DtcChanged,
+    Event,
+    Tick,
+    WindowJudged,
+)
 from monitor.pipeline.monitor import Monitor
 from monitor.report.sinks import Collector, event_line, rounded
 
@@ -242,6 +250,14 @@ class JsonLines(Status):
                 also=list(dtc.also),
                 status=int(dtc.status),
                 state=dtc.state,
+            )
+        elif isinstance(event, CutJudged):
+            self._print(
+                "fuel_cut",
+                t_end_ns=event.t_ns,
+                verdict=event.outcome,
+                fault=event.fault,
+                statistics=event.statistics,
             )
         elif isinstance(event, CycleStarted):
             self._print("cycle", t_ns=event.t_ns)

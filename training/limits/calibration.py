@@ -1,7 +1,7 @@
 """Decision limits of a model from healthy drives and drives with sensors at the limit severity.
 
 Calibration sets all limits of the model card. The paper's two limits keep a chosen false-alarm
-rate within its bounds. Noise, excitation and offset follow the rules of ``decision_limits``.
+rate within its bounds. All other limits follow the rules of ``decision_limits``.
 """
 
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ from monitor.judge.limits import Limits
 from monitor.model.card import Limit, ModelCard
 from monitor.model.step import Model
 from monitor.pipeline.events import WindowJudged
-from training.limits.decision_limits import NO_LIMITS, limits_of
+from training.limits.decision_limits import NO_LIMITS, limits_of, response_limits
 from training.limits.judging import Judged, judge_recordings, most_common_cause, why_not
 from training.limits.paper_limits import PaperLimits, Residuals, choose, held_out
 from training.limits.tolerance import CONFIDENCE, rate_bounds
@@ -69,6 +69,9 @@ def calibrate(
         raise RecordingError(f"{error}; {cause}" if cause else str(error)) from None
     alarms, detected = held_out(seen, seen_bad, rate)
     card = _with_limits(model.card, healthy, good, bad, chosen, rate, config)
+    limits = Limits.from_card(card, config, str(path))
+    response = response_limits(model, healthy, limits, config)
+    card = replace(card, limits={**card.limits, **response})
     limits = Limits.from_card(card, config, str(path))
     healthy_rows = _rows(healthy, good, model, limits, config)
     faulty_rows = _rows(faulty, bad, model, limits, config)
