@@ -85,7 +85,7 @@ def _check(args: argparse.Namespace) -> int:
             "nothing to check: give a LOG (CAN log, table or a logger's file such as .msl, .mlg, "
             ".csv) or a bus (-i INTERFACE -c CHANNEL, for example -i socketcan -c can0)"
         )
-    setup = set_up(args)
+    setup = set_up(args, judges=False)
     if args.log:
         result = check(read_frames(args.log), setup.bus_map)
     else:
@@ -117,6 +117,8 @@ def _say_verdict(missing: list[str], stale: list[str]) -> None:
 
 def _say_causes(args: argparse.Namespace, setup: "Setup") -> None:
     """Say what would keep the recording from a verdict."""
+    if not setup.model.card.limits:
+        say("the model has no decision limits: o2mon replay cannot judge with it; fit it to more")
     from monitor.pipeline.recordings import RecordingReader
     from monitor.report.check import held_up
 
@@ -145,7 +147,7 @@ def _check_table(args: argparse.Namespace) -> int:
     if args.model is None and is_of_logger(args.log, args.columns):
         say(advice(result))
         return NOT_JUDGED if result.missing([OUTPUT]) else 0
-    setup = set_up(args)
+    setup = set_up(args, judges=False)
     missing = result.missing((*setup.model.card.input_names, setup.model.card.output.name))
     _say_verdict(missing, [])
     if not missing:

@@ -187,8 +187,11 @@ def tell_if_too_slow(args: argparse.Namespace, setup: "Setup", tell: Callable[[s
         )
 
 
-def set_up(args: argparse.Namespace) -> "Setup":
-    """Load the files of the options; raises O2Error if one is unusable."""
+def set_up(args: argparse.Namespace, *, judges: bool = True) -> "Setup":
+    """Load the files of the options; raises O2Error if one is unusable.
+
+    judges : whether the model must have decision limits
+    """
     import dbc
     from monitor.base import config
     from monitor.report import replay
@@ -201,7 +204,7 @@ def set_up(args: argparse.Namespace) -> "Setup":
     if getattr(args, "obd", False) and not pairs:
         pairs = [(dbc.path("obd2.dbc"), dbc.path("obd2.toml"))]
     columns = getattr(args, "columns", None)
-    return replay.set_up(args.model, pairs, config.load(args.config), columns)
+    return replay.set_up(args.model, pairs, config.load(args.config), columns, judges=judges)
 
 
 def write_outputs(

@@ -1,6 +1,7 @@
 """Decision limits: of one model, as they stand in its card, and of one vehicle with a reference."""
 
 from dataclasses import dataclass, replace
+from math import inf
 from typing import Final
 
 from monitor.base.config import BiasConfig, Config
@@ -81,3 +82,15 @@ class Limits:
             return self
         low, high = reference.offset_range(config)
         return replace(self, offset_low=low, offset_high=high, gain=reference.gain)
+
+
+NO_LIMITS: Final = Limits(  # judge nothing, for windows alone
+    j_mu=inf,
+    j_sigma=inf,
+    noise=1.0,
+    noise_memory=0.0,
+    excitation=0.0,
+    offset_low=-inf,
+    offset_high=inf,
+    offset_std=1.0,
+)

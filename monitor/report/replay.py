@@ -16,7 +16,7 @@ from monitor.base.signals import OUTPUT
 from monitor.decode.bus_map import BusMap, load_pairs
 from monitor.frames.candump_blocks import Parser
 from monitor.grid.block_samples import Clearing
-from monitor.judge.limits import Limits
+from monitor.judge.limits import NO_LIMITS, Limits
 from monitor.memory.dtc import DtcStore
 from monitor.memory.store import Memory
 from monitor.model.card import ModelCard
@@ -70,15 +70,19 @@ def set_up(
     pairs: Sequence[tuple[Path, Path]],
     config: Config,
     columns: Path | None = None,
+    *,
+    judges: bool = True,
 ) -> Setup:
     """Return the setup; without a model the shipped one, without pairs the project's own ECU.
 
+    judges : whether the model must have decision limits
     Raises ModelError or SignalMapError.
     """
     loaded = model if isinstance(model, Model) else Model.load(model or shipped_model())
     own = [(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))]
     bus_map = load_pairs(pairs or own)
-    limits = Limits.from_card(loaded.card, config, str(loaded.path))
+    is_bare = not judges and not loaded.card.limits
+    limits = NO_LIMITS if is_bare else Limits.from_card(loaded.card, config, str(loaded.path))
     return Setup(loaded, limits, config, bus_map, columns)
 
 

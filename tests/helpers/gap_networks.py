@@ -9,6 +9,7 @@ import numpy as np
 from monitor.base import config
 from monitor.base.signals import NARX_INPUTS, OUTPUT
 from monitor.base.types import FloatArray
+from monitor.judge.limits import NO_LIMITS
 from monitor.model.card import TrainingRecording
 from monitor.model.step import Model
 from tests.helpers.shared import shared
@@ -21,7 +22,6 @@ from training.greybox.effects import LIBRARY
 from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit import joint
 from training.greybox.fit.drive import Drive, from_recording
-from training.limits.decision_limits import NO_LIMITS
 from training.limits.judging import judge
 from training.narx.fit import FitResult, fit
 from training.recordings.recording import Recording

@@ -14,11 +14,11 @@ import numpy as np
 from monitor.base import manifest
 from monitor.base.config import Config
 from monitor.base.errors import ConfigError, RecordingError, UsageError
-from monitor.judge.limits import Limits
+from monitor.judge.limits import NO_LIMITS, Limits
 from monitor.model.card import Limit, ModelCard
 from monitor.model.step import Model
 from monitor.pipeline.events import WindowJudged
-from training.limits.decision_limits import NO_LIMITS, limits_of, response_limits
+from training.limits.decision_limits import limits_of, response_limits
 from training.limits.judging import Judged, judge_recordings, most_common_cause, why_not
 from training.limits.paper_limits import PaperLimits, Residuals, choose, held_out
 from training.limits.tolerance import CONFIDENCE, rate_bounds

@@ -11,7 +11,7 @@ import numpy as np
 from monitor.base.config import Config
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
-from monitor.judge.limits import Limits
+from monitor.judge.limits import NO_LIMITS, Limits
 from monitor.model.card import Limit, ModelCard
 from monitor.model.step import Model
 from monitor.pipeline.events import CutJudged, WindowJudged
@@ -25,22 +25,13 @@ MINIMUM_WINDOWS = 10
 MANY_WINDOWS = 100  # with fewer windows, the 0.99 quantile is the largest value
 PAPER_QUANTILE = 0.99
 HELD_OUT = "test blocks held out of the training recordings"
+ALL_OF_A_CHAIN = "the recordings of the fit, which changed a few constants only"
 ALSO_CHOSEN_ON = " and blocks that chose the weights, because these hold too few windows"
 MEMORY_MOST = 0.95  # correlation of the noise; above it a window holds almost no information
 EVIDENCE_SAFETY = (
     3.0  # the healthy recordings' largest evidence of a fault stays so far below a code
 )
 LEAST_EVIDENCE = 1e-3  # with less the response rule decides nothing within a day
-NO_LIMITS = Limits(
-    j_mu=np.inf,
-    j_sigma=np.inf,
-    noise=1.0,
-    noise_memory=0.0,
-    excitation=0.0,
-    offset_low=-np.inf,
-    offset_high=np.inf,
-    offset_std=1.0,
-)
 
 
 def _held_out_windows(
@@ -164,10 +155,11 @@ def with_limits(
     """Return the model card with limits from held-out blocks, and the number of their windows.
 
     Short recordings, whose test blocks hold fewer than 10 windows, give those of the blocks that
-    chose the weights, too, and the limits say so; no weight was fitted to either. The joint region
-    of the inputs is that of all windows of the recordings, for a network. The healthy gain is the
-    median over the recordings. The weight of evidence falls until the healthy recordings' evidence
-    of a fault stays well below a code.
+    chose the weights, too, and the limits say so; no weight was fitted to either. If these are too
+    few for a chain, which has a few constants, all windows of its recordings count.
+    The joint region of the inputs is that of all windows of the recordings, for a network. The
+    healthy gain is the median over the recordings. The weight of evidence falls until the healthy
+    recordings' evidence of a fault stays well below a code.
     Raises RecordingError if there are fewer than 10 windows.
     """
     judged = judge_recordings(recordings, model, NO_LIMITS, config)
@@ -176,6 +168,8 @@ def with_limits(
     if sum(map(len, drives)) < MINIMUM_WINDOWS and origin == HELD_OUT:
         drives = _held_out_windows(everything, recordings, held_out, ("test", "validate"))
         origin += ALSO_CHOSEN_ON
+        if sum(map(len, drives)) < MINIMUM_WINDOWS and model.card.kind == "greybox":
+            drives, origin = everything, ALL_OF_A_CHAIN
     limits = limits_of(drives, model.card, config, origin, recordings)
     region = region_of(everything, model.card.input_names) if model.card.kind == "narx" else None
     card = replace(

@@ -11,12 +11,11 @@ from monitor.base.errors import ModelError
 from monitor.base.types import FloatArray
 from monitor.judge.bank import build
 from monitor.judge.decisions import Decisions, WindowJudged
-from monitor.judge.limits import Limits
+from monitor.judge.limits import NO_LIMITS, Limits
 from monitor.judge.region import Region, points_of
 from monitor.judge.window import Window
 from monitor.memory.dtc import DtcStore
 from tests.helpers.bank import readings
-from training.limits.decision_limits import NO_LIMITS
 from training.limits.region import region_of
 
 CONFIG = config.load()

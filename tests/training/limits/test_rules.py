@@ -10,11 +10,11 @@ from scipy import stats
 from monitor.base import config, faults
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
+from monitor.judge.limits import NO_LIMITS
 from monitor.model.step import Model
 from monitor.report.replay import shipped_model
 from training.dyno import ecu, vehicle
 from training.dyno.simulation import Experiment, simulate
-from training.limits.decision_limits import NO_LIMITS
 from training.limits.judging import judge
 from training.limits.rules import (
     RULES,
