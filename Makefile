@@ -28,7 +28,7 @@ test: venv system ## every check: style, types, imports, all tests
 
 whole: venv
 	$(VENV)/bin/python -m compileall -q monitor training dbc # once, not in each process that tests start
-	$(VENV)/bin/python -m pytest -n 2 --dist loadgroup --no-loadscope-reorder --durations 20
+	$(VENV)/bin/python -m pytest -n 3 --dist loadgroup --no-loadscope-reorder --durations 20 # one of three waits for a bus
 
 check: venv ## style, types, imports and the fast tests
 	@$(MAKE) --no-print-directory -j 2 lint fast

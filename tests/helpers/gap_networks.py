@@ -1,8 +1,10 @@
 """A small network of a simulated vehicle, and drives of it with the plant's own effects."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -67,8 +69,18 @@ def drive(
 
 
 def small_network(folder: Path) -> FitResult:
-    """Return a network of the healthy vehicle, with boxes and a linear path."""
-    return trained_on(healthy_drives(), folder)
+    """Return a network of the healthy vehicle, with boxes and a linear path, kept in ``folder``."""
+    result, content = _trained_once()
+    path = folder / "base.onnx"
+    path.write_bytes(content)
+    return replace(result, path=path)
+
+
+@shared
+def _trained_once() -> tuple[FitResult, bytes]:
+    with TemporaryDirectory() as folder:
+        result = trained_on(healthy_drives(), Path(folder))
+        return result, result.path.read_bytes()
 
 
 def trained_on(recordings: Sequence[Recording], folder: Path) -> FitResult:

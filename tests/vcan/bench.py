@@ -25,7 +25,7 @@ from udsoncan.connections import PythonIsoTpConnection
 O2MON = [sys.executable, "-m", "monitor.cli"]
 REQUEST_ID, RESPONSE_ID = 0x7E1, 0x7E9
 PAGE = "http://127.0.0.1:8765/"
-ASK_BEFORE_END_S = 30.0
+ASK_BEFORE_END_S = 18.0
 PATIENCE_S = 90.0
 BY_STATUS = 0x04  # pending
 PENDING_ANSWER = 0x47  # of service $07

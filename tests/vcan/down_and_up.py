@@ -11,7 +11,7 @@ import time
 from collections.abc import Sequence
 
 import can
-from play_and_monitor import wait_until_listening
+from play_and_monitor import n_receivers, wait_until_listening
 
 CHECK = [sys.executable, "-m", "tests.vcan.check_obd"]
 MONITOR = ["-m", "monitor.cli", "run", "-i", "socketcan", "-c", "vcan0", "--json-lines"]
@@ -38,7 +38,7 @@ def main() -> int:
             time.sleep(DOWN_S)
             ip("link add dev vcan0 type vcan")
             ip("link set dev vcan0 up")
-            time.sleep(BACK_S)
+            wait_until_back()
             send()
             time.sleep(1.0)
             monitor.send_signal(signal.SIGINT)
@@ -48,6 +48,13 @@ def main() -> int:
             return 99
         finally:
             monitor.kill()
+
+
+def wait_until_back() -> None:
+    """Return once a socket listens on the new interface, at the latest after BACK_S."""
+    until_s = time.monotonic() + BACK_S
+    while not n_receivers() and time.monotonic() < until_s:
+        time.sleep(0.2)
 
 
 def send() -> None:

@@ -11,7 +11,7 @@ def test_memory_is_flat_while_the_loop_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("monitor.bus.judging.KEEP", 3)  # windows, soon reached
-    points = soak(LOG, hours=0.14, every_h=0.02, folder=tmp_path, trace=True)
+    points = soak(LOG, hours=0.07, every_h=0.01, folder=tmp_path, trace=True)
     assert points[-1].windows > 10
     assert not any(point.codes for point in points)
     # the first stretch fills what is kept; after it not 100 bytes a second may stay
