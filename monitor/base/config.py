@@ -137,6 +137,12 @@ class CatalystConfig:
     evidence_most: float
     evidence_alike: float
     interval_weight: float
+    follow_low: float
+    follow_sound: float
+    follow_late_s: float
+    follow_longest_s: float
+    follow_gap_s: float
+    follow_hysteresis_v: float
     false_alarm_probability: float
     miss_probability: float
 
@@ -266,6 +272,8 @@ _HIGHEST: Final = {
     "response.miss_probability": 0.5,
     "catalyst.evidence_weight": 1.0,
     "catalyst.interval_weight": 1.0,
+    "catalyst.follow_low": 0.99,
+    "catalyst.follow_sound": 0.99,
     "catalyst.hold_s": 60.0,
     "catalyst.false_alarm_probability": 0.5,
     "catalyst.miss_probability": 0.5,

@@ -5,6 +5,7 @@ O2Error
 ├── ConfigError       a TOML file has an unknown key or an impossible value
 ├── SignalMapError    a CAN database and a signal map do not fit each other
 ├── RecordingError    a log or table cannot be read
+│   └── MissingSignalsError  it lacks signals that the model needs
 ├── ModelError        a model file has no card, or its card and graph disagree
 └── BusError          a CAN interface cannot be opened or has failed
 
@@ -30,6 +31,10 @@ class SignalMapError(O2Error):
 
 class RecordingError(O2Error):
     """A log or table cannot be read, or lacks needed signals."""
+
+
+class MissingSignalsError(RecordingError):
+    """A recording lacks signals that the model needs."""
 
 
 class ModelError(O2Error):

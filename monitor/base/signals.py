@@ -46,6 +46,7 @@ SIGNALS: tuple[Signal, ...] = (
     Signal("lambda_correction_percent", "%", -60.0, 100.0, "foreign"),
     Signal("load_g_per_rev", "g/rev", 0.0, 10.0, "foreign"),
     Signal("pump_current_ma", "mA", -20.0, 20.0, "foreign"),
+    Signal("upstream_voltage_v", "V", -0.2, 5.0, "foreign"),
     Signal("downstream_voltage_v", "V", -0.2, 5.0, "foreign"),
     Signal("catalyst_temperature_degc", "degC", -40.0, 1300.0, "foreign"),
     Signal("downstream_heater_percent", "%", 0.0, 100.0, "foreign"),

@@ -13,7 +13,7 @@ from operator import itemgetter
 import numpy as np
 
 from monitor.base.config import Config
-from monitor.base.errors import RecordingError
+from monitor.base.errors import MissingSignalsError
 from monitor.base.runs import runs
 from monitor.base.types import SampleBlock
 from monitor.judge import bank, enable
@@ -412,7 +412,9 @@ def check_names(card: ModelCard, names: Sequence[str]) -> None:
     """Raise RecordingError if a signal that the model needs is not among ``names``."""
     missing = [name for name in (*card.input_names, card.output.name) if name not in names]
     if missing:
-        raise RecordingError(f"the model needs {', '.join(missing)}; there are {', '.join(names)}")
+        raise MissingSignalsError(
+            f"the model needs {', '.join(missing)}; there are {', '.join(names)}"
+        )
 
 
 def needed_names(card: ModelCard, available: Collection[str]) -> tuple[str, ...]:

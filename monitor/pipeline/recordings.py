@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from monitor.base.errors import RecordingError
+from monitor.base.errors import MissingSignalsError
 from monitor.base.signals import BY_NAME
 from monitor.base.types import SampleBlock
 from monitor.decode.block_decoder import BlockDecoder
@@ -128,9 +128,9 @@ class RecordingReader:
         """
         try:
             check_names(self._card, table.names)
-        except RecordingError as error:
+        except MissingSignalsError as error:
             logger = f" in this log ({table.profile}); {OTHER_MODEL}" if table.profile else ""
-            raise RecordingError(f"{table.path}: {error}{logger}") from None
+            raise MissingSignalsError(f"{table.path}: {error}{logger}") from None
         block = table_block(table, table.names, self._card.period_ns)
         counters = table_counts(table, block, self._card)
         sources = {name: Source(table.column_of(name)) for name in table.names}

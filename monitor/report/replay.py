@@ -10,12 +10,13 @@ from typing import Any
 import dbc
 from monitor import __version__
 from monitor.base.config import Config, ProfileConfig
-from monitor.base.errors import RecordingError
+from monitor.base.errors import MissingSignalsError, RecordingError
 from monitor.base.manifest import source_of
 from monitor.base.signals import OUTPUT
 from monitor.decode.bus_map import BusMap, load_pairs
 from monitor.frames.candump_blocks import Parser
 from monitor.grid.block_samples import Clearing
+from monitor.grid.tables import Table
 from monitor.judge.limits import NO_LIMITS, Limits
 from monitor.memory.dtc import DtcStore
 from monitor.memory.store import Memory
@@ -27,6 +28,7 @@ from monitor.pipeline.frames import FramePipeline
 from monitor.pipeline.monitor import Judge, Monitor
 from monitor.pipeline.recordings import OpenRecording, RecordingReader
 from monitor.pipeline.side_by_side import slices
+from monitor.report.behind import behind_table, judge_table
 from monitor.report.sinks import SCHEMA, Collector
 from monitor.report.text import Trace
 
@@ -115,8 +117,27 @@ def replay(
     """
     sha256 = sha256_of(path)
     reader = RecordingReader(setup.bus_map, setup.model.card, setup.columns, setup.parse)
-    recording, series = judged(reader.open(path), sha256, setup, memory, trace=trace)
+    try:
+        opened = reader.open(path)
+    except MissingSignalsError:
+        table = behind_table(path, setup.columns)
+        if table is None:
+            raise
+        recording, series = judged_behind(table, sha256, setup.config, memory), Trace.empty()
+    else:
+        recording, series = judged(opened, sha256, setup, memory, trace=trace)
     return recording | {"source": source_of(path, sha256)}, series
+
+
+def judged_behind(
+    table: Table, sha256: str, config: Config, memory: Memory | None
+) -> dict[str, Any]:
+    """Judge the catalyst alone, in a table without the model's signals."""
+    store = store_of(memory, config.profile)
+    recording = {"path": str(table.path), "sha256": sha256} | judge_table(table, store, config)
+    if memory:
+        memory.save(store.saved)
+    return recording | of_memory(memory)
 
 
 def judged(

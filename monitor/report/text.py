@@ -37,6 +37,12 @@ class Trace:
     enabled: NDArray[np.bool_]  # (n,)
     fault_flag: NDArray[np.bool_]  # (n,)
 
+    @classmethod
+    def empty(cls) -> "Trace":
+        """Return the series of a recording that the model did not judge."""
+        none, off = np.empty(0), np.empty(0, dtype=np.bool_)
+        return cls(none, none, none, off, off)
+
 
 def write_report(
     path: str | Path,

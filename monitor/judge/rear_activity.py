@@ -1,0 +1,110 @@
+"""The downstream sensor against a switching front sensor: does the rear follow every excursion?
+
+A front sensor that only switches tells no amount of oxygen, so no capacity follows. But behind an
+empty can, or none, the rear sensor repeats what the front sensor does; behind a catalyst that
+stores, short excursions of the mixture never reach it. Every short excursion of the front sensor,
+away from the side on which the rear sensor stands, is one trial: the rear follows or it does not.
+The trials are compared with the probabilities of both claims by the sequential test of the response
+rule (Wald, Sequential Analysis, section 3.2). Fuel cuts and long excursions are no trials: they
+fill or empty any catalyst.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+from monitor.base.config import CatalystConfig
+from monitor.judge.catalyst_rule import CATALYST, Claim
+
+LEAN, RICH, BETWEEN = -1, 1, 0
+MID_V: Final = 0.45  # of a switching sensor
+
+
+@dataclass(slots=True)
+class _Excursion:
+    """The front sensor is on one side, and the rear sensor began on the other."""
+
+    side: int
+    begin_s: float
+    end_s: float = math.inf
+    is_followed: bool = False
+    is_spoilt: bool = False  # by a fuel cut
+
+
+class RearActivity:
+    """Counts excursions of the front sensor that the rear follows; samples come one by one."""
+
+    def __init__(self, config: CatalystConfig) -> None:
+        self._config = config
+        alpha, beta = config.false_alarm_probability, config.miss_probability
+        self.evidence_fail = math.log((1.0 - beta) / alpha)
+        self.evidence_pass = math.log((1.0 - alpha) / beta)
+        low, sound = config.follow_low, config.follow_sound
+        self._followed = math.log(low / sound)
+        self._missed = math.log((1.0 - low) / (1.0 - sound))
+        self._front = self._rear = BETWEEN
+        self._open: list[_Excursion] = []
+        self._last_s = -math.inf
+        self.log_odds = 0.0  # of a catalyst that stores nothing, over a sound one
+        self.trials = self.followed = 0
+
+    def push(self, t_s: float, front_v: float, rear_v: float, *, burning: bool) -> bool:
+        """Take one sample; return whether a trial ended.
+
+        A pause longer than ``follow_gap_s`` and a value that is not known end all trials untold.
+        """
+        known = math.isfinite(front_v) and math.isfinite(rear_v)
+        if not known or t_s - self._last_s > self._config.follow_gap_s:
+            self._front = self._rear = BETWEEN
+            self._open.clear()
+        self._last_s = t_s
+        if not known:
+            return False
+        self._rear = _side(self._rear, rear_v, self._config.follow_hysteresis_v)
+        front = _side(self._front, front_v, self._config.follow_hysteresis_v)
+        if front != self._front:
+            self._switch(t_s, front)
+        for each in self._open:
+            each.is_followed |= self._rear == each.side
+            each.is_spoilt |= not burning
+        return self._close(t_s)
+
+    def _switch(self, t_s: float, front: int) -> None:
+        for each in self._open:
+            each.end_s = min(each.end_s, t_s)
+        if self._front != BETWEEN and self._rear == -front:
+            self._open.append(_Excursion(front, t_s))
+        self._front = front
+
+    def _close(self, t_s: float) -> bool:
+        """Count the excursions that are over for longer than the rear sensor may be late."""
+        late_s = self._config.follow_late_s
+        over = [each for each in self._open if t_s > each.end_s + late_s]
+        self._open = [each for each in self._open if t_s <= each.end_s + late_s]
+        judged = [
+            each
+            for each in over
+            if not each.is_spoilt and each.end_s - each.begin_s <= self._config.follow_longest_s
+        ]
+        for each in judged:
+            self.trials += 1
+            self.followed += each.is_followed
+            self.log_odds += self._followed if each.is_followed else self._missed
+        most = self._config.evidence_most
+        self.log_odds = min(max(self.log_odds, -most), most)
+        return bool(judged)
+
+    def claim(self) -> Claim:
+        """Return how the evidence stands for a catalyst that stores nothing."""
+        if self.log_odds >= self.evidence_fail:
+            return Claim("failed", CATALYST, self.log_odds)
+        if -self.log_odds >= self.evidence_pass:
+            return Claim("passed", None, self.log_odds)
+        return Claim("inconclusive", None, self.log_odds)
+
+
+def _side(before: int, volts: float, hysteresis_v: float) -> int:
+    """Return the side of a switching sensor; between the thresholds it stays."""
+    if volts > MID_V + hysteresis_v:
+        return RICH
+    return LEAN if volts < MID_V - hysteresis_v else before

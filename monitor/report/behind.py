@@ -1,0 +1,113 @@
+"""Tables without the model's signals, but with a downstream sensor: only the catalyst is judged."""
+
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from monitor.base.config import Config
+from monitor.base.types import FloatArray
+from monitor.grid.tables import Table, is_table, read_table
+from monitor.judge.catalyst import VOLTAGE
+from monitor.judge.rear_activity import RearActivity
+from monitor.memory.dtc import DtcStore
+from monitor.memory.obd_records import FreezeFrame
+from monitor.pipeline.entry import dtc_entry, seconds
+
+FRONT: Final = "upstream_voltage_v"  # of a front sensor that only switches
+NOTE: Final = "without the model's signals only the catalyst is judged"
+
+
+def behind_table(path: Path, columns: Path | None) -> Table | None:
+    """Return the table if it has a downstream voltage, None for any other recording."""
+    if not is_table(path):
+        return None
+    table = read_table(path, columns)
+    return table if VOLTAGE in table.names else None
+
+
+def judge_table(table: Table, store: DtcStore, config: Config) -> dict[str, Any]:
+    """Return what ``o2mon.replay/1`` says of the table, but for its path and sha256.
+
+    store : fault memory, in which a driving cycle has begun
+    """
+    activity = RearActivity(config.catalyst)
+    if FRONT in table.names:
+        _follow(table, activity, store)
+    claim = activity.claim()
+    causes = [] if claim.outcome != "inconclusive" else [_cause(table, activity)]
+    return {
+        "samples": len(table.t_ns),
+        "enabled_samples": 0,
+        "windows": [],
+        "windows_interrupted": 0,
+        "windows_dropped": 0,
+        "dtcs": [dtc_entry(dtc, int(table.t_ns[0]), 1.0) for dtc in store.active],
+        "fault_flag": store.fault_flag,
+        "completed": False,
+        "not_judged": None if store.fault_flag else causes or None,
+        "evidence": {},
+        "counters": {},
+        "catalyst": {
+            "method": "activity",
+            "trials": activity.trials,
+            "followed": activity.followed,
+            "verdict": claim.outcome,
+            "log_odds": round(claim.log_odds, 3),
+            "needed": round(activity.evidence_fail, 3),
+        },
+        "profile": table.profile,
+        "notes": [*table.notes.lines, NOTE],
+    }
+
+
+def _follow(table: Table, activity: RearActivity, store: DtcStore) -> None:
+    """Take all samples; the fault memory takes the first verdict, and another that follows."""
+    front, rear = _column(table, FRONT), _column(table, VOLTAGE)
+    cut = _column(table, "fuel_cut") if "fuel_cut" in table.names else np.zeros(len(front))
+    before = "inconclusive"
+    for k, t_ns in enumerate(table.t_ns.tolist()):
+        burning = not cut[k] > 0.0
+        if not activity.push(t_ns / 1e9, front[k], rear[k], burning=burning):
+            continue
+        claim = activity.claim()
+        if claim.outcome == before:
+            continue
+        before = claim.outcome
+        if claim.outcome == "failed" and claim.fault is not None:
+            for dtc in store.fail(claim.fault, t_ns):
+                read = zip(table.names, table.values[k].tolist(), strict=True)
+                signals = {name: value for name, value in read if np.isfinite(value)}
+                store.freeze(FreezeFrame(dtc.code, t_ns, signals))
+            store.count_judged("catalyst")
+        elif claim.outcome == "passed":
+            store.complete("catalyst")
+            store.count_judged("catalyst")
+
+
+def _cause(table: Table, activity: RearActivity) -> dict[str, Any]:
+    """Return why the catalyst was not judged."""
+    if FRONT not in table.names:
+        missing = next(n for n in ("lambda_measured", "maf_kg_h", FRONT) if n not in table.names)
+        advice = f"the capacity needs upstream lambda and the air flow: record {missing}, too"
+        return _entry(missing, "signal_missing", advice)
+    step_s = seconds(int(np.median(np.diff(table.t_ns))), 0) if len(table.t_ns) > 1 else 0.0
+    if not activity.trials:
+        advice = f"one sample each {step_s:.2g} s, wanted two a second: log fewer signals"
+        return _entry(VOLTAGE, "too_slow", advice)
+    advice = f"the front sensor switched {activity.trials} times: record a longer drive"
+    return _entry(VOLTAGE, "undecided", advice)
+
+
+def _entry(signal: str, reason: str, advice: str) -> dict[str, Any]:
+    return {
+        "condition": "catalyst",
+        "held_share": None,
+        "signal": signal,
+        "reason": reason,
+        "advice": advice,
+    }
+
+
+def _column(table: Table, name: str) -> FloatArray:
+    return np.asarray(table.values[:, table.names.index(name)])

@@ -1,0 +1,81 @@
+"""Tables without the model's signals: the catalyst is judged alone."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from monitor import cli
+from tests.helpers.switching_drive import switching_drive
+
+
+def replayed(table: Path, tmp_path: Path, *options: str) -> tuple[int, dict[str, Any]]:
+    out, page = tmp_path / "out.json", tmp_path / "out.html"
+    code = cli.main(["replay", str(table), "--json", str(out), "--html", str(page), *options])
+    (recording,) = json.loads(out.read_text())["recordings"]
+    assert page.stat().st_size > 1000
+    return code, recording
+
+
+def a_table(folder: Path, *, stores: bool, names: str = "", period_s: float = 0.2) -> Path:
+    path = folder / "drive.csv"
+    rows = zip(*switching_drive(stores=stores, period_s=period_s), strict=True)
+    lines = ["time_s,upstream_voltage_v,downstream_voltage_v,engine_speed_rpm"]
+    lines += [f"{t_s:.3f},{front:.3f},{rear:.3f},2000" for t_s, front, rear in rows]
+    text = "\n".join(lines).replace("upstream_voltage_v,d", f"{names or 'upstream_voltage_v'},d", 1)
+    path.write_text(text + "\n")
+    return path
+
+
+def test_a_can_that_stores_nothing_is_found_without_a_wideband_sensor(tmp_path: Path) -> None:
+    code, recording = replayed(a_table(tmp_path, stores=False), tmp_path)
+    assert code == 1
+    assert [(d["code"], d["fault"]) for d in recording["dtcs"]] == [("P0420", "catalyst_low")]
+    assert recording["catalyst"]["method"] == "activity"
+
+
+def test_a_catalyst_that_stores_is_sound_and_nothing_else_is_said(tmp_path: Path) -> None:
+    code, recording = replayed(a_table(tmp_path, stores=True), tmp_path)
+    assert (code, recording["dtcs"], recording["not_judged"]) == (0, [], None)
+    assert any("only the catalyst" in note for note in recording["notes"])
+
+
+def test_a_second_driving_cycle_confirms_the_code_and_freezes_its_signals(tmp_path: Path) -> None:
+    table, memory = a_table(tmp_path, stores=False), str(tmp_path / "memory.db")
+    replayed(table, tmp_path, "--memory", memory)
+    _, recording = replayed(table, tmp_path, "--memory", memory)
+    assert [d["state"] for d in recording["dtcs"]] == ["confirmed"]
+    assert cli.main(["dtc", "freeze-frame", "--memory", memory]) == 0
+
+
+@pytest.mark.parametrize(
+    ("names", "period_s", "reason"),
+    [("throttle_percent", 0.2, "signal_missing"), ("", 1.0, "too_slow")],
+)
+def test_what_cannot_be_judged_says_why(
+    names: str, period_s: float, reason: str, tmp_path: Path
+) -> None:
+    code, recording = replayed(
+        a_table(tmp_path, stores=False, names=names, period_s=period_s), tmp_path
+    )
+    assert code == 3
+    assert [cause["reason"] for cause in recording["not_judged"]] == [reason]
+
+
+@pytest.mark.parametrize(("drive", "code"), [("after", 1), ("before", 0)])
+def test_a_real_car_without_its_catalyst_is_found_and_with_it_is_sound(
+    drive: str, code: int, shared_data: Path, tmp_path: Path
+) -> None:
+    (log,) = (shared_data / "logs" / "evo_evoscan").glob(f"{drive}_*.csv")
+    got, recording = replayed(log, tmp_path)
+    assert got == code
+    assert [d["code"] for d in recording["dtcs"]] == ["P0420"] * code
+
+
+def test_a_real_log_of_one_sample_a_second_says_what_is_missing(
+    shared_data: Path, tmp_path: Path
+) -> None:
+    code, recording = replayed(shared_data / "logs" / "golf_torque" / "golf07_2.csv", tmp_path)
+    assert code == 3
+    assert recording["not_judged"][0]["signal"] == "maf_kg_h"
