@@ -24,6 +24,7 @@ FIRST_VEHICLE, FIRST_SEED = 101, 101
 FIRST_BEHIND = 150  # vehicles and seeds with a sensor behind the catalyst follow
 BEHIND = ("catalyst_low", "downstream_slow_rich_to_lean")
 RESPONSE_S, SHORT_S = 420.0, 150.0  # length of a drive: response faults and healthy, other faults
+SEVERITY = {"drift_lean": 0.5, "drift_rich": 0.4}  # beyond the limit within the drive
 FAULT_START_S = {"signal_missing": 60.0}
 
 
@@ -36,7 +37,7 @@ def experiments() -> list[tuple[str, Experiment]]:
     chosen = [("healthy_wltc_3b", Experiment(vehicle=number, seed=next(seeds)))]
     for name in ("healthy", *faults.NAMES):
         number += 1
-        fault = None if name == "healthy" else faults.resolve(name)
+        fault = None if name == "healthy" else faults.resolve(name, SEVERITY.get(name))
         short = fault is not None and bool(fault.stuck_lambda or fault.not_ready or fault.missing)
         chosen.append(
             (

@@ -91,6 +91,7 @@ class PlausibilityConfig:
 
     stuck_range: float
     stuck_s: float
+    fuel_cut_most_s: float
     stuck_band_at_one: float
     end_s: float
     constant_s: float
@@ -148,6 +149,23 @@ class CatalystConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class MovementConfig:
+    """Limits of a reading that does not move, or holds now and then."""
+
+    gain_least: float
+    error_share: float
+    quantum: float
+    still_share: float
+    bound: float
+    doubt: float
+    hold_s: float
+    hold_samples: int
+    clear_noise: float
+    one_hold: float
+    no_hold: float
+
+
+@dataclass(frozen=True, slots=True)
 class DebounceConfig:
     """Steps of the fault detection counter, and times for electrical faults."""
 
@@ -200,6 +218,7 @@ class Config:
     enable: EnableConfig
     response: ResponseConfig
     bias: BiasConfig
+    movement: MovementConfig
     plausibility: PlausibilityConfig
     catalyst: CatalystConfig
     debounce: DebounceConfig
@@ -363,6 +382,7 @@ def _build(tree: dict[str, Any], where: str) -> Config:
         enable=section(EnableConfig, "enable"),
         response=section(ResponseConfig, "response"),
         bias=section(BiasConfig, "bias"),
+        movement=section(MovementConfig, "movement"),
         plausibility=section(PlausibilityConfig, "plausibility"),
         catalyst=section(CatalystConfig, "catalyst"),
         debounce=section(DebounceConfig, "debounce"),

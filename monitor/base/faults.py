@@ -6,7 +6,9 @@ Phi rises from lean to rich. With u the reading of the healthy and s of the faul
 - dead time d: s(t) = min(u(t), u(t - d)) on rising edges, max(u(t), u(t - d)) on falling edges,
   u(t - d) on both;
 - gain: s = 1 + g (u - 1);
-- offset: added in lambda.
+- offset: added in lambda; a drift is an offset that grows for half an hour and then stays;
+- holds: the last reading again for the first seconds of every twelve;
+- ripple: what a dead sensor reads beside its constant.
 
 The scalar steps are plain functions: the simulated dynamometer compiles the same code into its
 control loop. ``SensorFault`` applies them to a stream.
@@ -24,6 +26,8 @@ from monitor.base.errors import UsageError
 RICH_TO_LEAN, LEAN_TO_RICH, SYMMETRIC = -1, 1, 0
 
 TRANSIENT_GAIN = 0.7  # amplitude of the transient fault; its severity is the lag
+HOLD_EVERY_S = 12.0  # from one hold of an intermittent sensor to the next
+DRIFT_S = 1800.0  # after which a drift has its whole size
 OUT_OF_RANGE_LAMBDA = 0.31  # no wideband sensor can read so low a lambda
 
 
@@ -33,6 +37,29 @@ def lag_step(x: float, u: float, tau_rising_s: float, tau_falling_s: float, step
     if tau_s <= 0.0:
         return u
     return x + (u - x) * (1.0 - math.exp(-step_s / tau_s))
+
+
+def aged(
+    reading: float,
+    last: float,
+    t_s: float,
+    ripple_lambda: float,
+    drift_lambda: float,
+    hold_s: float,
+) -> float:
+    """Return a reading in lambda with noise, drift and holds.
+
+    last : reading before, NaN at the beginning
+    t_s : since the fault began
+    The noise follows from the time: its low digits are as good as random, and a generator with a
+    state could not be compiled into the plant's loop.
+    """
+    if hold_s > 0.0 and t_s % HOLD_EVERY_S < hold_s and not math.isnan(last):
+        return last
+    if ripple_lambda > 0.0:
+        beyond = math.sin(t_s * 1299.8) * 43758.5453
+        reading += ripple_lambda * math.sqrt(12.0) * (beyond - math.floor(beyond) - 0.5)
+    return reading + drift_lambda * min(t_s / DRIFT_S, 1.0)
 
 
 def one_sided(u: float, delayed: float, direction: int) -> float:
@@ -57,6 +84,9 @@ class Fault:
     gain: float = 1.0
     offset_lambda: float = 0.0
     stuck_lambda: float = 0.0  # 0: not stuck
+    ripple_lambda: float = 0.0  # standard deviation of noise beside the stuck reading
+    drift_lambda: float = 0.0  # offset after DRIFT_S
+    hold_s: float = 0.0  # of every HOLD_EVERY_S
     not_ready: bool = False
     missing: bool = False
 
@@ -79,6 +109,10 @@ DEFAULT_SEVERITY = {
     "not_ready": 1.0,
     "out_of_range": OUT_OF_RANGE_LAMBDA,
     "signal_missing": 1.0,
+    "no_activity": 0.003,
+    "intermittent": 3.0,
+    "drift_lean": 0.15,
+    "drift_rich": 0.15,
 }
 NAMES = tuple(DEFAULT_SEVERITY)
 
@@ -87,7 +121,9 @@ def resolve(name: str, severity: float | None = None) -> Fault:
     """Return the fault of a name; without a severity, ``DEFAULT_SEVERITY`` holds.
 
     severity : time constant or dead time in s, gain, or offset in lambda; out_of_range: the lambda
-        that is sent; stuck_lean and stuck_rich: the distance of the frozen value from lambda 1
+        that is sent; stuck_lean and stuck_rich: the distance of the frozen value from lambda 1;
+        no_activity: noise of a dead sensor at lambda 1; intermittent: length of the holds in s;
+        drift_lean and drift_rich: offset in lambda after half an hour
     Raises UsageError if the name is unknown or the severity impossible.
     """
     if name not in DEFAULT_SEVERITY:
@@ -97,6 +133,8 @@ def resolve(name: str, severity: float | None = None) -> Fault:
         raise UsageError(f"fault {name}: severity {s} is not positive")
     if name == "gain_low" and s >= 1.0:
         raise UsageError(f"fault gain_low: severity {s} is the gain that is left, wanted below 1")
+    if name == "intermittent" and s >= HOLD_EVERY_S:
+        raise UsageError(f"fault intermittent: holds of {s} s, below {HOLD_EVERY_S:g} are wanted")
     kind, _, direction = name.partition("_")
     if kind == "slow":
         rising = s if direction != "rich_to_lean" else 0.0
@@ -113,6 +151,10 @@ def resolve(name: str, severity: float | None = None) -> Fault:
         "stuck_lean": Fault(name, s, stuck_lambda=1.0 + s),
         "stuck_rich": Fault(name, s, stuck_lambda=max(1.0 - s, 0.5)),
         "stuck_at_one": Fault(name, s, stuck_lambda=1.0),
+        "no_activity": Fault(name, s, stuck_lambda=1.0, ripple_lambda=s),
+        "intermittent": Fault(name, s, hold_s=s),
+        "drift_lean": Fault(name, s, drift_lambda=s),
+        "drift_rich": Fault(name, s, drift_lambda=-s),
         "not_ready": Fault(name, s, not_ready=True),
         "out_of_range": Fault(name, s, stuck_lambda=s),
         "signal_missing": Fault(name, s, missing=True),
@@ -147,10 +189,19 @@ class SensorFault:
         self._fault = fault
         self._period_s = period_s
         self._history: deque[float] = deque(maxlen=round(fault.delay_s / period_s) + 1)
-        self._x = math.nan
+        self._x = self._last = math.nan
+        self._n = -1
 
     def push(self, lambda_healthy: float) -> float:
         """Return the faulty reading in lambda; NaN stays NaN, values of 0 and below stay."""
+        reading = self._followed(lambda_healthy)
+        if _is_none(reading):
+            return reading
+        self._n += not _is_none(lambda_healthy)
+        self._last = _aged(self._fault, reading, self._last, self._n * self._period_s)
+        return self._last
+
+    def _followed(self, lambda_healthy: float) -> float:
         fault = self._fault
         at_once = _at_once(fault, lambda_healthy)
         if at_once is not None:
@@ -183,6 +234,15 @@ def _reading(fault: Fault, x: float) -> float:
     return 1.0 / phi + fault.offset_lambda
 
 
+def _is_none(reading: float) -> bool:
+    """Return whether no sensor gives this reading."""
+    return not (math.isfinite(reading) and reading > 0.0)
+
+
+def _aged(fault: Fault, reading: float, last: float, t_s: float) -> float:
+    return aged(reading, last, t_s, fault.ripple_lambda, fault.drift_lambda, fault.hold_s)
+
+
 class TimedSensorFault:
     """A fault on readings at uneven times, such as those of frames on a bus.
 
@@ -194,11 +254,22 @@ class TimedSensorFault:
         self._fault = fault
         self._delay_ns = round(fault.delay_s * 1e9)
         self._history: deque[tuple[int, float]] = deque()  # (t_ns, phi), as old as the dead time
-        self._x = math.nan
+        self._x = self._last = math.nan
         self._last_ns = 0
+        self._begin_ns: int | None = None
 
     def push(self, t_ns: int, lambda_healthy: float) -> float:
         """Return the faulty reading in lambda; NaN stays NaN, values of 0 and below stay."""
+        reading = self._followed(t_ns, lambda_healthy)
+        if _is_none(reading):
+            return reading
+        if self._begin_ns is None and not _is_none(lambda_healthy):
+            self._begin_ns = t_ns
+        t_s = (t_ns - (self._begin_ns or t_ns)) / 1e9
+        self._last = _aged(self._fault, reading, self._last, t_s)
+        return self._last
+
+    def _followed(self, t_ns: int, lambda_healthy: float) -> float:
         fault = self._fault
         at_once = _at_once(fault, lambda_healthy)
         if at_once is not None:

@@ -5,10 +5,23 @@ follows the prediction is judged in ``response``.
 """
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
 
 from monitor.base.config import BiasConfig
 from monitor.judge.response import Outcome
+
+MOST: Final = 256  # means of a drive that are kept
+LEAST: Final = 8  # means that a line is laid through
+RISE: Final = 5.0  # least rise of a drift over the drive, in standard deviations of a window
+
+
+def _pairs(values: Sequence[float]) -> Iterator[tuple[float, float]]:
+    """Return neighbours in pairs."""
+    return zip(values[::2], values[1::2], strict=True)
 
 
 def paper_failed(mean: float, std: float, j_mu: float, j_sigma: float) -> bool:
@@ -26,6 +39,44 @@ class Bias:
     offset: float  # fading mean of the residual, output's unit
     offset_std: float | None = None  # its standard deviation
     beyond: float | None = None  # standard deviations outside the healthy offsets, below 0 inside
+
+
+class Course:
+    """The offsets of a drive so far, thinned out to at most ``MOST`` means."""
+
+    def __init__(self) -> None:
+        self._means: list[float] = []
+        self._open: list[float] = []  # windows of the mean begun
+        self._each = 1  # windows per mean
+
+    def push(self, offset: float) -> None:
+        """Add a window's offset."""
+        self._open.append(offset)
+        if len(self._open) < self._each:
+            return
+        self._means.append(math.fsum(self._open) / self._each)
+        self._open = []
+        if len(self._means) == MOST:
+            self._means = [0.5 * (a + b) for a, b in _pairs(self._means)]
+            self._each *= 2
+
+    def drifts(self, window_std: float) -> bool:
+        """Return whether a straight line describes the course, and neither a step nor a constant.
+
+        window_std : of one window's offset
+        The line must beat the best step by its squared error, and rise by more than the windows
+        scatter.
+        """
+        n = len(self._means)
+        if n < LEAST:
+            return False
+        y = np.array(self._means)
+        t = np.arange(n) - 0.5 * (n - 1)
+        slope = float(t @ y / (t @ t))
+        line = float(np.square(y - y.mean() - slope * t).sum())
+        sums, k = np.cumsum(y)[:-1], np.arange(1, n)
+        step = float(np.square(y).sum() - (sums**2 / k + (y.sum() - sums) ** 2 / (n - k)).max())
+        return abs(slope) * n > RISE * window_std and line < step
 
 
 class BiasRule:
@@ -47,6 +98,7 @@ class BiasRule:
     def reset(self) -> None:
         """Forget the windows seen."""
         self._windows = 0
+        self._course = Course()
         self._sum = self._weight = self._square = 0.0
 
     def judge(self, mean: float, *, ignore: bool = False) -> Bias:
@@ -55,6 +107,7 @@ class BiasRule:
         if not ignore:
             memory = config.memory
             self._windows += 1
+            self._course.push(mean)
             self._sum = memory * self._sum + mean
             self._weight = memory * self._weight + 1.0
             self._square = memory**2 * self._square + 1.0
@@ -68,5 +121,6 @@ class BiasRule:
             return Bias("inconclusive", None, (), offset, std, beyond)
         if beyond < 0.0:
             return Bias("passed", None, (), offset, std, beyond)
-        fault = "biased_lean" if offset > self._high else "biased_rich"
+        kind = "drift" if self._course.drifts(self._window_std) else "biased"
+        fault = f"{kind}_lean" if offset > self._high else f"{kind}_rich"
         return Bias("failed", fault, (), offset, std, beyond)

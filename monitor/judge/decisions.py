@@ -18,6 +18,7 @@ from monitor.judge.bank import Hypothesis
 from monitor.judge.bias import Bias, BiasRule, paper_failed
 from monitor.judge.catalyst_rule import Claim
 from monitor.judge.limits import Limits
+from monitor.judge.movement import Moved, MovementRule
 from monitor.judge.plausibility import TickResult
 from monitor.judge.residual import lambda_of, means_and_stds
 from monitor.judge.response import EDGES, Noise, Outcome, Response, ResponseRule
@@ -90,6 +91,7 @@ class Facts(NamedTuple):
     beyond: float | None  # of the learned region, from 1 on outside; None without a region
     offset: float  # mean of the measurement against the likeliest sensor, output's unit
     response: Response
+    moved: Moved
 
 
 class Evidence(NamedTuple):
@@ -137,6 +139,14 @@ class Decisions:
             limits.gain_cut,
             self._response,
         )
+        self._movement = MovementRule(
+            config.movement,
+            limits.noise,
+            limits.noise_memory,
+            period_s,
+            self._response.evidence_fail,
+        )
+        self._may_be_dead = False
         self._bias = BiasRule(config.bias, limits.offset_low, limits.offset_high, limits.offset_std)
         self._debounce = dict.fromkeys(OF_VEHICLE, Debounce())
         self._named: dict[str, str] = {}  # the fault that each matured test has set
@@ -148,7 +158,11 @@ class Decisions:
     @property
     def unfinished(self) -> tuple[str, ...]:
         """Return the tests that have reached no decision."""
-        return tuple(test for test in self._debounce if test not in self._decided)
+        return tuple(
+            test
+            for test in self._debounce
+            if test not in self._decided or (test == "response" and self._may_be_dead)
+        )
 
     def matured(self, result: TickResult, t_ns: int) -> list[Change]:
         """Take the last of so many alike results in a row; those before it are not needed."""
@@ -204,13 +218,16 @@ class Decisions:
         likeliest = [bank[:, each.column] for bank, each in zip(banks, responses, strict=True)]
         beside = measured - lambda_of(np.array(likeliest), self._transform)
         offset = np.add.reduce(beside, axis=1) / beside.shape[1]
+        healthy = np.array([bank[:, 0] for bank in banks])
+        moved = self._movement.judge(phi, healthy, ignore)
         own = mean.tolist(), std.tolist(), ignore.tolist(), beyond
-        return list(map(Facts, *own, offset.tolist(), responses))
+        return list(map(Facts, *own, offset.tolist(), responses, moved))
 
     def window(self, window: Window, facts: Facts) -> Iterator[WindowJudged | Change]:
         """Take a full window; yield its verdict, then the codes that it changes."""
-        mean, std, no_evidence, beyond, offset, response = facts
-        bias = self._bias.judge(offset, ignore=no_evidence)
+        mean, std, no_evidence, beyond, offset, response, moved = facts
+        response = self._unless_dead(response, moved)
+        bias = self._bias.judge(offset, ignore=no_evidence or self._may_be_dead)
         if response.outcome == "inconclusive" and bias.outcome == "failed":
             bias = replace(bias, outcome="inconclusive", fault=None)
         outcome, fault, also = response.outcome, response.fault, response.also
@@ -231,6 +248,8 @@ class Decisions:
                 "offset": bias.offset,
                 "offset_std": bias.offset_std,
                 "offset_beyond": bias.beyond,
+                "dead": moved.dead,
+                "holds": moved.holds,
                 **({} if beyond is None else {"region_beyond": beyond}),
             },
         )
@@ -256,6 +275,16 @@ class Decisions:
             name = response.fault or ""
             yield from self._step("response", failed, self._by(failed), name, response.also, t_ns)
         self.completed |= self._debounce["response"].failed or self._debounce["response"].passed
+
+    def _unless_dead(self, response: Response, moved: Moved) -> Response:
+        """Return what the response rule says, unless the reading may not move at all."""
+        doubt = max(moved.dead, moved.holds)
+        self._may_be_dead = doubt >= self._config.movement.doubt
+        if moved.fault is not None:
+            return replace(response, outcome="failed", fault=moved.fault, also=())
+        if self._may_be_dead:
+            return replace(response, outcome="inconclusive", fault=None, also=())
+        return response
 
     def _results(self, response: Response, bias: Bias) -> list[TestResult]:
         """Return what service $06 says: the estimates so far against their limits."""

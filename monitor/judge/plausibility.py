@@ -193,7 +193,8 @@ class Maturing:
 class ActivityTest:
     """Finds a frozen signal: no change over so many samples though the engine burns fuel.
 
-    saturated : highest output that training saw; there, in fuel cut, a sensor may stand still
+    saturated : highest output that training saw; a sensor may stand still there for as long as a
+        fuel cut lasts, if nothing says whether the fuel is cut
     cold : reading of a healthy sensor that is not heated yet, if it may be read unknowingly
     """
 
@@ -207,6 +208,7 @@ class ActivityTest:
         self._config = config
         self._saturated, self._cold = saturated, cold
         self._n = max(round(config.stuck_s / period_s), 2)
+        self._cuts = math.ceil(config.fuel_cut_most_s / (self._n * period_s))
         self.reset()
 
     @classmethod
@@ -220,10 +222,15 @@ class ActivityTest:
         """
         dwelt = output.percentile_0_1 - output.minimum <= config.stuck_range
         cold = output.minimum if dwelt and not set(_ENGINE) & set(names) else -math.inf
-        return cls(config, output.maximum, period_s, cold)
+        saturated = math.inf if "fuel_cut" in names else output.maximum
+        return cls(config, saturated, period_s, cold)
 
     def reset(self) -> None:
         """Begin anew."""
+        self._begin()
+        self._rested = 0  # stretches in a row at the end of the range
+
+    def _begin(self) -> None:
         self._count = 0
         self._low, self._high = math.inf, -math.inf
 
@@ -248,15 +255,17 @@ class ActivityTest:
                 begin = stop
                 if self._count == self._n:
                     judged = self._judged(measured.item(stop - 1))
-                    self.reset()
+                    self._begin()
                     if judged is not None:
                         found.append((stop - 1, *judged))
         return found
 
     def _judged(self, last: float) -> tuple[bool, str] | None:
         frozen = self._high - self._low <= self._config.stuck_range
-        at_rest = last >= self._saturated or last <= self._cold + self._config.stuck_range
-        if frozen and at_rest:
+        if frozen and last <= self._cold + self._config.stuck_range:
+            return None
+        self._rested = self._rested + 1 if frozen and last >= self._saturated else 0
+        if 0 < self._rested <= self._cuts:
             return None
         return frozen, self._name(last)
 

@@ -17,6 +17,10 @@ CODES: dict[str, tuple[str, ...]] = {
     "stuck_rich": ("P2196",),
     "stuck_at_one": ("P0134",),
     "not_ready": ("P0134",),
+    "no_activity": ("P0134",),
+    "intermittent": ("P2A00",),
+    "drift_lean": ("P2195",),
+    "drift_rich": ("P2196",),
     "out_of_range": ("P2A00",),
     "signal_missing": ("U0100",),
     "signal_invalid": ("U0401",),
@@ -39,9 +43,11 @@ OF_MONITOR: Final = frozenset({LOST})
 # test → faults that it can find
 TESTS: dict[str, tuple[str, ...]] = {
     "response": tuple(
-        name for name in CODES if name.startswith(("slow_", "delay_", "transient", "gain_"))
+        name
+        for name in CODES
+        if name.startswith(("slow_", "delay_", "transient", "gain_", "no_activity", "intermittent"))
     ),
-    "bias": ("biased_lean", "biased_rich"),
+    "bias": ("biased_lean", "biased_rich", "drift_lean", "drift_rich"),
     "activity": ("stuck_lean", "stuck_rich", "stuck_at_one"),
     "communication": ("signal_missing", "signal_invalid", "bus_off"),
     "range": ("out_of_range",),

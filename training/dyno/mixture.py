@@ -26,6 +26,7 @@ SENSOR_WARM_UP_S = 15.0
 EXHAUST_KG_M3 = 0.45
 
 _lag_step = numba.njit(cache=True)(faults.lag_step)
+_aged = numba.njit(cache=True)(faults.aged)
 _one_sided = numba.njit(cache=True)(faults.one_sided)
 _begin_brick = numba.njit(cache=True)(catalyst.begin)
 _behind = catalyst.step
@@ -41,6 +42,9 @@ class SensorParameters(NamedTuple):
     gain: float
     offset_lambda: float
     stuck_lambda: float
+    ripple_lambda: float
+    drift_lambda: float
+    hold_s: float
     not_ready: float
     start_s: float
 
@@ -310,7 +314,7 @@ def simulate(  # noqa: PLR0915  # the loop couples all parts in every step
     entered = np.ones(n)  # phi when it entered the pipe
     fuel, disturbance = _Fuel(0.0, 0.0, 1.0, 0.0), _Disturbance(0.0, 0.0)
     exhaust, control = _Exhaust(0, 1.0, 1.0, 0.0, 1.0), _Control(1.0, 0.0, 0.0)
-    uego, slow, phase, since_cut = 1.0, 1.0, 0.0, 10.0
+    uego, slow, phase, since_cut, lambda_read = 1.0, 1.0, 0.0, 10.0, np.nan
     stoichiometric = STOICHIOMETRIC_AIR_FUEL - 5.7 * e.ethanol
     behind = np.empty((3, len(rear_noise)))
     cells_g, ring = np.zeros(catalyst.CELLS), np.full(catalyst.RING, 0.5)
@@ -380,7 +384,13 @@ def simulate(  # noqa: PLR0915  # the loop couples all parts in every step
         uego = _pumping(uego, exhaust.gas, flow, course.sensor_tau_s[k], c.ambient_kpa, e)
         healthy = 1.0 + p.sensor_gain * (uego - 1.0) + p.sensor_offset + 0.0008 * noise[k, 1]
         sensed[k % HISTORY] = healthy
-        slow, lambda_read = _read(slow, k, sensed, faulty, f)
+        slow, reading = _read(slow, k, sensed, faulty, f)
+        if faulty:
+            since_s = t_s - f.start_s
+            reading = _aged(
+                reading, lambda_read, since_s, f.ripple_lambda, f.drift_lambda, f.hold_s
+            )
+        lambda_read = min(reading, LAMBDA_MAX)
 
         expected[k % HISTORY] = target if not cut else 0.0
         command = _look_back(expected, k, 90.0 / rpm + 0.12 + 0.06)
@@ -443,6 +453,9 @@ def run(
         gain=f.gain,
         offset_lambda=f.offset_lambda,
         stuck_lambda=f.stuck_lambda,
+        ripple_lambda=f.ripple_lambda,
+        drift_lambda=f.drift_lambda,
+        hold_s=f.hold_s,
         not_ready=float(f.not_ready or f.missing),
         start_s=start_s if fault else np.inf,
     )

@@ -20,6 +20,7 @@ from training.studies.matrix.plan import Trial
 MISSING_FROM_S = 60.0  # until then the message comes
 
 _lag_step = numba.njit(cache=True)(faults.lag_step)
+_aged = numba.njit(cache=True)(faults.aged)
 _one_sided = numba.njit(cache=True)(faults.one_sided)
 
 
@@ -58,8 +59,6 @@ def put_on(lambda_healthy: FloatArray, fault: Fault) -> FloatArray:
     """
     if fault.not_ready or fault.missing:
         raise UsageError(f"fault {fault.name}: cannot be put on a reading")
-    if fault.stuck_lambda:
-        return np.where(np.isfinite(lambda_healthy), fault.stuck_lambda, np.nan)
     read = _put_on(
         lambda_healthy,
         tau_rising_s=fault.tau_rising_s,
@@ -68,6 +67,10 @@ def put_on(lambda_healthy: FloatArray, fault: Fault) -> FloatArray:
         direction=fault.delay_direction,
         gain=fault.gain,
         offset_lambda=fault.offset_lambda,
+        stuck_lambda=fault.stuck_lambda,
+        ripple_lambda=fault.ripple_lambda,
+        drift_lambda=fault.drift_lambda,
+        hold_s=fault.hold_s,
     )
     return np.asarray(np.minimum(read, LAMBDA_MAX))
 
@@ -81,10 +84,14 @@ def _put_on(
     direction: int,
     gain: float,
     offset_lambda: float,
+    stuck_lambda: float,
+    ripple_lambda: float,
+    drift_lambda: float,
+    hold_s: float,
 ) -> FloatArray:
     out = np.full(len(healthy), np.nan)
     seen = np.empty(len(healthy))  # phi of the available readings, oldest first
-    n_seen, x = 0, math.nan
+    n_seen, x, last = 0, math.nan, math.nan
     for k in range(len(healthy)):
         if not math.isfinite(healthy[k]):
             continue
@@ -93,5 +100,9 @@ def _put_on(
         phi = _one_sided(phi, seen[max(n_seen - delay_steps, 0)], direction)
         x = phi if n_seen == 0 else _lag_step(x, phi, tau_rising_s, tau_falling_s, STEP_S)
         n_seen += 1
-        out[k] = 1.0 / max(1.0 + gain * (x - 1.0), 1.0 / 16.0) + offset_lambda
+        read = 1.0 / max(1.0 + gain * (x - 1.0), 1.0 / 16.0) + offset_lambda
+        if stuck_lambda > 0.0:
+            read = stuck_lambda
+        last = _aged(read, last, (n_seen - 1) * STEP_S, ripple_lambda, drift_lambda, hold_s)
+        out[k] = last
     return out

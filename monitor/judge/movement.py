@@ -1,0 +1,103 @@
+"""Whether the reading moves at all: a dead sensor with noise, and one that holds now and then.
+
+A sensor that is alive follows the mixture by at least the gain of the weakest sensor, so where the
+prediction moves by more than its own error, the reading has at least that variance. A dead sensor
+reads a constant and its own noise. The log likelihood ratio of the two variances is summed over
+windows (Basseville and Nikiforov, Detection of Abrupt Changes, sections 2.2 and 4.3: change of a
+variance, and a sum that is bounded so that a later death shows soon).
+
+A sensor that holds now and then repeats its last reading exactly for a second and more while the
+prediction moves clearly; a healthy one does so where its logger is coarse and the mixture is still,
+not where the mixture moves.
+"""
+
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from monitor.base.config import MovementConfig
+from monitor.base.types import BoolArray, FloatArray
+
+DEAD: Final = "no_activity"
+HOLDS: Final = "intermittent"
+
+
+class Moved(NamedTuple):
+    """What the rule says after a window."""
+
+    fault: str | None  # that is decided
+    dead: float  # log likelihood ratio of a dead sensor over a live one, summed
+    holds: float  # the same of a sensor that holds now and then
+
+
+class MovementRule:
+    """Sequential test over windows, constant memory.
+
+    noise : standard deviation of the healthy residual, oriented like phi
+    memory : its correlation from one sample to the next
+    period_s : of the samples
+    needed : log likelihood ratio that decides
+    """
+
+    def __init__(
+        self, config: MovementConfig, noise: float, memory: float, period_s: float, needed: float
+    ) -> None:
+        self._config, self._noise_var, self._needed = config, noise**2, needed
+        self._independent = (1.0 - memory) / (1.0 + memory)
+        self._hold = max(round(config.hold_s / period_s), config.hold_samples) - 1
+        self._dead = self._holds = 0.0
+
+    def judge(
+        self, measured: FloatArray, healthy: FloatArray, no_evidence: BoolArray
+    ) -> list[Moved]:
+        """Return what is known after each window.
+
+        measured, healthy : (w, n) reading, and what a healthy sensor would read, like phi
+        no_evidence : (w,) windows that count for nothing
+        """
+        dead = self._dead_ratios(measured, healthy)
+        holds = self._hold_ratios(measured, healthy)
+        found = []
+        bound = self._needed * self._config.bound
+        for each, held, skip in zip(
+            dead.tolist(), holds.tolist(), no_evidence.tolist(), strict=True
+        ):
+            if not skip:
+                self._dead = min(max(self._dead + each, -self._needed), bound)
+                self._holds = min(max(self._holds + held, 0.0), bound)
+            fault = DEAD if self._dead >= self._needed else None
+            if fault is None and self._holds >= self._needed:
+                fault = HOLDS
+            found.append(Moved(fault, self._dead, self._holds))
+        return found
+
+    def _dead_ratios(self, measured: FloatArray, healthy: FloatArray) -> FloatArray:
+        """Return the log likelihood ratio of each window, (w,), limited to half a decision."""
+        config, n = self._config, measured.shape[1]
+        own = measured.var(axis=1)
+        moves = np.maximum(healthy.var(axis=1) - config.error_share * self._noise_var, 0.0)
+        least = config.quantum**2
+        still = np.clip(own, least, max(config.still_share * self._noise_var, least))
+        alive = still + config.gain_least**2 * moves
+        ratio = np.log(alive / still) - own * (1.0 / still - 1.0 / alive)
+        limit = 0.5 * self._needed
+        return np.asarray(np.clip(0.5 * n * self._independent * ratio, -limit, limit))
+
+    def _hold_ratios(self, measured: FloatArray, healthy: FloatArray) -> FloatArray:
+        """Return what the longest hold of each window says, (w,)."""
+        same = measured[:, 1:] == measured[:, :-1]
+        length = np.zeros(len(measured), dtype=np.int64)
+        longest, end = length.copy(), length.copy()
+        for k in range(same.shape[1]):
+            length = np.where(same[:, k], length + 1, 0)
+            is_longer = length > longest
+            longest, end = np.where(is_longer, length, longest), np.where(is_longer, k + 1, end)
+        at = np.arange(measured.shape[1])
+        inside = (at >= (end - longest)[:, np.newaxis]) & (at <= end[:, np.newaxis])
+        high = np.where(inside, healthy, -np.inf).max(axis=1)
+        low = np.where(inside, healthy, np.inf).min(axis=1)
+        clear = high - low > self._config.clear_noise * np.sqrt(self._noise_var)
+        is_hold = (longest >= self._hold) & (longest < same.shape[1]) & clear
+        moves = healthy.var(axis=1) > self._config.error_share * self._noise_var
+        none = np.where(moves, -self._config.no_hold, 0.0)
+        return np.where(is_hold, self._config.one_hold, none)

@@ -1,0 +1,160 @@
+"""A reading that does not move with the mixture, or holds now and then."""
+
+import numpy as np
+import pytest
+
+from monitor import Verdict, replay
+from monitor.base import config
+from monitor.base.types import FloatArray
+from monitor.judge.bias import Course
+from monitor.judge.movement import DEAD, HOLDS, MovementRule
+from tests.helpers.drive_tables import PERIOD_S, columns
+
+NOISE, NEEDED, N = 0.006, 11.5, 50
+RNG = np.random.default_rng(11)
+
+
+def rule() -> MovementRule:
+    return MovementRule(config.load().movement, NOISE, 0.5, PERIOD_S, NEEDED)
+
+
+def mixture(windows: int, std: float) -> FloatArray:
+    """Return phi in windows, a modulation of two seconds with this standard deviation."""
+    t = np.arange(windows * N) * PERIOD_S
+    return (1.0 + 2**0.5 * std * np.sin(2 * np.pi * t / 2.0)).reshape(windows, N)
+
+
+def noisy(phi: FloatArray) -> FloatArray:
+    return phi + 0.002 * RNG.standard_normal(phi.shape)
+
+
+def faults(measured: FloatArray, healthy: FloatArray) -> list[str | None]:
+    none = np.zeros(len(measured), dtype=np.bool_)
+    return [each.fault for each in rule().judge(measured, healthy, none)]
+
+
+@pytest.mark.parametrize("level", [0.93, 1.0, 1.07])
+def test_noise_around_any_constant_is_a_dead_sensor(level: float) -> None:
+    healthy = mixture(30, 0.02)
+    found = faults(noisy(np.full_like(healthy, level)), healthy)
+    assert found[-1] == DEAD
+    assert found.index(DEAD) <= 5
+
+
+@pytest.mark.parametrize("gain", [0.3, 0.5, 1.0, 1.4])
+def test_a_weak_sensor_is_alive(gain: float) -> None:
+    healthy = mixture(200, 0.02)
+    assert not any(faults(noisy(1.0 + gain * (healthy - 1.0)), healthy))
+
+
+def test_a_reading_that_moves_without_the_prediction_is_alive() -> None:
+    healthy = mixture(200, 0.02)
+    assert not any(faults(1.0 + 0.02 * RNG.standard_normal(healthy.shape), healthy))
+
+
+def test_a_still_mixture_tells_nothing_of_a_still_reading() -> None:
+    healthy = mixture(500, NOISE)  # moves by no more than the model errs
+    assert not any(faults(noisy(np.ones_like(healthy)), healthy))
+
+
+def test_a_sensor_that_dies_after_an_hour_of_driving_is_found_within_a_minute() -> None:
+    healthy = mixture(740, 0.02)
+    measured = noisy(healthy)
+    measured[720:] = noisy(np.ones((20, N)))
+    found = faults(measured, healthy)
+    assert not any(found[:720])
+    assert DEAD in found[720:732]
+
+
+def held(phi: FloatArray, hold_s: float, every_s: float) -> FloatArray:
+    """Return readings that hold for the first seconds of every so many."""
+    flat = phi.ravel().copy()
+    for k in range(1, len(flat)):
+        if (k * PERIOD_S) % every_s < hold_s:
+            flat[k] = flat[k - 1]
+    return np.asarray(flat.reshape(phi.shape))
+
+
+def test_holds_of_three_seconds_in_twelve_are_found_within_a_minute() -> None:
+    healthy = mixture(60, 0.02)
+    found = faults(held(noisy(healthy), 3.0, 12.0), healthy)
+    assert HOLDS in found[:12]
+
+
+def test_a_coarse_logger_is_no_intermittent_sensor() -> None:
+    healthy = mixture(300, 0.02)
+    assert not any(faults(np.round(noisy(healthy) / 0.007) * 0.007, healthy))
+
+
+def test_evidence_does_not_depend_on_where_blocks_begin() -> None:
+    healthy = mixture(40, 0.02)
+    measured = held(noisy(healthy), 2.0, 30.0)
+    none = np.zeros(40, dtype=np.bool_)
+    whole = rule().judge(measured, healthy, none)
+    piecewise = rule()
+    parts = [
+        piecewise.judge(measured[a:b], healthy[a:b], none[a:b])
+        for a, b in ((0, 1), (1, 17), (17, 40))
+    ]
+    assert [each for part in parts for each in part] == whole
+
+
+# Whole drives
+
+
+def judged(change: FloatArray | None, *, without: tuple[str, ...] = ()) -> Verdict:
+    drive = columns()
+    n = len(drive["lambda_measured"])
+    if change is not None:
+        drive["lambda_measured"] = np.where(
+            np.isfinite(drive["lambda_measured"]), change, drive["lambda_measured"]
+        )
+    for name in without:
+        del drive[name]
+    return replay({"time_s": np.arange(n) * PERIOD_S, **drive})
+
+
+def late(value: FloatArray | float, begin_s: float = 150.0) -> FloatArray:
+    """Return the healthy readings with others from some time on."""
+    healthy = columns()["lambda_measured"]
+    return np.where(np.arange(len(healthy)) * PERIOD_S < begin_s, healthy, value)
+
+
+@pytest.mark.parametrize("rail", [15.9, 8.0, 1.9988])
+@pytest.mark.parametrize("without", [(), ("sensor_ready",)])
+def test_a_sensor_pegged_at_its_lean_rail_is_found(rail: float, without: tuple[str, ...]) -> None:
+    verdict = judged(late(rail), without=without)
+    assert [code.fault for code in verdict.codes] == ["stuck_lean"]
+
+
+def test_without_a_fuel_cut_signal_the_rail_is_a_fault_when_no_cut_lasts_so_long() -> None:
+    pegged = late(15.9, 60.0)
+    assert [c.fault for c in judged(pegged, without=("fuel_cut",)).codes] == ["stuck_lean"]
+    assert not judged(late(15.9, 300.0), without=("fuel_cut",)).has_fault
+
+
+@pytest.mark.parametrize("level", [0.95, 1.0, 1.05])
+def test_a_sensor_that_dies_with_noise_after_its_test_had_passed_is_found(level: float) -> None:
+    n = len(columns()["lambda_measured"])
+    verdict = judged(late(level + 0.003 * RNG.standard_normal(n)))
+    assert [code.fault for code in verdict.codes] == ["no_activity"]
+
+
+@pytest.mark.parametrize("before_s", [200.0, 240.0])
+def test_a_sensor_that_dies_while_windows_are_judged_does_not_pass(before_s: float) -> None:
+    n = len(columns()["lambda_measured"])
+    verdict = judged(late(1.0 + 0.003 * RNG.standard_normal(n), n * PERIOD_S - before_s))
+    assert verdict.has_fault or not verdict.is_judged
+
+
+# Drift
+
+
+def test_a_ramp_drifts_and_neither_a_step_nor_a_constant_does() -> None:
+    noise = 0.0035 * RNG.standard_normal(400)
+    ramp, step = np.linspace(0.0, 0.1, 400), np.repeat([0.0, 0.1], 200)
+    for offsets, drifts in ((ramp, True), (step, False), (np.full(400, 0.1), False)):
+        course = Course()
+        for each in (offsets + noise).tolist():
+            course.push(each)
+        assert course.drifts(0.0035) is drifts
