@@ -18,7 +18,7 @@ from monitor.judge.bank import Hypothesis
 from monitor.judge.bias import Bias, BiasRule, paper_failed
 from monitor.judge.catalyst_rule import Claim
 from monitor.judge.limits import Limits
-from monitor.judge.movement import Moved, MovementRule
+from monitor.judge.movement import UNKNOWN, Moved, MovementRule
 from monitor.judge.plausibility import TickResult
 from monitor.judge.residual import lambda_of, means_and_stds
 from monitor.judge.response import EDGES, Noise, Outcome, Response, ResponseRule
@@ -198,7 +198,7 @@ class Decisions:
         ignore = np.zeros(len(windows), dtype=np.bool_)
         responses = self._cut_response.judge(self._orient(measured), banks, ignore)
         own = zip(mean.tolist(), std.tolist(), responses, strict=True)
-        return [Facts(each_mean, each_std, False, None, 0.0, r) for each_mean, each_std, r in own]
+        return [Facts(m, s, False, None, 0.0, each, UNKNOWN) for m, s, each in own]
 
     def _window_facts(self, windows: Sequence[Window]) -> list[Facts]:
         measured = np.array([window.measured for window in windows])
@@ -268,6 +268,8 @@ class Decisions:
     def cut(self, window: Window, facts: Facts) -> Iterator[CutJudged | Change]:
         """Take a full window around a fuel cut; yield its verdict, then the codes it changes."""
         response, t_ns = facts.response, window.t_end_ns
+        if self._may_be_dead:
+            response = replace(response, outcome="inconclusive", fault=None, also=())
         yield CutJudged(t_ns, response.outcome, response.fault, response.statistics)
         failed = response.outcome == "failed"
         self._suspicious |= failed

@@ -30,6 +30,9 @@ class Moved(NamedTuple):
     holds: float  # the same of a sensor that holds now and then
 
 
+UNKNOWN: Final = Moved(None, 0.0, 0.0)  # of a window that the rule does not look at
+
+
 class MovementRule:
     """Sequential test over windows, constant memory.
 

@@ -385,7 +385,7 @@ def simulate(  # noqa: PLR0915  # the loop couples all parts in every step
         healthy = 1.0 + p.sensor_gain * (uego - 1.0) + p.sensor_offset + 0.0008 * noise[k, 1]
         sensed[k % HISTORY] = healthy
         slow, reading = _read(slow, k, sensed, faulty, f)
-        if faulty:
+        if faulty and f.ripple_lambda + f.hold_s + abs(f.drift_lambda) > 0.0:
             since_s = t_s - f.start_s
             reading = _aged(
                 reading, lambda_read, since_s, f.ripple_lambda, f.drift_lambda, f.hold_s
