@@ -24,7 +24,7 @@ FIRST_VEHICLE, FIRST_SEED = 101, 101
 FIRST_BEHIND = 150  # vehicles and seeds with a sensor behind the catalyst follow
 BEHIND = ("catalyst_low", "downstream_slow_rich_to_lean")
 RESPONSE_S, SHORT_S = 420.0, 150.0  # length of a drive: response faults and healthy, other faults
-SEVERITY = {"drift_lean": 0.5, "drift_rich": 0.4}  # beyond the limit within the drive
+SEVERITY = {"drift_lean": 0.9, "drift_rich": 0.8}  # beyond the limit within the drive
 FAULT_START_S = {"signal_missing": 60.0}
 
 
