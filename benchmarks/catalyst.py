@@ -1,6 +1,6 @@
 """How well the catalyst monitor judges simulated vehicles on which nothing was chosen.
 
-    python benchmarks/catalyst.py [--vehicles 12] [--duration 900] [--out rows.jsonl]
+    python benchmarks/catalyst.py [--vehicles 12] [--duration 700] [--out rows.jsonl]
 
 Vehicles from 301 on, one seed each, three cycles in turn; the drive passes through the simulated
 ECU's messages. All numbers are simulated.
@@ -9,22 +9,23 @@ ECU's messages. All numbers are simulated.
 import argparse
 import json
 from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from monitor.base import config, downstream_faults
+from monitor.base import config, downstream_faults, faults
+from monitor.base.types import FloatArray
 from monitor.judge.catalyst import CatalystMonitor
-from training.dyno import catalyst, ecu
+from training.dyno import catalyst, ecu, effects
 from training.dyno.simulation import Experiment, simulate
 
 FIRST_VEHICLE: Final = 301
 CYCLES: Final = ("wltc_3b", "udds", "micro_trips")
 PERIOD_S: Final = 0.1
 CAPACITIES_G: Final = (0.03, 0.06, 0.25, 0.4)
-SLOW_S: Final = 1.5
 SENSORS: Final = (
     "downstream_slow_symmetric",
     "downstream_slow_rich_to_lean",
@@ -35,26 +36,48 @@ SENSORS: Final = (
 )
 
 
-def cases() -> Iterator[tuple[str, float | None, str | None]]:
-    """Yield fault, capacity in g (None: the vehicle's own) and sensor fault of each case."""
-    yield "sound", None, None
+UPSTREAM: Final = ("biased_lean", "biased_rich")
+BIAS_LAMBDA: Final = 0.02
+LEAK: Final = 0.02  # of the exhaust, at idle
+ETHANOL_PERCENT: Final = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """A fault of catalyst, sensors or exhaust; the vehicle's own parts otherwise."""
+
+    name: str
+    grams: float | None = None
+    sensor: str = ""  # fault of the downstream sensor
+    upstream: str = ""  # fault of the upstream sensor
+    leak: float = 0.0
+    ethanol: float = 0.0
+
+
+def cases() -> Iterator[Case]:
+    """Yield every case."""
+    yield Case("sound")
     for grams in CAPACITIES_G:
-        yield f"capacity_{grams:g}", grams, None
+        yield Case(f"capacity_{grams:g}", grams)
     for name in SENSORS[:3]:
-        yield f"0.06 and {name}", 0.06, name
+        yield Case(f"0.06 and {name}", 0.06, name)
     for name in SENSORS:
-        yield name, None, name
+        yield Case(name, sensor=name)
+    for name in UPSTREAM:
+        yield Case(f"{name} {BIAS_LAMBDA:g}", upstream=name)
+    yield Case("leak between the sensors", leak=LEAK)
+    yield Case("0.06 and leak", 0.06, leak=LEAK)
+    yield Case("10 % ethanol", ethanol=ETHANOL_PERCENT)
 
 
-def drive(vehicle: int, cycle: str, grams: float | None, sensor: str | None, duration_s: float):
-    """Return names, samples (n, n_names) and true capacity of one drive."""
-    fault = (
-        downstream_faults.resolve(sensor) if sensor else downstream_faults.DownstreamFault("", 0)
-    )
+def drive(
+    vehicle: int, cycle: str, case: Case, duration_s: float
+) -> tuple[tuple[str, ...], FloatArray, float]:
+    """Return names, samples (n, n_names) and true capacity in g of one drive."""
     own = catalyst.piece(vehicle).capacity_g
-    fault = downstream_faults.DownstreamFault(
-        **{f: getattr(fault, f) for f in fault.__dataclass_fields__} | {"capacity_g": grams or own}
-    )
+    healthy = downstream_faults.DownstreamFault("", 0.0)
+    fault = downstream_faults.resolve(case.sensor) if case.sensor else healthy
+    fault = replace(fault, capacity_g=case.grams or own, leak=case.leak)
     signals = simulate(
         Experiment(
             cycle=cycle,
@@ -63,22 +86,25 @@ def drive(vehicle: int, cycle: str, grams: float | None, sensor: str | None, dur
             duration_s=duration_s,
             downstream=True,
             downstream_fault=fault,
+            fault=faults.resolve(case.upstream, BIAS_LAMBDA) if case.upstream else None,
+            effects=effects.from_severities({"ethanol": case.ethanol}),
         )
     )
     bus_map = ecu.own_bus()
     sent = ecu.broadcast(signals, bus_map, np.random.default_rng(vehicle))
     block = ecu.samples(sent, bus_map, round(PERIOD_S * 1e9))
-    return ecu.names_of(sent, bus_map), block.values, grams or own
+    return ecu.names_of(sent, bus_map), block.values, case.grams or own
 
 
-def judged(names: tuple[str, ...], values: np.ndarray) -> dict[str, Any]:
+def judged(names: tuple[str, ...], values: FloatArray) -> dict[str, Any]:
     """Return what the monitor says at the end, and when it first decided on the catalyst."""
     monitor = CatalystMonitor(config.shipped().catalyst, names, PERIOD_S, 500.0)
     first_s, verdicts, in_a_row, sensors = None, [], 0, []
     decided = None
     for result in monitor.push(values):
-        if result.test == "downstream":
-            sensors.append(result.claim.fault)
+        if result.test != "catalyst":
+            if result.test == "downstream":
+                sensors.append(result.claim.fault)
             continue
         outcome = result.claim.outcome
         in_a_row = in_a_row + 1 if verdicts and outcome == verdicts[-1] else 1
@@ -94,6 +120,7 @@ def judged(names: tuple[str, ...], values: np.ndarray) -> dict[str, Any]:
         "ever_failed": any(a == b == "failed" for a, b in pairwise(verdicts)),
         "ever_passed": any(a == b == "passed" for a, b in pairwise(verdicts)),
         "sensor": last.fault if last else None,
+        "balance": rule.balance().fault if rule else None,
         "sensor_ever": sorted({a for a, b in pairwise(sensors) if a == b and a}),
     }
 
@@ -102,15 +129,15 @@ def main() -> None:
     """Judge every case on every vehicle; write one line of JSON each."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--vehicles", type=int, default=12)
-    parser.add_argument("--duration", type=float, default=900.0)
+    parser.add_argument("--duration", type=float, default=700.0)
     parser.add_argument("--out", type=Path, default=Path("catalyst.jsonl"))
     args = parser.parse_args()
     with args.out.open("w") as file:
         for i in range(args.vehicles):
             vehicle, cycle = FIRST_VEHICLE + i, CYCLES[i % len(CYCLES)]
-            for name, grams, sensor in cases():
-                names, values, true_g = drive(vehicle, cycle, grams, sensor, args.duration)
-                row = {"vehicle": vehicle, "cycle": cycle, "case": name, "true_g": true_g}
+            for case in cases():
+                names, values, true_g = drive(vehicle, cycle, case, args.duration)
+                row = {"vehicle": vehicle, "cycle": cycle, "case": case.name, "true_g": true_g}
                 file.write(json.dumps(row | judged(names, values)) + "\n")
                 file.flush()
     report([json.loads(line) for line in args.out.read_text().splitlines()])
@@ -122,14 +149,15 @@ def report(rows: list[dict[str, Any]]) -> None:
     for case in dict.fromkeys(row["case"] for row in rows):
         own = [row for row in rows if row["case"] == case]
         times = [row["decided_s"] for row in own if row["decided_s"] is not None]
-        named = [row["sensor"] for row in own]
+        named = [f"{row['sensor'] or 'sound'}, {row['balance'] or 'balanced'}" for row in own]
         counts = {n: named.count(n) for n in dict.fromkeys(named)}
         print(
             f"{case:<36}{len(own):>4}{sum(r['ever_failed'] for r in own):>8}"
             f"{sum(r['ever_passed'] for r in own):>8}{sum(r['decided'] is None for r in own):>6}"
             f"{np.median(times) if times else np.nan:>10.0f}  {counts}"
         )
-    sound = [r for r in rows if r["capacity_g"] and r["sensor"] is None and r["true_g"] >= 0.1]
+    plain = {"sound", *(f"capacity_{grams:g}" for grams in CAPACITIES_G)}
+    sound = [r for r in rows if r["case"] in plain and r["true_g"] >= 0.1]
     error = np.array([r["capacity_g"] / r["true_g"] - 1.0 for r in sound])
     inside = [r["capacity_low_g"] <= r["true_g"] <= (r["capacity_high_g"] or np.inf) for r in sound]
     print(

@@ -109,6 +109,10 @@ class CatalystConfig:
     capacities_g: tuple[float, ...]
     offsets_phi: tuple[float, ...]
     offset_std_phi: float
+    offset_sound_phi: float
+    offset_biased_phi: float
+    leaks_phi: tuple[float, ...]
+    leak_flow_g_s: float
     zone_shares: tuple[float, ...]
     breakthrough: float
     equilibrium_phi: float

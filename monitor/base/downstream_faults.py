@@ -40,6 +40,7 @@ class DownstreamFault:
     delay_to_lean_s: float = 0.0
     gain: float = 1.0
     stuck_v: float = 0.0  # 0: not stuck
+    leak: float = 0.0  # air drawn in between the sensors at idle, as a part of the exhaust
 
 
 def resolve(name: str, severity: float | None = None) -> DownstreamFault:

@@ -6,12 +6,14 @@ a longer gap the filling of the catalyst is found anew.
 """
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from monitor.base.config import CatalystConfig
 from monitor.base.types import BoolArray, FloatArray
+from monitor.judge.catalyst_bank import LEAK
 from monitor.judge.catalyst_rule import CatalystRule, Claim
 
 VOLTAGE: Final = "downstream_voltage_v"
@@ -29,8 +31,27 @@ class BehindResult(NamedTuple):
     """How the evidence of one test stands at a sample."""
 
     at: int
-    test: str  # "catalyst" or "downstream"
+    test: str  # "catalyst", "downstream", "balance" or "bias"
     claim: Claim
+
+
+def balance_results(at: int, claim: Claim) -> Iterator[BehindResult]:
+    """Yield what an upstream reading against the balance means.
+
+    The ECU follows the upstream sensor: where it reads lean the mixture is rich, and the reverse.
+    A leak behind the catalyst is no fault of the sensor.
+    """
+    balance = {"biased_lean": "balance_rich", "biased_rich": "balance_lean", LEAK: "balance_lean"}
+    if claim.outcome != "failed":
+        yield BehindResult(at, "balance", claim)
+        return
+    fault = claim.fault or ""
+    others = tuple(n for n in (fault, *claim.also) if n != LEAK)
+    sets_sensor = fault != LEAK and LEAK not in claim.also
+    also = () if sets_sensor else others
+    yield BehindResult(at, "balance", replace(claim, fault=balance[fault], also=also))
+    if sets_sensor:
+        yield BehindResult(at, "bias", replace(claim, also=()))
 
 
 class CatalystMonitor:
@@ -95,6 +116,7 @@ class CatalystMonitor:
                 for k in rule.push(x[part], air_g_s[part], held[part, 0], counts[part]):
                     yield BehindResult(begin + k, "catalyst", rule.catalyst())
                     yield BehindResult(begin + k, "downstream", rule.sensor())
+                    yield from balance_results(begin + k, rule.balance())
             begin = end
 
     def _held(self, own: FloatArray, good: BoolArray) -> tuple[FloatArray, BoolArray]:
@@ -134,7 +156,8 @@ class CatalystMonitor:
         if self.rule is None:
             return None
         rule, capacity = self.rule, self.rule.capacity()
-        catalyst, sensor = rule.catalyst(), rule.sensor()
+        catalyst, sensor, balance = rule.catalyst(), rule.sensor(), rule.balance()
+        offset, offset_std = rule.offset()
         found: dict[str, Any] = {
             "segments": rule.segments,
             "threshold_g": self._config.threshold_g,
@@ -146,6 +169,10 @@ class CatalystMonitor:
             "log_odds": round(catalyst.log_odds, 3),
             "sensor_verdict": sensor.outcome,
             "sensor_log_odds": round(sensor.log_odds, 3),
+            "balance_verdict": balance.outcome,
+            "balance_log_odds": round(balance.log_odds, 3),
+            "upstream_offset_lambda": round(-offset, 5),
+            "upstream_offset_std": round(offset_std, 5),
             "needed": round(rule.evidence_fail, 3),
         }
         if capacity is not None:

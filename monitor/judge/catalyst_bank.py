@@ -21,6 +21,7 @@ from monitor.base.config import CatalystConfig
 from monitor.base.types import FloatArray
 
 OXYGEN_IN_AIR: Final = 0.23  # mass fraction
+LEAK: Final = "leak"  # between catalyst and sensor; no fault of the sensor
 STUCK: Final = ("downstream_stuck_lean", "downstream_stuck_rich")
 WEAK: Final = "downstream_weak"
 MID_V: Final = 0.45  # of a switching sensor, between rich and lean
@@ -36,6 +37,7 @@ class RearSensor:
     delay_s: float = 0.0
     direction: int = 0  # of the dead time: 1 to rich, -1 to lean, 0 both
     gain: float = 1.0
+    leak_phi: float = 0.0  # air drawn in before the sensor, at no flow; it makes the gas leaner
 
 
 def sensors(config: CatalystConfig) -> tuple[RearSensor, ...]:
@@ -55,6 +57,7 @@ def sensors(config: CatalystConfig) -> tuple[RearSensor, ...]:
     ]
     found += [RearSensor(WEAK, sound, sound, gain=g) for g in config.sensor_weak_gains]
     found += [RearSensor(name, sound, sound) for name in STUCK]
+    found += [RearSensor(LEAK, sound, sound, leak_phi=leak) for leak in config.leaks_phi]
     return tuple(found)
 
 
@@ -106,6 +109,7 @@ class CatalystBank:
         shares = np.array(config.zone_shares) / sum(config.zone_shares)
         self._zones_g = [share * members.capacity_g for share in shares.tolist()]
         self._late = [(i, s.direction) for i, s in enumerate(sensors) if s.delay_s > 0.0]
+        self._leaks = [(i, s.leak_phi) for i, s in enumerate(sensors) if s.leak_phi > 0.0]
         self.reset()
 
     def reset(self) -> None:
@@ -123,10 +127,13 @@ class CatalystBank:
         """
         mass = OXYGEN_IN_AIR * self._members.period_s * air_g_s
         for each, grams in zip(x.tolist(), mass.tolist(), strict=True):
-            yield self._volts(self._behind(each, grams))
+            yield self._volts(self._behind(each, grams), grams)
 
     def _behind(self, x: float, grams: float) -> FloatArray:
-        """Return the steady richness behind each catalyst, 0 to 1, (n_capacities, n_offsets)."""
+        """Return x of the gas behind each catalyst as a switching sensor sees it.
+
+        Shape (n_capacities, n_offsets).
+        """
         config, own = self._config, x + self._members.offset
         out, lean = own, own > 0.0
         for zone, share_g in enumerate(self._zones_g):
@@ -138,13 +145,22 @@ class CatalystBank:
             filling += stored / share_g
             np.clip(filling, 0.0, 1.0, out=filling)
             out = out - stored / max(grams, 1e-9)
-        seen = out + config.equilibrium_phi * (2.0 * filling - 1.0) - config.hydrogen_phi
-        return np.asarray(0.5 - 0.5 * np.tanh(seen / (2.0 * config.switching_phi)))
+        shift = config.equilibrium_phi * (2.0 * filling - 1.0) - config.hydrogen_phi
+        return np.asarray(out + shift)
 
-    def _volts(self, steady: FloatArray) -> FloatArray:
-        now = np.broadcast_to(steady, self._members.shape)
+    def _richness_of(self, x: FloatArray) -> FloatArray:
+        """Return what a switching sensor shows in the steady state, 0 to 1."""
+        return np.asarray(0.5 - 0.5 * np.tanh(x / (2.0 * self._config.switching_phi)))
+
+    def _volts(self, x: FloatArray, grams: float) -> FloatArray:
+        steady = self._richness_of(x)
+        now = np.broadcast_to(steady, self._members.shape).copy()
+        if self._leaks:
+            full = OXYGEN_IN_AIR * self._members.period_s * self._config.leak_flow_g_s
+            share = 1.0 / (1.0 + (grams / full) ** 2)
+            for i, leak_phi in self._leaks:
+                now[i] = self._richness_of(x + leak_phi * share)
         if self._late:
-            now = now.copy()
             late = self._past[self._at]
             for i, direction in self._late:
                 one_sided = {1: np.minimum, -1: np.maximum}.get(direction)

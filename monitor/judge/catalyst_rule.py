@@ -16,7 +16,7 @@ import numpy as np
 
 from monitor.base.config import CatalystConfig
 from monitor.base.types import BoolArray, FloatArray
-from monitor.judge.catalyst_bank import MID_V, STUCK, WEAK, CatalystBank, Members
+from monitor.judge.catalyst_bank import LEAK, MID_V, STUCK, WEAK, CatalystBank, Members
 
 Outcome = Literal["passed", "failed", "inconclusive"]
 CATALYST: Final = "catalyst_low"
@@ -64,6 +64,10 @@ class CatalystRule:
         self._stuck = np.array([fault in STUCK for fault in self._faults])
         prior = -0.5 * (members.offset / config.offset_std_phi) ** 2
         bad = np.array([config.sensor_prior if f else 0.0 for f in self._faults])
+        self._has_leak = np.array([fault == LEAK for fault in self._faults])
+        self._sound_offset = np.abs(members.offset) <= config.offset_sound_phi
+        self._lean_offset = members.offset <= -config.offset_biased_phi
+        self._rich_offset = members.offset >= config.offset_biased_phi
         self._prior = prior - bad[:, np.newaxis, np.newaxis]
         self.reset()
 
@@ -150,11 +154,28 @@ class CatalystRule:
         each = dict.fromkeys(self._faults, -math.inf)
         for fault, member in zip(self._faults, self._posterior, strict=True):
             each[fault] = np.logaddexp(each[fault], _sum(member))
-        sound = each.pop("")
+        sound = np.logaddexp(each.pop(""), each.pop(LEAK, -math.inf))
         name = max(each, key=lambda fault: each[fault])
         alike = self._config.evidence_alike
         also = tuple(f for f in each if f != name and each[f] > each[name] - alike)
         return self._claim(float(each[name] - sound), name, also)
+
+    def balance(self) -> Claim:
+        """Return how the evidence stands for an upstream reading against the oxygen balance.
+
+        An upstream sensor that reads lean needs oxygen taken off; one with a leak behind it, added.
+        """
+        total = self._posterior
+        intact, leaking = total[~self._has_leak], total[self._has_leak]
+        odds = {
+            "biased_lean": _sum(intact[:, :, self._lean_offset]),
+            "biased_rich": _sum(intact[:, :, self._rich_offset]),
+            LEAK: _sum(leaking) if len(leaking) else -math.inf,
+        }
+        name = max(odds, key=lambda each: odds[each])
+        close = odds[name] - self._config.evidence_alike
+        also = tuple(each for each, value in odds.items() if each != name and value > close)
+        return self._claim(odds[name] - _sum(intact[:, :, self._sound_offset]), name, also)
 
     def _claim(self, odds: float, fault: str, also: tuple[str, ...] = ()) -> Claim:
         if self.segments and odds >= self.evidence_fail:

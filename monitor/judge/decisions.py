@@ -174,10 +174,17 @@ class Decisions:
         return self._step("activity", failed, self._by(failed), fault, (), t_ns)
 
     def behind(self, test: str, claim: Claim, t_ns: int) -> Sequence[Change]:
-        """Take how the evidence about catalyst or downstream sensor stands."""
+        """Take how the evidence about catalyst, downstream sensor or oxygen balance stands.
+
+        A failed balance names the upstream sensor, whatever the bias rule says of it: that rule
+        knows no absolute reference.
+        """
         if claim.outcome == "inconclusive":
             return ()
         failed = claim.outcome == "failed"
+        if test == "bias":
+            is_new = self._debounce["balance"].failed and self._named.get(test) != claim.fault
+            return self._mature(test, failed, claim.fault or "", (), t_ns) if is_new else ()
         return self._step(test, failed, self._by(failed), claim.fault or "", claim.also, t_ns)
 
     def facts(self, windows: Sequence[Window]) -> list[Facts]:

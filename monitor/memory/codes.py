@@ -36,6 +36,8 @@ CODES: dict[str, tuple[str, ...]] = {
     "downstream_weak": ("P2A01",),
     "downstream_stuck_lean": ("P2270",),
     "downstream_stuck_rich": ("P2271",),
+    "balance_lean": ("P2096",),
+    "balance_rich": ("P2097",),
 }
 LOST: Final = "memory_lost"  # the fault memory was damaged and begun anew
 # Faults of the monitor, not of the vehicle: they never set the fault flag, see ``DtcStore``.
@@ -55,8 +57,9 @@ TESTS: dict[str, tuple[str, ...]] = {
     "memory": (LOST,),
     "catalyst": ("catalyst_low",),
     "downstream": tuple(name for name in CODES if name.startswith("downstream_")),
+    "balance": ("balance_lean", "balance_rich"),
 }
-BEHIND: Final = ("catalyst", "downstream")  # tests of vehicles with a downstream sensor
+BEHIND: Final = ("catalyst", "downstream", "balance")  # tests of vehicles with a downstream sensor
 # Tests of the vehicle; the monitor's own has no in-use performance ratio and decides at once.
 OF_VEHICLE: Final = tuple(test for test in TESTS if not OF_MONITOR.issuperset(TESTS[test]))
 # Tests that judge every sample; they have no in-use performance ratio (13 CCR 1968.2 (d)(3.2)).

@@ -43,6 +43,8 @@ MEANINGS = {
     "downstream_weak": "the downstream sensor is of reduced amplitude",
     "downstream_stuck_lean": "the downstream sensor is stuck at a lean value",
     "downstream_stuck_rich": "the downstream sensor is stuck at a rich value",
+    "balance_lean": "the gas behind the catalyst is leaner than the upstream sensor says",
+    "balance_rich": "the gas behind the catalyst is richer than the upstream sensor says",
     "memory_lost": "the monitor's fault memory was damaged and begins anew",
 }
 _VERDICTS = {  # class: symbol, words

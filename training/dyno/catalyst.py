@@ -127,6 +127,7 @@ def installed(
         delay_to_lean_s=fault.delay_to_lean_s,
         gain=fault.gain,
         stuck_v=fault.stuck_v,
+        leak=fault.leak,
         start_s=start_s,
     )
 

@@ -9,17 +9,26 @@ from monitor.judge.catalyst import NEEDED, BehindResult, CatalystMonitor
 from monitor.judge.catalyst_bank import CatalystBank, Members
 
 PERIOD_S = 0.1
+BIASES = [
+    (0.0, set()),
+    (0.022, {"balance_rich", "biased_lean"}),
+    (-0.022, {"balance_lean", "biased_rich"}),
+]
 SETTINGS = config.shipped().catalyst
 NAMES = (*NEEDED, "engine_speed_rpm")
 
 
-def tank_volts(x: FloatArray, air_g_s: FloatArray, capacity_g: float, lag_s: float) -> FloatArray:
+def tank_volts(
+    x: FloatArray, air_g_s: FloatArray, capacity_g: float, lag_s: float, leak: float = 0.0
+) -> FloatArray:
     """Voltage behind an ideal tank: nothing passes until it is full, or empty."""
     held, richness, volts = 0.5 * capacity_g, 0.5, []
     for each, air in zip(x.tolist(), air_g_s.tolist(), strict=True):
         held += 0.23 * air * each * PERIOD_S
         resting = 0.85 - 0.4 * held / capacity_g  # the fuller, the leaner the gas above the store
         now = 0.0 if held > capacity_g else 1.0 if held < 0.0 else resting
+        if leak * np.exp(-air / 8.0) > 0.003 and held >= 0.0:
+            now = 0.0
         held = min(max(held, 0.0), capacity_g)
         richness += (now - richness) * (1.0 - np.exp(-PERIOD_S / lag_s))
         volts.append(0.07 + 0.72 * richness)
@@ -27,9 +36,17 @@ def tank_volts(x: FloatArray, air_g_s: FloatArray, capacity_g: float, lag_s: flo
 
 
 def a_drive(
-    capacity_g: float, lag_s: float = 0.1, minutes: float = 12.0, seed: int = 1
+    capacity_g: float,
+    lag_s: float = 0.1,
+    minutes: float = 7.0,
+    seed: int = 1,
+    offset: float = 0.0,
+    leak: float = 0.0,
 ) -> FloatArray:
-    """Modulated driving with changing load and a fuel cut each 40 s, (n, n_names)."""
+    """Modulated driving with changing load and a fuel cut each 40 s, (n, n_names).
+
+    offset : of the upstream sensor's lambda; leak : of air behind the catalyst, at no flow
+    """
     rng = np.random.default_rng(seed)
     n = round(minutes * 60 / PERIOD_S)
     t_s = PERIOD_S * np.arange(n)
@@ -39,8 +56,9 @@ def a_drive(
     refill = (t_s % 40.0 >= 4.0) & (t_s % 40.0 < 8.0)
     air_g_s[cut] = 4.0
     x = np.where(cut, 0.93, np.where(refill, -0.06, x))
-    volts = tank_volts(x, air_g_s, capacity_g, lag_s) + 0.01 * rng.standard_normal(n)
-    return np.column_stack([volts, 1.0 / (1.0 - x), 3.6 * air_g_s, np.full(n, 2000.0)])
+    volts = tank_volts(x, air_g_s, capacity_g, lag_s, leak) + 0.01 * rng.standard_normal(n)
+    measured = 1.0 / (1.0 - x) + offset
+    return np.column_stack([volts, measured, 3.6 * air_g_s, np.full(n, 2000.0)])
 
 
 def judged(values: FloatArray, block: int = 700) -> tuple[CatalystMonitor, list[BehindResult]]:
@@ -71,6 +89,24 @@ def test_a_slow_sensor_passes_no_bad_catalyst(lag_s: float) -> None:
     assert entry["verdict"] != "passed" or entry["sensor_verdict"] == "failed"
 
 
+@pytest.mark.parametrize(("offset", "faults"), BIASES)
+def test_an_upstream_offset_contradicts_the_balance(offset: float, faults: set[str]) -> None:
+    monitor, results = judged(a_drive(0.3, offset=offset))
+    entry = monitor.entry()
+    assert entry is not None
+    found = {r.claim.fault for r in results[-4:] if r.claim.outcome == "failed"}
+    assert found == faults
+    assert entry["verdict"] != "failed"
+    if faults:
+        assert entry["upstream_offset_lambda"] == pytest.approx(offset, abs=0.008)
+
+
+def test_a_leak_behind_the_catalyst_is_no_fault_of_a_sensor_or_the_catalyst() -> None:
+    _, results = judged(a_drive(0.3, leak=0.02))
+    found = {r.claim.fault for r in results if r.claim.outcome == "failed"}
+    assert found <= {"balance_lean"}
+
+
 def test_no_result_depends_on_where_blocks_begin() -> None:
     values = a_drive(0.06, minutes=6.0)
     values[2000:2030, 0] = np.nan  # bridged no longer
@@ -91,7 +127,7 @@ def test_without_the_voltage_there_is_nothing_to_judge() -> None:
 def test_a_cold_brick_is_not_judged() -> None:
     names = (*NAMES, "catalyst_temperature_degc")
     monitor = CatalystMonitor(SETTINGS, names, PERIOD_S, 500.0)
-    values = np.column_stack([a_drive(0.02), np.full(7200, 250.0)])
+    values = np.column_stack([a_drive(0.02), np.full(4200, 250.0)])
     assert list(monitor.push(values)) == []
 
 

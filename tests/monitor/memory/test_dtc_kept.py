@@ -202,7 +202,7 @@ def test_a_code_that_keeps_a_test_from_judging_pauses_its_ratio() -> None:
     assert not store.count_judged("response")
     assert store.count_judged("communication")
     paused = {r.test for r in store.ratios if not r.denominator}
-    assert paused == {"response", "bias", "activity", "catalyst", "downstream"}
+    assert paused == {"response", "bias", "activity", "catalyst", "downstream", "balance"}
     assert store.counts.general_denominator == 1
 
 

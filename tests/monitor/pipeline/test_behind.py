@@ -1,0 +1,34 @@
+"""Simulated vehicles with a sensor behind the catalyst, from the ECU's frames to codes."""
+
+from pathlib import Path
+
+import pytest
+
+from monitor.base import config, downstream_faults, faults
+from monitor.report.replay import replay, set_up
+from training.dyno.recording_files import write
+from training.dyno.simulation import Experiment
+
+DRIVE = {"vehicle": 21, "seed": 8, "duration_s": 420.0, "downstream": True}
+
+
+@pytest.mark.parametrize(
+    ("experiment", "codes"),
+    [
+        (Experiment(**DRIVE), set()),
+        (
+            Experiment(**DRIVE, downstream_fault=downstream_faults.resolve("catalyst_low", 0.05)),
+            {"P0420"},
+        ),
+        (Experiment(**DRIVE, fault=faults.resolve("biased_lean", 0.025)), {"P2097", "P2195"}),
+        (Experiment(**DRIVE, fault=faults.resolve("biased_rich", 0.025)), {"P2096", "P2196"}),
+    ],
+    ids=["sound", "catalyst_low", "biased_lean", "biased_rich"],
+)
+def test_codes_follow_from_the_frames_without_any_memory(
+    experiment: Experiment, codes: set[str], tmp_path: Path
+) -> None:
+    log = write(experiment, tmp_path, "blf")
+    recording, _ = replay(log, set_up(None, [], config.shipped()))
+    assert {dtc["code"] for dtc in recording["dtcs"]} == codes
+    assert recording["catalyst"]["segments"] > 30
