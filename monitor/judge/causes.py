@@ -267,7 +267,7 @@ def _evidence(seen: Observed, judgement: Judgement) -> list[Cause]:
     n, excited = judgement.windows, judgement.excited
     tests = ", ".join(judgement.unfinished)
     had = f"{seen.enabled * seen.period_s:.0f} s could be judged"
-    if "response" in judgement.unfinished and judgement.outside > HALF * n:
+    if judgement.outside > HALF * n:
         advice = (
             f"{judgement.outside} of {n} windows hold driving that the model never learned, though "
             "each input is within its range: train on such drives"
