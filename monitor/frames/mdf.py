@@ -1,14 +1,15 @@
 """CAN frames in MDF 4 files, and a check of the block structure that detects a cut file.
 
 The MDF libraries fail in many ways, some silent, on a file that ends too early. python-can takes
-60 microseconds per frame, so this module reads a whole channel group at once.
+60 microseconds per frame, so this module reads a channel group in blocks of many frames.
 """
 
 import io
 import logging
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import IO, Any, Final
 
 import numpy as np
@@ -139,28 +140,60 @@ def read_blocks(file: IO[bytes], counters: LogCounters) -> Iterator[FrameBlock]:
 
     check(file)
     file.seek(0)
-    groups: list[FrameBlock] = []
-    with MDF(io.BytesIO(file.read())) as measurement:
+    source = Path(file.name) if isinstance(file, io.BufferedReader) else io.BytesIO(file.read())
+    with MDF(source) as measurement:
         start_us = round(measurement.header.start_time.timestamp() * 1e6)
         channel_groups: list[Any] = list(measurement.groups)
+        groups: list[Iterator[FrameBlock]] = []
         for number, group in enumerate(channel_groups):
             names = {channel.name for channel in group.channels}
             n = group.channel_group.cycles_nr
             if not group.channel_group.flags & _BUS_EVENT or n == 0:
                 continue
             if "CAN_DataFrame" in names:
-                groups.append(_frames(measurement.get("CAN_DataFrame", group=number), start_us))
+                groups.append(_group_blocks(measurement, number, n, start_us))
             elif names & {"CAN_ErrorFrame", "CAN_RemoteFrame"}:
                 counters.skipped += n
-    if not groups:
-        return
-    block = joined(groups)
-    if np.any(block.t_ns[1:] < block.t_ns[:-1]):
-        block = chosen(block, np.argsort(block.t_ns, kind="stable"))
-    for first in range(0, len(block.t_ns), FRAMES):
-        part = chosen(block, slice(first, first + FRAMES))
-        counters.frames += len(part.t_ns)
-        yield part
+        for block in _merged(groups):
+            counters.frames += len(block.t_ns)
+            yield block
+
+
+def _group_blocks(measurement: Any, number: int, n: int, start_us: int) -> Iterator[FrameBlock]:
+    """Yield the frames of a channel group with n records, in its order."""
+    for first in range(0, n, FRAMES):
+        count = min(FRAMES, n - first)
+        signal = measurement.get(
+            "CAN_DataFrame", group=number, record_offset=first, record_count=count
+        )
+        if len(signal.timestamps):
+            yield _frames(signal, start_us)
+
+
+def _merged(groups: Sequence[Iterator[FrameBlock]]) -> Iterator[FrameBlock]:
+    """Yield the frames of several groups in order of time.
+
+    Within a group a later block holds no earlier frame; MDF demands rising times of a group.
+    """
+    held = {number: block for number, group in enumerate(groups) if (block := next(group, None))}
+    while held:
+        until_ns = min(int(block.t_ns.max()) for block in held.values())
+        ready = []
+        for number, block in list(held.items()):
+            inside = block.t_ns <= until_ns
+            ready.append(chosen(block, inside))
+            rest = chosen(block, ~inside)
+            if len(rest.t_ns):
+                held[number] = rest
+            elif (following := next(groups[number], None)) is not None:
+                held[number] = following
+            else:
+                del held[number]
+        merged = joined(ready)
+        if np.any(merged.t_ns[1:] < merged.t_ns[:-1]):
+            merged = chosen(merged, np.argsort(merged.t_ns, kind="stable"))
+        if len(merged.t_ns):
+            yield merged
 
 
 def _frames(signal: Any, start_us: int) -> FrameBlock:

@@ -13,6 +13,8 @@ from hypothesis import strategies as st
 import dbc
 from monitor.base.types import Frame
 from monitor.decode.bus_map import load_pairs
+from monitor.frames import mdf
+from monitor.frames.blocks import block_of, frames_of, joined
 from monitor.frames.log_blocks import read_blocks
 from monitor.frames.logs import frame_of
 from tests.conftest import ROOT
@@ -155,3 +157,27 @@ def test_memory_stays_flat_with_the_length_of_a_log(tmp_path: Path, suffix: str)
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert peaks[1] < 1.2 * peaks[0]
+
+
+@inputs(20)
+@given(st.lists(st.lists(st.integers(0, 60), max_size=25), max_size=4), st.integers(1, 7))
+def test_channel_groups_of_an_mf4_are_merged_in_order_of_time(
+    times: list[list[int]], most: int
+) -> None:
+    groups, wanted = [], []
+    for number, each in enumerate(times):
+        frames = [Frame(t_ns, number, False, b"") for t_ns in sorted(each)]
+        groups.append(iter([block_of(frames[k : k + most]) for k in range(0, len(frames), most)]))
+        wanted += frames
+    merged = [frame for block in mdf._merged(groups) for frame in frames_of(block)]
+    assert sorted(merged) == sorted(wanted)
+    assert [frame.t_ns for frame in merged] == sorted(frame.t_ns for frame in wanted)
+
+
+def test_an_mf4_is_read_in_blocks(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = joined(list(read_blocks(folder / "drive.mf4")))
+    monkeypatch.setattr(mdf, "FRAMES", 64)
+    blocks = list(read_blocks(folder / "drive.mf4"))
+    assert max(len(block.t_ns) for block in blocks) <= 64
+    for column, again in zip(whole, joined(blocks), strict=True):
+        np.testing.assert_array_equal(column, again)
