@@ -188,7 +188,7 @@ def _readiness(args: argparse.Namespace) -> int:
             "numerator": ratio.numerator,
             "denominator": ratio.denominator,
         }
-        for ratio in store.ratios
+        for ratio in store.supported_ratios
     ]
     fields = {
         "tests": tests,
@@ -198,7 +198,7 @@ def _readiness(args: argparse.Namespace) -> int:
     }
 
     def lines() -> Iterator[str]:
-        for ratio in store.ratios:
+        for ratio in store.supported_ratios:
             done = "complete" if store.completed_since_clear(ratio.test) else "not complete"
             judged = _counted(ratio.numerator, "driving cycle")
             yield (

@@ -14,6 +14,7 @@ from typing import Literal
 
 from monitor.base.config import ProfileConfig, shipped
 from monitor.memory.codes import (
+    BEHIND,
     CODES,
     CONTINUOUS,
     LOST,
@@ -361,6 +362,15 @@ class DtcStore:
     def ratios(self) -> tuple[Ratio, ...]:
         """Return the in-use performance of each test."""
         return tuple(self._ratios.values())
+
+    @property
+    def supported_ratios(self) -> tuple[Ratio, ...]:
+        """Return the in-use performance of the tests that this vehicle is known to support.
+
+        A test behind the catalyst is one of them once it has decided something.
+        """
+        known = self._completed | {test for test, ratio in self._ratios.items() if ratio.numerator}
+        return tuple(r for r in self.ratios if r.test not in BEHIND or r.test in known)
 
     @property
     def counts(self) -> Counts:

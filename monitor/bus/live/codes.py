@@ -28,7 +28,7 @@ def fault_memory(store: DtcStore) -> dict[str, Any]:
                 "numerator": ratio.numerator,
                 "denominator": ratio.denominator,
             }
-            for ratio in sorted(store.ratios, key=lambda r: list(TESTS).index(r.test))
+            for ratio in sorted(store.supported_ratios, key=lambda r: list(TESTS).index(r.test))
         ],
         "results": [
             [r.test, r.quantity, _rounded(r.value), _rounded(r.low), _rounded(r.high)]
