@@ -165,13 +165,13 @@ def fuzz(
         took_s = time.monotonic() - start_s
     recording = loop.result("fuzz")
     return Found(
-        n,
-        recording["samples"],
-        len(recording["windows"]) + recording["windows_dropped"],
-        tuple(dtc["code"] for dtc in recording["dtcs"]),
-        loop.health.detached,
-        sizes[-1] - sizes[0],
-        made / took_s,
+        frames=n,
+        samples=recording["samples"],
+        windows=len(recording["windows"]) + recording["windows_dropped"],
+        codes=tuple(dtc["code"] for dtc in recording["dtcs"]),
+        detached=loop.health.detached,
+        growth_mb=sizes[-1] - sizes[0],
+        frames_per_s=made / took_s,
     )
 
 

@@ -112,10 +112,10 @@ def run(folder: Path, out: Path, budget: str) -> None:
     look(
         "Engine on a test bench, network",
         [paths[n] for n in BOSCH_FITTED],
-        [paths[n] for n in BOSCH_NEW],
-        out / "bosch",
-        [*network, *BOSCH_INPUTS],
-        ["--columns", str(columns)],
+        new=[paths[n] for n in BOSCH_NEW],
+        out=out / "bosch",
+        fit=[*network, *BOSCH_INPUTS],
+        read=["--columns", str(columns)],
     )
     runs = mx5(folder, out)
     on_grid = ["--period", PERIOD_S]
@@ -124,13 +124,20 @@ def run(folder: Path, out: Path, budget: str) -> None:
         look(
             f"MX-5, {kind}",
             [runs[n] for n in MX5_FITTED],
-            [runs[n] for n in MX5_NEW],
-            out / f"mx5_{kind}",
-            fit,
-            on_grid,
+            new=[runs[n] for n in MX5_NEW],
+            out=out / f"mx5_{kind}",
+            fit=fit,
+            read=on_grid,
         )
     first, second = me7(folder, out)
-    look("Turbo car, network", [first], [second], out / "me7", [*network, *ME7_INPUTS], on_grid)
+    look(
+        "Turbo car, network",
+        [first],
+        new=[second],
+        out=out / "me7",
+        fit=[*network, *ME7_INPUTS],
+        read=on_grid,
+    )
 
 
 def main() -> None:

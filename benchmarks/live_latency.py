@@ -219,7 +219,14 @@ def measure(side: str, due: list[tuple[float, bytes]], seconds: float) -> Figure
         latencies, cpu_percent, received = json.loads(process.stdout.readline())
     p50, p99 = np.percentile(latencies, [50, 99])
     return Figures(
-        side, len(latencies), float(p50), float(p99), max(latencies), cpu_percent, sent, received
+        side=side,
+        ticks=len(latencies),
+        p50_ms=float(p50),
+        p99_ms=float(p99),
+        worst_ms=max(latencies),
+        cpu_percent=cpu_percent,
+        sent=sent,
+        received=received,
     )
 
 

@@ -155,7 +155,9 @@ def row_of(vehicle: Vehicle, work: Path, kind: str, budget: float) -> dict[str, 
     if OUTPUT not in tables[0].names or sum(spans_s) < LEAST_S or _stands(tables):
         return row | {"codes": "no usable lambda"}
     *fitted, left_out = vehicle.paths if len(tables) > 1 else parts(vehicle.paths[0], work)
-    return row | _scored(vehicle, list(fitted), left_out, work, kind, budget)
+    return row | _scored(
+        vehicle, list(fitted), left_out=left_out, work=work, kind=kind, budget=budget
+    )
 
 
 def _stands(tables: Sequence[Table]) -> bool:

@@ -114,7 +114,14 @@ def calls(jobs: Sequence[Job], kill_s: float = KILL_S) -> Iterator[Outcome]:
             done += 1
             took_s = time.monotonic() - begun_s
             peak_mb = usage.ru_maxrss / 1024
-            yield Outcome(os.waitstatus_to_exitcode(status), "", 0, took_s, took_s, peak_mb)
+            yield Outcome(
+                code=os.waitstatus_to_exitcode(status),
+                last_line="",
+                n_lines=0,
+                wall_s=took_s,
+                cpu_s=took_s,
+                peak_mb=peak_mb,
+            )
 
 
 def _line(records: io.RawIOBase, within_s: float) -> bytes | None:

@@ -68,12 +68,12 @@ class Bench:
         ticks = [event for event in events if isinstance(event, Ticks)]
         order = [pipeline.monitor.names.index(name) for name in setup.model.card.input_names]
         return cls(
-            setup,
-            frames,
-            [tick.block for tick in ticks],
-            [t.block.values[0, order] for t in ticks if math.isfinite(t.predicted[0])],
-            [t.predicted.item(0) for t in ticks if math.isfinite(t.predicted[0])],
-            [event.window for event in events if isinstance(event, WindowJudged)],
+            setup=setup,
+            frames=frames,
+            samples=[tick.block for tick in ticks],
+            inputs=[t.block.values[0, order] for t in ticks if math.isfinite(t.predicted[0])],
+            predicted=[t.predicted.item(0) for t in ticks if math.isfinite(t.predicted[0])],
+            windows=[event.window for event in events if isinstance(event, WindowJudged)],
         )
 
     def pipeline(self) -> FramePipeline:

@@ -140,7 +140,15 @@ def recording(name: str, u: np.ndarray, y: np.ndarray) -> Recording:
     values = np.column_stack([u, y])
     t_s = np.arange(len(y)) * 0.1
     quality = np.zeros(values.shape, np.uint8)
-    return Recording(Path(name), "0" * 64, 100_000_000, t_s, ("u", "y"), values, quality)
+    return Recording(
+        path=Path(name),
+        sha256="0" * 64,
+        period_ns=100_000_000,
+        t_s=t_s,
+        names=("u", "y"),
+        values=values,
+        quality=quality,
+    )
 
 
 def main() -> None:

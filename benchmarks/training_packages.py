@@ -161,13 +161,22 @@ def _pyrenn(
 
 def pyrenn_one_step(case: Case, start: np.ndarray, iterations: int) -> Run:
     """Levenberg–Marquardt of pyrenn on the regressors."""
-    return _pyrenn(case, start, iterations, case.phi, case.target, {})
+    return _pyrenn(
+        case, start, iterations=iterations, inputs=case.phi, target=case.target, delays={}
+    )
 
 
 def pyrenn_free_run(case: Case, start: np.ndarray, iterations: int) -> Run:
     """Levenberg–Marquardt of pyrenn with its output fed back, from zeros."""
     lags = list(range(1, case.spec.lags + 1))
-    return _pyrenn(case, start, iterations, case.u, case.y, {"dIn": lags, "dOut": lags})
+    return _pyrenn(
+        case,
+        start,
+        iterations=iterations,
+        inputs=case.u,
+        target=case.y,
+        delays={"dIn": lags, "dOut": lags},
+    )
 
 
 def _least_squares(case: Case, start: np.ndarray, iterations: int, **options: object) -> Run:

@@ -94,12 +94,12 @@ def case(
     (u, y), (v, z) = columns(train), columns(held_out)
     u_mean, u_std, y_mean, y_std = u.mean(0), u.std(0), y.mean(), y.std()
     return Case(
-        title,
-        Spec(len(inputs)),
-        (u - u_mean) / u_std,
-        (y - y_mean) / y_std,
-        (v - u_mean) / u_std,
-        (z - y_mean) / y_std,
+        title=title,
+        spec=Spec(len(inputs)),
+        u=(u - u_mean) / u_std,
+        y=(y - y_mean) / y_std,
+        held_out_u=(v - u_mean) / u_std,
+        held_out_y=(z - y_mean) / y_std,
     )
 
 
@@ -123,7 +123,14 @@ def bosch_case(folder: Path) -> Case:
 
 def shortened(full: Case, n: int) -> Case:
     """Return the case with the first ``n`` training samples."""
-    return Case(full.title, full.spec, full.u[:n], full.y[:n], full.held_out_u, full.held_out_y)
+    return Case(
+        title=full.title,
+        spec=full.spec,
+        u=full.u[:n],
+        y=full.y[:n],
+        held_out_u=full.held_out_u,
+        held_out_y=full.held_out_y,
+    )
 
 
 def held_out_errors(of: Case, weights: np.ndarray) -> tuple[float, float]:
@@ -133,7 +140,9 @@ def held_out_errors(of: Case, weights: np.ndarray) -> tuple[float, float]:
     spec = Spec(of.spec.n_inputs, lags, of.spec.hidden, y_min=low, y_max=high)
     one_step = forward(spec, weights, regressors(spec, of.held_out_u, of.held_out_y))
     history = of.held_out_y[None, lags - 1 :: -1]
-    run = simulate(spec, weights, of.held_out_u, np.array([lags]), np.array([n]), history)
+    run = simulate(
+        spec, weights, u=of.held_out_u, start=np.array([lags]), stop=np.array([n]), history=history
+    )
     target = of.held_out_y[lags:]
     return rmse(target, np.clip(one_step, low, high)), rmse(target, run[lags:])
 
@@ -255,7 +264,9 @@ def _shares(of: Case, weights: np.ndarray) -> None:
         "Jacobian, J'J, J'e": lambda: loop.normal(weights),
         "cost of a trial step": lambda: loop.cost(weights),
         "solve": lambda: cho_solve(cho_factor(damped), right),
-        "free run for validation": lambda: simulate(of.spec, weights, of.u, first, stop, history),
+        "free run for validation": lambda: simulate(
+            of.spec, weights, u=of.u, start=first, stop=stop, history=history
+        ),
     }
     print("\nAn epoch of closed-loop training, horizon 1000, µs of CPU per sample: ", end="")
     print("; ".join(f"{name} {best(work)[0] / n * 1e6:.2f}" for name, work in parts.items()))

@@ -109,13 +109,13 @@ def drive(experiment: Experiment, blocks: list[SampleBlock]) -> list[Case]:
         blocks += [replace_values(blocks[healthy], values), faulty]
         found.append(
             Case(
-                name,
-                severity,
-                healthy,
-                at,
-                at + 1,
-                phi(grid(alone, experiment)),
-                phi(grid(true, experiment)),
+                fault=name,
+                severity=severity,
+                healthy=healthy,
+                mixed=at,
+                faulty=at + 1,
+                fault_alone=phi(grid(alone, experiment)),
+                true_in_loop=phi(grid(true, experiment)),
             )
         )
     return found

@@ -66,7 +66,14 @@ class Loop:
         self.pipeline, self.collector = self.judging.pipeline, self.judging.collector
         self.attachments = list(attachments)
         self.health = BusHealth()
-        self._port = Port(bus, self.health, reopen, say, monotonic_s, sleep)
+        self._port = Port(
+            bus=bus,
+            health=self.health,
+            reopen=reopen,
+            say=say,
+            monotonic_s=monotonic_s,
+            sleep=sleep,
+        )
         self._record_path = record
         self._recorder: Recorder | None = None
         self.clock = Clock(monotonic_s, min(self.pipeline.decoder.timeouts_ns))

@@ -153,7 +153,14 @@ def load_pairs(pairs: Iterable[tuple[str | Path, str | Path]]) -> BusMap:
     _check_overlap(channels)
     _check_derived(channels, derived, paths)
     further = tuple(n for n in optional if n not in names)
-    return BusMap(paths, channels, derived, tuple(names), further, tuple(notes))
+    return BusMap(
+        pairs=paths,
+        channels=channels,
+        derived=derived,
+        names=tuple(names),
+        optional=further,
+        notes=tuple(notes),
+    )
 
 
 def _channel(mapped: MappedSignal, signal_map: SignalMap, database: Database, dbc: Path) -> Channel:

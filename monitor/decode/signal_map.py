@@ -127,7 +127,15 @@ class _Reader:
         twice = signals.keys() & auxiliary.keys() | mapped.keys() & derived.keys()
         for name in twice | optional.keys() & (mapped.keys() | derived.keys()):
             raise SignalMapError(f"{self.path}: {name} is defined twice")
-        return SignalMap(self.path, signals, optional, auxiliary, derived, integrity, messages)
+        return SignalMap(
+            path=self.path,
+            signals=signals,
+            optional=optional,
+            auxiliary=auxiliary,
+            derived=derived,
+            integrity=integrity,
+            messages=messages,
+        )
 
     def _known(self, table: Mapping[str, Any], where: str, keys: set[str]) -> None:
         unknown = sorted(table.keys() - keys)

@@ -88,7 +88,12 @@ class Assembler:
         """Return an assembler that takes what ``decoder`` receives."""
         timeouts_ns, received = decoder.timeouts_ns, decoder.received
         return cls(
-            decoder.channels, decoder.names, period_ns, timeouts_ns, decoder.derived, received
+            channels=decoder.channels,
+            names=decoder.names,
+            period_ns=period_ns,
+            timeouts_ns=timeouts_ns,
+            derived=decoder.derived,
+            received=received,
         )
 
     @property

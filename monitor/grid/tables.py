@@ -187,15 +187,15 @@ def _of_logger(raw: RawTable, profile: Profile | None, further: Sequence[str]) -
         )
     reading = read_signals(raw, profile, further)
     return Table(
-        raw.path,
-        reading.names,
-        reading.t_ns,
-        reading.values,
-        reading.pinned if reading.pinned.any() else None,
-        reading.notes,
-        profile.name,
-        {each.name: each.origin for each in reading.found},
-        reading.blank,
+        path=raw.path,
+        names=reading.names,
+        t_ns=reading.t_ns,
+        values=reading.values,
+        pinned=reading.pinned if reading.pinned.any() else None,
+        notes=reading.notes,
+        profile=profile.name,
+        columns={each.name: each.origin for each in reading.found},
+        blank=reading.blank,
     )
 
 

@@ -131,12 +131,12 @@ class _Reader:
         ]
         self._check_together(expectations)
         return Scenario(
-            tuple(faults),
-            tuple(expectations),
-            self._text(raw, "", "title", ""),
-            self._whole(raw, "", "seed", 0),
-            n_drives,
-            self._truth(raw, "", "keep_counters", False),
+            faults=tuple(faults),
+            expectations=tuple(expectations),
+            title=self._text(raw, "", "title", ""),
+            seed=self._whole(raw, "", "seed", 0),
+            n_drives=n_drives,
+            keep_counters=self._truth(raw, "", "keep_counters", False),
         )
 
     def _fault(self, table: Mapping[str, Any], where: str, n_drives: int) -> Injection:

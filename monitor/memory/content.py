@@ -153,13 +153,26 @@ def saved_of(rows: Rows) -> Saved:
     dtcs = []
     for code, fault, also, status, t_ns, failed, passed, warm_ups in rows["dtc"]:
         names = tuple(name for name in also.split(",") if name)
-        dtcs.append(Dtc(code, fault, names, Status(status), t_ns, failed, passed, warm_ups))
+        dtcs.append(
+            Dtc(
+                code=code,
+                fault=fault,
+                also=names,
+                status=Status(status),
+                t_ns=t_ns,
+                failed_cycles=failed,
+                passed_cycles=passed,
+                warm_ups=warm_ups,
+            )
+        )
     return Saved(
-        tuple(dtcs),
-        tuple(FreezeFrame(code, t_ns, json.loads(s)) for _, code, t_ns, s in rows["freeze_frame"]),
-        {code: fault for _, code, fault in rows["permanent"]},
-        tuple(TestResult(*row) for row in rows["result"]),
-        tuple(Ratio(*row) for row in rows["ratio"]),
-        Counts(**dict(rows["counted"])),
-        frozenset(test for (test,) in rows["completed"]),
+        dtcs=tuple(dtcs),
+        freeze_frames=tuple(
+            FreezeFrame(code, t_ns, json.loads(s)) for _, code, t_ns, s in rows["freeze_frame"]
+        ),
+        permanent={code: fault for _, code, fault in rows["permanent"]},
+        results=tuple(TestResult(*row) for row in rows["result"]),
+        ratios=tuple(Ratio(*row) for row in rows["ratio"]),
+        counts=Counts(**dict(rows["counted"])),
+        completed=frozenset(test for (test,) in rows["completed"]),
     )

@@ -231,7 +231,14 @@ class Cycles:
                 runs, stands = heard not in (Quality.STALE, *_UNKNOWN), 0
             if runs:
                 span = _Span(begin, end, until_ns)
-                self._run(span, self._flags(bits), coolant_degc, speed_km_h, until_ns, found)
+                self._run(
+                    span,
+                    self._flags(bits),
+                    coolant_degc=coolant_degc,
+                    speed_km_h=speed_km_h,
+                    until_ns=until_ns,
+                    found=found,
+                )
                 continue
             self._denominator.interrupt()
             if heard not in _UNKNOWN:

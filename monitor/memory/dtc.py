@@ -385,13 +385,13 @@ class DtcStore:
     def saved(self) -> Saved:
         """Return the content that outlives this driving cycle."""
         return Saved(
-            self.all,
-            tuple(self._frames.values()),
-            dict(self._permanent),
-            self.results,
-            self.ratios,
-            self._counts,
-            frozenset(self._completed),
+            dtcs=self.all,
+            freeze_frames=tuple(self._frames.values()),
+            permanent=dict(self._permanent),
+            results=self.results,
+            ratios=self.ratios,
+            counts=self._counts,
+            completed=frozenset(self._completed),
         )
 
 

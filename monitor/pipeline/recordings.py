@@ -113,7 +113,12 @@ class RecordingReader:
         blocks = timeline.blocks(read_blocks(path, log, self._parse))
         parts = log_samples(blocks, decoder, assembler)
         return OpenRecording(
-            path, self._names, parts, counters, self._sources, lambda: assembler.is_live
+            path=path,
+            names=self._names,
+            parts=parts,
+            counters=counters,
+            sources=self._sources,
+            is_live=lambda: assembler.is_live,
         )
 
     def _table_file(self, path: Path) -> OpenRecording:

@@ -9,7 +9,9 @@ from training.greybox.chain import Constants, base_path, simulate
 
 PERIOD_S = 0.1
 
-TRUE = Constants(1.01, 0.17, 1.5, 0.05, 0.12, 0.95)
+TRUE = Constants(
+    gain=1.01, dead_time_s=0.17, dead_time_revolutions=1.5, mixing_s=0.05, sensor_s=0.12, span=0.95
+)
 
 
 def steps(rng: np.random.Generator, n: int, longest: int) -> NDArray[np.int64]:

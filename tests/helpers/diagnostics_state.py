@@ -53,7 +53,15 @@ def saved() -> Saved:
             TestResult("bias", "offset", -0.02, -0.05, 0.05),
         ),
         ratios=(Ratio("response", 3, 5), Ratio("bias", 4, 5), Ratio("activity", 5, 5)),
-        counts=Counts(11, 9, 7, 123.4, 50.6, 3600.0, 7200.0),
+        counts=Counts(
+            ignition_cycles=11,
+            general_denominator=9,
+            warm_ups_since_clear=7,
+            distance_since_clear_km=123.4,
+            distance_with_mil_km=50.6,
+            engine_run_with_mil_s=3600.0,
+            engine_run_since_clear_s=7200.0,
+        ),
         completed=frozenset({"response", "bias", "activity"}),
     )
 

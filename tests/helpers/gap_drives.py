@@ -9,7 +9,9 @@ from training.greybox.fit.drive import Drive, make
 from training.greybox.fit.joint import Case
 
 PERIOD_S = 0.1
-BASE = Constants(1.01, 0.13, 1.5, 0.04, 0.11, 0.98)
+BASE = Constants(
+    gain=1.01, dead_time_s=0.13, dead_time_revolutions=1.5, mixing_s=0.04, sensor_s=0.11, span=0.98
+)
 
 
 def plain_signals(n: int = 6000, seed: int = 1) -> dict[str, FloatArray]:

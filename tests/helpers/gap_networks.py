@@ -32,7 +32,9 @@ VEHICLE = 2011
 FILM = ("wall_film", 4.0)
 CYCLES = ("wltc_3b", "micro_trips", "us06")
 FIT = (TrainingRecording("gap.log", "ab" * 32, 4000, "simulated"),)
-CHAIN = Constants(1.0, 0.1, 1.3, 0.08, 0.09, 0.98)
+CHAIN = Constants(
+    gain=1.0, dead_time_s=0.1, dead_time_revolutions=1.3, mixing_s=0.08, sensor_s=0.09, span=0.98
+)
 
 
 @cache
@@ -58,13 +60,13 @@ def drive(
     block = samples(broadcast(simulate(experiment), bus, rng), bus, 100_000_000)
     t_s = (block.t_ns - block.t_ns[0]) / 1e9
     return Recording(
-        Path(f"{experiment.name}.log"),
-        f"{seed:064x}",
-        100_000_000,
-        t_s,
-        tuple(bus.names),
-        block.values,
-        block.quality,
+        path=Path(f"{experiment.name}.log"),
+        sha256=f"{seed:064x}",
+        period_ns=100_000_000,
+        t_s=t_s,
+        names=tuple(bus.names),
+        values=block.values,
+        quality=block.quality,
     )
 
 

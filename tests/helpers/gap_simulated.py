@@ -68,6 +68,8 @@ def two_drives(
 ) -> list[Drive]:
     """Return two drives with the same effect or fault in each."""
     return [
-        simulated(cycle, seed + i, effect, fault, fault_start_s, also)
+        simulated(
+            cycle, seed + i, effect=effect, fault=fault, fault_start_s=fault_start_s, also=also
+        )
         for i, cycle in enumerate(("micro_trips", "wltc_3b"))
     ]

@@ -95,7 +95,15 @@ def drive(
     car = drive_car(speed, ambient_degc, bool(cold))
     noise = rng.standard_normal((4, len(speed)))
     charge = meter(car, piece, effects, noise[0])
-    fine = mix(car, charge[0], piece, effects, sensor, ambient_kpa, noise[1:]) | {
+    fine = mix(
+        car,
+        charge[0],
+        piece=piece,
+        e=effects,
+        sensor=sensor,
+        ambient_kpa=ambient_kpa,
+        noise=noise[1:],
+    ) | {
         "air_mass_mg": charge[0],
         "maf_kg_h": charge[1],
         "manifold_pressure_kpa": car.manifold_kpa + rng.normal(0.0, 0.15, len(speed)),
@@ -184,7 +192,15 @@ def drive_car(v: FloatArray, ambient: float, cold: bool) -> Car:
         flow += STEP_S / 0.04 * (through - flow)
         coolant += STEP_S * (0.055 + 0.0011 * flow) * (1.0 if coolant < 88.0 else -0.4)
         out[:, k] = (rpm, p, intake, coolant, 1.0 if cut else 0.0, air, flow)
-    return Car(out[0], out[1], out[2], out[3], out[4], out[5], out[6])
+    return Car(
+        rpm=out[0],
+        manifold_kpa=out[1],
+        intake_degc=out[2],
+        coolant_degc=out[3],
+        cut=out[4],
+        air_mg=out[5],
+        throttle_kg_h=out[6],
+    )
 
 
 @njit(cache=True)

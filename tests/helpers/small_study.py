@@ -11,7 +11,7 @@ from training.recordings.recording import Recording
 from training.studies.paper.narx.candidates import BAYES, CONJUGATE, DESCENT, LM, PAPER, Candidate
 
 FEW = (
-    Candidate(1, LM, 3, (4,), 0.2, PAPER),
+    Candidate(number=1, algorithm=LM, lags=3, hidden=(4,), rate=0.2, origin=PAPER),
     Candidate(2, LM, 3, (4,), 0.01),
     Candidate(3, BAYES, 2, (3,)),
     Candidate(4, CONJUGATE, 3, (3, 3)),
@@ -32,13 +32,13 @@ def drive(n: int, seed: int, name: str) -> Recording:
     quality = np.zeros(values.shape, np.uint8)
     period_ns = round(TANK_PERIOD_S * 1e9)
     return Recording(
-        Path(name),
-        name * 8,
-        period_ns,
-        np.arange(n) * TANK_PERIOD_S,
-        ("valve", "leak", "level_m"),
-        values,
-        quality,
+        path=Path(name),
+        sha256=name * 8,
+        period_ns=period_ns,
+        t_s=np.arange(n) * TANK_PERIOD_S,
+        names=("valve", "leak", "level_m"),
+        values=values,
+        quality=quality,
     )
 
 

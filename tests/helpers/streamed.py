@@ -79,13 +79,13 @@ def stream(
         if each.n_samples == len(block.t_ns):
             events += monitor.clear(each.t_ns)
     return Streamed(
-        [tick for event in events if isinstance(event, Ticks) for tick in event.each()],
-        [event for event in events if isinstance(event, WindowJudged)],
-        [event for event in events if isinstance(event, CutJudged)],
-        [event for event in events if isinstance(event, DtcChanged)],
-        [event for event in events if isinstance(event, CycleStarted)],
-        monitor,
-        known,
+        ticks=[tick for event in events if isinstance(event, Ticks) for tick in event.each()],
+        windows=[event for event in events if isinstance(event, WindowJudged)],
+        cuts=[event for event in events if isinstance(event, CutJudged)],
+        changes=[event for event in events if isinstance(event, DtcChanged)],
+        cycles=[event for event in events if isinstance(event, CycleStarted)],
+        monitor=monitor,
+        reference=known,
     )
 
 

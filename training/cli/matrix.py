@@ -121,7 +121,9 @@ def run(args: argparse.Namespace) -> int:
     matrix, settings = _matrix(args), config.load(args.config)
     cores = matrix_run.Cores(jobs_of(args), args.scheduler)
     with tqdm(total=matrix_run.count(matrix), unit="drive", disable=None) as bar:
-        rows = matrix_run.run(matrix, args.model, settings, args.out, bar.update, cores)
+        rows = matrix_run.run(
+            matrix, args.model, config=settings, folder=args.out, done=bar.update, cores=cores
+        )
     result = matrix_result.result(rows, run_folder.identity_of(args.out), args.model.name)
     print(matrix_result.as_text(result))
     write_text(args.out / REPORT, as_page(result, rows))

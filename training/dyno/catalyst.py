@@ -134,7 +134,17 @@ def installed(
 
 def begin(d: Downstream, warm: float) -> Brick:
     """Return the state at engine start; ``warm`` 0 to 1 is what is left of a hot brick."""
-    return Brick(d.brick_start_degc + warm * 280.0, 0.0, 0.0, 0.5, 0.45, 0.0, 0.0, 1.0, 0.0)
+    return Brick(
+        degc=d.brick_start_degc + warm * 280.0,
+        x_out=0.0,
+        x_pipe=0.0,
+        richness=0.5,
+        volts=0.45,
+        trim=0.0,
+        integral=0.0,
+        heater=1.0,
+        refill=0.0,
+    )
 
 
 @numba.njit(cache=True)
@@ -265,4 +275,14 @@ def step(
         1.0 if cut else (0.0 if volts > REFILLED_V or since_cut_s > REFILL_MOST_S else b.refill)
     )
     heater = 1.0 - 0.45 * heated
-    return Brick(degc, x_out, x_pipe, richness, volts, trim, integral, heater, refill)
+    return Brick(
+        degc=degc,
+        x_out=x_out,
+        x_pipe=x_pipe,
+        richness=richness,
+        volts=volts,
+        trim=trim,
+        integral=integral,
+        heater=heater,
+        refill=refill,
+    )

@@ -198,7 +198,17 @@ def _move(
     if v_ref < 0.05 and v < 0.6:
         v, integral = max(v - 1.5 * STEP_S, 0.0), 0.0
     rpm += (_engine_target_rpm(v, gear) - rpm) * STEP_S / (0.15 if engaged else 0.4)
-    return _Motion(v, rpm, torque, friction, integral, pedal_noise, gear, shift_s, engaged)
+    return _Motion(
+        speed_m_s=v,
+        engine_rpm=rpm,
+        torque_nm=torque,
+        friction_nm=friction,
+        integral=integral,
+        pedal_noise=pedal_noise,
+        gear=gear,
+        shift_s=shift_s,
+        engaged=engaged,
+    )
 
 
 @numba.njit(cache=True)
@@ -243,7 +253,14 @@ def _breathe(
     stiff = area * speed_factor * 7.53 + charge * 1e-6 * strokes_per_s / max(p_man, 10.0)
     gain = R_AIR * t_k / MANIFOLD_M3 * 1e-3
     p_man += STEP_S * gain * (flow_in - charge * 1e-6 * strokes_per_s) / (1 + STEP_S * gain * stiff)
-    return _Air(min(max(p_man, 12.0), 260.0), boost, area, runner, charge, flow_in)
+    return _Air(
+        manifold_kpa=min(max(p_man, 12.0), 260.0),
+        boost_kpa=boost,
+        throttle_m2=area,
+        runner_kpa=runner,
+        charge_mg=charge,
+        throttle_kg_s=flow_in,
+    )
 
 
 @numba.njit(inline="always")
@@ -273,7 +290,15 @@ def _measure(
     charge_slow = s.charge_slow_kg_h + (flow - s.charge_slow_kg_h) * STEP_S / 1.5
     ratio = min(max(maf_slow / max(charge_slow, 3.0), 0.85), 1.15)
     correction = s.correction + (1.0 + 0.6 * (ratio - 1.0) - s.correction) * STEP_S / 2.0
-    return _Meters(lag, maf, map_kpa, charge, maf_slow, charge_slow, correction)
+    return _Meters(
+        lag_kg_h=lag,
+        maf_kg_h=maf,
+        map_kpa=map_kpa,
+        charge_mg=charge,
+        maf_slow_kg_h=maf_slow,
+        charge_slow_kg_h=charge_slow,
+        correction=correction,
+    )
 
 
 @numba.njit(cache=True)
@@ -322,9 +347,34 @@ def simulate(
     """
     n = len(speed_ref)
     out = np.empty((15, n))
-    m = _Motion(speed_ref[0], IDLE_RPM, 0.0, 0.0, 0.0, 0.0, 0, 0.0, False)
-    a = _Air(40.0, 0.0, 2e-5, 40.0, 0.0, 0.0)
-    s = _Meters(8.0, 0.0, 0.0, 0.0, 8.0, 100.0, 1.0)
+    m = _Motion(
+        speed_m_s=speed_ref[0],
+        engine_rpm=IDLE_RPM,
+        torque_nm=0.0,
+        friction_nm=0.0,
+        integral=0.0,
+        pedal_noise=0.0,
+        gear=0,
+        shift_s=0.0,
+        engaged=False,
+    )
+    a = _Air(
+        manifold_kpa=40.0,
+        boost_kpa=0.0,
+        throttle_m2=2e-5,
+        runner_kpa=40.0,
+        charge_mg=0.0,
+        throttle_kg_s=0.0,
+    )
+    s = _Meters(
+        lag_kg_h=8.0,
+        maf_kg_h=0.0,
+        map_kpa=0.0,
+        charge_mg=0.0,
+        maf_slow_kg_h=8.0,
+        charge_slow_kg_h=100.0,
+        correction=1.0,
+    )
     u = _Purge(0.0, 30.0, 0.0)
     coolant, t_man, rail = c.coolant_start_degc, c.ambient_degc + 8.0, 6.0
     cut, overrun_s, load_v, load_timer = 0.0, 0.0, 0.0, 0.0
@@ -375,21 +425,21 @@ def simulate(
         out[12, k], out[13, k] = rail, 13.9 - load_v + 0.00012 * (rpm - 1500.0)
         out[14, k] = u.duty
     return Drive(
-        out[0],
-        out[1],
-        out[2],
-        out[3],
-        out[4],
-        out[5],
-        out[6],
-        out[7],
-        out[8],
-        out[9],
-        out[10],
-        out[11],
-        out[12],
-        out[13],
-        out[14],
+        speed_m_s=out[0],
+        engine_rpm=out[1],
+        torque_nm=out[2],
+        throttle_percent=out[3],
+        manifold_kpa=out[4],
+        manifold_degc=out[5],
+        air_true_mg=out[6],
+        air_ecu_mg=out[7],
+        maf_kg_h=out[8],
+        exhaust_kg_h=out[9],
+        coolant_degc=out[10],
+        fuel_cut=out[11],
+        rail_mpa=out[12],
+        battery_v=out[13],
+        purge_duty=out[14],
     )
 
 

@@ -415,7 +415,16 @@ def simulate(  # noqa: PLR0915  # the loop couples all parts in every step
             )
             behind[0, k], behind[1, k], behind[2, k] = brick.volts, brick.heater, brick.degc
     return Mixture(
-        out[0], out[1], out[2], out[3], out[4], out[5], out[6], behind[0], behind[1], behind[2]
+        fuel_ecu_mg=out[0],
+        lambda_measured=out[1],
+        lambda_target=out[2],
+        lambda_controller=out[3],
+        closed_loop=out[4],
+        sensor_ready=out[5],
+        phi_sensor=out[6],
+        downstream_v=behind[0],
+        downstream_heater=behind[1],
+        brick_degc=behind[2],
     )
 
 

@@ -84,7 +84,16 @@ def drives_of(
         name = places.name_of(path)
         vehicle = named or (name if names[name] == 1 else path)
         drive = count.setdefault(vehicle, 0)
-        drives.append(Drive(number, path, vehicle, drive, declared.of(path), not named))
+        drives.append(
+            Drive(
+                recording=number,
+                path=path,
+                vehicle=vehicle,
+                drive=drive,
+                declared=declared.of(path),
+                is_alone=not named,
+            )
+        )
         count[vehicle] += 1
     return drives
 

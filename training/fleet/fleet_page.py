@@ -29,7 +29,7 @@ def write(out: Path, bench: Bench, run: Mapping[str, Any], wished: float) -> tup
     limits = tools_of(bench).limits
     now = {"j_mu": limits.j_mu, "j_sigma": limits.j_sigma, "offset": limits.offset_high}
     standing = outliers.standings(recordings)
-    found = summary.summary(recordings, windows, run, now, wished, standing)
+    found = summary.summary(recordings, windows, run=run, limits=now, wished=wished, found=standing)
     html, tree = out.with_suffix(".html"), out.with_suffix(".json")
     run_folder.write_json(tree, found, indent=1)
     write_text(html, as_page(found, recordings, windows, standing))

@@ -34,15 +34,29 @@ class Quantity:
 
 
 QUANTITIES: Final = (
-    Quantity("j_mu", "|mean residual|", "window", "mean", np.abs, "paper's rule, mean"),
-    Quantity("j_sigma", "residual's spread", "window", "std", np.asarray, "paper's rule, spread"),
     Quantity(
-        "offset",
-        "|offset| at the drive's end",
-        "drive",
-        "offset",
-        np.abs,
-        "bias rule, for vehicles without a reference",
+        name="j_mu",
+        title="|mean residual|",
+        of="window",
+        column="mean",
+        score=np.abs,
+        why="paper's rule, mean",
+    ),
+    Quantity(
+        name="j_sigma",
+        title="residual's spread",
+        of="window",
+        column="std",
+        score=np.asarray,
+        why="paper's rule, spread",
+    ),
+    Quantity(
+        name="offset",
+        title="|offset| at the drive's end",
+        of="drive",
+        column="offset",
+        score=np.abs,
+        why="bias rule, for vehicles without a reference",
     ),
 )
 

@@ -114,7 +114,7 @@ def fit_greybox(
         own=tuple(ModelEffect.with_values(effect.name, values.tolist()) for effect, values in own),
     )
     predicted = _free_run(data, greybox)
-    card = write_model(out, greybox, fitted, data, predicted, seed)
+    card = write_model(out, greybox, fitted=fitted, data=data, predicted=predicted, seed=seed)
     warnings = (*data.warnings, *_warnings(fitted, card))
     return GreyboxResult(
         path=Path(out),

@@ -53,7 +53,15 @@ def run(
         name = f"{folder}-{uuid4().hex}"  # other runs may use the same code
         try:
             client.register_plugin(_shipment(name, folder, code))
-            yield from _results(client, name, scheduler, function, data, first, rest)
+            yield from _results(
+                client,
+                name,
+                scheduler=scheduler,
+                function=function,
+                data=data,
+                first=first,
+                rest=rest,
+            )
         except (CancelledError, OSError) as error:
             if client.status == "running":  # an error of a job
                 raise

@@ -68,7 +68,9 @@ def calibrate(
         cause = most_common_cause(healthy, model.card, config)
         raise RecordingError(f"{error}; {cause}" if cause else str(error)) from None
     alarms, detected = held_out(seen, seen_bad, rate)
-    card = _with_limits(model.card, healthy, good, bad, chosen, rate, config)
+    card = _with_limits(
+        model.card, healthy, good=good, bad=bad, chosen=chosen, rate=rate, config=config
+    )
     limits = Limits.from_card(card, config, str(path))
     response = response_limits(model, healthy, limits, config)
     card = replace(card, limits={**card.limits, **response})
@@ -88,7 +90,9 @@ def calibrate(
         "faulty": faulty_rows,
         "monitor": {"healthy": _codes(healthy_rows), "faulty": _codes(faulty_rows)},
         "detection": _detection(bad, limits, detected),
-        "warnings": _warnings(model.card, healthy, good, faulty, bad, config),
+        "warnings": _warnings(
+            model.card, healthy, good=good, faulty=faulty, bad=bad, config=config
+        ),
     }
 
 

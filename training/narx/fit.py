@@ -113,7 +113,13 @@ def fit(
         raise UsageError(f"the budget of {budget_minutes:g} min ended before the first epoch")
     predicted = data.scaling.unscale_y(free_run(data, chosen.spec, chosen.weights))
     network, card = write_model(
-        out, data, chosen.spec, chosen.weights, predicted, gap, chosen.members
+        out,
+        data,
+        spec=chosen.spec,
+        weights=chosen.weights,
+        predicted=predicted,
+        gap=gap,
+        members=chosen.members,
     )
     return FitResult(
         path=Path(out),

@@ -90,7 +90,14 @@ def write_model(
     members : number of trainings whose mean the weights are, for the card
     Raises ModelError if ONNX, torch and numpy disagree.
     """
-    network = Network(spec, weights, data.scaling, data.transform, data.transforms, data.names)
+    network = Network(
+        spec=spec,
+        weights=weights,
+        scaling=data.scaling,
+        transform=data.transform,
+        transforms=data.transforms,
+        inputs=data.names,
+    )
     checks: dict[str, Any] = {"contraction": gap.to_card()}
     save(out, network, _card(data, network, predicted, checks, members))
     checks["parity"] = _parity(out, network, data)

@@ -218,7 +218,7 @@ def simulate(
     history : (n_pieces, lags), the output before each start, newest first, scaled
     """
     result = np.full(len(u), np.nan)
-    kernels.simulate(*_pieces(spec, weights, u, start, stop, history), result)
+    kernels.simulate(*_pieces(spec, weights, u=u, start=start, stop=stop, history=history), result)
     return result
 
 
@@ -231,7 +231,9 @@ def last_outputs(
     history: FloatArray,
 ) -> FloatArray:
     """Return the last prediction of every piece (n_pieces,), see ``simulate``."""
-    return np.asarray(kernels.ends(*_pieces(spec, weights, u, start, stop, history)))
+    return np.asarray(
+        kernels.ends(*_pieces(spec, weights, u=u, start=start, stop=stop, history=history))
+    )
 
 
 def _pieces(

@@ -76,7 +76,14 @@ def parity(path: Path | str, network: Network, u: FloatArray, y: FloatArray) -> 
     history = scale.scale_y(y[first - spec.lags : first])[::-1][None].copy()
     scaled = scale.scale_u(apply(network.transforms, network.inputs, u))
     reference = scale.unscale_y(
-        simulate(spec, network.weights, scaled, np.array([first]), np.array([n]), history)
+        simulate(
+            spec,
+            network.weights,
+            u=scaled,
+            start=np.array([first]),
+            stop=np.array([n]),
+            history=history,
+        )
     )[first:]
     model = Model.load(path)
     newest = model.card.state.output_start

@@ -54,7 +54,9 @@ def contraction(
         history = rng.uniform(spec.y_min, spec.y_max, size=(pairs, spec.lags))
         history[::2] = history[::2, :1]
         history[: pairs // 8] = spec.y_max if side else spec.y_min
-        ends.append(last_outputs(spec, weights, data.samples.u, start, stop, history))
+        ends.append(
+            last_outputs(spec, weights, u=data.samples.u, start=start, stop=stop, history=history)
+        )
     gap = float(np.abs(ends[0] - ends[1]).max()) * data.scaling.y_std
     span = data.scaling.y_high - data.scaling.y_low
     return Contraction(gap, CONTRACTION_LIMIT * span / 1.7, pairs)

@@ -69,7 +69,7 @@ def free_run(data: Prepared, spec: Spec, weights: FloatArray) -> FloatArray:
     start = np.array([s.start + spec.memory for s in whole], dtype=np.int64)
     stop = np.array([s.stop for s in whole], dtype=np.int64)
     history = measured_history(data, spec.lags, start)
-    return simulate(spec, weights, data.samples.u, start, stop, history)
+    return simulate(spec, weights, u=data.samples.u, start=start, stop=stop, history=history)
 
 
 def free_run_score(
@@ -173,7 +173,9 @@ def train(
     forget = data.must_forget  # other outputs may have a long memory
     n_train = int((data.role == Role.TRAIN).sum())
     count = int(RANDOM_SHARE * min(n_train, n_samples or n_train) / RANDOM_LENGTH)
-    random = random_pieces(data, spec, rng, count if forget else 0, RANDOM_LENGTH, FORGET)
+    random = random_pieces(
+        data, spec, rng=rng, count=count if forget else 0, length=RANDOM_LENGTH, skip=FORGET
+    )
     for horizon in horizons:
         if time.monotonic() > deadline_s:
             if best.stages:
@@ -228,7 +230,7 @@ def _learn_to_forget(
     if before <= best.score or time.monotonic() > deadline_s:
         return
     count = int(FORGET_SHARE * (data.role == Role.TRAIN).sum() / RANDOM_LENGTH)
-    many = random_pieces(data, spec, rng, count, RANDOM_LENGTH, FORGET)
+    many = random_pieces(data, spec, rng=rng, count=count, length=RANDOM_LENGTH, skip=FORGET)
     objective = ClosedLoop(spec, data.samples, pieces(data, spec, 100) + many)
     options = Options(epochs=FORGET_EPOCHS, max_fail=8)
     outcome = tune("forget", best.weights, penalised)

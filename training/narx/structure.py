@@ -207,7 +207,15 @@ class Search:
     ) -> tuple[FloatArray, FloatArray]:
         spec = structure.spec(data)
         trained = train(
-            data, spec, seed, np.inf, None, HORIZONS, EPOCHS, N_SAMPLES, structure.decay
+            data,
+            spec,
+            seed=seed,
+            deadline_s=np.inf,
+            progress=None,
+            horizons=HORIZONS,
+            epochs=EPOCHS,
+            n_samples=N_SAMPLES,
+            decay=structure.decay,
         )
         held_out = blocks_of(data, spec, memory=max(self.most_lags, spec.memory))
         return held_out.errors(trained.weights), held_out.weights

@@ -69,7 +69,14 @@ class Outgoing:
         for name, raw in self.switches:
             signal = self.message.get_signal_by_name(name)
             physical[name] = np.full(n, raw * float(signal.scale) + float(signal.offset))
-        return encode_message(self.message, self.integrity, physical, n, self.turn, self.n_turns)
+        return encode_message(
+            self.message,
+            self.integrity,
+            values=physical,
+            n=n,
+            first_count=self.turn,
+            count_step=self.n_turns,
+        )
 
 
 def outgoing(bus_map: BusMap, names: Container[str] = ()) -> tuple[Outgoing, ...]:
@@ -94,7 +101,14 @@ def _turns(channels: Sequence[Channel]) -> list[Outgoing]:
         groups.setdefault(_switches(channel), []).append(channel)
     always = groups.pop((), []) if len(groups) > 1 else []
     return [
-        Outgoing(message, integrity, (*always, *group), switches, turn, len(groups))
+        Outgoing(
+            message=message,
+            integrity=integrity,
+            channels=(*always, *group),
+            switches=switches,
+            turn=turn,
+            n_turns=len(groups),
+        )
         for turn, (switches, group) in enumerate(groups.items())
     ]
 

@@ -114,15 +114,15 @@ class LinearData:
         """Return the data of which ``as_dict`` is the tree, also after JSON."""
         own = values["filter"]
         return cls(
-            tuple(values["names"]),
-            str(values["transform"]),
-            tuple(values["mean"]),
-            tuple(values["std"]),
-            {
+            names=tuple(values["names"]),
+            transform=str(values["transform"]),
+            mean=tuple(values["mean"]),
+            std=tuple(values["std"]),
+            trends={
                 key: Trend(float(t["middle_s"]), tuple(t["slope"]))
                 for key, t in values["trends"].items()
             },
-            Filter(**(own | {"edges_hz": tuple(own["edges_hz"])})) if own else None,
+            filter=Filter(**(own | {"edges_hz": tuple(own["edges_hz"])})) if own else None,
         )
 
 
@@ -257,7 +257,14 @@ def _measure(
         if spread <= 1e-9 * max(1.0, abs(at)):
             files = ", ".join(str(r.path) for r in recordings)
             raise RecordingError(f"{files}: {name} is constant ({at:g}); leave it out")
-    return LinearData(names, level.transform, level.mean, tuple(std.tolist()), trends, own)
+    return LinearData(
+        names=names,
+        transform=level.transform,
+        mean=level.mean,
+        std=tuple(std.tolist()),
+        trends=trends,
+        filter=own,
+    )
 
 
 def _sections(kind: str, order: int, edges_hz: Sequence[float], period_s: float) -> FloatArray:

@@ -171,7 +171,7 @@ def prepare(
         raise RecordingError(f"{files}: no stretch of {8 * lags} samples with all inputs valid")
     u, y, on = np.concatenate(u_parts), np.concatenate(y_parts), np.concatenate(on_parts)
     valid = np.isfinite(y)
-    role = _roles(segments, period_ns, block_s, seed, lags, validate)
+    role = _roles(segments, period_ns, block_s=block_s, seed=seed, lags=lags, validate=validate)
     train = (role == Role.TRAIN) & valid
     recorded = y
     if transform == "phi" and FUEL in inputs:
@@ -333,14 +333,14 @@ def _scaling(
         span = float(y.max() - y.min())
         y_low, y_high = float(y.min()) - share * span, float(y.max()) + share * span
     return Scaling(
-        u.mean(axis=0),
-        std,
-        low - margin,
-        high + margin,
-        float(y.mean()),
-        float(y.std()),
-        y_low,
-        y_high,
+        u_mean=u.mean(axis=0),
+        u_std=std,
+        u_low=low - margin,
+        u_high=high + margin,
+        y_mean=float(y.mean()),
+        y_std=float(y.std()),
+        y_low=y_low,
+        y_high=y_high,
     )
 
 
@@ -351,7 +351,14 @@ def _in_output_units(transform: str, y: FloatArray) -> FloatArray:
 def _channel(name: str, values: FloatArray) -> Channel:
     unit = BY_NAME[name].unit if name in BY_NAME else ""
     low, high = np.percentile(values, [0.1, 99.9])
-    return Channel(name, unit, float(values.min()), float(values.max()), float(low), float(high))
+    return Channel(
+        name=name,
+        unit=unit,
+        minimum=float(values.min()),
+        maximum=float(values.max()),
+        percentile_0_1=float(low),
+        percentile_99_9=float(high),
+    )
 
 
 def _warnings(

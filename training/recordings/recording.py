@@ -126,7 +126,15 @@ def load(
         raise RecordingError(f"{path}: too short for one sample of {period_ns / 1e9:g} s")
     t_s = (block.t_ns - block.t_ns[0]) / 1e9
     return Recording(
-        path, sha256(path), period_ns, t_s, got, block.values, block.quality, profile, notes
+        path=path,
+        sha256=sha256(path),
+        period_ns=period_ns,
+        t_s=t_s,
+        names=got,
+        values=block.values,
+        quality=block.quality,
+        profile=profile,
+        notes=notes,
     )
 
 
@@ -147,13 +155,13 @@ def of_columns(columns: Any, name: str, period_s: float | None = None) -> Record
     content.update(table.t_ns.tobytes())
     content.update(table.values.tobytes())
     return Recording(
-        table.path,
-        content.hexdigest(),
-        period_ns,
-        (block.t_ns - block.t_ns[0]) / 1e9,
-        names,
-        block.values,
-        block.quality,
+        path=table.path,
+        sha256=content.hexdigest(),
+        period_ns=period_ns,
+        t_s=(block.t_ns - block.t_ns[0]) / 1e9,
+        names=names,
+        values=block.values,
+        quality=block.quality,
         notes=table.notes.lines,
     )
 

@@ -105,12 +105,12 @@ def find_lines(frequency_hz: FloatArray, density: FloatArray, averages: float) -
         )
         lines.append(
             Line(
-                float(frequency_hz[low - 1]),
-                float(frequency_hz[high + 1]),
-                float(frequency_hz[peak]),
-                float(ratio[peak]) * 10.0 / float(np.log(10.0)),
-                min(float(p), 1.0),
-                float((density[rows] - smooth[rows]).sum()) * step,
+                low_hz=float(frequency_hz[low - 1]),
+                high_hz=float(frequency_hz[high + 1]),
+                peak_hz=float(frequency_hz[peak]),
+                above_db=float(ratio[peak]) * 10.0 / float(np.log(10.0)),
+                p_value=min(float(p), 1.0),
+                power=float((density[rows] - smooth[rows]).sum()) * step,
             )
         )
     return lines

@@ -62,7 +62,14 @@ class Bench:
         self.tries_s: list[float] = []
         self._reopened = iter(reopened)
         reopen = None if final else self._open
-        self.port = Port(bus, self.health, reopen, self.said.append, lambda: self.now_s, self._wait)
+        self.port = Port(
+            bus=bus,
+            health=self.health,
+            reopen=reopen,
+            say=self.said.append,
+            monotonic_s=lambda: self.now_s,
+            sleep=self._wait,
+        )
 
     def _wait(self, seconds: float) -> None:
         self.now_s += seconds

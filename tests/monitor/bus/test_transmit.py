@@ -46,8 +46,25 @@ def window(
     index: int = 0, mean: float = 0.0, std: float = 0.0, outcome: Outcome = "passed"
 ) -> WindowJudged:
     values = np.ones(50)
-    held = Window(index, 0, 4_900_000_000, values, values, np.ones((50, 1)))
-    return WindowJudged(held, mean, std, False, outcome, None, (), True, {})
+    held = Window(
+        index=index,
+        t_start_ns=0,
+        t_end_ns=4_900_000_000,
+        measured=values,
+        predicted=values,
+        bank=np.ones((50, 1)),
+    )
+    return WindowJudged(
+        window=held,
+        mean=mean,
+        std=std,
+        paper_failed=False,
+        outcome=outcome,
+        fault=None,
+        also=(),
+        excited=True,
+        statistics={},
+    )
 
 
 def decoded(frame: Frame) -> dict[str, Any]:

@@ -170,9 +170,26 @@ def test_windows_and_samples_are_counted_and_the_last_verdict_is_told() -> None:
     vehicle = Vehicle(1500.0)
     vehicle.state.push(tick(1500.0)._replace(enabled=True))
     for outcome in ("passed", "failed"):
-        window = Window(0, 0, 5_000_000_000, np.zeros(50), np.zeros(50), np.zeros((1, 50)))
+        window = Window(
+            index=0,
+            t_start_ns=0,
+            t_end_ns=5_000_000_000,
+            measured=np.zeros(50),
+            predicted=np.zeros(50),
+            bank=np.zeros((1, 50)),
+        )
         vehicle.state.push(
-            WindowJudged(window, 0.25, 0.5, False, outcome, "gain_low", (), True, {})
+            WindowJudged(
+                window=window,
+                mean=0.25,
+                std=0.5,
+                paper_failed=False,
+                outcome=outcome,
+                fault="gain_low",
+                also=(),
+                excited=True,
+                statistics={},
+            )
         )
     assert ask("22 FD 05", vehicle) == "62 fd 05 01"
     assert ask("22 FD 07", vehicle) == "62 fd 07 00 00 00 02"

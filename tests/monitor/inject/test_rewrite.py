@@ -165,7 +165,14 @@ def channels(draw: st.DrawFn) -> Channel:
     factor = draw(st.sampled_from([1.0, -2.0, 0.1]))
     mapped = MappedSignal("own", "M", "S", factor=factor, offset=draw(st.floats(-2, 2)))
     availability = Integrity(not_available=draw(st.sampled_from(["", "all_ones"])))
-    return Channel(mapped, message, signal, availability, Path("x.dbc"), Path("x.toml"))
+    return Channel(
+        mapped=mapped,
+        message=message,
+        signal=signal,
+        integrity=availability,
+        dbc=Path("x.dbc"),
+        map_path=Path("x.toml"),
+    )
 
 
 @given(channels(), st.data())

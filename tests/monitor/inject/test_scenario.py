@@ -49,12 +49,12 @@ def test_a_scenario_says_when_what_and_how_strong_and_what_is_expected(tmp_path:
     late = Injection("delay_symmetric", 0.8, 60.0, 90.5, drives=(2,))
     lost = Injection("frame_loss", 0.1, messages=("ECU_Air", "ECU_Fuel"))
     assert scenario == Scenario(
-        (late, lost),
-        (Expectation("none", 1), Expectation("P015A", 2, "pending", 45.0)),
-        "late",
-        7,
-        2,
-        True,
+        faults=(late, lost),
+        expectations=(Expectation("none", 1), Expectation("P015A", 2, "pending", 45.0)),
+        title="late",
+        seed=7,
+        n_drives=2,
+        keep_counters=True,
     )
     assert scenario.faults_of(1) == (lost,)
     assert scenario.faults_of(2) == (late, lost)

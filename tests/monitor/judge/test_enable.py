@@ -52,7 +52,15 @@ class Bench:
 
     def __init__(self, names: tuple[str, ...] = NAMES, period_s: float = PERIOD_S) -> None:
         self.names = names
-        self.subject = Enable(CONFIG, names, INPUTS, "lambda_measured", LOW, HIGH, period_s)
+        self.subject = Enable(
+            config=CONFIG,
+            names=names,
+            inputs=INPUTS,
+            output="lambda_measured",
+            trained_low=LOW,
+            trained_high=HIGH,
+            period_s=period_s,
+        )
 
     def step(self, **values: float) -> dict[str, bool]:
         held = GOOD | values
@@ -313,7 +321,16 @@ def test_the_conditions_do_not_depend_on_where_blocks_begin(
     kept = [i for i, name in enumerate(NAMES) if name not in unavailable]
     names, values = tuple(NAMES[i] for i in kept), values[:, kept]
     one_by_one, cut, whole = (
-        Enable(CONFIG, names, INPUTS, "lambda_measured", LOW, HIGH, period_s) for _ in range(3)
+        Enable(
+            config=CONFIG,
+            names=names,
+            inputs=INPUTS,
+            output="lambda_measured",
+            trained_low=LOW,
+            trained_high=HIGH,
+            period_s=period_s,
+        )
+        for _ in range(3)
     )
     got = whole.push(values)
     assert got.shape == (len(values), len(CONDITIONS))

@@ -19,7 +19,15 @@ N = 2500
 
 def enable() -> Enable:
     low, high = np.array([100.0]), np.array([600.0])
-    return Enable(CONFIG.enable, NAMES, NAMES[:1], "lambda_measured", low, high, 0.1)
+    return Enable(
+        config=CONFIG.enable,
+        names=NAMES,
+        inputs=NAMES[:1],
+        output="lambda_measured",
+        trained_low=low,
+        trained_high=high,
+        period_s=0.1,
+    )
 
 
 def drive() -> tuple[np.ndarray, np.ndarray]:

@@ -257,7 +257,14 @@ def test_a_sensor_frozen_richer_than_training_ever_was_is_found(reads: float) ->
 
 def rests(names: tuple[str, ...], reads: float, percentile_0_1: float = 0.5) -> bool:
     """Return whether a frozen reading is rest; the lowest that training saw is 0.5."""
-    output = Channel("lambda_measured", "-", 0.5, SATURATED, percentile_0_1, SATURATED)
+    output = Channel(
+        name="lambda_measured",
+        unit="-",
+        minimum=0.5,
+        maximum=SATURATED,
+        percentile_0_1=percentile_0_1,
+        percentile_99_9=SATURATED,
+    )
     test = ActivityOneByOne.of(CONFIG.plausibility, output, names, PERIOD_S)
     return [test.step(reads) for _ in range(STUCK)][-1] is None
 

@@ -40,9 +40,24 @@ def judged(n: int, own_inputs: FloatArray, limits: Limits, gain: float) -> list[
     bank = readings(BANK, PERIOD_S, phi)
     store = DtcStore()
     store.start_driving_cycle()
-    decisions = Decisions(limits, CONFIG, BANK, "phi", PERIOD_S, store)
+    decisions = Decisions(
+        limits=limits,
+        config=CONFIG,
+        hypotheses=BANK,
+        transform="phi",
+        period_s=PERIOD_S,
+        store=store,
+    )
     windows = [
-        Window(i, i * N, (i + 1) * N - 1, measured[part], 1.0 / phi[part], bank[part], each)
+        Window(
+            index=i,
+            t_start_ns=i * N,
+            t_end_ns=(i + 1) * N - 1,
+            measured=measured[part],
+            predicted=1.0 / phi[part],
+            bank=bank[part],
+            inputs=each,
+        )
         for i, each in enumerate(own_inputs)
         for part in [slice(i * N, (i + 1) * N)]
     ]

@@ -32,22 +32,59 @@ def network(
 ) -> Network:
     high = np.array([600.0, 2.5, 1.2]) if ratio else HIGH
     y_low, y_high = (0.0, 1.7) if transform == "phi" else (-3.0, 4.0)
-    scaling = Scaling((LOW + high) / 2, (high - LOW) / 4, LOW, high, 0.9, 0.3, y_low, y_high)
-    spec = Spec(3, 5, hidden, first_lag, (y_low - 0.9) / 0.3, (y_high - 0.9) / 0.3)
+    scaling = Scaling(
+        u_mean=(LOW + high) / 2,
+        u_std=(high - LOW) / 4,
+        u_low=LOW,
+        u_high=high,
+        y_mean=0.9,
+        y_std=0.3,
+        y_low=y_low,
+        y_high=y_high,
+    )
+    spec = Spec(
+        n_inputs=3,
+        lags=5,
+        hidden=hidden,
+        input_lag_start=first_lag,
+        y_min=(y_low - 0.9) / 0.3,
+        y_max=(y_high - 0.9) / 0.3,
+    )
     weights = 1.3 * initial_weights(spec, np.random.default_rng(4))
     transforms = (fuel_air_ratio(),) if ratio else ()
-    return Network(spec, weights, scaling, transform, transforms, INPUTS)
+    return Network(
+        spec=spec,
+        weights=weights,
+        scaling=scaling,
+        transform=transform,
+        transforms=transforms,
+        inputs=INPUTS,
+    )
 
 
 def card(net: Network) -> ModelCard:
     channels = tuple(
-        Channel(n, "", float(a), float(b), float(a), float(b))
+        Channel(
+            name=n,
+            unit="",
+            minimum=float(a),
+            maximum=float(b),
+            percentile_0_1=float(a),
+            percentile_99_9=float(b),
+        )
         for n, a, b in zip(INPUTS, LOW, HIGH, strict=True)
     )
     return ModelCard(
         kind="narx",
         inputs=channels,
-        output=Channel("lambda_measured", "-", 0.7, 16.0, 0.8, 16.0),
+        output=Channel(
+            name="lambda_measured",
+            unit="-",
+            minimum=0.7,
+            maximum=16.0,
+            percentile_0_1=0.8,
+            percentile_99_9=16.0,
+        ),
         transform=net.transform,
         output_limits=(net.scaling.y_low, net.scaling.y_high),
         period_ns=100_000_000,
@@ -190,10 +227,10 @@ def test_forcing_every_sample_is_the_series_parallel_prediction(path: Path) -> N
             one = simulate(
                 net.spec,
                 net.weights,
-                net.scaling.scale_u(u),
-                np.array([t]),
-                np.array([t + 1]),
-                history,
+                u=net.scaling.scale_u(u),
+                start=np.array([t]),
+                stop=np.array([t + 1]),
+                history=history,
             )
             expected = from_model_units("phi", net.scaling.unscale_y(one[t]))
             assert predicted == pytest.approx(float(expected), rel=1e-5)

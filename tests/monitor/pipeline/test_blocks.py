@@ -64,18 +64,48 @@ TIGHT = replace(
 def tiny_model(folder: Path, transform: str, weight: float = 1.3) -> Model:
     low, high = np.array([100.0, 0.8]), np.array([600.0, 1.2])
     y_low, y_high = (0.0, 1.7) if transform == "phi" else (-3.0, 4.0)
-    spec = Spec(2, 3, (4,), 1, (y_low - 0.9) / 0.3, (y_high - 0.9) / 0.3)
+    spec = Spec(
+        n_inputs=2,
+        lags=3,
+        hidden=(4,),
+        input_lag_start=1,
+        y_min=(y_low - 0.9) / 0.3,
+        y_max=(y_high - 0.9) / 0.3,
+    )
     weights = weight * initial_weights(spec, np.random.default_rng(4))
-    scaling = Scaling((low + high) / 2, (high - low) / 4, low, high, 0.9, 0.3, y_low, y_high)
-    net = Network(spec, weights, scaling, transform, (), INPUTS)
+    scaling = Scaling(
+        u_mean=(low + high) / 2,
+        u_std=(high - low) / 4,
+        u_low=low,
+        u_high=high,
+        y_mean=0.9,
+        y_std=0.3,
+        y_low=y_low,
+        y_high=y_high,
+    )
+    net = Network(
+        spec=spec,
+        weights=weights,
+        scaling=scaling,
+        transform=transform,
+        transforms=(),
+        inputs=INPUTS,
+    )
     channels = tuple(
-        Channel(name, "", a, b, a, b)
+        Channel(name=name, unit="", minimum=a, maximum=b, percentile_0_1=a, percentile_99_9=b)
         for name, a, b in zip(INPUTS, low.tolist(), high.tolist(), strict=True)
     )
     card = ModelCard(
         kind="narx",
         inputs=channels,
-        output=Channel("lambda_measured", "-", 0.7, 1.2, 0.8, 1.2),
+        output=Channel(
+            name="lambda_measured",
+            unit="-",
+            minimum=0.7,
+            maximum=1.2,
+            percentile_0_1=0.8,
+            percentile_99_9=1.2,
+        ),
         transform=transform,
         output_limits=(y_low, y_high),
         period_ns=PERIOD_NS,
@@ -190,15 +220,48 @@ def test_recordings_are_judged_alike_alone_or_side_by_side_and_however_they_are_
     stores = [fresh() for _ in blocks]
     references = None if learned is None else [learned] * len(blocks)
     judged = judge_all(
-        blocks, names, model, TIGHT, SHORT, stores, references, rows=rows, clearings=clearings
+        blocks,
+        names,
+        model=model,
+        limits=TIGHT,
+        config=SHORT,
+        stores=stores,
+        references=references,
+        rows=rows,
+        clearings=clearings,
     )
     assert len(judged) == len(blocks)
     for block, got, store, own in zip(blocks, judged, stores, clearings, strict=True):
         streamed = fresh()
-        assert_same(stream(block, names, model, TIGHT, SHORT, streamed, learned, own), got)
+        assert_same(
+            stream(
+                block,
+                names,
+                model=model,
+                limits=TIGHT,
+                settings=SHORT,
+                store=streamed,
+                reference=learned,
+                clearings=own,
+            ),
+            got,
+        )
         assert kept(streamed) == kept(store)
         cut, sizes = fresh(), data.draw(st.lists(st.integers(1, 120)))
-        assert_same(stream(block, names, model, TIGHT, SHORT, cut, learned, own, sizes), got)
+        assert_same(
+            stream(
+                block,
+                names,
+                model=model,
+                limits=TIGHT,
+                settings=SHORT,
+                store=cut,
+                reference=learned,
+                clearings=own,
+                sizes=sizes,
+            ),
+            got,
+        )
         assert kept(cut) == kept(store)
 
 
@@ -218,7 +281,7 @@ def test_a_model_that_predicts_no_number_fills_no_window_either_way(
     block = SampleBlock(index, index * PERIOD_NS, values, np.zeros(values.shape, dtype=np.uint8))
     (got,) = judge_all([block], NAMES, model, TIGHT, SHORT)
     assert got.enabled.any() and np.isnan(got.predicted).all() and not got.windows
-    assert_same(stream(block, NAMES, model, TIGHT, SHORT, fresh()), got)
+    assert_same(stream(block, NAMES, model=model, limits=TIGHT, settings=SHORT, store=fresh()), got)
 
 
 def test_an_infinite_input_is_refused_by_name_either_way(tiny: dict[str, Model]) -> None:
@@ -227,7 +290,7 @@ def test_an_infinite_input_is_refused_by_name_either_way(tiny: dict[str, Model])
     values[20, NAMES.index("lambda_controller")] = np.inf  # what the assembler never gives
     block = SampleBlock(index, index * PERIOD_NS, values, np.zeros(values.shape, dtype=np.uint8))
     with pytest.raises(ValueError, match=r"finite: lambda_controller$"):
-        stream(block, NAMES, tiny["phi"], TIGHT, SHORT, fresh())
+        stream(block, NAMES, model=tiny["phi"], limits=TIGHT, settings=SHORT, store=fresh())
     with pytest.raises(ValueError, match=r"finite: lambda_controller$"):
         judge_all([block], NAMES, tiny["phi"], TIGHT, SHORT)
 

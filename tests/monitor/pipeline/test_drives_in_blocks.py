@@ -53,7 +53,9 @@ def test_simulated_drives_with_the_shipped_model_are_judged_alike(
     limits = replace(Limits.from_card(model.card, SHIPPED, "shipped"), evidence_cut=0.75)
     judged = judge_all(blocks, names, model, limits, SHIPPED)
     for block, got in zip(blocks, judged, strict=True):
-        assert_same(stream(block, names, model, limits, SHIPPED, fresh()), got)
+        assert_same(
+            stream(block, names, model=model, limits=limits, settings=SHIPPED, store=fresh()), got
+        )
     # there was something to compare
     assert sum(len(j.windows) for j in judged) > 100
     assert sum(len(j.cuts) for j in judged) > 20
@@ -72,11 +74,15 @@ def test_a_fault_in_the_second_driving_cycle_is_confirmed_as_when_streaming(
     limits = Limits.from_card(model.card, SHIPPED, "shipped")
     stores = [fresh(), fresh()]
     for store in stores:
-        stream(missing, names, model, limits, SHIPPED, store)
+        stream(missing, names, model=model, limits=limits, settings=SHIPPED, store=store)
         store.start_driving_cycle()
     # WHEN the same happens again
-    (got,) = judge_all([missing], names, model, limits, SHIPPED, [stores[0]])
-    assert_same(stream(missing, names, model, limits, SHIPPED, stores[1]), got)
+    (got,) = judge_all(
+        [missing], names, model=model, limits=limits, config=SHIPPED, stores=[stores[0]]
+    )
+    assert_same(
+        stream(missing, names, model=model, limits=limits, settings=SHIPPED, store=stores[1]), got
+    )
     # THEN the code is confirmed
     assert [dtc.state for dtc in got.dtcs] == ["confirmed"]
 
@@ -90,7 +96,18 @@ def test_every_vehicle_is_judged_by_its_own_reference(
     references = [Reference(), Reference(-0.03, -0.02, 0.96, 2), Reference(0.2, 0.2, 1.0, 1)]
     judged = judge_all(blocks[:3], names, model, limits, SHIPPED, references=references, rows=2)
     for block, reference, got in zip(blocks[:3], references, judged, strict=True):
-        assert_same(stream(block, names, model, limits, SHIPPED, fresh(), reference), got)
+        assert_same(
+            stream(
+                block,
+                names,
+                model=model,
+                limits=limits,
+                settings=SHIPPED,
+                store=fresh(),
+                reference=reference,
+            ),
+            got,
+        )
     # a reference that is far off makes the healthy sensor look biased
     assert {w.fault for w in judged[2].windows} & set(TESTS["bias"])
 
@@ -125,13 +142,32 @@ def test_the_reference_learns_between_two_drives_of_one_recording(
     limits = Limits.from_card(model.card, SHIPPED, "shipped")
     stores = [fresh() for _ in both]
     references = [Reference()] * len(both)
-    judged = judge_all(both, names, model, limits, SHIPPED, stores, references)
+    judged = judge_all(
+        both,
+        names,
+        model=model,
+        limits=limits,
+        config=SHIPPED,
+        stores=stores,
+        references=references,
+    )
     for block, got, store in zip(both, judged, stores, strict=True):
         assert [each.seen is not None for each in got.cycles] == [True]
         assert got.reference.drives == 1
         assert got.limits.gain != limits.gain
         own = fresh()
-        assert_same(stream(block, names, model, limits, SHIPPED, own, Reference()), got)
+        assert_same(
+            stream(
+                block,
+                names,
+                model=model,
+                limits=limits,
+                settings=SHIPPED,
+                store=own,
+                reference=Reference(),
+            ),
+            got,
+        )
         assert kept(own) == kept(store)
         assert store.counts.ignition_cycles == 2
     # without a reference nothing is learned, and the second drive is judged as the first one
@@ -159,8 +195,12 @@ def test_a_confirmed_code_counts_warm_up_cycles_until_it_is_erased(
     cold = blocks[0].values.copy()
     cold[:300, names.index("coolant_temperature_degc")] = 20.0
     block = joined(blocks[0]._replace(values=cold), blocks[0], names)
-    (got,) = judge_all([block], names, model, limits, SHIPPED, stores[:1])
-    assert_same(stream(block, names, model, limits, SHIPPED, stores[1]), got)
+    (got,) = judge_all(
+        [block], names, model=model, limits=limits, config=SHIPPED, stores=stores[:1]
+    )
+    assert_same(
+        stream(block, names, model=model, limits=limits, settings=SHIPPED, store=stores[1]), got
+    )
     assert kept(stores[0]) == kept(stores[1])
     # THEN it is gone
     assert got.dtcs == []

@@ -229,7 +229,14 @@ def cruise(seed: int, line: bool) -> tuple[FloatArray, FloatArray, float]:
     c = c if line else c._replace(line_phi=0.0)
     air = drive.run(trace, vehicle.piece(1), c, Effects(), np.random.default_rng(seed))
     fuel = mixture.run(
-        air, vehicle.piece(1), c, Effects(), None, 0.0, np.random.default_rng(seed), np.zeros(n)
+        air,
+        vehicle.piece(1),
+        c=c,
+        e=Effects(),
+        fault=None,
+        start_s=0.0,
+        rng=np.random.default_rng(seed),
+        phi_step=np.zeros(n),
     )
     on = slice(round(SETTLE_S / STEP_S), None)
     assert fuel.closed_loop[on].all()

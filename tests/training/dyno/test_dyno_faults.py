@@ -24,12 +24,12 @@ def plant(experiment: Experiment) -> Mixture:
     return mixture.run(
         air,
         piece,
-        WARM,
-        Effects(),
-        experiment.fault,
-        0.0,
-        np.random.default_rng(3),
-        trace.phi_step,
+        c=WARM,
+        e=Effects(),
+        fault=experiment.fault,
+        start_s=0.0,
+        rng=np.random.default_rng(3),
+        phi_step=trace.phi_step,
     )
 
 

@@ -100,7 +100,9 @@ def test_the_matrix_on_a_cluster_has_the_same_rows(
 
     def rows(folder: Path, cores: matrix_run.Cores) -> list[dict[str, Any]]:
         done = lambda _: None  # noqa: E731
-        return matrix_run.run(SMALL, shipped_model(), config.load(), folder, done, cores)
+        return matrix_run.run(
+            SMALL, shipped_model(), config=config.load(), folder=folder, done=done, cores=cores
+        )
 
     # WHEN it is driven here and on a cluster
     with cluster(tmp_path, workers=1, installed=True) as dask:

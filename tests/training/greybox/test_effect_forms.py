@@ -16,7 +16,9 @@ from training.greybox.graph.chain_graph import Greybox, build, longest_dead_time
 from training.greybox.graph.effect import FUEL, graph_effect
 from training.greybox.graph.effect_parity import TOLERANCE, Entry, reading
 
-CONSTANTS = Constants(1.01, 0.17, 1.6, 0.05, 0.12, 0.96)
+CONSTANTS = Constants(
+    gain=1.01, dead_time_s=0.17, dead_time_revolutions=1.6, mixing_s=0.05, sensor_s=0.12, span=0.96
+)
 over_library = pytest.mark.parametrize("effect", LIBRARY.values(), ids=LIBRARY)
 
 

@@ -34,7 +34,9 @@ from training.recordings.recording import Recording, load
 
 PERIOD_S = 0.1
 VEHICLE = 2001
-TRUE = Constants(1.01, 0.17, 1.5, 0.05, 0.12, 0.95)
+TRUE = Constants(
+    gain=1.01, dead_time_s=0.17, dead_time_revolutions=1.5, mixing_s=0.05, sensor_s=0.12, span=0.95
+)
 
 
 def drive(folder: Path, cycle: str, seed: int) -> Recording:

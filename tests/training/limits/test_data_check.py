@@ -25,13 +25,13 @@ def recording(
     quality = np.where(np.isnan(values), Quality.INVALID, Quality.GOOD).astype(np.uint8)
     n = len(values)
     return Recording(
-        Path(f"{name}.csv"),
-        name,
-        round(period_s * 1e9),
-        np.arange(n) * period_s,
-        tuple(columns),
-        values,
-        quality,
+        path=Path(f"{name}.csv"),
+        sha256=name,
+        period_ns=round(period_s * 1e9),
+        t_s=np.arange(n) * period_s,
+        names=tuple(columns),
+        values=values,
+        quality=quality,
     )
 
 

@@ -44,7 +44,13 @@ def drive(experiment: Experiment) -> Recording:
     block = ecu.samples(sent, bus_map, 100_000_000)
     t_s = (block.t_ns - block.t_ns[0]) / 1e9
     return Recording(
-        Path("simulated"), "", 100_000_000, t_s, bus_map.names, block.values, block.quality
+        path=Path("simulated"),
+        sha256="",
+        period_ns=100_000_000,
+        t_s=t_s,
+        names=bus_map.names,
+        values=block.values,
+        quality=block.quality,
     )
 
 

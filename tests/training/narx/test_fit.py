@@ -40,13 +40,13 @@ def plant(seed: int, n: int = 2500, name: str = "drive") -> Recording:
     values = np.column_stack([air, fuel, measured, cut])
     quality = np.zeros(values.shape, np.uint8)
     return Recording(
-        Path(f"{name}{seed}.csv"),
-        f"{seed:064x}",
-        100_000_000,
-        np.arange(n) * 0.1,
-        NAMES,
-        values,
-        quality,
+        path=Path(f"{name}{seed}.csv"),
+        sha256=f"{seed:064x}",
+        period_ns=100_000_000,
+        t_s=np.arange(n) * 0.1,
+        names=NAMES,
+        values=values,
+        quality=quality,
     )
 
 
@@ -199,20 +199,28 @@ def test_a_gap_in_the_inputs_restarts_the_free_run(fitted: FitResult) -> None:
 def test_enabled_figures_are_null_without_enable_conditions(fitted: FitResult) -> None:
     drive = plant(9)
     bare = Recording(
-        drive.path,
-        "",
-        drive.period_ns,
-        drive.t_s,
-        NAMES[:3],
-        drive.values[:, :3],
-        drive.quality[:, :3],
+        path=drive.path,
+        sha256="",
+        period_ns=drive.period_ns,
+        t_s=drive.t_s,
+        names=NAMES[:3],
+        values=drive.values[:, :3],
+        quality=drive.quality[:, :3],
     )
     assert evaluate(fitted.path, [bare])["recordings"][0]["enabled"] is None
 
 
 def test_a_recording_that_does_not_fit_the_model_is_named(fitted: FitResult) -> None:
     drive = plant(9)
-    slow = Recording(drive.path, "", 200_000_000, drive.t_s, NAMES, drive.values, drive.quality)
+    slow = Recording(
+        path=drive.path,
+        sha256="",
+        period_ns=200_000_000,
+        t_s=drive.t_s,
+        names=NAMES,
+        values=drive.values,
+        quality=drive.quality,
+    )
     with pytest.raises(RecordingError, match=r"drive9\.csv: sample period 0\.2 s"):
         evaluate(fitted.path, [slow])
     with pytest.raises(ModelError, match="no such model file"):

@@ -28,7 +28,15 @@ def closed_loop(seed: int, noise: float = 0.02) -> Recording:
     values = np.column_stack([air, broadcast, 1.0 / phi + 0.001 * rng.standard_normal(N)])
     quality = np.full(values.shape, Quality.GOOD, dtype=np.uint8)
     t_s = np.arange(N) * 0.1
-    return Recording(Path(f"loop{seed}.csv"), str(seed), PERIOD_NS, t_s, NAMES, values, quality)
+    return Recording(
+        path=Path(f"loop{seed}.csv"),
+        sha256=str(seed),
+        period_ns=PERIOD_NS,
+        t_s=t_s,
+        names=NAMES,
+        values=values,
+        quality=quality,
+    )
 
 
 def predicted_phi(path: Path, recording: Recording, factor: float) -> FloatArray:

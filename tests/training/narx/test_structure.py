@@ -23,7 +23,16 @@ from training.recordings.preparation import Role, prepare
 from training.recordings.recording import Recording, load
 
 PERIOD_NS = 100_000_000
-BOXED = Spec(2, 2, (4,), 0, -3.0, 3.0, ((0, 1), (1, 3), (3, 7)), linear_path=True)
+BOXED = Spec(
+    n_inputs=2,
+    lags=2,
+    hidden=(4,),
+    input_lag_start=0,
+    y_min=-3.0,
+    y_max=3.0,
+    input_boxes=((0, 1), (1, 3), (3, 7)),
+    linear_path=True,
+)
 
 
 def recording(u: FloatArray, y: FloatArray, name: str = "drive.csv") -> Recording:
@@ -31,7 +40,15 @@ def recording(u: FloatArray, y: FloatArray, name: str = "drive.csv") -> Recordin
     names = tuple(f"u{i}" for i in range(values.shape[1] - 1))
     t_s = np.arange(len(y)) * 0.1
     quality = np.zeros(values.shape, np.uint8)
-    return Recording(Path(name), "0" * 64, PERIOD_NS, t_s, (*names, "y"), values, quality)
+    return Recording(
+        path=Path(name),
+        sha256="0" * 64,
+        period_ns=PERIOD_NS,
+        t_s=t_s,
+        names=(*names, "y"),
+        values=values,
+        quality=quality,
+    )
 
 
 def analyser(seed: int, n: int = 3000) -> Recording:

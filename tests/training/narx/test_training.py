@@ -38,7 +38,15 @@ def recording(
     values = np.column_stack([u, y, *more.values()])
     t_s = np.arange(len(y)) * 0.1
     quality = np.zeros(values.shape, np.uint8)
-    return Recording(Path(name), "0" * 64, 100_000_000, t_s, names, values, quality)
+    return Recording(
+        path=Path(name),
+        sha256="0" * 64,
+        period_ns=100_000_000,
+        t_s=t_s,
+        names=names,
+        values=values,
+        quality=quality,
+    )
 
 
 def foreign_system(u: FloatArray, rng: np.random.Generator) -> FloatArray:
@@ -133,7 +141,9 @@ def test_the_compiled_free_run_is_that_of_numpy(hidden: tuple[int, ...], gain: f
     # GIVEN widths below, at and above one group of tanh, small sums and saturated ones
     spec, rng = Spec(2, lags=3, hidden=hidden, y_min=-2.0, y_max=2.0), RNG(20)
     weights, u, first = gain * initial_weights(spec, rng), rng.normal(size=(40, 2)), np.zeros(3)
-    run = simulate(spec, weights, u, np.array([3]), np.array([40]), first[None])
+    run = simulate(
+        spec, weights, u=u, start=np.array([3]), stop=np.array([40]), history=first[None]
+    )
     assert np.allclose(run[3:], free_run_with_numpy_s_tanh(spec, weights, u, first)[3:], atol=1e-9)
 
 
@@ -207,7 +217,9 @@ def test_lm_recovers_a_system_that_the_network_contains() -> None:
     spec, rng = Spec(1, lags=2, hidden=(3,), y_min=-5.0, y_max=5.0), RNG(5)
     truth, u = initial_weights(spec, rng), rng.uniform(-2, 2, size=(800, 1))
     y = np.zeros(800)
-    y[2:] = simulate(spec, truth, u, np.array([2]), np.array([800]), np.zeros((1, 2)))[2:]
+    y[2:] = simulate(
+        spec, truth, u=u, start=np.array([2]), stop=np.array([800]), history=np.zeros((1, 2))
+    )[2:]
     objective = OneStep(spec, regressors(spec, u, y), y[2:])
     # WHEN it is trained from other weights THEN the error all but vanishes and never rises
     outcome = minimise(objective, initial_weights(spec, rng), Options(epochs=300))
@@ -241,7 +253,14 @@ def test_closed_loop_tuning_beats_one_step_training_in_free_run() -> None:
 
     # THEN the free run of the held-out drive is clearly better
     def free_run_rmse(weights: FloatArray) -> float:
-        run = simulate(spec, weights, v, np.array([3]), np.array([2000]), z[None, 2::-1].copy())
+        run = simulate(
+            spec,
+            weights,
+            u=v,
+            start=np.array([3]),
+            stop=np.array([2000]),
+            history=z[None, 2::-1].copy(),
+        )
         return metrics.rmse(z[3:], run[3:])
 
     assert free_run_rmse(w2) < 0.7 * free_run_rmse(w1)
@@ -311,13 +330,13 @@ def test_unusable_recordings_are_refused_with_the_reason() -> None:
     with pytest.raises(RecordingError, match="no stretch of 40 samples"):
         prepare([recording(u[:20], y[:20])], ["u0"], "y")
     slow = Recording(
-        Path("slow.csv"),
-        "",
-        200_000_000,
-        constant.t_s,
-        constant.names,
-        constant.values,
-        constant.quality,
+        path=Path("slow.csv"),
+        sha256="",
+        period_ns=200_000_000,
+        t_s=constant.t_s,
+        names=constant.names,
+        values=constant.values,
+        quality=constant.quality,
     )
     with pytest.raises(RecordingError, match=r"slow\.csv: sample period 0\.2 s"):
         prepare([constant, slow], ["u0"], "y")

@@ -22,7 +22,15 @@ def recording(names: tuple[str, ...], n: int = 50) -> Recording:
     rng = np.random.default_rng(3)
     values = 1.0 + rng.random((n, len(names)))
     quality = np.zeros(values.shape, dtype=np.uint8)
-    return Recording(Path("a.csv"), "", 10**8, 0.1 * np.arange(n), names, values, quality)
+    return Recording(
+        path=Path("a.csv"),
+        sha256="",
+        period_ns=10**8,
+        t_s=0.1 * np.arange(n),
+        names=names,
+        values=values,
+        quality=quality,
+    )
 
 
 def cobb(path: Path, seed: int = 0, n: int = 900, step_s: float = 0.1) -> Path:

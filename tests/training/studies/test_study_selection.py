@@ -30,13 +30,13 @@ def recording(columns: dict[str, FloatArray], name: str = "drive") -> Recording:
     values = np.column_stack(list(columns.values()))
     quality = np.where(np.isnan(values), Quality.INVALID, Quality.GOOD).astype(np.uint8)
     return Recording(
-        Path(f"{name}.csv"),
-        name,
-        100_000_000,
-        np.arange(len(values)) * 0.1,
-        tuple(columns),
-        values,
-        quality,
+        path=Path(f"{name}.csv"),
+        sha256=name,
+        period_ns=100_000_000,
+        t_s=np.arange(len(values)) * 0.1,
+        names=tuple(columns),
+        values=values,
+        quality=quality,
     )
 
 

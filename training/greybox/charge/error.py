@@ -103,11 +103,15 @@ def fit_with_charge_error(
     fitted = alone = fit_constants(signals, phi, scored, period_s, own=own)
     error = None
     for _ in range(ROUNDS):
-        error = _error(fitted.constants, signals, phi, scored, period_s, own)
+        error = _error(
+            fitted.constants, signals, phi=phi, scored=scored, period_s=period_s, own=own
+        )
         if error is None:
             return alone, None
         right = dict(signals) | {"air_mass_mg": error.air_mass_mg(signals, period_s)}
-        fitted = fit_constants(right, phi, scored, period_s, [fitted.constants], own)
+        fitted = fit_constants(
+            right, phi, scored=scored, period_s=period_s, starts=[fitted.constants], own=own
+        )
     return fitted, error
 
 

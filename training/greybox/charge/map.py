@@ -83,7 +83,9 @@ def fit_with_charge(
     known = dict(signals) | {"air_mass_mg": charge_map.air_mass_mg(signals)}
     fitted = fit_constants(known, phi, scored, period_s)
     for _ in range(ROUNDS):
-        charge_map = _refitted(charge_map, fitted.constants, signals, phi, scored, period_s)
+        charge_map = _refitted(
+            charge_map, fitted.constants, signals=signals, phi=phi, scored=scored, period_s=period_s
+        )
         known = dict(signals) | {"air_mass_mg": charge_map.air_mass_mg(signals)}
         fitted = fit_constants(known, phi, scored, period_s, [fitted.constants])
     return fitted, charge_map

@@ -39,7 +39,18 @@ class Search:
     steps_most: int
 
 
-NEARBY: Final = Search(Constants(0.01, 0.02, 0.2, 0.02, 0.02, 0.02), 1e-5, 40)
+NEARBY: Final = Search(
+    Constants(
+        gain=0.01,
+        dead_time_s=0.02,
+        dead_time_revolutions=0.2,
+        mixing_s=0.02,
+        sensor_s=0.02,
+        span=0.02,
+    ),
+    1e-5,
+    40,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +127,7 @@ def predict(
     """Return the predicted reading of the sensor, per drive (n,) in phi."""
     paths = case.paths if base == case.fixed else (None,) * len(case.drives)
     return [
-        reading(drive, base, terms, parameters, correction, path)
+        reading(drive, base, terms=terms, parameters=parameters, correction=correction, path=path)
         for drive, correction, path in zip(case.drives, case.corrections, paths, strict=True)
     ]
 

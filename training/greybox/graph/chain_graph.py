@@ -221,7 +221,12 @@ def chain_nodes(
         )
     nodes = base_nodes(graph, greybox.constants, signals)
     nodes, after = effects_nodes(
-        graph, greybox.on_the_way, nodes, signals, state, greybox.chain_states
+        graph,
+        greybox.on_the_way,
+        path=nodes,
+        signals=signals,
+        state=state,
+        first=greybox.chain_states,
     )
     kept = [*kept, *after]
     valve = valve_nodes(graph, nodes)

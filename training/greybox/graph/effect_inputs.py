@@ -54,7 +54,14 @@ def channel_of(name: str, old: Channel | None, seen: tuple[float, float] | None)
         return old
     low, high = _used(name, old is None, seen)
     if old is None:
-        return Channel(name, BY_NAME[name].unit, low, high, float(seen[0]), float(seen[1]))
+        return Channel(
+            name=name,
+            unit=BY_NAME[name].unit,
+            minimum=low,
+            maximum=high,
+            percentile_0_1=float(seen[0]),
+            percentile_99_9=float(seen[1]),
+        )
     return replace(old, minimum=min(old.minimum, low), maximum=max(old.maximum, high))
 
 

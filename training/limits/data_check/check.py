@@ -39,7 +39,9 @@ def check(
         data, on_samples = usable(recordings, inputs, output, lags)
         findings += on_samples
         if data.u:
-            findings += enough(recordings, data, len(inputs), lags, hidden, output)
+            findings += enough(
+                recordings, data, n_inputs=len(inputs), lags=lags, hidden=hidden, output=output
+            )
             findings += closed_loop(recordings, data)
             findings += covered(recordings, figures)
             findings += excited(recordings, data, inputs, lags, figures)

@@ -72,7 +72,14 @@ def minimise_bayesian(
         progress=progress,
     )
     # Foresee and Hagan begin with alpha 0 and beta 1; the first step sets both right.
-    state = _State(weights.copy(), n_samples * cost, 0.0, 1.0, float(len(weights)), options.mu)
+    state = _State(
+        weights=weights.copy(),
+        squared_error=n_samples * cost,
+        alpha=0.0,
+        beta=1.0,
+        gamma=float(len(weights)),
+        mu=options.mu,
+    )
     for _ in range(options.epochs):
         if watch.over_budget():
             break
@@ -81,7 +88,9 @@ def minimise_bayesian(
         slope = state.beta * gradient + state.alpha * state.weights
         if watch.at_rest(2.0 * slope):
             break
-        if not _step(objective, state, hessian, slope, n_samples, options):
+        if not _step(
+            objective, state, hessian=hessian, slope=slope, n_samples=n_samples, options=options
+        ):
             watch.outcome.stop = "mu"
             break
         state.gamma = _effective_weights(hessian, state)

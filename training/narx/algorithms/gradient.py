@@ -57,7 +57,13 @@ def descend(
     current, rate = weights.copy(), options.rate
     cost, gradient = objective.gradient(current)
     watch = Watch(
-        current, cost, options.max_fail, options.min_gradient, validate, deadline_s, progress
+        weights=current,
+        cost=cost,
+        max_fail=options.max_fail,
+        min_gradient=options.min_gradient,
+        validate=validate,
+        deadline_s=deadline_s,
+        progress=progress,
     )
     step = -rate * gradient
     for _ in range(options.epochs):

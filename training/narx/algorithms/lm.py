@@ -131,7 +131,13 @@ def minimise(
     current, mu = weights.copy(), options.mu
     cost = objective.cost(current)
     watch = Watch(
-        current, cost, options.max_fail, options.min_gradient, validate, deadline_s, progress
+        weights=current,
+        cost=cost,
+        max_fail=options.max_fail,
+        min_gradient=options.min_gradient,
+        validate=validate,
+        deadline_s=deadline_s,
+        progress=progress,
     )
     for _ in range(options.epochs):
         if watch.over_budget():
@@ -139,7 +145,15 @@ def minimise(
         _, hessian, gradient = objective.normal(current)
         if watch.at_rest(gradient):
             break
-        step = _step(objective, current, cost, hessian, gradient, mu, options)
+        step = _step(
+            objective,
+            current,
+            cost=cost,
+            hessian=hessian,
+            gradient=gradient,
+            mu=mu,
+            options=options,
+        )
         if step is None:
             watch.outcome.stop = "mu"
             break

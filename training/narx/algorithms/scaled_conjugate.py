@@ -45,13 +45,13 @@ def minimise_scaled_conjugate(
     options = options or Options()
     search = _Search(objective, weights, options)
     watch = Watch(
-        search.weights,
-        search.cost,
-        options.max_fail,
-        options.min_gradient,
-        validate,
-        deadline_s,
-        progress,
+        weights=search.weights,
+        cost=search.cost,
+        max_fail=options.max_fail,
+        min_gradient=options.min_gradient,
+        validate=validate,
+        deadline_s=deadline_s,
+        progress=progress,
     )
     for epoch in range(options.epochs):
         if watch.over_budget() or watch.at_rest(search.gradient):

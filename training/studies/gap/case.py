@@ -134,7 +134,14 @@ def _answered(case: Case, study: Study, vehicle: Vehicle) -> Row:
         steps, faults = 2 if case.kind == "two" else 1, FAULTS if case.hidden else ()
         material = Material(model, recordings, vehicle.healthy)
         minutes = RETRAIN_MINUTES if study.fitted_with_effect else 0.0
-        found = ask(material, vehicle.known, steps, faults, study.sensor_known_good, minutes)
+        found = ask(
+            material,
+            vehicle.known,
+            steps=steps,
+            faults=faults,
+            sensor_known_good=study.sensor_known_good,
+            retrain_minutes=minutes,
+        )
         took_s = time.perf_counter() - began_s
         held_out = {each.sha256 for each in found.held_out}
         pairs = zip(recordings, nothing, strict=True)

@@ -205,7 +205,14 @@ def _judge(
             raise RuntimeError(f"{trial.name}: {type(error).__name__}: {error}") from error
     limits = _limits(model, bench)
     try:
-        judged = judge_drives(blocks, bus_map.names, model, limits, bench.config, references)
+        judged = judge_drives(
+            blocks,
+            bus_map.names,
+            model=model,
+            limits=limits,
+            config=bench.config,
+            references=references,
+        )
     except O2Error:  # the model cannot judge these drives
         raise
     except Exception as error:

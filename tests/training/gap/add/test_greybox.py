@@ -35,7 +35,9 @@ from training.greybox.graph.effect_parity import TOLERANCE, made_inputs
 from training.greybox.model import fit_greybox
 from training.narx.export import Graph, update_card
 
-MOVED = Constants(1.01, 0.17, 1.6, 0.05, 0.12, 0.96)
+MOVED = Constants(
+    gain=1.01, dead_time_s=0.17, dead_time_revolutions=1.6, mixing_s=0.05, sensor_s=0.12, span=0.96
+)
 FILM = ModelEffect.with_values("wall_film", [0.2, 0.8, 1.0], [0.01, 0.1, 0.3])
 DELAY = ModelEffect.with_values("delay_flow", [8.0])
 TAIL = ModelEffect.with_values("fuel_cut_tail", [0.1, 2.0, 0.5])

@@ -50,13 +50,13 @@ def without(recording: Recording, rows: slice, name: str) -> Recording:
     values = recording.values.copy()
     values[rows, recording.names.index(name)] = np.nan
     return Recording(
-        recording.path,
-        recording.sha256,
-        recording.period_ns,
-        recording.t_s,
-        recording.names,
-        values,
-        recording.quality,
+        path=recording.path,
+        sha256=recording.sha256,
+        period_ns=recording.period_ns,
+        t_s=recording.t_s,
+        names=recording.names,
+        values=values,
+        quality=recording.quality,
     )
 
 
@@ -105,7 +105,9 @@ def free(network: Network, u: FloatArray) -> FloatArray:
     spec, scale, first = network.spec, network.scaling, network.spec.memory
     history = np.full((1, spec.lags), float(scale.scale_y(1.0)))
     begin, end = np.array([first]), np.array([len(u)])
-    run = run_network(spec, network.weights, scale.scale_u(u), begin, end, history)
+    run = run_network(
+        spec, network.weights, u=scale.scale_u(u), start=begin, stop=end, history=history
+    )
     return scale.unscale_y(run)[first:]
 
 

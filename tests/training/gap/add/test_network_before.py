@@ -207,7 +207,9 @@ def test_a_form_that_fails_its_proof_is_left_out(
     monkeypatch.setattr(network_parity, "parity", parity)
     # WHEN the film is added THEN the other form is taken, and no other file is left
     target = tmp_path / "model.onnx"
-    new, form, added = choice.add(material, target, [[film]], None, chain, Options())
+    new, form, added = choice.add(
+        material, target, choices=[[film]], known=None, start=chain, options=Options()
+    )
     assert new is not None
     assert added == (film,)
     assert form.startswith("beside the network" if wrong == BEFORE else "before the network")
@@ -216,7 +218,14 @@ def test_a_form_that_fails_its_proof_is_left_out(
     monkeypatch.setattr(choice.network, "can_stand_before", lambda *_: wrong == BEFORE)
     monkeypatch.setattr(network_parity, "parity", _differ)
     with pytest.raises(ParityError, match="they differ"):
-        choice.add(material, tmp_path / "other.onnx", [[film]], None, chain, Options())
+        choice.add(
+            material,
+            tmp_path / "other.onnx",
+            choices=[[film]],
+            known=None,
+            start=chain,
+            options=Options(),
+        )
     assert list(tmp_path.iterdir()) == [new]
 
 
@@ -230,7 +239,14 @@ def test_of_several_constants_those_that_predict_best_are_taken(
     material = Material(base.path, gap_drives(), verify=gap_drives()[:1])
     for choices in ([[far], [film]], [[film], [far]]):
         # WHEN it is added THEN the better ones are taken, whichever come first
-        _, _, added = choice.add(material, tmp_path / "m.onnx", choices, None, chain, Options())
+        _, _, added = choice.add(
+            material,
+            tmp_path / "m.onnx",
+            choices=choices,
+            known=None,
+            start=chain,
+            options=Options(),
+        )
         assert added == (film,)
     assert [each.name for each in tmp_path.iterdir()] == ["m.onnx"]
 
@@ -255,7 +271,12 @@ def test_a_network_trained_anew_is_kept_only_if_it_predicts_better(
     def retrain(*given_as: Any, **__: object) -> tuple[HeldOut, ...]:
         values = film if trained == "near" else further
         beside, _, _ = choice.add(
-            material, tmp_path / "r" / "m.onnx", [[values]], None, chain, Options()
+            material,
+            tmp_path / "r" / "m.onnx",
+            choices=[[values]],
+            known=None,
+            start=chain,
+            options=Options(),
         )
         assert beside is not None
         beside.replace(given_as[4])
@@ -265,14 +286,18 @@ def test_a_network_trained_anew_is_kept_only_if_it_predicts_better(
     monkeypatch.setattr(network, "retrain", retrain)
     # WHEN either may be taken
     options = Options(retrain_minutes=1.0)
-    new, form, _ = choice.add(material, target, [[far]], None, chain, options)
+    new, form, _ = choice.add(
+        material, target, choices=[[far]], known=None, start=chain, options=options
+    )
     # THEN it is the better one, and the other's file is gone
     assert new == target
     assert form.startswith(begins)
     assert list(tmp_path.iterdir()) == [target]
     # and of one that fails its proof it is said
     monkeypatch.setattr(network, "retrain", _differ)
-    _, form, _ = choice.add(material, target, [[far]], None, chain, options)
+    _, form, _ = choice.add(
+        material, target, choices=[[far]], known=None, start=chain, options=options
+    )
     assert form.startswith("beside the network")
     assert form.endswith("; not trained anew: they differ")
 
@@ -298,7 +323,14 @@ def test_a_network_that_follows_the_film_is_trained_anew_with_healthy_drives(
     material = Material(follows.path, gap_drives()[:2], healthy_drives(), verify=gap_drives()[2:])
     out = tmp_path / "m.onnx"
     # WHEN it may be trained anew, on healthy drives too, on which the film changes nothing
-    new, form, _ = choice.add(material, out, [[film]], None, chain, Options(retrain_minutes=1.0))
+    new, form, _ = choice.add(
+        material,
+        out,
+        choices=[[film]],
+        known=None,
+        start=chain,
+        options=Options(retrain_minutes=1.0),
+    )
     # THEN it predicts far better what no fit saw
     assert new == out
     assert form.startswith("as one more input of the network, trained anew")
@@ -331,7 +363,9 @@ def test_the_old_model_is_judged_on_recordings_that_it_does_not_know(
 
     monkeypatch.setattr(choice, "_rmse", error)
     # WHEN old and new model are held against each other THEN it is on those that it does not know
-    choice.add(material, tmp_path / "m.onnx", [[film]], None, chain, Options())
+    choice.add(
+        material, tmp_path / "m.onnx", choices=[[film]], known=None, start=chain, options=Options()
+    )
     assert judged == len(judged) * [(unseen,) if knows else fitted_to]
     assert len(judged) >= 2
 

@@ -42,13 +42,13 @@ def recording(seed: int, without: Sequence[str] = (), period_s: float = 0.1) -> 
     columns["lambda_measured"] = np.ones(900)
     values = np.column_stack(list(columns.values()))
     return Recording(
-        Path(f"drive_{seed}.csv"),
-        f"{seed:064x}",
-        round(period_s * 1e9),
-        np.arange(900) * period_s,
-        tuple(columns),
-        values,
-        np.zeros(values.shape, np.uint8),
+        path=Path(f"drive_{seed}.csv"),
+        sha256=f"{seed:064x}",
+        period_ns=round(period_s * 1e9),
+        t_s=np.arange(900) * period_s,
+        names=tuple(columns),
+        values=values,
+        quality=np.zeros(values.shape, np.uint8),
     )
 
 

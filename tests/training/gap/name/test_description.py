@@ -21,7 +21,9 @@ from training.greybox.chain import Constants, Path, base_path, simulate
 from training.greybox.fit.drive import Drive, make
 from training.pages.numbers import percent
 
-BASE = Constants(1.0, 0.15, 1.5, 0.06, 0.1, 1.0)
+BASE = Constants(
+    gain=1.0, dead_time_s=0.15, dead_time_revolutions=1.5, mixing_s=0.06, sensor_s=0.1, span=1.0
+)
 Change = Callable[[Path, dict[str, FloatArray]], Path]
 
 

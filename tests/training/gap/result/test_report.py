@@ -30,7 +30,15 @@ from training.pages.numbers import percent
 VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
 SECTIONS = ("now", "much", "what", "where", "steps", "from")
 NOTHING = np.empty(0)
-NO_FIT = Fit((), Constants(), (), NOTHING, NOTHING, NOTHING, 0.0)
+NO_FIT = Fit(
+    terms=(),
+    base=Constants(),
+    parameters=(),
+    residual=NOTHING,
+    jacobian=NOTHING,
+    hessian=NOTHING,
+    cost=0.0,
+)
 CONTRACT = {
     "schema",
     "verdict",
@@ -52,21 +60,21 @@ def candidate(name: str, score: float, win: float | None) -> Candidate:
     term = fault or LIBRARY[name]
     values = {p.name: p.start[0] for p in term.parameters}
     return Candidate(
-        name,
-        "sensor fault" if fault else "effect",
-        term.says,
-        "sensor" if fault else LIBRARY[name].tag,
-        () if fault else LIBRARY[name].like,
-        values,
-        dict.fromkeys(values, 0.01),
-        {p.name: p.unit for p in term.parameters},
-        score,
-        80.0,
-        score / 100.0,
-        True,
-        0.95 if win is None else None,
-        win,
-        NO_FIT,
+        name=name,
+        kind="sensor fault" if fault else "effect",
+        says=term.says,
+        tag="sensor" if fault else LIBRARY[name].tag,
+        like=() if fault else LIBRARY[name].like,
+        parameters=values,
+        standard_errors=dict.fromkeys(values, 0.01),
+        units={p.name: p.unit for p in term.parameters},
+        score=score,
+        needed=80.0,
+        t=score / 100.0,
+        physical=True,
+        adequacy=0.95 if win is None else None,
+        win=win,
+        fit=NO_FIT,
     )
 
 
@@ -106,8 +114,26 @@ def naming(verdict: Verdict, **changes: Any) -> Naming:
 def error(kind: str, regime: str, after: float | None, worse: bool = False) -> Error:
     low, high = (0.001, 0.003) if worse else (-0.011, -0.009)
     if after is None:
-        return Error(kind, regime, 1000, 20, 0.0210, None, 0.0102)
-    return Error(kind, regime, 1000, 20, 0.0210, after, 0.0102, low, high)
+        return Error(
+            kind=kind,
+            regime=regime,
+            samples=1000,
+            blocks=20,
+            before=0.0210,
+            after=None,
+            floor=0.0102,
+        )
+    return Error(
+        kind=kind,
+        regime=regime,
+        samples=1000,
+        blocks=20,
+        before=0.0210,
+        after=after,
+        floor=0.0102,
+        change_low=low,
+        change_high=high,
+    )
 
 
 def verified(after: float | None = 0.0112, worse: bool = False, lost: bool = False) -> Verification:
@@ -115,19 +141,26 @@ def verified(after: float | None = 0.0112, worse: bool = False, lost: bool = Fal
     alarm = None if after is None else Count(4, 4, 0, 0, ())
     t_s = np.arange(50) * 0.1
     wave = 1.0 + 0.02 * np.sin(t_s)
-    trace = Trace("held.csv", t_s, wave, wave - 0.02, wave - 0.005, t_s > 1.0)
+    trace = Trace(
+        recording="held.csv",
+        t_s=t_s,
+        measured=wave,
+        before=wave - 0.02,
+        after=wave - 0.005,
+        scored=t_s > 1.0,
+    )
     return Verification(
-        error("all", "all scored samples", after),
-        (
+        overall=error("all", "all scored samples", after),
+        regimes=(
             error("temperature", "coolant below 70 °C", after),
             error("edge", "from lean to rich", None if after is None else 0.0230, worse),
         ),
-        None,
-        (Detection("gain_low", 0.6, Count(4, 4, 3, 3, ("gain_low",)), now),),
-        Detection("", None, Count(4, 4, 0, 0, ()), alarm),
-        None,
-        ("The control loop has not seen them.",),
-        None if after is None else trace,
+        healthy=None,
+        faults=(Detection("gain_low", 0.6, Count(4, 4, 3, 3, ("gain_low",)), now),),
+        alarms=Detection("", None, Count(4, 4, 0, 0, ()), alarm),
+        healthy_alarms=None,
+        notes=("The control loop has not seen them.",),
+        trace=None if after is None else trace,
     )
 
 
@@ -143,19 +176,19 @@ def used(name: str, source: str = "") -> TrainingRecording:
 def made(verdict: Verdict, **changes: Any) -> Result:
     named = verdict == "named"
     plain = Result(
-        MODEL,
-        (used("new<1>.csv"),),
-        (used("old.csv"),),
-        (used("held & out.csv"),),
-        None,
-        naming(verdict),
-        (RANKING[0].model_effect(),) if named else (),
-        "The effect acts before the transport." if named else "",
-        verified() if named else verified(None),
-        Path("out/model.onnx") if named else None,
-        (Step("", 0.0210), Step("purge", 0.0112, RANKING)) if named else (),
-        "phi = 0.01 x <oil>" if verdict == "unknown_effect" else None,
-        ("given twice", "given twice"),
+        model=MODEL,
+        recordings=(used("new<1>.csv"),),
+        healthy=(used("old.csv"),),
+        held_out=(used("held & out.csv"),),
+        findings=None,
+        naming=naming(verdict),
+        added=(RANKING[0].model_effect(),) if named else (),
+        form="The effect acts before the transport." if named else "",
+        verified=verified() if named else verified(None),
+        new_model=Path("out/model.onnx") if named else None,
+        steps=(Step("", 0.0210), Step("purge", 0.0112, RANKING)) if named else (),
+        unknown="phi = 0.01 x <oil>" if verdict == "unknown_effect" else None,
+        warnings=("given twice", "given twice"),
         seconds=12.0,
     )
     return replace(plain, **changes)

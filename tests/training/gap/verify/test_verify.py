@@ -40,7 +40,15 @@ def recording(seed: int, gain: float = GAIN, n: int = 6000, by_speed: float = 0.
     quality = np.zeros(values.shape, dtype=np.uint8)
     t_s = np.arange(n) * PERIOD_S
     path = Path(f"drive_{seed}.csv")
-    return Recording(path, f"{seed:064d}", 100_000_000, t_s, tuple(columns), values, quality)
+    return Recording(
+        path=path,
+        sha256=f"{seed:064d}",
+        period_ns=100_000_000,
+        t_s=t_s,
+        names=tuple(columns),
+        values=values,
+        quality=quality,
+    )
 
 
 @pytest.fixture(scope="module")

@@ -292,10 +292,10 @@ def test_a_model_that_predicts_no_better_with_the_effect_is_not_written(
     new, form, added = choice.add(
         material,
         tmp_path / "m.onnx",
-        [[lag]],
-        None,
-        base.constants_of(base.check(chain)),
-        Options(),
+        choices=[[lag]],
+        known=None,
+        start=base.constants_of(base.check(chain)),
+        options=Options(),
     )
     # THEN the error grows, and no file is left
     assert (new, form, added) == (None, "", ())

@@ -51,7 +51,7 @@ class Candidate:
 
 
 CANDIDATES: Final = (
-    Candidate(1, LM, 5, (8, 8), 0.2, PAPER),
+    Candidate(number=1, algorithm=LM, lags=5, hidden=(8, 8), rate=0.2, origin=PAPER),
     Candidate(2, LM, 5, (8, 8), 0.1),
     Candidate(3, LM, 5, (8, 8), 0.01),
     Candidate(4, LM, 3, (8, 8)),

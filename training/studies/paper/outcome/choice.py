@@ -286,7 +286,9 @@ def ship(
     gap = contraction(data, chosen.spec, chosen.weights, task.settings.seed)
     predicted = data.scaling.unscale_y(free_run(data, chosen.spec, chosen.weights))
     temporary = task.folder / "model.onnx"
-    _, card = write_model(temporary, data, chosen.spec, chosen.weights, predicted, gap)
+    _, card = write_model(
+        temporary, data, spec=chosen.spec, weights=chosen.weights, predicted=predicted, gap=gap
+    )
     if linear_preparation is not None:
         card = replace(card, checks={**card.checks, "study_preparation": dict(linear_preparation)})
         update_card(temporary, card)
@@ -341,7 +343,12 @@ def bounded(data: Prepared, spec: Spec, weights: FloatArray, seed: int) -> dict[
         at, stop = np.array([start]), np.array([start + length])
         part = u[start - spec.memory : start + length]
         run = simulate(
-            spec, weights, part, at - start + spec.memory, stop - start + spec.memory, history
+            spec,
+            weights,
+            u=part,
+            start=at - start + spec.memory,
+            stop=stop - start + spec.memory,
+            history=history,
         )[spec.memory :]
         y = data.samples.y[start : start + length]
         worst = max(worst, float(np.abs(run[length // 2 :] - y[length // 2 :]).max()))

@@ -77,7 +77,7 @@ def against_sensor(
             "edges": np.linspace(-span, span, BINS + 1),
             "healthy": _residuals(*healthy, span, j),
             "unreadable": [Path(r.path).name for r in task.faulty if not _readable(task, r)],
-            "faults": _faults(task, spec, weights, healthy[0], span, j),
+            "faults": _faults(task, spec, weights=weights, healthy=healthy[0], span=span, j=j),
         }
     )
 

@@ -183,7 +183,10 @@ def _reach(tried: Tried, law: Controller, fault: str, severity: float) -> Mappin
     stop = np.array([s.stop for s in data.segments], dtype=np.int64)
     history = measured_history(data, spec.lags, start)
     weights = tried.starts[tried.best].weights
-    runs_of = [simulate(spec, weights, each, start, stop, history) for each in (u, moved)]
+    runs_of = [
+        simulate(spec, weights, u=each, start=start, stop=stop, history=history)
+        for each in (u, moved)
+    ]
     answer = (runs_of[1] - runs_of[0]) * data.scaling.y_std
     rows = (data.role == Role.TEST) & data.enabled & np.isfinite(answer)
     rows &= np.abs(change) <= law.limit  # the error of a slow sensor after a fuel cut is larger
