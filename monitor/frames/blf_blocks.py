@@ -160,7 +160,9 @@ def _run(raw: bytes, position: int) -> tuple[Objects, int] | None:
     following = int(begin[n - 1] + size[n - 1])
     classes = _CLASS.take(kind[:n]) * is_supported[:n]
     data = np.frombuffer(raw, dtype=np.uint8, offset=place)
-    run = Objects(data, words, at[:n], (at + header // 4)[:n], classes, size[:n])
+    run = Objects(
+        data=data, words=words, at=at[:n], body=(at + header // 4)[:n], kind=classes, size=size[:n]
+    )
     return run, following
 
 
@@ -220,7 +222,14 @@ def _contents(objects: Objects) -> Contents:
     data &= _DATA.take(length)
     is_outside = np.zeros(len(key), dtype=np.bool_)
     read = data.view(np.uint8).reshape(-1, 8)
-    contents = Contents(key, is_remote, announced, length, is_outside, read)
+    contents = Contents(
+        key=key,
+        is_remote=is_remote,
+        announced=announced,
+        length=length,
+        is_outside=is_outside,
+        data=read,
+    )
     if (objects.kind >= _FD).any():
         return _with_fd(objects, contents)
     return contents

@@ -154,7 +154,15 @@ class Enable:
         low = np.array([channel.minimum for channel in card.inputs])
         high = np.array([channel.maximum for channel in card.inputs])
         period_s = card.period_ns * 1e-9
-        return cls(config, names, card.input_names, card.output.name, low, high, period_s)
+        return cls(
+            config=config,
+            names=names,
+            inputs=card.input_names,
+            output=card.output.name,
+            trained_low=low,
+            trained_high=high,
+            period_s=period_s,
+        )
 
     def reset(self) -> None:
         """Start as after switching on."""

@@ -100,7 +100,7 @@ class Plausibility:
         for begin, end, each in alike(code):
             rest, q = divmod(each, _N_QUALITIES)
             engine, told = divmod(rest, 3)
-            self._run(begin, end, q, told, engine, found)
+            self._run(begin, end, quality=q, told=told, engine=engine, found=found)
         return found
 
     def _run(

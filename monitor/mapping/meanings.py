@@ -33,7 +33,14 @@ def _meaning(
     """Return a meaning; ``phrases`` as "concept concept 1.0, concept 0.9"."""
     pairs = (each.strip().rsplit(" ", 1) for each in phrases.split(","))
     weights = {concepts: float(weight) for concepts, weight in pairs}
-    return Meaning(weights, dimensions, typical, without_unit, _words(never), is_flag)
+    return Meaning(
+        phrases=weights,
+        dimensions=dimensions,
+        typical=typical,
+        without_unit=without_unit,
+        never=_words(never),
+        is_flag=is_flag,
+    )
 
 
 def _flag(phrases: str, never: str) -> Meaning:

@@ -104,7 +104,15 @@ def observe(
         message, signal = candidate.message, candidate.signal
         mapped = MappedSignal(key, message.name, signal.name)
         any_source = is_any_source(message, database)
-        channel = Channel(mapped, message, signal, Integrity(), dbc, dbc, any_source)
+        channel = Channel(
+            mapped=mapped,
+            message=message,
+            signal=signal,
+            integrity=Integrity(),
+            dbc=dbc,
+            map_path=dbc,
+            any_source=any_source,
+        )
         try:
             _decoder({key: channel}, dbc)
         except (SignalMapError, ValueError, OverflowError):

@@ -71,7 +71,7 @@ def fit(subject: Subject) -> Fitted:
     for _ in range(STEPS):
         normal, slope, _ = _equations(p, x, cases, noise)
         step = np.asarray(np.linalg.solve(normal + prior, slope - prior @ (x - p.mean())), float)
-        x = _descend(p, x, step, cases, noise, prior)
+        x = _descend(p, x, step=step, cases=cases, noise=noise, prior=prior)
         noise = _noise(p, x, cases)
         if np.abs(step).max() < TOLERANCE:
             break

@@ -71,7 +71,16 @@ def over_operation(
         point = _nodes(axes, samples, at, 0.0)
         weights = p.grid.weights(point.rpm, point.load)
         made.append(
-            _table(name, "s", over, fitted, quantity(p, point, weights), at, samples, config)
+            _table(
+                name,
+                "s",
+                axes=over,
+                fitted=fitted,
+                cells=quantity(p, point, weights),
+                at=at,
+                samples=samples,
+                config=config,
+            )
         )
     bands = COOLANT_BANDS if p.subject.has_coolant else COOLANT_BANDS[-1:]
     for band in bands:
@@ -84,7 +93,20 @@ def over_operation(
             ("wall_film_time", "s", _time),
         ):
             cells = quantity(p, point, weights)
-            made.append(_table(name, unit, over, fitted, cells, at, samples, config, inside, band))
+            made.append(
+                _table(
+                    name,
+                    unit,
+                    axes=over,
+                    fitted=fitted,
+                    cells=cells,
+                    at=at,
+                    samples=samples,
+                    config=config,
+                    counted=inside,
+                    band=band,
+                )
+            )
     return _without_film(made)
 
 
@@ -101,13 +123,13 @@ def of_injectors(
         _table(
             "injector_dead_time",
             "ms",
-            (axes.volts,),
-            fitted,
-            lambda x: laws.dead_ms(p, x, volts),
-            at,
-            samples,
-            config,
-            np.full(len(samples.rpm), p.subject.has_volts),
+            axes=(axes.volts,),
+            fitted=fitted,
+            cells=lambda x: laws.dead_ms(p, x, volts),
+            at=at,
+            samples=samples,
+            config=config,
+            counted=np.full(len(samples.rpm), p.subject.has_volts),
         )
     ]
     if p.subject.absolute_air:
@@ -115,12 +137,12 @@ def of_injectors(
             _table(
                 "injector_flow_scale",
                 "mg/ms",
-                (axes.pressure(direct=p.subject.has_rail),),
-                fitted,
-                lambda x: np.exp(x[p.at["flow"]]),
-                (np.zeros(len(samples.rpm), dtype=np.int64),),
-                samples,
-                config,
+                axes=(axes.pressure(direct=p.subject.has_rail),),
+                fitted=fitted,
+                cells=lambda x: np.exp(x[p.at["flow"]]),
+                at=(np.zeros(len(samples.rpm), dtype=np.int64),),
+                samples=samples,
+                config=config,
             )
         )
     return made
@@ -136,7 +158,16 @@ def _sensor_lag(
     def cells(x: FloatArray) -> FloatArray:
         return laws.sensor_s(p, x, flow)
 
-    return _table("sensor_lag", "s", (axis,), fitted, cells, at, samples, config)
+    return _table(
+        "sensor_lag",
+        "s",
+        axes=(axis,),
+        fitted=fitted,
+        cells=cells,
+        at=at,
+        samples=samples,
+        config=config,
+    )
 
 
 def _nodes(axes: TableAxes, samples: Samples, at: tuple[IntArray, ...], cold: float) -> Point:

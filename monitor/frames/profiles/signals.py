@@ -114,15 +114,15 @@ def read_signals(raw: RawTable, profile: Profile, further: Sequence[str] = ()) -
     if not order:
         raise RecordingError(f"{raw.path}: none of its columns is known to {profile.name}")
     return Reading(
-        raw,
-        profile,
-        t_ns,
-        tuple(order),
-        np.column_stack([taken[name][0] for name in order]),
-        np.column_stack([taken[name][1] for name in order]),
-        tuple(taken[name][2] for name in order),
-        blank,
-        notes,
+        raw=raw,
+        profile=profile,
+        t_ns=t_ns,
+        names=tuple(order),
+        values=np.column_stack([taken[name][0] for name in order]),
+        pinned=np.column_stack([taken[name][1] for name in order]),
+        found=tuple(taken[name][2] for name in order),
+        blank=blank,
+        notes=notes,
     )
 
 

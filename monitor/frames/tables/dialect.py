@@ -94,7 +94,15 @@ def dialect_of(path: Path) -> Dialect:
         comma=best.comma,
     )
     preamble = "\n".join(lines[:header])
-    return Dialect(encoding, best.separator, best.comma, header, has_units, columns, preamble)
+    return Dialect(
+        encoding=encoding,
+        separator=best.separator,
+        decimal_comma=best.comma,
+        header=header,
+        has_units=has_units,
+        columns=columns,
+        preamble=preamble,
+    )
 
 
 class _Layout(NamedTuple):

@@ -138,7 +138,9 @@ def _bits(entry: bytes, dtype: str, names: _Names) -> list[_Field]:
     own = names.of(index, min(count, 8 * np.dtype(dtype).itemsize))
     group = _name(entry[1:35])
     return [
-        _Field(f"{group}: {_name(name)}", "", dtype, 1.0, 0.0, bit)
+        _Field(
+            name=f"{group}: {_name(name)}", unit="", dtype=dtype, scale=1.0, transform=0.0, bit=bit
+        )
         for bit, name in enumerate(own)
         if name and _text(name) != "INVALID"
     ] or [_Field(group, "", dtype, 1.0, 0.0)]

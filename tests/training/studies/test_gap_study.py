@@ -270,7 +270,7 @@ def test_the_text_lists_wrong_names_with_what_was_hidden() -> None:
 
 
 def test_an_error_in_a_case_is_a_row_and_not_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
-    def fails(*_: object) -> None:
+    def fails(*_: object, **__: object) -> None:
         raise RuntimeError("no convergence")
 
     monkeypatch.setattr(case, "ask", fails)

@@ -189,7 +189,7 @@ def test_a_drive_that_fails_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyP
 def test_a_model_that_cannot_judge_the_drives_is_the_users_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def unfit(*_: Any) -> Any:
+    def unfit(*_: Any, **__: Any) -> Any:
         raise RecordingError("the model needs boost_kpa")
 
     monkeypatch.setattr(run, "_rules", lambda *_: {})

@@ -126,7 +126,9 @@ def retrain(
         lags=card.lags,
         seed=seed,
     )
-    best, gap = train_again(data, card, network, seed, deadline_s, progress)
+    best, gap = train_again(
+        data, card, network=network, seed=seed, deadline_s=deadline_s, progress=progress
+    )
     trained = Network(
         spec=best.spec,
         weights=best.weights,

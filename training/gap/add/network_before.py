@@ -96,7 +96,9 @@ class Before:
         if "engine_speed_rpm" not in seen:
             seen["engine_speed_rpm"] = speed_nodes(graph, seen)
         base = base_nodes(graph, greybox.constants, seen)
-        nodes, kept = effects_nodes(graph, greybox.effects, base, seen, state, 0)
+        nodes, kept = effects_nodes(
+            graph, greybox.effects, path=base, signals=seen, state=state, first=0
+        )
         phi, air_mg = Value(graph, valve_nodes(graph, nodes)), Value(graph, base.air_mg)
         old_mg = Value(graph, seen[FUEL])
         fuel_mg = phi * maximum(air_mg, AIR_LEAST_MG) / (STOICHIOMETRIC * greybox.constants.gain)

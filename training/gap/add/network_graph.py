@@ -98,7 +98,7 @@ class NetworkWithEffects:
         state = graph.take("state", 0, size, "network_state")
         u_scaled, y = network_nodes(graph, network, u, state)
         lambda_nodes(graph, network.transform, y)
-        next_nodes(graph, network, u_scaled, y, state, kept)
+        next_nodes(graph, network, u_scaled=u_scaled, y=y, state=state, more=kept)
 
     def _added(self, graph: Graph, more: str, chains: str) -> None:
         network, size = self.network, self.network.state_layout.size
@@ -114,7 +114,7 @@ class NetworkWithEffects:
         whole = _limited(graph, network, graph.add("Add", [y, more], "sum"), "whole")
         lambda_nodes(graph, network.transform, whole)
         part = graph.add("Sub", [whole, y], "part")
-        next_nodes(graph, network, u_scaled, whole, state, [part, chains])
+        next_nodes(graph, network, u_scaled=u_scaled, y=whole, state=state, more=[part, chains])
 
     def _retrained(self, graph: Graph, more: str, chains: str) -> None:
         network, size = self.network, self.network.state_layout.size
@@ -123,7 +123,7 @@ class NetworkWithEffects:
         state = graph.take("state", 0, size, "network_state")
         u_scaled, y = network_nodes(graph, network, u, state)
         lambda_nodes(graph, network.transform, y)
-        next_nodes(graph, network, u_scaled, y, state, [chains])
+        next_nodes(graph, network, u_scaled=u_scaled, y=y, state=state, more=[chains])
 
     def save(self, path: Path | str, card: ModelCard) -> None:
         """Write graph and card to one file."""

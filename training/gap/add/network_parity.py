@@ -99,7 +99,9 @@ def _numpy(model: NetworkWithEffects, u: FloatArray, y: FloatArray) -> _Run:
     scaled = scale.scale_u(apply(net.transforms, net.inputs, inputs))
     history = scale.scale_y(y[first - spec.lags : first])[::-1][None].copy()
     begin, end = np.array([first]), np.array([len(u)])
-    own = scale.unscale_y(simulate(spec, net.weights, scaled, begin, end, history))
+    own = scale.unscale_y(
+        simulate(spec, net.weights, u=scaled, start=begin, stop=end, history=history)
+    )
     return _Run(inputs, difference, model.whole(own, difference)[first:])
 
 
