@@ -6,7 +6,6 @@ a hang of more than 5 s, more than 500 MB and a failure without its line are fai
 are kept.
 """
 
-import argparse
 import functools
 import random
 import re
@@ -18,6 +17,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from fuzz_logs import DRIVE, TEXT, lines_of_order
+from fuzz_options import fuzz_parser
 from sandbox import Job, Tally, calls
 
 import dbc
@@ -184,10 +184,7 @@ def fuzz(n: int, seed: int, keep: Path, say: Callable[[str], None] = print) -> T
 
 def main() -> int:
     """Fuzz and print the counts; return 1 if a promise was broken."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--files", type=int, default=10_000)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--keep", type=Path, default=Path("build/fuzz"), help="failures go here")
+    parser = fuzz_parser(__doc__, "files", 10_000, keeps=True)
     args = parser.parse_args()
     args.keep.mkdir(parents=True, exist_ok=True)
     tally = fuzz(args.files, args.seed, args.keep, lambda line: print(line, flush=True))

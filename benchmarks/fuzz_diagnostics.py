@@ -6,7 +6,6 @@ It exits with 1 if an answer is invalid, a code or counter changes while the eng
 grows. can-isotp's clock is replaced, so that timeouts are as frequent as everything else.
 """
 
-import argparse
 import gc
 import random
 import resource
@@ -18,6 +17,7 @@ from pathlib import Path
 from typing import Final
 
 import isotp.tools
+from fuzz_options import fuzz_parser
 
 from monitor.base.types import Frame
 from monitor.bus.diagnostics.answer import answer
@@ -189,9 +189,7 @@ def fuzz_frames(count: int, rng: random.Random, engine_speed_rpm: float, clock: 
 
 def main() -> None:
     """Run all."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--count", type=int, default=1_000_000)
-    parser.add_argument("--seed", type=int, default=1)
+    parser = fuzz_parser(__doc__, "count", 1_000_000)
     args = parser.parse_args()
     clock = Clock()
     isotp.tools.time = clock

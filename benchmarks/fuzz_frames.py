@@ -5,7 +5,6 @@ payloads has a right eight-bit checksum: it is a sound frame with another conten
 can detect. Such frames are left out unless --sound is given.
 """
 
-import argparse
 import gc
 import random
 import sys
@@ -15,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import can
+from fuzz_options import fuzz_parser
 from played import Played, rss_mb
 
 from monitor.base import config
@@ -176,9 +176,7 @@ def fuzz(
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--frames", type=int, default=1_000_000)
-    parser.add_argument("--seed", type=int, default=1)
+    parser = fuzz_parser(__doc__, "frames", 1_000_000)
     parser.add_argument("--sound", action="store_true", help="with right checksums by chance")
     args = parser.parse_args()
     found = fuzz(args.frames, args.seed, sound=args.sound)

@@ -6,7 +6,6 @@ internal error, grows, or no longer serves the page.
     python benchmarks/fuzz_http.py --requests 100000
 """
 
-import argparse
 import os
 import random
 import sys
@@ -14,6 +13,8 @@ import time
 import urllib.request
 from collections import Counter
 from pathlib import Path
+
+from fuzz_options import fuzz_parser
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
@@ -27,9 +28,7 @@ ROUND = 5000
 
 def main() -> None:
     """Send the requests and report."""
-    parser = argparse.ArgumentParser(description="Fuzz the live page's server.")
-    parser.add_argument("--requests", type=int, default=100_000)
-    parser.add_argument("--seed", type=int, default=1)
+    parser = fuzz_parser("Fuzz the live page's server.", "requests", 100_000)
     args = parser.parse_args()
     rng, answers = random.Random(args.seed), Counter[int]()
     with Player() as player:

@@ -5,7 +5,6 @@ packing. A crash, exit code 4, a hang of more than 5 s, more than 1 GB of memory
 its line and a code that the healthy drive does not give are failures; their files are kept.
 """
 
-import argparse
 import functools
 import gzip
 import random
@@ -21,6 +20,7 @@ from tempfile import TemporaryDirectory
 
 import asammdf  # noqa: F401  imported once, for all children
 import numpy as np
+from fuzz_options import fuzz_parser
 from sandbox import Job, Tally, calls
 
 from monitor import cli
@@ -253,10 +253,7 @@ def fuzz(n: int, seed: int, keep: Path, say: Callable[[str], None] = print) -> d
 
 def main() -> int:
     """Fuzz and print the counts; return 1 if a promise was broken."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--logs", type=int, default=100_000)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--keep", type=Path, default=Path("build/fuzz"), help="failures go here")
+    parser = fuzz_parser(__doc__, "logs", 100_000, keeps=True)
     args = parser.parse_args()
     args.keep.mkdir(parents=True, exist_ok=True)
     tallies = fuzz(args.logs, args.seed, args.keep, lambda line: print(line, flush=True))

@@ -3,7 +3,6 @@
 Run with: python benchmarks/fuzz_models.py [--damages 10000] [--seed 1]
 """
 
-import argparse
 import random
 import resource
 import sys
@@ -11,6 +10,8 @@ import tempfile
 import time
 from collections import Counter
 from pathlib import Path
+
+from fuzz_options import fuzz_parser
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
@@ -23,9 +24,7 @@ LARGE_MB = 500.0
 
 def main() -> int:
     """Print how often each outcome came; return 1 if one of them is an error."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--damages", type=int, default=10_000)
-    parser.add_argument("--seed", type=int, default=1)
+    parser = fuzz_parser(__doc__, "damages", 10_000)
     args = parser.parse_args()
     draw, good = random.Random(args.seed), shipped_model().read_bytes()
     counts, slowest_s, slowest = Counter[str](), 0.0, ""

@@ -5,7 +5,6 @@ The frames' content stays sound, so that a code, a driving cycle or a crash is a
 recording of the live loop whose replay says anything else than the loop did.
 """
 
-import argparse
 import sys
 import time
 from collections.abc import Iterator
@@ -15,6 +14,7 @@ from typing import Any
 
 import can
 import numpy as np
+from fuzz_options import fuzz_parser
 
 from monitor.base import config
 from monitor.base.types import Frame, FrameBlock
@@ -223,9 +223,7 @@ def drives(
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--frames", type=int, default=10_000_000)
-    parser.add_argument("--seed", type=int, default=1)
+    parser = fuzz_parser(__doc__, "frames", 10_000_000)
     parser.add_argument("--seconds", type=float, help="of the drive; by default all")
     args = parser.parse_args()
     setup, frames = replay.set_up(None, (), config.load()), healthy(args.seconds)
