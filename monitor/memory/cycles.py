@@ -323,11 +323,7 @@ class Cycles:
         before_ns, self._run_ns = self._run_ns, self._run_ns + span.elapsed_ns
         totals_km = None
         if speed_km_h is not None:
-            totals_km = np.fmax(speed_km_h[span.begin : span.end], 0.0)
-            totals_km *= until_ns[span.begin + 1 : span.end + 1] - until_ns[span.begin : span.end]
-            totals_km *= _HOURS_PER_NS
-            totals_km[0] += self._run_km
-            np.add.accumulate(totals_km, out=totals_km)
+            totals_km = self._totals_km(span, speed_km_h, until_ns)
             self._run_km = totals_km.item(-1)
         if self._run_ns // _SECOND_NS == before_ns // _SECOND_NS:
             return
@@ -339,6 +335,19 @@ class Cycles:
             driven = Driven((now_ns - self._taken_ns) * 1e-9, now_km - self._taken_km)
             found.driven.append((span.begin + k, driven))
             self._taken_ns, self._taken_km = now_ns, now_km
+
+    def _totals_km(self, span: _Span, speed_km_h: FloatArray, until_ns: IntArray) -> FloatArray:
+        """Return the distance of the driving cycle after each sample."""
+        if span.end - span.begin == 1:  # the sum of a single addend: no array is needed
+            speed = speed_km_h.item(span.begin)
+            moved_km = speed * span.elapsed_ns * _HOURS_PER_NS if speed > 0.0 else 0.0
+            return np.array([moved_km + self._run_km])
+        totals_km = np.fmax(speed_km_h[span.begin : span.end], 0.0)
+        totals_km *= until_ns[span.begin + 1 : span.end + 1] - until_ns[span.begin : span.end]
+        totals_km *= _HOURS_PER_NS
+        totals_km[0] += self._run_km
+        np.add.accumulate(totals_km, out=totals_km)
+        return totals_km
 
 
 def _ns(seconds: float) -> int:
