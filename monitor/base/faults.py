@@ -240,7 +240,14 @@ def _is_none(reading: float) -> bool:
 
 
 def _aged(fault: Fault, reading: float, last: float, t_s: float) -> float:
-    return aged(reading, last, t_s, fault.ripple_lambda, fault.drift_lambda, fault.hold_s)
+    return aged(
+        reading,
+        last,
+        t_s=t_s,
+        ripple_lambda=fault.ripple_lambda,
+        drift_lambda=fault.drift_lambda,
+        hold_s=fault.hold_s,
+    )
 
 
 class TimedSensorFault:

@@ -118,9 +118,20 @@ class BiasRule:
         std = self._window_std * math.sqrt(config.variance_shared + own)
         beyond = max(offset - self._high, self._low - offset) / std
         if ignore or self._windows < config.n_windows or 0.0 <= beyond <= config.certainty:
-            return Bias("inconclusive", None, (), offset, std, beyond)
+            return Bias(
+                outcome="inconclusive",
+                fault=None,
+                also=(),
+                offset=offset,
+                offset_std=std,
+                beyond=beyond,
+            )
         if beyond < 0.0:
-            return Bias("passed", None, (), offset, std, beyond)
+            return Bias(
+                outcome="passed", fault=None, also=(), offset=offset, offset_std=std, beyond=beyond
+            )
         kind = "drift" if self._course.drifts(self._window_std) else "biased"
         fault = f"{kind}_lean" if offset > self._high else f"{kind}_rich"
-        return Bias("failed", fault, (), offset, std, beyond)
+        return Bias(
+            outcome="failed", fault=fault, also=(), offset=offset, offset_std=std, beyond=beyond
+        )
