@@ -122,22 +122,22 @@ class Decisions:
         self._transform = transform
         self._window_s = config.window.n_samples * period_s
         self._response = ResponseRule(
-            config.response,
-            hypotheses,
-            Noise(limits.noise, limits.noise_memory),
-            period_s,
-            limits.evidence,
-            limits.gain_expected,
+            config=config.response,
+            bank=hypotheses,
+            noise=Noise(limits.noise, limits.noise_memory),
+            period_s=period_s,
+            evidence_weight=limits.evidence,
+            gain_reference=limits.gain_expected,
         )
         # edges of fuel cuts are judged by the same claims, and their evidence is the same
         self._cut_response = ResponseRule(
-            config.response,
-            hypotheses,
-            Noise(limits.noise, limits.noise_memory),
-            period_s,
-            limits.evidence_cut,
-            limits.gain_cut,
-            self._response,
+            config=config.response,
+            bank=hypotheses,
+            noise=Noise(limits.noise, limits.noise_memory),
+            period_s=period_s,
+            evidence_weight=limits.evidence_cut,
+            gain_reference=limits.gain_cut,
+            shares=self._response,
         )
         self._movement = MovementRule(
             config.movement,
@@ -171,7 +171,7 @@ class Decisions:
 
     def activity(self, failed: bool, fault: str, t_ns: int) -> Sequence[Change]:
         """Take a judged stretch of the activity test."""
-        return self._step("activity", failed, self._by(failed), fault, (), t_ns)
+        return self._step("activity", failed, by=self._by(failed), fault=fault, also=(), t_ns=t_ns)
 
     def behind(self, test: str, claim: Claim, t_ns: int) -> Sequence[Change]:
         """Take how the evidence about catalyst, downstream sensor or oxygen balance stands.
@@ -185,7 +185,9 @@ class Decisions:
         if test == "bias":
             is_new = self._debounce["balance"].failed and self._named.get(test) != claim.fault
             return self._mature(test, failed, claim.fault or "", (), t_ns) if is_new else ()
-        return self._step(test, failed, self._by(failed), claim.fault or "", claim.also, t_ns)
+        return self._step(
+            test, failed, by=self._by(failed), fault=claim.fault or "", also=claim.also, t_ns=t_ns
+        )
 
     def facts(self, windows: Sequence[Window]) -> list[Facts]:
         """Return the facts of windows that follow each other.
@@ -205,7 +207,18 @@ class Decisions:
         ignore = np.zeros(len(windows), dtype=np.bool_)
         responses = self._cut_response.judge(self._orient(measured), banks, ignore)
         own = zip(mean.tolist(), std.tolist(), responses, strict=True)
-        return [Facts(m, s, False, None, 0.0, each, UNKNOWN) for m, s, each in own]
+        return [
+            Facts(
+                mean=m,
+                std=s,
+                no_evidence=False,
+                beyond=None,
+                offset=0.0,
+                response=each,
+                moved=UNKNOWN,
+            )
+            for m, s, each in own
+        ]
 
     def _window_facts(self, windows: Sequence[Window]) -> list[Facts]:
         measured = np.array([window.measured for window in windows])
@@ -268,7 +281,12 @@ class Decisions:
             if result.outcome != "inconclusive":
                 failed, name = result.outcome == "failed", result.fault or ""
                 yield from self._step(
-                    test, failed, self._by(failed), name, result.also, window.t_end_ns
+                    test,
+                    failed,
+                    by=self._by(failed),
+                    fault=name,
+                    also=result.also,
+                    t_ns=window.t_end_ns,
                 )
         self.completed |= self._debounce["response"].failed or self._debounce["response"].passed
 
@@ -282,7 +300,9 @@ class Decisions:
         self._suspicious |= failed
         if response.outcome != "inconclusive":
             name = response.fault or ""
-            yield from self._step("response", failed, self._by(failed), name, response.also, t_ns)
+            yield from self._step(
+                "response", failed, by=self._by(failed), fault=name, also=response.also, t_ns=t_ns
+            )
         self.completed |= self._debounce["response"].failed or self._debounce["response"].passed
 
     def _unless_dead(self, response: Response, moved: Moved) -> Response:
