@@ -73,6 +73,21 @@ def dtc_entry(dtc: Dtc, t0_ns: int, probability: float) -> dict[str, Any]:
     return entry
 
 
+def fault_words(dtc: Mapping[str, Any]) -> str:
+    """Return a code's fault as it is read: one name, or both with the probability of the first.
+
+    dtc : as ``dtc_entry`` gives it
+    Of two names the likelier stands first. No name is surer than 99 %: the bank of hypothetical
+    sensors does not hold every sensor there is.
+    """
+    names, probability = [str(dtc["fault"]), *dtc.get("also", ())], dtc.get("probability")
+    if len(names) == 1 or probability is None:
+        return " or ".join(names)
+    if len(names) == 2 and probability < 0.5:
+        names, probability = names[::-1], 1.0 - probability
+    return f"{names[0]} ({100.0 * min(probability, 0.99):.0f} %) or {' or '.join(names[1:])}"
+
+
 def enable_shares(
     held: Sequence[int], n_samples: int, unavailable: Sequence[str]
 ) -> dict[str, float | str]:

@@ -11,6 +11,7 @@ from pathlib import PurePath
 from typing import Any
 
 from monitor.judge.causes import Cause
+from monitor.pipeline.entry import fault_words
 
 OPEN_AT_FIRST = 4  # up to this number, all recordings are shown unfolded
 
@@ -191,7 +192,7 @@ def _logger(recording: Mapping[str, Any]) -> list[tuple[str, str]]:
 def _sentence(recording: Mapping[str, Any]) -> str:
     if recording["dtcs"]:
         return "; ".join(
-            f"{text(d['code'])} {text(_fault(d))} ({_state(d)})" for d in recording["dtcs"]
+            f"{text(d['code'])} {text(fault_words(d))} ({_state(d)})" for d in recording["dtcs"]
         )
     causes = recording["not_judged"]
     return text(Cause(**causes[0]).in_words) if causes else ""
@@ -228,7 +229,7 @@ def _dtcs(recording: Mapping[str, Any]) -> str:
         rows.append(
             _row(
                 ("Code", f'<strong class="code">{text(dtc["code"])}</strong>'),
-                ("Fault", f"<code>{text(_fault(dtc))}</code>"),
+                ("Fault", f"<code>{text(fault_words(dtc))}</code>"),
                 ("Meaning", text(_meaning(dtc))),
                 ("State", text(dtc["state"])),
                 ("Set at", (_seconds(dtc) or "earlier driving cycle") + show),
@@ -362,10 +363,6 @@ def _enabled(recording: Mapping[str, Any]) -> str:
 
 def _duration(seconds: float) -> str:
     return f"{seconds:.0f}\u00a0s" if seconds < 120 else f"{seconds / 60:.1f}\u00a0min"
-
-
-def _fault(dtc: Mapping[str, Any]) -> str:
-    return " or ".join((str(dtc["fault"]), *dtc.get("also", ())))
 
 
 def _meaning(dtc: Mapping[str, Any]) -> str:

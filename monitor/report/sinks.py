@@ -16,6 +16,7 @@ from monitor.pipeline.entry import (
     dtc_entry,
     enable_shares,
     evidence_entry,
+    fault_words,
     limits_entry,
     not_judged,
     seconds,
@@ -183,9 +184,7 @@ def verdict_text(recording: Mapping[str, Any]) -> str:
     """Return the verdict on one recording in words."""
     if recording["fault_flag"]:
         codes = ", ".join(
-            f"{d['code']} {d['fault']}{' or ' + ' or '.join(d['also']) if 'also' in d else ''}"
-            f" ({d['state']}{_when(d)})"
-            for d in recording["dtcs"]
+            f"{d['code']} {fault_words(d)} ({d['state']}{_when(d)})" for d in recording["dtcs"]
         )
         return f"FAULT: {codes}"
     if not recording["not_judged"]:

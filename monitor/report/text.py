@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from monitor.base.outputs import write_text
 from monitor.base.types import FloatArray
 from monitor.report import html
+from monitor.report.vehicle_offset import vehicle_offset
 
 MAX_SAMPLES = 50_000  # longer recordings are thinned out; extremes are kept
 _BUCKETS = 10_000  # of a thinned recording; at most five samples of each are kept
@@ -110,6 +111,7 @@ def series(recording: Mapping[str, Any], trace: Trace) -> dict[str, Any]:
         "windows": recording["windows"],
         "limits": recording.get("limits", {}),
         "dtcs": recording["dtcs"],
+        "vehicle_offset": vehicle_offset(recording, trace),
     }
 
 

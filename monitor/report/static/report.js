@@ -102,8 +102,12 @@
       const name = this.data.output;
       const blue = color("measured"), orange = color("predicted"), violet = color("residual");
       const narrow = this.width < 600;
-      this.add(`Measured and predicted ${name}`, narrow ? 240 : 280, [c.t, c.predicted, c.measured], [
-        { label: "predicted", stroke: orange, width: 3, digits: 4 },
+      const offset = this.data.vehicle_offset;
+      const adapted = offset == null ? [] : [c.predicted.map((p) => (p == null ? null : p + offset))];
+      const plain = offset == null ? { label: "predicted", stroke: orange, width: 3 } : { label: "predicted, as trained", stroke: color("quiet"), width: 1.25, dash: [6, 4] };
+      this.add(`Measured and predicted ${name}`, narrow ? 240 : 280, [c.t, c.predicted, ...adapted, c.measured], [
+        { digits: 4, ...plain },
+        ...adapted.map(() => ({ label: "predicted for this vehicle", stroke: orange, width: 3, digits: 4 })),
         { label: "measured", stroke: blue, width: 1.25, digits: 4 },
       ], { range: (u) => this.outputRange(u), top: this.marks.length > 1 ? 36 : 20 });
       this.add("Residual: measured − predicted, enabled samples", 160, [c.t, c.residual], [
@@ -160,6 +164,14 @@
       element(this.section, "p", {
         className: "quiet hint",
         textContent: "Drag across a plot to zoom, double-click for the whole drive. Grey: not enabled." + thin,
+      });
+      const offset = this.data.vehicle_offset;
+      if (offset == null) return;
+      element(this.section, "p", {
+        className: "quiet hint",
+        textContent: `This vehicle reads ${digits(Math.abs(offset), 3)} ${offset > 0 ? "above" : "below"} the model, as a healthy vehicle may: `
+          + "fuel, injectors and sensors differ from vehicle to vehicle. The solid line is the prediction with this offset, "
+          + "the dashed line the prediction as trained. The offset comes from the first minutes and is drawn only; the residual and the verdict do without it.",
       });
     }
 
