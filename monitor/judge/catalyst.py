@@ -33,6 +33,7 @@ class BehindResult(NamedTuple):
     at: int
     test: str  # "catalyst", "downstream", "balance" or "bias"
     claim: Claim
+    capacity_g: float | None = None  # estimate so far, with a result of "catalyst"
 
 
 def balance_results(at: int, claim: Claim) -> Iterator[BehindResult]:
@@ -114,7 +115,9 @@ class CatalystMonitor:
                 rule.interrupt()
             else:
                 for k in rule.push(x[part], air_g_s[part], held[part, 0], counts[part]):
-                    yield BehindResult(begin + k, "catalyst", rule.catalyst())
+                    capacity = rule.capacity()
+                    grams = capacity.grams if capacity else None
+                    yield BehindResult(begin + k, "catalyst", rule.catalyst(), grams)
                     yield BehindResult(begin + k, "downstream", rule.sensor())
                     yield from balance_results(begin + k, rule.balance())
             begin = end

@@ -30,7 +30,7 @@ from monitor.memory.codes import BEHIND
 from monitor.memory.cycles import SIGNALS as CYCLE_SIGNALS
 from monitor.memory.cycles import Cycles, Driven, Moment
 from monitor.memory.dtc import DtcStore, Status
-from monitor.memory.obd_records import FreezeFrame
+from monitor.memory.obd_records import FreezeFrame, TestResult
 from monitor.memory.reference import Seen
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
@@ -387,6 +387,10 @@ class Monitor:
         self, result: BehindResult, block: SampleBlock, k: int
     ) -> Iterable[Happening]:
         t_ns = block.t_ns.item(k)
+        if result.capacity_g is not None:
+            config = self._judge.config.catalyst
+            low, high = config.threshold_g, config.capacities_g[-1]
+            self.store.report([TestResult("catalyst", "capacity_g", result.capacity_g, low, high)])
         changes = self._decisions.behind(result.test, result.claim, t_ns)
         return list(self._frozen(changes, block, k))
 

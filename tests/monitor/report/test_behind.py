@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from monitor import cli
+from tests.conftest import ROOT
 from tests.helpers.switching_drive import switching_drive
 
 
@@ -47,6 +48,22 @@ def test_a_second_driving_cycle_confirms_the_code_and_freezes_its_signals(tmp_pa
     _, recording = replayed(table, tmp_path, "--memory", memory)
     assert [d["state"] for d in recording["dtcs"]] == ["confirmed"]
     assert cli.main(["dtc", "freeze-frame", "--memory", memory]) == 0
+
+
+def test_the_capacity_stands_among_the_results_of_the_tests(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (log,) = (ROOT / "replay_logs").glob("catalyst_low_*.blf")
+    memory = str(tmp_path / "memory.db")
+    assert cli.main(["replay", str(log), "--quiet", "--memory", memory]) == 1
+    capsys.readouterr()
+    assert cli.main(["dtc", "readiness", "--memory", memory, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    (capacity,) = [r for r in found["results"] if r["test"] == "catalyst"]
+    assert capacity["value"] < capacity["low"] == 0.12
+    tests = {t["test"]: t["completed_since_clear"] for t in found["tests"]}
+    assert tests["catalyst"]
+    assert tests["balance"]
 
 
 @pytest.mark.parametrize(
