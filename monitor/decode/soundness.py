@@ -22,7 +22,7 @@ MOST_SWITCHES: Final = 1 << 16  # values of one multiplexer: 16 bits
 MOST_BITS: Final = 8 * 64  # of a signal: a whole CAN FD frame
 _FLOATS: Final = (16, 32, 64)
 _IDENTIFIERS: Final = {False: 1 << 11, True: 1 << 29}
-_RANGES: Final = re.compile(rb"^SG_MUL_VAL_\s+(\d+)\s+(\w+)\s+\w+\s+([^;\n]*);", re.MULTILINE)
+_RANGES: Final = re.compile(rb"\bSG_MUL_VAL_\s+(\d+)\s+(\w+)\s+\w+\s+([^;]*);")  # on any line
 # Sizes and places of millions, which cantools would turn into as many parts of a format.
 _MILLIONS: Final = rb"-?0*[1-9]\d{6,}"
 _SIZES: Final = {

@@ -177,5 +177,7 @@ def _plausible(scaling: Scaling, name: str, signal: Signal, meaning: Meaning) ->
 
 def _is_power_of_two(signal: Signal) -> bool:
     """Return whether the range ends where some bits do: an editor wrote it."""
-    end = int(signal.maximum or 0)
+    if signal.maximum is None or not math.isfinite(signal.maximum):
+        return False
+    end = int(signal.maximum)
     return signal.maximum == end and end > 0 and (end + 1) & end == 0

@@ -60,6 +60,10 @@ def pair(folder: Path, dbc: str, map_text: str = MAP.format("")) -> tuple[Path, 
             "signal S of message 100 comes under 10,000,001 multiplexer values or more",
         ),
         (
+            database(SWITCH, after="SG_MUL_VAL_ 100 S A 0-10000000;\n").replace("\n", " "),
+            "signal S of message 100 comes under 10,000,001 multiplexer values or more",
+        ),
+        (
             database(
                 ' SG_ A M : 8|8@1+ (1,0) [0|0] "" E\n SG_ S m3M : 0|8@1+ (1,0) [0|0] "" E\n',
                 after="SG_MUL_VAL_ 100 S S 3-3;\n",

@@ -157,6 +157,13 @@ def test_the_command_writes_a_map_and_says_what_is_missing(
     assert "a model needs it" in printed.err
 
 
+def test_a_range_without_an_end_upsets_nothing(tmp_path: Path) -> None:
+    text = dbc.path("rusefi.dbc").read_text()
+    path = tmp_path / "endless.dbc"
+    path.write_text(re.sub(r"\[(-?[\d.]+)\|[\d.]+\]", r"[\1|1e999]", text))
+    assert main(["map", str(path)]) in (0, 3)
+
+
 @pytest.mark.parametrize("name", ["missing.dbc", "bad.dbc"])
 def test_a_database_that_cannot_be_read_is_refused(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
