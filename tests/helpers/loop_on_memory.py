@@ -19,7 +19,7 @@ from monitor.bus.loop import Loop
 from monitor.frames.logs import read_frames
 from monitor.memory.dtc import Saved
 from monitor.memory.store import Memory
-from monitor.pipeline.events import Event, Tick, WindowJudged
+from monitor.pipeline.events import CutJudged, Event, Tick, WindowJudged
 from monitor.report import replay
 from tests.helpers.played_bus import Ear, PlayedBus
 
@@ -34,7 +34,7 @@ class Announcer(Ear):
 
     def push(self, event: Event) -> None:
         """Print what the fault memory holds."""
-        if not isinstance(event, Tick | WindowJudged):
+        if not isinstance(event, Tick | WindowJudged | CutJudged):
             saved = self.loop.pipeline.monitor.store.saved
             print(json.dumps({"told": held(saved)}), flush=True)
 

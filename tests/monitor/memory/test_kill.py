@@ -25,7 +25,7 @@ from monitor.bus.judging import STORE_DRIVEN_S
 from monitor.frames.logs import read_frames
 from monitor.memory.dtc import Dtc, DtcStore, Saved
 from monitor.memory.store import Memory
-from monitor.pipeline.events import Event, Tick, WindowJudged
+from monitor.pipeline.events import CutJudged, Event, Tick, WindowJudged
 from monitor.report.replay import set_up
 from tests.conftest import ROOT
 from tests.helpers.driven_memory import drive, told
@@ -179,7 +179,7 @@ class Told(Ear):
     n = 0
 
     def push(self, event: Event) -> None:
-        self.n += not isinstance(event, Tick | WindowJudged)
+        self.n += not isinstance(event, Tick | WindowJudged | CutJudged)
 
 
 def test_what_is_driven_is_written_once_a_minute_and_at_the_end(
