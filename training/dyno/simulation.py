@@ -113,7 +113,7 @@ def _logged(own: Engine, air: Drive, fuel: Mixture) -> dict[str, FloatArray]:
     return {
         "injector_pulse_width_ms": engine.pulse_width_ms(own, air, fuel.fuel_ecu_mg),
         "volumetric_efficiency_percent": 100.0 * ve,
-        "lambda_correction_percent": 100.0 * fuel.lambda_controller,
+        "lambda_correction_percent": 100.0 * (fuel.lambda_controller - 1.0),
     }
 
 
