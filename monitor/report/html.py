@@ -1,92 +1,39 @@
 """The text of the report as HTML: summary, verdicts, codes, windows, enable conditions, model.
 
-Every value from outside passes through ``text``. ``static/report.js`` draws the plots.
+Every value from outside passes through ``elements.text``. ``static/report.js`` draws the plots.
 """
 
-import html
-import math
-import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import PurePath
 from typing import Any
 
 from monitor.judge.causes import Cause
 from monitor.pipeline.entry import fault_words
+from monitor.report.elements import number, path, row, table, term_list, text
+from monitor.report.words import (
+    STATISTICS,
+    VERDICTS,
+    duration,
+    is_simulated,
+    many,
+    meaning,
+    seconds,
+    verdict_counts,
+    verdict_of,
+)
 
 OPEN_AT_FIRST = 4  # up to this number, all recordings are shown unfolded
-
-MEANINGS = {
-    "slow_rich_to_lean": "slow on rich-to-lean edges",
-    "slow_lean_to_rich": "slow on lean-to-rich edges",
-    "slow_symmetric": "slow on both edges",
-    "delay_rich_to_lean": "late on rich-to-lean edges",
-    "delay_lean_to_rich": "late on lean-to-rich edges",
-    "delay_symmetric": "late on both edges",
-    "transient": "slow and of reduced amplitude",
-    "gain_low": "of reduced amplitude",
-    "biased_lean": "reads too lean",
-    "biased_rich": "reads too rich",
-    "stuck_lean": "stuck at a lean value",
-    "stuck_rich": "stuck at a rich value",
-    "stuck_at_one": "stuck at 1",
-    "not_ready": "does not become ready",
-    "out_of_range": "outside the plausible range",
-    "no_activity": "no longer follows the mixture",
-    "intermittent": "holds now and then",
-    "drift_lean": "drifts lean during the drive",
-    "drift_rich": "drifts rich during the drive",
-    "signal_missing": "signal is not received",
-    "signal_invalid": "signal is sent as invalid",
-    "bus_off": "the monitor itself is off the bus",
-    "catalyst_low": "the catalyst stores too little oxygen",
-    "downstream_slow_rich_to_lean": "the downstream sensor is slow on rich-to-lean edges",
-    "downstream_slow_lean_to_rich": "the downstream sensor is slow on lean-to-rich edges",
-    "downstream_slow_symmetric": "the downstream sensor is slow on both edges",
-    "downstream_delay_rich_to_lean": "the downstream sensor is late on rich-to-lean edges",
-    "downstream_delay_lean_to_rich": "the downstream sensor is late on lean-to-rich edges",
-    "downstream_delay_symmetric": "the downstream sensor is late on both edges",
-    "downstream_weak": "the downstream sensor is of reduced amplitude",
-    "downstream_stuck_lean": "the downstream sensor is stuck at a lean value",
-    "downstream_stuck_rich": "the downstream sensor is stuck at a rich value",
-    "balance_lean": "the gas behind the catalyst is leaner than the upstream sensor says",
-    "balance_rich": "the gas behind the catalyst is richer than the upstream sensor says",
-    "memory_lost": "the monitor's fault memory was damaged and begins anew",
-}
-_VERDICTS = {  # class: symbol, words
-    "failed": ("✕", "fault found"),
-    "passed": ("✓", "no fault"),
-    "inconclusive": ("?", "not judged"),
-}
-_STATISTICS = {
-    "evidence": "evidence",
-    "hypothesis": "best hypothesis",
-    "dead_time_rich_to_lean_s": "dead time to lean, s",
-    "dead_time_lean_to_rich_s": "dead time to rich, s",
-    "lag_rich_to_lean_s": "lag to lean, s",
-    "lag_lean_to_rich_s": "lag to rich, s",
-    "gain": "gain",
-    "gain_std": "gain std",
-    "offset": "offset",
-    "offset_std": "offset std",
-    "offset_beyond": "offset beyond, std",
-    "excitation": "excitation",
-}
-
-
-def text(value: object) -> str:
-    """Return any value as text that is safe in HTML."""
-    return html.escape(str(value))
 
 
 def body(
     title: str, recordings: Sequence[Mapping[str, Any]], model_info: Mapping[str, str], output: str
 ) -> str:
     """Return the page's body without data and script."""
-    simulated = [r for r in recordings if _is_simulated(r)]
+    simulated = [r for r in recordings if is_simulated(r)]
     note = ""
     if simulated:
-        many = _many(len(recordings), "recording")
-        which = many if len(simulated) == len(recordings) else f"{len(simulated)} of {many}"
+        total = many(len(recordings), "recording")
+        which = total if len(simulated) == len(recordings) else f"{len(simulated)} of {total}"
         note = (
             f'<p class="note"><strong>Simulated.</strong> {which} on this page: from a simulation, '
             "not from a vehicle. Their results are marked.</p>"
@@ -101,23 +48,16 @@ def body(
     )
 
 
-def verdict_of(recording: Mapping[str, Any]) -> str:
-    """Return the verdict on a recording in the words of a window's verdict."""
-    if recording["fault_flag"]:
-        return "failed"
-    return "inconclusive" if recording["not_judged"] else "passed"
-
-
 def _summary(recordings: Sequence[Mapping[str, Any]]) -> str:
     names = [PurePath(str(r["path"])).name for r in recordings]
     alike = len(set(names)) < len(names)
     rows = []
     for i, recording in enumerate(recordings):
         name = recording["path"] if alike else names[i]
-        n = _counts(recording)
+        n = verdict_counts(recording)
         rows.append(
-            _row(
-                ("Recording", f'<a href="#recording-{i}">{_path(name)}</a>{_tag(recording)}'),
+            row(
+                ("Recording", f'<a href="#recording-{i}">{path(name)}</a>{_tag(recording)}'),
                 ("Verdict", _badge(recording)),
                 ("Codes", _codes(recording)),
                 ("Passed", _count("passed", n["passed"])),
@@ -135,18 +75,18 @@ def _summary(recordings: Sequence[Mapping[str, Any]]) -> str:
     verdicts = [verdict_of(recording) for recording in recordings]
     words = " · ".join(
         f"{label}: {verdicts.count(verdict)}"
-        for verdict, (_, label) in _VERDICTS.items()
+        for verdict, (_, label) in VERDICTS.items()
         if verdict in verdicts
     )
     return (
-        f'<section><h2>Summary</h2><p class="quiet">{_many(len(recordings), "recording")} · {words}'
+        f'<section><h2>Summary</h2><p class="quiet">{many(len(recordings), "recording")} · {words}'
         f'</p><table class="summary cards"><thead>{head}</thead>'
         f"<tbody>{''.join(rows)}</tbody></table></section>"
     )
 
 
 def _recording(i: int, recording: Mapping[str, Any], output: str, opened: bool) -> str:
-    n = _counts(recording)
+    n = verdict_counts(recording)
     facts = [
         ("Samples", f"{recording['samples']:,}".replace(",", " ")),
         ("Enabled", _enabled(recording)),
@@ -154,21 +94,21 @@ def _recording(i: int, recording: Mapping[str, Any], output: str, opened: bool) 
             "Windows",
             f"{n['passed']} passed, {n['failed']} failed, {n['inconclusive']} inconclusive",
         ),
-        ("Paper’s rule", f"failed in {_many(n['paper'], 'window')}"),
+        ("Paper’s rule", f"failed in {many(n['paper'], 'window')}"),
         *_limits(recording.get("limits", {})),
         *_memory(recording.get("memory")),
         *_logger(recording),
-        ("File", f'<span class="wide">{_path(recording["path"])}</span>'),
+        ("File", f'<span class="wide">{path(recording["path"])}</span>'),
         ("sha256", f'<code class="wide hash">{text(recording["sha256"])}</code>'),
     ]
     verdict = verdict_of(recording)
     name = PurePath(str(recording["path"])).name
-    simulated = " (simulated)" if _is_simulated(recording) else ""
+    simulated = " (simulated)" if is_simulated(recording) else ""
     return (
         f'<details class="recording" id="recording-{i}"{" open" if opened else ""}>'
-        f"<summary><h2>{_path(name)}</h2>{_tag(recording)}{_badge(recording)}</summary>"
-        f'<div class="verdict {verdict}"><p><strong>{_VERDICTS[verdict][1].capitalize()}'
-        f"{simulated}.</strong> {_sentence(recording)}</p>{_list(facts)}</div>"
+        f"<summary><h2>{path(name)}</h2>{_tag(recording)}{_badge(recording)}</summary>"
+        f'<div class="verdict {verdict}"><p><strong>{VERDICTS[verdict][1].capitalize()}'
+        f"{simulated}.</strong> {_sentence(recording)}</p>{term_list(facts)}</div>"
         f"{_causes(recording)}{_dtcs(recording)}"
         f'<section class="plots" data-series="series-{i}" data-name="{text(name)}{simulated}" '
         f'aria-label="Measured and predicted {text(output)} over time"></section>'
@@ -201,7 +141,7 @@ def _sentence(recording: Mapping[str, Any]) -> str:
 def _causes(recording: Mapping[str, Any]) -> str:
     """Return the causes why a recording was not judged as a table."""
     rows = [
-        _row(
+        row(
             ("Condition", f"<code>{text(cause['condition'])}</code>"),
             ("Held", _share(cause["held_share"])),
             ("Signal", f"<code>{text(cause['signal'])}</code>" if cause["signal"] else ""),
@@ -211,7 +151,7 @@ def _causes(recording: Mapping[str, Any]) -> str:
         for cause in recording["not_judged"] or ()
     ]
     head = ("Condition", "Held", "Signal", "Reason", "Advice")
-    return f"<h3>Why not judged</h3>{_table(head, rows, 'cards')}" if rows else ""
+    return f"<h3>Why not judged</h3>{table(head, rows, 'cards')}" if rows else ""
 
 
 def _share(share: float | None) -> str:
@@ -227,19 +167,19 @@ def _dtcs(recording: Mapping[str, Any]) -> str:
         if dtc.get("t_s") is not None:
             show = f'<button type="button" data-show="{float(dtc["t_s"])!r}">show</button>'
         rows.append(
-            _row(
+            row(
                 ("Code", f'<strong class="code">{text(dtc["code"])}</strong>'),
                 ("Fault", f"<code>{text(fault_words(dtc))}</code>"),
-                ("Meaning", text(_meaning(dtc))),
+                ("Meaning", text(meaning(dtc))),
                 ("State", text(dtc["state"])),
-                ("Set at", (_seconds(dtc) or "earlier driving cycle") + show),
+                ("Set at", (seconds(dtc) or "earlier driving cycle") + show),
                 (
                     "Status byte",
                     f"<code>0x{int(dtc['status']):02X}</code>" if "status" in dtc else "",
                 ),
             )
         )
-    return "<h3>Trouble codes</h3>" + _table(
+    return "<h3>Trouble codes</h3>" + table(
         ("Code", "Fault", "Meaning", "State", "Set at", "Status byte"), rows, "cards"
     )
 
@@ -249,24 +189,24 @@ def _windows(recording: Mapping[str, Any]) -> str:
     if not windows:
         return '<p class="quiet">No window of enabled samples was filled.</p>'
     present: set[str] = {key for w in windows for key in w.get("statistics", {})}
-    keys = [k for k in _STATISTICS if k in present] + sorted(present - _STATISTICS.keys())
+    keys = [k for k in STATISTICS if k in present] + sorted(present - STATISTICS.keys())
     rows = [
-        _row(
+        row(
             ("", text(w["index"])),
             ("", f"{w['t_start_s']:.1f}–{w['t_end_s']:.1f}"),
-            ("", _number(w["mean"])),
-            ("", _number(w["std"])),
+            ("", number(w["mean"])),
+            ("", number(w["std"])),
             ("", _window_verdict(w)),
             ("", "failed" if w["paper_failed"] else "–"),
-            *(("", _number(w.get("statistics", {}).get(key))) for key in keys),
+            *(("", number(w.get("statistics", {}).get(key))) for key in keys),
         )
         for w in windows
     ]
     head = ("#", "time, s", "mean", "std", "verdict", "paper’s rule")
     return (
-        f'<details class="windows"><summary>All {_many(len(windows), "window")} as a table'
+        f'<details class="windows"><summary>All {many(len(windows), "window")} as a table'
         f'</summary><div class="scroll">'
-        f"{_table((*head, *(_STATISTICS.get(k, k) for k in keys)), rows)}</div></details>"
+        f"{table((*head, *(STATISTICS.get(k, k) for k in keys)), rows)}</div></details>"
     )
 
 
@@ -277,7 +217,7 @@ def _enable(recording: Mapping[str, Any]) -> str:
     rows = []
     for name, share in conditions.items():
         if isinstance(share, str):
-            rows.append(_row(("", f"<code>{text(name)}</code>"), ("", ""), ("", text(share))))
+            rows.append(row(("", f"<code>{text(name)}</code>"), ("", ""), ("", text(share))))
             continue
         percent = 100.0 * float(share)
         bar = (
@@ -285,12 +225,12 @@ def _enable(recording: Mapping[str, Any]) -> str:
             f'<rect class="all" width="100" height="8"/><rect width="{percent:.1f}" height="8"/>'
             "</svg>"
         )
-        rows.append(_row(("", f"<code>{text(name)}</code>"), ("", bar), ("", f"{percent:.1f} %")))
+        rows.append(row(("", f"<code>{text(name)}</code>"), ("", bar), ("", f"{percent:.1f} %")))
     return (
         "<section><h3>Enable conditions</h3>"
         '<p class="quiet">Share of samples in which each held. A sample is judged when all hold; '
         "one that is unavailable does not block.</p>"
-        f"{_table((), rows, 'conditions')}</section>"
+        f"{table((), rows, 'conditions')}</section>"
     )
 
 
@@ -306,7 +246,7 @@ def _counters(recording: Mapping[str, Any]) -> str:
     return (
         "<section><h3>Frames</h3>"
         '<p class="quiet">What was rejected, was late or never came.</p>'
-        f"{_table((), rows, 'counters')}</section>"
+        f"{table((), rows, 'counters')}</section>"
     )
 
 
@@ -314,12 +254,12 @@ def _model(model_info: Mapping[str, str]) -> str:
     if not model_info:
         return ""
     facts = [(text(key), text(value)) for key, value in model_info.items()]
-    return f'<section class="model"><h2>Model</h2>{_list(facts)}</section>'
+    return f'<section class="model"><h2>Model</h2>{term_list(facts)}</section>'
 
 
 def _badge(recording: Mapping[str, Any]) -> str:
     verdict = verdict_of(recording)
-    symbol, words = _VERDICTS[verdict]
+    symbol, words = VERDICTS[verdict]
     return f'<span class="badge {verdict}"><span aria-hidden="true">{symbol}</span> {words}</span>'
 
 
@@ -339,53 +279,31 @@ def _codes(recording: Mapping[str, Any]) -> str:
 
 def _window_verdict(window: Mapping[str, Any]) -> str:
     verdict = str(window["verdict"])
-    symbol = _VERDICTS.get(verdict, ("",))[0]
+    symbol = VERDICTS.get(verdict, ("",))[0]
     fault = f" {text(window['fault'])}" if window.get("fault") else ""
     return f'<span class="mark {text(verdict)}">{symbol} {text(verdict)}</span>{fault}'
 
 
 def _count(verdict: str, n: int) -> str:
-    return f'<span class="mark {verdict}">{_VERDICTS[verdict][0]} {n}</span>' if n else "0"
-
-
-def _counts(recording: Mapping[str, Any]) -> dict[str, int]:
-    windows = recording["windows"]
-    counts = {v: sum(w["verdict"] == v for w in windows) for v in _VERDICTS}
-    return counts | {"paper": sum(bool(w["paper_failed"]) for w in windows)}
+    return f'<span class="mark {verdict}">{VERDICTS[verdict][0]} {n}</span>' if n else "0"
 
 
 def _enabled(recording: Mapping[str, Any]) -> str:
     samples, enabled = recording["samples"], recording["enabled_samples"]
     share = f"{100.0 * enabled / samples:.0f}\u00a0%" if samples else "–"
     period_s = recording.get("period_s")
-    return f"{_duration(enabled * float(period_s))} ({share})" if period_s else share
-
-
-def _duration(seconds: float) -> str:
-    return f"{seconds:.0f}\u00a0s" if seconds < 120 else f"{seconds / 60:.1f}\u00a0min"
-
-
-def _meaning(dtc: Mapping[str, Any]) -> str:
-    return ", or ".join(MEANINGS.get(f, f) for f in (dtc["fault"], *dtc.get("also", ())))
+    return f"{duration(enabled * float(period_s))} ({share})" if period_s else share
 
 
 def _state(dtc: Mapping[str, Any]) -> str:
-    return ", ".join(part for part in (text(dtc["state"]), _seconds(dtc)) if part)
-
-
-def _seconds(dtc: Mapping[str, Any]) -> str:
-    return "" if dtc.get("t_s") is None else f"{dtc['t_s']:.1f} s"
-
-
-def _is_simulated(recording: Mapping[str, Any]) -> bool:
-    return bool(recording.get("source") == "simulated")
+    return ", ".join(part for part in (text(dtc["state"]), seconds(dtc)) if part)
 
 
 def _memory(found: Mapping[str, Any] | None) -> list[tuple[str, str]]:
     """Return the fact about the fault memory on disk, if there was one and it was damaged."""
     if not found or found["state"] == "ok":
         return []
-    aside = f", put aside as {_path(found['set_aside'])}" if found["set_aside"] else ""
+    aside = f", put aside as {path(found['set_aside'])}" if found["set_aside"] else ""
     return [("Fault memory", f"was damaged and is {text(found['state'])}{aside}")]
 
 
@@ -397,44 +315,5 @@ def _limits(limits: Mapping[str, Any]) -> list[tuple[str, str]]:
         "offset_high": "to",
         "gain": "gain of this vehicle",
     }
-    words = [f"{symbols.get(k, text(k))} {_number(v)}" for k, v in limits.items()]
+    words = [f"{symbols.get(k, text(k))} {number(v)}" for k, v in limits.items()]
     return [("Limits", ", ".join(words))] if words else []
-
-
-def _number(value: object) -> str:
-    if value is None:
-        return "–"
-    if isinstance(value, float):
-        return f"{value:.4g}".replace("-", "−") if math.isfinite(value) else "–"
-    return text(value)
-
-
-def _many(n: int, noun: str) -> str:
-    return f"{n} {noun}{'' if n == 1 else 's'}"
-
-
-def _path(path: object) -> str:
-    """Return a path as HTML that may break after separators."""
-    return re.sub(r"([/\\_])", r"\1<wbr>", text(path))
-
-
-def _row(*cells: tuple[str, str]) -> str:
-    return (
-        "<tr>"
-        + "".join(
-            f'<td data-label="{label}"><div>{cell}</div></td>' if label else f"<td>{cell}</td>"
-            for label, cell in cells
-        )
-        + "</tr>"
-    )
-
-
-def _table(head: Iterable[str], rows: Iterable[str], css_class: str = "") -> str:
-    cells = "".join(f"<th>{text(cell)}</th>" for cell in head)
-    header = f"<thead><tr>{cells}</tr></thead>" if cells else ""
-    return f'<table class="{css_class}">{header}<tbody>{"".join(rows)}</tbody></table>'
-
-
-def _list(facts: Iterable[tuple[str, str]]) -> str:
-    items = "".join(f"<div><dt>{key}</dt><dd>{value}</dd></div>" for key, value in facts)
-    return f"<dl>{items}</dl>"

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from monitor.base.outputs import write_text
 from monitor.base.types import FloatArray
-from monitor.report import html
+from monitor.report import elements, html
 from monitor.report.vehicle_offset import vehicle_offset
 
 MAX_SAMPLES = 50_000  # longer recordings are thinned out; extremes are kept
@@ -78,7 +78,7 @@ def write_report(
         )
     )
     page = Template(_static("report.html")).substitute(
-        title=html.text(title),
+        title=elements.text(title),
         script_hash=_hash(script),
         style_hash=_hash(style),
         style=style,

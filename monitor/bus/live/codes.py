@@ -6,7 +6,7 @@ from typing import Any
 from monitor.bus.live.describe import value_text, words
 from monitor.memory.dtc import TESTS, Dtc, DtcStore, Status
 from monitor.memory.obd_records import FreezeFrame
-from monitor.report.html import MEANINGS
+from monitor.report.words import MEANINGS
 
 
 def fault_memory(store: DtcStore) -> dict[str, Any]:

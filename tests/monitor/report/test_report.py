@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from monitor.memory.dtc import CODES
-from monitor.report import html
+from monitor.report import html, words
 from monitor.report import text as report
 from monitor.report.text import Trace, series, thinned, write_report
 from tests.conftest import ROOT
@@ -139,8 +139,8 @@ def test_the_page_says_verdicts_codes_and_why_a_drive_was_not_judged(tmp_path: P
     text = written(tmp_path, recording(), faulty(), not_judged()).text
     # THEN all three verdicts stand there in words, with symbols beside the colours
     assert "3 recordings · fault found: 1 · no fault: 1 · not judged: 1" in text
-    for words in ("✕ fault found", "✓ no fault", "? not judged"):
-        assert text.count(words) == 2, words  # in the summary and above the recording
+    for verdict in ("✕ fault found", "✓ no fault", "? not judged"):
+        assert text.count(verdict) == 2, verdict  # in the summary and above the recording
     # AND the code with its fault, state, time and status byte
     for words in ("P014C", "slow_rich_to_lean or transient", "pending", "20.0 s", "0x27"):
         assert words in text
@@ -302,7 +302,7 @@ def test_times_that_stand_on_no_grid_are_kept_one_by_one() -> None:
 
 
 def test_every_fault_has_a_meaning() -> None:
-    assert set(html.MEANINGS) == set(CODES)
+    assert set(words.MEANINGS) == set(CODES)
 
 
 def test_every_file_of_the_page_is_packaged() -> None:

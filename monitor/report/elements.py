@@ -1,0 +1,50 @@
+"""Elements of the report in HTML. Every value from outside passes through ``text``."""
+
+import html
+import math
+import re
+from collections.abc import Iterable
+
+
+def text(value: object) -> str:
+    """Return any value as text that is safe in HTML."""
+    return html.escape(str(value))
+
+
+def number(value: object) -> str:
+    """Return a number with four digits, a dash for none."""
+    if value is None:
+        return "–"
+    if isinstance(value, float):
+        return f"{value:.4g}".replace("-", "−") if math.isfinite(value) else "–"
+    return text(value)
+
+
+def path(path: object) -> str:
+    """Return a path as HTML that may break after separators."""
+    return re.sub(r"([/\\_])", r"\1<wbr>", text(path))
+
+
+def row(*cells: tuple[str, str]) -> str:
+    """Return a row of a table from (label, HTML) of each cell."""
+    return (
+        "<tr>"
+        + "".join(
+            f'<td data-label="{label}"><div>{cell}</div></td>' if label else f"<td>{cell}</td>"
+            for label, cell in cells
+        )
+        + "</tr>"
+    )
+
+
+def table(head: Iterable[str], rows: Iterable[str], css_class: str = "") -> str:
+    """Return a table; ``rows`` are HTML."""
+    cells = "".join(f"<th>{text(cell)}</th>" for cell in head)
+    header = f"<thead><tr>{cells}</tr></thead>" if cells else ""
+    return f'<table class="{css_class}">{header}<tbody>{"".join(rows)}</tbody></table>'
+
+
+def term_list(facts: Iterable[tuple[str, str]]) -> str:
+    """Return a list of (term, HTML)."""
+    items = "".join(f"<div><dt>{key}</dt><dd>{value}</dd></div>" for key, value in facts)
+    return f"<dl>{items}</dl>"

@@ -1,0 +1,102 @@
+"""The words of the report: meanings of faults, verdicts, numbers with their units; no HTML."""
+
+from collections.abc import Mapping
+from typing import Any
+
+MEANINGS = {
+    "slow_rich_to_lean": "slow on rich-to-lean edges",
+    "slow_lean_to_rich": "slow on lean-to-rich edges",
+    "slow_symmetric": "slow on both edges",
+    "delay_rich_to_lean": "late on rich-to-lean edges",
+    "delay_lean_to_rich": "late on lean-to-rich edges",
+    "delay_symmetric": "late on both edges",
+    "transient": "slow and of reduced amplitude",
+    "gain_low": "of reduced amplitude",
+    "biased_lean": "reads too lean",
+    "biased_rich": "reads too rich",
+    "stuck_lean": "stuck at a lean value",
+    "stuck_rich": "stuck at a rich value",
+    "stuck_at_one": "stuck at 1",
+    "not_ready": "does not become ready",
+    "out_of_range": "outside the plausible range",
+    "no_activity": "no longer follows the mixture",
+    "intermittent": "holds now and then",
+    "drift_lean": "drifts lean during the drive",
+    "drift_rich": "drifts rich during the drive",
+    "signal_missing": "signal is not received",
+    "signal_invalid": "signal is sent as invalid",
+    "bus_off": "the monitor itself is off the bus",
+    "catalyst_low": "the catalyst stores too little oxygen",
+    "downstream_slow_rich_to_lean": "the downstream sensor is slow on rich-to-lean edges",
+    "downstream_slow_lean_to_rich": "the downstream sensor is slow on lean-to-rich edges",
+    "downstream_slow_symmetric": "the downstream sensor is slow on both edges",
+    "downstream_delay_rich_to_lean": "the downstream sensor is late on rich-to-lean edges",
+    "downstream_delay_lean_to_rich": "the downstream sensor is late on lean-to-rich edges",
+    "downstream_delay_symmetric": "the downstream sensor is late on both edges",
+    "downstream_weak": "the downstream sensor is of reduced amplitude",
+    "downstream_stuck_lean": "the downstream sensor is stuck at a lean value",
+    "downstream_stuck_rich": "the downstream sensor is stuck at a rich value",
+    "balance_lean": "the gas behind the catalyst is leaner than the upstream sensor says",
+    "balance_rich": "the gas behind the catalyst is richer than the upstream sensor says",
+    "memory_lost": "the monitor's fault memory was damaged and begins anew",
+}
+
+VERDICTS = {  # class: symbol, words
+    "failed": ("✕", "fault found"),
+    "passed": ("✓", "no fault"),
+    "inconclusive": ("?", "not judged"),
+}
+
+STATISTICS = {
+    "evidence": "evidence",
+    "hypothesis": "best hypothesis",
+    "dead_time_rich_to_lean_s": "dead time to lean, s",
+    "dead_time_lean_to_rich_s": "dead time to rich, s",
+    "lag_rich_to_lean_s": "lag to lean, s",
+    "lag_lean_to_rich_s": "lag to rich, s",
+    "gain": "gain",
+    "gain_std": "gain std",
+    "offset": "offset",
+    "offset_std": "offset std",
+    "offset_beyond": "offset beyond, std",
+    "excitation": "excitation",
+}
+
+
+def verdict_of(recording: Mapping[str, Any]) -> str:
+    """Return the verdict on a recording in the words of a window's verdict."""
+    if recording["fault_flag"]:
+        return "failed"
+    return "inconclusive" if recording["not_judged"] else "passed"
+
+
+def verdict_counts(recording: Mapping[str, Any]) -> dict[str, int]:
+    """Return how many windows have each verdict, and how many fail by the paper's limits."""
+    windows = recording["windows"]
+    counts = {v: sum(w["verdict"] == v for w in windows) for v in VERDICTS}
+    return counts | {"paper": sum(bool(w["paper_failed"]) for w in windows)}
+
+
+def duration(seconds: float) -> str:
+    """Return a duration in seconds or minutes."""
+    return f"{seconds:.0f}\u00a0s" if seconds < 120 else f"{seconds / 60:.1f}\u00a0min"
+
+
+def meaning(dtc: Mapping[str, Any]) -> str:
+    """Return the meanings of a code's faults."""
+    return ", or ".join(MEANINGS.get(f, f) for f in (dtc["fault"], *dtc.get("also", ())))
+
+
+def seconds(dtc: Mapping[str, Any]) -> str:
+    """Return the time of a code, empty if it has none."""
+    return "" if dtc.get("t_s") is None else f"{dtc['t_s']:.1f} s"
+
+
+def many(n: int, noun: str) -> str:
+    """Return a number with its noun."""
+    return f"{n} {noun}{'' if n == 1 else 's'}"
+
+
+def is_simulated(recording: Mapping[str, Any]) -> bool:
+    """Return whether a recording says that it is simulated."""
+    return bool(recording.get("source") == "simulated")
