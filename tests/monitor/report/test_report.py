@@ -142,8 +142,8 @@ def test_the_page_says_verdicts_codes_and_why_a_drive_was_not_judged(tmp_path: P
     for verdict in ("✕ fault found", "✓ no fault", "? not judged"):
         assert text.count(verdict) == 2, verdict  # in the summary and above the recording
     # AND the code with its fault, state, time and status byte
-    for words in ("P014C", "slow_rich_to_lean or transient", "pending", "20.0 s", "0x27"):
-        assert words in text
+    for shown in ("P014C", "slow_rich_to_lean or transient", "pending", "20.0 s", "0x27"):
+        assert shown in text
     assert "coolant_warm held 12 % of the time: record until the engine is warm" in text
     # AND what the enable conditions and frames were, the file's sha256 and the model
     for words in ("coolant_warm", "12.5 %", "unavailable", "checksum", SHA256, "narx"):
