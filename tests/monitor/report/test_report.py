@@ -14,9 +14,10 @@ import numpy as np
 import pytest
 
 from monitor.memory.dtc import CODES
-from monitor.report import html, words
+from monitor.report import html
 from monitor.report import text as report
 from monitor.report.text import Trace, series, thinned, write_report
+from monitor.report.words import MEANINGS
 from tests.conftest import ROOT
 
 SHA256 = "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"
@@ -302,7 +303,7 @@ def test_times_that_stand_on_no_grid_are_kept_one_by_one() -> None:
 
 
 def test_every_fault_has_a_meaning() -> None:
-    assert set(words.MEANINGS) == set(CODES)
+    assert set(MEANINGS) == set(CODES)
 
 
 def test_every_file_of_the_page_is_packaged() -> None:

@@ -113,7 +113,7 @@ def test_an_object_that_stands_twice_is_one_object_again(tmp_path: Path) -> None
 
 @pytest.mark.parametrize("kind", [Findings, Naming, Verification, Healthy, Vehicle | str])
 def test_whatever_a_run_stores_has_a_form(kind: Any) -> None:
-    values.form_of(kind, NAMED)
+    assert values.form_of(kind, NAMED) is not None
 
 
 def test_a_type_with_code_inside_has_no_form() -> None:
