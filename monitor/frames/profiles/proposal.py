@@ -17,6 +17,7 @@ from monitor.frames.tables.dialect import name_and_unit
 from monitor.frames.tables.raw_table import Notes, RawTable, Wanted
 
 _ENOUGH = 6  # columns to know a logger by
+_OWN = 3  # of these, columns that no shipped profile knows: others may be another logger's, too
 _TIMES = ("time", "timestamp", "seconds", "elapsedtime", "logtime", "devicetime")
 
 
@@ -38,7 +39,9 @@ def proposed(raw: RawTable) -> Iterator[str]:
     yield f"time = [{', '.join(map(_quoted, times))}]{'' if times else '   # which column?'}"
     yield ""
     yield "[[recognise]]         # a file with all these columns is read with this profile"
-    chosen = [*times[:1], *(column for column, _ in found.values()), *raw.names]
+    used = {column for column, _ in found.values()} | set(times)
+    own = [name for name in raw.names if name and name not in used][:_OWN]
+    chosen = [*times[:1], *own, *(column for column, _ in found.values()), *raw.names]
     yield f"columns = [{', '.join(map(_quoted, list(dict.fromkeys(chosen))[:_ENOUGH]))}]"
     yield ""
     yield "[signals]             # canonical name = column; unit where the file states none"
@@ -47,7 +50,6 @@ def proposed(raw: RawTable) -> Iterator[str]:
             yield f"{name} = {_source(*found[name])}"
     yield ""
     yield "# columns that are not used:"
-    used = {column for column, _ in found.values()} | set(times)
     for i, column in enumerate(raw.columns):
         if column.name and column.name not in used:
             yield f"# {_quoted(column.name)}{_range(column.unit, cells[:, i])}"
