@@ -69,6 +69,7 @@ class Result:
     warnings: tuple[str, ...] = ()  # beside those of the naming
     sensor_known_good: bool = False
     seconds: float | None = None
+    withdrawn: str | None = None  # why a new model was not kept: what the monitor loses by it
 
     @property
     def verdict(self) -> Verdict:
@@ -166,6 +167,7 @@ def as_json(result: Result) -> dict[str, Any]:
         "experiment": None if naming.experiment is None else str(naming.experiment),
         "model": None if result.new_model is None else str(result.new_model),
         "form": result.form or None,
+        "withdrawn": result.withdrawn,
         "suspected": naming.suspected,
         "indistinguishable": [c.name for c in naming.indistinguishable],
         "unknown_effect": result.unknown,

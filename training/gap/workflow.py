@@ -26,6 +26,7 @@ from training.jobs.checkpoints import Checkpoints, Progress
 from training.recordings.recording import training_recording
 
 NEW_MODEL: Final = "model.onnx"
+UNVERIFIED: Final = "unverified.onnx"  # until the monitor has run with it
 
 
 def investigate(
@@ -38,6 +39,8 @@ def investigate(
     progress: Progress = lambda _: None,
 ) -> Result:
     """Return the result of all steps; a new model, if there is one, is ``out``/model.onnx.
+
+    No model with which the monitor is worse off than with the old one is written.
 
     known : the healthy behaviour, if ``yardstick.learn`` has learned it before; else it is learned
         from the healthy recordings, or read from the model's card
@@ -80,7 +83,7 @@ def investigate(
         subject=subject,
         naming=naming,
         knowledge=knowledge,
-        out=out / NEW_MODEL,
+        out=out / UNVERIFIED,
         options=options,
         progress=progress,
     )
@@ -91,6 +94,7 @@ def investigate(
             Verification,
             lambda: _verification(material, addition, knowledge, options, progress),
         )
+    addition, harm = delivered(addition, verification, out / NEW_MODEL)
     return Result(
         model=ModelFile.of(material.model),
         recordings=tuple(map(training_recording, material.recordings)),
@@ -102,6 +106,7 @@ def investigate(
         form=addition.form,
         verified=verification,
         new_model=addition.path,
+        withdrawn=harm,
         steps=steps_of(naming),
         unknown=knowledge.unknown_effect(subject.drives, naming),
         warnings=(
@@ -117,6 +122,14 @@ def investigate(
         sensor_known_good=options.sensor_known_good,
         seconds=time.monotonic() - began_s,
     )
+
+
+def delivered(
+    addition: Addition, verification: Verification | None, path: Path
+) -> tuple[Addition, str | None]:
+    """Return what stays of an addition, its file as ``path``, and why the file was deleted."""
+    harm = verification.harm if verification and addition.path else None
+    return (addition.withdrawn() if harm else addition.kept(path)), harm
 
 
 def _where(subject: Subject, progress: Progress) -> Findings:

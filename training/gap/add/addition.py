@@ -1,6 +1,6 @@
 """The named effects in a new model: whether they may be added, and the file that came of it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -32,6 +32,16 @@ class Addition:
     form: str = ""  # a sentence
     effects: tuple[ModelEffect, ...] = ()
     warnings: tuple[str, ...] = ()
+
+    def kept(self, path: Path) -> "Addition":
+        """Return the addition with its file, if there is one, moved to ``path``."""
+        return self if self.path is None else replace(self, path=self.path.replace(path))
+
+    def withdrawn(self) -> "Addition":
+        """Return the addition without its file, which is deleted."""
+        if self.path is not None:
+            self.path.unlink()
+        return Addition(warnings=self.warnings)
 
 
 def add(

@@ -28,6 +28,8 @@ def verdict_sentence(result: Result) -> str:
 def _named(result: Result) -> str:
     names = _and([f"{c.name} ({c.says})" for c in result.effects])
     before, after, floor, on = result.rmse
+    if result.withdrawn is not None:
+        return f"Named: {names}, but no model is written: {result.withdrawn}; {_level(result)}."
     if after is None:
         return f"Named: {names}, but not added; {_level(result)}."
     return (
@@ -138,6 +140,11 @@ def actions(result: Result) -> list[str]:
 
 
 def _take_over(result: Result) -> list[str]:
+    if result.withdrawn is not None:
+        return [
+            "Keep the model: it predicts worse, but the monitor loses nothing by it.",
+            "Record more drives, longer ones and with more changes of load, and run again.",
+        ]
     if result.new_model is None:
         return ["No model file was written."]
     verified = result.verified

@@ -111,10 +111,54 @@ class Verification:
         """Return the share of faulty drives in which the new model finds a fault."""
         return rate([f.after for f in self.faults if f.after is not None])
 
+    @property
+    def harm(self) -> str | None:
+        """Return why the monitor is worse off with the new model, in words; None if it is not.
+
+        The old model counts with its own limits if it is quiet on drives without a fault, else
+        with those set as the new one's if it is quiet then: a model that takes the gap for a fault
+        finds every fault put on. If it is quiet with neither, only decisions are compared.
+        """
+        runs = [*self.faults, *([] if self.alarms is None else [self.alarms])]
+        pairs = [(self._reference(run), run.after) for run in runs]
+        old = [reference for reference, after in pairs if after is not None]
+        new = [after for _, after in pairs if after is not None]
+        judged = sum(c.judged for c in old), sum(c.judged for c in new)
+        if judged[1] < judged[0]:
+            return (
+                f"the monitor decides in {judged[1]} of {sum(c.drives for c in new)} drives with "
+                f"the new model, in {judged[0]} with the old one{self._limits_words}"
+            )
+        faulty = [(b, a) for (b, a), run in zip(pairs, runs, strict=True) if run.fault and a]
+        found = sum(b.found for b, _ in faulty), sum(a.found for _, a in faulty)
+        if found[1] < found[0] and self._quiet is not None:
+            return (
+                f"the monitor finds {found[1]} of {sum(a.drives for _, a in faulty)} faults put on "
+                f"with the new model, {found[0]} with the old one{self._limits_words}"
+            )
+        return None
+
+    @property
+    def _quiet(self) -> str | None:
+        """Return with which limits the old model raises no code without a fault."""
+        if self.alarms is None or not self.alarms.before.found:
+            return "before"
+        alike = self.alarms.alike
+        return "alike" if alike is not None and not alike.found else None
+
+    @property
+    def _limits_words(self) -> str:
+        return " and limits set alike" if self._quiet == "alike" else ""
+
+    def _reference(self, run: Detection) -> Count:
+        """Return how the old model is counted in one comparison."""
+        return run.alike if self._quiet == "alike" and run.alike is not None else run.before
+
     def as_json(self) -> dict[str, Any]:
         """Return regimes and detection as ``gap.json`` has them."""
         return {
             "gap_closed": self.closed,
+            "harm": self.harm,
             "gap_closed_beyond_healthy": self.closed_beyond_healthy,
             "overall": _error(self.overall),
             "regimes": [_error(e) for e in self.regimes],

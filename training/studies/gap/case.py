@@ -149,7 +149,7 @@ def _answered(case: Case, study: Study, vehicle: Vehicle) -> Row:
     gap = moved_phi(vehicle.model, recordings, nothing)
     return {
         **_said(found),
-        **_closed(found.verified, without),
+        **_closed(found.verified, without, found.withdrawn is not None),
         "gap": gap,
         "gap_over_noise": gap / vehicle.noise_phi,
         "seconds": took_s,
@@ -164,6 +164,7 @@ def _said(found: Result) -> Row:
         "names": names if naming.verdict == "named" else [],
         "among": names if naming.verdict == "ambiguous" else [],
         "added": [each.name for each in found.added],
+        "withdrawn": found.withdrawn,
         "suspected": naming.suspected,
         "indistinguishable": [candidate.name for candidate in naming.indistinguishable],
         "runner_up": ranking[1].name if len(ranking) > 1 else None,
@@ -177,14 +178,17 @@ def _said(found: Result) -> Row:
     }
 
 
-def _closed(verified: Verification | None, without: float) -> Row:
+def _closed(verified: Verification | None, without: float, withdrawn: bool) -> Row:
     """Return the errors on the held-out recordings before and after the new model.
 
+    withdrawn : the new model was not written, so the old one's error stays; what the monitor found
+        with both is counted all the same
     without : RMS error on the reference drives, in phi
     """
     if verified is None:
         raise ValueError("nothing was held out")
     before, after = verified.overall.before, verified.overall.after
+    after = None if withdrawn else after
     return {
         "faults": _counts(verified.faults),
         "alarms": _counts([verified.alarms] if verified.alarms else []),

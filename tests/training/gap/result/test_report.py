@@ -426,6 +426,41 @@ def test_worse_regimes_and_lost_faults_are_warned_of() -> None:
     assert ">lost<" in page
 
 
+def test_a_model_with_which_the_monitor_decides_less_is_not_the_headline_s() -> None:
+    # GIVEN a new model that closes the gap, and a monitor that decides nothing with it
+    own, blind = verified(), Count(4, 0, 0, 0, ())
+    before = Count(4, 4, 0, 0, ())
+    own = replace(own, alarms=Detection("", None, before, blind))
+    own = replace(own, faults=(replace(own.faults[0], after=blind),))
+    assert own.harm is not None
+    # WHEN it was therefore not written
+    found = replace(made("named", verified=own), withdrawn=own.harm, new_model=None, added=())
+    # THEN the first sentence says why, and no sentence says that it is to be used
+    lost = "the monitor decides in 0 of 8 drives with the new model, in 8 with the old one"
+    assert f"but no model is written: {lost};" in verdict_sentence(found)
+    page = gap_page.as_page(found)
+    assert "Use out/model.onnx" not in page
+    assert "Keep the model:" in page
+    tree = as_json(found)
+    assert (tree["withdrawn"], tree["model"], tree["rmse_after"]) == (lost, None, None)
+
+
+def test_an_old_model_that_takes_the_gap_for_a_fault_is_no_measure() -> None:
+    # GIVEN an old model that raises codes without a fault, and none with limits set alike
+    noisy, quiet = Count(4, 4, 4, 0, ("gain_low",)), Count(4, 4, 0, 0, ())
+    weak = Detection("gain_low", 0.6, noisy, Count(4, 4, 2, 2, ()), Count(4, 4, 1, 1, ()))
+    own = replace(verified(), alarms=Detection("", None, noisy, quiet, quiet), faults=(weak,))
+    # THEN two found are no loss against one; three would be
+    assert own.harm is None
+    more = replace(weak, alike=Count(4, 4, 3, 3, ()))
+    told = replace(own, faults=(more,)).harm
+    assert told is not None
+    assert "3 with the old one and limits set alike" in told
+    # AND where it is never quiet nothing that it finds is a measure
+    unquiet = replace(own, alarms=Detection("", None, noisy, quiet, noisy), faults=(more,))
+    assert unquiet.harm is None
+
+
 def test_fewer_false_alarms_are_no_loss() -> None:
     before, after = Count(4, 4, 4, 0, ("gain_low",)), Count(4, 4, 0, 0, ())
     quieter = replace(verified(), alarms=Detection("", None, before, after))

@@ -13,11 +13,13 @@ from monitor.base.types import FloatArray
 from monitor.model.card import Limit
 from monitor.model.step import Model
 from tests.helpers.gap_drives import PERIOD_S, plain_signals
+from training.gap.add.addition import Addition
 from training.gap.inputs.roles import FAULTS
 from training.gap.verify.detection import put_on
 from training.gap.verify.error_regimes import compare
 from training.gap.verify.evidence import Count, Detection, rate
 from training.gap.verify.verification import verify
+from training.gap.workflow import delivered
 from training.greybox.chain import Constants, base_path, simulate
 from training.greybox.fit.comparison import Comparison
 from training.greybox.model import fit_greybox
@@ -104,6 +106,7 @@ def test_a_model_with_what_was_missing_is_better_everywhere_and_still_finds_faul
     assert (found.rate_before, found.rate_after) == (1.0, 1.0)
     assert found.alarms is not None
     assert found.alarms.after == Count(3, 3, 0, 0, ())
+    assert found.harm is None
     assert "the control loop has not seen them" in found.notes[0]
 
 
@@ -191,6 +194,17 @@ def test_a_fault_that_the_new_model_finds_no_more_is_told(
     # THEN the biased one is lost, the late one not
     assert [f.lost for f in found.faults] == [True, False]
     assert (found.rate_before, found.rate_after) == (1.0, 0.5)
+    assert found.harm is not None
+    assert "finds 3 of 6 faults put on with the new model, 6 with the old one" in found.harm
+    # AND the new model's file does not stay, as one without loss does
+    told = Addition(blind, "inside the chain", warnings=("a warning",))
+    kept, why = delivered(told, replace(found, faults=found.faults[1:]), tmp_path / "model.onnx")
+    assert (kept.path, why) == (tmp_path / "model.onnx", None)
+    assert delivered(kept, found, tmp_path / "model.onnx") == (
+        Addition(warnings=("a warning",)),
+        found.harm,
+    )
+    assert not list(tmp_path.iterdir())
 
 
 def test_an_old_model_is_also_asked_with_limits_set_as_the_new_one_s(
@@ -207,6 +221,8 @@ def test_an_old_model_is_also_asked_with_limits_set_as_the_new_one_s(
     assert found.alarms.alike.found == 0
     (weak,) = found.faults
     assert weak.alike is not None
+    # AND what it loses is counted there: with its own limits it finds whatever is put on
+    assert found.harm is None or "limits set alike" in found.harm
     assert any("limits set on the recordings of the fit" in note for note in found.notes)
 
 
