@@ -196,6 +196,7 @@ class ActivityTest:
     saturated : highest output that training saw; a sensor may stand still there for as long as a
         fuel cut lasts, if nothing says whether the fuel is cut
     cold : reading of a healthy sensor that is not heated yet, if it may be read unknowingly
+    is_ready : a signal says when the sensor is ready; else one that has not moved yet may be cold
     """
 
     def __init__(
@@ -204,11 +205,14 @@ class ActivityTest:
         saturated: float,
         period_s: float,
         cold: float = -math.inf,
+        *,
+        is_ready: bool = True,
     ) -> None:
-        self._config = config
+        self._config, self._is_ready = config, is_ready
         self._saturated, self._cold = saturated, cold
         self._n = max(round(config.stuck_s / period_s), 2)
         self._cuts = math.ceil(config.fuel_cut_most_s / (self._n * period_s))
+        self._warming = math.ceil(config.not_ready_s / (self._n * period_s))
         self.reset()
 
     @classmethod
@@ -223,10 +227,14 @@ class ActivityTest:
         dwelt = output.percentile_0_1 - output.minimum <= config.stuck_range
         cold = output.minimum if dwelt and not set(_ENGINE) & set(names) else -math.inf
         saturated = math.inf if "fuel_cut" in names else output.maximum
-        return cls(config, saturated, period_s, cold)
+        return cls(config, saturated, period_s, cold, is_ready="sensor_ready" in names)
 
     def reset(self) -> None:
-        """Begin anew."""
+        """Begin anew, with a sensor that may be cold."""
+        self._cold_stretches = 0 if not self._is_ready else self._warming
+        self._interrupt()
+
+    def _interrupt(self) -> None:
         self._begin()
         self._rested = 0  # stretches in a row at the end of the range
 
@@ -243,7 +251,7 @@ class ActivityTest:
         found = []
         for first, end, is_active in alike(active):
             if not is_active:
-                self.reset()
+                self._interrupt()
                 continue
             begin = first
             while begin < end:
@@ -263,6 +271,11 @@ class ActivityTest:
     def _judged(self, last: float) -> tuple[bool, str] | None:
         frozen = self._high - self._low <= self._config.stuck_range
         if frozen and last <= self._cold + self._config.stuck_range:
+            return None
+        if not frozen:
+            self._cold_stretches = self._warming
+        elif self._cold_stretches < self._warming:
+            self._cold_stretches += 1
             return None
         self._rested = self._rested + 1 if frozen and last >= self._saturated else 0
         if 0 < self._rested <= self._cuts:

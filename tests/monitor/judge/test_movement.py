@@ -158,3 +158,16 @@ def test_a_ramp_drifts_and_neither_a_step_nor_a_constant_does() -> None:
         for each in (offsets + noise).tolist():
             course.push(each)
         assert course.drifts(0.0035) is drifts
+
+
+def test_a_cold_sensor_may_stand_still_where_nothing_says_that_it_is_ready() -> None:
+    healthy = columns()["lambda_measured"]
+    still = np.where(np.arange(len(healthy)) * PERIOD_S < 55.0, 0.997, healthy)
+    assert not judged(still, without=("sensor_ready",)).codes
+
+
+def test_a_sensor_that_never_moves_is_found_where_nothing_says_whether_it_is_ready() -> None:
+    still = np.full(len(columns()["lambda_measured"]), 0.997)
+    assert [code.fault for code in judged(still, without=("sensor_ready",)).codes] == [
+        "stuck_at_one"
+    ]
