@@ -7,7 +7,9 @@ clock step the clock of the log was set, back or forward: all later times are mo
            go on; forward only if alive counters say that no frame was missed
 silence    alive counters say that frames were missed, or the message came on its own usual time:
            time has passed and is believed
-log gap    no counter tells: the time is believed, a ``log_gap`` frame before it ends all windows
+log gap    no counter tells, or other frames of the log have times within the pause, so that its
+           order is broken, not the bus: the time is believed, a ``log_gap`` frame before it ends
+           all windows
 
 Times of the loop's own frames are always believed: the loop has measured them. No result depends
 on where blocks begin.
@@ -78,7 +80,7 @@ class Timeline:
             if self._shift_ns:
                 block = block._replace(t_ns=block.t_ns - _wrapped(self._shift_ns))
             self._newest_ns = int(block.t_ns[-1])
-            self._recent.push(block)
+            self._recent.push(block, block.t_ns + _wrapped(self._shift_ns))
             return (block,)
         waiting = [] if self._waiting is None else [self._waiting]
         return self._walked(joined([*waiting, block]), is_last=False)
@@ -109,7 +111,7 @@ class Timeline:
         if n == 0:
             return ()
         believed = chosen(frames, slice(0, n))._replace(t_ns=walk.believed_ns(n))
-        self._recent.push(believed)
+        self._recent.push(believed, frames.t_ns[:n])
         return (_with_gaps(believed, walk.gaps),)
 
 
@@ -118,22 +120,29 @@ class _Recent:
 
     def __init__(self) -> None:
         self._blocks: deque[FrameBlock] = deque()
+        self._raw_ns: deque[IntArray] = deque()  # of each block, as the log has them
         self._n = 0
 
-    def push(self, block: FrameBlock) -> None:
-        """Take the next frames; forget those of long ago."""
+    def push(self, block: FrameBlock, raw_ns: IntArray) -> None:
+        """Take the next frames and their times in the log; forget those of long ago."""
         self._blocks.append(block)
+        self._raw_ns.append(raw_ns)
         self._n += len(block.t_ns)
         while self._n - len(self._blocks[0].t_ns) >= LOOK:
             self._n -= len(self._blocks.popleft().t_ns)
+            self._raw_ns.popleft()
 
-    def before(self, frames: FrameBlock) -> tuple[FrameBlock, int]:
-        """Return the latest frames and those that follow as one block, and how many are before."""
+    def before(self, frames: FrameBlock) -> tuple[FrameBlock, IntArray, int]:
+        """Return the latest frames and those that follow as one block.
+
+        Also return all their times in the log, and how many frames are before.
+        """
+        raw_ns = frames.t_ns
         if self._n:
-            latest = joined(list(self._blocks))
-            self._blocks = deque([latest])
-            frames = joined([latest, frames])
-        return frames, self._n
+            latest, latest_ns = joined(list(self._blocks)), np.concatenate(self._raw_ns)
+            self._blocks, self._raw_ns = deque([latest]), deque([latest_ns])
+            frames, raw_ns = joined([latest, frames]), np.concatenate([latest_ns, raw_ns])
+        return frames, raw_ns, self._n
 
 
 class _Walk:
@@ -148,7 +157,7 @@ class _Walk:
     ) -> None:
         self.newest_ns, self.shift_ns, self._pause_ns = newest_ns, shift_ns, pause_ns
         self.at, self.gaps = 0, list[int]()
-        whole, self._n_before = recent.before(frames)
+        whole, self._whole_raw_ns, self._n_before = recent.before(frames)
         self._t_ns = whole.t_ns.copy()  # believed where the walk has been
         self._whole = whole._replace(t_ns=self._t_ns)
         self._alive: AliveCounters | None = None  # read when they are needed
@@ -217,6 +226,8 @@ class _Walk:
             end=at + LOOK,
             pause_ns=t_ns - self.newest_ns if is_forward else None,
         )
+        if verdict == "missed" and is_forward and self._is_filled(at, t_ns):
+            verdict = "unknown"
         is_step = verdict == "went on" or not is_forward or t_ns >= LATEST_NS
         counters.clock_steps += is_step
         if verdict != "went on" and (is_step or verdict == "unknown"):
@@ -226,6 +237,14 @@ class _Walk:
             self.shift_ns += t_ns - self.newest_ns
             t_ns = self.newest_ns
         self._accept(t_ns)
+
+    def _is_filled(self, at: int, t_ns: int) -> bool:
+        """Return whether frames before or behind have times within the pause that ends at t_ns.
+
+        at : place of the frame that ends the pause
+        """
+        around_ns = self._whole_raw_ns[max(at - LOOK, 0) : at + LOOK] - _wrapped(self.shift_ns)
+        return bool(np.any((around_ns > self.newest_ns) & (around_ns < t_ns)))
 
     def _comes_on_time(self, t_ns: int) -> bool:
         """Return whether a frame comes after its message's usual interval, whatever else paused."""

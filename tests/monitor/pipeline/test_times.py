@@ -3,12 +3,14 @@
 The long form is ``benchmarks/fuzz_times.py``.
 """
 
+import random
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from fuzz_times import BEGIN_NS, Found, S, healthy, jumping, replayed, without_counters
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from monitor.base import config
@@ -83,6 +85,22 @@ def test_a_log_whose_alive_counters_miss_the_frames_of_a_pause_was_silent() -> N
     # of a pause after which every counter stands where it would without one nothing is known
     found = replayed(without(DRIVE, 30.0, 46.0), SETUP)
     assert (found.codes, counts(found)) == ((), (0, 1, 0))
+
+
+@settings(max_examples=6, deadline=None)
+@given(
+    cuts=st.lists(st.integers(100, 3000), min_size=2, max_size=6, unique=True),
+    chance=st.randoms(use_true_random=False),
+)
+@example(cuts=[600, 1200, 1800], chance=random.Random(1))
+def test_a_log_whose_stretches_are_in_another_order_sets_no_code(
+    cuts: list[int], chance: random.Random
+) -> None:
+    edges = [0, *sorted(cuts), 4000]
+    stretches = [chosen(DRIVE, slice(*edge)) for edge in pairwise(edges)]
+    chance.shuffle(stretches)
+    found = replayed(joined([*stretches, chosen(DRIVE, slice(4000, None))]), SETUP)
+    assert (found.codes, found.cycles) == ((), 0)
 
 
 def test_a_message_that_stays_away_while_others_go_on_is_missed() -> None:
