@@ -144,7 +144,8 @@ def valve(  # noqa: PLR0912  calls would cost more than the loop
             slopes[k, c.share_field + at] -= factor * f * per_odds * shares[k, j]
             slopes[k, c.time_field + at] -= factor * evaporated * per_time * shares[k, j]
             slopes[k, c.gain_field + at] += phi[k] * shares[k, j]
-        slopes[k, c.air] -= phi[k] / a * v.air_slopes[k, 0]
+        for j in range(v.air_slopes.shape[1]):
+            slopes[k, c.air + j] -= phi[k] / a * v.air_slopes[k, j]
     return phi, slopes
 
 

@@ -38,6 +38,7 @@ SCALARS: Final = (
     Scalar("dead_ms", -0.35, 0.6),  # log of the injector's dead time at 14 V in ms
     Scalar("dead_exponent", 1.6, 0.4),  # of 14 V over the voltage
     Scalar("filling", 5.94, 0.4),  # log of the manifold's time constant times rpm
+    Scalar("meter", -3.7, 0.5),  # log of the air meter's time constant in s
     Scalar("delay_s", 0.03, 0.03),
     Scalar("delay_rev", 1.5, 0.1),  # intake, compression, expansion, half the exhaust stroke
     Scalar("delay_flow", 0.7, 1.0),  # log of s kg/h
@@ -55,7 +56,7 @@ SCALARS: Final = (
     Scalar("span", 1.0, 0.01),  # of the sensor about phi 1
 )
 FUEL: Final = ("flow", "dead_ms", "dead_exponent")
-AIR: Final = ("filling",)
+AIR: Final = ("filling", "meter")
 DELAY: Final = ("delay_s", "delay_rev", "delay_flow")
 MIXING: Final = ("mixed_flow",)
 SENSOR: Final = ("sensor_s", "sensor_flow")

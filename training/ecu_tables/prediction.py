@@ -159,10 +159,16 @@ def injected_mg(p: Parameters, x: FloatArray, d: Drive) -> FloatArray:
 
 
 def air_mg(p: Parameters, x: FloatArray, d: Drive) -> FloatArray:
-    """Return the air per stroke in the cylinder (n,) in mg."""
+    """Return the air per stroke in the cylinder (n,) in mg.
+
+    Behind the air meter stands the filling of the manifold; the meter's own lag is taken back.
+    The filled mass follows the flow by (flow - charge) / time, so its lead needs no derivative.
+    """
     if p.subject.air is not Air.METER:
         return d.air
-    return _behind(d.air, np.exp(p.value(x, "filling")) / d.rpm / d.period_s)
+    filling_s = np.exp(p.value(x, "filling")) / d.rpm
+    charge = _behind(d.air, filling_s / d.period_s)
+    return np.asarray(charge + np.exp(p.value(x, "meter")) / filling_s * (d.air - charge))
 
 
 @njit(cache=True)
