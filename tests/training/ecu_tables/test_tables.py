@@ -1,6 +1,7 @@
 """Tables for an ECU: axes of a tune, files, sensitivities, and the command end to end."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -16,7 +17,7 @@ from training.ecu_tables.fields import grid_over
 from training.ecu_tables.files import csv, tuner_studio
 from training.ecu_tables.msq import read_axes
 from training.ecu_tables.parameters import Parameters
-from training.ecu_tables.prediction import Case, reading, sensitivities
+from training.ecu_tables.prediction import Case, air_mg, reading, sensitivities
 from training.ecu_tables.signals import subject_of
 from training.recordings.ecu_table import EcuTable, axes_of
 from training.recordings.recording import load
@@ -109,6 +110,29 @@ def test_the_sensitivities_are_the_derivatives_of_the_reading(drive: Path) -> No
         wanted = (reading(p, up, case) - reading(p, down, case)) / 2e-6
         error = np.sqrt(np.mean((slopes[:, k] - wanted) ** 2))
         assert error <= 0.01 * np.sqrt(np.mean(wanted**2)) + 1e-9, k
+
+
+def test_the_charge_behind_an_air_meter_is_free_of_its_lag_and_of_the_manifolds_filling(
+    tmp_path: Path,
+) -> None:
+    # GIVEN a charge that swings once a second, seen by a meter with a lag of 30 ms
+    layout = Layout("port", "maf")
+    experiment = Experiment(cycle="micro_trips", duration_s=20.0, layout=layout)
+    subject = subject_of([load(write(experiment, tmp_path, "csv", 0.05))])
+    d = subject.drives[0]
+    p = Parameters(subject, grid_over([d.rpm], [d.load]))
+    filling_s, meter_s, omega = 0.19, 0.03, 2.0 * np.pi
+    t_s = np.arange(len(d)) * d.period_s
+    swing = np.exp(1j * omega * t_s)
+    seen = swing * (1.0 + 1j * omega * filling_s) / (1.0 + 1j * omega * meter_s)
+    drive = replace(d, rpm=np.full(len(d), 2000.0), air=200.0 + 50.0 * seen.real)
+    # WHEN the charge is taken from the meter's flow
+    x = p.mean()
+    x[p.at["filling"]], x[p.at["meter"]] = np.log(2000.0 * filling_s), np.log(meter_s)
+    charge = air_mg(p, x, drive)
+    # THEN it is the charge in the cylinder
+    settled = t_s > 2.0
+    assert np.abs(charge - (200.0 + 50.0 * swing.real))[settled].max() < 1.0
 
 
 def test_a_log_becomes_tables_with_bounds_and_blank_cells(tmp_path: Path, drive: Path) -> None:
