@@ -164,8 +164,6 @@ class MovementConfig:
     doubt: float
     hold_s: float
     hold_samples: int
-    clear_noise: float
-    one_hold: float
     no_hold: float
 
 

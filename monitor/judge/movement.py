@@ -6,9 +6,9 @@ reads a constant and its own noise. The log likelihood ratio of the two variance
 windows (Basseville and Nikiforov, Detection of Abrupt Changes, sections 2.2 and 4.3: change of a
 variance, and a sum that is bounded so that a later death shows soon).
 
-A sensor that holds now and then repeats its last reading exactly for a second and more while the
-prediction moves clearly; a healthy one does so where its logger is coarse and the mixture is still,
-not where the mixture moves.
+A sensor that holds now and then repeats its last reading exactly for a second and more. A live one
+does so only where its part of the mixture's movement stays within one step of its resolution; how
+unlikely that is, follows from the prediction's movement and its error.
 """
 
 from typing import Final, NamedTuple
@@ -97,10 +97,12 @@ class MovementRule:
             longest, end = np.where(is_longer, length, longest), np.where(is_longer, k + 1, end)
         at = np.arange(measured.shape[1])
         inside = (at >= (end - longest)[:, np.newaxis]) & (at <= end[:, np.newaxis])
+        step = np.where(same, np.inf, np.abs(np.diff(measured, axis=1))).min(axis=1)
         high = np.where(inside, healthy, -np.inf).max(axis=1)
         low = np.where(inside, healthy, np.inf).min(axis=1)
-        clear = high - low > self._config.clear_noise * np.sqrt(self._noise_var)
-        is_hold = (longest >= self._hold) & (longest < same.shape[1]) & clear
+        beyond = np.maximum(self._config.gain_least * (high - low) - step, 0.0)
+        unlikely = np.minimum(beyond**2 / (4.0 * self._noise_var), 0.5 * self._needed)
+        is_hold = (longest >= self._hold) & (longest < same.shape[1])
         moves = healthy.var(axis=1) > self._config.error_share * self._noise_var
         none = np.where(moves, -self._config.no_hold, 0.0)
-        return np.where(is_hold, self._config.one_hold, none)
+        return np.where(is_hold, unlikely, none)

@@ -86,7 +86,14 @@ def fit(
 
     def prepared(seed: int) -> Prepared:
         return prepare(
-            everything, inputs, output, transforms, lags=lags or 5, seed=seed, validate=judges
+            everything,
+            inputs,
+            output,
+            transforms,
+            lags=lags or 5,
+            seed=seed,
+            validate=judges,
+            turn_fuel=True,
         )
 
     data = prepared(seed)

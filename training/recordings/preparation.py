@@ -143,9 +143,12 @@ def prepare(
     block_s: float = BLOCK_S,
     other_weight: float = OTHER_WEIGHT,
     validate: Collection[int] = (),
+    turn_fuel: bool = False,
 ) -> Prepared:
     """Return the recordings' samples, ready for training.
 
+    turn_fuel : turn fuel and phi of the training samples up and down together, for a network that
+        has to learn their balance; a chain has it in its equations
     validate : numbers of the recordings that only validate; without them, blocks of all do
     Raises UsageError for impossible names, RecordingError for recordings that cannot be used.
     """
@@ -174,7 +177,7 @@ def prepare(
     role = _roles(segments, period_ns, block_s=block_s, seed=seed, lags=lags, validate=validate)
     train = (role == Role.TRAIN) & valid
     recorded = y
-    if transform == "phi" and FUEL in inputs:
+    if turn_fuel and transform == "phi" and FUEL in inputs:
         turns = fuel_turns(role == Role.TRAIN, period_ns, seed)
         u[:, list(inputs).index(FUEL)] *= turns
         y = y * turns

@@ -121,8 +121,6 @@ def test_readiness_shows_each_test_with_its_results_and_performance(
         "communication": False,
         "range": True,
         "ready": False,
-        "catalyst": False,
-        "downstream": False,
     }
 
 

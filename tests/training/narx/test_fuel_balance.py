@@ -67,7 +67,7 @@ def test_a_network_learned_in_closed_loop_follows_a_lasting_change_of_fuel(tmp_p
 
 def test_fuel_and_phi_are_turned_together_where_the_network_learns_and_nowhere_else() -> None:
     recording = closed_loop(3)
-    data = prepare([recording], NAMES[:2], NAMES[2])
+    data = prepare([recording], NAMES[:2], NAMES[2], turn_fuel=True)
     fuel = data.samples.u[:, 1] * data.scaling.u_std[1] + data.scaling.u_mean[1]
     phi = data.scaling.unscale_y(data.samples.y)
     by_fuel = fuel / recording.values[:, 1]
