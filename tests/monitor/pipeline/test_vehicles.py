@@ -250,7 +250,7 @@ def test_garbage_is_counted_and_survived(
 def test_a_model_with_too_few_windows_for_limits_judges_nothing_and_says_what_to_do(
     me7: Path, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    me7 = edited(me7, folder / "short.csv", lambda _, rows: rows[: len(rows) // 2])
+    me7 = edited(me7, folder / "short.csv", lambda _, rows: rows[: len(rows) // 3])
     names = ("engine_speed_rpm", "throttle_percent", "boost_raw", "lambda_measured")
     model = fitted(folder / "me7.onnx", me7, folder / "me7.toml", *names)
     assert "no decision limits" in capsys.readouterr().err
