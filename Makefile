@@ -28,17 +28,17 @@ test: venv system ## every check: style, types, imports, all tests
 
 whole: venv
 	$(VENV)/bin/python -m compileall -q monitor training dbc # once, not in each process that tests start
-	$(VENV)/bin/python -m pytest -n 3 --dist loadgroup --no-loadscope-reorder --durations 20 # one of three waits for a bus
+	$(VENV)/bin/python -m pytest -n 3 --dist loadscope --no-loadscope-reorder --durations 20 # one of three waits for a bus
 
 check: venv ## style, types, imports and the fast tests
 	@$(MAKE) --no-print-directory -j 2 lint fast
 
 fast: venv
-	$(VENV)/bin/python -m pytest -q -n 2 --dist loadgroup --no-loadscope-reorder \
+	$(VENV)/bin/python -m pytest -q -n 2 --dist loadscope --no-loadscope-reorder \
 	  -m 'not kernel and not browser and not trains and not thorough and not waits'
 
 properties: venv ## the property tests with ten times as many inputs, other ones in each run
-	O2_INPUTS=2 $(VENV)/bin/python -m pytest -q -n 2 --dist loadgroup --no-loadscope-reorder -m hypothesis
+	O2_INPUTS=2 $(VENV)/bin/python -m pytest -q -n 2 --dist loadscope --no-loadscope-reorder -m hypothesis
 
 examples: venv ## run every example, also the long ones (ten minutes)
 	@for each in first_verdict listen_on_a_bus train_and_compare find_a_missing_effect; do \

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from xdist.remote import Producer
+from xdist.scheduler import LoadScopeScheduling
 
 from tests.helpers import shared
 from tests.helpers.examples import USUAL, number
@@ -60,19 +62,30 @@ FIRST = ("kernel", "trains", "waits", "browser", "thorough")  # marks in the ord
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark slow tests; one worker runs the tests of a file, in the order of ``FIRST``.
-
-    So a fixture of a module is made once. Tests with a kernel share a lock: one worker runs all.
-    """
+    """Mark slow tests, and sort them by their marks in the order of ``FIRST``."""
     for item in items:
         place = item.path.relative_to(ROOT / "tests").as_posix()
         fixtures = getattr(item, "fixturenames", ())
         for mark, names in MARKS.items():
             if any(place.startswith(name) or name in fixtures for name in names):
                 item.add_marker(mark)
-        kernel = item.get_closest_marker("kernel") is not None
-        item.add_marker(pytest.mark.xdist_group("kernel" if kernel else place))
     items.sort(key=_rank)
+
+
+class OneWorkerPerFile(LoadScopeScheduling):
+    """One worker runs the tests of a file, so that a fixture of a module is made once.
+
+    Tests with a kernel share a lock: one worker runs all of them.
+    """
+
+    def _split_scope(self, nodeid: str) -> str:
+        file = nodeid.split("::", 1)[0]
+        return "kernel" if file.startswith("tests/vcan/") else file
+
+
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> OneWorkerPerFile | None:
+    """Share the tests out by files where the command line asks for ``--dist loadscope``."""
+    return OneWorkerPerFile(config, log) if config.getvalue("dist") == "loadscope" else None
 
 
 def _rank(item: pytest.Item) -> int:
