@@ -18,7 +18,7 @@ INPUTS = ("fuel", "air")
 QUICK = {"lags": 3, "hidden": (4,), "starts": 1, "budget_minutes": 0.1, "threads": 1}
 
 
-def drive_of(seed: int, n: int = 3500) -> dict[str, np.ndarray]:
+def drive_of(seed: int, n: int = 2100) -> dict[str, np.ndarray]:
     """Return a drive of a lambda that follows two inputs with a lag, no car's."""
     rng = np.random.default_rng(seed)
     fuel = np.repeat(rng.uniform(0.0, 1.0, n // 7), 7)

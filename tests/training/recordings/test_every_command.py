@@ -13,6 +13,7 @@ from training.cli import main as o2train
 pytestmark = pytest.mark.trains
 N = 3100
 PERIOD_S = 0.1
+SHAPE = ("--lags", "3", "--hidden", "4", "--starts", "1", "--budget", "0.12")  # quickly trained
 
 
 def columns(seed: int) -> dict[str, np.ndarray]:
@@ -91,7 +92,7 @@ def models(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     folder = tmp_path_factory.mktemp("models")
     fitted = [msl(folder / f"fitted{i}", i) for i in range(2)]
     network, chain = folder / "model.onnx", folder / "chain.onnx"
-    assert run(o2train, "fit", *fitted, "--out", network, "--budget", "0.12") == 0
+    assert run(o2train, "fit", *fitted, "--out", network, *SHAPE) == 0
     assert run(o2train, "fit", *fitted, "--out", chain, "--kind", "greybox") == 0
     return network, chain
 
