@@ -89,12 +89,14 @@ class MovementRule:
     def _hold_ratios(self, measured: FloatArray, healthy: FloatArray) -> FloatArray:
         """Return what the longest hold of each window says, (w,)."""
         same = measured[:, 1:] == measured[:, :-1]
-        length = np.zeros(len(measured), dtype=np.int64)
-        longest, end = length.copy(), length.copy()
-        for k in range(same.shape[1]):
-            length = np.where(same[:, k], length + 1, 0)
-            is_longer = length > longest
-            longest, end = np.where(is_longer, length, longest), np.where(is_longer, k + 1, end)
+        place = np.arange(same.shape[1])
+        length = place - np.maximum.accumulate(np.where(same, -1, place), axis=1)
+        longest, end = length.max(axis=1), length.argmax(axis=1) + 1
+        is_hold = (longest >= self._hold) & (longest < same.shape[1])
+        moves = healthy.var(axis=1) > self._config.error_share * self._noise_var
+        none = np.where(moves, -self._config.no_hold, 0.0)
+        if not is_hold.any():
+            return none
         at = np.arange(measured.shape[1])
         inside = (at >= (end - longest)[:, np.newaxis]) & (at <= end[:, np.newaxis])
         step = np.where(same, np.inf, np.abs(np.diff(measured, axis=1))).min(axis=1)
@@ -102,7 +104,4 @@ class MovementRule:
         low = np.where(inside, healthy, np.inf).min(axis=1)
         beyond = np.maximum(self._config.gain_least * (high - low) - step, 0.0)
         unlikely = np.minimum(beyond**2 / (4.0 * self._noise_var), 0.5 * self._needed)
-        is_hold = (longest >= self._hold) & (longest < same.shape[1])
-        moves = healthy.var(axis=1) > self._config.error_share * self._noise_var
-        none = np.where(moves, -self._config.no_hold, 0.0)
         return np.where(is_hold, unlikely, none)
