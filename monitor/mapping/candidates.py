@@ -15,7 +15,7 @@ from monitor.mapping.scaling import scaling_of
 from monitor.mapping.vocabulary import match, words_of
 
 FUEL_FLOW_NAME: Final = "fuel_flow_kg_h"
-_SLOW_MS: Final = 1_000_000  # cycle of a message that says none
+SLOW_MS: Final = 1_000_000  # cycle of a message that says none
 _DOWNSTREAM: Final = re.compile(
     r"downstream|post_?cat|nach_?kat|hinter|after_?cat|behind|rear|second|sekund|stromab|"
     r"\b(post|nk|hk|ds|nach|after|aft|tail|lsh|lsf|sec|binary|binaer|narrow\w*|nernst|switching)\b"
@@ -78,12 +78,22 @@ def _candidates(database: Database, name: str, meaning: Meaning) -> list[Candida
     return sorted(likely, key=lambda c: (*c.rank, *_preference(c)))
 
 
+def cycle_ms(message: Message) -> float:
+    """Return a message's stated cycle time in ms, at most ``SLOW_MS``; a database may say anything.
+
+    A message without one is a slow one.
+    """
+    stated = message.cycle_time or SLOW_MS
+    return float(min(max(stated, 0), SLOW_MS))
+
+
 def _preference(candidate: Candidate) -> tuple[float, float, str]:
     """Return the order of equals: the faster message, the finer steps, then the name."""
-    cycle_ms = min(
-        candidate.message.cycle_time or _SLOW_MS, _SLOW_MS
-    )  # a database may say anything
-    return float(cycle_ms), abs(float(candidate.signal.scale) * candidate.factor), candidate.place
+    return (
+        cycle_ms(candidate.message),
+        abs(float(candidate.signal.scale) * candidate.factor),
+        candidate.place,
+    )
 
 
 def _signals(database: Database) -> Iterator[tuple[Message, Signal]]:

@@ -8,9 +8,10 @@ from typing import Final
 from cantools.database.can import Database
 
 from monitor.decode.checksum import ALGORITHMS
+from monitor.decode.signal_map import LONGEST_TIMEOUT_S
 from monitor.frames.logs import read_frames
 from monitor.judge.causes import timeout_of
-from monitor.mapping.candidates import Candidate, ranked
+from monitor.mapping.candidates import Candidate, cycle_ms, ranked
 from monitor.mapping.proposal import NOTHING, Proposal, Proposals, propose
 from monitor.mapping.recording import Protection, observe, protections
 
@@ -160,7 +161,7 @@ def _timeout_s(candidate: Candidate) -> float:
     if candidate.interval_s is not None:
         return timeout_of(candidate.interval_s)
     if message.cycle_time:
-        return round(max(5 * message.cycle_time / 1000, 0.3), 3)
+        return round(min(max(5 * cycle_ms(message) / 1000, 0.3), LONGEST_TIMEOUT_S), 3)
     return 3.0 if message.is_multiplexed() else 0.5
 
 

@@ -157,6 +157,15 @@ def test_the_command_writes_a_map_and_says_what_is_missing(
     assert "a model needs it" in printed.err
 
 
+@pytest.mark.parametrize("cycle", ["-" + 400 * "9", 400 * "9", "86400000"])
+def test_a_cycle_time_that_no_message_has_upsets_nothing(tmp_path: Path, cycle: str) -> None:
+    path, out = tmp_path / "strange.dbc", tmp_path / "map.toml"
+    text = dbc.path("rusefi.dbc").read_text()
+    path.write_text(re.sub(r'("GenMsgCycleTime" BO_ \d+) \d+;', rf"\1 {cycle};", text))
+    assert main(["map", str(path), "--out", str(out)]) in (0, 3)
+    load_pairs([(path, out)])
+
+
 def test_a_range_without_an_end_upsets_nothing(tmp_path: Path) -> None:
     text = dbc.path("rusefi.dbc").read_text()
     path = tmp_path / "endless.dbc"
