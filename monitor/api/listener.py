@@ -13,8 +13,6 @@ from monitor.api.stream import Monitor
 from monitor.api.verdict import Code, Verdict
 from monitor.base.types import Frame
 from monitor.bus.link.clock import Clock
-from monitor.frames.logs import frame_of
-from monitor.frames.loop_frames import is_own
 from monitor.model.step import Model
 from monitor.pipeline.entry import dtc_entry
 from monitor.pipeline.events import BlockEvent, DtcChanged
@@ -63,12 +61,8 @@ class OxygenSensorMonitor(can.Listener):
     def on_message_received(self, msg: can.Message) -> None:
         """Judge one message; a message that cannot be used is counted."""
         with self._lock:
-            if msg.is_error_frame or msg.is_remote_frame:
-                self.monitor.skipped += 1
-                return
-            frame = frame_of(msg)
-            if is_own(frame):
-                self.monitor.skipped += 1
+            frame = self.monitor.usable(msg)
+            if frame is None:
                 return
             now_s = self._now_s()
             if self._clock.heard(frame.t_ns, now_s):

@@ -51,21 +51,25 @@ class Monitor:
         self.notes: list[str] = []  # about the fault memory
         self.judging = Judging(self.setup, self._memory, trace=series, say=self.notes.append)
         self.skipped = 0  # error frames, remote frames, and frames of the monitor's own identifiers
-        self._has_begun = False
 
     def push(self, message: can.Message | Frame) -> list[BlockEvent]:
         """Take one message and return what it causes: ticks, windows, changes of codes."""
+        frame = self.usable(message)
+        return [] if frame is None else list(self.take(frame))
+
+    def usable(self, message: can.Message | Frame) -> Frame | None:
+        """Return a message as a frame; None, and counted, if it is none that can be judged."""
         if isinstance(message, Frame):
             frame = message
         elif message.is_error_frame or message.is_remote_frame:
             self.skipped += 1
-            return []
+            return None
         else:
             frame = frame_of(message)
         if is_own(frame):
             self.skipped += 1
-            return []
-        return list(self.take(frame))
+            return None
+        return frame
 
     def take(self, frame: Frame) -> Iterator[BlockEvent]:
         """Yield what a frame causes, be it one of the bus or a time mark; take all of it."""
