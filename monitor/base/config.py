@@ -4,7 +4,7 @@
 """
 
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -131,6 +131,22 @@ class CatalystConfig:
     lean_v: float
     rich_v: float
     stuck_range_v: float
+    circuit_low_v: float
+    circuit_high_v: float
+    circuit_s: float
+    circuit_after_s: float
+    circuit_lean_phi: float
+    circuit_pass_s: float
+    rest_band_v: float
+    awake_v: float
+    inactive_s: float
+    inactive_oxygen_g: float
+    inactive_most_s: float
+    wake_most_s: float
+    heater_start_s: float
+    heater_full_percent: float
+    heater_full_s: float
+    position: str
     warm_degc: float
     warm_up_s: float
     hold_s: float
@@ -150,6 +166,11 @@ class CatalystConfig:
     follow_hysteresis_v: float
     false_alarm_probability: float
     miss_probability: float
+
+    @property
+    def close_coupled(self) -> bool:
+        """Return whether the judged catalyst is a warm-up catalyst close to the engine."""
+        return self.position == POSITIONS[1]
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,6 +250,12 @@ class Config:
     carb: ProfileConfig
     eobd: ProfileConfig
 
+    def with_catalyst(self, position: str) -> "Config":
+        """Return the settings for a catalyst at this position; "" changes nothing."""
+        if not position:
+            return self
+        return replace(self, catalyst=replace(self.catalyst, position=position))
+
     @property
     def profile(self) -> ProfileConfig:
         """Return the cycle numbers of the regulation in force."""
@@ -236,6 +263,7 @@ class Config:
 
 
 PROFILES: Final = ("carb", "eobd")
+POSITIONS: Final = ("underfloor", "close_coupled")  # of the judged catalyst
 _Section = TypeVar("_Section")
 
 # Lowest allowed numbers. A number without an entry must be above 0.
@@ -396,6 +424,11 @@ def _build(tree: dict[str, Any], where: str) -> Config:
     if config.obd.profile not in PROFILES:
         raise ConfigError(
             f"{where}: [obd] profile = {config.obd.profile!r}, wanted one of {list(PROFILES)}"
+        )
+    if config.catalyst.position not in POSITIONS:
+        raise ConfigError(
+            f"{where}: [catalyst] position = {config.catalyst.position!r}, "
+            f"wanted one of {list(POSITIONS)}"
         )
     enable = config.enable
     for key, low, high in (

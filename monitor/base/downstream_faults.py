@@ -23,8 +23,14 @@ DEFAULT_SEVERITY: Final[dict[str, float]] = {
     "downstream_weak": 0.4,  # part of the amplitude that is left
     "downstream_stuck_lean": 0.1,  # V
     "downstream_stuck_rich": 0.8,  # V
+    "downstream_low": 0.01,  # V: shorted to ground
+    "downstream_high": 1.4,  # V: shorted to the supply
+    "downstream_inactive": 0.45,  # V: an open circuit rests at the ECU's own voltage
+    "downstream_heater": 0.05,  # part of the heating power that is left
 }
 NAMES: Final = tuple(DEFAULT_SEVERITY)
+_PARTS: Final = ("downstream_weak", "downstream_heater")
+_HELD: Final = tuple(f"downstream_{kind}" for kind in ("stuck", "low", "high", "inactive"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,13 +46,15 @@ class DownstreamFault:
     delay_to_lean_s: float = 0.0
     gain: float = 1.0
     stuck_v: float = 0.0  # 0: not stuck
+    heating: float = 1.0  # part of the heating power that is left
     leak: float = 0.0  # air drawn in between the sensors at idle, as a part of the exhaust
 
 
 def resolve(name: str, severity: float | None = None) -> DownstreamFault:
     """Return the fault of a name; without a severity, ``DEFAULT_SEVERITY`` holds.
 
-    severity : g (catalyst_low), s (slow, delay), part of the amplitude (weak) or V (stuck)
+    severity : g (catalyst_low), s (slow, delay), part of the amplitude (weak), V (stuck, low, high,
+        inactive) or part of the heating power (heater)
     Raises UsageError if the name is unknown or the severity impossible.
 
     >>> resolve("catalyst_low", 0.03).capacity_g
@@ -57,13 +65,15 @@ def resolve(name: str, severity: float | None = None) -> DownstreamFault:
     s = DEFAULT_SEVERITY[name] if severity is None else float(severity)
     if not math.isfinite(s) or s <= 0.0:
         raise UsageError(f"fault {name}: severity {s} is not positive")
-    if name == "downstream_weak" and s >= 1.0:
-        raise UsageError(f"fault {name}: severity {s} is the gain that is left, wanted below 1")
+    if name in _PARTS and s >= 1.0:
+        raise UsageError(f"fault {name}: severity {s} is the part that is left, wanted below 1")
     if name == CATALYST:
         return DownstreamFault(name, s, capacity_g=s)
     if name == "downstream_weak":
         return DownstreamFault(name, s, gain=s)
-    if name.startswith("downstream_stuck"):
+    if name == "downstream_heater":
+        return DownstreamFault(name, s, heating=s)
+    if name.startswith(_HELD):
         return DownstreamFault(name, s, stuck_v=s)
     to_rich = s if not name.endswith("rich_to_lean") else 0.0
     to_lean = s if not name.endswith("lean_to_rich") else 0.0

@@ -56,6 +56,7 @@ class BusMap:
     derived: dict[str, Derived]
     names: tuple[str, ...]  # what every vehicle sends, in the order of the maps
     optional: tuple[str, ...] = ()  # what can be asked for, but not every vehicle sends it
+    catalyst_position: str = ""  # the last one that a map gives
     notes: tuple[str, ...] = ()  # what of the databases was changed or left out to read them
 
     def sources(self, names: Sequence[str]) -> tuple[str, ...]:
@@ -133,8 +134,10 @@ def load_pairs(pairs: Iterable[tuple[str | Path, str | Path]]) -> BusMap:
     optional: dict[str, None] = {}
     auxiliary: dict[str, Path] = {}
     notes: list[str] = []
+    position = ""
     for dbc, map_path in paths:
         signal_map = load_signal_map(map_path)
+        position = signal_map.catalyst_position or position
         database, changed = read_database(dbc)
         notes.extend(f"{dbc}: {note}" for note in changed)
         for name in signal_map.auxiliary:
@@ -159,6 +162,7 @@ def load_pairs(pairs: Iterable[tuple[str | Path, str | Path]]) -> BusMap:
         derived=derived,
         names=tuple(names),
         optional=further,
+        catalyst_position=position,
         notes=tuple(notes),
     )
 

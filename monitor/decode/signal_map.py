@@ -13,6 +13,9 @@ A map is a TOML file beside a DBC::
     lambda_measured = { message = "M", signal = "S", factor = 1.0, offset = 0.0, timeout_s = 0.3 }
     [optional]                       # as [signals], of a sensor that not every vehicle has: silence
                                      # of a message with such signals alone is no fault
+    [catalyst]
+    position = "close_coupled"       # the sensor stands behind a warm-up catalyst close to the
+                                     # engine, before another one; by default "underfloor"
     [auxiliary]                      # as [signals], only for use in derived signals
     [derived.fuel_mass_mg]           # factor * product of numerator / product of denominator
     factor = 30000.0
@@ -26,13 +29,22 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
+from monitor.base.config import POSITIONS
 from monitor.base.errors import SignalMapError
 from monitor.base.inputs import as_number, in_words, read_toml
 from monitor.decode.checksum import ALGORITHMS
 
 DEFAULT_TIMEOUT_S: Final = 0.5
 LONGEST_TIMEOUT_S: Final = 1e6  # eleven days
-_SECTIONS: Final = {"integrity", "messages", "signals", "optional", "auxiliary", "derived"}
+_SECTIONS: Final = {
+    "integrity",
+    "messages",
+    "signals",
+    "optional",
+    "catalyst",
+    "auxiliary",
+    "derived",
+}
 _NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
 
 
@@ -85,6 +97,7 @@ class SignalMap:
     derived: Mapping[str, Derived] = field(default_factory=dict)
     integrity: Integrity = field(default_factory=Integrity)
     messages: Mapping[str, Integrity] = field(default_factory=dict)
+    catalyst_position: str = ""  # of the judged catalyst; "" leaves it to the configuration
 
     def integrity_of(self, message: str) -> Integrity:
         """Return how ``message`` is protected."""
@@ -135,7 +148,18 @@ class _Reader:
             derived=derived,
             integrity=integrity,
             messages=messages,
+            catalyst_position=self._position(self._table(raw, "catalyst")),
         )
+
+    def _position(self, table: Mapping[str, Any]) -> str:
+        self._known(table, "catalyst", {"position"})
+        position = self._text(table, "position", "catalyst") if table else ""
+        if position not in ("", *POSITIONS):
+            raise SignalMapError(
+                f"{self.path}: [catalyst] position is {position!r}, "
+                f"wanted one of {', '.join(POSITIONS)}"
+            )
+        return position
 
     def _known(self, table: Mapping[str, Any], where: str, keys: set[str]) -> None:
         unknown = sorted(table.keys() - keys)

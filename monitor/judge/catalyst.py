@@ -15,13 +15,15 @@ from monitor.base.config import CatalystConfig
 from monitor.base.types import BoolArray, FloatArray
 from monitor.judge.catalyst_bank import LEAK
 from monitor.judge.catalyst_rule import CatalystRule, Claim
+from monitor.judge.rear_circuit import CIRCUIT, HEATER, CircuitResult, RearCircuit
 
 VOLTAGE: Final = "downstream_voltage_v"
 NEEDED: Final = (VOLTAGE, "lambda_measured", "maf_kg_h")
+DUTY: Final = "downstream_heater_percent"
 SIGNALS: Final = (
     *NEEDED,
     "catalyst_temperature_degc",
-    "downstream_heater_percent",
+    DUTY,
     "engine_speed_rpm",
 )
 KG_H_PER_G_S: Final = 3.6
@@ -31,7 +33,7 @@ class BehindResult(NamedTuple):
     """How the evidence of one test stands at a sample."""
 
     at: int
-    test: str  # "catalyst", "downstream", "balance" or "bias"
+    test: str  # "catalyst", "downstream", "balance", "bias" or one of circuit and heater
     claim: Claim
     capacity_g: float | None = None  # estimate so far, with a result of "catalyst"
 
@@ -55,6 +57,12 @@ def balance_results(at: int, claim: Claim) -> Iterator[BehindResult]:
         yield BehindResult(at, "bias", replace(claim, also=()))
 
 
+def circuit_result(result: CircuitResult) -> BehindResult:
+    """Return a decision about circuit or heater as a result."""
+    claim = Claim("failed", result.fault, 0.0) if result.fault else Claim("passed", None, 0.0)
+    return BehindResult(result.at, result.test, claim)
+
+
 class CatalystMonitor:
     """Judges catalyst and downstream sensor of one vehicle; the state goes from block to block.
 
@@ -69,7 +77,8 @@ class CatalystMonitor:
         self.is_possible = all(name in at for name in NEEDED)
         self._places = np.array([at.get(name, 0) for name in NEEDED])
         self._brick = at.get("catalyst_temperature_degc")
-        self._speed = at.get("engine_speed_rpm")
+        self._duty, self._speed = at.get(DUTY), at.get("engine_speed_rpm")
+        self.circuit = RearCircuit(config, period_s)
         self._config, self._period_s, self._running_rpm = config, period_s, running_rpm
         self._n_hold = round(config.hold_s / period_s)
         self._n_warm_up = round(config.warm_up_s / period_s)
@@ -85,6 +94,7 @@ class CatalystMonitor:
         """Begin as after switching on."""
         if self.rule is not None:
             self.rule.reset()
+        self.circuit.reset()
         self._last = np.full(len(NEEDED), np.nan)
         self._missing = 0  # samples in a row with a value missing
         self._running = 0  # samples with the engine running
@@ -99,15 +109,26 @@ class CatalystMonitor:
                 self._count_running(values)
                 return
             self.rule = CatalystRule(self._config, self._period_s)
-        yield from self._judged(self.rule, own, self._warm(values))
+        run = self._count_running(values)
+        duty = values[:, self._duty] if self._duty is not None else np.full(len(values), np.nan)
+        found, doubtful = self.circuit.push(
+            volts=own[:, 0],
+            x=_x_of(own[:, 1]),
+            air_g_s=own[:, 2] / KG_H_PER_G_S,
+            running=run,
+            duty_percent=duty,
+        )
+        yield from map(circuit_result, found)
+        yield from self._judged(self.rule, own, self._warm(values, run) & ~doubtful)
 
     def _judged(
-        self, rule: CatalystRule, own: FloatArray, warm: BoolArray
+        self, rule: CatalystRule, own: FloatArray, fit: BoolArray
     ) -> Iterator[BehindResult]:
+        """Yield how the evidence stands; ``fit`` says which samples may be judged."""
         good = np.isfinite(own)
         held, usable = self._held(own, good)
-        x = 1.0 - 1.0 / np.maximum(held[:, 1], 0.1)
-        air_g_s, counts = held[:, 2] / KG_H_PER_G_S, warm & good.all(axis=1)
+        x = _x_of(held[:, 1])
+        air_g_s, counts = held[:, 2] / KG_H_PER_G_S, fit & good.all(axis=1)
         begin, edges = 0, [*(np.flatnonzero(np.diff(usable)) + 1).tolist(), len(usable)]
         for end in edges:
             part = slice(begin, end)
@@ -137,13 +158,13 @@ class CatalystMonitor:
         self._missing = int(missing[-1])
         return held, np.isfinite(held).all(axis=1) & (missing <= self._n_hold)
 
-    def _warm(self, values: FloatArray) -> BoolArray:
+    def _warm(self, values: FloatArray, run: FloatArray) -> BoolArray:
         """Return on which samples the brick is warm, by its temperature or by running time."""
-        run = self._count_running(values) >= self._n_warm_up
+        long = np.asarray(run >= self._n_warm_up)
         if self._brick is None:
-            return run
+            return long
         degc = values[:, self._brick]
-        return np.where(np.isfinite(degc), degc >= self._config.warm_degc, run)
+        return np.where(np.isfinite(degc), degc >= self._config.warm_degc, long)
 
     def _count_running(self, values: FloatArray) -> FloatArray:
         """Return how many samples the engine has run on each, (n,)."""
@@ -153,6 +174,19 @@ class CatalystMonitor:
         count = self._running + np.cumsum(runs)
         self._running = int(count[-1])
         return np.asarray(count)
+
+    @property
+    def supported(self) -> tuple[str, ...]:
+        """Return the tests behind the catalyst that the signals so far allow."""
+        if not self.is_heard:
+            return ()
+        return (
+            "catalyst",
+            "downstream",
+            "balance",
+            CIRCUIT,
+            *[HEATER] * self.circuit.can_judge_heater,
+        )
 
     def entry(self) -> dict[str, Any] | None:
         """Return what the report says of the catalyst, None without a downstream voltage."""
@@ -186,3 +220,8 @@ class CatalystMonitor:
                 "capacity_is_bound": capacity.is_bound,
             }
         return found
+
+
+def _x_of(lambda_upstream: FloatArray) -> FloatArray:
+    """Return 1 - 1/lambda."""
+    return np.asarray(1.0 - 1.0 / np.maximum(lambda_upstream, 0.1))

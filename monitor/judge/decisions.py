@@ -20,15 +20,17 @@ from monitor.judge.catalyst_rule import Claim
 from monitor.judge.limits import Limits
 from monitor.judge.movement import UNKNOWN, Moved, MovementRule
 from monitor.judge.plausibility import TickResult
+from monitor.judge.rear_circuit import CIRCUIT, HEATER
 from monitor.judge.residual import lambda_of, means_and_stds
 from monitor.judge.response import EDGES, Noise, Outcome, Response, ResponseRule
 from monitor.judge.window import Window
-from monitor.memory.codes import CODES, OF_VEHICLE
+from monitor.memory.codes import CODES, OF_VEHICLE, codes_on
 from monitor.memory.debounce import FAILED, PASSED, Debounce
 from monitor.memory.dtc import Dtc, DtcStore
 from monitor.memory.obd_records import TestResult
 from monitor.memory.reference import Seen
 
+CIRCUIT_TESTS: Final = (CIRCUIT, HEATER)
 LAMBDA_LEAST: Final = 0.1  # what stays of a measurement whose offset is taken off
 
 
@@ -182,6 +184,8 @@ class Decisions:
         if claim.outcome == "inconclusive":
             return ()
         failed = claim.outcome == "failed"
+        if test in CIRCUIT_TESTS:  # they decide at once
+            return self.matured(TickResult(test, failed, claim.fault or ""), t_ns)
         if test == "bias":
             is_new = self._debounce["balance"].failed and self._named.get(test) != claim.fault
             return self._mature(test, failed, claim.fault or "", (), t_ns) if is_new else ()
@@ -409,10 +413,14 @@ class Decisions:
         counted = [Counted(t_ns, "numerator")] if self.store.count_judged(test) else []
         if failed:
             self._named[test] = fault
-            changed = self.store.fail(fault, t_ns, also)
+            changed = self._fail(fault, also, t_ns)
         else:
             changed = self.store.complete(test)
         return [*(DtcChanged(t_ns, dtc) for dtc in changed), *counted]
+
+    def _fail(self, fault: str, also: tuple[str, ...], t_ns: int) -> list[Dtc]:
+        codes = codes_on(fault, close_coupled=self._config.catalyst.close_coupled)
+        return self.store.fail(fault, t_ns, also, codes)
 
     def _renamed(self, test: str, fault: str, also: tuple[str, ...], t_ns: int) -> Sequence[Change]:
         """Give a code the name that more evidence speaks for, if both names have the same code."""
@@ -420,7 +428,7 @@ class Decisions:
         if fault == before or CODES[fault] != CODES[before]:
             return ()
         self._named[test] = fault
-        return [DtcChanged(t_ns, dtc) for dtc in self.store.fail(fault, t_ns, also)]
+        return [DtcChanged(t_ns, dtc) for dtc in self._fail(fault, also, t_ns)]
 
 
 def ticks_to_mature(config: DebounceConfig, period_s: float) -> tuple[int, int]:

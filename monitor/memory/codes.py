@@ -36,9 +36,17 @@ CODES: dict[str, tuple[str, ...]] = {
     "downstream_weak": ("P2A01",),
     "downstream_stuck_lean": ("P2270",),
     "downstream_stuck_rich": ("P2271",),
+    "downstream_low": ("P0137",),
+    "downstream_high": ("P0138",),
+    "downstream_inactive": ("P0140",),
+    "downstream_heater": ("P0141",),
     "balance_lean": ("P2096",),
     "balance_rich": ("P2097",),
 }
+# Codes of a catalyst that is judged by itself close to the engine, before another one.
+CLOSE_COUPLED: Final = {"catalyst_low": ("P0421",)}
+_CIRCUIT: Final = ("downstream_low", "downstream_high", "downstream_inactive")
+_HEATER: Final = "downstream_heater"
 LOST: Final = "memory_lost"  # the fault memory was damaged and begun anew
 # Faults of the monitor, not of the vehicle: they never set the fault flag, see ``DtcStore``.
 OF_MONITOR: Final = frozenset({LOST})
@@ -56,10 +64,17 @@ TESTS: dict[str, tuple[str, ...]] = {
     "ready": ("not_ready",),
     "memory": (LOST,),
     "catalyst": ("catalyst_low",),
-    "downstream": tuple(name for name in CODES if name.startswith("downstream_")),
+    "downstream": tuple(
+        name
+        for name in CODES
+        if name.startswith("downstream_") and name not in (*_CIRCUIT, _HEATER)
+    ),
+    "downstream_circuit": _CIRCUIT,
+    "downstream_heater": (_HEATER,),
     "balance": ("balance_lean", "balance_rich"),
 }
-BEHIND: Final = ("catalyst", "downstream", "balance")  # tests of vehicles with a downstream sensor
+# tests of vehicles with a downstream sensor
+BEHIND: Final = ("catalyst", "downstream", "downstream_circuit", "downstream_heater", "balance")
 # Tests of the vehicle; the monitor's own has no in-use performance ratio and decides at once.
 OF_VEHICLE: Final = tuple(test for test in TESTS if not OF_MONITOR.issuperset(TESTS[test]))
 # Tests that judge every sample; they have no in-use performance ratio (13 CCR 1968.2 (d)(3.2)).
@@ -67,6 +82,22 @@ CONTINUOUS = ("communication", "range", "ready")
 TEST_OF: dict[str, str] = {fault: test for test, faults in TESTS.items() for fault in faults}
 
 
+def codes_of(fault: str) -> tuple[str, ...]:
+    """Return all codes that a fault may set, on one vehicle or another."""
+    return CODES[fault] + CLOSE_COUPLED.get(fault, ())
+
+
+def codes_on(fault: str, *, close_coupled: bool) -> tuple[str, ...]:
+    """Return the codes that a fault sets on a vehicle.
+
+    close_coupled : the judged catalyst is one close to the engine, before another one
+    """
+    return CLOSE_COUPLED.get(fault, CODES[fault]) if close_coupled else CODES[fault]
+
+
+EVERY: Final = tuple(sorted({code for fault in CODES for code in codes_of(fault)}))
+
+
 def tests_of(code: str) -> set[str]:
     """Return the tests that can set a code."""
-    return {test for test, faults in TESTS.items() if any(code in CODES[f] for f in faults)}
+    return {test for test, faults in TESTS.items() if any(code in codes_of(f) for f in faults)}

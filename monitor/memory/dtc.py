@@ -17,11 +17,13 @@ from monitor.memory.codes import (
     BEHIND,
     CODES,
     CONTINUOUS,
+    EVERY,
     LOST,
     OF_MONITOR,
     OF_VEHICLE,
     TEST_OF,
     TESTS,
+    codes_of,
     tests_of,
 )
 from monitor.memory.obd_records import Counts, FreezeFrame, Ratio, TestResult
@@ -142,7 +144,7 @@ class DtcStore:
     def __init__(self, saved: Saved | None = None, profile: ProfileConfig | None = None) -> None:
         saved = saved or Saved()
         self._profile = profile or shipped().profile
-        self._dtcs = {c: Dtc(c) for c in sorted({c for group in CODES.values() for c in group})}
+        self._dtcs = {c: Dtc(c) for c in EVERY}
         self._dtcs |= {dtc.code: dtc for dtc in saved.dtcs}
         self._frames = {frame.code: frame for frame in saved.freeze_frames}
         self._permanent = dict(saved.permanent)
@@ -165,11 +167,20 @@ class DtcStore:
         is_lost, self.is_lost = self.is_lost, False
         return self.fail(LOST, t_ns) if is_lost else self.complete(TEST_OF[LOST])
 
-    def fail(self, fault: str, t_ns: int, also: tuple[str, ...] = ()) -> list[Dtc]:
-        """Set the codes of a fault that failed at ``t_ns``; return the codes that changed."""
+    def fail(
+        self,
+        fault: str,
+        t_ns: int,
+        also: tuple[str, ...] = (),
+        codes: tuple[str, ...] | None = None,
+    ) -> list[Dtc]:
+        """Set the codes of a fault that failed at ``t_ns``; return the codes that changed.
+
+        codes : those that the fault sets on this vehicle, by default the usual ones
+        """
         self._completed.add(TEST_OF[fault])
         needed = self._profile.confirm_cycles
-        new = {c: self._dtcs[c].fail(fault, also, t_ns, needed) for c in CODES[fault]}
+        new = {c: self._dtcs[c].fail(fault, also, t_ns, needed) for c in codes or CODES[fault]}
         self._failed |= new.keys()
         for code, dtc in new.items():
             lit = dtc.status & Status.WARNING_INDICATOR
@@ -200,7 +211,7 @@ class DtcStore:
         if test == "communication" and not self._counts.sensor_heard:
             self._counts = replace(self._counts, sensor_heard=1)
         faults = TESTS[test]
-        codes = sorted({code for fault in faults for code in CODES[fault]})
+        codes = sorted({code for fault in faults for code in codes_of(fault)})
         done = [c for c in codes if self._dtcs[c].fault in faults or self._is_clean(c)]
         return self._update({c: self._dtcs[c].complete() for c in done})
 

@@ -13,7 +13,7 @@ from monitor.base.config import BiasConfig, ProfileConfig
 from monitor.base.errors import RecordingError
 from monitor.memory import repair, spare
 from monitor.memory.agreement import Condition, agreed
-from monitor.memory.codes import CODES, LOST
+from monitor.memory.codes import CODES, EVERY, LOST
 from monitor.memory.content import SCHEMA_VERSION, Content, reference_row, rows_of, saved_of
 from monitor.memory.dtc import DtcStore, Saved
 from monitor.memory.lock import Lock
@@ -67,9 +67,8 @@ class Memory:
         Raises RecordingError if the file cannot be read or holds unknown codes or values.
         """
         rows = self._settled().rows
-        codes = {code for group in CODES.values() for code in group}
         for code in (row[0] for row in rows["dtc"]):
-            if code not in codes:
+            if code not in EVERY:
                 raise RecordingError(f"{self._path}: unknown trouble code {code!r}")
         try:
             return saved_of(rows)

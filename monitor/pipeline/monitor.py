@@ -157,10 +157,10 @@ class Monitor:
     def unfinished(self) -> tuple[str, ...]:
         """Return the tests that have reached no decision in this driving cycle.
 
-        Without a downstream sensor nothing behind the catalyst is to be decided.
+        Behind the catalyst only that is to be decided which its signals allow.
         """
-        open_tests = self._decisions.unfinished
-        return tuple(t for t in open_tests if t not in BEHIND or self.catalyst.is_heard)
+        behind = self.catalyst.supported
+        return tuple(t for t in self._decisions.unfinished if t not in BEHIND or t in behind)
 
     def evidence(self) -> dict[str, Evidence]:
         """Return how far the response test is from a decision about each fault."""

@@ -5,11 +5,12 @@ from typing import Any, Final
 
 import numpy as np
 
-from monitor.base.config import Config
+from monitor.base.config import CatalystConfig, Config
 from monitor.base.types import FloatArray
 from monitor.grid.tables import Table, is_table, read_table
 from monitor.judge.catalyst import VOLTAGE
 from monitor.judge.rear_activity import RearActivity
+from monitor.memory.codes import codes_on
 from monitor.memory.dtc import DtcStore
 from monitor.memory.obd_records import FreezeFrame
 from monitor.pipeline.entry import dtc_entry, seconds
@@ -33,7 +34,7 @@ def judge_table(table: Table, store: DtcStore, config: Config) -> dict[str, Any]
     """
     activity = RearActivity(config.catalyst)
     if FRONT in table.names:
-        _follow(table, activity, store)
+        _follow(table, activity, store, config.catalyst)
     claim = activity.claim()
     causes = [] if claim.outcome != "inconclusive" else [_cause(table, activity)]
     return {
@@ -61,7 +62,7 @@ def judge_table(table: Table, store: DtcStore, config: Config) -> dict[str, Any]
     }
 
 
-def _follow(table: Table, activity: RearActivity, store: DtcStore) -> None:
+def _follow(table: Table, activity: RearActivity, store: DtcStore, config: CatalystConfig) -> None:
     """Take all samples; the fault memory takes the first verdict, and another that follows."""
     front, rear = _column(table, FRONT), _column(table, VOLTAGE)
     cut = _column(table, "fuel_cut") if "fuel_cut" in table.names else np.zeros(len(front))
@@ -75,7 +76,8 @@ def _follow(table: Table, activity: RearActivity, store: DtcStore) -> None:
             continue
         before = claim.outcome
         if claim.outcome == "failed" and claim.fault is not None:
-            for dtc in store.fail(claim.fault, t_ns):
+            codes = codes_on(claim.fault, close_coupled=config.close_coupled)
+            for dtc in store.fail(claim.fault, t_ns, codes=codes):
                 read = zip(table.names, table.values[k].tolist(), strict=True)
                 signals = {name: value for name, value in read if np.isfinite(value)}
                 store.freeze(FreezeFrame(dtc.code, t_ns, signals))

@@ -85,7 +85,7 @@ def set_up(
     bus_map = load_pairs(pairs or own)
     is_bare = not judges and not loaded.card.limits
     limits = NO_LIMITS if is_bare else Limits.from_card(loaded.card, config, str(loaded.path))
-    return Setup(loaded, limits, config, bus_map, columns)
+    return Setup(loaded, limits, config.with_catalyst(bus_map.catalyst_position), bus_map, columns)
 
 
 def sha256_of(path: Path) -> str:

@@ -60,7 +60,8 @@ def add_parsers(commands: Any) -> None:
         metavar="NAME[=SEVERITY]",
         help=f"sensor fault in the control loop: {', '.join(faults.NAMES)}; the unit of the "
         "severity depends on the fault: s (slow, delay), gain or lambda (bias). Behind it: "
-        f"{', '.join(downstream_faults.NAMES)}; g (catalyst_low), s, gain or V (stuck)",
+        f"{', '.join(downstream_faults.NAMES)}; g (catalyst_low), s, gain, V (stuck, "
+        "low, high, inactive) or part of the power (heater)",
     )
     parser.add_argument(
         "--downstream",

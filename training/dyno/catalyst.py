@@ -31,7 +31,13 @@ LIGHT_OFF_DEGC: Final = 300.0
 FULL_DEGC: Final = 550.0  # from here the whole capacity takes part
 LAG_TO_RICH_S: Final = 0.05  # a switching sensor is quicker towards rich
 LAG_TO_LEAN_S: Final = 0.11
-HEATED_S: Final = 25.0  # from engine start
+TIP_LAG_S: Final = 20.0  # of the sensor's tip behind heater and gas
+TIP_HEAT_DEGC: Final = 700.0  # the heater at full duty heats the tip by so much
+TIP_GAS: Final = 0.7  # part of the brick's temperature that the gas gives the tip
+TIP_AIM_DEGC: Final = 680.0  # the ECU heats to here
+TIP_BAND_DEGC: Final = 60.0  # below the aim, within which the duty falls from full
+TIP_WAKES_DEGC: Final = 350.0  # below it the electrolyte does not conduct
+TIP_ACTIVE_DEGC: Final = 480.0
 TRIM_MOST: Final = 0.02  # authority of the outer trim, in phi
 REFILL_PHI: Final = 0.03  # enrichment after a fuel cut, until the downstream sensor reads rich
 REFILLED_V: Final = 0.55
@@ -63,6 +69,7 @@ class Downstream(NamedTuple):
     delay_to_lean_s: float
     gain: float  # fault: part of the amplitude that is left
     stuck_v: float  # fault: frozen voltage, 0 is none
+    heating: float  # fault: part of the heating power that is left
     start_s: float  # of a fault of the sensor
 
 
@@ -80,6 +87,7 @@ class Brick(NamedTuple):
     trim: float  # added to the commanded phi
     integral: float
     heater: float  # duty, 0 to 1
+    tip_degc: float  # of the sensor
     refill: float  # 1 while the ECU enriches after a fuel cut, until the sensor reads rich
 
 
@@ -108,6 +116,7 @@ def piece(vehicle: int) -> Downstream:
         delay_to_lean_s=0.0,
         gain=1.0,
         stuck_v=0.0,
+        heating=1.0,
         start_s=np.inf,
     )
 
@@ -127,6 +136,7 @@ def installed(
         delay_to_lean_s=fault.delay_to_lean_s,
         gain=fault.gain,
         stuck_v=fault.stuck_v,
+        heating=fault.heating,
         leak=fault.leak,
         start_s=start_s,
     )
@@ -143,6 +153,7 @@ def begin(d: Downstream, warm: float) -> Brick:
         trim=0.0,
         integral=0.0,
         heater=1.0,
+        tip_degc=d.brick_start_degc + warm * 200.0,
         refill=0.0,
     )
 
@@ -256,7 +267,12 @@ def step(
         tau_s += d.tau_to_rich_s if rising else d.tau_to_lean_s
     richness = b.richness + (now - b.richness) * (1.0 - np.exp(-STEP_S / tau_s))
     # a cold sensor rests at 0.45 V behind its high resistance
-    heated = min(max((t_s - 0.5 * HEATED_S) / (0.5 * HEATED_S), 0.0), 1.0)
+    power = d.heating if faulty else 1.0
+    tip_aim = TIP_GAS * degc + TIP_HEAT_DEGC * b.heater * power
+    tip_degc = b.tip_degc + (tip_aim - b.tip_degc) * STEP_S / TIP_LAG_S
+    heater = min(max((TIP_AIM_DEGC - tip_degc) / TIP_BAND_DEGC, 0.05), 1.0)
+    awake = (tip_degc - TIP_WAKES_DEGC) / (TIP_ACTIVE_DEGC - TIP_WAKES_DEGC)
+    heated = min(max(awake, 0.0), 1.0)
     hot_v = d.span_v * (1.0 - 0.00015 * max(degc - 400.0, 0.0))
     volts = d.low_v + hot_v * richness
     if faulty:
@@ -274,7 +290,6 @@ def step(
     refill = (
         1.0 if cut else (0.0 if volts > REFILLED_V or since_cut_s > REFILL_MOST_S else b.refill)
     )
-    heater = 1.0 - 0.45 * heated
     return Brick(
         degc=degc,
         x_out=x_out,
@@ -284,5 +299,6 @@ def step(
         trim=trim,
         integral=integral,
         heater=heater,
+        tip_degc=tip_degc,
         refill=refill,
     )

@@ -10,7 +10,8 @@ from monitor.bus.diagnostics.parameters import encoded, unsigned
 from monitor.bus.diagnostics.security import DENIED, security_access
 from monitor.bus.diagnostics.state import DEFAULT_SESSION, EXTENDED_SESSION, RefusedError, State
 from monitor.bus.transmit import dtc_number
-from monitor.memory.dtc import CODES, TESTS, Dtc, Status
+from monitor.memory.codes import tests_of
+from monitor.memory.dtc import Dtc, Status
 
 SUBFUNCTION_NOT_SUPPORTED: Final = 0x12
 WRONG_LENGTH: Final = 0x13
@@ -135,7 +136,7 @@ def _extended_data(wanted: bytes, state: State) -> bytes:
 
 
 def _extended_records(dtc: Dtc, state: State) -> dict[int, bytes]:
-    names = {test for test, faults in TESTS.items() for f in faults if dtc.code in CODES[f]}
+    names = tests_of(dtc.code)
     ratios = [r for r in state.store.ratios if r.test in names]
     ratio = min(ratios, key=lambda r: (r.numerator, r.test), default=None)
     counters = (ratio.numerator, ratio.denominator) if ratio else (0, 0)

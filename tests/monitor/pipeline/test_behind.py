@@ -10,6 +10,23 @@ from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
 
 DRIVE = {"vehicle": 21, "seed": 8, "duration_s": 420.0, "downstream": True}
+CIRCUIT = [
+    ("downstream_low", "P0137"),
+    ("downstream_high", "P0138"),
+    ("downstream_inactive", "P0140"),
+    ("downstream_heater", "P0141"),
+]
+
+
+@pytest.mark.parametrize(("fault", "code"), CIRCUIT)
+def test_circuit_and_heater_of_the_downstream_sensor_have_codes(
+    fault: str, code: str, tmp_path: Path
+) -> None:
+    drive = DRIVE | {"cycle": "micro_trips", "duration_s": 110.0}
+    experiment = Experiment(**drive, downstream_fault=downstream_faults.resolve(fault))
+    log = write(experiment, tmp_path, "blf")
+    recording, _ = replay(log, set_up(None, [], config.shipped()))
+    assert [(dtc["code"], dtc["fault"]) for dtc in recording["dtcs"]] == [(code, fault)]
 
 
 @pytest.mark.parametrize(

@@ -36,6 +36,26 @@ def test_a_can_that_stores_nothing_is_found_without_a_wideband_sensor(tmp_path: 
     assert recording["catalyst"]["method"] == "activity"
 
 
+def test_a_warm_up_catalyst_close_to_the_engine_has_a_code_of_its_own(tmp_path: Path) -> None:
+    settings = tmp_path / "settings.toml"
+    settings.write_text('[catalyst]\nposition = "close_coupled"\n')
+    table = a_table(tmp_path, stores=False)
+    _, recording = replayed(table, tmp_path, "--config", str(settings))
+    assert [(d["code"], d["fault"]) for d in recording["dtcs"]] == [("P0421", "catalyst_low")]
+
+
+def test_a_signal_map_says_where_the_catalyst_stands(tmp_path: Path) -> None:
+    (log,) = (ROOT / "replay_logs").glob("catalyst_low_*.blf")
+    own = tmp_path / "own.toml"
+    text = (ROOT / "dbc" / "o2_ecu.toml").read_text()
+    own.write_text(f'{text}\n[catalyst]\nposition = "close_coupled"\n')
+    bus = ("--dbc", str(ROOT / "dbc" / "o2_ecu.dbc"), "--map", str(own))
+    _, recording = replayed(log, tmp_path, *bus)
+    assert [(d["code"], d["fault"]) for d in recording["dtcs"]] == [("P0421", "catalyst_low")]
+    own.write_text(f'{text}\n[catalyst]\nposition = "roof"\n')
+    assert cli.main(["replay", str(log), *bus]) == 2
+
+
 def test_a_catalyst_that_stores_is_sound_and_nothing_else_is_said(tmp_path: Path) -> None:
     code, recording = replayed(a_table(tmp_path, stores=True), tmp_path)
     assert (code, recording["dtcs"], recording["not_judged"]) == (0, [], None)

@@ -1,0 +1,170 @@
+"""Circuit and heater of the downstream sensor, from its voltage and the duty of its heater.
+
+- Low: shorted to ground, the voltage stays below what a switching sensor shows in gas that is not
+  lean.
+- High: shorted to the supply, it stays above what any switching sensor shows.
+- Inactive: an open circuit rests at the ECU's own voltage. A live sensor behind any catalyst turns
+  lean once more oxygen has entered than the catalyst can store.
+- Heater: the ECU heats at full duty and the sensor wakes late, or the duty that was regulated
+  before is full for long.
+
+An unheated sensor rests as an open circuit does, so a heater that failed explains the rest.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+
+from monitor.base.config import CatalystConfig
+from monitor.base.types import BoolArray, FloatArray
+from monitor.judge.catalyst_bank import MID_V, OXYGEN_IN_AIR
+
+CircuitTest = Literal["downstream_circuit", "downstream_heater"]
+CIRCUIT: Final = "downstream_circuit"
+HEATER: Final = "downstream_heater"
+LOW, HIGH, INACTIVE = "downstream_low", "downstream_high", "downstream_inactive"
+
+
+@dataclass(frozen=True, slots=True)
+class CircuitResult:
+    """A decision of one test; ``fault`` is "" where it passed."""
+
+    at: int
+    test: CircuitTest
+    fault: str
+
+
+@dataclass(slots=True)
+class _Stretch:
+    """For how long, in s, something has held without a break."""
+
+    low: float = 0.0
+    high: float = 0.0
+    rest: float = 0.0  # near the ECU's own voltage
+    lively: float = 0.0
+    full: float = 0.0  # heater at full duty
+    regulated: float = 0.0
+
+
+class RearCircuit:
+    """Judges circuit and heater sample by sample; samples come in blocks of any length."""
+
+    def __init__(self, config: CatalystConfig, period_s: float) -> None:
+        self._config, self._period_s = config, period_s
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin as after switching on."""
+        self._for_s = _Stretch()
+        self._lean_g = self._most_lean_g = 0.0  # oxygen of one lean stretch, while at rest
+        self._began_at_rest: bool | None = None
+        self._was_regulated = False
+        self.awake_s: float | None = None  # running time when the sensor first left its rest
+        self.heater_heard = False
+        self._said: dict[CircuitTest, str] = {}
+
+    @property
+    def can_judge_heater(self) -> bool:
+        """Return whether the heater can be told: its duty, and a cold start or a regulated duty.
+
+        A sensor that was hot from the start, with its heater always at full duty, tells nothing.
+        """
+        return self.heater_heard and bool(self._began_at_rest or self._was_regulated)
+
+    @property
+    def wake_s(self) -> float | None:
+        """Return after how long the sensor woke, None if it was awake or has not woken."""
+        return self.awake_s if self._began_at_rest else None
+
+    def push(
+        self,
+        *,
+        volts: FloatArray,
+        x: FloatArray,
+        air_g_s: FloatArray,
+        running: FloatArray,
+        duty_percent: FloatArray,
+    ) -> tuple[list[CircuitResult], BoolArray]:
+        """Return the decisions, and on which samples the voltage may be no reading of the gas.
+
+        volts, x (1 - 1/lambda upstream), air_g_s, duty_percent : (n,), nan where unknown
+        running : (n,) samples so far with the engine running, this one included
+        """
+        found: list[CircuitResult] = []
+        doubtful = np.zeros(len(volts), dtype=np.bool_)
+        columns = (each.tolist() for each in (volts, x, air_g_s, running, duty_percent))
+        for k, (v, lean, air, run, duty) in enumerate(zip(*columns, strict=True)):
+            if v != v or run <= 0.0:  # noqa: PLR0124
+                continue
+            run_s = run * self._period_s
+            self._voltage(v, lean, air, run_s)
+            self._heating(duty, run_s)
+            for test, fault in self._decided(run_s):
+                if self._said.get(test) != fault:
+                    self._said[test] = fault
+                    found.append(CircuitResult(k, test, fault))
+            doubtful[k] = self._is_doubtful
+        return found, doubtful
+
+    def _voltage(self, v: float, x: float, air_g_s: float, run_s: float) -> None:
+        config, step_s, held = self._config, self._period_s, self._for_s
+        is_lean, is_hot = x > config.circuit_lean_phi, run_s > config.circuit_after_s
+        apart = abs(v - MID_V)
+        held.high = held.high + step_s if v > config.circuit_high_v else 0.0
+        if v >= config.circuit_low_v:
+            held.low = 0.0
+        elif is_hot and not is_lean:
+            held.low += step_s
+        if apart < config.rest_band_v:
+            held.rest += step_s * is_hot
+            self._lean_g = self._lean_g + OXYGEN_IN_AIR * air_g_s * x * step_s if is_lean else 0.0
+            self._most_lean_g = max(self._most_lean_g, self._lean_g * is_hot)
+        else:
+            held.rest = self._lean_g = self._most_lean_g = 0.0
+        is_awake = apart > config.awake_v
+        if self._began_at_rest is None:
+            self._began_at_rest = not is_awake
+        if is_awake and self.awake_s is None:
+            self.awake_s = run_s
+        is_plausible = config.circuit_low_v <= v <= config.circuit_high_v
+        held.lively = held.lively + step_s * is_awake if is_plausible else 0.0
+
+    def _heating(self, duty: float, run_s: float) -> None:
+        config, step_s, held = self._config, self._period_s, self._for_s
+        if duty != duty:  # noqa: PLR0124
+            held.full = held.regulated = 0.0
+            return
+        self.heater_heard = True
+        is_full = duty >= config.heater_full_percent
+        held.full = held.full + step_s if is_full else 0.0
+        is_regulated = not is_full and duty > 0.0 and run_s > config.wake_most_s
+        held.regulated = held.regulated + step_s if is_regulated else 0.0
+        self._was_regulated |= held.regulated >= config.circuit_pass_s
+
+    def _decided(self, run_s: float) -> Iterator[tuple[CircuitTest, str]]:
+        config, held = self._config, self._for_s
+        is_late = bool(self._began_at_rest) and (self.awake_s or run_s) > config.wake_most_s
+        is_slow_start = is_late and held.full >= config.heater_start_s
+        is_never_hot = self._was_regulated and held.full >= config.heater_full_s
+        if is_slow_start or is_never_hot:
+            yield HEATER, HEATER
+        elif self.can_judge_heater and self.awake_s and (self._was_regulated or not is_late):
+            yield HEATER, ""
+        may_be_cold = self._said.get(HEATER) == HEATER
+        full = self._most_lean_g >= config.inactive_oxygen_g and held.rest >= config.inactive_s
+        if held.high >= config.circuit_s:
+            yield CIRCUIT, HIGH
+        elif held.low >= config.circuit_s:
+            yield CIRCUIT, LOW
+        elif (full or held.rest >= config.inactive_most_s) and not may_be_cold:
+            yield CIRCUIT, INACTIVE
+        elif held.lively >= config.circuit_pass_s:
+            yield CIRCUIT, ""
+
+    @property
+    def _is_doubtful(self) -> bool:
+        config, held = self._config, self._for_s
+        longest = max(held.low, held.high, held.rest - config.circuit_s)
+        return longest > 0.5 * config.circuit_pass_s or self._said.get(CIRCUIT, "") != ""

@@ -1,0 +1,114 @@
+"""Circuit and heater of the downstream sensor, on voltages that are made here."""
+
+import numpy as np
+import pytest
+
+from monitor.base import config
+from monitor.base.types import FloatArray
+from monitor.judge.rear_circuit import CIRCUIT, HEATER, RearCircuit
+
+PERIOD_S = 0.1
+SETTINGS = config.shipped().catalyst
+CUT_S = 6.0  # each 40 s
+
+
+def a_drive(minutes: float = 6.0) -> dict[str, FloatArray]:
+    """A sound sensor from a cold start: it wakes after 15 s and turns lean in each fuel cut."""
+    n = round(minutes * 60.0 / PERIOD_S)
+    t_s = PERIOD_S * np.arange(n)
+    cut = t_s % 40.0 >= 40.0 - CUT_S
+    volts = np.where(cut, 0.08, 0.7 + 0.05 * np.sin(t_s))
+    volts = np.where(t_s < 15.0, 0.45, volts)
+    volts += 0.004 * np.random.default_rng(1).standard_normal(n)
+    return {
+        "volts": volts,
+        "x": np.where(cut, 0.95, 0.02 * np.sin(3.0 * t_s)),
+        "air_g_s": np.where(cut, 5.0, 12.0),
+        "running": np.arange(1.0, n + 1.0),
+        "duty_percent": np.where(t_s < 22.0, 100.0, 50.0),
+    }
+
+
+def decided(drive: dict[str, FloatArray], block: int = 1000) -> list[tuple[int, str, str]]:
+    circuit, found = RearCircuit(SETTINGS, PERIOD_S), []
+    for begin in range(0, len(drive["volts"]), block):
+        part = {name: values[begin : begin + block] for name, values in drive.items()}
+        found += [(begin + r.at, r.test, r.fault) for r in circuit.push(**part)[0]]
+    return found
+
+
+def test_a_sound_sensor_passes_both_tests() -> None:
+    assert {(test, fault) for _, test, fault in decided(a_drive())} == {(CIRCUIT, ""), (HEATER, "")}
+
+
+@pytest.mark.parametrize(
+    ("volts", "fault"),
+    [(0.005, "downstream_low"), (1.4, "downstream_high"), (0.45, "downstream_inactive")],
+)
+@pytest.mark.parametrize("start_s", [0.0, 100.0])
+def test_a_voltage_that_no_gas_explains_is_a_fault_of_the_circuit(
+    volts: float, fault: str, start_s: float
+) -> None:
+    drive = a_drive()
+    drive["volts"][round(start_s / PERIOD_S) :] = volts
+    at, _, found = [each for each in decided(drive) if each[1] == CIRCUIT][-1]
+    assert found == fault
+    assert at * PERIOD_S < start_s + 100.0
+
+
+def test_a_sensor_that_reads_nothing_in_long_fuel_cuts_is_not_shorted() -> None:
+    drive = a_drive()
+    drive["volts"] = np.where(drive["x"] > 0.5, 0.0, drive["volts"])
+    assert "downstream_low" not in {fault for *_, fault in decided(drive)}
+
+
+def test_a_voltage_near_rest_behind_a_catalyst_without_fuel_cut_is_no_open_circuit() -> None:
+    # GIVEN four minutes without a fuel cut behind a catalyst that is half full
+    drive = a_drive(4.5)
+    late = slice(round(30.0 / PERIOD_S), None)
+    drive["volts"][late], drive["x"][late] = 0.45, 0.0
+    # THEN nothing says that the sensor is dead, since nothing had to move it
+    assert "downstream_inactive" not in {fault for *_, fault in decided(drive)}
+
+
+def test_a_sensor_that_wakes_late_at_full_duty_is_not_heated() -> None:
+    drive = a_drive()
+    drive["volts"][: round(50.0 / PERIOD_S)] = 0.45
+    drive["duty_percent"][:] = 100.0
+    found = {(test, fault) for _, test, fault in decided(drive)}
+    assert found == {(CIRCUIT, ""), (HEATER, "downstream_heater")}
+
+
+def test_a_regulated_heater_that_stays_at_full_duty_has_failed() -> None:
+    drive = a_drive()
+    drive["duty_percent"][round(90.0 / PERIOD_S) :] = 100.0
+    assert [fault for _, test, fault in decided(drive) if test == HEATER][-1] == "downstream_heater"
+
+
+def test_an_unheated_sensor_is_no_open_circuit() -> None:
+    drive = a_drive()
+    drive["volts"][:], drive["duty_percent"][:] = 0.45, 100.0
+    assert {fault for *_, fault in decided(drive)} == {"downstream_heater"}
+
+
+def test_a_hot_sensor_with_a_heater_always_on_tells_nothing_of_it() -> None:
+    drive = a_drive()
+    drive["volts"] = np.where(drive["volts"] > 0.4, 0.7, 0.08)
+    drive["duty_percent"][:] = 100.0
+    assert {test for _, test, _ in decided(drive)} == {CIRCUIT}
+
+
+@pytest.mark.parametrize("block", [1, 37])
+def test_no_decision_depends_on_where_blocks_begin(block: int) -> None:
+    drive = a_drive(3.0)
+    drive["volts"][900:] = 1.4
+    drive["volts"][700:705] = np.nan
+    assert decided(drive, block) == decided(drive)
+
+
+def test_doubtful_voltages_are_kept_from_the_bank() -> None:
+    drive = a_drive(3.0)
+    drive["volts"][1000:] = 0.005
+    _, doubtful = RearCircuit(SETTINGS, PERIOD_S).push(**drive)
+    assert not doubtful[300:1000].any()
+    assert doubtful[1200:].all()
