@@ -180,13 +180,8 @@ class CatalystMonitor:
         """Return the tests behind the catalyst that the signals so far allow."""
         if not self.is_heard:
             return ()
-        return (
-            "catalyst",
-            "downstream",
-            "balance",
-            CIRCUIT,
-            *[HEATER] * self.circuit.can_judge_heater,
-        )
+        heater = (HEATER,) if self.circuit.can_judge_heater else ()
+        return ("catalyst", "downstream", "balance", CIRCUIT, *heater)
 
     def entry(self) -> dict[str, Any] | None:
         """Return what the report says of the catalyst, None without a downstream voltage."""

@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 
 from monitor.memory import obd_records
+from monitor.memory.codes import BEHIND
 from monitor.memory.dtc import TESTS, Dtc, DtcStore, Saved
 from monitor.memory.obd_records import Counts, FreezeFrame
 from tests.helpers.fault_store import CARB, confirmed, failing, frame_of, heal
@@ -210,7 +211,7 @@ def test_a_code_that_keeps_a_test_from_judging_pauses_its_ratio() -> None:
     assert not store.count_judged("response")
     assert store.count_judged("communication")
     paused = {r.test for r in store.ratios if not r.denominator}
-    assert paused == {"response", "bias", "activity", "catalyst", "downstream", "balance"}
+    assert paused == {"response", "bias", "activity", *BEHIND}
     assert store.counts.general_denominator == 1
 
 
