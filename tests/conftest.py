@@ -54,6 +54,7 @@ MARKS = {
         "monitor/bus",
         "monitor/inject/test_gateway.py",
         "monitor/memory/test_kill.py",
+        "monitor/sinks/test_servers.py",
         "test_packaging.py",
     ),
 }

@@ -16,6 +16,7 @@ from monitor.cli.options import (
     warn,
     write_outputs,
 )
+from monitor.cli.sinks import add_sinks, written_sinks
 
 HELP = "judge recorded drives"
 _REPLAY = """examples:
@@ -38,6 +39,7 @@ def add(commands: Any) -> None:
     replay.add_argument("--windows", action="store_true", help="print every window")
     replay.add_argument("--quiet", action="store_true", help="print nothing per recording")
     add_outputs(replay)
+    add_sinks(replay)
 
 
 def _replay(args: argparse.Namespace) -> int:
@@ -54,8 +56,14 @@ def _replay(args: argparse.Namespace) -> int:
     if memory and memory.condition.says:
         warn(memory.condition.says)
     recordings, traces = [], []
-    with closing(memory) if memory else nullcontext():
-        for recording, trace in replay.replay_all(args.log, setup, memory, trace=bool(args.html)):
+    sinks = written_sinks(args)
+    with (
+        closing(memory) if memory else nullcontext(),
+        closing(sinks) if sinks else nullcontext(),
+    ):
+        for recording, trace in replay.replay_all(
+            args.log, setup, memory, trace=bool(args.html), sinks=sinks
+        ):
             recordings.append(recording)
             traces.append(trace)
             for line in () if args.quiet else print_recording(recording, windows=args.windows):

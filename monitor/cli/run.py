@@ -27,12 +27,14 @@ from monitor.cli.options import (
     tell_if_too_slow,
     write_outputs,
 )
+from monitor.cli.sinks import add_sinks, outlets, sink_feed
 
 if TYPE_CHECKING:
     from monitor.bus.attachment import Attachment
     from monitor.bus.live.process import Server
     from monitor.bus.loop import Loop
     from monitor.bus.terminal import Out
+    from monitor.sinks.outlet import Outlet
 
 HELP = "judge a live bus"
 _RUN = """examples:
@@ -42,6 +44,7 @@ _RUN = """examples:
   o2mon run -i socketcan -c can0 --json-lines --realtime 50 --cpu 1
   o2mon run -i socketcan -c can0 --obd --model own.onnx  poll OBD-II parameters
   o2mon run -i socketcan -c can0 --live 8765             live page on http://127.0.0.1:8765/
+  o2mon run -i socketcan -c can0 --sink mqtt://broker/car --sink prometheus://0.0.0.0:9464
 
 exit code: 0 done, 2 the bus cannot be used, 3 nothing could be judged"""
 
@@ -62,6 +65,7 @@ def add(commands: Any) -> None:
     add_diagnostics(run)
     add_obd(run)
     add_live(run)
+    add_sinks(run)
     run.add_argument("--quiet", action="store_true", help="print only the final verdict")
     run.add_argument("--json-lines", action="store_true", help="print one JSON object per line")
     run.add_argument(
@@ -75,11 +79,12 @@ def add(commands: Any) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    with live_server(args) as server:  # starts before this process takes its CPU and priority
-        return _judge(args, server)
+    # both start before this process takes its CPU and priority
+    with live_server(args) as server, outlets(args) as opened:
+        return _judge(args, server, opened)
 
 
-def _judge(args: argparse.Namespace, server: "Server | None") -> int:
+def _judge(args: argparse.Namespace, server: "Server | None", opened: "list[Outlet]") -> int:
     from monitor.bus.loop import Loop, run
     from monitor.bus.realtime import settle
     from monitor.bus.terminal import Out
@@ -113,11 +118,15 @@ def _judge(args: argparse.Namespace, server: "Server | None") -> int:
             loop.attachments.append(Transmitter(loop.pipeline.monitor))
         loop.attachments.extend(diagnostics(args, setup, loop, _speaker(args, out)))
         loop.attachments.extend(live_feed(server, setup, loop, bus_name(args), _speaker(args, out)))
+        feed = sink_feed(args, opened, loop, _speaker(args, out))
+        loop.attachments.extend(feed)
         settle()
         try:
             run(loop, args.duration)
         finally:  # write the result even if the bus fails
             recording = loop.result(str(getattr(args, "channel", None) or bus_name(args)))
+            if feed:
+                recording |= {"sinks": feed[0].entries()}
             for line in _ending(args, recording):
                 say(line)
             write_outputs(args, setup, [recording], [loop.collector.trace()])
@@ -169,4 +178,5 @@ def _ending(args: argparse.Namespace, recording: dict[str, Any]) -> Iterable[str
         return print_recording(recording)
     wanted = "samples enabled_samples dtcs fault_flag completed not_judged counters"
     fields = {name: recording[name] for name in wanted.split()}
+    fields |= {"sinks": recording["sinks"]} if "sinks" in recording else {}
     return [json_line("end", time.time(), {"verdict": verdict_text(recording), **fields})]

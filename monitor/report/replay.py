@@ -31,6 +31,7 @@ from monitor.pipeline.side_by_side import slices
 from monitor.report.behind import behind_table, judge_table
 from monitor.report.sinks import SCHEMA, Collector
 from monitor.report.text import Trace
+from monitor.sinks.written import Written
 
 SHIPPED_MODEL = "shipped.onnx"
 
@@ -107,11 +108,17 @@ def frame_counters(pipeline: FramePipeline) -> dict[str, int]:
 
 
 def replay(
-    path: Path, setup: Setup, memory: Memory | None = None, *, trace: bool = False
+    path: Path,
+    setup: Setup,
+    memory: Memory | None = None,
+    *,
+    trace: bool = False,
+    sinks: Written | None = None,
 ) -> tuple[dict[str, Any], Trace]:
     """Judge one recording; a driving cycle begins with it, others where its samples show one.
 
     memory : fault memory and reference to go on from; without one both are empty
+    sinks : take the events, too
     Returns the recording's entry of ``o2mon.replay/1`` and its series (empty without ``trace``).
     Raises RecordingError, SignalMapError or ModelError.
     """
@@ -125,7 +132,7 @@ def replay(
             raise
         recording, series = judged_behind(table, sha256, setup.config, memory), Trace.empty()
     else:
-        recording, series = judged(opened, sha256, setup, memory, trace=trace)
+        recording, series = judged(opened, sha256, setup, memory, trace=trace, sinks=sinks)
     return recording | {"source": source_of(path, sha256)}, series
 
 
@@ -147,6 +154,7 @@ def judged(
     memory: Memory | None = None,
     *,
     trace: bool = False,
+    sinks: Written | None = None,
 ) -> tuple[dict[str, Any], Trace]:
     """Judge an open recording, as ``replay`` judges one on disk.
 
@@ -156,8 +164,11 @@ def judged(
     setup = setup.of_vehicle(memory) if memory else setup
     monitor = Monitor(Judge(opened.names, setup.model, setup.config), setup.limits, store)
     collector = Collector(monitor, sources=opened.sources, trace=trace)
+    listen = sinks.listener(monitor) if sinks else None
     for event in _events(monitor, opened):
         collector.push(event)
+        if listen:
+            listen(event)
         if memory and isinstance(event, CycleStarted):
             memory.learn(setup.model_sha256, event.seen, setup.config.bias)
             monitor.adopt(setup.of_vehicle(memory).limits)
@@ -200,11 +211,16 @@ def _events(monitor: Monitor, opened: OpenRecording) -> Iterator[BlockEvent]:
 
 
 def replay_all(
-    paths: Iterable[Path], setup: Setup, memory: Memory | None = None, *, trace: bool = False
+    paths: Iterable[Path],
+    setup: Setup,
+    memory: Memory | None = None,
+    *,
+    trace: bool = False,
+    sinks: Written | None = None,
 ) -> Iterator[tuple[dict[str, Any], Trace]]:
     """Judge recordings one after the other, each with the model reset."""
     for path in paths:
-        yield replay(path, setup, memory, trace=trace)
+        yield replay(path, setup, memory, trace=trace, sinks=sinks)
 
 
 def exit_code(recordings: Sequence[dict[str, Any]]) -> int:

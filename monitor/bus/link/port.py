@@ -45,6 +45,10 @@ class BusHealth:
     stale_samples: int = 0  # samples with a stale signal
     memory_errors: int = 0  # failed attempts to store the fault memory
     detached: int = 0  # attachments removed after an exception
+    sinks_off: tuple[str, ...] = ()  # sinks that take nothing now
+    sinks_sent: int = 0  # records that the sinks took
+    sinks_dropped: int = 0  # records that found no room in a queue, or that a sink refused
+    sinks_lost: int = 0  # times a sink was lost
     receive_buffer_bytes: int = 0  # of the SocketCAN socket, 0 if unknown
     timestamps: Literal["kernel", "interface"] = "interface"
 

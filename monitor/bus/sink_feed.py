@@ -1,0 +1,72 @@
+"""The attachment that hands events to the sinks, and their counters to the loop's health."""
+
+import math
+from collections.abc import Callable, Collection, Iterable, Sequence
+from typing import Any, Final
+
+from monitor.base.types import Frame
+from monitor.bus.link.port import BusHealth
+from monitor.pipeline.events import Event
+from monitor.sinks.outlet import Outlet
+from monitor.sinks.stream import Stream
+
+LOOK_S: Final = 1.0  # between two looks at the counters
+
+
+class SinkFeed:
+    """Turns events into records and queues them; the outlets' threads write.
+
+    health : takes the counters of all sinks
+    say : receives messages about lost and regained sinks
+    """
+
+    identifiers: Collection[tuple[int, bool]] = ()
+
+    def __init__(
+        self,
+        stream: Stream,
+        outlets: Sequence[Outlet],
+        health: BusHealth,
+        say: Callable[[str], None],
+    ) -> None:
+        self._stream, self._outlets, self._health, self._say = stream, outlets, health, say
+        self.due_s = -math.inf
+
+    def receive(self, frame: Frame) -> Iterable[Frame]:
+        """Take no frame."""
+        return ()
+
+    def push(self, event: Event) -> None:
+        """Queue the records of an event."""
+        for record in self._stream.push(event):
+            for outlet in self._outlets:
+                outlet.put(record)
+
+    def work(self, now_s: float) -> Iterable[Frame]:
+        """Look at the counters if it is time."""
+        if now_s >= self.due_s:
+            self.due_s = now_s + LOOK_S
+            self._look()
+        return ()
+
+    def close(self) -> None:
+        """Write what is left."""
+        for outlet in self._outlets:
+            outlet.end()
+        for outlet in self._outlets:
+            outlet.close()
+        self._look()
+
+    def entries(self) -> list[dict[str, Any]]:
+        """Return state and counters of every sink."""
+        return [outlet.entry() for outlet in self._outlets]
+
+    def _look(self) -> None:
+        health, outlets = self._health, self._outlets
+        health.sinks_off = tuple(each.name for each in outlets if each.state == "lost")
+        health.sinks_sent = sum(each.sent for each in outlets)
+        health.sinks_dropped = sum(each.dropped for each in outlets)
+        health.sinks_lost = sum(each.lost for each in outlets)
+        for outlet in outlets:
+            for note in outlet.notes():
+                self._say(note)

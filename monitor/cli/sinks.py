@@ -1,0 +1,103 @@
+"""Options of ``o2mon run`` and ``o2mon replay`` that send results to other systems."""
+
+import argparse
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from monitor.cli.options import positive
+
+if TYPE_CHECKING:
+    from monitor.bus.loop import Loop
+    from monitor.bus.sink_feed import SinkFeed
+    from monitor.sinks.outlet import Outlet
+    from monitor.sinks.written import Written
+
+
+def add_sinks(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the sinks."""
+    parser.add_argument(
+        "--sink",
+        action="append",
+        default=[],
+        metavar="ADDRESS",
+        help="send events and signals there: mqtt://HOST/TOPIC, "
+        "influx+http://HOST:8086/write?db=NAME, influx+udp://HOST:8089, influx+file:FILE, "
+        "prometheus://HOST:9464 (metrics to scrape), prometheus+file:FILE.prom, "
+        "or the kind of a plug-in; may repeat",
+    )
+    parser.add_argument(
+        "--sink-rate",
+        type=positive,
+        default=1.0,
+        metavar="HZ",
+        help="most signal records per second (default: 1)",
+    )
+    parser.add_argument(
+        "--sink-tag",
+        type=_tag,
+        action="append",
+        default=[],
+        metavar="NAME=TEXT",
+        help="tag or label of everything that is sent, as vehicle=17; may repeat",
+    )
+
+
+def _tag(text: str) -> tuple[str, str]:
+    name, equals, value = text.partition("=")
+    if not (equals and value and name.isidentifier() and name.isascii()):
+        raise argparse.ArgumentTypeError(f"{text}: NAME=TEXT is wanted, NAME of letters and digits")
+    return name, value
+
+
+@contextmanager
+def outlets(args: argparse.Namespace) -> "Iterator[list[Outlet]]":
+    """Open the sinks of a run, each with its thread, and close them at the end.
+
+    Raises UsageError if one cannot be had.
+    """
+    if not args.sink:
+        yield []
+        return
+    from monitor.sinks.address import open_sink, shown
+    from monitor.sinks.outlet import Outlet
+
+    sinks = [open_sink(address, dict(args.sink_tag)) for address in args.sink]
+    opened = [Outlet(shown(a), sink) for a, sink in zip(args.sink, sinks, strict=True)]
+    try:
+        yield opened
+    finally:
+        for outlet in opened:
+            outlet.close()
+
+
+def sink_feed(
+    args: argparse.Namespace, opened: "list[Outlet]", loop: "Loop", say: Callable[[str], None]
+) -> "list[SinkFeed]":
+    """Return the attachment that feeds the sinks, in a list; an empty list if there are none."""
+    if not opened:
+        return []
+    from monitor.bus.sink_feed import SinkFeed
+    from monitor.sinks.stream import Stream
+
+    stream = Stream(loop.pipeline.monitor, args.sink_rate)
+    return [SinkFeed(stream, opened, loop.health, say)]
+
+
+def written_sinks(args: argparse.Namespace) -> "Written | None":
+    """Return the sinks of a replay, None without any; a replay waits for them.
+
+    Raises UsageError if one cannot be had.
+    """
+    if not args.sink:
+        return None
+    from monitor.base.errors import UsageError
+    from monitor.sinks.address import open_sink, shown, split
+    from monitor.sinks.written import Written
+
+    if any(split(address).scheme == "prometheus" for address in args.sink):
+        raise UsageError("a replay ends before anybody scrapes it: use prometheus+file:FILE.prom")
+    tags = dict(args.sink_tag)
+    return Written(
+        {shown(address): open_sink(address, tags) for address in args.sink}, args.sink_rate
+    )

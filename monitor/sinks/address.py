@@ -1,0 +1,86 @@
+"""From an address on the command line to a sink: the scheme chooses the kind.
+
+A plug-in brings a kind by the entry point ``o2_monitor.sinks``: its name is the scheme, its object
+a function (or a class) from the split address and the tags to a ``Sink``. The kinds that come with
+the monitor are named in the same way.
+"""
+
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from typing import Final, cast
+from urllib.parse import SplitResult, urlsplit
+
+from monitor.base.errors import O2Error, UsageError
+from monitor.sinks.record import Sink, Tags
+
+GROUP: Final = "o2_monitor.sinks"
+_OWN: Final = {
+    "mqtt": "mqtt:Mqtt",
+    "mqtts": "mqtt:Mqtt",
+    "influx+http": "line_protocol:HttpLines",
+    "influx+https": "line_protocol:HttpLines",
+    "influx+udp": "line_protocol:UdpLines",
+    "influx+file": "line_protocol:FileLines",
+    "prometheus": "prometheus:Scraped",
+    "prometheus+file": "prometheus:TextFile",
+}
+
+
+def kinds() -> dict[str, EntryPoint]:
+    """Return the kinds of sinks by scheme: those of plug-ins, and the monitor's own."""
+    own = (EntryPoint(name, f"monitor.sinks.{value}", GROUP) for name, value in _OWN.items())
+    return {point.name: point for point in (*entry_points(group=GROUP), *own)}
+
+
+def open_sink(address: str, tags: Tags) -> Sink:
+    """Return the sink of an address; it connects when it first writes.
+
+    Raises UsageError if there is no such kind, or if it cannot be had.
+    """
+    url, known = split(address), kinds()
+    if url.scheme not in known:
+        raise UsageError(
+            f"--sink {shown(address)}: no such kind; there are {', '.join(sorted(known))}"
+        )
+    point = known[url.scheme]
+    try:
+        return cast(Sink, point.load()(url, dict(tags)))
+    except O2Error as error:
+        raise UsageError(f"--sink {shown(address)}: {error}") from None
+    except Exception as error:  # of somebody else's code
+        reason = str(error) or type(error).__name__
+        raise UsageError(f"--sink {shown(address)}: {point.value} fails: {reason}") from error
+
+
+def shown(address: str) -> str:
+    """Return the address as messages and pages show it: without user, password and query.
+
+    >>> shown("mqtt://me:secret@broker:1883/car")
+    'mqtt://broker:1883/car'
+    """
+    url = split(address)
+    where = url.netloc.rpartition("@")[2]
+    return f"{url.scheme}://{where}{url.path}" if where else f"{url.scheme}:{url.path}"
+
+
+def split(address: str) -> SplitResult:
+    """Return the parts of an address.
+
+    Raises UsageError if it is none.
+    """
+    try:
+        url = urlsplit(address)
+        _ = url.port
+    except ValueError as error:
+        raise UsageError(f"--sink: {error}") from None
+    return url
+
+
+def path_of(url: SplitResult) -> Path:
+    """Return the file that an address names.
+
+    Raises UsageError if it names none.
+    """
+    if not url.path or url.netloc:
+        raise UsageError(f"a path is wanted, as {url.scheme}:FILE")
+    return Path(url.path)

@@ -1,0 +1,141 @@
+"""MQTT through paho-mqtt: a topic per signal, and one per kind of event.
+
+A signal's topic is its path with slashes for points; its message is the data point of the Vehicle
+Information Service Specification 2 (COVESA): path, value as text, time. An event is JSON under
+``event/KIND``. ``status`` is retained: "online", or "offline" as the connection's last will.
+"""
+
+import json
+import os
+import ssl
+import threading
+import time
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from importlib.util import find_spec
+from typing import Any, Final
+from urllib.parse import SplitResult, unquote
+
+from monitor.base.errors import UsageError
+from monitor.sinks.record import Record, Tags, Value
+
+TIMEOUT_S: Final = 5.0
+KEEPALIVE_S: Final = 30
+QOS: Final = 1  # at least once: the broker confirms every message
+PASSWORD: Final = "MQTT_PASSWORD"  # variable of the environment
+TOPIC: Final = "o2mon"
+
+
+class Mqtt:
+    """Publishes records under a topic.
+
+    Raises UsageError if paho-mqtt is missing or the address has no host.
+    """
+
+    def __init__(self, url: SplitResult, tags: Tags) -> None:
+        if find_spec("paho") is None:
+            raise UsageError("a sink mqtt:// needs paho-mqtt: pip install 'o2-monitor[mqtt]'")
+        if not url.hostname:
+            raise UsageError("an MQTT sink needs a host: mqtt://HOST:1883/TOPIC")
+        self._is_safe = url.scheme == "mqtts"
+        self._host, self._port = url.hostname, url.port or (8883 if self._is_safe else 1883)
+        self._topic = url.path.strip("/") or TOPIC
+        if any(sign in self._topic for sign in "+#"):
+            raise UsageError(f"{self._topic}: a topic to publish under has no + and no #")
+        self._user = unquote(url.username) if url.username else None
+        self._password = unquote(url.password) if url.password else os.environ.get(PASSWORD)
+        self._tags = dict(tags)
+        self._client: Any = None
+
+    def write(self, records: Sequence[Record]) -> None:
+        """Publish the records and wait until the broker has confirmed them.
+
+        Raises OSError if there is no connection or no confirmation within ``TIMEOUT_S``.
+        """
+        client = self._client or self._open()
+        if not client.is_connected():
+            raise OSError("the connection is lost")
+        sent = [
+            client.publish(f"{self._topic}/{topic}", message, qos=QOS)
+            for record in records
+            for topic, message in messages(record, self._tags)
+        ]
+        until_s = time.monotonic() + TIMEOUT_S
+        for each in sent:
+            if each.rc:
+                raise OSError("the connection is lost")
+            each.wait_for_publish(max(until_s - time.monotonic(), 0.0))
+            if not each.is_published():
+                raise OSError(f"no confirmation within {TIMEOUT_S:g} s")
+
+    def _open(self) -> Any:
+        from paho.mqtt.client import Client  # noqa: PLC0415 - an extra's
+        from paho.mqtt.enums import CallbackAPIVersion  # noqa: PLC0415
+
+        answered, refusals = threading.Event(), []
+
+        def on_connect(_client: Any, _data: Any, _flags: Any, code: Any, _properties: Any) -> None:
+            if code.is_failure:
+                refusals.append(str(code))
+            answered.set()
+
+        client = Client(CallbackAPIVersion.VERSION2)
+        client.max_inflight_messages_set(1000)
+        client.connect_timeout = TIMEOUT_S
+        client.on_connect = on_connect
+        if self._user is not None:
+            client.username_pw_set(self._user, self._password)
+        if self._is_safe:
+            client.tls_set_context(ssl.create_default_context())
+        client.will_set(f"{self._topic}/status", "offline", qos=QOS, retain=True)
+        self._client = client
+        client.connect(self._host, self._port, KEEPALIVE_S)
+        client.loop_start()
+        if not answered.wait(TIMEOUT_S):
+            raise OSError(f"no answer to the connection within {TIMEOUT_S:g} s")
+        if refusals:
+            raise OSError(f"the broker refuses the connection: {refusals[0]}")
+        client.publish(f"{self._topic}/status", "online", qos=QOS, retain=True)
+        return client
+
+    def close(self) -> None:
+        """Say "offline" and end the connection."""
+        client, self._client = self._client, None
+        if client is None:
+            return
+        client.on_connect = None
+        if client.is_connected():
+            said = client.publish(f"{self._topic}/status", "offline", qos=QOS, retain=True)
+            if not said.rc:
+                said.wait_for_publish(1.0)
+        client.disconnect()
+        client.loop_stop()
+
+
+def messages(record: Record, tags: Tags) -> list[tuple[str, str]]:
+    """Return the topics below the user's, and the message of each."""
+    moment = _iso(record.t_ns)
+    if record.kind == "signals":
+        return [
+            (path.replace(".", "/"), json.dumps(_point(path, value, moment, tags)))
+            for path, value in record.values.items()
+        ]
+    event = {"ts": moment, **dict(tags), **record.values}
+    return [(f"event/{record.kind}", json.dumps(event))]
+
+
+def _point(path: str, value: Value, moment: str, tags: Tags) -> dict[str, Any]:
+    text = json.dumps(value) if isinstance(value, bool) else value
+    shown = f"{text:.9g}" if isinstance(text, float) else str(text)
+    point: dict[str, Any] = {"path": path, "dp": {"value": shown, "ts": moment}}
+    return point | ({"tags": dict(tags)} if tags else {})
+
+
+def _iso(t_ns: int) -> str:
+    """Return a time since the epoch as ISO 8601 in UTC, with milliseconds.
+
+    >>> _iso(1_500_000_000)
+    '1970-01-01T00:00:01.500Z'
+    """
+    moment = datetime.fromtimestamp(t_ns // 1_000_000_000, UTC)
+    return f"{moment:%Y-%m-%dT%H:%M:%S}.{t_ns // 1_000_000 % 1000:03d}Z"

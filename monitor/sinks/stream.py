@@ -1,0 +1,138 @@
+"""Events of a monitor become records; samples are thinned to a few records a second."""
+
+import math
+from collections.abc import Iterator
+from typing import Final
+
+from monitor.base.types import Quality
+from monitor.judge.enable import CONDITIONS
+from monitor.memory.dtc import Dtc
+from monitor.pipeline.events import (
+    CutJudged,
+    CycleStarted,
+    DtcChanged,
+    Event,
+    Tick,
+    WindowJudged,
+)
+from monitor.pipeline.monitor import Monitor
+from monitor.sinks import vss
+from monitor.sinks.record import Record, Value
+
+_GOOD: Final = int(Quality.GOOD)
+HEALED: Final = "healed"  # state of a code that is neither pending nor confirmed
+
+
+class Stream:
+    """Turns the events of one monitor into records.
+
+    rate_hz : most "signals" records per second; measurement, prediction and residual are means
+        over the samples between two of them, other signals are the latest
+    """
+
+    def __init__(self, monitor: Monitor, rate_hz: float) -> None:
+        self._monitor = monitor
+        self._output = monitor.names.index(monitor.output)
+        self._measured = vss.SIGNALS.get(monitor.output, (vss.MEASURED, 1.0))[0]
+        self._others = [
+            (i, *vss.SIGNALS[name])
+            for i, name in enumerate(monitor.names)
+            if name in vss.SIGNALS and name != monitor.output
+        ]
+        period_s = monitor.judge.period_s
+        self._step = max(1, round(1.0 / (rate_hz * period_s)))
+        self._means = {path: _Mean() for path in (self._measured, vss.PREDICTED, vss.RESIDUAL)}
+        self._windows = 0
+        self._verdict: tuple[str, str | None] | None = None
+        self._states: dict[str, str | None] = {d.code: d.state for d in monitor.store.active}
+
+    def push(self, event: Event) -> Iterator[Record]:
+        """Yield the records of an event."""
+        if isinstance(event, Tick):
+            yield from self._tick(event)
+        elif isinstance(event, WindowJudged):
+            self._windows += 1
+            yield from self._judged(event, event.window.t_end_ns, event.mean)
+        elif isinstance(event, CutJudged):
+            yield from self._judged(event, event.t_ns, None)
+        elif isinstance(event, DtcChanged):
+            yield from self._code(event.t_ns, event.dtc)
+        elif isinstance(event, CycleStarted):
+            yield Record("cycle", event.t_ns, {"started": True})
+
+    def _judged(
+        self, event: WindowJudged | CutJudged, t_ns: int, mean: float | None
+    ) -> Iterator[Record]:
+        """Yield a record if the verdict or the fault is another one than before."""
+        verdict = event.outcome, event.fault
+        if verdict == self._verdict:
+            return
+        self._verdict = verdict
+        values: dict[str, Value] = {"verdict": event.outcome, "fault": event.fault or ""}
+        if mean is not None and math.isfinite(mean):
+            values["mean"] = mean
+        yield Record("verdict", t_ns, values)
+
+    def _code(self, t_ns: int, dtc: Dtc) -> Iterator[Record]:
+        """Yield a record if the code's state is another one than before."""
+        if dtc.state == self._states.get(dtc.code):
+            return
+        self._states[dtc.code] = dtc.state
+        yield Record(
+            "code",
+            t_ns,
+            {
+                "code": dtc.code,
+                "fault": dtc.fault,
+                "also": " ".join(dtc.also),
+                "state": dtc.state or HEALED,
+                "status": int(dtc.status),
+            },
+        )
+
+    def _tick(self, tick: Tick) -> Iterator[Record]:
+        sample = tick.sample
+        measured = sample.values.item(self._output)
+        seen = measured, tick.predicted, measured - tick.predicted
+        for mean, value in zip(self._means.values(), seen, strict=True):
+            mean.push(value)
+        if (sample.index + 1) % self._step == 0:
+            yield Record("signals", sample.t_ns, self._signals(tick))
+
+    def _signals(self, tick: Tick) -> dict[str, Value]:
+        values: dict[str, Value] = {}
+        for path, mean in self._means.items():
+            value = mean.take()
+            if value is not None:
+                values[path] = value
+        sample = tick.sample
+        for i, path, factor in self._others:
+            if sample.quality.item(i) == _GOOD:
+                values[path] = sample.values.item(i) * factor
+        waits = "" if tick.enabled else CONDITIONS[tick.conditions.index(False)]
+        store = self._monitor.store
+        return values | {
+            vss.ENABLED: tick.enabled,
+            vss.WAITS_FOR: waits,
+            vss.WINDOWS: self._windows,
+            vss.MIL: store.mil,
+            vss.DTC_COUNT: len(store.active),
+        }
+
+
+class _Mean:
+    """Mean of the finite values since it was last taken."""
+
+    def __init__(self) -> None:
+        self._sum, self._n = 0.0, 0
+
+    def push(self, value: float) -> None:
+        if math.isfinite(value):
+            self._sum += value
+            self._n += 1
+
+    def take(self) -> float | None:
+        """Return the mean and begin anew, None without a value."""
+        mean = self._sum / self._n if self._n else None
+        self._sum, self._n = 0.0, 0
+        return mean

@@ -1,0 +1,59 @@
+"""The way from a replay to its sinks: the replay waits, and an error ends it."""
+
+from collections.abc import Callable, Iterable, Mapping
+
+from monitor.base.errors import UsageError
+from monitor.pipeline.events import BlockEvent, singly
+from monitor.pipeline.monitor import Monitor
+from monitor.sinks.outlet import BATCH
+from monitor.sinks.record import Record, Sink
+from monitor.sinks.stream import Stream
+
+Listener = Callable[[BlockEvent], None]
+
+
+class Written:
+    """Sinks by the name that messages show.
+
+    rate_hz : most "signals" records per second of the recording's time
+    """
+
+    def __init__(self, sinks: Mapping[str, Sink], rate_hz: float) -> None:
+        self._sinks, self._rate_hz = sinks, rate_hz
+        self._waiting: list[Record] = []
+
+    def listener(self, monitor: Monitor) -> Listener:
+        """Return the function that takes the events of one recording."""
+        stream = Stream(monitor, self._rate_hz)
+
+        def listen(event: BlockEvent) -> None:
+            for each in singly(event):
+                self._keep(stream.push(each))
+
+        return listen
+
+    def close(self) -> None:
+        """Write what is left and close the sinks.
+
+        Raises UsageError if one does not take it.
+        """
+        try:
+            self._write()
+        finally:
+            for sink in self._sinks.values():
+                sink.close()
+
+    def _keep(self, records: Iterable[Record]) -> None:
+        self._waiting.extend(records)
+        if len(self._waiting) >= BATCH:
+            self._write()
+
+    def _write(self) -> None:
+        records, self._waiting = self._waiting, []
+        for name, sink in self._sinks.items() if records else ():
+            for begin in range(0, len(records), BATCH):
+                try:
+                    sink.write(records[begin : begin + BATCH])
+                except Exception as error:
+                    reason = str(error) or type(error).__name__
+                    raise UsageError(f"--sink {name}: {reason}") from error

@@ -1,0 +1,134 @@
+"""The queue and the thread between the live loop and a sink."""
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+
+import pytest
+
+from monitor.sinks.outlet import BATCH, Outlet
+from monitor.sinks.record import Record, RefusedError
+
+
+class Fake:
+    """A sink that keeps what it takes; it fails while ``error`` is set, and waits for ``gate``."""
+
+    def __init__(self, error: Exception | None = None) -> None:
+        self.error, self.gate = error, threading.Event()
+        self.gate.set()
+        self.taken: list[Record] = []
+        self.closed = 0
+
+    def write(self, records: Sequence[Record]) -> None:
+        self.gate.wait(5.0)
+        if self.error:
+            raise self.error
+        self.taken += records
+
+    def close(self) -> None:
+        self.closed += 1
+
+
+def record(k: int) -> Record:
+    return Record("cycle", k, {"started": True})
+
+
+def soon(condition: Callable[[], bool]) -> bool:
+    until_s = time.monotonic() + 3.0
+    while not condition() and time.monotonic() < until_s:
+        time.sleep(0.005)
+    return condition()
+
+
+def outlet_of(sink: Fake, queued: int = 100) -> Outlet:
+    return Outlet("fake", sink, queued=queued, again_s=0.01, flush_s=0.005)
+
+
+def test_records_arrive_in_their_order() -> None:
+    sink = Fake()
+    outlet = outlet_of(sink, 3 * BATCH)
+    for k in range(2 * BATCH + 7):
+        outlet.put(record(k))
+    outlet.close()
+    assert [each.t_ns for each in sink.taken] == list(range(2 * BATCH + 7))
+    assert outlet.entry() == {
+        "sink": "fake",
+        "state": "connected",
+        "sent": 2 * BATCH + 7,
+        "dropped": 0,
+        "lost": 0,
+    }
+    assert sink.closed == 1
+
+
+def test_a_sink_that_hangs_does_not_hold_the_loop_and_its_oldest_records_are_dropped() -> None:
+    # GIVEN a sink that hangs in its first write
+    sink = Fake()
+    sink.gate.clear()
+    outlet = outlet_of(sink)
+    outlet.put(record(0))
+    assert soon(lambda: not outlet._queue)
+    # WHEN ten times as many records come as the queue holds
+    begin_s = time.perf_counter()
+    for k in range(1, 1001):
+        outlet.put(record(k))
+    # THEN no put has waited, and when the sink goes on all are sent or counted
+    assert time.perf_counter() - begin_s < 1.0
+    sink.gate.set()
+    outlet.close()
+    assert [each.t_ns for each in sink.taken] == [0, *range(901, 1001)]
+    assert (outlet.sent, outlet.dropped) == (101, 900)
+
+
+def test_a_lost_connection_is_tried_again_and_nothing_is_lost_meanwhile() -> None:
+    sink = Fake(OSError("Connection refused"))
+    outlet = outlet_of(sink)
+    outlet.put(record(1))
+    assert soon(lambda: sink.closed >= 3)
+    outlet.put(record(2))
+    assert outlet.state == "lost"
+    sink.error = None
+    assert soon(lambda: outlet.sent == 2)
+    outlet.close()
+    assert outlet.notes() == [
+        "sink fake takes nothing: Connection refused; it is tried again",
+        "sink fake takes records again",
+    ]
+    assert outlet.entry()["lost"] == 1
+    assert [each.t_ns for each in sink.taken] == [1, 2]
+
+
+def test_records_that_a_server_will_never_take_are_dropped_and_told_once() -> None:
+    sink = Fake(RefusedError("HTTP 400 field type conflict"))
+    outlet = outlet_of(sink)
+    for k in range(3):
+        outlet.put(record(k))
+        assert soon(lambda k=k: outlet.dropped == k + 1)
+    sink.error = None
+    outlet.put(record(3))
+    outlet.close()
+    assert outlet.notes() == ["sink fake refuses records: HTTP 400 field type conflict"]
+    assert (outlet.sent, outlet.dropped, outlet.state) == (1, 3, "connected")
+
+
+def test_what_is_left_at_the_end_is_counted_as_dropped() -> None:
+    outlet = outlet_of(Fake(OSError("no route to host")))
+    for k in range(5):
+        outlet.put(record(k))
+    outlet.close()
+    assert (outlet.sent, outlet.dropped) == (0, 5)
+
+
+def test_a_sink_that_never_returns_does_not_keep_the_process(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("monitor.sinks.outlet.END_S", 0.05)
+    sink = Fake()
+    sink.gate.clear()
+    outlet = outlet_of(sink)
+    outlet.put(record(1))
+    assert soon(lambda: not outlet._queue)
+    outlet.close()
+    assert outlet.notes() == ["sink fake did not end within 0.05 s"]
+    assert (outlet.sent, outlet.dropped) == (0, 1)
+    sink.gate.set()
