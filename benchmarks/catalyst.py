@@ -98,10 +98,10 @@ def drive(
 
 def judged(names: tuple[str, ...], values: FloatArray) -> dict[str, Any]:
     """Return what the monitor says at the end, and when it first decided on the catalyst."""
-    monitor = CatalystMonitor(config.shipped().catalyst, names, PERIOD_S, 500.0)
+    monitor = CatalystMonitor(config.shipped().catalyst, names, PERIOD_S)
     first_s, verdicts, in_a_row, sensors = None, [], 0, []
     decided = None
-    for result in monitor.push(values):
+    for result in monitor.push(values, np.ones(len(values), dtype=np.bool_)):
         if result.test != "catalyst":
             if result.test == "downstream":
                 sensors.append(result.claim.fault)

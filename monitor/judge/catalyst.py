@@ -5,14 +5,14 @@ first good voltage on. Samples that are missing for a moment are bridged with th
 a longer gap the filling of the catalyst is found anew.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from monitor.base.config import CatalystConfig
-from monitor.base.types import BoolArray, FloatArray
+from monitor.base.types import BoolArray, FloatArray, IntArray
 from monitor.judge.catalyst_bank import LEAK
 from monitor.judge.catalyst_rule import CatalystRule, Claim
 from monitor.judge.rear_circuit import CIRCUIT, HEATER, CircuitResult, RearCircuit
@@ -67,19 +67,16 @@ class CatalystMonitor:
     """Judges catalyst and downstream sensor of one vehicle; the state goes from block to block.
 
     names : signals of a sample
-    running_rpm : engine speed from which the engine runs
     """
 
-    def __init__(
-        self, config: CatalystConfig, names: Sequence[str], period_s: float, running_rpm: float
-    ) -> None:
+    def __init__(self, config: CatalystConfig, names: Sequence[str], period_s: float) -> None:
         at = {name: i for i, name in enumerate(names)}
         self.is_possible = all(name in at for name in NEEDED)
         self._places = np.array([at.get(name, 0) for name in NEEDED])
         self._brick = at.get("catalyst_temperature_degc")
-        self._duty, self._speed = at.get(DUTY), at.get("engine_speed_rpm")
+        self._voltage, self._duty = at.get(VOLTAGE, 0), at.get(DUTY)
         self.circuit = RearCircuit(config, period_s)
-        self._config, self._period_s, self._running_rpm = config, period_s, running_rpm
+        self._config, self._period_s = config, period_s
         self._n_hold = round(config.hold_s / period_s)
         self._n_warm_up = round(config.warm_up_s / period_s)
         self.rule: CatalystRule | None = None  # from the first good voltage on
@@ -99,17 +96,27 @@ class CatalystMonitor:
         self._missing = 0  # samples in a row with a value missing
         self._running = 0  # samples with the engine running
 
-    def push(self, values: FloatArray) -> Iterator[BehindResult]:
-        """Yield the verdicts that samples, (n, n_names), allow; all of them must be taken."""
+    def push(self, values: FloatArray, running: BoolArray) -> Iterable[BehindResult]:
+        """Return the verdicts that samples allow; all of them must be taken.
+
+        values : (n, n_names)
+        running : (n,) whether the engine runs
+        """
         if not self.is_possible or not len(values):
-            return
-        own = values.take(self._places, axis=1)
+            return ()
         if self.rule is None:
-            if not np.isfinite(own[:, 0]).any():
-                self._count_running(values)
-                return
+            if not np.logical_or.reduce(np.isfinite(values[:, self._voltage])):
+                self._running += int(np.count_nonzero(running))
+                return ()
             self.rule = CatalystRule(self._config, self._period_s)
-        run = self._count_running(values)
+        return self._heard(self.rule, values, running)
+
+    def _heard(
+        self, rule: CatalystRule, values: FloatArray, running: BoolArray
+    ) -> Iterator[BehindResult]:
+        run = self._running + np.cumsum(running)
+        self._running = run.item(-1)
+        own = values.take(self._places, axis=1)
         duty = values[:, self._duty] if self._duty is not None else np.full(len(values), np.nan)
         found, doubtful = self.circuit.push(
             volts=own[:, 0],
@@ -119,7 +126,7 @@ class CatalystMonitor:
             duty_percent=duty,
         )
         yield from map(circuit_result, found)
-        yield from self._judged(self.rule, own, self._warm(values, run) & ~doubtful)
+        yield from self._judged(rule, own, self._warm(values, run) & ~doubtful)
 
     def _judged(
         self, rule: CatalystRule, own: FloatArray, fit: BoolArray
@@ -158,22 +165,13 @@ class CatalystMonitor:
         self._missing = int(missing[-1])
         return held, np.isfinite(held).all(axis=1) & (missing <= self._n_hold)
 
-    def _warm(self, values: FloatArray, run: FloatArray) -> BoolArray:
+    def _warm(self, values: FloatArray, run: IntArray) -> BoolArray:
         """Return on which samples the brick is warm, by its temperature or by running time."""
         long = np.asarray(run >= self._n_warm_up)
         if self._brick is None:
             return long
         degc = values[:, self._brick]
         return np.where(np.isfinite(degc), degc >= self._config.warm_degc, long)
-
-    def _count_running(self, values: FloatArray) -> FloatArray:
-        """Return how many samples the engine has run on each, (n,)."""
-        runs = np.ones(len(values))
-        if self._speed is not None:
-            runs = (values[:, self._speed] >= self._running_rpm).astype(np.float64)
-        count = self._running + np.cumsum(runs)
-        self._running = int(count[-1])
-        return np.asarray(count)
 
     @property
     def supported(self) -> tuple[str, ...]:

@@ -5,10 +5,11 @@ A provided signal that is not valid blocks.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from monitor.base.config import EnableConfig
 from monitor.base.runs import since
@@ -56,17 +57,35 @@ _CUT_BREAKS: Final = ("closed_loop", "fuel_cut_recovered", "engine_load", "purge
 _RECOVERING: Final = ("model_settled", "trained_range", "fuel_cut_recovered", "purge_steady")
 # columns of what a sample says, as ``Enable.push`` puts them together: those of _RECOVERING after
 # their recovery, then the others, at last those that follow from a range
-_EXCUSED = np.isin(CONDITIONS, _CUT_BREAKS)
-_VALID, _TRAINED, _STEADY, _HOLDS, _RANGES = range(len(_RECOVERING), len(_RECOVERING) + 5)
+_STEADY, _HOLDS, _VALID, _TRAINED, _OUTPUT = range(len(_RECOVERING), len(_RECOVERING) + 5)
+
+_MASKS = np.arange(1 << len(CONDITIONS))
 
 
-def in_fuel_cut(conditions: BoolArray) -> BoolArray:
-    """Return the samples, (n,), that nothing but a fuel cut, or the recovery from it, disables.
+def _where_all(names: Iterable[str]) -> BoolArray:
+    """Return for each mask of conditions whether all of ``names`` hold."""
+    bits = sum(1 << CONDITIONS.index(name) for name in names)
+    return np.asarray(_MASKS & bits == bits)
+
+
+# by the mask of a sample's conditions
+ENABLED: Final = _where_all(CONDITIONS)
+INPUTS_VALID: Final = _where_all(["inputs_valid"])
+# a live sensor must move while these hold and the engine runs, whatever the model's state
+BURNING: Final = _where_all(["measured_valid", "fuel_cut_recovered", "sensor_ready"])
+# nothing but a fuel cut, or the recovery from it, disables the sample
+IN_FUEL_CUT: Final = _where_all(set(CONDITIONS) - set(_CUT_BREAKS)) & ~_where_all(
+    ["fuel_cut_recovered"]
+)
+
+
+def masks(conditions: BoolArray) -> NDArray[np.uint16]:
+    """Return the conditions of each sample as one number, (n,), the first as its lowest bit.
 
     conditions : (n, n_conditions)
     """
-    others = np.logical_and.reduce(conditions | _EXCUSED, axis=1)
-    return np.asarray(others & ~conditions[:, CONDITIONS.index("fuel_cut_recovered")])
+    packed = np.packbits(conditions, axis=1, bitorder="little")
+    return packed.view("<u2")[:, 0]
 
 
 class Range(NamedTuple):
@@ -110,28 +129,30 @@ class Enable:
         checked = [name for name in ranges if name not in self.unavailable]
         margin = config.range_margin * (trained_high - trained_low)
         ignored = np.isin(inputs, config.range_ignored)
-        # columns that are checked against a range: the model's inputs, its output, the others
-        self._n_inputs = len(inputs)
+        # columns that are checked against a range: the model's inputs, which may have any valid
+        # value, the same in the range of the training, its output, the others
+        n = len(inputs)
         self._places = np.array(
-            [at[name] for name in (*inputs, output, *(NEEDS[name] for name in checked))]
+            [at[name] for name in (*inputs, *inputs, output, *(NEEDS[name] for name in checked))]
         )
         low, high = np.array([ranges[name] for name in checked]).reshape(-1, 2).T
-        anything = [-math.inf], [math.inf]
-        self._low = np.concatenate(
-            [np.where(ignored, -np.inf, trained_low - margin), anything[0], low]
-        )
-        self._high = np.concatenate(
-            [np.where(ignored, np.inf, trained_high + margin), anything[1], high]
-        )
-        trained = [("trained_range", name) for name in inputs]
-        own = [(name, NEEDS[name]) for name in checked]
-        places = [*range(len(inputs)), *range(len(inputs) + 1, len(self._low))]
+        anything = np.full(n, np.inf)
+        trained = np.where(ignored, np.inf, trained_high + margin)
+        self._high = np.concatenate([anything, trained, [math.inf], high])
+        trained = np.where(ignored, -np.inf, trained_low - margin)
+        self._low = np.concatenate([-anything, trained, [-math.inf], low])
+        # a column of what a sample says for all valid, all as in training, and each of the others
+        self._firsts = np.array([0, n, *range(2 * n, len(self._low))])
+        own = [("trained_range", name) for name in inputs]
+        own += [(name, NEEDS[name]) for name in checked]
+        places = [*range(n, 2 * n), *range(2 * n + 1, len(self._low))]
         self.ranges = tuple(
             Range(condition, name, float(self._low[i]), float(self._high[i]))
-            for (condition, name), i in zip([*trained, *own], places, strict=True)
+            for (condition, name), i in zip(own, places, strict=True)
         )
         # columns of what a sample says: of each condition, and of what breaks each of _RECOVERING
-        columns = {name: _RANGES + i for i, name in enumerate(("measured_valid", *checked))}
+        columns = {name: _OUTPUT + i for i, name in enumerate(("measured_valid", *checked))}
+        self._n_columns = _OUTPUT + 1 + len(checked)
         cut = columns.get("fuel_cut_recovered", _HOLDS)
         self._broken = np.array([_VALID, _TRAINED, cut, _STEADY])
         columns |= {"inputs_valid": _VALID} | {name: i for i, name in enumerate(_RECOVERING)}
@@ -179,26 +200,24 @@ class Enable:
         if n == 0:
             return np.ones((0, len(CONDITIONS)), dtype=np.bool_)
         x = values.take(self._places, axis=1)
-        inside = (self._low <= x) & (x <= self._high)
-        inputs = x[:, : self._n_inputs]
-        said = np.empty((n, _RANGES + x.shape[1] - self._n_inputs), dtype=np.bool_)
-        np.logical_and.reduce(inputs == inputs, axis=1, out=said[:, _VALID])  # noqa: PLR0124
-        np.logical_and.reduce(inside[:, : self._n_inputs], axis=1, out=said[:, _TRAINED])
-        said[:, _STEADY] = self._purge is None or self._purge_stays(values[:, self._purge])
-        said[:, _HOLDS] = True
-        said[:, _RANGES:] = inside[:, self._n_inputs :]
+        inside = self._low <= x
+        inside &= x <= self._high
+        said = np.ones((n, self._n_columns), dtype=np.bool_)
+        np.logical_and.reduceat(inside, self._firsts, axis=1, out=said[:, _VALID:])
+        if self._purge is not None:
+            self._purge_stays(values[:, self._purge], said[:, _STEADY])
         count = since(~said.take(self._broken, axis=1), self._since)
         self._since = count[-1]
         np.greater_equal(count, self._recovery, out=said[:, : len(_RECOVERING)])
         return said.take(self._held, axis=1)
 
-    def _purge_stays(self, duty: FloatArray) -> BoolArray:
-        """Return whether the purge valve stays open or shut, moves slowly and is known, (n,)."""
+    def _purge_stays(self, duty: FloatArray, stays: BoolArray) -> None:
+        """Find whether the purge valve stays open or shut, moves slowly and is known, (n,)."""
         second = self._second
         if self._duties is None:  # at the first sample it has not moved
             self._duties = np.full(second, duty[0])
         duties = np.concatenate([self._duties, duty])
         self._duties = duties[-second:]
         is_open = duties[second - 1 :] >= self._open_percent
-        steady = np.abs(duty - duties[:-second]) <= self._step_percent
-        return np.asarray((is_open[1:] == is_open[:-1]) & steady)
+        np.less_equal(np.abs(duty - duties[:-second]), self._step_percent, stays)
+        stays &= is_open[1:] == is_open[:-1]

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from monitor.base.config import PlausibilityConfig
-from monitor.base.runs import alike
+from monitor.base.runs import Thresholds, alike
 from monitor.base.types import BoolArray, FloatArray, Quality, QualityArray
 from monitor.model.card import Channel
 
@@ -17,7 +17,7 @@ _GOOD, _STALE, _INVALID, _OUT_OF_RANGE, _OFF_BUS, _PINNED, _GAP = (
     int(quality) for quality in Quality
 )
 _N_QUALITIES = len(Quality)
-_UNKNOWN, _NO, _YES = range(3)  # of a signal: it is not valid, below its threshold, above it
+_UNKNOWN, _NO, _, _YES = range(4)  # of a signal: it is not valid, below its threshold, above it
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,13 +67,16 @@ class Plausibility:
         self._ready = at.get("sensor_ready")
         self._speed = at.get("engine_speed_rpm")
         self._running_rpm = config.engine_running_rpm
-        # what readiness and engine speed say becomes a digit each of a sample's code, as ``push``
-        # packs it; that of a signal which is not provided stays _UNKNOWN
+        # two bits each for what readiness and engine speed say; those of a signal which is not
+        # provided stay _UNKNOWN
         told = (self._ready, math.nextafter(0.0, 1.0)), (self._speed, config.engine_running_rpm)
-        self._told = np.array([0 if place is None else place for place, _ in told])
-        self._least = np.array([least for _, least in told])
-        self._digits = np.array(
-            [0 if place is None else _N_QUALITIES * 3**i for i, (place, _) in enumerate(told)]
+        self._told = Thresholds(
+            [place or 0 for place, _ in told for _ in range(2)],
+            [
+                math.nan if place is None else bound
+                for place, least in told
+                for bound in (-math.inf, least)
+            ],
         )
         self._patience = round(config.not_ready_s / period_s)
         self._start_patience = round(config.start_patience_s / period_s)
@@ -93,13 +96,12 @@ class Plausibility:
 
         values, quality : (n, n_names)
         """
-        x = values.take(self._told, axis=1)
-        told = np.add(x == x, x >= self._least, dtype=np.int64)  # noqa: PLR0124
-        code = told @ self._digits + quality[:, self._output]
+        codes = self._told.masks(values) * _N_QUALITIES  # four bits and three of the quality
+        codes += quality[:, self._output]
         found: list[Results] = []
-        for begin, end, each in alike(code):
+        for begin, end, each in alike(codes):
             rest, q = divmod(each, _N_QUALITIES)
-            engine, told = divmod(rest, 3)
+            engine, told = divmod(rest, 4)
             self._run(begin, end, quality=q, told=told, engine=engine, found=found)
         return found
 
@@ -158,9 +160,11 @@ class Plausibility:
         if first < end:
             found.append(Results(first, end, _NOT_READY))
 
-    def running(self, values: FloatArray) -> BoolArray | bool:
+    def running(self, values: FloatArray) -> BoolArray:
         """Return whether the engine runs, (n,); without its speed it does."""
-        return self._speed is None or values[:, self._speed] >= self._running_rpm
+        if self._speed is None:
+            return np.ones(len(values), dtype=np.bool_)
+        return values[:, self._speed] >= self._running_rpm
 
 
 class Maturing:

@@ -18,7 +18,7 @@ from typing import Final, Literal
 import numpy as np
 
 from monitor.base.config import CatalystConfig
-from monitor.base.types import BoolArray, FloatArray
+from monitor.base.types import BoolArray, FloatArray, IntArray
 from monitor.judge.catalyst_bank import MID_V, OXYGEN_IN_AIR
 
 CircuitTest = Literal["downstream_circuit", "downstream_heater"]
@@ -84,7 +84,7 @@ class RearCircuit:
         volts: FloatArray,
         x: FloatArray,
         air_g_s: FloatArray,
-        running: FloatArray,
+        running: IntArray,
         duty_percent: FloatArray,
     ) -> tuple[list[CircuitResult], BoolArray]:
         """Return the decisions, and on which samples the voltage may be no reading of the gas.

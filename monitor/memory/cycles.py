@@ -10,9 +10,10 @@ from collections.abc import Sequence
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from monitor.base.config import CyclesConfig, ProfileConfig
-from monitor.base.runs import alike
+from monitor.base.runs import Thresholds, alike
 from monitor.base.types import FloatArray, IntArray, Quality, SampleBlock
 
 SIGNALS: Final = (
@@ -34,10 +35,8 @@ _SECOND_NS: Final = 1_000_000_000  # driving is counted in steps of so much
 _HOURS_PER_NS: Final = 1.0 / 3.6e12
 _N_QUALITIES: Final = len(Quality)
 _UNKNOWN: Final = (Quality.OFF_BUS, Quality.GAP)  # of an engine not heard nothing is known
-# bits of a sample, as ``Cycles._codes`` packs them
-_BITS: Final = [1 << bit for bit in range(7)]
-_RUNS, _MOVES, _WARM, _MILD, _LOW, _STANDS, _IDLES = _BITS
-_CODE: Final = np.array(_BITS) * _N_QUALITIES
+# bits of a sample, in the order of the thresholds in ``Cycles``
+_RUNS, _MOVES, _WARM, _MILD, _LOW, _ENGINE_KNOWN, _SPEED_KNOWN, _ROLLS = (1 << b for b in range(8))
 
 
 class Driven(NamedTuple):
@@ -188,11 +187,9 @@ class Cycles:
             config.denominator_ambient_min_degc,
             config.denominator_pressure_min_kpa,
         )
-        # bits of a sample: each signal is at its least or above; engine and vehicle are below
-        most = math.nextafter(running_rpm, -math.inf), config.denominator_idle_km_h
-        self._places = np.array([at.get(name, 0) for name in (*SIGNALS, *SIGNALS[:2])])
-        self._low = np.array([*least, -math.inf, -math.inf])
-        self._high = np.array([*[math.inf] * len(least), *most])
+        rolls_km_h = math.nextafter(config.denominator_idle_km_h, math.inf)
+        places = [at.get(name, 0) for name in (*SIGNALS, *SIGNALS[:2], SIGNALS[1])]
+        self._thresholds = Thresholds(places, [*least, -math.inf, -math.inf, rolls_km_h])
         self.unavailable = tuple(name for name in SIGNALS if name not in at)
         self._engine = EngineWatch(config)
         self._start_least_ns = _ns(config.start_s)
@@ -226,7 +223,7 @@ class Cycles:
         speed_km_h = None if self._vehicle is None else values[:, self._vehicle]
         for begin, end, code in alike(self._codes(block)):
             bits, heard = divmod(code, _N_QUALITIES)
-            runs, stands = bits & _RUNS, bits & _STANDS
+            runs, stands = bits & _RUNS, bits & _ENGINE_KNOWN
             if self._speed is None:
                 runs, stands = heard not in (Quality.STALE, *_UNKNOWN), 0
             if runs:
@@ -247,16 +244,16 @@ class Cycles:
                 self._engine.stand(elapsed_ns, is_silent=is_silent, is_standing=bool(stands))
         return found
 
-    def _codes(self, block: SampleBlock) -> IntArray:
+    def _codes(self, block: SampleBlock) -> NDArray[np.uint16]:
         """Return an integer for each sample, (n,): samples with the same one are alike."""
-        x = block.values.take(self._places, axis=1)
-        inside = (self._low <= x) & (x <= self._high)
-        return np.asarray(inside @ _CODE + block.quality[:, self._heard])
+        codes = np.multiply(self._thresholds.masks(block.values), _N_QUALITIES, dtype=np.uint16)
+        codes += block.quality[:, self._heard]
+        return codes
 
     def _flags(self, bits: int) -> _Flags:
         return _Flags(
             self._vehicle is not None and bool(bits & _MOVES),
-            self._vehicle is not None and bool(bits & _IDLES),
+            self._vehicle is not None and bits & (_SPEED_KNOWN | _ROLLS) == _SPEED_KNOWN,
             (self._ambient is None or bool(bits & _MILD))
             and (self._pressure is None or bool(bits & _LOW)),
             self._coolant is not None and bool(bits & _WARM),

@@ -47,14 +47,6 @@ from monitor.pipeline.events import (
 )
 from monitor.pipeline.segments import Part, RunState, Segments, Then
 
-_INPUTS_VALID = enable.CONDITIONS.index("inputs_valid")
-# a live sensor must move while these hold and the engine runs, whatever the model's state
-_BURNING = np.array(
-    [
-        enable.CONDITIONS.index(name)
-        for name in ("measured_valid", "fuel_cut_recovered", "sensor_ready")
-    ]
-)
 # the order of what happens at one sample; its tick comes before those from _MATURED on
 _DRIVEN, _COUNTED, _WINDOWS_KNOWN, _MATURED, _ACTIVE, _BEHIND, _JUDGED = range(7)
 
@@ -118,9 +110,7 @@ class Monitor:
         )
         self._maturing = Maturing(*ticks_to_mature(config.debounce, period_s))
         self._activity = ActivityTest.of(plausibility, output, names, period_s)
-        self.catalyst = CatalystMonitor(
-            config.catalyst, names, period_s, plausibility.engine_running_rpm
-        )
+        self.catalyst = CatalystMonitor(config.catalyst, names, period_s)
         n_samples, n_hypotheses = config.window.n_samples, len(judge.hypotheses)
         self._windows = Windows(n_samples, n_hypotheses)
         # an edge of a fuel cut takes one to two seconds, and a cut is soon over
@@ -229,38 +219,40 @@ class Monitor:
             self.catalyst.reset()
         measured = values[:, self._output]
         conditions = np.empty((n, len(enable.CONDITIONS)), dtype=np.bool_)
+        masks = np.empty(n, dtype=np.uint16)
         segments: list[tuple[int, int]] = []
         for begin, end in pairwise(sorted({0, *cuts, n})):
             if begin in cuts:
                 self._start()
             part = slice(begin, end)
-            held = conditions[part] = self._enable.push(values[part])
-            segments += [(begin + a, begin + b) for a, b in runs(held[:, _INPUTS_VALID])]
-            results = self._plausibility.push(values[part], block.quality[part])
+            own = values[part]
+            held = conditions[part] = self._enable.push(own)
+            mask = masks[part] = enable.masks(held)
+            segments += [(begin + a, begin + b) for a, b in runs(enable.INPUTS_VALID[mask])]
+            results = self._plausibility.push(own, block.quality[part])
             for k, result in self._maturing.push(results):
                 happen = partial(self._mature, result, block, begin + k)
                 then.append((begin + k, _MATURED, happen))
-            active = np.logical_and.reduce(held.take(_BURNING, axis=1), axis=1)
-            active &= self._plausibility.running(values[part])
+            running = self._plausibility.running(own)
+            active = running & enable.BURNING[mask]
             for k, failed, fault in self._activity.push(measured[part], active):
                 act = partial(self._act, block, begin + k, failed=failed, fault=fault)
                 then.append((begin + k, _ACTIVE, act))
-            for behind in self.catalyst.push(values[part]):
+            for behind in self.catalyst.push(own, running):
                 k = begin + behind.at
                 then.append((k, _BEHIND, partial(self._judge_behind, behind, block, k)))
-        enabled = np.logical_and.reduce(conditions, axis=1)
         goes_on = bool(segments) and segments[0][0] == 0 and 0 not in cuts
         run = self._run if goes_on else None
         return Part(
             block=block,
             measured=measured,
             conditions=conditions,
-            enabled=enabled,
+            enabled=enable.ENABLED[masks],
             cuts=cuts,
             segments=segments,
             then=then,
             windows=self._windows,
-            in_cut=enable.in_fuel_cut(conditions),
+            in_cut=enable.IN_FUEL_CUT[masks],
             cut_windows=self._cut_windows,
             run=run,
         )

@@ -143,8 +143,6 @@ class Segments:
     ) -> tuple[FloatArray, dict[int, Float32Array]]:
         """Return predictions, (rows, n), anything behind a row's end, and the last states."""
         u = self._u(rows, lengths)
-        predicted = np.empty(u.shape[:2])
-        predicted.fill(np.nan)
         model = self._model(len(rows))
         goes_on = [row.state for row in rows]
         if not all(goes_on):
@@ -152,6 +150,10 @@ class Segments:
         for i, state in enumerate(goes_on):
             if state is not None:
                 model.state[i] = state.model
+        if len(rows) == 1:  # nothing ends before another
+            return model.run_batch(u), {0: model.state[0].copy()}
+        predicted = np.empty(u.shape[:2])
+        predicted.fill(np.nan)
         ends: dict[int, list[int]] = {}  # rows whose state is to be kept, by their lengths
         for i, row in enumerate(rows):
             if row.is_last:

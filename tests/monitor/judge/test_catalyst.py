@@ -62,10 +62,11 @@ def a_drive(
 
 
 def judged(values: FloatArray, block: int = 700) -> tuple[CatalystMonitor, list[BehindResult]]:
-    monitor = CatalystMonitor(SETTINGS, NAMES, PERIOD_S, 500.0)
+    monitor = CatalystMonitor(SETTINGS, NAMES, PERIOD_S)
     results = []
     for first in range(0, len(values), block):
-        part = monitor.push(values[first : first + block])
+        own = values[first : first + block]
+        part = monitor.push(own, np.ones(len(own), dtype=np.bool_))
         results += [each._replace(at=each.at + first) for each in part]
     return monitor, results
 
@@ -126,9 +127,10 @@ def test_without_the_voltage_there_is_nothing_to_judge() -> None:
 
 def test_a_cold_brick_is_not_judged() -> None:
     names = (*NAMES, "catalyst_temperature_degc")
-    monitor = CatalystMonitor(SETTINGS, names, PERIOD_S, 500.0)
+    monitor = CatalystMonitor(SETTINGS, names, PERIOD_S)
     values = np.column_stack([a_drive(0.02), np.full(4200, 250.0)])
-    assert {r.test for r in monitor.push(values)} == {"downstream_circuit"}
+    running = np.ones(len(values), dtype=np.bool_)
+    assert {r.test for r in monitor.push(values, running)} == {"downstream_circuit"}
     assert monitor.entry()["segments"] == 0  # type: ignore[index]
 
 
