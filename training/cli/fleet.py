@@ -56,6 +56,12 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         help="table of recordings to write, .parquet",
     )
     fleet.add_argument(
+        "--partitioned",
+        type=paths.folder,
+        metavar="DIR",
+        help="write both tables also as folders per vehicle and date, for DuckDB, Spark and others",
+    )
+    fleet.add_argument(
         "--vehicle",
         metavar="REGEX",
         help=r"regular expression whose first group is the vehicle in a path, for example "
@@ -91,16 +97,20 @@ def run(args: argparse.Namespace) -> int:
 
     from monitor.base import config
     from monitor.base.errors import UsageError
-    from training.fleet import fleet_page
+    from training.fleet import fleet_page, partitions
     from training.fleet import run as fleet
     from training.fleet.bench import Bench
     from training.fleet.drives import drives_of
 
     if not 0.0 < args.false_alarms < 1.0:
         raise UsageError("--false-alarms is above 0 and below 1")
+    written = fleet.written_paths(args.out)
+    if args.partitioned:
+        partitions.check(args.partitioned)
+        written = (*written, args.partitioned)
     jobs = jobs_of(args)
     bench = Bench.of(args.model, config.load(args.config), pairs_of(args), args.columns)
-    drives = drives_of(args.recordings, args.vehicle, fleet.written_paths(args.out))
+    drives = drives_of(args.recordings, args.vehicle, written)
     errors = faults = 0
     with tqdm(total=len(drives), unit="drive", disable=None) as bar:
 
@@ -112,11 +122,15 @@ def run(args: argparse.Namespace) -> int:
 
         result = fleet.run(drives, bench, args.out, done, jobs=jobs, scheduler=args.scheduler)
     html, json_path = fleet_page.write(args.out, bench, result, args.false_alarms)
+    if args.partitioned:
+        partitions.write(args.out, fleet.windows_path(args.out), args.partitioned)
     fleet.finish(args.out)
     print(
         f"{result['drives']} recordings, {result['driving_s'] / 3600.0:.1f} h: {result['faults']} "
         f"with a code, {result['errors']} could not be judged"
     )
     print(f"recordings: {args.out}\nwindows: {fleet.windows_path(args.out)}")
+    if args.partitioned:
+        print(f"by vehicle and date: {args.partitioned}")
     print(f"figures: {json_path}\nreport: {html}")
     return 0 if result["errors"] < result["drives"] else 3

@@ -36,6 +36,10 @@ RECORDINGS: Final[Columns] = {
     "sha256": (pl.String(), "sha256 of the file"),
     "size_bytes": (pl.UInt64(), "size of the file, bytes"),
     "source": (pl.String(), "source in the manifest.json beside the file, for example simulated"),
+    "start": (
+        pl.Datetime("us", "UTC"),
+        "time of the first sample, UTC; null if the times of the recording have no date",
+    ),
     "samples": (pl.UInt32(), "number of samples on the grid of the model"),
     "duration_s": (pl.Float64(), "number of samples times the period of the grid, s"),
     "enabled_s": (pl.Float64(), "time in which all enable conditions hold, s"),

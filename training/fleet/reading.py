@@ -24,6 +24,7 @@ class Read:
 
     names: tuple[str, ...]
     block: SampleBlock
+    begin_ns: int  # time of the first sample on the clock of the file
     clearings: tuple[Clearing, ...]
     counters: Mapping[str, int]
     unavailable: tuple[str, ...]  # enable conditions whose signals the recording lacks
@@ -48,14 +49,15 @@ class FleetReader:
         counters: Mapping[str, int] = {}
         clearings: tuple[Clearing, ...] = ()
         if path.suffix.lower() == ".parquet" or is_measurement(path, self._columns):
-            names, block = self._load(path)
+            names, block, begin_ns = self._load(path)
         else:
             log = self._reader.read(path)
-            names, block = log.names, log.block
+            names, block, begin_ns = log.names, log.block, int(log.block.t_ns[0])
             counters, clearings = log.counters, log.clearings
         return Read(
             names,
             block,
+            begin_ns,
             clearings,
             counters,
             unavailable=Enable.of(self._config.enable, names, self._card).unavailable,
@@ -63,7 +65,7 @@ class FleetReader:
             size_bytes=path.stat().st_size,
         )
 
-    def _load(self, path: Path) -> tuple[tuple[str, ...], SampleBlock]:
+    def _load(self, path: Path) -> tuple[tuple[str, ...], SampleBlock, int]:
         period_s = self._card.period_ns / 1e9
         table = recording.load(path, period_s=period_s, columns=self._columns)
         names = needed_names(self._card, table.names)
@@ -76,4 +78,5 @@ class FleetReader:
         order = [table.names.index(name) for name in names]
         t_ns = np.rint(table.t_s * 1e9).astype(np.int64)
         index = np.arange(len(t_ns))
-        return names, SampleBlock(index, t_ns, table.values[:, order], table.quality[:, order])
+        block = SampleBlock(index, t_ns, table.values[:, order], table.quality[:, order])
+        return names, block, table.begin_ns

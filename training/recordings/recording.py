@@ -58,6 +58,7 @@ class Recording:
     quality: QualityArray  # (n, n_names)
     profile: str = ""  # of a logger's file
     notes: tuple[str, ...] = ()  # oddities of a table, in words
+    begin_ns: int = 0  # time of the first sample on the clock of the file
 
     @property
     def read_sha256(self) -> str:
@@ -135,6 +136,7 @@ def load(
         quality=block.quality,
         profile=profile,
         notes=notes,
+        begin_ns=int(block.t_ns[0]),
     )
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from threading import Thread
 from typing import Any
 
+import duckdb
 import fsspec
 import polars as pl
 import pytest
@@ -376,6 +377,36 @@ def test_the_command_says_what_it_found(
     assert main(call) == 3
     call[-3] = str(tmp_path / "out.csv")
     assert main(call) == 2
+
+
+def test_a_query_finds_results_by_vehicle_and_date(folder: Path, tmp_path: Path) -> None:
+    # GIVEN drives of two vehicles, one on two days, and a table without a date
+    paths, days_s = sorted(folder.glob("*.parquet"))[:4], (1_772_323_200.0, 1_772_409_600.0)
+    for path, shift_s in zip(paths, (*days_s, days_s[0], 0.0), strict=True):
+        pl.read_parquet(path).with_columns(pl.col("time_s") + shift_s).write_parquet(
+            tmp_path / path.name
+        )
+    manifest = tmp_path / "all.csv"
+    rows = [f"{path.name},{vehicle}\n" for path, vehicle in zip(paths, "aab/b", strict=False)]
+    manifest.write_text("path,vehicle\n" + "".join(rows))
+    # WHEN the results are written by vehicle and date
+    out, parts = tmp_path / "out.parquet", tmp_path / "parts"
+    call = ["fleet", str(manifest), "--model", MODEL, "--out", str(out), "--jobs", "1"]
+    assert main([*call, "--partitioned", str(parts)]) == 0
+    # THEN the folders are the keys, and a query over all of them gives the tables back
+    assert (parts / "recordings/vehicle=a/date=2026-03-01").is_dir()
+    for name, table in (("recordings", out), ("windows", fleet.windows_path(out))):
+        query = f"read_parquet('{parts}/{name}/**/*.parquet', hive_partitioning = true)"
+        found = duckdb.sql(f"SELECT vehicle, date, count(*) FROM {query} GROUP BY ALL").fetchall()
+        assert {(v, str(day)) for v, day, _ in found} == {
+            ("a", "2026-03-01"),
+            ("a", "2026-03-02"),
+            ("b", "2026-03-01"),
+            ("/", "None"),
+        }
+        assert sum(n for *_, n in found) == pl.read_parquet(table).height
+    # AND a second run does not mix its results with them
+    assert main([*call, "--partitioned", str(parts)]) == 2
 
 
 def test_every_column_is_documented() -> None:
