@@ -56,6 +56,14 @@ BY_NAME: dict[str, Signal] = {signal.name: signal for signal in SIGNALS}
 OWN: tuple[Signal, ...] = tuple(s for s in SIGNALS if s.role != "foreign")
 NARX_INPUTS: tuple[str, ...] = tuple(s.name for s in SIGNALS if s.role == "input")
 OUTPUT = "lambda_measured"
+CAPACITY = "catalyst_capacity_g"  # no signal but an estimate, in freeze frames
+
+
+def unit_of(name: str) -> str:
+    """Return the unit of a signal or an estimate, "" if it is unknown."""
+    if name == CAPACITY:
+        return "g"
+    return BY_NAME[name].unit if name in BY_NAME else ""
 
 
 def plausible_range(name: str) -> tuple[float, float]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from monitor.base import option_paths as paths
 from monitor.base.errors import UsageError
+from monitor.base.signals import unit_of
 from monitor.cli.options import add_command, say, warn
 
 if TYPE_CHECKING:
@@ -158,7 +159,7 @@ def _freeze_frame(args: argparse.Namespace) -> int:
         for frame in chosen:
             yield f"{frame.code}  {_when(frame.t_ns)}"
             for name, value in frame.values.items():
-                yield f"  {name:<28} {value:10.4g} {_unit(name)}"
+                yield f"  {name:<28} {value:10.4g} {unit_of(name)}"
 
     return _print(args, found, fields, lines())
 
@@ -170,13 +171,6 @@ def _when(t_ns: int) -> str:
     if t_ns < _EPOCH_FROM_NS:
         return f"{t_ns / 1e9:.1f} s"
     return time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(t_ns / 1e9))
-
-
-def _unit(name: str) -> str:
-    from monitor.base.signals import BY_NAME
-
-    known = BY_NAME.get(name)
-    return known.unit if known else ""
 
 
 def _readiness(args: argparse.Namespace) -> int:

@@ -13,9 +13,11 @@ import numpy as np
 
 from monitor.base.config import CatalystConfig
 from monitor.base.types import BoolArray, FloatArray, IntArray
+from monitor.judge.behind_results import circuit_results, rule_results
 from monitor.judge.catalyst_bank import LEAK
 from monitor.judge.catalyst_rule import CatalystRule, Claim
 from monitor.judge.rear_circuit import CIRCUIT, HEATER, CircuitResult, RearCircuit
+from monitor.memory.obd_records import TestResult
 
 VOLTAGE: Final = "downstream_voltage_v"
 NEEDED: Final = (VOLTAGE, "lambda_measured", "maf_kg_h")
@@ -35,7 +37,8 @@ class BehindResult(NamedTuple):
     at: int
     test: str  # "catalyst", "downstream", "balance", "bias" or one of circuit and heater
     claim: Claim
-    capacity_g: float | None = None  # estimate so far, with a result of "catalyst"
+    capacity_g: float | None = None  # estimate so far
+    results: tuple[TestResult, ...] = ()  # for service $06
 
 
 def balance_results(at: int, claim: Claim) -> Iterator[BehindResult]:
@@ -57,10 +60,9 @@ def balance_results(at: int, claim: Claim) -> Iterator[BehindResult]:
         yield BehindResult(at, "bias", replace(claim, also=()))
 
 
-def circuit_result(result: CircuitResult) -> BehindResult:
-    """Return a decision about circuit or heater as a result."""
-    claim = Claim("failed", result.fault, 0.0) if result.fault else Claim("passed", None, 0.0)
-    return BehindResult(result.at, result.test, claim)
+def circuit_claim(result: CircuitResult) -> Claim:
+    """Return a decision about circuit or heater as a claim."""
+    return Claim("failed" if result.fault else "passed", result.fault or None, 0.0)
 
 
 class CatalystMonitor:
@@ -125,7 +127,9 @@ class CatalystMonitor:
             running=run,
             duty_percent=duty,
         )
-        yield from map(circuit_result, found)
+        for each in found:
+            measured = tuple(circuit_results(each, self._config))
+            yield BehindResult(each.at, each.test, circuit_claim(each), results=measured)
         yield from self._judged(rule, own, self._warm(values, run) & ~doubtful)
 
     def _judged(
@@ -143,11 +147,13 @@ class CatalystMonitor:
                 rule.interrupt()
             else:
                 for k in rule.push(x[part], air_g_s[part], held[part, 0], counts[part]):
-                    capacity = rule.capacity()
+                    at, capacity = begin + k, rule.capacity()
                     grams = capacity.grams if capacity else None
-                    yield BehindResult(begin + k, "catalyst", rule.catalyst(), grams)
-                    yield BehindResult(begin + k, "downstream", rule.sensor())
-                    yield from balance_results(begin + k, rule.balance())
+                    measured = tuple(rule_results(rule, self._config))
+                    yield BehindResult(at, "catalyst", rule.catalyst(), grams, measured)
+                    yield BehindResult(at, "downstream", rule.sensor(), grams)
+                    for each in balance_results(at, rule.balance()):
+                        yield each._replace(capacity_g=grams)
             begin = end
 
     def _held(self, own: FloatArray, good: BoolArray) -> tuple[FloatArray, BoolArray]:

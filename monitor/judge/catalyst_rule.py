@@ -199,6 +199,21 @@ class CatalystRule:
         is_bound = bool(weight[-1] > 0.05)
         return Capacity(float(np.exp(weight @ log_g)), math.exp(low), math.exp(high), is_bound)
 
+    def sensor_lags(self) -> dict[str, float]:
+        """Return the expected lag and dead time of the downstream sensor in s, by edge."""
+        total = self._config.interval_weight * self._posterior
+        weight = np.exp(total - total.max()).sum(axis=(1, 2))
+        weight /= weight.sum()
+        sensors = self.members.sensors
+        to_rich = [s.tau_to_rich_s + s.delay_s * (s.direction >= 0) for s in sensors]
+        to_lean = [s.tau_to_lean_s + s.delay_s * (s.direction <= 0) for s in sensors]
+        return {"lean_to_rich": float(weight @ to_rich), "rich_to_lean": float(weight @ to_lean)}
+
+    @property
+    def range_v(self) -> tuple[float, float]:
+        """Return the lowest and highest voltage that was judged, (inf, -inf) before any."""
+        return self._low_v, self._high_v
+
     def offset(self) -> tuple[float, float]:
         """Return mean and standard deviation of what the balance adds to upstream x, in phi."""
         total = self._posterior

@@ -34,6 +34,7 @@ class CircuitResult:
     at: int
     test: CircuitTest
     fault: str
+    wake_s: float | None  # after a cold start; None where none was seen or the sensor sleeps
 
 
 @dataclass(slots=True)
@@ -75,7 +76,7 @@ class RearCircuit:
 
     @property
     def wake_s(self) -> float | None:
-        """Return after how long the sensor woke, None if it was awake or has not woken."""
+        """Return after how long the sensor woke; None if it was awake or has not woken."""
         return self.awake_s if self._began_at_rest else None
 
     def push(
@@ -104,7 +105,7 @@ class RearCircuit:
             for test, fault in self._decided(run_s):
                 if self._said.get(test) != fault:
                     self._said[test] = fault
-                    found.append(CircuitResult(k, test, fault))
+                    found.append(CircuitResult(k, test, fault, self.wake_s))
             doubtful[k] = self._is_doubtful
         return found, doubtful
 

@@ -5,16 +5,18 @@ block of one. No result depends on where blocks begin and end. Recordings with t
 side by side: their blocks go through model and bank together.
 """
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import pairwise
 from operator import itemgetter
+from types import MappingProxyType
 
 import numpy as np
 
 from monitor.base.config import Config
 from monitor.base.errors import MissingSignalsError
 from monitor.base.runs import runs
+from monitor.base.signals import CAPACITY
 from monitor.base.types import SampleBlock
 from monitor.judge import bank, enable
 from monitor.judge.catalyst import SIGNALS as CATALYST_SIGNALS
@@ -30,7 +32,7 @@ from monitor.memory.codes import BEHIND
 from monitor.memory.cycles import SIGNALS as CYCLE_SIGNALS
 from monitor.memory.cycles import Cycles, Driven, Moment
 from monitor.memory.dtc import DtcStore, Status
-from monitor.memory.obd_records import FreezeFrame, TestResult
+from monitor.memory.obd_records import FreezeFrame
 from monitor.memory.reference import Seen
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
@@ -379,27 +381,34 @@ class Monitor:
         self, result: BehindResult, block: SampleBlock, k: int
     ) -> Iterable[Happening]:
         t_ns = block.t_ns.item(k)
-        if result.capacity_g is not None:
-            config = self._judge.config.catalyst
-            low, high = config.threshold_g, config.capacities_g[-1]
-            self.store.report([TestResult("catalyst", "capacity_g", result.capacity_g, low, high)])
+        self.store.report(result.results)
         changes = self._decisions.behind(result.test, result.claim, t_ns)
-        return list(self._frozen(changes, block, k))
+        grams = result.capacity_g
+        estimates = {} if grams is None else {CAPACITY: grams}
+        return list(self._frozen(changes, block, k, estimates))
 
     def _judged(self, window: Window, block: SampleBlock, k: int) -> Iterator[Happening]:
         decide = self._decisions.cut if window.is_cut else self._decisions.window
         yield from self._frozen(decide(window, next(self._facts)), block, k)
 
     def _frozen(
-        self, events: Iterable[WindowJudged | CutJudged | Change], block: SampleBlock, k: int
+        self,
+        events: Iterable[WindowJudged | CutJudged | Change],
+        block: SampleBlock,
+        k: int,
+        estimates: Mapping[str, float] = MappingProxyType({}),
     ) -> Iterator[WindowJudged | CutJudged | Change]:
-        """Yield the events; with a code that fails, the signals of sample k are kept."""
+        """Yield the events; with a code that fails, the signals of sample k are kept.
+
+        estimates : what is kept beside them
+        """
         for event in events:
             if isinstance(event, DtcChanged) and event.dtc.status & Status.TEST_FAILED:
                 values = block.values[k]
                 good = ~np.isnan(values)
                 read = zip(self.names, values.tolist(), good.tolist(), strict=True)
                 signals = {name: value for name, value, is_good in read if is_good}
+                signals |= estimates
                 self.store.freeze(FreezeFrame(event.dtc.code, event.t_ns, signals))
             yield event
 

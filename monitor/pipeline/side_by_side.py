@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -46,6 +47,7 @@ class Judged:
     seen: Seen | None  # for the vehicle's reference to learn, of the last driving cycle
     reference: Reference  # of the vehicle in the last driving cycle
     limits: Limits  # that hold in the last driving cycle
+    behind: dict[str, Any] | None = None  # of the catalyst, None without a downstream sensor
 
 
 def judge_all(
@@ -229,6 +231,7 @@ class _Run:
             seen=monitor.seen,
             reference=self._vehicle.reference,
             limits=self._vehicle.limits,
+            behind=monitor.catalyst.entry(),
         )
 
 

@@ -30,6 +30,35 @@ ESTIMATES: Final[Columns] = {
     for kind in ("", "_std")
 }
 
+BEHIND: Final[Columns] = {  # key of the monitor's entry → column, see ``BEHIND_KEYS``
+    "catalyst_capacity_g": (pl.Float64(), "estimated oxygen storage of the catalyst, g"),
+    "catalyst_capacity_low_g": (pl.Float64(), "lower end of its 90 % interval, g"),
+    "catalyst_capacity_high_g": (
+        pl.Float64(),
+        "upper end of its 90 % interval, g; null if the estimate is a lower bound",
+    ),
+    "catalyst_verdict": (
+        pl.String(),
+        "passed, failed or inconclusive; null without a downstream voltage, as all of the catalyst",
+    ),
+    "downstream_verdict": (pl.String(), "verdict on the downstream sensor"),
+    "balance_verdict": (pl.String(), "verdict on the upstream sensor against the oxygen balance"),
+    "upstream_offset": (
+        pl.Float64(),
+        "offset of the upstream sensor by the balance of oxygen, lambda",
+    ),
+    "upstream_offset_std": (pl.Float64(), "standard error of that offset, lambda"),
+}
+BEHIND_KEYS: Final = {
+    "catalyst_capacity_g": "capacity_g",
+    "catalyst_capacity_low_g": "capacity_low_g",
+    "catalyst_capacity_high_g": "capacity_high_g",
+    "catalyst_verdict": "verdict",
+    "downstream_verdict": "sensor_verdict",
+    "balance_verdict": "balance_verdict",
+    "upstream_offset": "upstream_offset_lambda",
+    "upstream_offset_std": "upstream_offset_std",
+}
 RECORDINGS: Final[Columns] = {
     **_WHICH,
     "error": (pl.String(), "reason why the recording could not be judged, null if judged"),
@@ -86,6 +115,7 @@ RECORDINGS: Final[Columns] = {
     "offset_low": (pl.Float64(), "lower limit of the offset in this drive, output's unit"),
     "offset_high": (pl.Float64(), "upper limit of the offset in this drive, output's unit"),
     "reference_gain": (pl.Float64(), "healthy gain of this vehicle"),
+    **BEHIND,
     "samples_stale": (pl.UInt32(), "number of samples with a stale signal of the model"),
     "samples_invalid": (
         pl.UInt32(),

@@ -12,7 +12,7 @@ from monitor.judge.decisions import WindowJudged
 from monitor.judge.enable import CONDITIONS
 from monitor.model.card import ModelCard
 from monitor.pipeline.side_by_side import Judged
-from training.fleet.columns import COUNTERS, ESTIMATES
+from training.fleet.columns import BEHIND_KEYS, COUNTERS, ESTIMATES
 from training.fleet.drives import Drive
 from training.fleet.reading import Read
 from training.limits.alarm_rules import own_scores
@@ -65,6 +65,7 @@ def recording_row(drive: Drive, read: Read, judged: Judged, card: ModelCard, kno
         "offset_low": _finite(judged.limits.offset_low),
         "offset_high": _finite(judged.limits.offset_high),
         "reference_gain": judged.limits.gain,
+        **{column: (judged.behind or {}).get(key) for column, key in BEHIND_KEYS.items()},
         **_quality(read, card),
         **_counters(read.counters),
         **{

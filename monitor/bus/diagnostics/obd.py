@@ -5,7 +5,7 @@ from typing import Final
 
 from monitor.base.errors import O2Error
 from monitor.bus.diagnostics.parameters import bitmap, encoded, unsigned
-from monitor.bus.diagnostics.results import test_results
+from monitor.bus.diagnostics.results import monitors, test_results
 from monitor.bus.diagnostics.state import RefusedError, State
 from monitor.bus.transmit import dtc_number
 from monitor.memory.dtc import CODES, TESTS, Dtc, Status
@@ -17,10 +17,15 @@ CONDITIONS_NOT_CORRECT: Final = 0x22
 STANDARDS: Final = {"carb": 0x01, "eobd": 0x06}  # PID 1C: OBD II (CARB), EOBD
 MOST_NUMBERS: Final = 6  # parameters, monitors or kinds of information per request
 SENSOR_TESTS: Final = ("response", "bias", "activity")  # tests of the oxygen sensor monitor
-SENSOR_CODES: Final = {c for test in SENSOR_TESTS for fault in TESTS[test] for c in CODES[fault]}
 COMPONENTS: Final = 0x04  # byte B of PIDs 01 and 41: comprehensive components, continuous
-OXYGEN_SENSOR: Final = 0x20  # bytes C and D
-MONITOR_ID: Final = 0x01  # service $06: exhaust gas sensor, bank 1, sensor 1
+# bit of bytes C and D → tests; those behind the catalyst count where the vehicle supports them
+READINESS: Final = {
+    0x01: ("catalyst",),
+    0x20: (*SENSOR_TESTS, "downstream", "balance"),  # oxygen sensors, before and behind it
+    0x40: ("downstream_heater",),
+}
+# place of numerator and denominator among the counters → tests
+IN_USE: Final = {2: ("catalyst",), 6: SENSOR_TESTS, 16: ("downstream", "downstream_heater")}
 ECU_NAME: Final = b"O2M\0-OxygenMonitor\0\0"  # acronym, delimiter, name: 20 bytes
 
 
@@ -48,20 +53,31 @@ def current_parameters(state: State) -> dict[int, bytes]:
 def readiness(state: State) -> bytes:
     """Return PID 01: lamp, number of confirmed codes, and completed monitors."""
     n_codes = sum(bool(d.status & Status.CONFIRMED) for d in state.store.all)
-    done = all(map(state.store.completed_since_clear, SENSOR_TESTS))
-    return bytes(
-        (state.store.mil << 7 | n_codes, COMPONENTS, OXYGEN_SENSOR, 0 if done else OXYGEN_SENSOR)
-    )
+    supported, missing = _readiness(state, state.store.completed_since_clear)
+    return bytes((state.store.mil << 7 | n_codes, COMPONENTS, supported, missing))
 
 
 def readiness_of_cycle(state: State) -> bytes:
     """Return PID 41: monitors completed in this driving cycle."""
-    missing = any(
-        d.status & Status.NOT_COMPLETED_THIS_CYCLE
-        for d in state.store.all
-        if d.code in SENSOR_CODES
-    )
-    return bytes((0, COMPONENTS, OXYGEN_SENSOR, OXYGEN_SENSOR if missing else 0))
+    missing = {d.code for d in state.store.all if d.status & Status.NOT_COMPLETED_THIS_CYCLE}
+
+    def is_done(test: str) -> bool:
+        return not any(code in missing for fault in TESTS[test] for code in CODES[fault])
+
+    return bytes((0, COMPONENTS, *_readiness(state, is_done)))
+
+
+def _readiness(state: State, is_done: Callable[[str], bool]) -> tuple[int, int]:
+    """Return which groups of tests are supported, and which of them are not complete."""
+    known = _supported(state)
+    groups = {bit: [t for t in tests if t in known] for bit, tests in READINESS.items()}
+    supported = sum(bit for bit, tests in groups.items() if tests)
+    missing = sum(bit for bit, tests in groups.items() if not all(map(is_done, tests)))
+    return supported, missing
+
+
+def _supported(state: State) -> set[str]:
+    return {ratio.test for ratio in state.store.supported_ratios}
 
 
 def _freeze_frame(request: bytes, state: State) -> bytes:
@@ -117,9 +133,11 @@ def _clear(request: bytes, state: State) -> bytes:
 def _test_results(request: bytes, state: State) -> bytes:
     """Answer service $06: up to six support requests, or the results of one monitor."""
     numbers = request[1:]
-    if numbers == bytes((MONITOR_ID,)):
-        return _positive(request, test_results(MONITOR_ID, state.store.results))
-    return _listed(request, {0x00: bitmap({MONITOR_ID}, 0x00) or b""})
+    known = monitors(_supported(state))
+    if len(numbers) == 1 and numbers[0] in known:
+        return _positive(request, test_results(numbers[0], state.store.results))
+    maps = {base: bitmap(known, base) for base in range(0x00, 0x100, 0x20)}
+    return _listed(request, {base: bits for base, bits in maps.items() if bits is not None})
 
 
 def _vehicle_information(request: bytes, state: State) -> bytes:
@@ -144,11 +162,15 @@ def _information(state: State) -> dict[int, bytes]:
 
 
 def in_use_performance(state: State) -> bytes:
-    """Return the 20 counters of spark ignition; only the oxygen sensor's of bank 1 are used."""
+    """Return the 20 counters of spark ignition, of bank 1.
+
+    Used are those of the catalyst, of the oxygen sensor and of the one behind the catalyst.
+    """
     counts = state.store.counts
-    ratio = lowest_ratio(r for r in state.store.ratios if r.test in SENSOR_TESTS)
     counters = [counts.general_denominator, counts.ignition_cycles] + [0] * 18
-    counters[6:8] = ratio.numerator, ratio.denominator
+    for at, tests in IN_USE.items():
+        ratio = lowest_ratio(r for r in state.store.supported_ratios if r.test in tests)
+        counters[at : at + 2] = ratio.numerator, ratio.denominator
     return b"".join(unsigned(counter, 2) for counter in counters)
 
 

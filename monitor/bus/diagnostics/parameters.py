@@ -33,11 +33,14 @@ PARAMETERS: Final[Mapping[int, Parameter]] = {
     0x0F: Parameter("manifold_temperature_degc", lambda degc: unsigned(degc + 40.0, 1)),
     0x10: Parameter("maf_kg_h", lambda kg_h: unsigned(100.0 * kg_h / 3.6, 2)),
     0x11: Parameter("throttle_percent", lambda percent: unsigned(2.55 * percent, 1)),
+    # the voltage behind the catalyst, then the byte of a sensor that takes no part in the trim
+    0x15: Parameter("downstream_voltage_v", lambda volt: unsigned(200.0 * volt, 1) + b"\xff"),
     0x23: Parameter("rail_pressure_mpa", lambda mpa: unsigned(100.0 * mpa, 2)),
     # lambda in two bytes, then two zero bytes for the sensor voltage, which has no signal
     0x24: Parameter("lambda_measured", lambda x: unsigned(32768.0 * x, 2) + bytes(2)),
     0x2E: Parameter("purge_duty_percent", lambda percent: unsigned(2.55 * percent, 1)),
     0x33: Parameter("ambient_pressure_kpa", lambda kpa: unsigned(kpa, 1)),
+    0x3C: Parameter("catalyst_temperature_degc", lambda degc: unsigned(10.0 * (degc + 40.0), 2)),
     0x42: Parameter("battery_voltage_v", lambda volt: unsigned(1000.0 * volt, 2)),
     0x44: Parameter("lambda_target", lambda x: unsigned(32768.0 * x, 2)),
     0x46: Parameter("ambient_temperature_degc", lambda degc: unsigned(degc + 40.0, 1)),

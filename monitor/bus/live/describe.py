@@ -26,6 +26,7 @@ _ENDINGS: Final = (
     "_nm",
     "_percent",
     "_v",
+    "_g",
 )
 _QUALITY: Final = {
     Quality.STALE: "not received",
@@ -68,7 +69,8 @@ def value_text(name: str, value: float) -> str:
     signal = signals.BY_NAME.get(name)
     if signal and signal.role == "enable":
         return f"{value:.3g}"
-    unit = _UNITS.get(signal.unit, signal.unit) if signal else ""
+    own = signals.unit_of(name)
+    unit = _UNITS.get(own, own)
     digits = 3 if "lambda" in name else 0 if abs(value) >= 100.0 else 1 if abs(value) >= 10.0 else 2
     return f"{value:.{digits}f} {unit}".strip().replace("-", "−")
 

@@ -11,6 +11,7 @@ from monitor.base.errors import UsageError
 from monitor.bus.diagnostics import results
 from monitor.bus.diagnostics.state import Identity
 from monitor.frames.logs import read_frames
+from monitor.memory import obd_records
 from monitor.memory.dtc import DtcStore
 from monitor.pipeline.frames import FramePipeline
 from monitor.report import replay
@@ -31,6 +32,40 @@ def late_sensor() -> DtcStore:
 
 def test_parameter_01_tells_lamp_codes_and_that_the_sensor_monitor_has_completed() -> None:
     assert ask("01 01") == "41 01 81 04 20 00"
+
+
+def a_vehicle_with_a_catalyst() -> Vehicle:
+    vehicle = Vehicle()
+    store = vehicle.store
+    store.report(
+        [
+            obd_records.TestResult("catalyst", "capacity_g", 0.06, 0.12, 1.4),
+            obd_records.TestResult("catalyst", "capacity_over_threshold", 0.5, 1.0, 11.67),
+            obd_records.TestResult("downstream", "least_v", 0.08, 0.03, 0.2),
+            obd_records.TestResult("downstream", "lag_rich_to_lean_s", 1.5, 0.0, 0.77),
+            obd_records.TestResult("downstream_heater", "wake_s", 14.0, 0.0, 25.0),
+        ]
+    )
+    for test in ("catalyst", "downstream", "downstream_heater", "balance"):
+        store.complete(test)
+    store.count_judged("catalyst")
+    return vehicle
+
+
+def test_a_vehicle_with_a_catalyst_tells_its_readiness_results_and_performance() -> None:
+    vehicle = a_vehicle_with_a_catalyst()
+    assert ask("01 01", vehicle) == "41 01 81 04 61 00"
+    assert ask("06 00", vehicle) == "46 00 c0 00 00 01"
+    assert ask("06 20", vehicle) == "46 20 80 00 00 01"
+    assert ask("06 40", vehicle) == "46 40 40 00 00 00"
+    assert ask("06 21", vehicle)[:44] == "46 21 80 36 00 06 00 0c 00 8c 21 81 20 00 80"  # type: ignore[index]
+    assert "02 07 0b 00 50 00 1e 00 c8" in (ask("06 02", vehicle) or "")  # 80 mV of 30 to 200
+    assert ask("06 42", vehicle) == "46 42 80 10 36 b0 00 00 61 a8"
+    counters = struct.unpack(">20H", bytes.fromhex(ask("09 08", vehicle) or "")[3:])
+    assert counters[2:4] == (1, 0)
+    # WHEN the codes are cleared, THEN the catalyst is known, and not ready
+    ask("04", vehicle)
+    assert ask("01 01", vehicle) == "41 01 00 04 21 21"
 
 
 def test_after_clearing_the_sensor_monitor_is_not_ready() -> None:

@@ -79,11 +79,17 @@ def test_the_capacity_stands_among_the_results_of_the_tests(
     capsys.readouterr()
     assert cli.main(["dtc", "readiness", "--memory", memory, "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
-    (capacity,) = [r for r in found["results"] if r["test"] == "catalyst"]
+    results = {(r["test"], r["quantity"]): r for r in found["results"]}
+    capacity = results["catalyst", "capacity_g"]
     assert capacity["value"] < capacity["low"] == 0.12
+    assert ("downstream", "lag_rich_to_lean_s") in results
+    assert results["downstream_heater", "wake_s"]["value"] < 25.0
     tests = {t["test"]: t["completed_since_clear"] for t in found["tests"]}
     assert tests["catalyst"]
     assert tests["balance"]
+    # and the freeze frame holds the capacity at which the code was set
+    assert cli.main(["dtc", "freeze-frame", "--memory", memory]) == 0
+    assert "catalyst_capacity_g" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

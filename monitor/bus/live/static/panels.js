@@ -257,8 +257,8 @@ function kindOf(name, value) {
 let memoryText = "";
 function memory(state, changed) {
   if (!changed.memory) return;
-  const { tests, counts, results } = state.memory;
-  const text = JSON.stringify([tests, counts, results]);
+  const { tests, counts, results, behind } = state.memory;
+  const text = JSON.stringify([tests, counts, results, behind]);
   if (text === memoryText) return;
   memoryText = text;
   const body = fresh("memory");
@@ -272,7 +272,7 @@ function memory(state, changed) {
     element(line, "td", { className: `mark ${each.complete ? "passed" : "inconclusive"}`, textContent: each.complete ? "✓ complete" : "? not complete" });
     element(line, "td", { textContent: `${each.numerator} / ${each.denominator}` });
   }
-  pairs(body, Object.entries(counts));
+  pairs(body, [...Object.entries(counts), ...(behind ?? [])]);
 }
 
 function signals(state, changed) {
