@@ -45,7 +45,7 @@ BEHIND: Final[Columns] = {  # key of the monitor's entry → column, see ``BEHIN
     "balance_verdict": (pl.String(), "verdict on the upstream sensor against the oxygen balance"),
     "upstream_offset": (
         pl.Float64(),
-        "offset of the upstream sensor by the balance of oxygen, lambda",
+        "offset of the upstream sensor by the oxygen balance, lambda",
     ),
     "upstream_offset_std": (pl.Float64(), "standard error of that offset, lambda"),
 }
