@@ -200,6 +200,7 @@ class ActivityTest:
     saturated : highest output that training saw; a sensor may stand still there for as long as a
         fuel cut lasts, if nothing says whether the fuel is cut
     cold : reading of a healthy sensor that is not heated yet, if it may be read unknowingly
+    still_s : time for which this car's healthy reading may stand still, if longer than usual
     is_ready : a signal says when the sensor is ready; else one that has not moved yet may be cold
     """
 
@@ -210,18 +211,24 @@ class ActivityTest:
         period_s: float,
         cold: float = -math.inf,
         *,
+        still_s: float = 0.0,
         is_ready: bool = True,
     ) -> None:
         self._config, self._is_ready = config, is_ready
         self._saturated, self._cold = saturated, cold
-        self._n = max(round(config.stuck_s / period_s), 2)
+        self._n = max(round(max(config.stuck_s, still_s) / period_s), 2)
         self._cuts = math.ceil(config.fuel_cut_most_s / (self._n * period_s))
         self._warming = math.ceil(config.not_ready_s / (self._n * period_s))
         self.reset()
 
     @classmethod
     def of(
-        cls, config: PlausibilityConfig, output: Channel, names: Sequence[str], period_s: float
+        cls,
+        config: PlausibilityConfig,
+        output: Channel,
+        names: Sequence[str],
+        period_s: float,
+        still_s: float = 0.0,
     ) -> "ActivityTest":
         """Return the test of a model's output on samples of ``names``.
 
@@ -231,7 +238,8 @@ class ActivityTest:
         dwelt = output.percentile_0_1 - output.minimum <= config.stuck_range
         cold = output.minimum if dwelt and not set(_ENGINE) & set(names) else -math.inf
         saturated = math.inf if "fuel_cut" in names else output.maximum
-        return cls(config, saturated, period_s, cold, is_ready="sensor_ready" in names)
+        is_ready = "sensor_ready" in names
+        return cls(config, saturated, period_s, cold, still_s=still_s, is_ready=is_ready)
 
     def reset(self) -> None:
         """Begin anew, with a sensor that may be cold."""

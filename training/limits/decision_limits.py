@@ -12,10 +12,11 @@ from monitor.base.config import Config
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
 from monitor.judge.limits import NO_LIMITS, Limits
+from monitor.memory.codes import TESTS
 from monitor.model.card import Limit, ModelCard
 from monitor.model.step import Model
 from monitor.pipeline.events import CutJudged, WindowJudged
-from training.limits.judging import judge_recordings, most_common_cause
+from training.limits.judging import Judged, judge_recordings, most_common_cause
 from training.limits.region import region_of
 from training.narx.export import update_card
 from training.narx.model_file import HeldOut
@@ -32,6 +33,7 @@ EVIDENCE_SAFETY = (
     3.0  # the healthy recordings' largest evidence of a fault stays so far below a code
 )
 LEAST_EVIDENCE = 1e-3  # with less the response rule decides nothing within a day
+STILL_SAFETY = 1.5  # times the time after which no healthy reading was called stuck
 
 
 def _held_out_windows(
@@ -193,16 +195,19 @@ def whole(recordings: Sequence[Recording]) -> list[HeldOut]:
 def response_limits(
     model: Model, recordings: Sequence[Recording], limits: Limits, config: Config
 ) -> dict[str, Limit]:
-    """Return the healthy gains, and the weights of evidence, from healthy recordings.
+    """Return the healthy gains, the weights of evidence and how long the reading may stand still.
 
     The gain's spread from drive to drive, and a model that follows its vehicle poorly, look like a
     weak or late sensor; the evidence counts less by as much as it says so. Windows around fuel
-    cuts have a gain and a weight of their own; the weight is 0 without such windows.
+    cuts have a gain and a weight of their own; the weight is 0 without such windows. A coarse or
+    clipped reading that stands still in healthy recordings is given more time before it is stuck.
     """
     where = f"{len(recordings)} healthy recordings"
     full = config.response.evidence_weight
     plain = replace(limits, gain_model=1.0, evidence=math.inf, evidence_cut=full, gain_cut=1.0)
+    plain = replace(plain, still_s=0.0)
     judged = judge_recordings(recordings, model, plain, config)
+    still_s = _still_s(judged, model, recordings, plain, config)
     gain = _healthy_gain([_last_gain(each.windows) for each in judged], config)
     used = replace(limits, gain_model=gain, evidence=full, evidence_cut=0.0)
     most = _most_evidence(model, recordings, used, config)
@@ -211,6 +216,13 @@ def response_limits(
         "gain_model": Limit(gain, "-", f"median gain of the likeliest sound sensor, {where}"),
         "evidence": Limit(
             used.evidence, "-", f"largest evidence of a fault {most:.3g} at full weight, {where}"
+        ),
+        "still_s": Limit(
+            still_s,
+            "s",
+            f"{STILL_SAFETY:g} times the time after which none of {where} was stuck"
+            if still_s
+            else f"none of {where} was stuck after the usual time",
         ),
     }
     n_cuts = sum(len(each.cuts) for each in judged)
@@ -236,6 +248,21 @@ def _healthy_gain(gains: Sequence[float | None], config: Config) -> float:
     known = [gain for gain in gains if gain is not None]
     least = config.response.gain_least  # a model that follows less says nothing of its vehicle
     return min(max(float(np.median(known)), least), 1.0 / least) if known else 1.0
+
+
+def _still_s(
+    judged: Sequence[Judged],
+    model: Model,
+    recordings: Sequence[Recording],
+    limits: Limits,
+    config: Config,
+) -> float:
+    """Return for how long the healthy reading may stand still, 0 if it is never called stuck."""
+    still_s = 0.0
+    while any(change.dtc.fault in TESTS["activity"] for each in judged for change in each.changes):
+        still_s = STILL_SAFETY * (still_s or config.plausibility.stuck_s)
+        judged = judge_recordings(recordings, model, replace(limits, still_s=still_s), config)
+    return STILL_SAFETY * still_s
 
 
 def _weighted(limits: Limits, name: str, weight: float) -> Limits:
