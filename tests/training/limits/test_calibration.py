@@ -141,8 +141,9 @@ def test_only_the_limits_of_the_file_change(drives: Path, calibrated: Path) -> N
     old, new = (Model.load(p).card for p in (drives / "model.onnx", calibrated))
     assert replace(new, limits=old.limits) == old
     assert new.limits["j_mu"] != old.limits["j_mu"]
-    weights = {"evidence", "gain_model", "evidence_cut", "gain_cut", "still_s"}  # older cards lack them
-    assert new.limits.keys() == old.limits.keys() | weights
+    # older cards lack them
+    learned = {"evidence", "gain_model", "evidence_cut", "gain_cut", "still_s"}
+    assert new.limits.keys() == old.limits.keys() | learned
     assert 0.0 < new.limits["evidence_cut"].value <= 0.75
 
 
