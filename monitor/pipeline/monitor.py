@@ -111,9 +111,7 @@ class Monitor:
             plausibility, names, output.name, period_s, is_expected=is_expected
         )
         self._maturing = Maturing(*ticks_to_mature(config.debounce, period_s))
-        self._activity = ActivityTest.of(
-            plausibility, output, names, period_s, limits.still_s
-        )
+        self._activity = ActivityTest.of(plausibility, output, names, period_s, limits.still_s)
         self.catalyst = CatalystMonitor(config.catalyst, names, period_s)
         n_samples, n_hypotheses = config.window.n_samples, len(judge.hypotheses)
         self._windows = Windows(n_samples, n_hypotheses)
