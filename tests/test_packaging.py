@@ -28,6 +28,7 @@ SOURCES = (
 ABSENT = (
     *("training", "torch", "scipy", "numba", "polars", "pandas", "matplotlib", "onnx", "joblib"),
     "asammdf",  # python-can takes it where it is, and it brings pandas
+    *("fcntl", "resource", "termios"),  # Windows has none of them
 )
 
 
@@ -147,6 +148,31 @@ def test_the_runtime_starts_where_no_library_of_training_exists(tmp_path: Path) 
     # THEN it works, for all of them
     paths = {path.relative_to(ROOT) for path in (ROOT / "monitor").rglob("[!_]*.py")}
     assert {".".join(path.with_suffix("").parts) for path in paths} <= set(imported)
+
+
+def test_a_drive_is_judged_where_the_system_has_no_file_locks(tmp_path: Path) -> None:
+    # GIVEN a Python as on another system: without fcntl, msvcrt and the flags of POSIX
+    script = (
+        "import os, sys; sys.modules.update(fcntl=None, msvcrt=None, resource=None, termios=None)\n"
+        "for name in ('O_NONBLOCK', 'O_NOCTTY', 'pwrite', 'sched_setscheduler', 'killpg'):\n"
+        "    delattr(os, name)\n"
+        "from monitor.cli import main\n"
+        "sys.exit(main(sys.argv[1:]))"
+    )
+    log = next((ROOT / "replay_logs").glob("healthy_micro*"))
+    # WHEN a drive is judged THEN the verdict is the usual one
+    finished = python(ROOT, ["-c", script, "replay", str(log)], cwd=tmp_path)
+    assert "no fault" in finished.stdout
+    # and a fault memory is refused with one line
+    with_memory = [sys.executable, "-c", script, "replay", str(log), "--memory", "o2.db"]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    refused = subprocess.run(
+        with_memory, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+    )
+    assert refused.returncode == 2
+    assert refused.stderr.splitlines() == [
+        "o2mon: o2.db: this system has no file locks, so no fault memory can be used"
+    ]
 
 
 def python(path: Path, arguments: list[str], cwd: Path) -> subprocess.CompletedProcess[str]:

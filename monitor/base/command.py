@@ -76,7 +76,7 @@ def _users_part(error: Exception, extra: str | None) -> str | None:
     if extra and isinstance(error, ModuleNotFoundError):
         package = (error.name or "").split(".")[0]
         if package not in _OWN:
-            return f"{package} is not installed: pip install 'o2-monitor[{extra}]'"
+            return f"{package} is not installed: pip install '.[{extra}]' in the project's folder"
     if isinstance(error, OSError):
         return f"{error.filename or 'output'}: {error.strerror or error}"
     if isinstance(error, MemoryError):

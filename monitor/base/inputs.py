@@ -23,6 +23,8 @@ _KINDS: Final = (
     (stat.S_ISBLK, "a device"),
 )
 
+_NO_WAIT: Final = getattr(os, "O_NONBLOCK", 0)  # Windows has none, and no FIFOs that wait
+
 
 def other_kind(mode: int) -> str | None:
     """Return what a file is by its mode; None for a regular file or a folder.
@@ -41,7 +43,7 @@ def open_regular(path: str | Path) -> BinaryIO:
     mode = Path(path).stat().st_mode  # a socket and some devices cannot even be opened
     if kind := other_kind(mode):
         raise OSError(errno.EINVAL, f"is {kind}, a regular file is wanted", str(path))
-    return open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK))
+    return open(path, "rb", opener=lambda name, flags: os.open(name, flags | _NO_WAIT))
 
 
 def read_small(path: str | Path, most_bytes: int = SMALL_BYTES) -> bytes:

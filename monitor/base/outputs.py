@@ -98,10 +98,10 @@ def replaced(path: str | Path) -> Iterator[Path]:
 
 def _take_place(begun: Path, place: Path) -> None:
     """Rename a file once its content is on the disk: the new name may get there before it."""
+    with begun.open("rb+") as file:  # Windows syncs only what may be written
+        os.fsync(file.fileno())
     if place.exists():
         shutil.copymode(place, begun)
-    with begun.open("rb") as file:
-        os.fsync(file.fileno())
     begun.replace(place)
 
 

@@ -104,7 +104,7 @@ def _not_blocking(stream: TextIO) -> int | None:
             return None
         path = f"/proc/self/fd/{stream.fileno()}"
         return os.open(path, os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
-    except (OSError, ValueError):
+    except (OSError, ValueError, AttributeError):  # Windows has neither the path nor the flags
         return None
 
 

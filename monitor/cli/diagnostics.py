@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from monitor.report.replay import Setup
 
 _NONE = "none"
-_MISSING = "can-isotp is not installed; pip install 'o2-monitor[diagnostics]'"
+_MISSING = "can-isotp is not installed; pip install '.[diagnostics]' in the project's folder"
 
 
 def add_diagnostics(parser: argparse.ArgumentParser) -> None:

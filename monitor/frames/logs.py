@@ -86,7 +86,7 @@ def _require_mdf(path: Path) -> None:
         import asammdf  # noqa: F401, PLC0415
     except ImportError as error:
         raise RecordingError(
-            f"{path}: reading .mf4 needs asammdf: pip install 'o2-monitor[mdf]'"
+            f"{path}: reading .mf4 needs asammdf: pip install '.[mdf]' in the project's folder"
         ) from error
 
 

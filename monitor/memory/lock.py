@@ -4,13 +4,16 @@ SQLite's locks do not serve: they end when any descriptor of the database is clo
 database is replaced when it is repaired. The locked file is never renamed or removed. It holds a
 note: how often the memory was stored. So an old main file is known as old if the spare copy is
 damaged.
+
+Linux and macOS lock with flock, Windows locks one byte behind the note. Elsewhere there is no fault
+memory; everything else works.
 """
 
-import fcntl
 import json
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from importlib import import_module
 from pathlib import Path
 from typing import Final
 
@@ -18,6 +21,7 @@ from monitor.base.errors import RecordingError
 from monitor.memory.content import checksum_of
 
 NOTE_BYTES: Final = 200  # most that a note has
+LOCKED_BYTE: Final = 1 << 20  # on Windows a locked byte cannot be read, so it is none of the note
 
 
 class Lock:
@@ -37,7 +41,12 @@ class Lock:
                 f"{self._path}: cannot open the fault memory: {beside.name}: {error.strerror}"
             ) from None
         try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            _lock(descriptor)
+        except ModuleNotFoundError:
+            os.close(descriptor)
+            raise RecordingError(
+                f"{self._path}: this system has no file locks, so no fault memory can be used"
+            ) from None
         except OSError:
             os.close(descriptor)
             raise RecordingError(
@@ -57,7 +66,8 @@ class Lock:
         text = json.dumps([memory, generation])
         line = f"{checksum_of(text)} {text}".ljust(NOTE_BYTES - 1) + "\n"
         with suppress(OSError):
-            os.pwrite(self._descriptor, line.encode(), 0)
+            os.lseek(self._descriptor, 0, os.SEEK_SET)
+            os.write(self._descriptor, line.encode())
 
     @contextmanager
     def taken(self) -> Iterator[None]:
@@ -92,6 +102,21 @@ def noted(path: Path, memory: str) -> int | None:
         raise ValueError("the note has changed")
     name, generation = json.loads(text)
     return int(generation) if name == memory else None
+
+
+def _lock(descriptor: int) -> None:
+    """Lock the file for this process.
+
+    Raises OSError if another process has it, ModuleNotFoundError if the system has no locks.
+    """
+    try:
+        fcntl = import_module("fcntl")
+    except ModuleNotFoundError:
+        msvcrt = import_module("msvcrt")
+        os.lseek(descriptor, LOCKED_BYTE, os.SEEK_SET)
+        msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+    else:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 def _beside(path: Path) -> Path:

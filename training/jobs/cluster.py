@@ -210,7 +210,7 @@ def _connected(scheduler: str) -> Iterator[Any]:
         from distributed import Client  # noqa: PLC0415 - an extra that few need
     except ImportError as error:
         raise UsageError(
-            f"scheduler {scheduler}: needs dask; pip install 'o2-monitor[fleet]'"
+            f"scheduler {scheduler}: needs dask; pip install '.[fleet]' in the project's folder"
         ) from error
     try:
         client = Client(scheduler, timeout=CONNECT_S)

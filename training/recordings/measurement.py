@@ -108,7 +108,7 @@ def _asammdf(path: Path) -> ModuleType:
         import asammdf  # noqa: PLC0415
     except ImportError as error:
         raise RecordingError(
-            f"{path}: reading it needs asammdf: pip install 'o2-monitor[mdf]'"
+            f"{path}: reading it needs asammdf: pip install '.[mdf]' in the project's folder"
         ) from error
     module: ModuleType = asammdf
     return module

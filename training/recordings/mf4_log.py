@@ -36,7 +36,7 @@ def write_mf4(path: Path, frames: FrameBlock) -> None:
         from asammdf.blocks.v4_constants import BUS_TYPE_CAN, SOURCE_BUS  # noqa: PLC0415
     except ImportError as error:
         raise RecordingError(
-            f"{path}: writing .mf4 needs asammdf: pip install 'o2-monitor[mdf]'"
+            f"{path}: writing .mf4 needs asammdf: pip install '.[mdf]' in the project's folder"
         ) from error
     start_s = int(frames.t_ns[0]) // 1_000_000_000
     samples = np.zeros(len(frames.t_ns), dtype=_DTYPE)

@@ -27,7 +27,8 @@ class Server:
         missing = [name for name in NEEDED if importlib.util.find_spec(name) is None]
         if missing:
             raise UsageError(
-                f"--live needs {' and '.join(missing)}: pip install 'o2-monitor[live]'"
+                f"--live needs {' and '.join(missing)}: "
+                "pip install '.[live]' in the project's folder"
             )
         with listen(address) as listening:
             self.address = Address(address.host, listening.getsockname()[1])

@@ -78,7 +78,7 @@ def test_without_can_isotp_transmitting_goes_on_and_says_what_is_missing(
 ) -> None:
     monkeypatch.setattr(diagnostics, "find_spec", lambda _: None)
     assert attached("--transmit") == []
-    assert "o2-monitor[diagnostics]" in capsys.readouterr().out
+    assert "pip install '.[diagnostics]'" in capsys.readouterr().out
     with pytest.raises(UsageError, match="can-isotp is not installed"):
         attached("--transmit", "--diagnostics-id", "7E9")
 
