@@ -6,7 +6,7 @@ DEMO    := .venv-demo
 HEALTHY  = $(firstword $(sort $(wildcard replay_logs/healthy_*)))
 FAULTY   = $(firstword $(sort $(wildcard replay_logs/delay_rich_to_lean_*)))
 
-.PHONY: help demo test whole check fast properties examples lint venv lock system bench matrix model calibration study replay_logs clean python
+.PHONY: help demo test whole check fast properties examples docs test-docs dist lint venv lock system bench matrix model calibration study replay_logs clean python
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z_]+:.*## / {printf "make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -43,6 +43,10 @@ properties: venv ## the property tests with ten times as many inputs, other ones
 examples: venv ## run every example, also the long ones (ten minutes)
 	@for each in first_verdict listen_on_a_bus train_and_compare find_a_missing_effect; do \
 	  echo "== examples/$$each.py"; $(VENV)/bin/python examples/$$each.py || exit 1; done
+
+docs: venv ## the documentation as a site, build/site/index.html; needs no network, fails at a warning
+	NO_MKDOCS_2_WARNING=1 $(VENV)/bin/python -m mkdocs build --strict
+	@echo "open build/site/index.html"
 
 lint: venv ## style, types and the direction of imports
 	$(VENV)/bin/ruff check .

@@ -44,7 +44,7 @@ def bill_of_materials() -> dict:
     needed = dict.fromkeys(project["dependencies"], "")
     for extra, names in extras.items():
         for wanted in names:
-            if extra != "dev":
+            if extra not in ("dev", "docs"):
                 needed.setdefault(wanted, extra)
     components = [_package(wanted, extra) for wanted, extra in needed.items()]
     components += [_contained(work) for work in CONTAINED]
