@@ -46,7 +46,7 @@ examples: venv ## run every example, also the long ones (ten minutes)
 
 docs: venv ## the documentation as a site, build/site/index.html; needs no network, fails at a warning
 	NO_MKDOCS_2_WARNING=1 $(VENV)/bin/python -m mkdocs build --strict
-	@echo "open build/site/index.html"
+	@echo "open build/site/index.html, or with search: python3 -m http.server 8000 -d build/site"
 
 lint: venv ## style, types and the direction of imports
 	$(VENV)/bin/ruff check .
