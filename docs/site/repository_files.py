@@ -1,8 +1,8 @@
 """Makes links of the documentation to files of the repository work on the site.
 
 A page links to what lies outside ``docs/`` as on any host of the repository, for example
-``../SECURITY.md``. The site gets a page for each such file: Markdown as it is, any other text as one
-block of code.
+``../SECURITY.md``. The site gets a page for each such file: Markdown as it is, any other text as
+one block of code.
 """
 
 import os
