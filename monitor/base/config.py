@@ -234,6 +234,13 @@ class ObdConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class RulesConfig:
+    """Decision rules of plug-ins."""
+
+    active: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Config:
     """All settings. Values that are learned stand in the model card or the fault memory."""
 
@@ -246,6 +253,7 @@ class Config:
     catalyst: CatalystConfig
     debounce: DebounceConfig
     cycles: CyclesConfig
+    rules: RulesConfig
     obd: ObdConfig
     carb: ProfileConfig
     eobd: ProfileConfig
@@ -371,7 +379,7 @@ def _check(path: Path, section: str, key: str, value: Any, shipped: dict[str, An
     if key not in shipped:
         raise ConfigError(f"{path}: [{section}] {key} is unknown; there are {list(shipped)}")
     wanted = type(shipped[key])
-    texts = wanted is list and isinstance(shipped[key][0], str)
+    texts = wanted is list and all(isinstance(each, str) for each in shipped[key])
     if wanted is list:
         element = str if texts else float
         fits = isinstance(value, list) and all(_is(element, v) for v in value)
@@ -417,6 +425,7 @@ def _build(tree: dict[str, Any], where: str) -> Config:
         catalyst=section(CatalystConfig, "catalyst"),
         debounce=section(DebounceConfig, "debounce"),
         cycles=section(CyclesConfig, "cycles"),
+        rules=section(RulesConfig, "rules"),
         obd=section(ObdConfig, "obd"),
         carb=section(ProfileConfig, "carb"),
         eobd=section(ProfileConfig, "eobd"),

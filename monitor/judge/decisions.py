@@ -4,7 +4,7 @@ Results come in the order of time, one after the other.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 from operator import attrgetter
@@ -23,6 +23,7 @@ from monitor.judge.plausibility import TickResult
 from monitor.judge.rear_circuit import CIRCUIT, HEATER
 from monitor.judge.residual import lambda_of, means_and_stds
 from monitor.judge.response import EDGES, Noise, Outcome, Response, ResponseRule
+from monitor.judge.rules import RuleClass, opinion
 from monitor.judge.window import Window
 from monitor.memory.codes import CODES, OF_VEHICLE, codes_on
 from monitor.memory.debounce import FAILED, PASSED, Debounce
@@ -109,6 +110,7 @@ class Decisions:
 
     transform : of the model, "phi" or "none"
     store : fault memory; a new driving cycle begins in the caller's hands
+    rules : of plug-ins, by the name of their test
     """
 
     def __init__(
@@ -119,6 +121,7 @@ class Decisions:
         transform: str,
         period_s: float,
         store: DtcStore,
+        rules: Mapping[str, RuleClass] | None = None,
     ) -> None:
         self.store, self._limits, self._config = store, limits, config
         self._transform = transform
@@ -150,7 +153,8 @@ class Decisions:
         )
         self._may_be_dead = False
         self._bias = BiasRule(config.bias, limits.offset_low, limits.offset_high, limits.offset_std)
-        self._debounce = dict.fromkeys(OF_VEHICLE, Debounce())
+        self._rules = {test: kind() for test, kind in (rules or {}).items()}
+        self._debounce = dict.fromkeys((*OF_VEHICLE, *self._rules), Debounce())
         self._named: dict[str, str] = {}  # the fault that each matured test has set
         self.completed = False  # the response test reached a decision
         self._decided: set[str] = set()  # tests that reached one
@@ -162,7 +166,7 @@ class Decisions:
         """Return the tests that have reached no decision."""
         return tuple(
             test
-            for test in self._debounce
+            for test in OF_VEHICLE
             if test not in self._decided or (test == "response" and self._may_be_dead)
         )
 
@@ -292,7 +296,19 @@ class Decisions:
                     also=result.also,
                     t_ns=window.t_end_ns,
                 )
+        yield from self._by_plugins(window)
         self.completed |= self._debounce["response"].failed or self._debounce["response"].passed
+
+    def _by_plugins(self, window: Window) -> Iterator[Change]:
+        """Let the rules of plug-ins judge a window."""
+        for test, rule in self._rules.items():
+            said = opinion(test, rule, window)
+            if said.outcome == "inconclusive":
+                continue
+            failed, fault = said.outcome == "failed", said.fault or ""
+            self._suspicious |= failed
+            by = self._by(failed)
+            yield from self._step(test, failed, by=by, fault=fault, also=(), t_ns=window.t_end_ns)
 
     def cut(self, window: Window, facts: Facts) -> Iterator[CutJudged | Change]:
         """Take a full window around a fuel cut; yield its verdict, then the codes it changes."""

@@ -1,6 +1,10 @@
 """The trouble codes of each fault, and the test that finds it. Source of the codes: SAE J2012."""
 
+import re
+from collections.abc import Mapping
 from typing import Final
+
+from monitor.base.errors import ConfigError
 
 CODES: dict[str, tuple[str, ...]] = {
     "slow_rich_to_lean": ("P014C",),
@@ -95,7 +99,36 @@ def codes_on(fault: str, *, close_coupled: bool) -> tuple[str, ...]:
     return CLOSE_COUPLED.get(fault, CODES[fault]) if close_coupled else CODES[fault]
 
 
-EVERY: Final = tuple(sorted({code for fault in CODES for code in codes_of(fault)}))
+_MANUFACTURERS: Final = re.compile("P1[0-9A-F]{3}")  # free for a manufacturer, SAE J2012
+
+
+def every() -> tuple[str, ...]:
+    """Return all codes, those of plug-ins included."""
+    return tuple(sorted({code for fault in CODES for code in codes_of(fault)}))
+
+
+def is_known(code: str) -> bool:
+    """Return whether a stored code can be one of the monitor or of a plug-in."""
+    return code in every() or bool(_MANUFACTURERS.fullmatch(code))
+
+
+def admit(test: str, faults: Mapping[str, str]) -> None:
+    """Add the test of a plug-in, with the code of each of its faults.
+
+    Raises ConfigError if a name is taken or a code is not one of the manufacturer's.
+    """
+    own = {fault: (code,) for fault, code in faults.items()}
+    if TESTS.get(test) == tuple(own) and all(CODES[fault] == own[fault] for fault in own):
+        return
+    taken = [name for name in (test, *own) if name in TESTS or name in CODES]
+    if taken or not own:
+        raise ConfigError(f"the name {taken[0]} is taken" if taken else "it has no fault")
+    for fault, code in faults.items():
+        if not _MANUFACTURERS.fullmatch(code) or code in every():
+            raise ConfigError(f"{code} of {fault}: a new code from P1000 to P1FFF is wanted")
+    CODES.update(own)
+    TESTS[test] = tuple(own)
+    TEST_OF.update(dict.fromkeys(own, test))
 
 
 def tests_of(code: str) -> set[str]:

@@ -17,13 +17,13 @@ from monitor.memory.codes import (
     BEHIND,
     CODES,
     CONTINUOUS,
-    EVERY,
     LOST,
     OF_MONITOR,
     OF_VEHICLE,
     TEST_OF,
     TESTS,
     codes_of,
+    every,
     tests_of,
 )
 from monitor.memory.obd_records import Counts, FreezeFrame, Ratio, TestResult
@@ -144,7 +144,7 @@ class DtcStore:
     def __init__(self, saved: Saved | None = None, profile: ProfileConfig | None = None) -> None:
         saved = saved or Saved()
         self._profile = profile or shipped().profile
-        self._dtcs = {c: Dtc(c) for c in EVERY}
+        self._dtcs = {c: Dtc(c) for c in every()}
         self._dtcs |= {dtc.code: dtc for dtc in saved.dtcs}
         self._frames = {frame.code: frame for frame in saved.freeze_frames}
         self._permanent = dict(saved.permanent)
@@ -159,6 +159,10 @@ class DtcStore:
         self._is_general = False  # the general denominator counts this driving cycle
         self.clearings = 0
         self.is_lost: bool | None = None  # whether the memory on disk was lost; None without one
+
+    def admit(self) -> None:
+        """Hold the codes of plug-ins, too, that became known since."""
+        self._dtcs = {c: Dtc(c) for c in every()} | self._dtcs
 
     def judge_memory(self, t_ns: int) -> list[Dtc]:
         """Judge the memory on disk, once in a driving cycle; return the codes that changed."""
@@ -246,7 +250,7 @@ class DtcStore:
             return False
         if self._dtcs[code].status & Status.WARNING_INDICATOR:
             return True
-        test = TEST_OF[self._permanent[code]]
+        test = TEST_OF.get(self._permanent[code])  # None of a plug-in that is not active
         passed = test in self._passed and code not in self._failed
         return passed and (test not in CONTINUOUS or self._is_general)
 

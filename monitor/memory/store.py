@@ -13,7 +13,7 @@ from monitor.base.config import BiasConfig, ProfileConfig
 from monitor.base.errors import RecordingError
 from monitor.memory import repair, spare
 from monitor.memory.agreement import Condition, agreed
-from monitor.memory.codes import CODES, EVERY, LOST
+from monitor.memory.codes import CODES, LOST, is_known
 from monitor.memory.content import SCHEMA_VERSION, Content, reference_row, rows_of, saved_of
 from monitor.memory.dtc import DtcStore, Saved
 from monitor.memory.lock import Lock
@@ -68,7 +68,7 @@ class Memory:
         """
         rows = self._settled().rows
         for code in (row[0] for row in rows["dtc"]):
-            if code not in EVERY:
+            if not is_known(code):
                 raise RecordingError(f"{self._path}: unknown trouble code {code!r}")
         try:
             return saved_of(rows)

@@ -18,7 +18,7 @@ from monitor.base.errors import MissingSignalsError
 from monitor.base.runs import runs
 from monitor.base.signals import CAPACITY
 from monitor.base.types import SampleBlock
-from monitor.judge import bank, enable
+from monitor.judge import bank, enable, rules
 from monitor.judge.catalyst import SIGNALS as CATALYST_SIGNALS
 from monitor.judge.catalyst import VOLTAGE as CATALYST_VOLTAGE
 from monitor.judge.catalyst import BehindResult, CatalystMonitor
@@ -58,7 +58,8 @@ class Judge:
 
     names : signals of a sample; must contain the model's inputs and output
     rows : most runs of samples that go through the model together
-    Raises RecordingError if a signal the model needs is not among ``names``.
+    Raises RecordingError if a signal the model needs is not among ``names``, ConfigError if a rule
+        of the settings cannot be used.
     """
 
     def __init__(
@@ -68,6 +69,7 @@ class Judge:
         check_names(self.card, self.names)
         self.period_s = self.card.period_ns * 1e-9
         self.hypotheses = bank.build(config.response)
+        self.rules = rules.loaded(config.rules.active)
         self.inputs = [self.names.index(name) for name in self.card.input_names]
         self._segments = Segments(model, self.hypotheses, self.inputs, self.period_s, rows)
 
@@ -128,7 +130,10 @@ class Monitor:
             transform=card.transform,
             period_s=period_s,
             store=store,
+            rules=judge.rules,
         )
+        if judge.rules:
+            store.admit()
         self._decisions = self._decide(limits)
         self._facts: Iterator[Facts] = iter(())
         self._clearings = store.clearings

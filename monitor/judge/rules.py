@@ -1,0 +1,78 @@
+"""Decision rules of plug-ins, beside the monitor's own.
+
+A plug-in brings a rule by the entry point ``o2_monitor.rules``: its name is the rule's, its object
+a class. The settings switch it on: ``[rules] active = ["NAME"]``. An instance judges the windows of
+one driving cycle; its opinions pass through the same debounce as those of the response test, and
+set codes of the manufacturer's range.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import entry_points
+from typing import ClassVar, Final, Literal, Protocol
+
+from monitor.base.errors import ConfigError, O2Error
+from monitor.judge.window import Window
+from monitor.memory.codes import admit
+
+GROUP: Final = "o2_monitor.rules"
+
+
+@dataclass(frozen=True, slots=True)
+class Opinion:
+    """What a rule says after a window."""
+
+    outcome: Literal["passed", "failed", "inconclusive"]
+    fault: str | None = None  # one of the rule's, if failed
+
+
+class Rule(Protocol):
+    """Judges the windows of one driving cycle, in their order."""
+
+    faults: ClassVar[Mapping[str, str]]  # fault: its code, P1000 to P1FFF
+
+    def judge(self, window: Window) -> Opinion:
+        """Take a full window of enabled samples; return what all windows so far say."""
+
+
+RuleClass = type[Rule]
+
+
+def loaded(names: Iterable[str]) -> dict[str, RuleClass]:
+    """Return the classes of rules by name, with their faults known to the fault memory.
+
+    Raises ConfigError if there is no such rule or it cannot be used.
+    """
+    return {name: _load(name) for name in names}
+
+
+@cache
+def _load(name: str) -> RuleClass:
+    points = {point.name: point for point in entry_points(group=GROUP)}
+    if name not in points:
+        raise ConfigError(f"[rules] {name}: no such rule; installed are {sorted(points) or 'none'}")
+    try:
+        rule: RuleClass = points[name].load()
+        admit(name, rule.faults)
+    except O2Error as error:
+        raise ConfigError(f"[rules] {name}: {error}") from None
+    except Exception as error:  # of somebody else's code
+        reason = str(error) or type(error).__name__
+        raise ConfigError(f"[rules] {name}: {points[name].value} fails: {reason}") from error
+    return rule
+
+
+def opinion(name: str, rule: Rule, window: Window) -> Opinion:
+    """Return what a rule says of a window.
+
+    Raises ConfigError if the rule fails, or names a fault that it has not.
+    """
+    try:
+        said = rule.judge(window)
+        if said.outcome == "failed" and said.fault not in rule.faults:
+            raise ValueError(f"{said.fault!r} is none of its faults")
+    except Exception as error:  # of somebody else's code
+        reason = str(error) or type(error).__name__
+        raise ConfigError(f"[rules] {name} fails: {reason}") from error
+    return said

@@ -1,0 +1,147 @@
+"""The example plug-ins, installed as a user installs them, and what they do in the monitor."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from monitor import cli
+from monitor.base.errors import ConfigError
+from monitor.frames.tables import readers
+from monitor.grid.tables import read_table
+from monitor.judge import rules
+from monitor.memory import codes
+from tests.conftest import ROOT
+
+PLUGINS = ROOT / "examples/plugins"
+DRIVE = ROOT / "replay_logs/healthy_micro_trips_v102_s102.blf"
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Give a folder with the installed plug-ins."""
+    folder = tmp_path_factory.mktemp("site")
+    source = folder / "source"
+    source.mkdir()
+    for path in PLUGINS.iterdir():
+        if path.is_file():
+            (source / path.name).write_bytes(path.read_bytes())
+    pip = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--no-build-isolation"]
+    subprocess.run([*pip, "--target", folder, source], check=True, capture_output=True)
+    return folder
+
+
+@pytest.fixture
+def installed(site: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.syspath_prepend(site)
+    tables = codes.CODES, codes.TESTS, codes.TEST_OF
+    before = [dict(table) for table in tables]
+    caches = readers.plugins, rules._load
+    for cache in caches:
+        cache.cache_clear()
+    yield
+    for cache in caches:
+        cache.cache_clear()
+    for table, content in zip(tables, before, strict=True):
+        table.clear()
+        table.update(content)
+
+
+@pytest.mark.parametrize("path", sorted(PLUGINS.glob("*.py")), ids=lambda path: path.stem)
+def test_an_example_has_thirty_lines_at_most(path: Path) -> None:
+    assert len(path.read_text().splitlines()) <= 30
+
+
+@pytest.mark.usefixtures("installed")
+def test_a_reader_opens_files_of_its_suffix(tmp_path: Path) -> None:
+    path = tmp_path / "drive.pipes"
+    path.write_text("Time (msec)|Engine Speed (rpm)\n0|1000\n100|1010\n200|1020\n")
+    table = read_table(path)
+    assert table.profile == "romraider"
+    assert table.values[:, 0].tolist() == [1000.0, 1010.0, 1020.0]
+
+
+@pytest.mark.usefixtures("installed")
+def test_a_sink_takes_the_records_of_its_scheme(tmp_path: Path) -> None:
+    out = tmp_path / "out.jsonl"
+    call = ["replay", str(DRIVE), "--quiet", "--sink", f"jsonl:{out}", "--sink-tag", "vehicle=17"]
+    assert cli.main(call) == 0
+    lines = [json.loads(line) for line in out.read_text().splitlines()]
+    assert {line["vehicle"] for line in lines} == {"17"}
+    assert {line["kind"] for line in lines} == {"signals", "verdict"}
+
+
+def noisy_table(folder: Path, noise: float) -> Path:
+    """Write the healthy drive as a table, with noise on its lambda."""
+    from training.recordings.recording import load, write_table
+
+    drive = load(DRIVE)
+    values = drive.values.copy()
+    column = drive.names.index("lambda_measured")
+    values[:, column] += np.random.default_rng(1).normal(0.0, noise, len(values))
+    path = folder / f"noise_{noise}.csv"
+    write_table(path, drive.t_s, drive.names, values)
+    return path
+
+
+@pytest.mark.usefixtures("installed")
+def test_a_rule_sets_its_code_once_the_settings_switch_it_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    settings, out, memory = (tmp_path / name for name in ("on.toml", "out.json", "o2.db"))
+    settings.write_text('[rules]\nactive = ["noisy"]\n')
+    logs = [str(noisy_table(tmp_path, noise)) for noise in (0.0, 0.05)]
+
+    def judged(*options: str) -> list[list[str]]:
+        cli.main(["replay", *logs, "--quiet", "--json", str(out), *options])
+        found = json.loads(out.read_text())["recordings"]
+        return [[dtc["code"] for dtc in recording["dtcs"]] for recording in found]
+
+    assert all("P1130" not in found for found in judged())
+    own = judged("--config", str(settings), "--memory", str(memory))
+    assert "P1130" not in own[0]
+    assert "P1130" in own[1]
+    # AND the memory keeps the code also where the rule is not installed
+    rules._load.cache_clear()
+    for table in (codes.CODES, codes.TESTS, codes.TEST_OF):
+        table.pop("noisy", None)
+    assert cli.main(["dtc", "list", "--memory", str(memory)]) == 0
+    assert "P1130" in capsys.readouterr().out
+
+
+OWN_RULES = """
+class Clashing:
+    faults = {"biased_lean": "P1131"}
+
+
+class Public:
+    faults = {"own": "P0133"}
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "said"),
+    [
+        ("absent", None, "no such rule; installed are "),
+        ("clashing", "Clashing", "the name biased_lean is taken"),
+        ("public", "Public", "a new code from P1000 to P1FFF is wanted"),
+        ("broken", "Missing", "fails: "),
+    ],
+)
+def test_a_rule_that_cannot_be_used_is_named(
+    name: str, kind: str | None, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if kind:
+        (tmp_path / "own_rules.py").write_text(OWN_RULES)
+        info = tmp_path / "own_rules-1.dist-info"
+        info.mkdir()
+        (info / "METADATA").write_text("Metadata-Version: 2.1\nName: own-rules\nVersion: 1\n")
+        (info / "entry_points.txt").write_text(f"[{rules.GROUP}]\n{name} = own_rules:{kind}\n")
+        monkeypatch.syspath_prepend(tmp_path)
+        monkeypatch.delitem(sys.modules, "own_rules", raising=False)
+    with pytest.raises(ConfigError, match=rf"\[rules\] {name}: .*{said}"):
+        rules.loaded([name])
