@@ -86,7 +86,7 @@ def answer(vehicle: int, number: int, case: Case, known: Healthy) -> str:
             sensor = sensor._replace(start_s=ONSET_S)
         driven.append(drive(vehicle, 1000 * vehicle + 100 + 10 * number + i, hidden, sensor))
     found = name(driven, known)
-    return " ".join([found.verdict, *(each.name for each in found.effects)])
+    return " ".join([found.verdict, *(each.name for each in found.answer.effects)])
 
 
 def main() -> None:

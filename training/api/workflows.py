@@ -41,7 +41,7 @@ class Gap:
     @property
     def model(self) -> Path | None:
         """Return the new model file, None if none was written."""
-        return self.result.new_model
+        return self.result.addition.path
 
     def to_dict(self) -> dict[str, Any]:
         """Return ``o2train.gap/1`` as plain dicts and lists."""

@@ -152,7 +152,7 @@ def run(args: argparse.Namespace) -> int:
             bar.update()
 
         result = investigate(material, args.out, options, stages=stages, progress=progress)
-    if result.new_model is None:  # an earlier run may have left a model
+    if result.addition.path is None:  # an earlier run may have left a model
         (args.out / NEW_MODEL).unlink(missing_ok=True)
     for warning in cautions(result):
         print(f"o2train: warning: {warning}", file=sys.stderr)
@@ -205,16 +205,17 @@ def _print(result: "Result", out: Path) -> None:
     before, after, floor, measured_on = result.rmse
     then = "" if after is None else f", {after:.4f} after"
     print(f"RMSE in phi on {measured_on}: {before:.4f} before{then}, noise floor {floor:.4f}")
-    for candidate in result.naming.ranking[:5]:
+    for candidate in result.naming.trials.ranking[:5]:
+        merit = candidate.merit
         print(
-            f"  {candidate.name}: score {candidate.score:.0f} ({candidate.needed:.0f} needed), "
-            f"t {candidate.t:.1f} ({T_LEAST:.0f} needed)"
-            + ("" if candidate.physical else ", with constants that it cannot have")
+            f"  {candidate.name}: score {merit.score:.0f} ({merit.needed:.0f} needed), "
+            f"t {merit.t:.1f} ({T_LEAST:.0f} needed)"
+            + ("" if merit.physical else ", with constants that it cannot have")
         )
-    if result.naming.experiment is not None:
-        print(f"to tell them apart: {result.naming.experiment}")
+    if result.naming.answer.experiment is not None:
+        print(f"to tell them apart: {result.naming.answer.experiment}")
     if result.unknown:
         print(result.unknown)
-    if result.new_model is not None:
-        print(f"model: {result.new_model}")
+    if result.addition.path is not None:
+        print(f"model: {result.addition.path}")
     print(f"report: {out / REPORT}")

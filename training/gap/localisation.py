@@ -17,8 +17,8 @@ from monitor.base.types import BoolArray, FloatArray
 from monitor.model.card import ModelCard
 from training.gap.config import CONFIG
 from training.gap.inputs import suitability
-from training.gap.name.verdict import Naming, Verdict
-from training.gap.result import ModelFile, Result
+from training.gap.name.verdict import Answer, BlockError, Naming, Trials, Verdict
+from training.gap.result import Inputs, ModelFile, Result
 from training.gap.where.findings import Findings, localise
 from training.greybox.effects import ALL
 from training.greybox.fit.comparison import Comparison
@@ -59,15 +59,17 @@ def investigate(
     answer = _naming(found, missing, optimism, sensor_known_good)
     unknown = " ".join(found.significant) if answer.verdict == "unknown_effect" else None
     return Result(
-        model=ModelFile.of(model),
-        recordings=tuple(map(training_recording, recordings)),
-        healthy=tuple(map(training_recording, healthy)),
-        held_out=(),
+        inputs=Inputs(
+            model=ModelFile.of(model),
+            recordings=tuple(map(training_recording, recordings)),
+            healthy=tuple(map(training_recording, healthy)),
+            held_out=(),
+            sensor_known_good=sensor_known_good,
+        ),
         findings=found,
         naming=answer,
         unknown=unknown,
         warnings=tuple(suitability.poor_model_warnings(card)),
-        sensor_known_good=sensor_known_good,
         seconds=time.monotonic() - began_s,
     )
 
@@ -110,11 +112,15 @@ def _naming(
         )
     return Naming(
         verdict=verdict,
-        suspected=suspected,
-        skipped={effect.name: tuple(missing) for effect in ALL},
-        rmse_before=float(np.sqrt(found.excess.mean_square)),
-        noise_floor=found.floor.rms,
-        explained_share=nan,
+        answer=Answer(suspected=suspected),
+        trials=Trials(skipped={effect.name: tuple(missing) for effect in ALL}),
+        base=None,
+        error=BlockError(
+            before=float(np.sqrt(found.excess.mean_square)),
+            after=None,
+            floor=found.floor.rms,
+            explained_share=nan,
+        ),
         warnings=tuple(warnings),
     )
 

@@ -4,20 +4,20 @@ The JSON's names are a contract: DESIGN, section 4.
 """
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
 from monitor.base.outputs import write_text
 from monitor.model.card import TrainingRecording
 from monitor.model.step import Model
+from training.gap.add.addition import Addition
 from training.gap.config import CONFIG
-from training.gap.name.ranking import RIVAL_SCORE, WIN
-from training.gap.name.verdict import Candidate, Naming, Verdict
+from training.gap.name.ranking import RIVAL_SCORE, loses
+from training.gap.name.verdict import Base, Candidate, Naming, Verdict
 from training.gap.verify.evidence import Verification
 from training.gap.where.findings import Findings
 from training.greybox.chain import Constants
-from training.greybox.effects.model_effect import ModelEffect
 from training.jobs.json_tree import plain
 from training.recordings.recording import sha256
 
@@ -42,6 +42,23 @@ class ModelFile:
 
 
 @dataclass(frozen=True, slots=True)
+class Inputs:
+    """The model under study and the recordings that were read."""
+
+    model: ModelFile
+    recordings: tuple[TrainingRecording, ...]  # in which the effect was looked for
+    healthy: tuple[TrainingRecording, ...]
+    held_out: tuple[TrainingRecording, ...]  # for verifying; no parameter of the new model saw them
+    sensor_known_good: bool = False
+
+    @property
+    def simulated(self) -> tuple[bool, ...]:
+        """Return for every recording whether it says that it is simulated."""
+        used = (*self.recordings, *self.healthy, *self.held_out)
+        return tuple("simulated" in r.source for r in used)
+
+
+@dataclass(frozen=True, slots=True)
 class Step:
     """One round of adding: the effect, the error after it and the ranking it came from."""
 
@@ -54,22 +71,14 @@ class Step:
 class Result:
     """Findings, naming, new model and verification of one run."""
 
-    model: ModelFile
-    recordings: tuple[TrainingRecording, ...]  # in which the effect was looked for
-    healthy: tuple[TrainingRecording, ...]
-    held_out: tuple[TrainingRecording, ...]  # for verifying; no parameter of the new model saw them
+    inputs: Inputs
     findings: Findings | None
     naming: Naming
-    added: tuple[ModelEffect, ...] = ()  # as in the new model
-    form: str = ""  # how it was added, a sentence
+    addition: Addition = field(default_factory=Addition)
     verified: Verification | None = None
-    new_model: Path | None = None
-    steps: tuple[Step, ...] = ()
     unknown: str | None = None  # description of an effect that is not in the library, sentences
     warnings: tuple[str, ...] = ()  # beside those of the naming
-    sensor_known_good: bool = False
     seconds: float | None = None
-    withdrawn: str | None = None  # why a new model was not kept: what the monitor loses by it
 
     @property
     def verdict(self) -> Verdict:
@@ -79,7 +88,7 @@ class Result:
     @property
     def effects(self) -> tuple[Candidate, ...]:
         """Return the named effects, or the ambiguous set, at most three."""
-        found = self.naming.effects if self.verdict in ("named", "ambiguous") else ()
+        found = self.naming.answer.effects if self.verdict in ("named", "ambiguous") else ()
         return found[: CONFIG.inputs.effects_max]
 
     @property
@@ -88,22 +97,26 @@ class Result:
         return self.naming.base is not None
 
     @property
-    def simulated(self) -> tuple[bool, ...]:
-        """Return for every recording whether it says that it is simulated."""
-        used = (*self.recordings, *self.healthy, *self.held_out)
-        return tuple("simulated" in r.source for r in used)
-
-    @property
     def rmse(self) -> tuple[float, float | None, float, str]:
         """Return RMSE before and after, the floor, all in phi, and the samples they are of."""
-        naming, verified = self.naming, self.verified
+        error, verified = self.naming.error, self.verified
+        added = bool(self.addition.effects)
         if verified is not None and verified.overall.floor is not None:
             whole = verified.overall
-            after = whole.after if self.added else None
+            after = whole.after if added else None
             return whole.before, after, verified.overall.floor, HELD_OUT_DRIVES
-        after = naming.rmse_after if self.added else None
+        after = error.after if added else None
         measured_on = HELD_OUT_BLOCKS if self.tried else NOTHING_FITTED
-        return naming.rmse_before, after, naming.noise_floor, measured_on
+        return error.before, after, error.floor, measured_on
+
+    @property
+    def steps(self) -> tuple[Step, ...]:
+        """Return the model as it came, then each round of the naming; none if none was tried."""
+        if not self.tried:
+            return ()
+        rounds = self.naming.trials.rounds
+        first = Step("", self.naming.error.before)
+        return (first, *(Step(r.effect.name, r.rmse, r.ranking) for r in rounds))
 
     @property
     def all_warnings(self) -> tuple[str, ...]:
@@ -118,19 +131,13 @@ class Result:
     def ranking_of(self, name: str) -> tuple[Candidate, ...]:
         """Return the ranking out of which an effect was chosen, best first."""
         chosen = next((s.ranking for s in self.steps if s.added == name and s.ranking), ())
-        return chosen or self.naming.ranking
-
-
-def steps_of(naming: Naming) -> tuple[Step, ...]:
-    """Return the model as it came, then each round of a naming."""
-    first = Step("", naming.rmse_before)
-    return (first, *(Step(r.effect.name, r.rmse, r.ranking) for r in naming.rounds))
+        return chosen or self.naming.trials.ranking
 
 
 def runner_up(result: Result, effect: Candidate) -> Candidate | None:
     """Return the best other candidate of the ranking out of which an effect was chosen."""
     others = [c for c in result.ranking_of(effect.name) if c.name != effect.name]
-    return max(others, key=lambda c: c.score, default=None)
+    return max(others, key=lambda c: c.merit.score, default=None)
 
 
 def separated(result: Result, effect: Candidate) -> bool:
@@ -142,15 +149,17 @@ def separated(result: Result, effect: Candidate) -> bool:
     if result.verdict != "named":
         return False
     return all(
-        c.win is None or c.win >= WIN
+        c.merit.win is None or loses(c)
         for c in result.ranking_of(effect.name)
-        if c.name not in (effect.name, *effect.like) and c.score >= RIVAL_SCORE * effect.score
+        if c.name not in (effect.name, *effect.like)
+        and c.merit.score >= RIVAL_SCORE * effect.merit.score
     )
 
 
 def as_json(result: Result) -> dict[str, Any]:
     """Return ``gap.json``; every number is finite or null."""
-    naming, verified = result.naming, result.verified
+    inputs, addition, verified = result.inputs, result.addition, result.verified
+    answer, trials = result.naming.answer, result.naming.trials
     before, after, floor, measured_on = result.rmse
     found: dict[str, Any] = {
         "schema": SCHEMA,
@@ -164,35 +173,33 @@ def as_json(result: Result) -> dict[str, Any]:
         "measured_on": measured_on,
         "detection_before": None if verified is None else verified.rate_before,
         "detection_after": None if verified is None else verified.rate_after,
-        "experiment": None if naming.experiment is None else str(naming.experiment),
-        "model": None if result.new_model is None else str(result.new_model),
-        "form": result.form or None,
-        "withdrawn": result.withdrawn,
-        "suspected": naming.suspected,
-        "indistinguishable": [c.name for c in naming.indistinguishable],
+        "experiment": None if answer.experiment is None else str(answer.experiment),
+        "model": None if addition.path is None else str(addition.path),
+        "form": addition.form or None,
+        "withdrawn": addition.withdrawn,
+        "suspected": answer.suspected,
+        "indistinguishable": [c.name for c in answer.indistinguishable],
         "unknown_effect": result.unknown,
-        "explained_share": naming.explained_share,
-        "ranking": [_candidate(c) for c in naming.ranking],
-        "skipped": {name: list(signals) for name, signals in naming.skipped.items()},
+        "explained_share": result.naming.error.explained_share,
+        "ranking": [_candidate(c) for c in trials.ranking],
+        "skipped": {name: list(signals) for name, signals in trials.skipped.items()},
         "steps": [{"added": s.added or None, "rmse": s.rmse} for s in result.steps],
-        "base": _constants(naming.base),
-        "reference": _constants(naming.reference),
-        "base_shift": _constants(naming.base_shift),
+        **_base(result.naming.base),
         "verified": None if verified is None else verified.as_json(),
         "warnings": list(result.all_warnings),
-        "simulated": any(result.simulated),
-        "sensor_known_good": result.sensor_known_good,
+        "simulated": any(inputs.simulated),
+        "sensor_known_good": inputs.sensor_known_good,
         "base_model": {
-            "path": str(result.model.path),
-            "sha256": result.model.sha256,
-            "kind": result.model.kind,
+            "path": str(inputs.model.path),
+            "sha256": inputs.model.sha256,
+            "kind": inputs.model.kind,
         },
         **{
             role: [_recording(r) for r in used]
             for role, used in (
-                ("recordings", result.recordings),
-                ("healthy", result.healthy),
-                ("held_out", result.held_out),
+                ("recordings", inputs.recordings),
+                ("healthy", inputs.healthy),
+                ("held_out", inputs.held_out),
             )
         },
         "seconds": result.seconds,
@@ -211,7 +218,7 @@ def _effect(result: Result, chosen: Candidate) -> dict[str, Any]:
     """Return an entry of ``effects``; its parameters are those in the model."""
     second = runner_up(result, chosen)
     entry = _candidate(chosen)
-    own = next((a for a in result.added if a.name == chosen.name), None)
+    own = next((a for a in result.addition.effects if a.name == chosen.name), None)
     if own is not None:
         entry |= {
             "parameters": dict(own.parameters),
@@ -219,29 +226,30 @@ def _effect(result: Result, chosen: Candidate) -> dict[str, Any]:
         }
     return entry | {
         "runner_up": None if second is None else second.name,
-        "runner_up_score": None if second is None else second.score,
-        "runner_up_win": None if second is None else second.win,
+        "runner_up_score": None if second is None else second.merit.score,
+        "runner_up_win": None if second is None else second.merit.win,
         "separated": separated(result, chosen),
         "added": own is not None,
     }
 
 
 def _candidate(c: Candidate) -> dict[str, Any]:
+    merit = c.merit
     return {
         "name": c.name,
         "kind": c.kind,
         "class": list(c.like),
         "tag": c.tag,
-        "says": c.says,
-        "parameters": dict(c.parameters),
-        "standard_errors": dict(c.standard_errors),
-        "units": dict(c.units),
-        "score": c.score,
-        "score_needed": c.needed,
-        "physical": c.physical,
-        "t": c.t,
-        "adequacy": c.adequacy,
-        "win": c.win,
+        "says": c.term.says,
+        "parameters": c.parameters,
+        "standard_errors": c.standard_errors,
+        "units": c.units,
+        "score": merit.score,
+        "score_needed": merit.needed,
+        "physical": merit.physical,
+        "t": merit.t,
+        "adequacy": merit.adequacy,
+        "win": merit.win,
     }
 
 
@@ -249,5 +257,10 @@ def _recording(r: TrainingRecording) -> dict[str, Any]:
     return {"path": r.path, "sha256": r.sha256, "samples": r.samples, "source": r.source or None}
 
 
-def _constants(values: Constants | None) -> dict[str, float] | None:
-    return None if values is None else values._asdict()
+def _base(base: Base | None) -> dict[str, dict[str, float] | None]:
+    """Return base, reference and shift by the JSON's names."""
+    values: tuple[Constants | None, ...] = (None, None, None)
+    if base is not None:
+        values = (base.constants, base.reference, base.shift)
+    names = ("base", "reference", "base_shift")
+    return {n: None if v is None else v._asdict() for n, v in zip(names, values, strict=True)}

@@ -17,7 +17,7 @@ from training.gap.inputs.subject import Subject
 from training.gap.name.knowledge import Knowledge
 from training.gap.name.naming import name
 from training.gap.name.verdict import Naming
-from training.gap.result import ModelFile, Result, steps_of
+from training.gap.result import Inputs, ModelFile, Result
 from training.gap.verify.evidence import Verification
 from training.gap.verify.verification import verify
 from training.gap.where.findings import Findings, localise
@@ -49,8 +49,7 @@ def investigate(
     """
     began_s, stages = time.monotonic(), stages or Checkpoints()
     card = base.check(material.model)
-    missing = suitability.check_files(material.roles, card, material.model.name)
-    if missing:
+    if missing := suitability.check_files(material.roles, card, material.model.name):
         return localisation.investigate(
             model=material.model,
             card=card,
@@ -61,24 +60,10 @@ def investigate(
             progress=progress,
         )
     subject = Subject.of(material, card)
-    before = Knowledge.of(subject, known, stages, progress)
-    where = None
-    if options.localise:
-        where = stages.done("where", Findings, lambda: _where(subject, progress))
-    naming = stages.done(
-        "name",
-        Naming,
-        lambda: name(
-            subject.drives,
-            before.known,
-            before.base if subject.is_greybox else None,
-            steps=options.steps,
-            sensor_known_good=options.sensor_known_good,
-            progress=progress,
-        ),
-    )
-    knowledge = before.after(naming, subject)
-    mixing = knowledge.mix_warnings(subject, naming)
+    learned = Knowledge.of(subject, known, stages, progress)
+    findings = _findings(subject, options, stages, progress)
+    naming = _naming(subject, learned, options, stages, progress)
+    knowledge = learned.after(naming, subject)
     addition = add(
         subject=subject,
         naming=naming,
@@ -87,70 +72,115 @@ def investigate(
         options=options,
         progress=progress,
     )
-    verification = None
-    if material.held_out:
-        verification = stages.done(
-            "verify",
-            Verification,
-            lambda: _verification(material, addition, knowledge, options, progress),
-        )
-    addition, harm = delivered(addition, verification, out / NEW_MODEL)
+    verification = _verification(subject, addition, knowledge, options, stages, progress)
+    addition = delivered(addition, verification, out / NEW_MODEL)
     return Result(
-        model=ModelFile.of(material.model),
-        recordings=tuple(map(training_recording, material.recordings)),
-        healthy=tuple(map(training_recording, material.healthy)),
-        held_out=tuple(map(training_recording, material.held_out)),
-        findings=where,
+        inputs=_read(material, options),
+        findings=findings,
         naming=naming,
-        added=addition.effects,
-        form=addition.form,
+        addition=addition,
         verified=verification,
-        new_model=addition.path,
-        withdrawn=harm,
-        steps=steps_of(naming),
         unknown=knowledge.unknown_effect(subject.drives, naming),
-        warnings=(
-            *suitability.unlearned_effect_warnings(material.recordings, material.healthy),
-            *knowledge.coverage_warnings(subject.drives),
-            *knowledge.doubts,
-            *suitability.poor_model_warnings(card),
-            *mixing,
-            *addition.warnings,
-            *uncertain(addition.effects),
-            *suitability.held_out_warnings(card, material.held_out),
-        ),
-        sensor_known_good=options.sensor_known_good,
+        warnings=_warnings(subject, knowledge, naming, addition),
         seconds=time.monotonic() - began_s,
     )
 
 
-def delivered(
-    addition: Addition, verification: Verification | None, path: Path
-) -> tuple[Addition, str | None]:
-    """Return what stays of an addition, its file as ``path``, and why the file was deleted."""
-    harm = verification.harm if verification and addition.path else None
-    return (addition.withdrawn() if harm else addition.kept(path)), harm
+def _findings(
+    subject: Subject, options: Options, stages: Checkpoints, progress: Progress
+) -> Findings | None:
+    """Return where the model's free run disagrees; None if that is not asked for."""
+
+    def made() -> Findings:
+        progress("localising")
+        return localise(*subject.compared())
+
+    return stages.done("where", Findings, made) if options.localise else None
 
 
-def _where(subject: Subject, progress: Progress) -> Findings:
-    progress("localising")
-    return localise(*subject.compared())
+def _naming(
+    subject: Subject,
+    knowledge: Knowledge,
+    options: Options,
+    stages: Checkpoints,
+    progress: Progress,
+) -> Naming:
+    """Return the effect that explains the recordings, held to the healthy vehicle."""
+    return stages.done(
+        "name",
+        Naming,
+        lambda: name(
+            subject.drives,
+            knowledge.known,
+            knowledge.base if subject.is_greybox else None,
+            steps=options.steps,
+            sensor_known_good=options.sensor_known_good,
+            progress=progress,
+        ),
+    )
 
 
 def _verification(
-    material: Material,
+    subject: Subject,
     addition: Addition,
     knowledge: Knowledge,
     options: Options,
+    stages: Checkpoints,
     progress: Progress,
-) -> Verification:
-    return verify(
-        material.model,
-        addition.path,
-        material.held_out,
-        material.healthy,
-        chain=knowledge.plain,
-        accepted=material.fit if addition.path else (),
-        faults=options.faults,
-        progress=progress,
+) -> Verification | None:
+    """Return how the new model does on held-out recordings; None if nothing is held out."""
+    material = subject.material
+    if not material.held_out:
+        return None
+    return stages.done(
+        "verify",
+        Verification,
+        lambda: verify(
+            material.model,
+            addition.path,
+            material.held_out,
+            material.healthy,
+            chain=knowledge.plain,
+            accepted=material.fit if addition.path else (),
+            faults=options.faults,
+            progress=progress,
+        ),
+    )
+
+
+def delivered(addition: Addition, verification: Verification | None, path: Path) -> Addition:
+    """Return the addition with its file as ``path``, or without one that harms the monitor."""
+    harm = verification.harm if verification and addition.path else None
+    return addition.without_file(harm) if harm else addition.kept(path)
+
+
+def _read(material: Material, options: Options) -> Inputs:
+    """Return the model and the recordings as the report names them."""
+    recordings, healthy, held_out = (
+        tuple(map(training_recording, each))
+        for each in (material.recordings, material.healthy, material.held_out)
+    )
+    return Inputs(
+        model=ModelFile.of(material.model),
+        recordings=recordings,
+        healthy=healthy,
+        held_out=held_out,
+        sensor_known_good=options.sensor_known_good,
+    )
+
+
+def _warnings(
+    subject: Subject, knowledge: Knowledge, naming: Naming, addition: Addition
+) -> tuple[str, ...]:
+    """Return the warnings of all steps beside those of the naming."""
+    material, card = subject.material, subject.card
+    return (
+        *suitability.unlearned_effect_warnings(material.recordings, material.healthy),
+        *knowledge.coverage_warnings(subject.drives),
+        *knowledge.doubts,
+        *suitability.poor_model_warnings(card),
+        *knowledge.mix_warnings(subject, naming),
+        *addition.warnings,
+        *uncertain(addition.effects),
+        *suitability.held_out_warnings(card, material.held_out),
     )

@@ -83,4 +83,4 @@ def test_an_effect_is_named_on_a_vehicle_that_has_walls_when_healthy() -> None:
     # looked for before volumes, which imitate walls
     assert reference.own[0][0].name == "wall_film"
     assert found.verdict == "named"
-    assert [effect.name for effect in found.effects] == ["injector_offset"]
+    assert [effect.name for effect in found.answer.effects] == ["injector_offset"]

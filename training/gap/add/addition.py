@@ -32,16 +32,17 @@ class Addition:
     form: str = ""  # a sentence
     effects: tuple[ModelEffect, ...] = ()
     warnings: tuple[str, ...] = ()
+    withdrawn: str | None = None  # why a new model was not kept: what the monitor loses by it
 
     def kept(self, path: Path) -> "Addition":
         """Return the addition with its file, if there is one, moved to ``path``."""
         return self if self.path is None else replace(self, path=self.path.replace(path))
 
-    def withdrawn(self) -> "Addition":
-        """Return the addition without its file, which is deleted."""
+    def without_file(self, harm: str) -> "Addition":
+        """Return what stays of the addition: its file is deleted, for the harm that it does."""
         if self.path is not None:
             self.path.unlink()
-        return Addition(warnings=self.warnings)
+        return Addition(warnings=self.warnings, withdrawn=harm)
 
 
 def add(
@@ -85,7 +86,7 @@ def withheld_effects(naming: Naming, options: Options) -> str | None:
     """Return a warning if a named effect may be a fault and nobody said that it is none."""
     names = [
         c.name
-        for c in naming.effects
+        for c in naming.answer.effects
         if c.tag == "fault-like" and not options.sensor_known_good and c.name not in options.add
     ]
     if not names:

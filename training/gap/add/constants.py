@@ -39,7 +39,10 @@ def constant_choices(
     """
     recordings = material.fit
     drives = base.drives_of(material.model, recordings, material.healthy)
-    state, last = base_state(drives, known, known.base if known else start), naming.effects[-1].fit
+    state, last = (
+        base_state(drives, known, known.base if known else start),
+        naming.answer.effects[-1].fit,
+    )
     alone = _alone(state)
     # An effect that varies between drives would follow the drive in which it is strongest.
     also = () if any(getattr(term, "varies", False) for term in last.terms) else (alone,)
@@ -75,16 +78,8 @@ def _ratio(found: tuple[Fit, float]) -> float:
 
 def _added(naming: Naming, found: Fit) -> tuple[ModelEffect, ...]:
     """Return the named effects with the constants of a fit."""
-    added = []
-    for candidate, values, errors in zip(
-        naming.effects, found.parameters, found.standard_errors, strict=True
-    ):
-        names = list(candidate.parameters)
-        added.append(
-            replace(
-                candidate,
-                parameters=dict(zip(names, values.tolist(), strict=True)),
-                standard_errors=dict(zip(names, errors.tolist(), strict=True)),
-            ).model_effect()
-        )
-    return tuple(added)
+    named = (c.name for c in naming.answer.effects)
+    values = zip(named, found.parameters, found.standard_errors, strict=True)
+    return tuple(
+        ModelEffect.with_values(name, own.tolist(), errors.tolist()) for name, own, errors in values
+    )

@@ -69,8 +69,8 @@ def step(
     ranking = rank(state, candidates, progress)
     held = [c for c in ranking if _holds(c)]
     strong = [c for c in held if matters(c)]
-    strange = [c for c in ranking if not c.physical and _holds(c, T_STRANGE)]
-    strange += [c for c in held[:1] if c.physical and c not in strong]
+    strange = [c for c in ranking if not c.merit.physical and _holds(c, T_STRANGE)]
+    strange += [c for c in held[:1] if c.merit.physical and c not in strong]
     plain = plainest(state)
     no_rival = plain is not None and _is_no_rival(state, ranking[0], plain)
     if strong and (
@@ -92,13 +92,14 @@ def step(
 
 def _holds(candidate: Candidate, t_least: float = T_LEAST) -> bool:
     """Return whether a gain is more than chance and even over the blocks that it moves."""
-    return candidate.score >= candidate.needed and candidate.t >= t_least
+    merit = candidate.merit
+    return merit.score >= merit.needed and merit.t >= t_least
 
 
 def _rules_out(state: State, strange: Candidate, best: Candidate) -> bool:
     """Return whether an implausible candidate (too small, or wrong sign) beats the best."""
-    if strange.physical:
-        return best.score < EQUAL * strange.score
+    if strange.merit.physical:
+        return best.merit.score < EQUAL * strange.merit.score
     blocks = state.case.blocks
     own, other = (scoring.deviance(c.fit, blocks) for c in (best, strange))
     return scoring.win(own, other) < WIN
@@ -117,13 +118,13 @@ def _is_confirmed(state: State, best: Candidate) -> bool:
 def _is_no_rival(state: State, best: Candidate, plain: Plain) -> bool:
     """Return whether one plain function of a signal explains far more than the best candidate."""
     own = scoring.deviance(best.fit, state.case.blocks)
-    far = best.score < RIVAL_SCORE * plain.score.gain
+    far = best.merit.score < RIVAL_SCORE * plain.score.gain
     return far and scoring.win(plain.deviance, own) >= WIN
 
 
 def _is_large(candidate: Candidate) -> bool:
     """Return whether the gain is far more than healthy drives give, if only in some blocks."""
-    return candidate.score > LARGE * candidate.needed
+    return candidate.merit.score > LARGE * candidate.merit.needed
 
 
 def _of_effects(
@@ -136,7 +137,7 @@ def _of_effects(
     if not strong or strong[0].kind == "sensor fault":
         return None
     best, among = strong[0], tuple(c for c in strong if c.kind == "effect")[:AMBIGUOUS_MOST]
-    parts = all((c.adequacy or 0.0) < ADEQUATE for c in among)
+    parts = all((c.merit.adequacy or 0.0) < ADEQUATE for c in among)
     if len(among) == 1 or (parts and more):
         return Outcome("named", ranking, best=(best,))
     if parts:
@@ -153,7 +154,7 @@ def _nothing(
     """
     if added:
         return "no_gap"
-    unlike = any(_is_large(c) and not c.physical for c in strange)
+    unlike = any(_is_large(c) and not c.merit.physical for c in strange)
     return "unknown_effect" if unlike or plain is not None else "no_gap"
 
 
@@ -161,9 +162,9 @@ def _is_felt(state: State, fault: Candidate) -> bool:
     """Return whether a sensor fault is beyond chance and explains half of the ceiling."""
     if not (_is_large(fault) or _holds(fault)):
         return False
-    share = fault.adequacy
+    share = fault.merit.adequacy
     if share is None:
-        share = adequacy_of(state, fault.score, fault.fit)
+        share = adequacy_of(state, fault.merit.score, fault.fit)
     return share >= FAULT_ADEQUATE
 
 
@@ -188,14 +189,14 @@ def _at_fault(
     as_good = _as_good(strong, ranking, words) if words else ()
     looked_at = strong[:1] or [c for c in ranking[:RANKED_CLOSELY] if _is_large(c)]
     for candidate in () if words else looked_at:
-        if strong and getattr(candidate.fit.terms[-1], "varies", False):
+        if strong and getattr(candidate.term, "varies", False):
             continue
         began = guards.onset_s(state.case, state.current, candidate.fit)
         if began is not None:
             words = f"it begins in {began[0]} at {began[1]:.0f} s"
     rivals = [c for c in ranking if c.kind == "sensor fault" or c.name in GAIN_CLASS]
-    least = RIVAL_SCORE * ranking[0].score
-    felt = not strong and any(c.score >= least and _is_felt(state, c) for c in rivals)
+    least = RIVAL_SCORE * ranking[0].merit.score
+    felt = not strong and any(c.merit.score >= least and _is_felt(state, c) for c in rivals)
     if words is None and felt and (shift := _shift(state)) is not None:
         words = f"{shift} left its healthy reference"
     if words is None:
@@ -217,7 +218,7 @@ def _as_good(
 
 def _is_near_bias(candidate: Candidate, best: Candidate) -> bool:
     """Return whether a candidate is a biased sensor that explains nearly as much as the best."""
-    near = candidate.score >= BIAS_NEAR * best.score
+    near = candidate.merit.score >= BIAS_NEAR * best.merit.score
     return candidate.name == GAIN_CLASS[1] and near and matters(candidate)
 
 

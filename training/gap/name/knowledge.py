@@ -63,7 +63,7 @@ class Knowledge:
     def after(self, naming: Naming, subject: Subject) -> "Knowledge":
         """Return the knowledge with the naming's base, where nothing else said the constants."""
         if self.known is None and naming.base is not None and not subject.is_greybox:
-            return replace(self, start=naming.base)
+            return replace(self, start=naming.base.constants)
         return self
 
     def coverage_warnings(self, drives: Sequence[Drive]) -> list[str]:

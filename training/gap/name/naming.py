@@ -7,8 +7,8 @@ against each other, most of what can be explained at all is explained, no rival 
 and nothing speaks for the sensor.
 """
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -19,9 +19,18 @@ from training.gap.name import scoring, yardstick
 from training.gap.name.base_state import FREE, base_state
 from training.gap.name.decision import Outcome, step
 from training.gap.name.ranking import ADEQUATE, State, adequacy_of
-from training.gap.name.verdict import Candidate, Naming, Round, Verdict
+from training.gap.name.verdict import (
+    Answer,
+    Base,
+    BlockError,
+    Candidate,
+    Naming,
+    Round,
+    Trials,
+    Verdict,
+)
 from training.greybox.chain import Constants
-from training.greybox.effects import ALL
+from training.greybox.effects import ALL, Effect
 from training.greybox.fit.drive import Drive
 from training.greybox.fit.joint import Case, Prior, Term, fit, held_out_rmse
 from training.greybox.fit.sensor_faults import FAULTS
@@ -52,51 +61,69 @@ def name(
     progress : is told what goes on
     Raises RecordingError if there is no drive or their sample periods differ.
     """
-    every = (*drives, *(() if isinstance(healthy, Healthy) else healthy or ()))
-    if not drives or len({round(d.period_s, 6) for d in every}) != 1:
-        raise RecordingError("the gap workflow wants drives of one sample period, at least one")
+    _check_one_period(drives, healthy)
     progress("base")
     known = _known(healthy, reference, progress)
-    state = base_state(drives, known, known.base if known else reference)
-    skipped = {
-        e.name: missing
-        for e in ALL
-        if (missing := tuple(n for n in e.needs if any(n not in d.signals for d in drives)))
-    }
-    candidates: list[Term] = [e for e in state.case.drives[0].effects if e.name not in skipped]
-    if not sensor_known_good and state.case.prior is not None:
+    first = base_state(drives, known, known.base if known else reference)
+    skipped = {effect.name: missing for effect in ALL if (missing := _missing(effect, drives))}
+    candidates: list[Term] = [e for e in first.case.drives[0].effects if e.name not in skipped]
+    if not sensor_known_good and first.case.prior is not None:
         candidates += FAULTS
-    first, added, rounds = state, list[Candidate](), list[Round]()
-    warnings = _doubts(state.case, known)
-    outcome = Outcome("no_gap", ())
-    for number in range(steps):
-        more = number + 1 < steps
-        outcome = step(state, candidates, added, sensor_known_good, progress, more=more)
-        if outcome.verdict != "named":
-            break
-        added.append(outcome.best[0])
-        rmse = held_out_rmse(state.case, added[-1].fit)
-        rounds.append(Round(added[-1], rmse, outcome.ranking))
-        if added[-1].tag == "fault-like" and not sensor_known_good:
-            warnings.append(
-                f"{added[-1].name} may be a fault: add it only if it is known not to be"
-            )
-        candidates = [c for c in candidates if c.name != added[-1].name]
-        state = replace(
-            state,
-            current=added[-1].fit,
-            deviance=scoring.deviance(added[-1].fit, state.case.blocks),
-        )
+    advance = _advance(first, candidates, steps, sensor_known_good, progress)
     return _answer(
-        first=first,
-        last=state,
-        outcome=outcome,
-        rounds=rounds,
+        first,
+        advance,
         skipped=skipped,
         known=known,
         reference=reference,
-        warnings=warnings,
+        warnings=(*_doubts(first.case, known), *advance.warnings),
     )
+
+
+@dataclass(frozen=True, slots=True)
+class _Advance:
+    """All steps: one round per effect that a step named, and the outcome of the last step."""
+
+    last: State  # with the effects of all rounds
+    outcome: Outcome
+    rounds: tuple[Round, ...]
+    warnings: tuple[str, ...]
+
+
+def _advance(
+    state: State,
+    candidates: Sequence[Term],
+    steps: int,
+    sensor_known_good: bool,
+    progress: Progress,
+) -> _Advance:
+    """Return the steps until one names nothing, or until there are as many as were asked for."""
+    outcome, rounds, warnings = Outcome("no_gap", ()), list[Round](), list[str]()
+    for number in range(steps):
+        more = number + 1 < steps
+        added = [r.effect for r in rounds]
+        outcome = step(state, candidates, added, sensor_known_good, progress, more=more)
+        if outcome.verdict != "named":
+            break
+        best = outcome.best[0]
+        rounds.append(Round(best, held_out_rmse(state.case, best.fit), outcome.ranking))
+        if best.tag == "fault-like" and not sensor_known_good:
+            warnings.append(f"{best.name} may be a fault: add it only if it is known not to be")
+        candidates = [c for c in candidates if c.name != best.name]
+        deviance = scoring.deviance(best.fit, state.case.blocks)
+        state = replace(state, current=best.fit, deviance=deviance)
+    return _Advance(state, outcome, tuple(rounds), tuple(warnings))
+
+
+def _check_one_period(drives: Sequence[Drive], healthy: Sequence[Drive] | Healthy | None) -> None:
+    every = (*drives, *(() if isinstance(healthy, Healthy) else healthy or ()))
+    if not drives or len({round(d.period_s, 6) for d in every}) != 1:
+        raise RecordingError("the gap workflow wants drives of one sample period, at least one")
+
+
+def _missing(effect: Effect, drives: Sequence[Drive]) -> tuple[str, ...]:
+    """Return the signals of an effect that some drive lacks."""
+    return tuple(n for n in effect.needs if any(n not in d.signals for d in drives))
 
 
 def _known(
@@ -120,7 +147,7 @@ def _doubts(case: Case, known: Healthy | None) -> list[str]:
 
 def _kept(
     first: State, last: State, outcome: Outcome, rounds: Sequence[Round]
-) -> Sequence[Candidate]:
+) -> tuple[Candidate, ...]:
     """Return the added effects, or none if they leave much that could be explained.
 
     Judged after the last step, because one of two effects leaves the other.
@@ -130,13 +157,13 @@ def _kept(
     gain = float((first.deviance - last.deviance).sum())
     share = adequacy_of(first, gain, last.current)
     enough = ADEQUATE_ALONE if all(_is_alone(r.ranking) for r in rounds) else ADEQUATE
-    return [r.effect for r in rounds] if share >= enough else ()
+    return tuple(r.effect for r in rounds) if share >= enough else ()
 
 
 def _is_alone(ranking: Sequence[Candidate]) -> bool:
     """Return whether no other candidate comes near the best."""
     best, *others = ranking
-    return all(each.score < FAR * best.score for each in others)
+    return all(each.merit.score < FAR * best.merit.score for each in others)
 
 
 def _is_larger(rmse: float, drives: Sequence[Drive], known: Healthy | None) -> bool:
@@ -151,50 +178,60 @@ def _is_larger(rmse: float, drives: Sequence[Drive], known: Healthy | None) -> b
 
 def _answer(
     first: State,
-    last: State,
-    outcome: Outcome,
-    rounds: Sequence[Round],
-    skipped: dict[str, tuple[str, ...]],
+    advance: _Advance,
+    *,
+    skipped: Mapping[str, tuple[str, ...]],
     known: Healthy | None,
     reference: Constants | None,
     warnings: Sequence[str],
 ) -> Naming:
+    last, outcome, rounds = advance.last, advance.outcome, advance.rounds
     added = _kept(first, last, outcome, rounds)
+    error = _error(first, last, with_effects=bool(added))
     verdict: Verdict = "named" if added else outcome.verdict
-    rmse = held_out_rmse(first.case, first.current)
-    unexplained = verdict == "no_gap" and _is_larger(rmse, first.case.drives, known)
+    unexplained = verdict == "no_gap" and _is_larger(error.before, first.case.drives, known)
     if not added and (verdict == "named" or unexplained):
         verdict = "unknown_effect"
-    base = known.base if known else reference
-    alone = (
-        fit(replace(first.case, prior=Prior(base, FREE), fixed=None), (), [first.current])
-        if base
-        else None
-    )
-    shift = Constants(*(np.array(alone.base) - np.array(base)).tolist()) if alone else None
     if rounds and verdict == "ambiguous":
-        names = " and ".join(r.effect.name for r in rounds)
-        warnings = [
-            *warnings,
-            f"{names} came first and explains too little by itself to be named: "
-            "the candidates are what may be there beside it",
-        ]
-    explained = scoring.explained(first.current, first.roof, first.case.blocks)
+        warnings = (*warnings, _came_first(rounds))
     return Naming(
         verdict=verdict,
-        effects=tuple(added) or (outcome.best if outcome.verdict == "ambiguous" else ()),
-        suspected=outcome.suspected,
-        ranking=outcome.ranking,
-        skipped=skipped,
-        base=last.current.base,
-        reference=base,
-        base_shift=shift,
-        rmse_before=rmse,
-        rmse_after=held_out_rmse(last.case, last.current) if added else None,
-        noise_floor=scoring.floor_phi(first.case, first.current),
-        explained_share=explained / float(first.deviance.sum()),
-        experiment=outcome.experiment,
+        answer=Answer(
+            effects=added or (outcome.best if outcome.verdict == "ambiguous" else ()),
+            suspected=outcome.suspected,
+            indistinguishable=outcome.best if verdict == "sensor_fault_suspected" else (),
+            experiment=outcome.experiment,
+        ),
+        trials=Trials(outcome.ranking, rounds if added else (), skipped),
+        base=_base(first, last, known.base if known else reference),
+        error=error,
         warnings=tuple(warnings),
-        rounds=tuple(rounds) if added else (),
-        indistinguishable=outcome.best if verdict == "sensor_fault_suspected" else (),
+    )
+
+
+def _error(first: State, last: State, with_effects: bool) -> BlockError:
+    explained = scoring.explained(first.current, first.roof, first.case.blocks)
+    return BlockError(
+        before=held_out_rmse(first.case, first.current),
+        after=held_out_rmse(last.case, last.current) if with_effects else None,
+        floor=scoring.floor_phi(first.case, first.current),
+        explained_share=explained / float(first.deviance.sum()),
+    )
+
+
+def _base(first: State, last: State, reference: Constants | None) -> Base:
+    """Return the constants under the effects, and how far the base alone left its reference."""
+    if reference is None:
+        return Base(last.current.base, None, None)
+    free = replace(first.case, prior=Prior(reference, FREE), fixed=None)
+    alone = fit(free, (), [first.current])
+    shift = Constants(*(np.array(alone.base) - np.array(reference)).tolist())
+    return Base(last.current.base, reference, shift)
+
+
+def _came_first(rounds: Sequence[Round]) -> str:
+    names = " and ".join(r.effect.name for r in rounds)
+    return (
+        f"{names} came first and explains too little by itself to be named: "
+        "the candidates are what may be there beside it"
     )

@@ -4,10 +4,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
-from monitor.base.types import FloatArray
+from monitor.base.types import FloatArray, IntArray
 from training.gap.name import guards, scoring
-from training.gap.name.verdict import Candidate
-from training.greybox.effects import Effect
+from training.gap.name.verdict import Candidate, Merit
 from training.greybox.fit.joint import Case, Fit, Term, fit, has_its_signs
 from training.greybox.fit.sensor_faults import SensorFault
 from training.jobs.checkpoints import Progress
@@ -54,7 +53,15 @@ def rank(state: State, candidates: Sequence[Term], progress: Progress) -> tuple[
         adequacy = adequacy_of(state, score.gain, fitted) if place < RANKED_CLOSELY else None
         win = None if place == 0 else scoring.win(best, after)
         needed = state.needed(fitted.terms[-1].name)
-        ranking.append(_candidate(fitted, score, needed, adequacy, win))
+        merit = Merit(
+            score=score.gain,
+            needed=needed,
+            t=score.t,
+            physical=is_physical(fitted.terms[-1], fitted.parameters[-1]),
+            adequacy=adequacy,
+            win=win,
+        )
+        ranking.append(Candidate(fitted, merit))
     return tuple(ranking)
 
 
@@ -63,31 +70,6 @@ def adequacy_of(state: State, gain: float, fitted: Fit) -> float:
     usual = USUAL_SHARE * float(state.deviance.sum())
     rest = max(scoring.explained(fitted, state.roof, state.case.blocks) - usual, 0.0)
     return max(gain, 0.0) / max(max(gain, 0.0) + rest, 1e-9)
-
-
-def _candidate(
-    fitted: Fit, score: scoring.Score, needed: float, adequacy: float | None, win: float | None
-) -> Candidate:
-    term, values, errors = fitted.terms[-1], fitted.parameters[-1], fitted.standard_errors[-1]
-    names = [p.name for p in term.parameters]
-    effect = term if isinstance(term, Effect) else None
-    return Candidate(
-        name=term.name,
-        kind="effect" if effect else "sensor fault",
-        says=term.says,
-        tag=effect.tag if effect else "sensor",
-        like=effect.like if effect else (),
-        parameters=dict(zip(names, values.tolist(), strict=True)),
-        standard_errors=dict(zip(names, errors.tolist(), strict=True)),
-        units={p.name: p.unit for p in term.parameters},
-        score=score.gain,
-        needed=needed,
-        t=score.t,
-        physical=is_physical(term, values),
-        adequacy=adequacy,
-        win=win,
-        fit=fitted,
-    )
 
 
 def is_physical(term: Term, values: FloatArray) -> bool:
@@ -102,11 +84,11 @@ def is_physical(term: Term, values: FloatArray) -> bool:
 
 def matters(candidate: Candidate) -> bool:
     """Return whether the size exceeds the spread of drives and pieces."""
-    term = candidate.fit.terms[-1]
+    term = candidate.term
     if isinstance(term, SensorFault):
         return guards.large_enough(term, candidate.fit.parameters[-1])
     sizes = zip(term.parameters, candidate.parameters.values(), strict=True)
-    return candidate.physical and all(abs(size) >= p.least for p, size in sizes)
+    return candidate.merit.physical and all(abs(size) >= p.least for p, size in sizes)
 
 
 def against(
@@ -115,9 +97,18 @@ def against(
     """Return the ranking with wins of ``best``, and the rivals it does not beat."""
     blocks = state.case.blocks
     own = scoring.deviance(best.fit, blocks)
-    judged = [
-        c if c is best else replace(c, win=scoring.win(own, scoring.deviance(c.fit, blocks)))
-        for c in ranking
-    ]
-    rivals = [c for c in judged if c.win is not None and c.name != best.name and c.win < WIN]
-    return tuple(judged), [c for c in rivals if c.score >= RIVAL_SCORE * best.score and matters(c)]
+    judged = [c if c is best else _beaten_by(own, c, blocks) for c in ranking]
+    rivals = [c for c in judged if c.name != best.name and not loses(c)]
+    least = RIVAL_SCORE * best.merit.score
+    return tuple(judged), [c for c in rivals if c.merit.score >= least and matters(c)]
+
+
+def _beaten_by(deviance: FloatArray, candidate: Candidate, blocks: IntArray) -> Candidate:
+    """Return a candidate with the wins of the best one, whose deviance (n_blocks,) is given."""
+    win = scoring.win(deviance, scoring.deviance(candidate.fit, blocks))
+    return replace(candidate, merit=replace(candidate.merit, win=win))
+
+
+def loses(candidate: Candidate) -> bool:
+    """Return whether resampled blocks clearly prefer the best candidate."""
+    return candidate.merit.win is not None and candidate.merit.win >= WIN

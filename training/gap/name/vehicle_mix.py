@@ -55,9 +55,9 @@ class Partition:
 
 def chain_of(naming: Naming, reference: Constants) -> Chain:
     """Return the chain with the candidate that explains most of the gap, if there is one."""
-    if naming.verdict == "no_gap" or not naming.ranking:
+    if naming.verdict == "no_gap" or not naming.trials.ranking:
         return Chain(reference)
-    most = naming.effects[-1] if naming.verdict == "named" else naming.ranking[0]
+    most = naming.answer.effects[-1] if naming.verdict == "named" else naming.trials.ranking[0]
     return Chain(most.fit.base, most.fit.terms, most.fit.parameters)
 
 

@@ -1,48 +1,86 @@
 """The result of naming: verdict, effects with their constants, ranking, warnings."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 from training.gap.name.manoeuvres import Experiment
 from training.greybox.chain import Constants
+from training.greybox.effects import Effect
 from training.greybox.effects.model_effect import ModelEffect
-from training.greybox.fit.joint import Fit
+from training.greybox.fit.joint import Fit, Term
 
 Verdict = Literal["named", "no_gap", "ambiguous", "unknown_effect", "sensor_fault_suspected"]
+Kind = Literal["effect", "sensor fault"]
+
+
+@dataclass(frozen=True, slots=True)
+class Merit:
+    """How well a candidate explains the gap."""
+
+    score: float  # fall of the deviance on held-out blocks
+    needed: float  # score from which it exceeds its score on healthy drives
+    t: float  # of the signed square roots of the blocks' falls
+    physical: bool  # whether the effect can have such constants
+    adequacy: float | None  # of all that can be explained; None if not worked out
+    win: float | None  # how often resampled blocks prefer the best to this; None for the best
 
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """One effect or sensor fault and how well it explains the gap."""
+    """One effect or sensor fault, fitted on the base and the effects so far."""
 
-    name: str
-    kind: Literal["effect", "sensor fault"]
-    says: str
-    tag: str  # physics, fault-like or either; sensor for a sensor fault
-    like: tuple[str, ...]  # what it cannot be told from by construction
-    parameters: Mapping[str, float]
-    standard_errors: Mapping[str, float]
-    units: Mapping[str, str]
-    score: float  # fall of the deviance on held-out blocks
-    needed: float  # score below which it is nothing new, by what healthy drives give it
-    t: float  # of the signed square roots of the blocks' falls
-    physical: bool  # whether its constants are such as the effect can have
-    adequacy: float | None  # of what can be explained at all; None if not worth asking
-    win: float | None  # how often resampled blocks prefer the best to this; None for the best
-    fit: Fit
+    fit: Fit  # the candidate is its last term
+    merit: Merit
+
+    @property
+    def term(self) -> Term:
+        """Return the effect or sensor fault."""
+        return self.fit.terms[-1]
+
+    @property
+    def name(self) -> str:
+        """Return the name of the effect or sensor fault."""
+        return self.term.name
+
+    @property
+    def kind(self) -> Kind:
+        """Return whether the candidate is an effect or a sensor fault."""
+        return "effect" if isinstance(self.term, Effect) else "sensor fault"
+
+    @property
+    def tag(self) -> str:
+        """Return physics, fault-like or either; sensor for a sensor fault."""
+        return self.term.tag if isinstance(self.term, Effect) else "sensor"
+
+    @property
+    def like(self) -> tuple[str, ...]:
+        """Return the names from which the effect cannot be told by construction."""
+        return self.term.like if isinstance(self.term, Effect) else ()
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Return the fitted constants by name."""
+        return self._by_name(self.fit.parameters[-1].tolist())
+
+    @property
+    def standard_errors(self) -> dict[str, float]:
+        """Return the standard errors of the constants by name."""
+        return self._by_name(self.fit.standard_errors[-1].tolist())
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Return the units of the constants by name."""
+        return {p.name: p.unit for p in self.term.parameters}
 
     def model_effect(self) -> ModelEffect:
         """Return the effect as a part of a model; raises ModelError for a sensor fault."""
-        return ModelEffect(
-            name=self.name,
-            says=self.says,
-            tag=self.tag,
-            like=self.like,
-            parameters=self.parameters,
-            standard_errors=self.standard_errors,
-            units=self.units,
-        )
+        values, errors = self.fit.parameters[-1], self.fit.standard_errors[-1]
+        return ModelEffect.with_values(self.name, values.tolist(), errors.tolist())
+
+    def _by_name(self, values: list[float]) -> dict[str, float]:
+        names = (p.name for p in self.term.parameters)
+        return dict(zip(names, values, strict=True))
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,22 +93,50 @@ class Round:
 
 
 @dataclass(frozen=True, slots=True)
+class Answer:
+    """The conclusion beside the verdict."""
+
+    effects: tuple[Candidate, ...] = ()  # named, or the ambiguous set
+    suspected: str | None = None  # the sensor fault, or the onset
+    indistinguishable: tuple[Candidate, ...] = ()  # effects that the suspected fault looks like
+    experiment: Experiment | None = None  # drive that tells an ambiguous set apart
+
+
+@dataclass(frozen=True, slots=True)
+class Trials:
+    """The candidates that were tried."""
+
+    ranking: tuple[Candidate, ...] = ()  # of the last step, best first
+    rounds: tuple[Round, ...] = ()  # of the named effects, in the order of naming
+    skipped: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # effect → missing signals
+
+
+@dataclass(frozen=True, slots=True)
+class Base:
+    """The chain's constants under the effects."""
+
+    constants: Constants  # with the named effects
+    reference: Constants | None  # of the healthy vehicle
+    shift: Constants | None  # of the base refitted alone, against the reference
+
+
+@dataclass(frozen=True, slots=True)
+class BlockError:
+    """The error on held-out blocks, RMS in phi."""
+
+    before: float
+    after: float | None  # with the named effects
+    floor: float  # left by the ceiling, the most flexible model
+    explained_share: float  # of the whitened deviance, by the ceiling
+
+
+@dataclass(frozen=True, slots=True)
 class Naming:
     """The answer of the workflow's second step."""
 
     verdict: Verdict
-    skipped: Mapping[str, tuple[str, ...]]  # effect → signals that are missing
-    rmse_before: float  # phi, on held-out blocks
-    noise_floor: float  # phi, what the ceiling leaves on held-out blocks
-    explained_share: float  # of the whitened deviance, by the ceiling
+    answer: Answer
+    trials: Trials
+    base: Base | None  # None where no effect could be tried
+    error: BlockError
     warnings: tuple[str, ...]
-    effects: tuple[Candidate, ...] = ()  # named, or the ambiguous set
-    suspected: str | None = None  # the sensor fault, or the onset
-    ranking: tuple[Candidate, ...] = ()  # of the last step, best first
-    base: Constants | None = None  # with the named effects; None where no effect could be tried
-    reference: Constants | None = None
-    base_shift: Constants | None = None  # of the base refitted alone, against the reference
-    rmse_after: float | None = None
-    experiment: Experiment | None = None
-    rounds: tuple[Round, ...] = ()  # of the named effects, in the order found
-    indistinguishable: tuple[Candidate, ...] = ()  # effects that the suspected fault looks like

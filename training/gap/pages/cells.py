@@ -87,8 +87,8 @@ def at_bound(parameter: Parameter, value: float) -> bool:
 def recordings(result: Result) -> list[tuple[str, TrainingRecording]]:
     """Return every recording after the use that was made of it."""
     groups: tuple[tuple[str, tuple[TrainingRecording, ...]], ...] = (
-        ("held out", result.held_out),
-        ("looked at", result.recordings),
-        ("healthy", result.healthy),
+        ("held out", result.inputs.held_out),
+        ("looked at", result.inputs.recordings),
+        ("healthy", result.inputs.healthy),
     )
     return [(role, r) for role, group in groups for r in group]

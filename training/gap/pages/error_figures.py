@@ -56,12 +56,13 @@ def ranking_figure(ranking: Sequence[Candidate], chosen: Sequence[str]) -> Figur
     figure, axes = drawing(0.7 + 0.24 * len(ranking))
     colours = {"effect": "C0", "sensor fault": "C1"}
     for at, c in enumerate(ranking):
-        strong = c.name in chosen
-        axes.barh(at, c.score, color=colours[c.kind], alpha=1.0 if strong else 0.45, height=0.72)
-        words = "" if c.win is None else f"  beaten in {percent(c.win)} of draws"
+        score, win = c.merit.score, c.merit.win
+        alpha = 1.0 if c.name in chosen else 0.45
+        axes.barh(at, score, color=colours[c.kind], alpha=alpha, height=0.72)
+        words = "" if win is None else f"  beaten in {percent(win)} of draws"
         axes.annotate(
             words,
-            (max(c.score, 0.0), at),
+            (max(score, 0.0), at),
             va="center",
             size=7,
             color="0.35",
@@ -75,7 +76,7 @@ def ranking_figure(ranking: Sequence[Candidate], chosen: Sequence[str]) -> Figur
     axes.set_yticks(range(len(ranking)), [c.name for c in ranking])
     axes.invert_yaxis()
     axes.margins(x=0.22)
-    axes.set_xlim(left=min(0.0, *(c.score for c in ranking)))
+    axes.set_xlim(left=min(0.0, *(c.merit.score for c in ranking)))
     axes.set_xlabel("score: fall of the deviance on held-out blocks")
     axes.legend(loc="lower right")
     return figure

@@ -1,5 +1,6 @@
 """The gap report: one page for a review, the verdict first."""
 
+from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Final
@@ -19,7 +20,7 @@ PACKAGES: Final = ("numpy", "scipy", "onnx", "onnxruntime")
 
 def as_page(result: Result) -> str:
     """Return the whole page as HTML; nothing is loaded from elsewhere."""
-    model, good = result.model, "" if result.sensor_known_good else "not "
+    model, good = result.inputs.model, "" if result.inputs.sensor_known_good else "not "
     return page(
         "gap/report.html",
         f"Model gap: {model.path.name}",
@@ -30,7 +31,7 @@ def as_page(result: Result) -> str:
         cautions=cautions(result),
         rankings=_rankings(result),
         chosen=[c.name for c in result.effects],
-        added={a.name: a for a in result.added},
+        added={a.name: a for a in result.addition.effects},
         units={name: limits.unit for name, limits in RANGES.items()},
         where=where_section(result.findings) if result.findings else "",
         shown=SHOWN,
@@ -64,7 +65,11 @@ def save(result: Result, path: Path) -> None:
 def _rankings(result: Result) -> list[tuple[str, tuple[Candidate, ...]]]:
     """Return the ranking of each step; the last one, too, if the step added nothing."""
     found = [(f"Ranking: {s.added}", s.ranking) for s in result.steps if s.added and s.ranking]
-    last = result.naming.ranking
-    if last and all(ranking != last for _, ranking in found):
+    last, rounds = result.naming.trials.ranking, result.naming.trials.rounds
+    if last and not any(_is_same(r.ranking, last) for r in rounds):
         found.append(("Ranking of the last step" if found else "Ranking", last))
     return found
+
+
+def _is_same(ranking: Sequence[Candidate], other: Sequence[Candidate]) -> bool:
+    return [(c.name, c.merit) for c in ranking] == [(c.name, c.merit) for c in other]

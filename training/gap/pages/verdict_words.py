@@ -18,18 +18,18 @@ def verdict_sentence(result: Result) -> str:
         "unknown_effect": _unknown,
         "sensor_fault_suspected": _sensor,
     }[result.verdict](result)
-    if not any(result.simulated):
+    if not any(result.inputs.simulated):
         return sentence
-    every = all(result.simulated)
+    every = all(result.inputs.simulated)
     words = "All of it is about" if every else "Some of the recordings are"
     return f"{sentence} {words} simulated{' recordings' if every else ''}."
 
 
 def _named(result: Result) -> str:
-    names = _and([f"{c.name} ({c.says})" for c in result.effects])
+    names = _and([f"{c.name} ({c.term.says})" for c in result.effects])
     before, after, floor, on = result.rmse
-    if result.withdrawn is not None:
-        return f"Named: {names}, but no model is written: {result.withdrawn}; {_level(result)}."
+    if (harm := result.addition.withdrawn) is not None:
+        return f"Named: {names}, but no model is written: {harm}; {_level(result)}."
     if after is None:
         return f"Named: {names}, but not added; {_level(result)}."
     return (
@@ -70,14 +70,14 @@ def _no_gap(result: Result) -> str:
     found = "no candidate explains more than healthy drives differ by, evenly and as it can act"
     if not result.tried:
         found = "nothing in it is beyond chance"
-        if result.healthy:
+        if result.inputs.healthy:
             found = "it is not beyond what the model left before"
         found += "; no effect could be tried"
     return f"No gap: {_level(result)}, and {found}."
 
 
 def _ambiguous(result: Result) -> str:
-    names = _and([f"{c.name} ({c.says})" for c in result.effects], "or")
+    names = _and([f"{c.name} ({c.term.says})" for c in result.effects], "or")
     return f"Ambiguous: {names} explain the gap about equally well; {_level(result)}."
 
 
@@ -85,30 +85,31 @@ def _unknown(result: Result) -> str:
     if result.tried:
         found = f"no candidate of the library explains enough of it{_nearest(result)}"
     else:
-        before = "what the model left before" if result.healthy else "the noise"
+        before = "what the model left before" if result.inputs.healthy else "the noise"
         found = f"it exceeds {before}; no effect could be tried"
     return f"Unknown effect: {_level(result)}, and {found}."
 
 
 def _nearest(result: Result) -> str:
     """Return what keeps the best candidate from being a name, where it is far above chance."""
-    best = result.naming.ranking[0]
-    if best.score < best.needed:
+    best = result.naming.trials.ranking[0]
+    merit = best.merit
+    if merit.score < merit.needed:
         return ""
-    if not best.physical:
+    if not merit.physical:
         return f"; {best.name} comes first with constants that it cannot have"
-    if best.t < T_LEAST:
-        return f"; {best.name} comes first, but unevenly (t {best.t:.1f}, {T_LEAST:g} needed)"
-    if best.adequacy is None or best.adequacy >= ADEQUATE:
+    if merit.t < T_LEAST:
+        return f"; {best.name} comes first, but unevenly (t {merit.t:.1f}, {T_LEAST:g} needed)"
+    if merit.adequacy is None or merit.adequacy >= ADEQUATE:
         return ""
     return (
-        f"; {best.name} comes first with {percent(best.adequacy)} of what can be explained "
+        f"; {best.name} comes first with {percent(merit.adequacy)} of what can be explained "
         f"({percent(ADEQUATE)} needed, {percent(ADEQUATE_ALONE)} of one far ahead)"
     )
 
 
 def _sensor(result: Result) -> str:
-    why = result.naming.suspected or "the discrepancy lies in the measured channel"
+    why = result.naming.answer.suspected or "the discrepancy lies in the measured channel"
     return (
         f"Sensor fault suspected: {why}; {_level(result)}. Nothing was added to the model."
         f"{_looks_like(result)}"
@@ -116,7 +117,7 @@ def _sensor(result: Result) -> str:
 
 
 def _looks_like(result: Result) -> str:
-    like = [f"{c.name} ({c.says})" for c in result.naming.indistinguishable]
+    like = [f"{c.name} ({c.term.says})" for c in result.naming.answer.indistinguishable]
     return f" On these recordings it cannot be told from {_and(like, 'or')}." if like else ""
 
 
@@ -140,30 +141,31 @@ def actions(result: Result) -> list[str]:
 
 
 def _take_over(result: Result) -> list[str]:
-    if result.withdrawn is not None:
+    if result.addition.withdrawn is not None:
         return [
             "Keep the model: it predicts worse, but the monitor loses nothing by it.",
             "Record more drives, longer ones and with more changes of load, and run again.",
         ]
-    if result.new_model is None:
+    new_model = result.addition.path
+    if new_model is None:
         return ["No model file was written."]
     verified = result.verified
     if not _is_better(result):
         return [
-            f"Keep the model: that {result.new_model} is better on other recordings is not shown.",
+            f"Keep the model: that {new_model} is better on other recordings is not shown.",
             "Record drives in which the effect is stronger, and run again with them.",
         ]
     at_risk = verified is None or verified.worse or any(f.lost for f in verified.faults)
     verb = "Look at the warnings before using" if at_risk else "Use"
     return [
-        f"{verb} {result.new_model}: the monitor runs it unchanged.",
+        f"{verb} {new_model}: the monitor runs it unchanged.",
         "Its card says on what each decision limit was set; o2train calibrate sets them on more "
         "recordings of vehicles with healthy sensors, which is better.",
     ]
 
 
 def _drive(result: Result) -> list[str]:
-    experiment = result.naming.experiment
+    experiment = result.naming.answer.experiment
     if experiment is None:
         return ["Record more varied driving and run again."]
     return [f"To tell them apart drive: {experiment}. Then run again with that recording added."]
@@ -175,7 +177,7 @@ def _describe(result: Result) -> list[str]:
 
 
 def _check_sensor(result: Result) -> list[str]:
-    like = _and([c.name for c in result.naming.indistinguishable], "or")
+    like = _and([c.name for c in result.naming.answer.indistinguishable], "or")
     return [
         "Check the sensor, its wiring and its supply, or record again with a sensor known good.",
         "If the sensor is known to be good, run again with --sensor-known-good"
@@ -184,11 +186,11 @@ def _check_sensor(result: Result) -> list[str]:
 
 
 def _skipped(result: Result) -> list[str]:
-    if not result.naming.skipped:
+    if not result.naming.trials.skipped:
         return []
     if not result.tried:
         return ["Record fuel and air per stroke, or what tells them, to have effects named."]
-    names = ", ".join(result.naming.skipped)
+    names = ", ".join(result.naming.trials.skipped)
     return [f"Not looked at for want of signals: {names}. Record them if one of these is likely."]
 
 
@@ -198,7 +200,7 @@ def cautions(result: Result) -> list[str]:
     found += [
         f"{c.name} is what a fault may look like, too."
         for c in result.effects
-        if c.tag == "fault-like" and not result.sensor_known_good
+        if c.tag == "fault-like" and not result.inputs.sensor_known_good
     ]
     verified = result.verified
     if verified is None:

@@ -143,13 +143,13 @@ def _answered(case: Case, study: Study, vehicle: Vehicle) -> Row:
             retrain_minutes=minutes,
         )
         took_s = time.perf_counter() - began_s
-        held_out = {each.sha256 for each in found.held_out}
+        held_out = {each.sha256 for each in found.inputs.held_out}
         pairs = zip(recordings, nothing, strict=True)
         without = rms_phi(reference, [b for a, b in pairs if a.sha256 in held_out])
     gap = moved_phi(vehicle.model, recordings, nothing)
     return {
         **_said(found),
-        **_closed(found.verified, without, found.withdrawn is not None),
+        **_closed(found.verified, without, found.addition.withdrawn is not None),
         "gap": gap,
         "gap_over_noise": gap / vehicle.noise_phi,
         "seconds": took_s,
@@ -157,24 +157,26 @@ def _answered(case: Case, study: Study, vehicle: Vehicle) -> Row:
 
 
 def _said(found: Result) -> Row:
-    naming, ranking = found.naming, found.naming.ranking
-    names = [candidate.name for candidate in naming.effects]
+    naming, answer = found.naming, found.naming.answer
+    ranking = naming.trials.ranking
+    names = [candidate.name for candidate in answer.effects]
     return {
         "verdict": naming.verdict,
         "names": names if naming.verdict == "named" else [],
         "among": names if naming.verdict == "ambiguous" else [],
-        "added": [each.name for each in found.added],
-        "withdrawn": found.withdrawn,
-        "suspected": naming.suspected,
-        "indistinguishable": [candidate.name for candidate in naming.indistinguishable],
+        "added": [each.name for each in found.addition.effects],
+        "withdrawn": found.addition.withdrawn,
+        "suspected": answer.suspected,
+        "indistinguishable": [candidate.name for candidate in answer.indistinguishable],
         "runner_up": ranking[1].name if len(ranking) > 1 else None,
-        "win": ranking[1].win if len(ranking) > 1 else None,
+        "win": ranking[1].merit.win if len(ranking) > 1 else None,
         "ranking": [
-            {k: getattr(c, k) for k in ("name", "score", "needed", "t", "adequacy", "win")}
+            {"name": c.name}
+            | {k: getattr(c.merit, k) for k in ("score", "needed", "t", "adequacy", "win")}
             for c in ranking[:RANKED]
         ],
-        "explained_share": naming.explained_share,
-        "noise_floor": naming.noise_floor,
+        "explained_share": naming.error.explained_share,
+        "noise_floor": naming.error.floor,
     }
 
 

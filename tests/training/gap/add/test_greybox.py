@@ -252,11 +252,11 @@ def test_a_named_effect_in_the_file_makes_the_gap_smaller_on_a_drive_no_fit_saw(
     drives = two_drives(2_200_140, ("wall_film", 4.0))
     found = named(drives, known())
     vehicle = Vehicle.of(known(), Greybox.of(Model.load(base).card), drives)
-    assert [e.name for e in found.effects] == ["wall_film"]
+    assert [e.name for e in found.answer.effects] == ["wall_film"]
     # WHEN it is added with the constants it was found with, and without it
     fresh = simulated("wltc_3b", 2_200_153, ("wall_film", 4.0))
     off = []
-    for i, effects in enumerate(([], [e.model_effect() for e in found.effects])):
+    for i, effects in enumerate(([], [e.model_effect() for e in found.answer.effects])):
         out = tmp_path / f"{i}.onnx"
         add(base, effects, out, ranges=ranges_of(), recordings=FIT, vehicle=vehicle)
         off.append(np.mean((run(out, fresh) - fresh.phi_measured)[fresh.scored] ** 2))

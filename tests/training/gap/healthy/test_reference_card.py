@@ -116,18 +116,18 @@ def test_without_healthy_recordings_an_effect_is_named_as_with_them(
     given = asked(chain, driven, tmp_path, healthy=healthy, known=known())
     # THEN the answer is the same, but for what the report says of the drives that are not there
     for found in (given, alone):
-        assert (found.verdict, [a.name for a in found.added]) == ("named", ["wall_film"])
-    for name, value in given.added[0].parameters.items():
+        assert (found.verdict, [a.name for a in found.addition.effects]) == ("named", ["wall_film"])
+    for name, value in given.addition.effects[0].parameters.items():
         # the card's reference is of the chain with the vehicle's own volumes, not of it alone
-        assert alone.added[0].parameters[name] == pytest.approx(value, rel=0.1)
-    assert alone.naming.reference == pytest.approx(known().base, rel=1e-5)
+        assert alone.addition.effects[0].parameters[name] == pytest.approx(value, rel=0.1)
+    assert alone.naming.base.reference == pytest.approx(known().base, rel=1e-5)
     text = [w for w in alone.all_warnings if "no healthy recordings were given" in w]
     assert len(text) == 1
     assert "of 4 recordings" in text[0]
     assert not any("no healthy recordings" in w for w in given.all_warnings)
     # AND the new model has the reference with which its constants go
-    assert given.new_model is not None
-    stored = Model.load(given.new_model).card.reference[KEY]
+    assert given.addition.path is not None
+    stored = Model.load(given.addition.path).card.reference[KEY]
     assert stored["recordings"] == [each.path.name for each in healthy]
 
 
@@ -145,9 +145,9 @@ def test_a_model_fitted_to_drives_with_the_effect_gets_the_charge_of_healthy_one
     # THEN the effect is looked for beside the charge that these teach, and both go into the model
     assert [each.charged for each in made] == [False, False]
     np.testing.assert_array_equal(made[0].signals["air_mass_mg"], driven[0].column("air_mass_mg"))
-    assert (found.verdict, [a.name for a in found.added]) == ("named", ["purge"])
-    assert found.new_model is not None
-    new = Greybox.of(Model.load(found.new_model).card)
+    assert (found.verdict, [a.name for a in found.addition.effects]) == ("named", ["purge"])
+    assert found.addition.path is not None
+    new = Greybox.of(Model.load(found.addition.path).card)
     assert known.charge is not None
     assert new.charge_error is not None
     assert new.charge_error.to_card() == known.charge.to_card()
@@ -165,8 +165,8 @@ def test_walls_that_a_model_has_taken_in_are_named_and_not_added_again(tmp_path:
     # WHEN healthy drives without them are given
     found = asked(fitted.path, driven, tmp_path, healthy=healthy)
     # THEN they are what is new, and nothing is to be added
-    assert [each.name for each in found.naming.effects] == ["wall_film"]
-    assert found.new_model is None
+    assert [each.name for each in found.naming.answer.effects] == ["wall_film"]
+    assert found.addition.path is None
     assert any("follows the effect already" in each for each in found.warnings)
 
 
@@ -185,13 +185,13 @@ def test_recordings_that_the_model_was_fitted_to_are_told_from_others(chain: Pat
 def test_a_model_extended_without_healthy_recordings_has_no_gap_left(
     chain: Path, alone: Result, tmp_path: Path
 ) -> None:
-    assert alone.new_model is not None
-    card = Model.load(alone.new_model).card
+    assert alone.addition.path is not None
+    card = Model.load(alone.addition.path).card
     assert card.reference[KEY] == Model.load(chain).card.reference[KEY]
     assert base.constants_of(card) == pytest.approx(known().base, rel=1e-5)
     own = {each.name: each.values for each in Greybox.of(card).own}
     assert own == {effect.name: pytest.approx(values, rel=1e-5) for effect, values in known().own}
-    again = asked(alone.new_model, recordings(2_311_000, **FILM), tmp_path)
+    again = asked(alone.addition.path, recordings(2_311_000, **FILM), tmp_path)
     assert again.verdict == "no_gap"
 
 
@@ -199,10 +199,10 @@ def test_an_extended_model_looked_at_with_the_healthy_recordings_of_before_has_n
     alone: Result, tmp_path: Path
 ) -> None:
     # GIVEN a model with the effect, and healthy recordings from before it was there
-    assert alone.new_model is not None
+    assert alone.addition.path is not None
     healthy = recordings(2_310_000, HEALTHY)[:FEW]
     # WHEN drives with it are held against them
-    again = asked(alone.new_model, recordings(2_311_000, **FILM), tmp_path, healthy=healthy)
+    again = asked(alone.addition.path, recordings(2_311_000, **FILM), tmp_path, healthy=healthy)
     # THEN that the model is wrong on these does not count as a gap
     assert again.verdict == "no_gap"
 
@@ -216,7 +216,7 @@ def test_what_an_extended_model_has_is_asked_of_healthy_drives_that_show_it(
         [from_recording(each) for each in recordings(seed, **hidden)]
         for seed, hidden in ((2_311_000, FILM), (2_313_000, {}))
     )
-    film, amounts = LIBRARY["wall_film"], np.array([*alone.added[0].parameters.values()])
+    film, amounts = LIBRARY["wall_film"], np.array([*alone.addition.effects[0].parameters.values()])
     for drives, stays in ((shown, True), (not_shown, False)):
         moved = [
             replace(d, moved_phi=reading(d, start, (film,), (amounts,)) - reading(d, start, (), ()))
@@ -231,7 +231,7 @@ def test_what_an_extended_model_has_is_asked_of_healthy_drives_that_show_it(
 def test_drives_like_the_healthy_ones_get_no_name(chain: Path, tmp_path: Path) -> None:
     found = asked(chain, recordings(2_313_000), tmp_path)
     assert found.verdict == "no_gap"
-    assert found.new_model is None
+    assert found.addition.path is None
 
 
 def test_a_network_has_the_reference_of_the_chain_and_keeps_it(tmp_path: Path) -> None:
@@ -242,11 +242,11 @@ def test_a_network_has_the_reference_of_the_chain_and_keeps_it(tmp_path: Path) -
     # WHEN an effect is hidden
     found = asked(network, recordings(2_311_000, **FILM), tmp_path / "first")
     # THEN it alone is named, not what the network makes wrong on this vehicle
-    assert (found.verdict, [a.name for a in found.added]) == ("named", ["wall_film"])
+    assert (found.verdict, [a.name for a in found.addition.effects]) == ("named", ["wall_film"])
     assert any("what the network alone makes wrong" in w for w in found.all_warnings)
     # AND the network with it has no gap left
-    assert found.new_model is not None
-    again = asked(found.new_model, recordings(2_311_000, **FILM), tmp_path / "again")
+    assert found.addition.path is not None
+    again = asked(found.addition.path, recordings(2_311_000, **FILM), tmp_path / "again")
     assert again.verdict == "no_gap"
 
 

@@ -20,8 +20,8 @@ from training.greybox.fit.drive import Drive
 def test_drives_like_the_healthy_ones_have_no_gap() -> None:
     found = name(two_drives(2_200_120), known())
     assert found.verdict == "no_gap"
-    assert found.effects == ()
-    assert found.rmse_after is None
+    assert found.answer.effects == ()
+    assert found.error.after is None
 
 
 @pytest.mark.parametrize(
@@ -33,61 +33,63 @@ def test_a_hidden_effect_is_named_and_the_gap_shrinks(effect: str, severity: flo
     # WHEN it is looked for
     found = name(two_drives(2_200_140, (effect, severity)), known())
     # THEN it is named, with constants and their uncertainty, and most of the gap is gone
-    assert (found.verdict, [e.name for e in found.effects]) == ("named", [effect])
-    best = found.effects[0]
+    assert (found.verdict, [e.name for e in found.answer.effects]) == ("named", [effect])
+    best = found.answer.effects[0]
     assert all(error > 0.0 for error in best.standard_errors.values())
-    assert found.rmse_after is not None
-    gap = found.rmse_before**2 - found.noise_floor**2
-    assert found.rmse_after**2 - found.noise_floor**2 < 0.4 * gap
-    assert found.ranking[1].win is not None
-    assert found.ranking[1].win > 0.95
+    assert found.error.after is not None
+    gap = found.error.before**2 - found.error.floor**2
+    assert found.error.after**2 - found.error.floor**2 < 0.4 * gap
+    assert found.trials.ranking[1].merit.win is not None
+    assert found.trials.ranking[1].merit.win > 0.95
 
 
 def test_a_large_leak_is_named_with_a_warning_that_it_may_be_a_fault() -> None:
     found = name(two_drives(2_200_160, ("exhaust_leak", 8.0)), known())
-    assert (found.verdict, [e.name for e in found.effects]) == ("named", ["exhaust_leak"])
+    assert (found.verdict, [e.name for e in found.answer.effects]) == ("named", ["exhaust_leak"])
     assert any("exhaust_leak may be a fault" in text for text in found.warnings)
 
 
 def test_a_small_leak_that_looks_like_a_rail_exponent_is_ambiguous_with_an_experiment() -> None:
     found = name(two_drives(2_200_160, ("exhaust_leak", 4.0)), known())
     assert found.verdict == "ambiguous"
-    assert [e.name for e in found.effects] == ["exhaust_leak", "rail_exponent"]
-    assert found.experiment is not None
-    assert found.experiment.rms_phi > 0.001
+    assert [e.name for e in found.answer.effects] == ["exhaust_leak", "rail_exponent"]
+    assert found.answer.experiment is not None
+    assert found.answer.experiment.rms_phi > 0.001
 
 
 def test_two_effects_at_once_are_named_one_after_the_other() -> None:
     first = two_drives(2_200_170, ("wall_film", 4.0), also=("delay_flow", 4.0))
     found = name(first, known(), steps=2)
     assert found.verdict == "named"
-    assert {effect.name for effect in found.effects} == {"wall_film", "delay_flow"}
-    assert found.rmse_after is not None
-    assert found.rmse_after < 0.5 * found.rmse_before
+    assert {effect.name for effect in found.answer.effects} == {"wall_film", "delay_flow"}
+    assert found.error.after is not None
+    assert found.error.after < 0.5 * found.error.before
 
 
 @pytest.mark.parametrize("effect", ["battery_voltage", "intake_resonance"])
 def test_what_one_signal_explains_far_better_than_any_effect_is_unknown(effect: str) -> None:
     found = name(two_drives(2_200_300, (effect, 4.0)), known())
     assert found.verdict == "unknown_effect"
-    assert found.effects == ()
+    assert found.answer.effects == ()
 
 
 def test_a_sensor_slow_from_the_start_is_suspected_and_nothing_is_added() -> None:
     found = name(two_drives(2_200_180, fault=("slow_symmetric", 0.3)), known())
     assert found.verdict == "sensor_fault_suspected"
-    assert found.effects == ()
-    assert found.rmse_after is None
-    assert found.base_shift is not None
-    lag_s = found.base_shift.mixing_s + found.base_shift.sensor_s
+    assert found.answer.effects == ()
+    assert found.error.after is None
+    assert found.base is not None
+    shift = found.base.shift
+    assert shift is not None
+    lag_s = shift.mixing_s + shift.sensor_s
     assert lag_s == pytest.approx(0.3, abs=0.1)
 
 
 def test_a_sensor_slow_in_one_direction_may_be_made_so() -> None:
     found = name(two_drives(2_200_181, fault=("slow_rich_to_lean", 0.6)), known())
     assert found.verdict == "sensor_fault_suspected"
-    assert found.suspected == "slow_rich_to_lean"
-    assert [c.name for c in found.indistinguishable] == ["sensor_asymmetry"]
+    assert found.answer.suspected == "slow_rich_to_lean"
+    assert [c.name for c in found.answer.indistinguishable] == ["sensor_asymmetry"]
 
 
 def test_another_fuel_and_a_biased_sensor_are_each_said_to_look_like_the_other() -> None:
@@ -98,12 +100,12 @@ def test_another_fuel_and_a_biased_sensor_are_each_said_to_look_like_the_other()
     for each in (fuel, sensor):
         found = name(each, known())
         assert found.verdict == "sensor_fault_suspected"
-        assert found.effects == ()
-        assert [c.name for c in found.indistinguishable] == ["ethanol"]
+        assert found.answer.effects == ()
+        assert [c.name for c in found.answer.indistinguishable] == ["ethanol"]
     # AND with a sensor known to be good the fuel has its name
     found = name(fuel, known(), sensor_known_good=True)
-    assert [c.name for c in found.effects] == ["ethanol"]
-    assert found.indistinguishable == ()
+    assert [c.name for c in found.answer.effects] == ["ethanol"]
+    assert found.answer.indistinguishable == ()
 
 
 def test_another_fuel_is_no_answer_even_where_the_refitted_base_moved_elsewhere(
@@ -112,11 +114,11 @@ def test_another_fuel_is_no_answer_even_where_the_refitted_base_moved_elsewhere(
     # GIVEN a base that follows a biased sensor with its lag, and drives that prefer ethanol to it
     monkeypatch.setattr("training.gap.name.guards.shifted", lambda *_: "the lag or dead time")
     found = name(two_drives(2_200_190, fault=("biased_rich", 0.05)), known())
-    assert [c.name for c in found.ranking[:2]] == ["ethanol", "biased"]
+    assert [c.name for c in found.trials.ranking[:2]] == ["ethanol", "biased"]
     # THEN the sensor is suspected all the same
     assert found.verdict == "sensor_fault_suspected"
-    assert found.effects == ()
-    assert [c.name for c in found.indistinguishable] == ["ethanol"]
+    assert found.answer.effects == ()
+    assert [c.name for c in found.answer.indistinguishable] == ["ethanol"]
 
 
 def test_a_charge_that_is_broadcast_too_early_on_every_drive_is_no_phase_of_its_message() -> None:
@@ -130,15 +132,15 @@ def test_a_charge_that_is_broadcast_too_early_on_every_drive_is_no_phase_of_its_
     found = name([early(drive) for drive in two_drives(2_200_194)], known())
     # THEN it has its name, and no lag of the sensor is made of what the name leaves
     assert found.verdict == "named"
-    assert [c.name for c in found.effects] == ["manifold_filling"]
-    assert found.effects[0].parameters["time"] == pytest.approx(0.045, abs=0.02)
+    assert [c.name for c in found.answer.effects] == ["manifold_filling"]
+    assert found.answer.effects[0].parameters["time"] == pytest.approx(0.045, abs=0.02)
 
 
 def test_a_sensor_that_turns_late_within_the_drives_is_suspected() -> None:
     late = two_drives(2_200_186, fault=("delay_rich_to_lean", 0.5), fault_start_s=300.0)
     found = name(late, known())
     assert found.verdict == "sensor_fault_suspected"
-    assert found.effects == ()
+    assert found.answer.effects == ()
 
 
 def test_an_error_far_above_that_of_healthy_drives_is_a_gap_though_nothing_fits_it() -> None:
@@ -152,7 +154,7 @@ def test_an_error_far_above_that_of_healthy_drives_is_a_gap_though_nothing_fits_
     found = name([wandering(first, (47.0, 31.0)), wandering(second, (59.0, 37.0))], known())
     # THEN that is no error of a healthy drive
     assert found.verdict == "unknown_effect"
-    assert all(c.score < c.needed or c.t < 3.0 for c in found.ranking)
+    assert all(c.merit.score < c.merit.needed or c.merit.t < 3.0 for c in found.trials.ranking)
 
 
 @pytest.mark.parametrize(("explained", "named"), [(-0.1, False), (0.1, True)])
@@ -162,10 +164,10 @@ def test_what_gains_where_functions_with_more_freedom_lose_is_no_name(
     # GIVEN drives on which an effect gains, and what the ceiling gains on the same blocks
     monkeypatch.setattr("training.gap.name.scoring.explained", lambda *_: explained)
     found = name(two_drives(2_200_140, ("fuel_cut_tail", 8.0)), known())
-    best = found.ranking[0]
-    assert (best.name, best.score > best.needed) == ("fuel_cut_tail", True)
+    best = found.trials.ranking[0]
+    assert (best.name, best.merit.score > best.merit.needed) == ("fuel_cut_tail", True)
     # THEN the name needs both
-    assert (found.verdict == "named", bool(found.effects)) == (named, named)
+    assert (found.verdict == "named", bool(found.answer.effects)) == (named, named)
 
 
 def test_a_size_at_its_edge_with_a_form_at_its_edge_is_of_something_else() -> None:
@@ -184,7 +186,7 @@ def test_an_effect_that_explains_too_little_is_said_beside_an_ambiguous_second(
 ) -> None:
     # GIVEN a first step that takes a small part of a gap, and a second that cannot decide
     driven = two_drives(2_200_140, ("wall_film", 4.0))
-    film, *others = name(driven, known()).ranking
+    film, *others = name(driven, known()).trials.ranking
     small = next(c for c in others if c.kind == "effect")
     steps = iter(
         [
@@ -196,7 +198,7 @@ def test_an_effect_that_explains_too_little_is_said_beside_an_ambiguous_second(
     # WHEN two steps are asked for
     found = name(driven, known(), steps=2)
     # THEN the second's candidates are the answer, and the first is not lost
-    assert (found.verdict, found.effects) == ("ambiguous", (film, *others[:1]))
+    assert (found.verdict, found.answer.effects) == ("ambiguous", (film, *others[:1]))
     (text,) = [w for w in found.warnings if "came first" in w]
     assert text.startswith(f"{small.name} came first and explains too little by itself")
     # and drives are held against each other beside what explains most
@@ -214,16 +216,17 @@ def test_a_candidate_without_its_signals_is_skipped_and_said_so() -> None:
         for d in two_drives(2_200_120)
     ]
     found = name(fed, known())
-    assert found.skipped == {"rail_exponent": ("rail_pressure_mpa",)}
-    assert "rail_exponent" not in [c.name for c in found.ranking]
+    assert found.trials.skipped == {"rail_exponent": ("rail_pressure_mpa",)}
+    assert "rail_exponent" not in [c.name for c in found.trials.ranking]
 
 
 def test_no_healthy_recordings_means_a_warning_and_no_fault_of_the_sensor_in_the_ranking() -> None:
     found = name(two_drives(2_200_120), None, None)
     assert any("no healthy recordings" in text for text in found.warnings)
     assert any("no reference" in text for text in found.warnings)
-    assert {c.kind for c in found.ranking} == {"effect"}
-    assert found.base_shift is None
+    assert {c.kind for c in found.trials.ranking} == {"effect"}
+    assert found.base is not None
+    assert found.base.shift is None
 
 
 def test_no_drive_is_refused() -> None:

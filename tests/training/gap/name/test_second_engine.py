@@ -39,7 +39,7 @@ def test_a_second_engine_without_a_gap_has_none() -> None:
 )
 def test_an_effect_of_a_second_engine_is_named(effect: str, size: float) -> None:
     found = asked({effect: size})
-    assert (found.verdict, [each.name for each in found.effects]) == ("named", [effect])
+    assert (found.verdict, [each.name for each in found.answer.effects]) == ("named", [effect])
 
 
 @pytest.mark.parametrize(

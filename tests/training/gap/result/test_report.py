@@ -13,11 +13,22 @@ import pytest
 from monitor.model.card import TrainingRecording
 from tests.helpers.gap_residuals import drive, purge
 from training.gap import result
+from training.gap.add.addition import Addition
 from training.gap.name.manoeuvres import Experiment
-from training.gap.name.verdict import Candidate, Naming, Verdict
+from training.gap.name.verdict import (
+    Answer,
+    Base,
+    BlockError,
+    Candidate,
+    Merit,
+    Naming,
+    Round,
+    Trials,
+    Verdict,
+)
 from training.gap.pages import gap_page
 from training.gap.pages.verdict_words import verdict_sentence
-from training.gap.result import ModelFile, Result, Step, as_json
+from training.gap.result import Inputs, ModelFile, Result, as_json
 from training.gap.verify.evidence import Count, Detection, Error, Trace, Verification
 from training.gap.where.findings import Findings, localise
 from training.greybox.chain import Constants
@@ -58,24 +69,22 @@ MODEL = ModelFile(Path("models/base.onnx"), "b" * 64, "greybox")
 def candidate(name: str, score: float, win: float | None) -> Candidate:
     fault = next((f for f in FAULTS if f.name == name), None)
     term = fault or LIBRARY[name]
-    values = {p.name: p.start[0] for p in term.parameters}
-    return Candidate(
-        name=name,
-        kind="sensor fault" if fault else "effect",
-        says=term.says,
-        tag="sensor" if fault else LIBRARY[name].tag,
-        like=() if fault else LIBRARY[name].like,
-        parameters=values,
-        standard_errors=dict.fromkeys(values, 0.01),
-        units={p.name: p.unit for p in term.parameters},
+    values = np.array([p.start[0] for p in term.parameters])
+    fit = replace(NO_FIT, terms=(term,), parameters=(values,), hessian=1e4 * np.eye(len(values)))
+    merit = Merit(
         score=score,
         needed=80.0,
         t=score / 100.0,
         physical=True,
         adequacy=0.95 if win is None else None,
         win=win,
-        fit=NO_FIT,
     )
+    return Candidate(fit, merit)
+
+
+def but(one: Candidate, **changes: Any) -> Candidate:
+    """The candidate with another merit."""
+    return replace(one, merit=replace(one.merit, **changes))
 
 
 RANKING = (
@@ -86,29 +95,43 @@ RANKING = (
 )
 
 
-def naming(verdict: Verdict, **changes: Any) -> Naming:
+PURGE_ADDED = Addition(
+    path=Path("out/model.onnx"),
+    form="The effect acts before the transport.",
+    effects=(RANKING[0].model_effect(),),
+)
+
+
+def naming(verdict: Verdict, ranking: tuple[Candidate, ...] = RANKING, **changes: Any) -> Naming:
     experiment = Experiment("motorway at <2,600> rpm", 0.012, {"motorway at <2,600> rpm": 0.012})
     chosen: dict[Verdict, tuple[Candidate, ...]] = {
         "named": RANKING[:1],
         "ambiguous": (RANKING[0], *RANKING[3:6]),
     }
-    plain = Naming(
-        verdict=verdict,
+    answer = Answer(
         effects=chosen.get(verdict, ()),
         suspected="gain_low" if verdict == "sensor_fault_suspected" else None,
-        ranking=RANKING,
-        skipped={"scavenging": ("manifold_pressure_kpa",)},
-        base=Constants(),
-        reference=Constants(gain=1.01),
-        base_shift=Constants(*([0.001] * 6)),
-        rmse_before=0.0200,
-        rmse_after=0.0110 if verdict == "named" else None,
-        noise_floor=0.0100,
-        explained_share=0.4,
         experiment=experiment if verdict == "ambiguous" else None,
+    )
+    answer = replace(answer, **{k: v for k, v in changes.items() if k != "rounds"})
+    rounds = (Round(RANKING[0], 0.0112, RANKING),) if verdict == "named" else ()
+    return Naming(
+        verdict=verdict,
+        answer=answer,
+        trials=Trials(
+            ranking=ranking,
+            rounds=changes.get("rounds", rounds),
+            skipped={"scavenging": ("manifold_pressure_kpa",)},
+        ),
+        base=Base(Constants(), Constants(gain=1.01), Constants(*([0.001] * 6))),
+        error=BlockError(
+            before=0.0200,
+            after=0.0110 if verdict == "named" else None,
+            floor=0.0100,
+            explained_share=0.4,
+        ),
         warnings=("purge may be <something> else",),
     )
-    return replace(plain, **changes)
 
 
 def error(kind: str, regime: str, after: float | None, worse: bool = False) -> Error:
@@ -173,25 +196,34 @@ def used(name: str, source: str = "") -> TrainingRecording:
     return TrainingRecording(name, name[0] * 64, 6000, source)
 
 
-def made(verdict: Verdict, **changes: Any) -> Result:
+def made(verdict: Verdict, localised: bool = False) -> Result:
     named = verdict == "named"
-    plain = Result(
-        model=MODEL,
-        recordings=(used("new<1>.csv"),),
-        healthy=(used("old.csv"),),
-        held_out=(used("held & out.csv"),),
-        findings=None,
+    return Result(
+        inputs=Inputs(
+            model=MODEL,
+            recordings=(used("new<1>.csv"),),
+            healthy=(used("old.csv"),),
+            held_out=(used("held & out.csv"),),
+        ),
+        findings=findings() if localised else None,
         naming=naming(verdict),
-        added=(RANKING[0].model_effect(),) if named else (),
-        form="The effect acts before the transport." if named else "",
+        addition=PURGE_ADDED if named else Addition(),
         verified=verified() if named else verified(None),
-        new_model=Path("out/model.onnx") if named else None,
-        steps=(Step("", 0.0210), Step("purge", 0.0112, RANKING)) if named else (),
         unknown="phi = 0.01 x <oil>" if verdict == "unknown_effect" else None,
         warnings=("given twice", "given twice"),
         seconds=12.0,
     )
-    return replace(plain, **changes)
+
+
+def unverified() -> Result:
+    """A named effect without a recording that was kept from the fits."""
+    one = made("named")
+    return replace(one, verified=None, inputs=replace(one.inputs, held_out=()))
+
+
+def added(*effects: ModelEffect) -> Result:
+    """A named effect with other constants in the new model."""
+    return replace(made("named"), addition=replace(PURGE_ADDED, effects=effects))
 
 
 @pytest.mark.parametrize("verdict", VERDICTS)
@@ -221,7 +253,7 @@ def test_the_json_of_every_verdict_keeps_the_contract(verdict: Verdict, tmp_path
 
 def test_an_effect_carries_the_constants_that_stand_in_the_model() -> None:
     refitted = ModelEffect.with_values("purge", [0.77], [0.05])
-    effect = as_json(made("named", added=(refitted,)))["effects"][0]
+    effect = as_json(added(refitted))["effects"][0]
     assert effect["parameters"] == {"concentration": 0.77}
     assert effect["standard_errors"] == {"concentration": 0.05}
     assert effect["score"] == 900.0
@@ -231,7 +263,7 @@ def test_an_effect_carries_the_constants_that_stand_in_the_model() -> None:
 
 
 def test_what_was_named_but_not_added_says_so() -> None:
-    tree = as_json(made("named", added=(), new_model=None, steps=()))
+    tree = as_json(replace(made("named"), addition=Addition()))
     assert [(e["name"], e["added"]) for e in tree["effects"]] == [("purge", False)]
     assert tree["rmse_after"] is None
     assert tree["model"] is None
@@ -240,17 +272,18 @@ def test_what_was_named_but_not_added_says_so() -> None:
 def test_an_effect_is_separated_if_it_beats_every_rival_outside_its_class() -> None:
     leak = candidate("exhaust_leak", 900.0, None)
     alike = leak.like[0] if leak.like else "maf_offset"
-    leak = replace(leak, like=(alike,))
+    fit = replace(leak.fit, terms=(replace(LIBRARY["exhaust_leak"], like=(alike,)),))
+    leak = replace(leak, fit=fit)
     in_class = candidate(alike, 890.0, 0.6)
     outside = candidate("wall_film", 800.0, 0.7)
     weak = candidate("purge", 100.0, 0.7)
     for ranking, wanted in (
         ((leak, in_class, weak), True),
         ((leak, outside), False),
-        ((leak, replace(outside, win=0.99)), True),
+        ((leak, but(outside, win=0.99)), True),
     ):
         named = naming("named", effects=(leak,), ranking=ranking)
-        own = made("named", naming=named, added=(leak.model_effect(),), steps=())
+        own = replace(added(leak.model_effect()), naming=named)
         assert as_json(own)["effects"][0]["separated"] is wanted
 
 
@@ -258,11 +291,10 @@ def test_the_runner_up_is_of_the_step_in_which_the_effect_was_chosen() -> None:
     # GIVEN two effects, each chosen out of a ranking of its own, and a last one with neither
     first = (RANKING[0], candidate("delay_flow", 500.0, 0.99))
     second = (RANKING[1], candidate("rail_exponent", 50.0, 0.99))
-    steps = (Step("", 0.02), Step("purge", 0.015, first), Step("wall_film", 0.011, second))
+    rounds = (Round(first[0], 0.015, first), Round(second[0], 0.011, second))
     last = (candidate("ethanol", 1.0, None),)
-    named = naming("named", effects=RANKING[:2], ranking=last)
-    added = tuple(each.model_effect() for each in RANKING[:2])
-    both = made("named", naming=named, added=added, steps=steps)
+    named = naming("named", effects=RANKING[:2], ranking=last, rounds=rounds)
+    both = replace(added(*(c.model_effect() for c in RANKING[:2])), naming=named)
     tree = as_json(both)
     assert [e["runner_up"] for e in tree["effects"]] == ["delay_flow", "rail_exponent"]
     assert [e["separated"] for e in tree["effects"]] == [True, True]
@@ -273,25 +305,26 @@ def test_the_runner_up_is_of_the_step_in_which_the_effect_was_chosen() -> None:
 
 
 def test_without_held_out_recordings_the_figures_are_those_of_held_out_blocks() -> None:
-    tree = as_json(made("named", verified=None, held_out=()))
+    tree = as_json(unverified())
     figures = (tree["rmse_before"], tree["rmse_after"], tree["noise_floor"])
     assert figures == (0.0200, 0.0110, 0.0100)
     assert tree["measured_on"] == "blocks held out of the recordings"
     assert tree["detection_before"] is None
     assert tree["verified"] is None
-    assert "Not verified" in gap_page.as_page(made("named", verified=None, held_out=()))
+    assert "Not verified" in gap_page.as_page(unverified())
 
 
 def test_what_is_not_finite_is_null_and_numpy_is_plain() -> None:
-    best = replace(RANKING[0], score=np.float64(5.0), standard_errors={"concentration": np.nan})
-    tree = as_json(made("named", naming=naming("named", effects=(best,), ranking=(best,))))
+    best = but(RANKING[0], score=np.float64(5.0), t=np.nan)
+    named = naming("named", effects=(best,), ranking=(best,))
+    tree = as_json(replace(made("named"), naming=named))
     text = json.dumps(tree, allow_nan=False)
-    assert json.loads(text)["ranking"][0]["standard_errors"] == {"concentration": None}
+    assert json.loads(text)["ranking"][0]["t"] is None
     assert type(tree["ranking"][0]["score"]) is float
 
 
 def test_where_is_what_localising_found() -> None:
-    tree = as_json(made("named", findings=findings()))
+    tree = as_json(made("named", localised=True))
     assert tree["where"]
     for entry in tree["where"]:
         assert isinstance(entry["regime"], str)
@@ -300,7 +333,7 @@ def test_where_is_what_localising_found() -> None:
 
 @pytest.mark.parametrize("verdict", VERDICTS)
 def test_the_page_has_every_section_in_order_and_asks_for_nothing(verdict: Verdict) -> None:
-    page = gap_page.as_page(made(verdict, findings=findings()))
+    page = gap_page.as_page(made(verdict, localised=True))
     places = [page.index(f'<h2 id="{name}">') for name in SECTIONS]
     assert places == sorted(places)
     assert page.index(f'class="verdict {verdict}"') < places[0]
@@ -343,8 +376,9 @@ def test_the_verdict_stands_first_with_its_figures(verdict: Verdict, words: str)
 
 
 def test_a_page_about_simulated_recordings_says_so() -> None:
-    some = made("named", recordings=(used("wltc.csv", "simulated"),))
-    every = replace(some, healthy=some.recordings, held_out=some.recordings)
+    one, driven = made("named"), (used("wltc.csv", "simulated"),)
+    some = replace(one, inputs=replace(one.inputs, recordings=driven))
+    every = replace(one, inputs=Inputs(MODEL, driven, healthy=driven, held_out=driven))
     for one, words in (
         (some, "Some of the recordings are simulated."),
         (every, "All of it is about simulated recordings."),
@@ -372,7 +406,7 @@ def test_the_page_says_what_to_do_now(verdict: Verdict, words: str) -> None:
 def test_a_fall_of_the_error_that_is_not_beyond_confidence_is_none_to_use() -> None:
     shown = verified()
     overall = replace(shown.overall, after=0.0208, change_low=-0.0006, change_high=0.0002)
-    found = made("named", verified=replace(shown, overall=overall))
+    found = replace(made("named"), verified=replace(shown, overall=overall))
     page = gap_page.as_page(found)
     assert "does not fall beyond confidence, from 0.0210 to 0.0208" in page
     assert "Keep the model: that out/model.onnx is better on other recordings is not shown." in page
@@ -396,7 +430,7 @@ def test_a_fall_of_the_error_that_is_not_beyond_confidence_is_none_to_use() -> N
 def test_an_unknown_effect_says_what_the_first_candidate_lacks(
     changes: dict[str, float], words: str
 ) -> None:
-    best = replace(RANKING[0], **changes)
+    best = but(RANKING[0], **changes)
     found = naming("unknown_effect", ranking=(best, *RANKING[1:]))
     assert words in verdict_sentence(replace(made("unknown_effect"), naming=found))
 
@@ -412,7 +446,7 @@ def test_a_suspicion_says_which_effect_it_cannot_be_told_from() -> None:
 
 
 def test_worse_regimes_and_lost_faults_are_warned_of() -> None:
-    lost = made("named", verified=verified(worse=True, lost=True))
+    lost = replace(made("named"), verified=verified(worse=True, lost=True))
     page = gap_page.as_page(lost)
     now = page[page.index('id="now"') : page.index('id="much"')]
     assert "Look at the warnings before using out/model.onnx" in now
@@ -434,7 +468,8 @@ def test_a_model_with_which_the_monitor_decides_less_is_not_the_headline_s() -> 
     own = replace(own, faults=(replace(own.faults[0], after=blind),))
     assert own.harm is not None
     # WHEN it was therefore not written
-    found = replace(made("named", verified=own), withdrawn=own.harm, new_model=None, added=())
+    withdrawn = Addition(withdrawn=own.harm)
+    found = replace(made("named"), verified=own, addition=withdrawn)
     # THEN the first sentence says why, and no sentence says that it is to be used
     lost = "the monitor decides in 0 of 8 drives with the new model, in 8 with the old one"
     assert f"but no model is written: {lost};" in verdict_sentence(found)
@@ -464,7 +499,7 @@ def test_an_old_model_that_takes_the_gap_for_a_fault_is_no_measure() -> None:
 def test_fewer_false_alarms_are_no_loss() -> None:
     before, after = Count(4, 4, 4, 0, ("gain_low",)), Count(4, 4, 0, 0, ())
     quieter = replace(verified(), alarms=Detection("", None, before, after))
-    assert ">lost<" not in gap_page.as_page(made("named", verified=quieter))
+    assert ">lost<" not in gap_page.as_page(replace(made("named"), verified=quieter))
 
 
 def test_a_bias_that_the_gap_itself_had_helped_to_find_is_told_apart() -> None:
@@ -476,7 +511,7 @@ def test_a_bias_that_the_gap_itself_had_helped_to_find_is_told_apart() -> None:
         ("biased_lean", "in 1 with the new one."),
     ):
         lost = replace(own, overall=whole, faults=(Detection(fault, 0.1, *counts),))
-        assert words in gap_page.as_page(made("named", verified=lost))
+        assert words in gap_page.as_page(replace(made("named"), verified=lost))
 
 
 def test_a_gap_is_measured_from_the_error_on_healthy_recordings_where_there_are_some() -> None:
@@ -485,17 +520,17 @@ def test_a_gap_is_measured_from_the_error_on_healthy_recordings_where_there_are_
     # 0.0210 to 0.0112 where healthy drives have 0.0110
     gone = (0.0210**2 - 0.0112**2) / (0.0210**2 - 0.0110**2)
     assert own.closed_beyond_healthy == pytest.approx(gone)
-    page = gap_page.as_page(made("named", verified=own))
+    page = gap_page.as_page(replace(made("named"), verified=own))
     assert f"{percent(gone)} of what exceeds the error on healthy recordings is gone" in page
     # and where the new model errs less than the old one did on healthy drives
     less = replace(own, healthy=replace(healthy, before=0.0130))
-    page = gap_page.as_page(made("named", verified=less))
+    page = gap_page.as_page(replace(made("named"), verified=less))
     assert "and all of what exceeds the error on healthy recordings is gone" in page
 
 
 def test_an_error_that_is_no_gap_stands_beside_that_on_healthy_recordings() -> None:
     own = replace(verified(None), healthy=replace(error("healthy", "", None), before=0.0205))
-    page = gap_page.as_page(made("no_gap", verified=own))
+    page = gap_page.as_page(replace(made("no_gap"), verified=own))
     assert "is 0.0210 RMS in phi (0.0205 on healthy ones), the noise floor 0.0102" in page
 
 
@@ -507,7 +542,7 @@ def test_candidates_that_were_skipped_stand_with_what_they_lack() -> None:
 
 def test_a_constant_at_its_bound_says_so() -> None:
     at_most = LIBRARY["purge"].parameters[0].high
-    page = gap_page.as_page(made("named", added=(ModelEffect.with_values("purge", [at_most]),)))
+    page = gap_page.as_page(added(ModelEffect.with_values("purge", [at_most])))
     assert "-2 to 8, reached" in page
 
 

@@ -198,12 +198,10 @@ def test_a_fault_that_the_new_model_finds_no_more_is_told(
     assert "finds 3 of 6 faults put on with the new model, 6 with the old one" in found.harm
     # AND the new model's file does not stay, as one without loss does
     told = Addition(blind, "inside the chain", warnings=("a warning",))
-    kept, why = delivered(told, replace(found, faults=found.faults[1:]), tmp_path / "model.onnx")
-    assert (kept.path, why) == (tmp_path / "model.onnx", None)
-    assert delivered(kept, found, tmp_path / "model.onnx") == (
-        Addition(warnings=("a warning",)),
-        found.harm,
-    )
+    kept = delivered(told, replace(found, faults=found.faults[1:]), tmp_path / "model.onnx")
+    assert (kept.path, kept.withdrawn) == (tmp_path / "model.onnx", None)
+    withdrawn = Addition(warnings=("a warning",), withdrawn=found.harm)
+    assert delivered(kept, found, tmp_path / "model.onnx") == withdrawn
     assert not list(tmp_path.iterdir())
 
 

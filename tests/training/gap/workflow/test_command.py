@@ -243,19 +243,19 @@ def test_a_leak_is_named_and_added_only_if_it_is_known_to_be_no_fault(
     withheld = found()
     assert withheld.verdict == "named"
     assert [each.name for each in withheld.effects] == ["exhaust_leak"]
-    assert withheld.added == ()
-    assert withheld.new_model is None
+    assert withheld.addition.effects == ()
+    assert withheld.addition.path is None
     assert any("--add exhaust_leak" in text for text in withheld.all_warnings)
     (kept.folder or tmp_path).joinpath("verify_leak.npz").unlink()
     told = found(add=("exhaust_leak",))
-    assert [each.name for each in told.added] == ["exhaust_leak"]
+    assert [each.name for each in told.addition.effects] == ["exhaust_leak"]
     assert told.rmse[1] is not None
     assert told.rmse[1] < 0.8 * told.rmse[0]
     assert withheld_effects(told.naming, Options(sensor_known_good=True)) is None
     # and a model that takes no effect, such as a network retrained with one, leaves a result too
     monkeypatch.setattr(choice, "add", _takes_none)
     without = found(add=("exhaust_leak",))
-    assert (without.verdict, without.new_model) == ("named", None)
+    assert (without.verdict, without.addition.path) == ("named", None)
     assert "what was named is not added: was retrained with effects" in without.all_warnings
 
 
