@@ -19,10 +19,11 @@ def _parser() -> argparse.ArgumentParser:
     from training.cli import (
         calibrate,
         check,
+        evaluate,
+        fit,
         fleet,
         gap,
         gap_study,
-        model,
         recordings,
         simulate,
         study,
@@ -34,7 +35,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"o2train {__version__}")
     commands = parser.add_subparsers(required=True, metavar="command", dest="command")
-    modules = (simulate, recordings, check, model, calibrate, study)
+    modules = (simulate, recordings, check, fit, evaluate, calibrate, study)
     for module in (*modules, tables, gap, gap_study, fleet):
         module.add_parsers(commands)
     return parser

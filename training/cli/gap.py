@@ -42,21 +42,33 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    gap.add_argument(
+    _add_recordings(gap)
+    _add_choices(gap)
+    add_period_option(gap)
+    add_bus_options(gap)
+    gap.set_defaults(
+        func=run,
+        also_written=lambda args: [args.out / name for name in (REPORT, RESULT, "model.onnx")],
+    )
+
+
+def _add_recordings(parser: argparse.ArgumentParser) -> None:
+    """Add the model and the recordings in their roles."""
+    parser.add_argument(
         "recordings",
         nargs="+",
         type=paths.read,
         metavar="RECORDING",
         help="recordings of a healthy vehicle on which the model disagrees",
     )
-    gap.add_argument(
+    parser.add_argument(
         "--model",
         type=paths.read,
         required=True,
         metavar="MODEL.onnx",
         help="model file of a grey-box chain or a network from o2train fit",
     )
-    gap.add_argument(
+    parser.add_argument(
         "--healthy",
         nargs="+",
         type=paths.read,
@@ -67,7 +79,7 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         "model; if the model has none, the command cannot tell a weakness of the model from an "
         "effect)",
     )
-    gap.add_argument(
+    parser.add_argument(
         "--verify",
         nargs="+",
         type=paths.read,
@@ -76,26 +88,30 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         help="recordings that verify the new model; no fit sees them. They also choose between "
         "the ways to add the effect (default: every third RECORDING, which the naming sees)",
     )
-    gap.add_argument(
+
+
+def _add_choices(parser: argparse.ArgumentParser) -> None:
+    """Add the folder and how the workflow names and adds."""
+    parser.add_argument(
         "--out",
         type=paths.folder,
         required=True,
         metavar="DIR",
         help="folder for report.html, gap.json and model.onnx",
     )
-    gap.add_argument(
+    parser.add_argument(
         "--steps",
         type=int,
         default=1,
         metavar="N",
         help="highest number of effects to add, one after the other: 1 to 3 (default 1)",
     )
-    gap.add_argument(
+    parser.add_argument(
         "--sensor-known-good",
         action="store_true",
         help="the sensor was checked: try and suspect no sensor fault",
     )
-    gap.add_argument(
+    parser.add_argument(
         "--add",
         nargs="+",
         default=[],
@@ -103,19 +119,13 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         help="effects to add although they may be faults, for example exhaust_leak, because the "
         "vehicle was checked",
     )
-    gap.add_argument(
+    parser.add_argument(
         "--retrain",
         type=float,
         default=3.0,
         metavar="MIN",
         help="minutes to train a network again with the effect as an additional input; the "
         "command keeps the better of both ways to add the effect (default 3; 0: no training)",
-    )
-    add_period_option(gap)
-    add_bus_options(gap)
-    gap.set_defaults(
-        func=run,
-        also_written=lambda args: [args.out / name for name in (REPORT, RESULT, "model.onnx")],
     )
 
 

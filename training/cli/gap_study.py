@@ -30,60 +30,8 @@ def add_parsers(commands: "argparse._SubParsersAction[Any]") -> None:
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    study.add_argument(
-        "--base",
-        default="greybox",
-        metavar="NAME",
-        help="kind of the model under study, greybox or narx (default greybox); the study fits it "
-        "to healthy recordings",
-    )
-    study.add_argument(
-        "--out",
-        type=paths.folder,
-        required=True,
-        metavar="DIR",
-        help="folder for the cases, report.html and gap_study.json",
-    )
-    study.add_argument(
-        "--kinds",
-        metavar="NAME,…",
-        help="kinds of cases: effect, null, unknown, two, onset, fault (default: all)",
-    )
-    study.add_argument(
-        "--cases",
-        nargs="+",
-        default=[],
-        metavar="[KIND=]N",
-        help="number of cases of every kind (40) or of one kind (effect=80); default: 60 to 400 "
-        "per kind",
-    )
-    study.add_argument(
-        "--vehicles",
-        type=int,
-        default=20,
-        metavar="N",
-        help="number of simulated vehicles (default 20)",
-    )
-    study.add_argument(
-        "--first-vehicle",
-        type=int,
-        default=2100,
-        metavar="N",
-        help="number of the first simulated vehicle (default 2100)",
-    )
-    study.add_argument(
-        "--seed",
-        type=int,
-        default=2_000_000,
-        metavar="N",
-        help="seed of the first drive; every further drive takes the next seed (default 2000000)",
-    )
-    study.add_argument(
-        "--drives", type=int, default=6, metavar="N", help="recordings per case (default 6)"
-    )
-    study.add_argument(
-        "--minutes", type=float, default=10.0, help="length of a recording (default 10)"
-    )
+    _add_cases(study)
+    _add_drives(study)
     study.add_argument(
         "--fitted-with-effect",
         action="store_true",
@@ -97,6 +45,68 @@ def add_parsers(commands: "argparse._SubParsersAction[Any]") -> None:
     )
     add_cores_options(study)
     study.set_defaults(func=run, also_written=lambda args: [args.out / REPORT, args.out / RESULT])
+
+
+def _add_cases(parser: argparse.ArgumentParser) -> None:
+    """Add the model under study, the folder and the cases."""
+    parser.add_argument(
+        "--base",
+        default="greybox",
+        metavar="NAME",
+        help="kind of the model under study, greybox or narx (default greybox); the study fits it "
+        "to healthy recordings",
+    )
+    parser.add_argument(
+        "--out",
+        type=paths.folder,
+        required=True,
+        metavar="DIR",
+        help="folder for the cases, report.html and gap_study.json",
+    )
+    parser.add_argument(
+        "--kinds",
+        metavar="NAME,…",
+        help="kinds of cases: effect, null, unknown, two, onset, fault (default: all)",
+    )
+    parser.add_argument(
+        "--cases",
+        nargs="+",
+        default=[],
+        metavar="[KIND=]N",
+        help="number of cases of every kind (40) or of one kind (effect=80); default: 60 to 400 "
+        "per kind",
+    )
+
+
+def _add_drives(parser: argparse.ArgumentParser) -> None:
+    """Add the simulated vehicles and their drives."""
+    parser.add_argument(
+        "--vehicles",
+        type=int,
+        default=20,
+        metavar="N",
+        help="number of simulated vehicles (default 20)",
+    )
+    parser.add_argument(
+        "--first-vehicle",
+        type=int,
+        default=2100,
+        metavar="N",
+        help="number of the first simulated vehicle (default 2100)",
+    )
+    parser.add_argument(
+        "--seed",
+        type=int,
+        default=2_000_000,
+        metavar="N",
+        help="seed of the first drive; every further drive takes the next seed (default 2000000)",
+    )
+    parser.add_argument(
+        "--drives", type=int, default=6, metavar="N", help="recordings per case (default 6)"
+    )
+    parser.add_argument(
+        "--minutes", type=float, default=10.0, help="length of a recording (default 10)"
+    )
 
 
 def run(args: argparse.Namespace) -> int:

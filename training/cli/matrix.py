@@ -30,28 +30,36 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="folder for the rows, report.html and matrix.json (required)",
     )
-    group.add_argument(
+    _add_vehicles(group)
+    _add_conditions(group)
+    add_cores_options(group)
+    group.add_argument("--config", type=paths.read, help="TOML file that changes shipped settings")
+
+
+def _add_vehicles(parser: argparse._ArgumentGroup) -> None:
+    """Add the simulated vehicles and the numbers of their drives."""
+    parser.add_argument(
         "--vehicles",
         type=int,
         default=60,
         metavar="N",
         help="number of simulated vehicles (default 60)",
     )
-    group.add_argument(
+    parser.add_argument(
         "--first-vehicle",
         type=int,
         default=5000,
         metavar="N",
         help="number of the first simulated vehicle (default 5000)",
     )
-    group.add_argument(
+    parser.add_argument(
         "--seed",
         type=int,
         default=5_000_000,
         metavar="N",
         help="seed of the first drive; every further drive takes the next seed (default 5000000)",
     )
-    group.add_argument(
+    parser.add_argument(
         "--repetitions",
         type=int,
         default=100,
@@ -59,14 +67,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="drives per fault and placement at the limit severity (default 100); other "
         "severities get a quarter",
     )
-    group.add_argument(
+    parser.add_argument(
         "--healthy",
         type=int,
         default=600,
         metavar="N",
         help="number of healthy drives (default 600)",
     )
-    group.add_argument(
+    parser.add_argument(
         "--reference-drives",
         type=int,
         default=40,
@@ -74,7 +82,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="healthy drives per vehicle that teach its reference before its other drives "
         "(default 40)",
     )
-    group.add_argument(
+
+
+def _add_conditions(parser: argparse._ArgumentGroup) -> None:
+    """Add cycles, faults and ambient conditions."""
+    parser.add_argument(
         "--cycles",
         nargs="+",
         default=[],
@@ -82,21 +94,19 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="cycles to drive: wltc_3b, udds, us06, hwfet, micro_trips, steady (default: wltc_3b "
         "with a fault, a mixture of cycles when healthy)",
     )
-    group.add_argument(
+    parser.add_argument(
         "--faults",
         nargs="+",
         metavar="NAME[=SEVERITY,…]",
         help="sensor faults, for example slow_symmetric=0.3,0.5 (default: all faults at severities "
         "below, at and above the limit)",
     )
-    group.add_argument(
+    parser.add_argument(
         "--ambient",
         nargs="+",
         metavar="NAME",
         help="ambient conditions: mild, hot, cold, altitude (default: all)",
     )
-    add_cores_options(group)
-    group.add_argument("--config", type=paths.read, help="TOML file that changes shipped settings")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -25,6 +25,11 @@ _LOG_EXAMPLES = """examples:
 
 def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
     """Add the commands ``table`` and ``log`` to ``subparsers``."""
+    _add_table(subparsers)
+    _add_log(subparsers)
+
+
+def _add_table(subparsers: "argparse._SubParsersAction[Any]") -> None:
     table = subparsers.add_parser(
         "table",
         help="write a CAN log or measurement file as a table",
@@ -44,6 +49,8 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
     add_bus_options(table)
     table.set_defaults(func=run_table)
 
+
+def _add_log(subparsers: "argparse._SubParsersAction[Any]") -> None:
     log = subparsers.add_parser(
         "log",
         help="write a table as a CAN log",
@@ -68,6 +75,19 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
     )
     add_bus_options(log)
     log.set_defaults(func=run_log)
+
+
+def add_recordings(parser: argparse.ArgumentParser, number: str = "+") -> None:
+    """Add the recordings, their period and their bus to a command that reads several."""
+    parser.add_argument(
+        "recordings",
+        nargs=number,
+        type=paths.read,
+        metavar="RECORDING",
+        help="CAN logs, tables, logs of tuning tools or measurement files",
+    )
+    add_period_option(parser)
+    add_bus_options(parser)
 
 
 def add_period_option(parser: argparse.ArgumentParser) -> None:

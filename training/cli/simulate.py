@@ -31,9 +31,6 @@ FORMATS = ("log", "blf", "asc", "trc", "mf4", "parquet", "csv", "csv.gz")
 
 def add_parsers(commands: Any) -> None:
     """Add the command ``simulate`` to ``commands``."""
-    from monitor.base import downstream_faults, faults
-    from training.dyno import effects
-
     parser = commands.add_parser(
         "simulate",
         help="simulate drives and write them as logs or tables",
@@ -53,6 +50,17 @@ def add_parsers(commands: Any) -> None:
         default="wltc_3b",
         help="wltc_3b, udds, us06, hwfet, micro_trips or steady (default wltc_3b)",
     )
+    _add_faults(parser)
+    _add_ecu(parser)
+    _add_drives(parser)
+    parser.set_defaults(func=run)
+
+
+def _add_faults(parser: argparse.ArgumentParser) -> None:
+    """Add faults and effects of the vehicle."""
+    from monitor.base import downstream_faults, faults
+    from training.dyno import effects
+
     parser.add_argument(
         "--fault",
         action="append",
@@ -83,6 +91,10 @@ def add_parsers(commands: Any) -> None:
         help=f"effect of the vehicle: {', '.join(effects.NAMES)}; an effect of severity 1 is about "
         "as large as the noise",
     )
+
+
+def _add_ecu(parser: argparse.ArgumentParser) -> None:
+    """Add the layout that a tuner's ECU drives, and its true tables."""
     parser.add_argument(
         "--injection",
         choices=("port", "direct"),
@@ -102,6 +114,10 @@ def add_parsers(commands: Any) -> None:
     parser.add_argument(
         "--axes", type=paths.read, metavar="FILE.msq", help="tune whose axes the true tables have"
     )
+
+
+def _add_drives(parser: argparse.ArgumentParser) -> None:
+    """Add the drives and their files."""
     parser.add_argument("--seed", type=int, default=1, help="seed of the first drive (default 1)")
     parser.add_argument(
         "--count",
@@ -125,7 +141,6 @@ def add_parsers(commands: Any) -> None:
     parser.add_argument(
         "--format", choices=FORMATS, default="log", help="file format of the drives (default log)"
     )
-    parser.set_defaults(func=run)
 
 
 def run(args: argparse.Namespace) -> int:

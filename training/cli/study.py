@@ -33,14 +33,30 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    study.add_argument(
+    _add_drives(study)
+    add_signal_options(study)
+    _add_effort(study)
+    _add_machines(study)
+    add_period_option(study)
+    add_bus_options(study)
+    study.set_defaults(
+        func=run,
+        also_written=lambda args: [
+            args.out / name for name in ("report.html", "study.json", "model.onnx")
+        ],
+    )
+
+
+def _add_drives(parser: argparse.ArgumentParser) -> None:
+    """Add the recordings by their role."""
+    parser.add_argument(
         "recordings",
         nargs="+",
         type=paths.read,
         metavar="RECORDING",
         help="drives of a healthy vehicle, for training",
     )
-    study.add_argument(
+    parser.add_argument(
         "--out", type=paths.folder, required=True, metavar="DIR", help="folder for report and model"
     )
     for name, text in (
@@ -51,32 +67,35 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
             "drives at steady operating points (default: steady stretches of the recordings)",
         ),
     ):
-        study.add_argument(
+        parser.add_argument(
             f"--{name}", nargs="+", type=paths.read, default=[], metavar="RECORDING", help=text
         )
-    add_signal_options(study)
-    study.add_argument(
+
+
+def _add_effort(parser: argparse.ArgumentParser) -> None:
+    """Add the number and length of the trainings."""
+    parser.add_argument(
         "--starts",
         type=int,
         default=3,
         metavar="N",
         help="trainings per model, from different random weights (default 3)",
     )
-    study.add_argument(
+    parser.add_argument(
         "--iterations",
         type=int,
         default=200,
         metavar="N",
         help="most iterations of a series-parallel training of the 29 models (default 200)",
     )
-    study.add_argument(
+    parser.add_argument(
         "--samples",
         type=int,
         default=20_000,
         metavar="N",
         help="most training samples of the 29 models (default 20000)",
     )
-    study.add_argument(
+    parser.add_argument(
         "--models",
         type=int,
         nargs="+",
@@ -84,7 +103,7 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         metavar="N",
         help="numbers of the models to train, 1 to 29 (default: all)",
     )
-    study.add_argument(
+    parser.add_argument(
         "--budget",
         type=float,
         default=10.0,
@@ -93,32 +112,28 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         "(default 10); input selection may take 0.4 of the budget more, the training on steady "
         "against mixed driving 0.6 divided by --jobs",
     )
-    study.add_argument(
+    parser.add_argument(
         "--seed",
         type=int,
         default=0,
         metavar="N",
         help="seed of the initial weights and of the held-out blocks (default 0)",
     )
-    study.add_argument(
+
+
+def _add_machines(parser: argparse.ArgumentParser) -> None:
+    """Add where the trainings run."""
+    parser.add_argument(
         "--jobs",
         type=int,
         default=2,
         metavar="N",
         help="number of processes on this machine (default 2)",
     )
-    study.add_argument(
+    parser.add_argument(
         "--scheduler",
         metavar="URL",
         help="run the jobs on the Dask cluster of this scheduler, for example tcp://host:8786",
-    )
-    add_period_option(study)
-    add_bus_options(study)
-    study.set_defaults(
-        func=run,
-        also_written=lambda args: [
-            args.out / name for name in ("report.html", "study.json", "model.onnx")
-        ],
     )
 
 

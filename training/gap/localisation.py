@@ -60,7 +60,7 @@ def investigate(
     unknown = " ".join(found.significant) if answer.verdict == "unknown_effect" else None
     return Result(
         inputs=Inputs(
-            model=ModelFile.of(model),
+            model=ModelFile.of(model, card),
             recordings=tuple(map(training_recording, recordings)),
             healthy=tuple(map(training_recording, healthy)),
             held_out=(),

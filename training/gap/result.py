@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from monitor.base.outputs import write_text
-from monitor.model.card import TrainingRecording
-from monitor.model.step import Model
+from monitor.model.card import ModelCard, TrainingRecording
 from training.gap.add.addition import Addition
 from training.gap.config import CONFIG
 from training.gap.name.ranking import RIVAL_SCORE, loses
@@ -36,9 +35,9 @@ class ModelFile:
     kind: str  # "narx", "greybox"
 
     @classmethod
-    def of(cls, path: Path) -> "ModelFile":
-        """Return the model in ``path``; raises ModelError if it is none."""
-        return cls(path, sha256(path), Model.load(path).card.kind)
+    def of(cls, path: Path, card: ModelCard) -> "ModelFile":
+        """Return the model in ``path``, which has this card."""
+        return cls(path, sha256(path), card.kind)
 
 
 @dataclass(frozen=True, slots=True)

@@ -75,7 +75,7 @@ def investigate(
     verification = _verification(subject, addition, knowledge, options, stages, progress)
     addition = delivered(addition, verification, out / NEW_MODEL)
     return Result(
-        inputs=_read(material, options),
+        inputs=_inputs(subject, options),
         findings=findings,
         naming=naming,
         addition=addition,
@@ -154,14 +154,15 @@ def delivered(addition: Addition, verification: Verification | None, path: Path)
     return addition.without_file(harm) if harm else addition.kept(path)
 
 
-def _read(material: Material, options: Options) -> Inputs:
+def _inputs(subject: Subject, options: Options) -> Inputs:
     """Return the model and the recordings as the report names them."""
+    material = subject.material
     recordings, healthy, held_out = (
         tuple(map(training_recording, each))
         for each in (material.recordings, material.healthy, material.held_out)
     )
     return Inputs(
-        model=ModelFile.of(material.model),
+        model=ModelFile.of(material.model, subject.card),
         recordings=recordings,
         healthy=healthy,
         held_out=held_out,

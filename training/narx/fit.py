@@ -23,6 +23,7 @@ from training.recordings.preparation import Prepared, Role, prepare
 if TYPE_CHECKING:
     from training.recordings.recording import Recording
 
+LAGS, HIDDEN = 5, (8, 8)  # of the paper's network
 SEARCH_SHARE = 0.4  # of the budget goes into the choice of memory and size
 SHORT_SAMPLES, ROTATIONS = 5000, 4  # shorter recordings choose by several sets of held-out blocks
 STARTS, STARTS_SHORT = 3, 8  # trainings from different random weights
@@ -81,70 +82,123 @@ def fit(
     if starts is not None and starts < 1:
         raise UsageError(f"starts {starts}: must be at least 1")
     began_s = time.monotonic()
-    everything = (*recordings, *validate)
-    judges = range(len(recordings), len(everything))
-
-    def prepared(seed: int) -> Prepared:
-        return prepare(
-            everything,
-            inputs,
-            output,
-            transforms,
-            lags=lags or 5,
-            seed=seed,
-            validate=judges,
-            turn_fuel=True,
-        )
-
-    data = prepared(seed)
+    source = _Source(recordings, validate, inputs, output, transforms, lags or LAGS)
+    data = source.prepared(seed)
     short = len(data.role) < SHORT_SAMPLES
-    tries: tuple[Try, ...] = ()
+    end_s = began_s + 60.0 * budget_minutes
+    shapes, tries = [_shape(data, lags, hidden, input_lag_start)], tuple[Try, ...]()
     if lags is None and hidden is None:
-        rotations = [data, *(prepared(seed + i) for i in range(1, ROTATIONS if short else 1))]
+        rotations = [
+            data,
+            *(source.prepared(seed + i) for i in range(1, ROTATIONS if short else 1)),
+        ]
         search_end_s = began_s + SEARCH_SHARE * 60.0 * budget_minutes
         search = Search(rotations, search_end_s, threads, tried)
-        shapes: list[Shape] = [(found.spec(data), found.decay) for found in search.run()]
+        shapes = [(found.spec(data), found.decay) for found in search.run()]
         tries = tuple(search.tries.values())
-    else:
-        limits = data.scaling.y_scaled_limits
-        spec = Spec(len(inputs), lags or 5, hidden or (8, 8), input_lag_start, *limits)
-        shapes = [(spec, 0.0)]
     warnings = [*data.warnings, *_size_warnings(data, shapes[0][0])]
+    runs = Starts(data, seed, end_s, threads, progress)
     count = starts or (STARTS_SHORT if short else STARTS)
-    runs = Starts(data, seed, began_s + 60.0 * budget_minutes, threads, progress)
-    trained = runs.train([(start, shape) for shape in shapes for start in range(count)])
-    trained = (*trained, *committees(data, trained)) if tries else trained
-    trained, best, gap = runs.until_one_forgets(trained, shapes[0], first=count)
-    chosen = trained[best]
-    if not np.isfinite(chosen.score):
+    chosen = _train(runs, shapes, count, join=bool(tries))
+    if not np.isfinite(chosen.model.score):
         raise UsageError(f"the budget of {budget_minutes:g} min ended before the first epoch")
-    predicted = data.scaling.unscale_y(free_run(data, chosen.spec, chosen.weights))
-    network, card = write_model(
-        out,
-        data,
-        spec=chosen.spec,
-        weights=chosen.weights,
-        predicted=predicted,
-        gap=gap,
-        members=chosen.members,
-    )
+    written = _write(out, data, chosen)
     return FitResult(
         path=Path(out),
-        card=card,
-        network=network,
+        card=written.card,
+        network=written.network,
         data=data,
-        starts=trained,
-        best=best,
-        predicted=predicted,
+        starts=chosen.starts,
+        best=chosen.best,
+        predicted=written.predicted,
         held_out=held_out(data),
         tries=tries,
         seconds=time.monotonic() - began_s,
         warnings=(
             *warnings,
-            *_training_warnings(trained, gap, data.must_forget),
-            *_parity_warnings(card),
+            *_training_warnings(chosen, data.must_forget),
+            *_parity_warnings(written.card),
         ),
     )
+
+
+@dataclass(frozen=True, slots=True)
+class _Source:
+    """Recordings and signals of the fit, to be prepared with several sets of held-out blocks."""
+
+    recordings: "Sequence[Recording]"
+    validate: "Sequence[Recording]"
+    inputs: Sequence[str]
+    output: str
+    transforms: Sequence[Mapping[str, Any]]
+    lags: int
+
+    def prepared(self, seed: int) -> Prepared:
+        """Return the data; ``seed`` chooses the held-out blocks."""
+        everything = (*self.recordings, *self.validate)
+        return prepare(
+            everything,
+            self.inputs,
+            self.output,
+            self.transforms,
+            lags=self.lags,
+            seed=seed,
+            validate=range(len(self.recordings), len(everything)),
+            turn_fuel=True,
+        )
+
+
+def _shape(
+    data: Prepared, lags: int | None, hidden: tuple[int, ...] | None, input_lag_start: int
+) -> Shape:
+    """Return the shape that was asked for, the paper's where nothing was said."""
+    limits = data.scaling.y_scaled_limits
+    return Spec(len(data.inputs), lags or LAGS, hidden or HIDDEN, input_lag_start, *limits), 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Choice:
+    """All trainings, the number of the best one, and how well it forgets its history."""
+
+    starts: tuple[Trained, ...]
+    best: int
+    gap: Contraction
+
+    @property
+    def model(self) -> Trained:
+        """Return the training that is the model."""
+        return self.starts[self.best]
+
+
+def _train(runs: Starts, shapes: Sequence[Shape], count: int, *, join: bool) -> _Choice:
+    """Train every shape from ``count`` starts; with ``join`` their committees are candidates."""
+    trained = runs.train([(start, shape) for shape in shapes for start in range(count)])
+    trained = (*trained, *committees(runs.data, trained)) if join else trained
+    return _Choice(*runs.until_one_forgets(trained, shapes[0], first=count))
+
+
+@dataclass(frozen=True, slots=True)
+class _Written:
+    """The model file's card and network, and their free run."""
+
+    card: ModelCard
+    network: Network
+    predicted: FloatArray  # (n,) in model units
+
+
+def _write(out: Path | str, data: Prepared, chosen: _Choice) -> _Written:
+    model = chosen.model
+    predicted = data.scaling.unscale_y(free_run(data, model.spec, model.weights))
+    network, card = write_model(
+        out,
+        data,
+        spec=model.spec,
+        weights=model.weights,
+        predicted=predicted,
+        gap=chosen.gap,
+        members=model.members,
+    )
+    return _Written(card, network, predicted)
 
 
 def _size_warnings(data: Prepared, spec: Spec) -> list[str]:
@@ -159,16 +213,14 @@ def _size_warnings(data: Prepared, spec: Spec) -> list[str]:
     return []
 
 
-def _training_warnings(
-    trained: Sequence[Trained], gap: Contraction, must_forget: bool
-) -> list[str]:
-    warnings = []
+def _training_warnings(chosen: _Choice, must_forget: bool) -> list[str]:
+    gap, warnings = chosen.gap, []
     if must_forget and not gap.gap <= gap.limit:
         warnings.append(
             f"predictions from two histories differ by up to {gap.gap:.3g} after "
             f"{CONTRACTION_SAMPLES} samples (limit {gap.limit:.3g})"
         )
-    begun = [t for t in trained if t.members == 1]
+    begun = [t for t in chosen.starts if t.members == 1]
     cut = sum(t.stages[-1].stop == "budget" if t.stages else True for t in begun)
     if cut:
         warnings.append(f"the budget ended {cut} of {len(begun)} starts before their last stage")

@@ -60,7 +60,7 @@ def add(
         return Addition(warnings=(withheld,))
     progress("adding")
     material, known = subject.material, knowledge.known
-    choices = constants.constant_choices(material, naming, known, knowledge.start)
+    choices = constants.constant_choices(subject, naming, known, knowledge.start)
     if not choices:
         return Addition(warnings=(DIFFERS_BY_DRIVE,))
     try:

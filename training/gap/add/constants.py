@@ -18,7 +18,7 @@ from training.gap.add.drive_weights import fit_weighted, left_out_ratio
 from training.gap.healthy import behaviour
 from training.gap.healthy.behaviour import Healthy
 from training.gap.inputs import base
-from training.gap.inputs.roles import Material
+from training.gap.inputs.subject import Subject
 from training.gap.name import scoring
 from training.gap.name.base_state import base_state
 from training.gap.name.ranking import State
@@ -29,7 +29,7 @@ from training.greybox.fit.joint import Case, Fit, fit
 
 
 def constant_choices(
-    material: Material, naming: Naming, known: Healthy | None, start: Constants
+    subject: Subject, naming: Naming, known: Healthy | None, start: Constants
 ) -> list[tuple[ModelEffect, ...]]:
     """Return the named effects with every possible set of constants, the naming's first.
 
@@ -37,23 +37,19 @@ def constant_choices(
     effect. A grey-box model takes over the base of the naming and gets the best set alone; beside
     a network stands the plain chain.
     """
-    recordings = material.fit
-    drives = base.drives_of(material.model, recordings, material.healthy)
-    state, last = (
-        base_state(drives, known, known.base if known else start),
-        naming.answer.effects[-1].fit,
-    )
+    material, last = subject.material, naming.answer.effects[-1].fit
+    state = base_state(subject.fit_drives, known, known.base if known else start)
     alone = _alone(state)
     # An effect that varies between drives would follow the drive in which it is strongest.
     also = () if any(getattr(term, "varies", False) for term in last.terms) else (alone,)
-    if base.check(material.model).kind == base.GREYBOX:
+    if subject.is_greybox:
         found = [_alike(state, case, alone, last) for case in (state.case, *also)]
         return [_added(naming, fitted) for fitted, ratio in [min(found, key=_ratio)] if ratio < 1.0]
     found = [_alike(state, state.case, state.case, last)]
     if known and material.healthy:
         plain = replace(known, base=known.plain, own=(), charge=None)
         other = behaviour.learn(base.read_by(material.model, material.healthy), known.plain, plain)
-        own = base_state(base.read_by(material.model, recordings), other, other.base)
+        own = base_state(base.read_by(material.model, material.fit), other, other.base)
         found.append(_alike(own, own.case, own.case, last))
     found += [_alike(state, case, case, last) for case in also]
     return [_added(naming, fitted) for fitted, ratio in found if ratio < 1.0]

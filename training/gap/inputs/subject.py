@@ -46,6 +46,11 @@ class Subject:
         """Return the chain's constants from the model's card, usual ones for a network."""
         return base.constants_of(self.card)
 
+    @property
+    def fit_drives(self) -> list[Drive]:
+        """Return the drives that the new model's constants come from."""
+        return [self.drives[i] for i in self.material.fit_numbers]
+
     def healthy_drives(self) -> list[Drive]:
         """Return the healthy recordings as drives; raises RecordingError if they are too short."""
         drives = base.drives_of(self.model, self.material.healthy, self.material.healthy)

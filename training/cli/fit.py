@@ -1,4 +1,4 @@
-"""The commands ``o2train fit`` and ``o2train evaluate``."""
+"""The command ``o2train fit``."""
 
 import argparse
 import sys
@@ -6,14 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from monitor.base import option_paths as paths
-from training.cli import greybox, matrix
-from training.cli.recordings import (
-    add_bus_options,
-    add_period_option,
-    add_signal_options,
-    inputs_of,
-    load_all,
-)
+from training.cli import greybox
+from training.cli.recordings import add_recordings, add_signal_options, inputs_of, load_all
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -22,7 +16,7 @@ if TYPE_CHECKING:
     from training.narx.fit import FitResult
     from training.recordings.recording import Recording
 
-_FIT_EXAMPLES = """examples:
+_EXAMPLES = """examples:
   o2train fit drive1.log drive2.log drive3.log --out model.onnx
   o2train fit run_*.csv.gz --inputs speed_z load_z ignition_angle_z fuel_cutoff_z \\
       --output lambda_z --out lambda.onnx
@@ -31,16 +25,10 @@ _FIT_EXAMPLES = """examples:
   o2train fit drive*.log --kind greybox --out chain.onnx --inputs fuel_mass_mg \\
       manifold_pressure_kpa manifold_temperature_degc engine_speed_rpm
 """
-_EVALUATE_EXAMPLES = """examples:
-  o2train evaluate --model model.onnx drive4.log
-  o2train evaluate --model model.onnx drive4.log drive5.log --washout 20 --json figures.json
-  o2train evaluate --model model.onnx --matrix --out matrix
-  o2train evaluate --model model.onnx --matrix --out matrix --faults delay_symmetric=0.4 --jobs 4
-"""
 
 
 def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
-    """Add the commands ``fit`` and ``evaluate`` to ``subparsers``."""
+    """Add the command ``fit`` to ``subparsers``."""
     fit = subparsers.add_parser(
         "fit",
         help="train a model on recordings of a healthy vehicle",
@@ -50,10 +38,10 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         "shape, without a linear path. --kind greybox fits the constants of the physical chain\n"
         "instead. The chain reads its charge as air per stroke; with manifold pressure and\n"
         "temperature among --inputs it computes the charge from them and a map.",
-        epilog=_FIT_EXAMPLES,
+        epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    _add_recordings(fit)
+    add_recordings(fit)
     fit.add_argument(
         "--out",
         type=paths.written_model,
@@ -78,108 +66,66 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         help="recordings that choose the network and stop the training; no training uses them "
         "(default: held-out blocks of every recording)",
     )
-    fit.add_argument(
-        "--lags",
-        type=int,
-        metavar="N",
-        help="longest lag in samples (default: chosen from the data; 5 with --hidden)",
-    )
-    fit.add_argument(
-        "--lag-zero",
-        action="store_true",
-        help="let the network also read the inputs of the predicted tick (without --lags and "
-        "--hidden the data choose the lags)",
-    )
-    fit.add_argument(
-        "--hidden",
-        type=int,
-        nargs="+",
-        metavar="N",
-        help="neurons per hidden layer (default: chosen from the data; 8 8 with --lags)",
-    )
-    fit.add_argument(
-        "--ratio",
-        action="store_true",
-        help="give the network the fuel-air ratio instead of the fuel mass",
-    )
-    fit.add_argument(
-        "--starts",
-        type=int,
-        metavar="N",
-        help="number of trainings from random weights (default 3; 8 below 5000 samples); up to "
-        "three more if no network forgets its initial state",
-    )
-    fit.add_argument(
-        "--budget",
-        type=float,
-        default=10.0,
-        metavar="MIN",
-        help="minutes after which the training stops and keeps its best network (default 10)",
-    )
-    fit.add_argument(
-        "--seed",
-        type=int,
-        default=0,
-        metavar="N",
-        help="seed of the initial weights and of the held-out blocks (default 0)",
-    )
+    _add_network(fit)
     fit.add_argument(
         "--report",
         type=paths.written,
         metavar="HTML",
         help="report to write (default: beside the model file)",
     )
-    fit.set_defaults(func=run_fit, also_written=lambda args: [] if args.report else [_report(args)])
+    fit.set_defaults(func=run, also_written=lambda args: [] if args.report else [_report(args)])
 
-    evaluate = subparsers.add_parser(
-        "evaluate",
-        help="predict recordings with a model and report the errors",
-        description="Predict every recording by free run of a model and report the errors in the\n"
-        "unit of the output. With --matrix, the monitor judges many simulated drives instead,\n"
-        "healthy drives and drives with sensor faults.",
-        epilog=_EVALUATE_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    evaluate.add_argument(
-        "--model",
-        type=paths.read,
-        required=True,
-        metavar="MODEL.onnx",
-        help="model file to evaluate",
-    )
-    _add_recordings(evaluate, "*")
-    evaluate.add_argument(
-        "--washout",
+
+def _add_network(parser: argparse.ArgumentParser) -> None:
+    """Add the shape of the network and its trainings."""
+    parser.add_argument(
+        "--lags",
         type=int,
         metavar="N",
-        help="number of first samples that set the state from the measured output and are not "
-        "scored (default: the longest lag)",
+        help="longest lag in samples (default: chosen from the data; 5 with --hidden)",
     )
-    evaluate.add_argument(
-        "--json", type=paths.written, metavar="OUT", help="write the figures as JSON"
-    )
-    matrix.add_options(evaluate)
-    evaluate.set_defaults(
-        func=run_evaluate,
-        also_written=lambda args: [
-            args.out / name for name in (matrix.REPORT, matrix.RESULT) if args.out
-        ],
-    )
-
-
-def _add_recordings(parser: argparse.ArgumentParser, number: str = "+") -> None:
     parser.add_argument(
-        "recordings",
-        nargs=number,
-        type=paths.read,
-        metavar="RECORDING",
-        help="CAN logs, tables, logs of tuning tools or measurement files",
+        "--lag-zero",
+        action="store_true",
+        help="let the network also read the inputs of the predicted tick (without --lags and "
+        "--hidden the data choose the lags)",
     )
-    add_period_option(parser)
-    add_bus_options(parser)
+    parser.add_argument(
+        "--hidden",
+        type=int,
+        nargs="+",
+        metavar="N",
+        help="neurons per hidden layer (default: chosen from the data; 8 8 with --lags)",
+    )
+    parser.add_argument(
+        "--ratio",
+        action="store_true",
+        help="give the network the fuel-air ratio instead of the fuel mass",
+    )
+    parser.add_argument(
+        "--starts",
+        type=int,
+        metavar="N",
+        help="number of trainings from random weights (default 3; 8 below 5000 samples); up to "
+        "three more if no network forgets its initial state",
+    )
+    parser.add_argument(
+        "--budget",
+        type=float,
+        default=10.0,
+        metavar="MIN",
+        help="minutes after which the training stops and keeps its best network (default 10)",
+    )
+    parser.add_argument(
+        "--seed",
+        type=int,
+        default=0,
+        metavar="N",
+        help="seed of the initial weights and of the held-out blocks (default 0)",
+    )
 
 
-def run_fit(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> int:
     """Train a model, write it with limits, reference and report, and return exit code 0.
 
     Raises UsageError or RecordingError (exit code 2).
@@ -308,42 +254,3 @@ def _print_measure(title: str, figures: "Mapping[str, Any]", card: "ModelCard") 
         f"correlation {figures['correlation']:.4f}, RMSE {figures['rmse']:.4g} "
         f"{unit}, {figures['samples']:.0f} samples"
     )
-
-
-def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.4f}"
-
-
-def run_evaluate(args: argparse.Namespace) -> int:
-    """Predict recordings with a model, or run the matrix, and return exit code 0.
-
-    Raises UsageError, ModelError or RecordingError (exit code 2).
-    """
-    from monitor.base.errors import UsageError
-    from monitor.model.step import Model
-    from training.studies.evaluation import evaluate, save
-
-    if args.matrix:
-        return matrix.run(args)
-    if not args.recordings:
-        raise UsageError("at least one RECORDING is wanted, or --matrix")
-    card = Model.load(args.model).card
-    period_s = args.period if args.period is not None else card.period_ns / 1e9
-    result = evaluate(args.model, load_all(args, args.recordings, period_s), args.washout)
-    for r in result["recordings"]:
-        fit = r["fit_percent"]
-        simulated = " (simulated)" if r["source"] == "simulated" else ""
-        print(
-            f"{r['path']}{simulated}: {r['samples']} samples, RMSE {r['rmse']:.4g}, "
-            f"fit {'-' if fit is None else f'{fit:.1f} %'}, "
-            f"correlation {_number(r['correlation'])}, one-step RMSE {r['one_step_rmse']:.4g}"
-        )
-        if r["enabled"]:
-            e = r["enabled"]
-            print(
-                f"  enabled: {e['samples']} samples, RMSE {e['rmse']:.4g}, "
-                f"correlation {_number(e['correlation'])}"
-            )
-    if args.json:
-        save(result, args.json)
-    return 0
