@@ -48,6 +48,9 @@ docs: venv ## the documentation as a site, build/site/index.html; needs no netwo
 	NO_MKDOCS_2_WARNING=1 $(VENV)/bin/python -m mkdocs build --strict
 	@echo "open build/site/index.html, or with search: python3 -m http.server 8000 -d build/site"
 
+test-docs: venv ## run every command of the documentation (some minutes)
+	$(VENV)/bin/python -m tests.helpers.run_documentation
+
 lint: venv ## style, types and the direction of imports
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
