@@ -51,6 +51,9 @@ docs: venv ## the documentation as a site, build/site/index.html; needs no netwo
 test-docs: venv ## run every command of the documentation (some minutes)
 	$(VENV)/bin/python -m tests.helpers.run_documentation
 
+dist: venv ## wheel and sources in dist/, checked by twine, built twice with equal bytes
+	sh share/build.sh $(VENV)/bin/python
+
 lint: venv ## style, types and the direction of imports
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .

@@ -1,17 +1,23 @@
 """Puts a bill of materials into the wheel: ``.dist-info/sboms/o2-monitor.cdx.json`` (PEP 770).
 
-All else about the package stands in pyproject.toml. The bill is CycloneDX 1.6: the package, the
+The archive of the sources has no owners, and with ``SOURCE_DATE_EPOCH`` its times: the same tree
+gives the same bytes. All else about the package stands in pyproject.toml. The bill is CycloneDX 1.6: the package, the
 packages that it needs with the ranges that it accepts, and the works of others that it contains.
 """
 
+import gzip
 import hashlib
 import json
+import os
 import re
+import tarfile
+import time
 import tomllib
 from pathlib import Path
 
 from setuptools import setup
 from setuptools.command.bdist_wheel import bdist_wheel
+from setuptools.command.sdist import sdist
 
 ROOT = Path(__file__).parent
 NAME = "o2-monitor.cdx.json"
@@ -105,5 +111,30 @@ class Wheel(bdist_wheel):
         (folder / NAME).write_text(json.dumps(bill_of_materials(), indent=1) + "\n")
 
 
+class Sources(sdist):
+    """An archive whose bytes depend on names and contents of the files only."""
+
+    def make_archive(self, base_name: str, format: str, *args: object, **keywords: object) -> str:
+        """Write the archive in the order of its names."""
+        if format != "gztar":
+            return super().make_archive(base_name, format, *args, **keywords)
+        epoch_s = int(os.environ.get("SOURCE_DATE_EPOCH", time.time()))
+        place = Path(f"{base_name}.tar.gz")
+        folder = Path(self.distribution.get_fullname())
+        with (
+            place.open("wb") as file,
+            gzip.GzipFile("", "wb", mtime=epoch_s, fileobj=file) as packed,
+            tarfile.open(fileobj=packed, mode="w", format=tarfile.PAX_FORMAT) as archive,
+        ):
+            for path in sorted(folder.rglob("*")):
+                member = archive.gettarinfo(str(path), path.as_posix())
+                member.mtime, member.uid, member.gid = epoch_s, 0, 0
+                member.uname = member.gname = ""
+                member.mode = 0o755 if path.is_dir() or path.stat().st_mode & 0o100 else 0o644
+                with path.open("rb") if path.is_file() else open(os.devnull, "rb") as content:
+                    archive.addfile(member, content)
+        return str(place)
+
+
 if __name__ == "__main__":
-    setup(cmdclass={"bdist_wheel": Wheel})
+    setup(cmdclass={"bdist_wheel": Wheel, "sdist": Sources})

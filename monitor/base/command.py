@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Final, TextIO
 
-from monitor.base import option_paths
+from monitor.base import option_paths, verbosity
 from monitor.base.errors import O2Error
 
 USAGE_ERROR: Final = 2
@@ -58,14 +58,16 @@ def run(
 
 
 def _run(parser: argparse.ArgumentParser, argv: Sequence[str]) -> int:
+    verbosity.add_options(parser)
     try:
         args = parser.parse_args(argv)
     except SystemExit:  # after --help, or an impossible option
         _flush(sys.stdout)
         raise
     option_paths.check(parser, args)
-    code = int(args.func(args))
-    _flush(sys.stdout)
+    with verbosity.applied(args):
+        code = int(args.func(args))
+        _flush(sys.stdout)
     return code
 
 

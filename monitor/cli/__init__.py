@@ -14,8 +14,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     return run_command("o2mon", _parser, argv)
 
 
-def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
-    """Return the parser; only the command of the arguments has its options.
+def _parser(arguments: Sequence[str] | None) -> argparse.ArgumentParser:
+    """Return the parser; only the command of the arguments has its options, with None every one.
 
     The options of a bus come from python-can, whose import takes longer than all the rest.
     """
@@ -28,7 +28,7 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"o2mon {__version__}")
     commands = parser.add_subparsers(required=True, metavar="command", dest="command")
-    named = next((word for word in arguments if not word.startswith("-")), None)
+    named = next((word for word in arguments or () if not word.startswith("-")), None)
     for name, command in {
         "replay": replay,
         "run": run,
@@ -37,7 +37,7 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
         "dtc": dtc,
         "map": map_,
     }.items():
-        if name == named:
+        if arguments is None or name == named:
             command.add(commands)
         else:
             commands.add_parser(name, help=command.HELP)

@@ -60,7 +60,7 @@ def _map(args: argparse.Namespace) -> int:
     text, proposals = make_map(
         database, args.dbc, log=args.log, cylinders=args.cylinders, notes=notes
     )
-    tell = say if args.out else _tell_apart
+    tell = say if args.out or args.nothing else _tell_apart
     if args.out is None:
         say(text.rstrip("\n"))
     else:

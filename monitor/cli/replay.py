@@ -37,7 +37,7 @@ def add(commands: Any) -> None:
     add_setup(replay)
     add_columns(replay)
     replay.add_argument("--windows", action="store_true", help="print every window")
-    replay.add_argument("--quiet", action="store_true", help="print nothing per recording")
+    replay.add_argument("-q", "--quiet", action="store_true", help="print nothing per recording")
     add_outputs(replay)
     add_sinks(replay)
 

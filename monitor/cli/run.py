@@ -66,7 +66,7 @@ def add(commands: Any) -> None:
     add_obd(run)
     add_live(run)
     add_sinks(run)
-    run.add_argument("--quiet", action="store_true", help="print only the final verdict")
+    run.add_argument("-q", "--quiet", action="store_true", help="print only the final verdict")
     run.add_argument("--json-lines", action="store_true", help="print one JSON object per line")
     run.add_argument(
         "--realtime",

@@ -32,6 +32,12 @@ SIMULATED = {  # stem -> options; CAN logs
     "new1": "--seed 17 --effect wall_film=4",
     "new2": "--seed 18 --effect wall_film=4",
 }
+RENAMED = {  # columns of a recording with other names
+    "engine_speed_rpm": "speed",
+    "air_mass_mg": "load",
+    "throttle_percent": "ignition",
+    "lambda_measured": "lambda_z",
+}
 SHORT = {  # command -> options that cut it short
     "fit": "--budget 0.2 --starts 1 --lags 3 --hidden 4",
     "study": "--budget 0.1 --starts 1 --iterations 10 --samples 1500 --models 1 2 --jobs 1",
@@ -62,9 +68,8 @@ def shared_files(folder: Path) -> None:
         subprocess.run(table, check=True, capture_output=True)
         if stem.startswith("run"):
             text = (folder / name).read_text()
-            for old, new in {"engine_speed_rpm": "speed", "air_mass_mg": "load"}.items():
+            for old, new in RENAMED.items():
                 text = text.replace(old, new)
-            text = text.replace("throttle_percent", "ignition").replace("lambda_measured", "lambda_z")
             (folder / name).write_text(text)
     port = "--injection port --format csv --period 0.05 --duration 900 --cycle micro_trips"
     for seed, day in enumerate(("monday", "tuesday", "wednesday", "thursday", "friday"), 1):
@@ -169,7 +174,8 @@ def main() -> int:
                     timeout=SECONDS,
                     check=False,
                 )
-                print(f"{block.place}: {'runs' if finished.returncode == 0 else 'FAILS'}", flush=True)
+                outcome = "FAILS" if finished.returncode else "runs"
+                print(f"{block.place}: {outcome}", flush=True)
                 if finished.returncode:
                     failed.append(block.place)
                     print(finished.stdout[-2000:], finished.stderr[-2000:], flush=True)

@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -140,7 +141,7 @@ def run(args: argparse.Namespace) -> int:
     recordings = load_all(args, args.recordings, args.period)
     check_each_once(recordings)
     outcome = _narx(args, recordings) if args.kind == "narx" else greybox.fit(args, recordings)
-    with tqdm(unit="step", leave=False, disable=None) as bar:
+    with tqdm(unit="step", leave=False, disable=args.nothing or None) as bar:
 
         def progress(text: str) -> None:
             bar.set_description_str(text)
@@ -195,7 +196,8 @@ def _narx(args: argparse.Namespace, recordings: "list[Recording]") -> "FitResult
     inputs = inputs_of(args, (*recordings, *validate))
     if args.ratio and not {"fuel_mass_mg", "air_mass_mg"} <= set(inputs):
         raise UsageError("--ratio needs the inputs fuel_mass_mg and air_mass_mg")
-    with Bar(args.budget) as bar:
+    nowhere = StringIO() if args.nothing else None
+    with Bar(args.budget, nowhere) as bar:
         return fit(
             recordings,
             inputs,

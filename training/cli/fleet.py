@@ -112,7 +112,7 @@ def run(args: argparse.Namespace) -> int:
     bench = Bench.of(args.model, config.load(args.config), pairs_of(args), args.columns)
     drives = drives_of(args.recordings, args.vehicle, written)
     errors = faults = 0
-    with tqdm(total=len(drives), unit="drive", disable=None) as bar:
+    with tqdm(total=len(drives), unit="drive", disable=args.nothing or None) as bar:
 
         def done(chunk: dict[str, Any]) -> None:
             nonlocal errors, faults

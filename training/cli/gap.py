@@ -155,7 +155,7 @@ def run(args: argparse.Namespace) -> int:
     )
     args.out.mkdir(parents=True, exist_ok=True)
     stages = Checkpoints.of(args.out / STAGES, _identity(material, options), NAMED)
-    with tqdm(unit="step", leave=False, disable=None) as bar:
+    with tqdm(unit="step", leave=False, disable=args.nothing or None) as bar:
 
         def progress(text: str) -> None:
             bar.set_description_str(text)

@@ -125,7 +125,7 @@ def run(args: argparse.Namespace) -> int:
     study, jobs = _study(args), jobs_of(args)
     identity = study_run.begin(study, args.out)
     try:
-        with tqdm(total=result.planned(study), unit="case", disable=None) as bar:
+        with tqdm(total=result.planned(study), unit="case", disable=args.nothing or None) as bar:
             study_run.run(study, args.out, bar.update, jobs=jobs, scheduler=args.scheduler)
     finally:
         rows = study_run.rows(study, args.out)

@@ -130,7 +130,7 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError("--matrix needs --out DIR")
     matrix, settings = _matrix(args), config.load(args.config)
     cores = matrix_run.Cores(jobs_of(args), args.scheduler)
-    with tqdm(total=matrix_run.count(matrix), unit="drive", disable=None) as bar:
+    with tqdm(total=matrix_run.count(matrix), unit="drive", disable=args.nothing or None) as bar:
         rows = matrix_run.run(
             matrix, args.model, config=settings, folder=args.out, done=bar.update, cores=cores
         )

@@ -170,7 +170,7 @@ def run(args: argparse.Namespace) -> int:
     except OSError as error:
         raise UsageError(f"{args.out}: {error.strerror}") from None
     seeds = range(args.seed, args.seed + args.count)
-    for seed in tqdm(seeds, unit="drive", disable=args.count == 1):
+    for seed in tqdm(seeds, unit="drive", disable=args.nothing or args.count == 1):
         experiment = Experiment(
             cycle=args.cycle,
             vehicle=args.vehicle,
