@@ -1,7 +1,7 @@
 """Puts a bill of materials into the wheel: ``.dist-info/sboms/o2-monitor.cdx.json`` (PEP 770).
 
-The archive of the sources has no owners, and with ``SOURCE_DATE_EPOCH`` its times: the same tree
-gives the same bytes. All else about the package stands in pyproject.toml. The bill is CycloneDX 1.6: the package, the
+Wheel and archive of the sources depend on no owner or mask of the builder; with
+``SOURCE_DATE_EPOCH`` the same tree gives the same bytes. All else about the package stands in pyproject.toml. The bill is CycloneDX 1.6: the package, the
 packages that it needs with the ranges that it accepts, and the works of others that it contains.
 """
 
@@ -109,6 +109,14 @@ class Wheel(bdist_wheel):
         folder = Path(wheelfile_base) / "sboms"
         folder.mkdir(exist_ok=True)
         (folder / NAME).write_text(json.dumps(bill_of_materials(), indent=1) + "\n")
+        for path in folder.parents[1].rglob("*"):  # a mask of the builder is none of the wheel
+            if path.is_file():
+                path.chmod(_mode(path))
+
+
+def _mode(path: Path) -> int:
+    """Return the rights of a file or folder in an archive."""
+    return 0o755 if path.is_dir() or path.stat().st_mode & 0o100 else 0o644
 
 
 class Sources(sdist):
@@ -130,7 +138,7 @@ class Sources(sdist):
                 member = archive.gettarinfo(str(path), path.as_posix())
                 member.mtime, member.uid, member.gid = epoch_s, 0, 0
                 member.uname = member.gname = ""
-                member.mode = 0o755 if path.is_dir() or path.stat().st_mode & 0o100 else 0o644
+                member.mode = _mode(path)
                 with path.open("rb") if path.is_file() else open(os.devnull, "rb") as content:
                     archive.addfile(member, content)
         return str(place)
