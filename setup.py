@@ -1,8 +1,9 @@
 """Puts a bill of materials into the wheel: ``.dist-info/sboms/o2-monitor.cdx.json`` (PEP 770).
 
 Wheel and archive of the sources depend on no owner or mask of the builder; with
-``SOURCE_DATE_EPOCH`` the same tree gives the same bytes. All else about the package stands in pyproject.toml. The bill is CycloneDX 1.6: the package, the
-packages that it needs with the ranges that it accepts, and the works of others that it contains.
+``SOURCE_DATE_EPOCH`` the same tree gives the same bytes. All else about the package stands in
+pyproject.toml. The bill is CycloneDX 1.6: the package, the packages that it needs with the ranges
+that it accepts, and the works of others that it contains.
 """
 
 import gzip
@@ -13,6 +14,7 @@ import re
 import tarfile
 import time
 import tomllib
+from io import BytesIO
 from pathlib import Path
 
 from setuptools import setup
@@ -139,8 +141,8 @@ class Sources(sdist):
                 member.mtime, member.uid, member.gid = epoch_s, 0, 0
                 member.uname = member.gname = ""
                 member.mode = _mode(path)
-                with path.open("rb") if path.is_file() else open(os.devnull, "rb") as content:
-                    archive.addfile(member, content)
+                content = path.read_bytes() if path.is_file() else b""
+                archive.addfile(member, BytesIO(content))
         return str(place)
 
 

@@ -51,9 +51,9 @@ def commands(
 def tidy(parser: argparse.ArgumentParser) -> None:
     """Let file options complete file names; interfaces differ between installations."""
     for action in parser._actions:
-        if not action.choices and action.nargs != 0 and not action.option_strings:
-            action.complete = shtab.FILE  # type: ignore[attr-defined]
-        elif getattr(action.type, "__module__", "") == "monitor.base.option_paths":
+        is_argument = not action.choices and not action.option_strings
+        names_file = getattr(action.type, "__module__", "") == "monitor.base.option_paths"
+        if is_argument or names_file:
             action.complete = shtab.FILE  # type: ignore[attr-defined]
     for command, _ in commands(parser):
         tidy(command)

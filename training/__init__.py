@@ -22,6 +22,8 @@ __all__ = [
     "load_recordings",
 ]
 
+__distribution__ = "o2-monitor"
+
 _PLACES: Final = {
     "Evaluation": "training.api.models",
     "Fit": "training.api.models",

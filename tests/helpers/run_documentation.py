@@ -115,7 +115,7 @@ def programs(folder: Path) -> None:
     folder.mkdir()
     own = Path(sys.executable).parent
     for name in ("o2mon", "python"):
-        (folder / name).symlink_to(own / name)
+        write(folder / name, f'#!/bin/sh\nexec {own / name} "$@"\n')
     cases = "\n".join(f'{command}) short="{options}" ;;' for command, options in SHORT.items())
     write(folder / "o2train", WRAPPER.format(cases=cases, program=own / "o2train"))
     pip = f'cd {ROOT} && exec {own / "python"} -m pip "$1" --dry-run --no-deps -q "$2"'
@@ -130,7 +130,7 @@ def write(place: Path, text: str) -> None:
 
 def script(block: Block) -> str:
     """Return a shell script that ends with the first command that fails."""
-    lines = ["set -u", 'DBC=$(python -c "import dbc; print(dbc.path(\'rusefi.dbc\').parent)")']
+    lines = ["set -u", "DBC=$(python -c \"import dbc; print(dbc.path('rusefi.dbc').parent)\")"]
     for command in commands(block.text):
         if block.skipped(command):
             continue

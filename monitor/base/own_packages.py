@@ -1,0 +1,41 @@
+"""Whether ``monitor``, ``training`` and ``dbc`` are the packages of this project.
+
+The names are short, and another distribution may have a package of the same name: in a folder that
+comes first on Python's path, or in the same folder, where the later installation wins.
+"""
+
+from collections.abc import Iterable
+from functools import cache
+from importlib.metadata import packages_distributions
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Final
+
+from monitor.base.errors import UsageError
+
+NAMES: Final = ("monitor", "training", "dbc")
+MARK: Final = '__distribution__ = "o2-monitor"'  # a line of each package's __init__.py
+
+
+@cache
+def check(names: Iterable[str] = NAMES) -> None:
+    """Raise UsageError if a package of one of these names is another distribution's."""
+    for name in names:
+        spec = find_spec(name)
+        place = spec.origin if spec else None
+        if place is None:
+            raise UsageError(
+                f"the package {name} of o2-monitor is missing: install o2-monitor anew"
+            )
+        if MARK not in Path(place).read_text("utf-8", "replace"):
+            raise UsageError(in_the_way(name, place))
+
+
+def in_the_way(name: str, place: str) -> str:
+    """Return what is wrong, whose the package may be, and what helps."""
+    others = set(packages_distributions().get(name, [])) - {"o2-monitor"}
+    whose = f" of {' or '.join(sorted(others))}" if others else ""
+    return (
+        f"another package named {name}{whose} is in the way of o2-monitor's: {place}; install "
+        "o2-monitor into an environment of its own (python -m venv)"
+    )
