@@ -21,6 +21,7 @@ from monitor.base.types import FloatArray
 from monitor.judge.catalyst import CatalystMonitor
 from training.dyno import catalyst, ecu, effects
 from training.dyno.simulation import Experiment, simulate
+from training.dyno.vehicle import conditions, piece
 
 FIRST_VEHICLE: Final = 301
 CYCLES: Final = ("wltc_3b", "udds", "micro_trips")
@@ -40,6 +41,7 @@ UPSTREAM: Final = ("biased_lean", "biased_rich")
 BIAS_LAMBDA: Final = 0.02
 LEAK: Final = 0.02  # of the exhaust, at idle
 ETHANOL_PERCENT: Final = 10.0
+STEPS_PHI: Final = 0.03
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +53,12 @@ class Case:
     sensor: str = ""  # fault of the downstream sensor
     upstream: str = ""  # fault of the upstream sensor
     leak: float = 0.0
-    ethanol: float = 0.0
+    ethanol: float = 0.0  # percent
+    bias_lambda: float = BIAS_LAMBDA
+    sensor_severity: float | None = None
+    mode: str = "cut"  # "passive": no fuel cut, "active": fuel cut and the ECU's own steps
+    meter: float = 1.0  # factor on the air meter
+    injector: float = 1.0  # factor on the injectors
 
 
 def cases() -> Iterator[Case]:
@@ -75,8 +82,13 @@ def drive(
 ) -> tuple[tuple[str, ...], FloatArray, float]:
     """Return names, samples (n, n_names) and true capacity in g of one drive."""
     own = catalyst.piece(vehicle).capacity_g
+    weather = conditions(vehicle)._replace(overrun_cut=float(case.mode != "passive"))
+    parts = piece(vehicle)
+    parts = parts._replace(
+        maf_gain=parts.maf_gain * case.meter, injector_gain=parts.injector_gain * case.injector
+    )
     healthy = downstream_faults.DownstreamFault("", 0.0)
-    fault = downstream_faults.resolve(case.sensor) if case.sensor else healthy
+    fault = downstream_faults.resolve(case.sensor, case.sensor_severity) if case.sensor else healthy
     fault = replace(fault, capacity_g=case.grams or own, leak=case.leak)
     signals = simulate(
         Experiment(
@@ -86,8 +98,11 @@ def drive(
             duration_s=duration_s,
             downstream=True,
             downstream_fault=fault,
-            fault=faults.resolve(case.upstream, BIAS_LAMBDA) if case.upstream else None,
+            fault=faults.resolve(case.upstream, case.bias_lambda) if case.upstream else None,
             effects=effects.from_severities({"ethanol": case.ethanol}),
+            conditions=weather,
+            piece=parts,
+            active_steps_phi=STEPS_PHI if case.mode == "active" else 0.0,
         )
     )
     bus_map = ecu.own_bus()

@@ -111,7 +111,11 @@ class CatalystConfig:
     offset_std_phi: float
     offset_sound_phi: float
     offset_biased_phi: float
+    offset_parts: int
+    offset_block: int
+    offset_model_phi: float
     leaks_phi: tuple[float, ...]
+    flow_most_g_s: float
     leak_flow_g_s: float
     zone_shares: tuple[float, ...]
     breakthrough: float

@@ -28,9 +28,8 @@ def rule_results(rule: CatalystRule, config: CatalystConfig) -> Iterator[TestRes
     if np.isfinite([low_v, high_v]).all():
         yield TestResult("downstream", "least_v", low_v, config.circuit_low_v, config.lean_v)
         yield TestResult("downstream", "most_v", high_v, config.rich_v, config.circuit_high_v)
-    offset, _ = rule.offset()
     sound = config.offset_sound_phi
-    yield TestResult("balance", "upstream_offset_phi", -offset, -sound, sound)
+    yield TestResult("balance", "upstream_offset_phi", -rule.offset(), -sound, sound)
 
 
 def circuit_results(result: CircuitResult, config: CatalystConfig) -> Iterator[TestResult]:

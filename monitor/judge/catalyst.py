@@ -139,7 +139,8 @@ class CatalystMonitor:
         good = np.isfinite(own)
         held, usable = self._held(own, good)
         x = _x_of(held[:, 1])
-        air_g_s, counts = held[:, 2] / KG_H_PER_G_S, fit & good.all(axis=1)
+        air_g_s = held[:, 2] / KG_H_PER_G_S
+        counts = fit & good.all(axis=1) & (air_g_s <= self._config.flow_most_g_s)
         begin, edges = 0, [*(np.flatnonzero(np.diff(usable)) + 1).tolist(), len(usable)]
         for end in edges:
             part = slice(begin, end)
@@ -193,7 +194,6 @@ class CatalystMonitor:
             return None
         rule, capacity = self.rule, self.rule.capacity()
         catalyst, sensor, balance = rule.catalyst(), rule.sensor(), rule.balance()
-        offset, offset_std = rule.offset()
         found: dict[str, Any] = {
             "segments": rule.segments,
             "threshold_g": self._config.threshold_g,
@@ -207,8 +207,8 @@ class CatalystMonitor:
             "sensor_log_odds": round(sensor.log_odds, 3),
             "balance_verdict": balance.outcome,
             "balance_log_odds": round(balance.log_odds, 3),
-            "upstream_offset_lambda": round(-offset, 5),
-            "upstream_offset_std": round(offset_std, 5),
+            "upstream_offset_lambda": round(-rule.offset(), 5),
+            "upstream_offset_std": round(rule.offset_std(), 5),
             "needed": round(rule.evidence_fail, 3),
         }
         if capacity is not None:

@@ -74,6 +74,7 @@ class CatalystRule:
     def reset(self) -> None:
         """Forget all evidence."""
         self._evidence = np.zeros(self.members.shape)
+        self._parts = np.zeros((self._config.offset_parts, *self.members.shape))
         self._segment = np.zeros(self.members.shape)
         self._n = self.segments = 0
         self._low_v, self._high_v = math.inf, -math.inf
@@ -119,7 +120,9 @@ class CatalystRule:
         most = self._config.segment_most
         segment = self._segment * self._weight
         possible = [self._may_be(fault) for fault in self._faults]
-        self._evidence += np.clip(segment - segment[possible].max(), -most, 0.0)
+        gained = np.clip(segment - segment[possible].max(), -most, 0.0)
+        self._evidence += gained
+        self._parts[self.segments // self._config.offset_block % len(self._parts)] += gained
         top = self._evidence[possible].max()
         np.clip(self._evidence, top - self._config.evidence_most, top, out=self._evidence)
         self._segment[:] = 0.0
@@ -128,7 +131,11 @@ class CatalystRule:
 
     @property
     def _posterior(self) -> FloatArray:
-        total = self._evidence + self._prior
+        return self._restricted(self._evidence)
+
+    def _restricted(self, evidence: FloatArray) -> FloatArray:
+        """Return evidence and prior together, without the sensors that the voltage rules out."""
+        total = evidence + self._prior
         total[[not self._may_be(fault) for fault in self._faults]] = IMPOSSIBLE
         return np.asarray(total)
 
@@ -214,14 +221,35 @@ class CatalystRule:
         """Return the lowest and highest voltage that was judged, (inf, -inf) before any."""
         return self._low_v, self._high_v
 
-    def offset(self) -> tuple[float, float]:
-        """Return mean and standard deviation of what the balance adds to upstream x, in phi."""
-        total = self._posterior
-        weight = np.exp(total - total.max()).sum(axis=(0, 1))
-        weight /= weight.sum()
+    def offset(self) -> float:
+        """Return what the balance adds to upstream x, in phi."""
+        return self._mean_offset(self._evidence)
+
+    def offset_std(self) -> float:
+        """Return the standard error of ``offset``, in phi.
+
+        It comes from the spread: the drive's stretches are dealt into parts, and the offset is
+        estimated without each part in turn (the jackknife; Efron and Tibshirani, An Introduction to
+        the Bootstrap, chapter 11). To that comes the width of what the evidence allows, since the
+        errors of the model repeat in every part.
+        """
+        n = len(self._parts)
+        whole = self._parts.sum(axis=0)
+        without = np.array([self._mean_offset(whole - part) for part in self._parts])
+        spread = (n - 1) / n * float(((without - without.mean()) ** 2).sum())
+        weight = self._offset_weight(self._evidence)
         mean = float(weight @ self.members.offset)
-        spread = float(weight @ (self.members.offset - mean) ** 2)
-        return mean, math.sqrt(spread)
+        width = float(weight @ (self.members.offset - mean) ** 2)
+        return math.sqrt(spread + width + self._config.offset_model_phi**2)
+
+    def _mean_offset(self, evidence: FloatArray) -> float:
+        return float(self._offset_weight(evidence) @ self.members.offset)
+
+    def _offset_weight(self, evidence: FloatArray) -> FloatArray:
+        """Return how likely each offset is, (n_offsets,)."""
+        total = self._config.interval_weight * self._restricted(evidence)
+        weight = np.exp(total - total.max()).sum(axis=(0, 1))
+        return np.asarray(weight / weight.sum())
 
 
 def _sum(log_weights: FloatArray) -> float:

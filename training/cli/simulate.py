@@ -77,6 +77,13 @@ def _add_faults(parser: argparse.ArgumentParser) -> None:
         help="give the vehicle a catalyst with a sensor behind it; a fault of either does so, too",
     )
     parser.add_argument(
+        "--active-steps",
+        type=float,
+        default=0.0,
+        metavar="PHI",
+        help="the ECU tests its catalyst with steps of the commanded mixture by so much, as 0.03",
+    )
+    parser.add_argument(
         "--fault-start",
         type=float,
         default=0.0,
@@ -163,6 +170,8 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(f"--duration {args.duration:g}: a positive number is wanted")
     if not 0.0 <= args.fault_start < (args.duration or float("inf")):
         raise UsageError(f"--fault-start {args.fault_start:g}: not within the drive")
+    if not 0.0 <= args.active_steps <= 0.1:
+        raise UsageError(f"--active-steps {args.active_steps:g}: 0 to 0.1 is wanted")
     fault, downstream_fault = _faults(args.fault)
     hidden = effects.from_severities(dict(map(_severity, args.effect)))
     try:
@@ -180,7 +189,8 @@ def run(args: argparse.Namespace) -> int:
             effects=hidden,
             duration_s=args.duration,
             layout=layout,
-            downstream=args.downstream or downstream_fault is not None,
+            downstream=args.downstream or downstream_fault is not None or args.active_steps > 0.0,
+            active_steps_phi=args.active_steps,
             downstream_fault=downstream_fault,
         )
         print(write(experiment, args.out, args.format, args.period))

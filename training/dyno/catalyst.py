@@ -43,6 +43,12 @@ REFILL_PHI: Final = 0.03  # enrichment after a fuel cut, until the downstream se
 REFILLED_V: Final = 0.55
 REFILL_MOST_S: Final = 12.0
 TRIM_AFTER_S: Final = 3.0  # after a fuel cut
+STEPS_WARM_DEGC: Final = 450.0  # active steps: brick, air flow and rest before they begin
+STEPS_AIR_G_S: Final = (4.0, 45.0)
+STEPS_AFTER_S: Final = 4.0
+STEPS_HALVES: Final = 6  # half periods of one test; each ends when the sensor has switched
+STEPS_MOST_S: Final = 7.0  # of a half period
+STEPS_PAUSE_S: Final = 90.0  # between two tests
 RING: Final = 512  # steps of 10 ms, the longest dead time
 
 
@@ -71,6 +77,7 @@ class Downstream(NamedTuple):
     stuck_v: float  # fault: frozen voltage, 0 is none
     heating: float  # fault: part of the heating power that is left
     start_s: float  # of a fault of the sensor
+    steps: float  # active steps of the commanded phi, one side; 0: the ECU makes none
 
 
 NONE: Final = Downstream(*([0.0] * len(Downstream._fields)))
@@ -88,6 +95,9 @@ class Brick(NamedTuple):
     integral: float
     heater: float  # duty, 0 to 1
     tip_degc: float  # of the sensor
+    step: float  # of an active test: 1 rich, -1 lean, 0 none
+    step_s: float  # since the half period began; between tests, since the engine is steady
+    halves: float  # half periods so far
     refill: float  # 1 while the ECU enriches after a fuel cut, until the sensor reads rich
 
 
@@ -118,14 +128,19 @@ def piece(vehicle: int) -> Downstream:
         stuck_v=0.0,
         heating=1.0,
         start_s=np.inf,
+        steps=0.0,
     )
 
 
 def installed(
-    vehicle: int, fault: DownstreamFault | None, start_s: float, brick_start_degc: float
+    vehicle: int,
+    fault: DownstreamFault | None,
+    start_s: float,
+    brick_start_degc: float,
+    steps_phi: float = 0.0,
 ) -> Downstream:
     """Return the vehicle's catalyst and sensor with a fault; a catalyst is bad from the start."""
-    own = piece(vehicle)._replace(brick_start_degc=brick_start_degc)
+    own = piece(vehicle)._replace(brick_start_degc=brick_start_degc, steps=steps_phi)
     if fault is None:
         return own
     return own._replace(
@@ -154,6 +169,9 @@ def begin(d: Downstream, warm: float) -> Brick:
         integral=0.0,
         heater=1.0,
         tip_degc=d.brick_start_degc + warm * 200.0,
+        step=0.0,
+        step_s=0.0,
+        halves=0.0,
         refill=0.0,
     )
 
@@ -220,6 +238,37 @@ def _sensed(d: Downstream, x: float, degc: float) -> float:
 
 
 @numba.njit(cache=True)
+def _heated(b: Brick, degc: float, power: float) -> tuple[float, float, float]:
+    """Return the sensor's temperature, its heater's duty and how far it works, a step later.
+
+    power : part of the heating power that is left
+    """
+    aim = TIP_GAS * degc + TIP_HEAT_DEGC * b.heater * power
+    tip_degc = b.tip_degc + (aim - b.tip_degc) * STEP_S / TIP_LAG_S
+    duty = min(max((TIP_AIM_DEGC - tip_degc) / TIP_BAND_DEGC, 0.05), 1.0)
+    awake = (tip_degc - TIP_WAKES_DEGC) / (TIP_ACTIVE_DEGC - TIP_WAKES_DEGC)
+    return tip_degc, duty, min(max(awake, 0.0), 1.0)
+
+
+@numba.njit(cache=True)
+def _active(
+    b: Brick, volts: float, air_g_s: float, ready: bool, d: Downstream
+) -> tuple[float, float, float]:
+    """Return step, time and half periods of the ECU's active test one step later."""
+    ready = ready and STEPS_AIR_G_S[0] < air_g_s < STEPS_AIR_G_S[1] and b.degc > STEPS_WARM_DEGC
+    if d.steps == 0.0 or not ready:
+        return 0.0, min(b.step_s, 0.0) + STEP_S * (b.step_s < 0.0), 0.0
+    if b.step == 0.0:
+        return (-1.0, 0.0, 0.0) if b.step_s >= STEPS_AFTER_S else (0.0, b.step_s + STEP_S, 0.0)
+    has_switched = volts > REFILLED_V if b.step > 0.0 else volts < 0.3
+    if not has_switched and b.step_s < STEPS_MOST_S:
+        return b.step, b.step_s + STEP_S, b.halves
+    if b.halves + 1.0 >= STEPS_HALVES:
+        return 0.0, -STEPS_PAUSE_S, 0.0
+    return -b.step, 0.0, b.halves + 1.0
+
+
+@numba.njit(cache=True)
 def step(
     b: Brick,
     cells_g: FloatArray,
@@ -267,12 +316,7 @@ def step(
         tau_s += d.tau_to_rich_s if rising else d.tau_to_lean_s
     richness = b.richness + (now - b.richness) * (1.0 - np.exp(-STEP_S / tau_s))
     # a cold sensor rests at 0.45 V behind its high resistance
-    power = d.heating if faulty else 1.0
-    tip_aim = TIP_GAS * degc + TIP_HEAT_DEGC * b.heater * power
-    tip_degc = b.tip_degc + (tip_aim - b.tip_degc) * STEP_S / TIP_LAG_S
-    heater = min(max((TIP_AIM_DEGC - tip_degc) / TIP_BAND_DEGC, 0.05), 1.0)
-    awake = (tip_degc - TIP_WAKES_DEGC) / (TIP_ACTIVE_DEGC - TIP_WAKES_DEGC)
-    heated = min(max(awake, 0.0), 1.0)
+    tip_degc, heater, heated = _heated(b, degc, d.heating if faulty else 1.0)
     hot_v = d.span_v * (1.0 - 0.00015 * max(degc - 400.0, 0.0))
     volts = d.low_v + hot_v * richness
     if faulty:
@@ -290,6 +334,8 @@ def step(
     refill = (
         1.0 if cut else (0.0 if volts > REFILLED_V or since_cut_s > REFILL_MOST_S else b.refill)
     )
+    is_ready = closed and since_cut_s > TRIM_AFTER_S and heated >= 1.0
+    step, step_s, halves = _active(b, volts, air, is_ready, d)
     return Brick(
         degc=degc,
         x_out=x_out,
@@ -300,5 +346,8 @@ def step(
         integral=integral,
         heater=heater,
         tip_degc=tip_degc,
+        step=step,
+        step_s=step_s,
+        halves=halves,
         refill=refill,
     )

@@ -391,7 +391,7 @@ def simulate(
         )
         rpm = m.engine_rpm
         overrun_s = overrun_s + STEP_S if _overrun(m, cut) else 0.0
-        cut = 1.0 if overrun_s > 0.5 else 0.0
+        cut = c.overrun_cut if overrun_s > 0.5 else 0.0
         charge_ref = max((m.torque_nm + m.friction_nm) / TORQUE_PER_MG, 70.0)
         a = _breathe(
             a, charge_ref, rpm, t_man, coolant, s.maf_slow_kg_h, p.ve_error, c.ambient_kpa, e

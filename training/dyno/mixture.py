@@ -333,6 +333,8 @@ def simulate(  # noqa: PLR0915  # the loop couples all parts in every step
         phase += STEP_S / (1.1 + 2.2 / (1.0 + flow / 25.0))
         modulation = 0.028 * _triangle(phase) + phi_step[k] if closed else 0.0
         if rear.active > 0.0:
+            if closed and brick.step != 0.0:
+                modulation = brick.step * rear.steps
             modulation += brick.trim if closed else 0.0
             modulation += catalyst.REFILL_PHI * brick.refill
         target = _target_phi(t_s, coolant, rpm, air_ecu, since_cut, modulation)

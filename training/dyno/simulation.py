@@ -13,7 +13,7 @@ from training.dyno.drive import Drive
 from training.dyno.effects import Effects
 from training.dyno.engine import Engine, Layout
 from training.dyno.mixture import Mixture
-from training.dyno.vehicle import Conditions
+from training.dyno.vehicle import Conditions, Piece
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +32,8 @@ class Experiment:
     layout: Layout | None = None  # of injection and metering; None is the type's ideal one
     downstream: bool = False  # catalyst and downstream sensor are there
     downstream_fault: DownstreamFault | None = None  # needs ``downstream``
+    active_steps_phi: float = 0.0  # of the ECU's own test of the catalyst, one side; 0: it has none
+    piece: Piece | None = None  # engine and sensor; None is the vehicle's own
 
     @property
     def name(self) -> str:
@@ -61,7 +63,7 @@ def simulate(experiment: Experiment) -> dict[str, FloatArray]:
     """
     key = [0x0_2, 3, experiment.seed, experiment.vehicle]
     trace = cycles.load(experiment.cycle, np.random.default_rng(key), experiment.duration_s)
-    piece = vehicle.piece(experiment.vehicle)
+    piece = experiment.piece or vehicle.piece(experiment.vehicle)
     conditions = experiment.conditions or vehicle.conditions(experiment.seed)
     effects = experiment.effects
     air = drive.run(trace, piece, conditions, effects, np.random.default_rng([*key, 1]))
@@ -95,7 +97,9 @@ def _rear(experiment: Experiment, c: Conditions) -> catalyst.Downstream:
     if not experiment.downstream:
         return catalyst.NONE
     fault, start_s = experiment.downstream_fault, experiment.fault_start_s
-    return catalyst.installed(experiment.vehicle, fault, start_s, c.ambient_degc)
+    return catalyst.installed(
+        experiment.vehicle, fault, start_s, c.ambient_degc, experiment.active_steps_phi
+    )
 
 
 def _behind(fuel: Mixture) -> dict[str, FloatArray]:

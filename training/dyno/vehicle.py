@@ -41,6 +41,7 @@ class Conditions(NamedTuple):
     line_hz: float  # frequency of the disturbance line
     line_phi: float  # amplitude of the disturbance line
     combustion_noise_phi: float  # standard deviation of the mixture noise
+    overrun_cut: float = 1.0  # 0: the ECU cuts no fuel on overrun
 
 
 def piece(vehicle: int) -> Piece:

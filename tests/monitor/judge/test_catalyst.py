@@ -1,5 +1,7 @@
 """The catalyst monitor on signals that are made here, apart from the simulated dynamometer."""
 
+from collections import deque
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ from monitor.base import config
 from monitor.base.types import FloatArray
 from monitor.judge.catalyst import NEEDED, BehindResult, CatalystMonitor
 from monitor.judge.catalyst_bank import CatalystBank, Members
+from tests.helpers import second_catalyst
 
 PERIOD_S = 0.1
 BIASES = [
@@ -42,6 +45,7 @@ def a_drive(
     seed: int = 1,
     offset: float = 0.0,
     leak: float = 0.0,
+    unseen_fuel: float = 0.0,
 ) -> FloatArray:
     """Modulated driving with changing load and a fuel cut each 40 s, (n, n_names).
 
@@ -56,7 +60,8 @@ def a_drive(
     refill = (t_s % 40.0 >= 4.0) & (t_s % 40.0 < 8.0)
     air_g_s[cut] = 4.0
     x = np.where(cut, 0.93, np.where(refill, -0.06, x))
-    volts = tank_volts(x, air_g_s, capacity_g, lag_s, leak) + 0.01 * rng.standard_normal(n)
+    gas = np.where(refill, x - unseen_fuel, x)
+    volts = tank_volts(gas, air_g_s, capacity_g, lag_s, leak) + 0.01 * rng.standard_normal(n)
     measured = 1.0 / (1.0 - x) + offset
     return np.column_stack([volts, measured, 3.6 * air_g_s, np.full(n, 2000.0)])
 
@@ -100,6 +105,51 @@ def test_an_upstream_offset_contradicts_the_balance(offset: float, faults: set[s
     assert entry["verdict"] != "failed"
     if faults:
         assert entry["upstream_offset_lambda"] == pytest.approx(offset, abs=0.008)
+
+
+def test_the_offset_has_a_standard_error_from_the_spread_of_the_drive() -> None:
+    stds, errors = [], []
+    for seed in range(3):
+        entry = judged(a_drive(0.3, offset=0.005, seed=seed, minutes=5.0))[0].entry()
+        assert entry is not None
+        errors.append(entry["upstream_offset_lambda"] - 0.005)
+        stds.append(entry["upstream_offset_std"])
+    assert min(stds) >= SETTINGS.offset_model_phi
+    assert np.abs(errors).max() < 3.0 * max(stds)
+
+
+@pytest.mark.parametrize("offset", [0.02, -0.02])
+def test_an_upstream_offset_that_saturates_passes_no_bad_catalyst(offset: float) -> None:
+    entry = judged(a_drive(0.05, offset=offset))[0].entry()
+    assert entry is not None
+    assert entry["verdict"] != "passed"
+
+
+@pytest.mark.parametrize("capacity_g", [0.05, 0.4])
+def test_fuel_in_the_refill_that_the_front_sensor_does_not_see_turns_no_verdict(
+    capacity_g: float,
+) -> None:
+    # GIVEN wall film that makes the gas richer by 0.03 after each fuel cut than the sensor reads
+    entry = judged(a_drive(capacity_g, unseen_fuel=0.03))[0].entry()
+    assert entry is not None
+    assert entry["verdict"] != ("passed" if capacity_g < 0.1 else "failed")
+    assert entry["sensor_verdict"] != "failed"
+
+
+@pytest.mark.parametrize(("capacity_g", "verdict"), [(0.05, "failed"), (0.4, "passed")])
+def test_a_catalyst_of_other_equations_with_slow_reactions_is_judged_rightly(
+    capacity_g: float, verdict: str
+) -> None:
+    # GIVEN a plug of gas with rates of reaction, of which much passes at high flow
+    own = second_catalyst.brick(1, capacity_g)
+    values = second_catalyst.drive(1, 1, own)
+    monitor = CatalystMonitor(SETTINGS, second_catalyst.NAMES, PERIOD_S)
+    deque(monitor.push(values, np.ones(len(values), dtype=np.bool_)), maxlen=0)
+    entry = monitor.entry()
+    assert entry is not None
+    assert entry["verdict"] == verdict
+    assert entry["sensor_verdict"] != "failed"
+    assert entry["balance_verdict"] != "failed"
 
 
 def test_a_leak_behind_the_catalyst_is_no_fault_of_a_sensor_or_the_catalyst() -> None:

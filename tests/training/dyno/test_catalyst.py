@@ -13,6 +13,7 @@ from monitor.base.types import FloatArray
 from tests.helpers.examples import inputs
 from training.dyno import catalyst, ecu
 from training.dyno.simulation import Experiment, simulate
+from training.dyno.vehicle import conditions
 
 WARM_S = 300.0
 
@@ -129,6 +130,31 @@ def test_a_weak_sensor_moves_less_and_a_stuck_one_not_at_all() -> None:
     sound = np.ptp(after_warm_up("downstream_voltage_v"))
     assert np.ptp(after_warm_up("downstream_voltage_v", "downstream_weak", 0.4)) < 0.6 * sound
     assert np.ptp(after_warm_up("downstream_voltage_v", "downstream_stuck_rich")) < 0.1
+
+
+def test_an_active_test_steps_the_target_until_the_sensor_has_switched() -> None:
+    signals = simulate(
+        Experiment(
+            cycle="wltc_3b",
+            vehicle=3,
+            seed=2,
+            duration_s=400.0,
+            downstream=True,
+            active_steps_phi=0.03,
+        )
+    )
+    target = 1.0 / signals["lambda_target"] - 1.0
+    volts = signals["downstream_voltage_v"]
+    rich = (target > 0.02) & (signals["closed_loop"] > 0.5) & (signals["fuel_cut"] < 0.5)
+    ends = np.flatnonzero(rich[:-1] & (target[1:] < -0.015))
+    assert len(ends) >= 2
+    assert (volts[ends] > 0.5).mean() > 0.5
+
+
+def test_without_a_fuel_cut_on_overrun_there_is_none() -> None:
+    weather = conditions(2)._replace(overrun_cut=0.0)
+    drive = Experiment(cycle="udds", vehicle=3, seed=2, duration_s=300.0, conditions=weather)
+    assert not simulate(drive)["fuel_cut"].any()
 
 
 def test_a_cold_brick_stores_nothing() -> None:
