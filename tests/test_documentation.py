@@ -94,8 +94,9 @@ def test_installations_take_the_repository_and_extras_that_exist() -> None:
     ]
     assert len(installs) > 5
     for word in installs:
-        name, _, extras = word.rstrip(".]").partition("[") if word != "." else (".", "", "")
-        assert not name.strip("."), f"{word} is not published"
+        folder, _, extras = word.removesuffix("]").partition("[")
+        assert folder.startswith("."), f"{word} is not published"
+        assert (ROOT / folder / "pyproject.toml").is_file(), word
         assert set(filter(None, extras.split(","))) <= set(project["optional-dependencies"]), word
 
 
@@ -103,7 +104,7 @@ def test_every_block_of_commands_runs_or_says_why_not() -> None:
     # `make test-docs` runs them
     reasons = [block.reason for block in BLOCKS if block.reason is not None]
     assert all(len(reason) > 10 for reason in reasons)
-    assert len(reasons) < len(BLOCKS) / 2
+    assert len(BLOCKS) - len(reasons) >= 15
 
 
 def test_a_reason_may_hold_for_some_lines_only() -> None:

@@ -22,7 +22,7 @@ SECONDS = 600  # most for a line
 DRIVES = ("drive1", "drive2", "drive3", "drive4", "drive9")
 SIMULATED = {  # stem -> options; CAN logs
     **{name: f"--seed {seed}" for seed, name in enumerate(DRIVES, 1)},
-    "drive": "--seed 1",
+    "drive": "--seed 6",
     "healthy1": "--seed 11",
     "healthy2": "--seed 12",
     "other1": "--seed 13",
