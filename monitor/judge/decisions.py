@@ -155,6 +155,7 @@ class Decisions:
         self._bias = BiasRule(config.bias, limits.offset_low, limits.offset_high, limits.offset_std)
         self._rules = {test: kind() for test, kind in (rules or {}).items()}
         self._debounce = dict.fromkeys((*OF_VEHICLE, *self._rules), Debounce())
+        self._failing: dict[str, str] = {}  # the latest fault of each test
         self._named: dict[str, str] = {}  # the fault that each matured test has set
         self.completed = False  # the response test reached a decision
         self._decided: set[str] = set()  # tests that reached one
@@ -361,6 +362,16 @@ class Decisions:
         excitation = response.statistics["excitation"]
         return isinstance(excitation, float) and excitation >= self._limits.excitation
 
+    def prefailed(self) -> dict[str, int]:
+        """Return the codes whose tests have failed, but not often enough, with their counters."""
+        close_coupled = self._config.catalyst.close_coupled
+        return {
+            code: self._debounce[test].count
+            for test, fault in self._failing.items()
+            if 0 < self._debounce[test].count < FAILED
+            for code in codes_on(fault, close_coupled=close_coupled)
+        }
+
     def probability(self, fault: str) -> float:
         """Return the probability of a fault's name among the names with the same code."""
         odds = self._response.odds
@@ -414,6 +425,8 @@ class Decisions:
         """Advance one test's debounce counter; a counter that matures sets or completes codes."""
         if not self._is_new(test, failed):
             return self._renamed(test, fault, also, t_ns) if failed else ()
+        if failed:
+            self._failing[test] = fault
         before = self._debounce[test]
         after = before.step(failed=failed, by=by)
         self._debounce[test] = after

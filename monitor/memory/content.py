@@ -21,6 +21,7 @@ TABLES: Final = (
     *("dtc", "freeze_frame", "permanent", "result", "ratio", "counted", "completed"),
     "reference",
 )
+LATEST: Final = "latest"  # name among a freeze frame's signals; no signal is named so
 Row = tuple[Any, ...]
 Rows = Mapping[str, list[Row]]  # by table; all rows of a table are replaced together
 
@@ -120,10 +121,7 @@ def rows_of(saved: Saved) -> dict[str, list[Row]]:
             )
             for d in saved.dtcs
         ],
-        "freeze_frame": [
-            (place, f.code, f.t_ns, json.dumps(dict(f.values)))
-            for place, f in enumerate(saved.freeze_frames)
-        ],
+        "freeze_frame": _frame_rows(saved),
         "permanent": [(i, code, fault) for i, (code, fault) in enumerate(saved.permanent.items())],
         "result": [
             (r.test, r.quantity, *map(_real, (r.value, r.low, r.high))) for r in saved.results
@@ -135,6 +133,27 @@ def rows_of(saved: Saved) -> dict[str, list[Row]]:
         ],
         "completed": [(test,) for test in sorted(saved.completed)],
     }
+
+
+def _frame_rows(saved: Saved) -> list[Row]:
+    """Return a row per code; the frame of its latest failure stands among the signals."""
+    latest = {f.code: {LATEST: {"t_ns": f.t_ns, **f.values}} for f in saved.latest_frames}
+    return [
+        (place, f.code, f.t_ns, json.dumps({**f.values, **latest.get(f.code, {})}))
+        for place, f in enumerate(saved.freeze_frames)
+    ]
+
+
+def _frames_of(rows: Iterable[Row]) -> tuple[list[FreezeFrame], list[FreezeFrame]]:
+    """Return the first and the latest freeze frames of the codes."""
+    first, later = [], []
+    for _, code, t_ns, text in rows:
+        signals = json.loads(text)
+        latest = signals.pop(LATEST, None)
+        first.append(FreezeFrame(code, t_ns, signals))
+        if latest is not None:
+            later.append(FreezeFrame(code, latest.pop("t_ns"), latest))
+    return first, later
 
 
 def reference_row(model_sha256: str, reference: Reference) -> Row:
@@ -165,11 +184,11 @@ def saved_of(rows: Rows) -> Saved:
                 warm_ups=warm_ups,
             )
         )
+    frames, latest = _frames_of(rows["freeze_frame"])
     return Saved(
         dtcs=tuple(dtcs),
-        freeze_frames=tuple(
-            FreezeFrame(code, t_ns, json.loads(s)) for _, code, t_ns, s in rows["freeze_frame"]
-        ),
+        freeze_frames=tuple(frames),
+        latest_frames=tuple(latest),
         permanent={code: fault for _, code, fault in rows["permanent"]},
         results=tuple(TestResult(*row) for row in rows["result"]),
         ratios=tuple(Ratio(*row) for row in rows["ratio"]),

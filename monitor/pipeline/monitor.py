@@ -163,6 +163,10 @@ class Monitor:
         """Return how far the response test is from a decision about each fault."""
         return self._decisions.evidence()
 
+    def prefailed(self) -> dict[str, int]:
+        """Return the codes that are about to fail, with the counters of their tests, 1 to 126."""
+        return self._decisions.prefailed()
+
     def probability(self, fault: str) -> float:
         """Return the probability of a fault's name among the names with the same code."""
         return self._decisions.probability(fault)

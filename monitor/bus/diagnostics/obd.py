@@ -69,14 +69,15 @@ def readiness_of_cycle(state: State) -> bytes:
 
 def _readiness(state: State, is_done: Callable[[str], bool]) -> tuple[int, int]:
     """Return which groups of tests are supported, and which of them are not complete."""
-    known = _supported(state)
+    known = supported_tests(state)
     groups = {bit: [t for t in tests if t in known] for bit, tests in READINESS.items()}
     supported = sum(bit for bit, tests in groups.items() if tests)
     missing = sum(bit for bit, tests in groups.items() if not all(map(is_done, tests)))
     return supported, missing
 
 
-def _supported(state: State) -> set[str]:
+def supported_tests(state: State) -> set[str]:
+    """Return the tests that this vehicle is known to support."""
     return {ratio.test for ratio in state.store.supported_ratios}
 
 
@@ -133,7 +134,7 @@ def _clear(request: bytes, state: State) -> bytes:
 def _test_results(request: bytes, state: State) -> bytes:
     """Answer service $06: up to six support requests, or the results of one monitor."""
     numbers = request[1:]
-    known = monitors(_supported(state))
+    known = monitors(supported_tests(state))
     if len(numbers) == 1 and numbers[0] in known:
         return _positive(request, test_results(numbers[0], state.store.results))
     maps = {base: bitmap(known, base) for base in range(0x00, 0x100, 0x20)}
@@ -142,23 +143,24 @@ def _test_results(request: bytes, state: State) -> bytes:
 
 def _vehicle_information(request: bytes, state: State) -> bytes:
     """Answer service $09: up to six support requests, or one kind of information."""
-    information = _information(state)
-    data = {number: b"\x01" + item for number, item in information.items()}
-    data[0x08] = bytes((len(information[0x08]) // 2,)) + information[0x08]
+    known = information(state)
+    data = {number: b"\x01" + item for number, item in known.items()}
+    data[0x08] = bytes((len(known[0x08]) // 2,)) + known[0x08]
     if len(request) == 2 and request[1] in data:
         return _positive(request, [request[1:] + data[request[1]]])
     return _listed(request, {0x00: bitmap(data, 0x00) or b""})
 
 
-def _information(state: State) -> dict[int, bytes]:
+def information(state: State) -> dict[int, bytes]:
+    """Return the kinds of information of service $09, without their counts."""
     identity = state.identity
-    information = {
+    known = {
         0x04: identity.calibration_id.encode().ljust(16, b"\0"),
         0x06: bytes.fromhex(identity.model_sha256[:8]),
         0x08: in_use_performance(state),
         0x0A: ECU_NAME,
     }
-    return information | ({0x02: identity.vin.encode()} if identity.vin else {})
+    return known | ({0x02: identity.vin.encode()} if identity.vin else {})
 
 
 def in_use_performance(state: State) -> bytes:

@@ -1,6 +1,6 @@
 """Parameters (PIDs) of SAE J1979 made from canonical signals, encoded as bytes."""
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -16,34 +16,40 @@ def unsigned(value: float, length: int) -> bytes:
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """The signal of a parameter, and its encoding."""
+    """The signal of a parameter, and its encoding: the number ``scale * value + shift``."""
 
     signal: str  # canonical name
-    encode: Callable[[float], bytes]
+    length: int  # bytes of the number
+    scale: float
+    shift: float = 0.0
+    tail: bytes = b""  # after the number, where the standard has a value that has no signal
+
+    def encode(self, value: float) -> bytes:
+        """Return a value of the signal as bytes."""
+        return unsigned(self.scale * value + self.shift, self.length) + self.tail
 
 
 # Parameters without a canonical signal, such as calculated load, are left out.
 PARAMETERS: Final[Mapping[int, Parameter]] = {
-    0x03: Parameter("closed_loop", lambda on: bytes((2 if on > 0.5 else 1, 0))),
-    0x05: Parameter("coolant_temperature_degc", lambda degc: unsigned(degc + 40.0, 1)),
-    0x06: Parameter("lambda_controller", lambda factor: unsigned(128.0 * factor, 1)),
-    0x0B: Parameter("manifold_pressure_kpa", lambda kpa: unsigned(kpa, 1)),
-    0x0C: Parameter("engine_speed_rpm", lambda rpm: unsigned(4.0 * rpm, 2)),
-    0x0D: Parameter("vehicle_speed_km_h", lambda km_h: unsigned(km_h, 1)),
-    0x0F: Parameter("manifold_temperature_degc", lambda degc: unsigned(degc + 40.0, 1)),
-    0x10: Parameter("maf_kg_h", lambda kg_h: unsigned(100.0 * kg_h / 3.6, 2)),
-    0x11: Parameter("throttle_percent", lambda percent: unsigned(2.55 * percent, 1)),
+    0x03: Parameter("closed_loop", 1, 1.0, 1.0, bytes(1)),  # 1 open, 2 closed loop
+    0x05: Parameter("coolant_temperature_degc", 1, 1.0, 40.0),
+    0x06: Parameter("lambda_controller", 1, 128.0),
+    0x0B: Parameter("manifold_pressure_kpa", 1, 1.0),
+    0x0C: Parameter("engine_speed_rpm", 2, 4.0),
+    0x0D: Parameter("vehicle_speed_km_h", 1, 1.0),
+    0x0F: Parameter("manifold_temperature_degc", 1, 1.0, 40.0),
+    0x10: Parameter("maf_kg_h", 2, 100.0 / 3.6),
+    0x11: Parameter("throttle_percent", 1, 2.55),
     # the voltage behind the catalyst, then the byte of a sensor that takes no part in the trim
-    0x15: Parameter("downstream_voltage_v", lambda volt: unsigned(200.0 * volt, 1) + b"\xff"),
-    0x23: Parameter("rail_pressure_mpa", lambda mpa: unsigned(100.0 * mpa, 2)),
-    # lambda in two bytes, then two zero bytes for the sensor voltage, which has no signal
-    0x24: Parameter("lambda_measured", lambda x: unsigned(32768.0 * x, 2) + bytes(2)),
-    0x2E: Parameter("purge_duty_percent", lambda percent: unsigned(2.55 * percent, 1)),
-    0x33: Parameter("ambient_pressure_kpa", lambda kpa: unsigned(kpa, 1)),
-    0x3C: Parameter("catalyst_temperature_degc", lambda degc: unsigned(10.0 * (degc + 40.0), 2)),
-    0x42: Parameter("battery_voltage_v", lambda volt: unsigned(1000.0 * volt, 2)),
-    0x44: Parameter("lambda_target", lambda x: unsigned(32768.0 * x, 2)),
-    0x46: Parameter("ambient_temperature_degc", lambda degc: unsigned(degc + 40.0, 1)),
+    0x15: Parameter("downstream_voltage_v", 1, 200.0, tail=b"\xff"),
+    0x23: Parameter("rail_pressure_mpa", 2, 100.0),
+    0x24: Parameter("lambda_measured", 2, 32768.0, tail=bytes(2)),  # no voltage of the sensor
+    0x2E: Parameter("purge_duty_percent", 1, 2.55),
+    0x33: Parameter("ambient_pressure_kpa", 1, 1.0),
+    0x3C: Parameter("catalyst_temperature_degc", 2, 10.0, 400.0),
+    0x42: Parameter("battery_voltage_v", 2, 1000.0),
+    0x44: Parameter("lambda_target", 2, 32768.0),
+    0x46: Parameter("ambient_temperature_degc", 1, 1.0, 40.0),
 }
 
 

@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final, Protocol
 
@@ -83,6 +83,8 @@ class State:
     output: str
     running_rpm: float
     clear_while_running: bool = False
+    is_obd_on_uds: bool = False  # scan tools are to speak SAE J1979-2
+    prefailed: Callable[[], Mapping[str, int]] = dict  # code: counter of its test towards a failure
     access: Access = field(default_factory=Everybody)
     session: int = DEFAULT_SESSION
     now_s: float = 0.0  # of the loop's clock, at the latest request

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from monitor.bus.diagnostics.answer import answer
 from monitor.bus.diagnostics.identifiers import IDENTIFIERS
 from monitor.bus.diagnostics.parameters import bitmap, unsigned
-from monitor.bus.diagnostics.uds import dtc_bytes
+from monitor.bus.diagnostics.reports import dtc_bytes
 from monitor.judge import enable
 from monitor.judge.window import Window
 from monitor.memory.dtc import DtcStore, Status
@@ -97,16 +97,17 @@ def test_every_code_has_three_bytes_of_its_own() -> None:
 
 def test_a_snapshot_holds_the_freeze_frame_as_parameters() -> None:
     answered = bytes.fromhex(ask("19 04 01 33 00 FF") or "")
-    assert answered[:8].hex(" ") == "59 04 01 33 00 8d 01 10"
+    assert answered[:8].hex(" ") == "59 04 01 33 00 8d 00 10"
     assert b"\xf4\x0c\x1f\x40" in answered
-    assert ask("19 04 01 33 00 01") == answered.hex(" ")
+    first = bytes.fromhex(ask("19 04 01 33 00 01") or "")
+    assert (first[6], first[7:]) == (1, answered[7 : len(first)])
     assert ask("19 04 21 95 00 FF") == "59 04 21 95 00 04"  # pending, no frame kept
     assert ask("19 04 01 33 00 02") == "7f 19 31"
     assert ask("19 04 12 34 00 FF") == "7f 19 31"
 
 
 def test_extended_data_counts_failing_healing_and_ageing() -> None:
-    everything = "01 02 02 00 03 00 04 01 05 00 03 00 05"
+    everything = "01 02 02 00 03 00 04 01 05 00 03 00 05 91 00 03 00 05"
     assert ask("19 06 01 33 00 FF") == f"59 06 01 33 00 8d {everything}"
     assert ask("19 06 21 95 00 03") == "59 06 21 95 00 04 03 03"
     assert ask("19 06 21 95 00 06") == "7f 19 31"
@@ -133,7 +134,7 @@ def test_the_ratio_of_a_code_is_that_of_its_test() -> None:
         ("19", "13"),
         ("19 02", "13"),
         ("19 04 01 33 00", "13"),
-        ("19 03", "12"),
+        ("19 05 01", "12"),
         ("22", "13"),
         ("22 F1", "13"),
         ("22 F1 90 F1", "13"),

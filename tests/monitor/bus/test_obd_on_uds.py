@@ -1,0 +1,210 @@
+"""SAE J1979-2 (OBDonUDS): requests of udsoncan, answers without a bus."""
+
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import pytest
+from udsoncan import Dtc, Response
+from udsoncan.services import ReadDTCInformation
+
+from monitor.base import config
+from monitor.bus.diagnostics.answer import answer
+from monitor.bus.diagnostics.reports import REPORTS
+from monitor.frames.logs import read_frames
+from monitor.memory.dtc import DtcStore
+from monitor.memory.obd_records import FreezeFrame
+from monitor.memory.store import Memory
+from monitor.pipeline.events import WindowJudged
+from monitor.pipeline.frames import FramePipeline
+from monitor.report import replay
+from tests.conftest import ROOT
+from tests.helpers.diagnostics_state import VIN, Vehicle, ask
+
+Subfunction = ReadDTCInformation.Subfunction
+SLOW, BIASED = 0x013300, 0x219500
+ARGUMENTS: dict[str, Any] = {
+    "status_mask": 0xFF,
+    "severity_mask": 0xFF,
+    "dtc": SLOW,
+    "snapshot_record_number": 0xFF,
+    "extended_data_record_number": 0x91,
+    "memory_selection": 1,
+    "functional_group_id": 0x33,
+}
+RAW = {  # udsoncan has no request of its own for these
+    Subfunction.reportSupportedDTCExtDataRecord: bytes((0x19, 0x1A, 0x91)),
+    Subfunction.reportDTCInformationByDTCReadinessGroupIdentifier: bytes((0x19, 0x56, 0x33, 0x06)),
+}
+
+
+def subfunctions() -> list[int]:
+    return sorted(v for k, v in vars(Subfunction).items() if k.startswith("report"))
+
+
+def request_of(subfunction: int) -> bytes:
+    """Return udsoncan's request; withdrawn subfunctions are those of older standards."""
+    if subfunction in RAW:
+        return RAW[subfunction]
+    for version in (2020, 2013, 2006):
+        try:
+            request = ReadDTCInformation.make_request(
+                subfunction, standard_version=version, **ARGUMENTS
+            )
+        except (NotImplementedError, ValueError):
+            continue
+        return bytes(request.get_payload())
+    return bytes((0x19, subfunction))
+
+
+def told(subfunction: int, vehicle: Vehicle, **options: Any) -> Any:
+    """Return what udsoncan reads in the answer."""
+    found = answer(request_of(subfunction), False, vehicle.state)
+    assert found is not None
+    response = Response.from_payload(found)
+    assert response.positive
+    return ReadDTCInformation.interpret_response(response, subfunction, **options).service_data
+
+
+@pytest.mark.parametrize("subfunction", subfunctions(), ids=hex)
+def test_every_report_of_codes_is_answered_or_refused(subfunction: int) -> None:
+    found = answer(request_of(subfunction), False, Vehicle().state)
+    assert found is not None
+    if subfunction in REPORTS:
+        assert found[:2] == bytes((0x59, subfunction))
+    else:
+        assert found == bytes((0x7F, 0x19, 0x12))
+
+
+def test_emission_codes_come_by_status_and_severity() -> None:
+    vehicle = Vehicle()
+    every = told(Subfunction.reportWWHOBDDTCByMaskRecord, vehicle)
+    assert len(every.dtcs) == sum(bool(d.status) for d in vehicle.store.all)
+    assert every.functional_group_id == 0x33
+    assert every.dtc_format == Dtc.Format.SAE_J2012_DA_DTCFormat_04
+    assert ask("19 42 33 08 1E", vehicle) == "59 42 33 ff 22 04 22 01 33 00 8d"
+    assert ask("19 42 33 04 1E", vehicle) == (
+        "59 42 33 ff 22 04 22 01 33 00 8d 22 21 95 00 04"  # confirmed with pending, pending
+    )
+    assert ask("19 42 33 08 1C", vehicle) == "59 42 33 ff 22 04"  # of other classes
+    assert ask("19 42 D0 08 1E", vehicle) == "7f 19 31"  # not the emission system
+
+
+def test_permanent_codes_come_with_their_status() -> None:
+    found = told(Subfunction.reportDTCWithPermanentStatus, Vehicle())
+    assert [(d.id, d.status.get_byte_as_int()) for d in found.dtcs] == [(SLOW, 0x8D)]
+    # udsoncan 1.26 looks for a severity before each code, which ISO 14229-1 does not have here
+    assert ask("19 55 33") == "59 55 33 ff 04 01 33 00 8d"
+    assert ask("19 55 FE") == "7f 19 31"
+
+
+def test_a_readiness_group_has_the_codes_of_its_tests() -> None:
+    sensor, catalyst = (bytes.fromhex(ask(f"19 56 33 {n}") or "") for n in ("06", "01"))
+    assert sensor[:6].hex(" ") == "59 56 33 ff 04 06"
+    rows = {sensor[i : i + 3].hex(): sensor[i + 3] for i in range(6, len(sensor), 4)}
+    assert rows["013300"] == 0x8D
+    assert "c10087" not in rows  # a missing message is of no group
+    assert {catalyst[i : i + 3].hex() for i in range(6, len(catalyst), 4)} == {"042000", "042100"}
+    assert ask("19 56 33 03") == "7f 19 31"
+
+
+def test_numerator_and_denominator_of_a_code_are_its_extended_record() -> None:
+    vehicle = Vehicle()
+    request = ReadDTCInformation.make_request(
+        Subfunction.reportDTCExtendedDataRecordByDTCNumber,
+        dtc=SLOW,
+        extended_data_record_number=145,
+    )
+    found = answer(bytes(request.get_payload()), False, vehicle.state)
+    response = Response.from_payload(found)
+    read = ReadDTCInformation.interpret_response(
+        response, Subfunction.reportDTCExtendedDataRecordByDTCNumber, extended_data_size=4
+    )
+    (record,) = read.service_data.dtcs[0].extended_data
+    assert (record.record_number, record.raw_data) == (0x91, bytes((0, 3, 0, 5)))
+    assert ask("19 06 01 33 00 FE", vehicle) == "59 06 01 33 00 8d 91 00 03 00 05"
+    supported = bytes.fromhex(ask("19 1A 91", vehicle) or "")
+    assert supported[:4].hex(" ") == "59 1a ff 91"
+    assert len(supported) == 4 + 4 * len(vehicle.store.all)
+    assert ask("19 1A 92", vehicle) == "7f 19 31"
+
+
+def test_a_code_has_its_first_and_its_latest_freeze_frame(tmp_path: Path) -> None:
+    # GIVEN a code that failed at 1000 and again at 3000 rpm, stored and loaded again
+    store = DtcStore()
+    store.fail("slow_symmetric", 1)
+    for t_ns, rpm in ((1, 1000.0), (2, 3000.0)):
+        store.freeze(FreezeFrame("P0133", t_ns, {"engine_speed_rpm": rpm}))
+    with closing(Memory(tmp_path / "o2.db")) as memory:
+        memory.save(store.saved)
+    with closing(Memory(tmp_path / "o2.db")) as memory:
+        vehicle = Vehicle()
+        vehicle.state.store = DtcStore(memory.load())
+    # THEN J1979-2 reads both, and J1979 the first
+    found = told(Subfunction.reportDTCSnapshotIdentification, vehicle)
+    assert [d.snapshots for d in found.dtcs] == [[0x00, 0xF0]]
+    codec = {"default": "2s"}
+    read = told(
+        Subfunction.reportDTCSnapshotRecordByDTCNumber,
+        vehicle,
+        dtc_snapshot_did_size=2,
+        didconfig=codec,
+    )
+    frames = {s.record_number: (s.did, s.raw_data) for s in read.dtcs[0].snapshots}
+    assert frames == {
+        0x00: (0xF40C, (4 * 1000).to_bytes(2, "big")),
+        0xF0: (0xF40C, (4 * 3000).to_bytes(2, "big")),
+    }
+    assert (ask("02 0C 00", vehicle) or "").endswith("0f a0")
+
+
+def test_a_code_about_to_fail_has_its_counter() -> None:
+    vehicle = Vehicle()
+    assert ask("19 14", vehicle) == "59 14"
+    vehicle.state.prefailed = lambda: {"P0133": 64, "P2195": 127}
+    found = told(Subfunction.reportDTCFaultDetectionCounter, vehicle)
+    assert [(d.id, d.fault_counter) for d in found.dtcs] == [(SLOW, 64)]
+
+
+def test_identifiers_hold_the_parameters_monitors_and_information_of_j1979() -> None:
+    vehicle = Vehicle(1500.0)
+    listed = bytes.fromhex((ask("22 F4 00", vehicle) or "").replace(" ", ""))[3:]
+    supported = int.from_bytes(listed, "big")
+    for pid in (0x01, 0x05, 0x0C, 0x1C):  # own parameters, and those of the signals
+        assert supported >> (32 - pid) & 1
+        assert (ask(f"22 F4 {pid:02X}", vehicle) or "").startswith(f"62 f4 {pid:02x}")
+    assert not supported >> (32 - 0x0D) & 1  # no speed among the signals
+    assert ask("22 F5 00", vehicle) == "62 f5 00 00 00 00 00"
+    assert (ask("22 F6 00", vehicle) or "").startswith("62 f6 00 80")
+    row = (ask("22 F6 01", vehicle) or "")[9:]
+    assert row.startswith("80 10 01 36 00 00 00 fa")  # test 80 in ms: 310, from 0 to 250
+    assert ask("22 F8 02", vehicle) == "62 f8 02 " + VIN.encode().hex(" ")
+    assert (ask("22 F8 00", vehicle) or "").startswith("62 f8 00 55")
+
+
+def test_the_protocol_is_told_only_where_the_whole_vehicle_speaks_it() -> None:
+    vehicle = Vehicle()
+    assert ask("22 F8 10", vehicle) == "7f 22 31"
+    assert ask("22 F8 10", vehicle, functional=True) is None
+    assert ask("14 FF FF 33", vehicle) == "7f 14 7f"
+    vehicle.state.is_obd_on_uds = True
+    assert ask("22 F8 10", vehicle, functional=True) == "62 f8 10 01"
+    assert ask("14 FF FF FF", vehicle) == "7f 14 7f"
+    assert ask("14 FF FF 33", vehicle) == "54"  # as $04, in the default session
+    assert vehicle.clearings == 1
+
+
+def test_a_late_sensor_has_a_counter_between_its_first_and_its_second_failed_window() -> None:
+    frames = read_frames(next((ROOT / "replay_logs").glob("delay_rich_to_lean_*.blf")))
+    setup = replay.set_up(None, [], config.load())
+    store = DtcStore()
+    store.start_driving_cycle()
+    pipeline = FramePipeline(setup.bus_map, setup.model, setup.limits, setup.config, store)
+    counters: list[dict[str, int]] = []
+    for frame in frames:
+        events = pipeline.push(frame)
+        counters.extend(pipeline.monitor.prefailed() for e in events if isinstance(e, WindowJudged))
+        if store.active:
+            break
+    by = setup.config.debounce.response_fail
+    assert counters[-2:] == [{}, {"P015A": by}]
