@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from monitor.base import option_paths as paths
-from training.cli import greybox
+from training.cli import catalyst, greybox
 from training.cli.recordings import add_recordings, add_signal_options, inputs_of, load_all
 
 if TYPE_CHECKING:
@@ -25,6 +25,7 @@ _EXAMPLES = """examples:
   o2train fit drive*.log --kind greybox --out chain.onnx
   o2train fit drive*.log --kind greybox --out chain.onnx --inputs fuel_mass_mg \\
       manifold_pressure_kpa manifold_temperature_degc engine_speed_rpm
+  o2train fit drive*.log --kind greybox --output downstream_voltage_v --out catalyst.json
 """
 
 
@@ -38,7 +39,9 @@ def add_parsers(subparsers: "argparse._SubParsersAction[Any]") -> None:
         "and keeps the network that predicts the held-out blocks best. --lags or --hidden fix the\n"
         "shape, without a linear path. --kind greybox fits the constants of the physical chain\n"
         "instead. The chain reads its charge as air per stroke; with manifold pressure and\n"
-        "temperature among --inputs it computes the charge from them and a map.",
+        "temperature among --inputs it computes the charge from them and a map. With --output\n"
+        "downstream_voltage_v it fits capacity, filling and release of the catalyst and the\n"
+        "sensor behind it, and writes them with standard errors as JSON.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -137,6 +140,8 @@ def run(args: argparse.Namespace) -> int:
     from training.narx.fit import FitResult
     from training.recordings.recording import check_each_once
 
+    if args.kind == "greybox" and args.output == catalyst.OUTPUT:
+        return catalyst.run(args)
     report = _check_fit(args)
     recordings = load_all(args, args.recordings, args.period)
     check_each_once(recordings)

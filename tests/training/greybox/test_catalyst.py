@@ -1,0 +1,78 @@
+"""The grey-box catalyst on a catalyst of other equations, and the command that fits it."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from monitor.base.errors import RecordingError
+from monitor.base.types import FloatArray
+from tests.helpers import second_catalyst
+from training.cli import main
+from training.greybox.catalyst.chain import Catalyst, volts
+from training.greybox.catalyst.fit import Drive, fit
+
+PERIOD_S = 0.1
+START = (Catalyst(capacity_g=0.1),)
+
+
+def a_drive(vehicle: int, capacity_g: float, n: int = 4000) -> Drive:
+    own = second_catalyst.brick(vehicle, capacity_g)
+    values = second_catalyst.drive(vehicle, vehicle, own)[:n]
+    column = dict(zip(second_catalyst.NAMES, values.T, strict=True))
+    air_g_s = column["maf_kg_h"] / 3.6
+    counts = (column["catalyst_temperature_degc"] > 420.0) & (air_g_s < 30.0)
+    x = 1.0 - 1.0 / column["lambda_measured"]
+    return Drive("second", PERIOD_S, x, air_g_s, column["downstream_voltage_v"], counts)
+
+
+def test_a_fit_orders_catalysts_of_other_equations_with_their_errors() -> None:
+    small, large = (fit([a_drive(2, grams)], START) for grams in (0.05, 0.4))
+    assert small.constants.capacity_g < 0.1 < large.constants.capacity_g < 0.6
+    for fitted in (small, large):
+        assert 0.0 < fitted.errors.capacity_g < 0.5 * fitted.constants.capacity_g
+        assert abs(fitted.constants.offset_phi) < 0.006
+
+
+def test_a_fit_finds_the_constants_that_made_the_voltage_within_its_errors() -> None:
+    true = Catalyst(capacity_g=0.2, fill=4.0, release=3.0, offset_phi=0.003, to_lean_s=0.3)
+    drive, rng = a_drive(1, 0.2), np.random.default_rng(1)
+    made = volts(drive.x, drive.air_g_s, PERIOD_S, true)
+    noisy = made + 0.01 * rng.standard_normal(len(made))
+    fitted = fit([Drive("own", PERIOD_S, drive.x, drive.air_g_s, noisy, drive.counts)], START)
+    for name in ("capacity_g", "offset_phi", "to_lean_s"):
+        error = getattr(fitted.constants, name) - getattr(true, name)
+        assert abs(error) < 4.0 * getattr(fitted.errors, name) + 1e-4, name
+    assert fitted.rmse_v == pytest.approx(0.01, rel=0.1)
+
+
+def test_too_few_warm_samples_are_refused() -> None:
+    drive = a_drive(1, 0.2, 500)
+    with pytest.raises(RecordingError, match="warm"):
+        fit([drive], START)
+
+
+def a_table(path: Path, names: tuple[str, ...], values: FloatArray) -> Path:
+    t_s = np.arange(len(values)) * PERIOD_S
+    header = ",".join(["time_s", *names])
+    table = np.column_stack([t_s, values])
+    np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.6g")
+    return path
+
+
+def test_the_command_writes_constants_with_standard_errors(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("training.greybox.catalyst.fit.fit.__defaults__", (START,))
+    values = second_catalyst.drive(2, 2, second_catalyst.brick(2, 0.3))[:3000]
+    table = a_table(tmp_path / "drive.csv", second_catalyst.NAMES, values)
+    out = tmp_path / "catalyst.json"
+    call = ["fit", str(table), "--kind", "greybox", "--output", "downstream_voltage_v", "--out"]
+    assert main([*call, str(out)]) == 0
+    tree = json.loads(out.read_text())
+    assert tree["schema"] == "o2train.catalyst/1"
+    assert tree["constants"]["capacity_g"]["standard_error"] > 0.0
+    assert main([*call, str(tmp_path / "model.onnx")]) == 2
+    without = a_table(tmp_path / "without.csv", second_catalyst.NAMES[1:], values[:, 1:])
+    assert main(["fit", str(without), *call[2:], str(out)]) == 2

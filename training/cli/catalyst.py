@@ -1,0 +1,61 @@
+"""The part of ``o2train fit --kind greybox`` for a catalyst and its downstream sensor."""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from training.cli.recordings import pairs_of
+
+if TYPE_CHECKING:
+    from training.greybox.catalyst.fit import Fitted
+    from training.recordings.recording import Recording
+
+OUTPUT: Final = "downstream_voltage_v"
+
+
+def run(args: argparse.Namespace) -> int:
+    """Fit catalyst and downstream sensor, write the constants as JSON, and return exit code 0.
+
+    Raises UsageError or RecordingError (exit code 2).
+    """
+    from monitor.base.errors import UsageError
+    from training.greybox.catalyst.fit import drive_of, fit, write
+    from training.recordings.recording import check_each_once
+
+    if args.out.suffix != ".json":
+        raise UsageError(f"--out {args.out}: the constants of a catalyst are written as .json")
+    if args.inputs or args.validate or args.report:
+        raise UsageError("--inputs, --validate, --report: a fit of a catalyst has no such thing")
+    recordings = [_load(path, args) for path in args.recordings]
+    check_each_once(recordings)
+    fitted = fit([drive_of(recording) for recording in recordings])
+    write(args.out, fitted, {"sha256": [recording.sha256 for recording in recordings]})
+    _print(args.out, fitted)
+    return 0
+
+
+def _load(path: Path, args: argparse.Namespace) -> "Recording":
+    """Return a recording with the signals of the catalyst; a log has them as optional ones."""
+    from monitor.decode.bus_map import load_pairs
+    from monitor.grid.tables import is_table
+    from training.greybox.catalyst.fit import NEEDED
+    from training.recordings.measurement import is_measurement
+    from training.recordings.recording import default_pairs, load
+
+    names, pairs = None, pairs_of(args) or default_pairs()
+    if not is_table(path) and not is_measurement(path, args.columns):
+        bus_map = load_pairs(pairs)
+        there = {*bus_map.names, *bus_map.optional}
+        names = [name for name in (*NEEDED, "catalyst_temperature_degc") if name in there]
+    return load(path, names, period_s=args.period, pairs=pairs, columns=args.columns)
+
+
+def _print(out: Path, fitted: "Fitted") -> None:
+    """Print the constants with their standard errors."""
+    tree = fitted.tree()
+    n, error = tree["samples"], tree["rmse_v"]
+    print(f"{out}: catalyst and downstream sensor, {n} warm samples, voltage within {error:.3f} V")
+    for name, row in tree["constants"].items():
+        value, std, unit = row["value"], row["standard_error"], row["unit"]
+        told = "ended at its bound" if row["at_bound"] else f"± {std:.4f}"
+        print(f"constant {name}: {value:.4f} {told} {unit}".rstrip())
