@@ -16,8 +16,9 @@ from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from fuzz_logs import DRIVE, TEXT, lines_of_order
 from fuzz_options import fuzz_parser
+from log_seeds import DRIVE
+from mutations import TEXT, lines_of_order
 from sandbox import Job, Tally, calls
 
 import dbc

@@ -26,7 +26,8 @@ from monitor.frames.blocks import block_of, chosen, frames_of, joined
 from monitor.frames.log_blocks import read_blocks
 from monitor.grid.block_assembler import BlockAssembler
 from monitor.grid.block_samples import Clearing, log_samples
-from monitor.grid.timeline import TimeCounters, Timeline
+from monitor.grid.time_walk import TimeCounters
+from monitor.grid.timeline import Timeline
 from monitor.memory.dtc import DtcStore
 from monitor.pipeline.events import CycleStarted, Event
 from monitor.pipeline.monitor import Judge, Monitor, needed_names

@@ -74,6 +74,14 @@ class Tally:
         self.complaints.update(broken)
         return broken
 
+    def merge(self, other: "Tally") -> None:
+        """Count all that another one has counted."""
+        self.calls += other.calls
+        self.codes += other.codes
+        self.complaints += other.complaints
+        self.longest_s = max(self.longest_s, other.longest_s)
+        self.peak_mb = max(self.peak_mb, other.peak_mb)
+
     def line(self) -> str:
         """Return the counts in one line."""
         codes = ", ".join(f"exit {code}: {n}" for code, n in sorted(self.codes.items()))

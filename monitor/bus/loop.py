@@ -23,7 +23,8 @@ from monitor.bus.link.clock import Clock
 from monitor.bus.link.port import BusHealth, Port
 from monitor.bus.link.recorder import Recorder
 from monitor.bus.link.socketcan import BLOCK_S
-from monitor.frames.loop_frames import bus_state, codes_cleared, is_own, time_mark
+from monitor.bus.link.suspension import Suspension, passed_s, slept_s
+from monitor.frames.loop_frames import bus_state, codes_cleared, is_own, log_gap, time_mark
 from monitor.memory.store import Memory
 from monitor.pipeline.events import (
     Event,
@@ -43,7 +44,9 @@ class Loop:
     record : log to write
     attachments : attachments of the loop; the list may grow until ``run``
     say : receives messages about the run
-    monotonic_s : clock that measures the silence of the bus, in s
+    monotonic_s : clock that measures the silence of the bus, in s; it goes on while the machine
+        is suspended
+    slept_s : for how many s the machine has been suspended in all
     sleep : waits while the bus is lost
     """
 
@@ -58,8 +61,9 @@ class Loop:
         attachments: Sequence[Attachment] = (),
         trace: bool = False,
         say: Callable[[str], None] = print,
-        monotonic_s: Callable[[], float] = time.monotonic,
+        monotonic_s: Callable[[], float] = passed_s,
         sleep: Callable[[float], None] = time.sleep,
+        slept_s: Callable[[], float] = slept_s,
     ) -> None:
         self._say, self._now_s = say, monotonic_s
         self.judging = Judging(setup, memory, trace=trace, say=say, monotonic_s=monotonic_s)
@@ -77,6 +81,7 @@ class Loop:
         self._record_path = record
         self._recorder: Recorder | None = None
         self.clock = Clock(monotonic_s, min(self.pipeline.decoder.timeouts_ns))
+        self._suspension = Suspension(slept_s)
         self._due_s = math.inf
         self._wanted: dict[tuple[int, bool], list[Attachment]] = {}
         self._stop = self._is_off = self._has_begun = False
@@ -108,6 +113,8 @@ class Loop:
                 wait_s = min(BLOCK_S, max(self._due_s - now_s, 0.0))
                 frame = receive(wait_s, assembler.tick_end_ns + clock.shift_ns)
                 now_s = self._now_s()
+                if self._suspension.has_ended(now_s):
+                    self._judge(log_gap(self.clock.slept()))
                 if frame is None or self._is_off:
                     for made in self._loop_frames():
                         self._judge(made)

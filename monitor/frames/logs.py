@@ -19,6 +19,7 @@ from monitor.frames import blf_blocks, mdf
 from monitor.frames.blocks import frames_of
 from monitor.frames.bounds import open_binary, open_text
 from monitor.frames.candump import CUT_SHORT, LATEST_S, MAX_BYTES, LogCounters, read_candump
+from monitor.frames.frame_lines import FrameLines
 
 LOG_SUFFIXES: Final = (".log", ".asc", ".blf", ".csv", ".trc", ".mf4")
 IDENTIFIERS: Final = 1 << 29  # CAN identifiers have 29 bits at most
@@ -115,7 +116,7 @@ def _frames(path: Path, kind: str, counters: LogCounters) -> Iterator[Frame]:
     else:
         if kind == ".csv":
             _check_csv_header(path)
-        with open_text(path) as file, _TEXT_READERS[kind](file) as reader:
+        with open_text(path) as file, _TEXT_READERS[kind](FrameLines(file, kind)) as reader:
             yield from through_python_can(reader, counters)
     if kind in _TEXT and not _ends_with_newline(path):
         raise ValueError(CUT_SHORT)

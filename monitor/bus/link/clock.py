@@ -14,7 +14,7 @@ from typing import Final
 from monitor.base.types import Frame
 from monitor.frames.loop_frames import time_mark
 from monitor.grid.assembler import LATEST_NS
-from monitor.grid.timeline import TimeCounters
+from monitor.grid.time_walk import TimeCounters
 
 SILENCE_S: Final = 0.5  # silence after which time marks are made
 FIRST_FRAME_S: Final = 10.0  # the same before the first frame; bus time is then wall-clock time
@@ -122,6 +122,14 @@ class Clock:
         self._has_made = True
         self._newest_ns = self.t_ns
         return self._newest_ns
+
+    def slept(self) -> int:
+        """Return the bus time behind a suspension of the machine; the next frame begins there."""
+        self.counters.log_gaps += 1
+        t_ns = self.made()
+        self._heard, self.shift_ns = False, 0
+        self._sure_ns = -LATEST_NS
+        return t_ns
 
     def mark(self) -> Frame | None:
         """Return a time mark if the bus has been silent long enough, otherwise None."""

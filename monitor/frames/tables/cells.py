@@ -30,10 +30,26 @@ _DATES: Final = (
 Parse = Callable[[str], float]
 
 
+def is_plain(text: str) -> bool:
+    """Return whether a text has nothing that Python reads as a number and no logger writes.
+
+    >>> is_plain("1_0"), is_plain("٣"), is_plain("-1.5e3")
+    (False, False, True)
+    """
+    return "_" not in text and text.isascii()
+
+
+def numeral(text: str) -> float:
+    """Return a cell's number; raises ValueError if it is none."""
+    if not is_plain(text):
+        raise ValueError(f"{text[:40]!r} is no number")
+    return float(text)
+
+
 def number(text: str) -> float:
     """Return a cell's number, NaN for no value and for text."""
     try:
-        value = float(text)
+        value = numeral(text)
     except ValueError:
         return WORDS.get(text.strip().casefold(), WORDS_MORE.get(text.strip().casefold(), math.nan))
     return value if math.isfinite(value) else math.nan
@@ -53,7 +69,7 @@ def number_with_comma(text: str) -> float:
 def is_number(text: str, *, comma: bool = False) -> bool:
     """Return whether a cell holds a number."""
     try:
-        float(text.replace(",", ".") if comma else text)
+        numeral(text.replace(",", ".") if comma else text)
     except ValueError:
         return False
     return True

@@ -12,7 +12,14 @@ import numpy as np
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
 from monitor.frames.bounds import open_text
-from monitor.frames.tables.cells import Parse, clock, number, number_with_comma, of_words
+from monitor.frames.tables.cells import (
+    Parse,
+    clock,
+    is_plain,
+    number,
+    number_with_comma,
+    of_words,
+)
 from monitor.frames.tables.dialect import Dialect, dialect_of
 from monitor.frames.tables.raw_table import Notes, RawTable, Wanted
 
@@ -43,7 +50,7 @@ def _read(
         for row in islice(rows, _ROWS):
             cells = [row[i] for i in places]
             try:
-                if not plain:
+                if not plain or not is_plain("".join(cells)):
                     raise ValueError
                 block.append([float(cell) for cell in cells])
             except ValueError:

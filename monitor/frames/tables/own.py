@@ -10,6 +10,7 @@ import numpy as np
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
 from monitor.frames.bounds import open_binary, open_text
+from monitor.frames.tables.cells import is_plain, numeral
 
 _ROWS: Final = 1 << 14  # read before they become an array, which takes less memory
 _HEAD: Final = 1 << 16  # bytes that tell the dialect
@@ -71,6 +72,8 @@ def _cells(path: Path, header: Sequence[str], lines: IO[str]) -> FloatArray:
                 f"{path}: line {number}: {len(parts)} cells, the header has {width} columns"
             )
         try:
+            if not is_plain(text):
+                raise ValueError
             rows.append([float(part) for part in parts])
         except ValueError:
             rows.append([_cell(path, number, *each) for each in zip(header, parts, strict=True)])
@@ -83,7 +86,7 @@ def _cells(path: Path, header: Sequence[str], lines: IO[str]) -> FloatArray:
 
 def _cell(path: Path, number: int, name: str, text: str) -> float:
     try:
-        return float(text) if text.strip() else math.nan
+        return numeral(text) if text.strip() else math.nan
     except ValueError:
         raise RecordingError(
             f"{path}: line {number}: column {name} is {text.strip()[:40]!r}, a number is wanted"

@@ -48,7 +48,10 @@ def _columns(path: Path) -> dict[str, FloatArray | None]:
 
 
 def _through_polars(polars: ModuleType, file: Any) -> dict[str, FloatArray | None]:
-    frame = polars.read_parquet(file)
+    try:
+        frame = polars.read_parquet(file)
+    except polars.exceptions.PanicException as panic:  # of a damaged file; no Exception
+        raise ValueError("damaged") from panic
     return {
         name: series.cast(polars.Float64).fill_null(float("nan")).to_numpy()
         if series.dtype.is_numeric() or series.dtype == polars.Boolean

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fuzz_times import BEGIN_NS, Arriving, S, arrivals, healthy, jumping, lived
+from fuzz_times import BEGIN_NS, Arriving, Listening, S, arrivals, healthy, jumping, lived
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -92,6 +92,38 @@ def test_a_pause_in_which_values_go_stale_ends_with_a_time_mark_in_the_recording
     assert frames[mark].t_ns == frames[mark + 1].t_ns
     again, _ = replay.replay(record, SETUP)
     assert judged(again) == judged(loop.result("pause"))
+
+
+@pytest.mark.parametrize("asleep_s", [5.0, 61.0, 8 * 3600.0])
+@pytest.mark.parametrize("stamps_go_on", [True, False])
+def test_a_machine_that_was_suspended_has_heard_nothing_and_misses_nothing(
+    asleep_s: float, stamps_go_on: bool, tmp_path: Path
+) -> None:
+    # GIVEN a machine that sleeps in the middle of a drive, and an interface whose clock is the
+    # machine's or its own, which sleeps as well
+    stamped_s = asleep_s if stamps_go_on else 0.0
+    rest = DRIVE._replace(t_ns=DRIVE.t_ns + round((stamped_s + TRUE_S[-1] + 0.01) * S))
+    later_s = TRUE_S + TRUE_S[-1] + 0.01
+    bus = Arriving(joined([DRIVE, rest]), [*TRUE_S.tolist(), *later_s.tolist()])
+    record = tmp_path / "slept.log"
+
+    def slept_s() -> float:
+        return asleep_s if bus.now_s >= later_s[0] else 0.0
+
+    with bus:
+        loop = bus.loop = Listening(
+            bus, SETUP, record=record, monotonic_s=lambda: bus.now_s + slept_s(), slept_s=slept_s
+        )
+        loop.run()
+    live = loop.result("slept")
+    # THEN the window begun is discarded, nothing is missed, and the replay agrees
+    assert live["dtcs"] == []
+    assert live["counters"]["log_gaps"] == 1
+    assert loop.cycles == 0  # of an engine that was not heard nothing is known
+    ends_s = [window["t_end_s"] - window["t_start_s"] for window in live["windows"]]
+    assert max(ends_s) < 30.0
+    again, _ = replay.replay(record, SETUP)
+    assert judged(again) == judged(live)
 
 
 @settings(max_examples=8, deadline=None)

@@ -1,13 +1,15 @@
 """Text tables of loggers: encodings, separators, units, clocks, marks, no value, cuts."""
 
+import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from monitor.base.errors import RecordingError
-from monitor.frames.tables.cells import clock
+from monitor.frames.tables.cells import clock, is_number, number
 from monitor.frames.tables.delimited import open_delimited
+from monitor.frames.tables.own import read_own
 from monitor.frames.tables.raw_table import Notes, Wanted
 from tests.helpers.logger_files import write_text_table
 
@@ -112,3 +114,13 @@ def test_a_file_that_is_no_table_is_refused_in_one_line(
         cells(path)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("cell", ["1_0", "٣", "1__0"])
+def test_what_python_alone_reads_as_a_number_is_none(cell: str, tmp_path: Path) -> None:
+    assert not is_number(cell)
+    assert math.isnan(number(cell))
+    path = tmp_path / "own.csv"
+    path.write_text(f"time_s,a\n0,1\n0.1,{cell}\n")
+    with pytest.raises(RecordingError, match="a number is wanted"):
+        read_own(path)

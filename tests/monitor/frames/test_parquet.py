@@ -70,3 +70,16 @@ def test_the_branch_for_pyarrow_takes_its_tables(tmp_path: Path) -> None:
 
 
 KINDS = (("whole", "int64"), ("number", "double"), ("flag", "bool"), ("text", "string"))
+
+
+def test_a_panic_of_polars_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # GIVEN a damaged table on which polars panics, which is no Exception
+    polars = pytest.importorskip("polars")
+
+    def panics(_: object) -> None:
+        raise polars.exceptions.PanicException("assertion failed")
+
+    path = written(tmp_path / "t.parquet")
+    monkeypatch.setattr(polars, "read_parquet", panics)
+    with pytest.raises(RecordingError, match=r"t\.parquet: cannot read the table: damaged"):
+        parquet.read_parquet(path, None)

@@ -127,6 +127,84 @@ def test_one_slow_message_that_comes_on_time_shows_that_all_others_are_silent() 
     assert found.codes == ("U0100",)
 
 
+@pytest.mark.parametrize("step_s", [0.35, 59.0])
+@pytest.mark.parametrize("has_counters", [True, False])
+def test_a_clock_that_steps_with_every_frame_sets_no_code(
+    step_s: float, has_counters: bool
+) -> None:
+    # GIVEN a drive whose clock steps with every frame for some seconds
+    steps = np.clip(np.arange(len(DRIVE.t_ns)) - MIDDLE, 0, 500)
+    wrong = DRIVE._replace(t_ns=DRIVE.t_ns + steps * round(step_s * S))
+    found = replayed(wrong, SETUP if has_counters else BARE)
+    assert (found.codes, found.cycles) == ((), 0)
+
+
+@pytest.mark.parametrize("rate", [20.0, 130.0, 400.0])
+def test_a_clock_that_runs_fast_for_a_moment_sets_no_code(rate: float) -> None:
+    t_s = (DRIVE.t_ns - BEGIN_NS) / S
+    fast_s = np.clip(t_s - 30.0, 0.0, 0.3) * (rate - 1.0)
+    frames = DRIVE._replace(t_ns=DRIVE.t_ns + np.round(fast_s * S).astype(np.int64))
+    for setup in (SETUP, BARE):
+        found = replayed(frames, setup)
+        assert (found.codes, found.cycles) == ((), 0)
+
+
+def test_messages_of_other_periods_tell_a_silence_after_which_some_counters_go_on() -> None:
+    # GIVEN messages every 20, 50 and 100 ms with counters of 16, and a silence after which the
+    # counters of the fastest stand where they would without it
+    found = replayed(without(DRIVE, 30.0, 30.0 + 11 * 16 * 0.02), SETUP)
+    assert (found.codes, counts(found)) == (("U0100",), (0, 0, 0))
+
+
+@pytest.mark.parametrize("has_counters", [True, False])
+def test_a_pause_of_more_than_a_minute_is_a_break_in_the_recording(has_counters: bool) -> None:
+    # GIVEN a log with a hole, in which its logger or its ECU was off
+    first, second = chosen(DRIVE, slice(0, MIDDLE)), chosen(DRIVE, slice(MIDDLE + 5, None))
+    for pause_s in (61.0, 3600.0):
+        later_ns = second.t_ns + round(pause_s * S)
+        both = joined([first, second._replace(t_ns=later_ns)])
+        # WHEN it is replayed THEN nothing is missed; counters tell an ECU that was off for long
+        found = replayed(both, SETUP if has_counters else BARE)
+        assert found.codes == ()
+        assert found.cycles == (has_counters and pause_s > 100.0)
+        assert abs(found.judged["samples"] - UNTOUCHED.judged["samples"]) <= 5
+
+
+@pytest.mark.parametrize("period_s", [0.005, 0.1, 1.0])
+@pytest.mark.parametrize("has_counters", [True, False])
+def test_mapped_messages_that_are_silent_while_any_other_goes_on_are_missed(
+    period_s: float, has_counters: bool
+) -> None:
+    # GIVEN a bus with a message that no map knows
+    t_ns = BEGIN_NS + 1 * MS + np.arange(round(60 / period_s)) * round(period_s * S)
+    other = FrameBlock(
+        t_ns,
+        np.full(len(t_ns), FOREIGN, np.uint32),
+        np.full(len(t_ns), 8, np.uint8),
+        np.zeros((len(t_ns), DRIVE.data.shape[1]), np.uint8),
+    )
+    silent = without(DRIVE, 30.0, 40.0)
+    no_lambda = chosen(DRIVE, (DRIVE.key != LAMBDA_ID) | (DRIVE.t_ns < BEGIN_NS + 30 * S))
+    # WHEN all mapped messages or one of them are silent meanwhile THEN that is no gap of the log
+    for ecu in (silent, no_lambda):
+        both = joined([ecu, other])
+        found = replayed(
+            chosen(both, np.argsort(both.t_ns, kind="stable")), SETUP if has_counters else BARE
+        )
+        assert (found.codes, counts(found)) == (("U0100",), (0, 0, 0))
+
+
+def test_a_stretch_that_stands_far_from_its_place_is_no_silence() -> None:
+    # GIVEN a log in which five seconds are behind two minutes of other frames
+    t_s = (DRIVE.t_ns - BEGIN_NS) / S
+    early, moved, rest = (t_s < 20), (t_s >= 20) & (t_s < 25), t_s >= 25
+    again = chosen(DRIVE, rest)
+    more = [again._replace(t_ns=again.t_ns + i * 35 * S) for i in range(3)]
+    parts = [chosen(DRIVE, early), *more, chosen(DRIVE, moved)]
+    found = replayed(joined(parts), SETUP)
+    assert (found.codes, found.cycles) == ((), 0)
+
+
 def test_an_engine_start_behind_a_pause_of_the_log_still_begins_a_driving_cycle() -> None:
     # GIVEN two drives in one log, ten minutes between them, the ECU's counters anew
     second = DRIVE._replace(t_ns=DRIVE.t_ns + 660 * S)

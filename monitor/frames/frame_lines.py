@@ -1,0 +1,102 @@
+"""Lines of ``.asc`` and ``.trc`` logs that python-can's readers would leave out without a word.
+
+They skip a line that they cannot read, and ignore what follows a frame on its line. In a damaged
+log thousands of frames may be lost so, and their absence looks like a bus that fell silent. Here
+such a line is an error, as it is in a candump log. Events that are no frames pass: statistics,
+error frames, bus states, comments, messages of other buses.
+"""
+
+import re
+from collections.abc import Callable, Iterator
+from typing import Final, TextIO
+
+_ASC_FRAME: Final = re.compile(
+    r"\d+\.\d+\s+\d+\s+\w+\s+(?:Rx|Tx|TxRq)\s+"
+    r"(?:r(?:\s+\w+)?|d\s+[0-9a-f]{1,2}(?:\s+[0-9a-f]{1,3}\b(?!\s*=))*)"
+    r"(?:\s+\w+\s*=\s*\S+)*",
+    re.IGNORECASE,
+)
+_ASC_FD: Final = re.compile(r"\d+\.\d+\s+CANFD\s+\d+\s+(?:Rx|Tx|TxRq)\s", re.IGNORECASE)
+_ASC_EVENT: Final = re.compile(
+    r"\S+\s+\d+\s+(?:Statistic|ErrorFrame|OverloadFrame)|\S+\s+J1939TP\s", re.IGNORECASE
+)
+_ASC_DIRECTION: Final = re.compile(r"\s(?:Rx|Tx|TxRq)\s+[dr]\b", re.IGNORECASE)  # of a frame
+_ASC_OTHER: Final = re.compile(r"[a-z]|//|\d+\.\d+\s+[a-z]", re.IGNORECASE)  # header or event
+_TRC_TYPES: Final = {"Rx", "Tx", "Warng", "Error"}  # of the versions 1.1 and 1.3
+_TRC_TYPES_2: Final = {"DT", "FD", "FB", "FE", "BI", "RR", "ST", "EC", "ER", "EV"}
+_TRC_NUMBER: Final = re.compile(r"\d{1,15}\)?")  # of a message, at the beginning of its line
+_TRC_LEAST: Final = 4  # number, time, identifier and length
+
+
+class FrameLines:
+    """A text log whose lines are checked as they are read.
+
+    kind : ".asc" or ".trc"; lines of other formats pass
+    """
+
+    def __init__(self, file: TextIO, kind: str) -> None:
+        self._file = file
+        checks = {".asc": _is_asc, ".trc": _Trc().is_line}
+        self._check: Callable[[str], bool] = checks.get(kind, _is_any)
+        self._number = 0
+
+    def __iter__(self) -> Iterator[str]:
+        return self
+
+    def __next__(self) -> str:
+        """Return the next line; raises ValueError if it is a damaged frame."""
+        line = next(self._file)
+        self._number += 1
+        if not self._check(line):
+            raise ValueError(f"line {self._number}, {line.strip()[:40]!r}, is no frame")
+        return line
+
+    def read(self, size: int = -1) -> str:
+        """Return text as it stands in the file."""
+        return self._file.read(size)
+
+    def write(self, text: str) -> int:
+        """Write nothing; python-can takes what can write for a file."""
+        raise OSError("a log that is read")
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+
+def _is_any(_: str) -> bool:
+    return True
+
+
+def _is_asc(line: str) -> bool:
+    line = line.strip()
+    if _ASC_FRAME.fullmatch(line):
+        return True
+    if _ASC_FD.match(line) or _ASC_EVENT.match(line):
+        return True
+    return not line or bool(_ASC_OTHER.match(line) and not _ASC_DIRECTION.search(line))
+
+
+class _Trc:
+    """Knows the version of a ``.trc`` log from its header."""
+
+    def __init__(self) -> None:
+        self._types: set[str] | None = None  # version 1.0 has none
+        self._is_numbered = True
+
+    def is_line(self, line: str) -> bool:
+        """Return whether a line is a comment or whole."""
+        line = line.strip()
+        if line.startswith(";$FILEVERSION"):
+            version = line.partition("=")[2]
+            self._types = _TRC_TYPES_2 if version.startswith("2") else _TRC_TYPES
+        if line.startswith(";$COLUMNS"):
+            self._is_numbered = line.partition("=")[2].startswith("N")
+        if not line or line.startswith(";"):
+            return True
+        cells = line.split()
+        if self._is_numbered and not _TRC_NUMBER.fullmatch(cells[0]):
+            return False
+        if len(cells) < _TRC_LEAST or any(cell.endswith(")") for cell in cells[1:]):
+            return False
+        return self._types is None or not self._types.isdisjoint(cells[1:5])

@@ -1,0 +1,72 @@
+"""Text logs whose lines are damaged: a frame that cannot be read is never left out silently."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from monitor.base.errors import RecordingError
+from monitor.base.types import Frame
+from monitor.frames.candump import LogCounters
+from monitor.frames.logs import read_frames
+from monitor.inject.gateway import write_log
+
+FRAMES = [Frame(i * 5_000_000, 0xC0 + i % 4, False, bytes([i, 1, 2, 3])) for i in range(40)]
+HEADER = "date Wed Sep 27 09:14:00.000 am 2023\nbase hex  timestamps absolute\n"
+EVENTS = """// version 7.0.0
+no internal events logged
+Begin Triggerblock Wed Sep 27 09:14:00.000 am 2023
+   0.000000 Start of measurement
+   0.000100 1  Statistic: D 1 R 0 XD 0 XR 0 E 0 O 0 B 0.00%
+   0.000200 CAN 1 Status:chip status error active
+   0.000300 J1939TP FEE3p 6 0 0 - Rx d 39 80 43 4F 4D 50 31
+   0.000400 L1 0x2D Rx 8 01 02 03 04 05 06 07 08 checksum = B4
+   0.000500 1  ErrorFrame
+   0.000600 1  C3 Rx   r
+   0.000700 SV: 2 0 1 ::System::Speed = 4
+   1.000000 1  C0x             Rx   d 2 01 02  Length = 240000 BitCount = 124 ID = 192x
+   2.000000 CANFD   1 Rx        C1          1 0 2  2 03 04    0 0 1000 0 0 0 0 0
+End TriggerBlock
+"""
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda line: line.rstrip() + " 99 " + line.lstrip(),  # two frames on one line
+        lambda line: "9" * 30 + line,
+        lambda line: line.replace("Rx", "nan").replace("DT", "nan"),
+        lambda line: line.replace(" ", ""),
+        lambda line: line.replace(".", ";"),
+    ],
+)
+@pytest.mark.parametrize("kind", [".asc", ".trc"])
+def test_a_log_with_a_line_that_is_no_frame_any_more_is_refused(
+    tmp_path: Path, kind: str, damage: Callable[[str], str]
+) -> None:
+    path = tmp_path / f"drive{kind}"
+    write_log(path, FRAMES)
+    assert len(list(read_frames(path))) == len(FRAMES)
+    lines = path.read_text().splitlines(keepends=True)
+    lines[-10] = damage(lines[-10])
+    path.write_text("".join(lines))
+    with pytest.raises(RecordingError, match=r"after \d+ frames: "):
+        list(read_frames(path))
+
+
+def test_events_of_an_asc_log_that_are_no_frames_pass(tmp_path: Path) -> None:
+    path, counters = tmp_path / "drive.asc", LogCounters()
+    path.write_text(HEADER + EVENTS)
+    assert [frame.can_id for frame in read_frames(path, counters)] == [0xC0, 0xC1]
+    assert counters.skipped == 2  # error frame and remote frame
+
+
+@pytest.mark.parametrize("event", ["ST      Rx 00 00 00 08", "EC      - 00 00", "ER - - 5"])
+def test_states_and_errors_in_a_trc_log_pass(tmp_path: Path, event: str) -> None:
+    path = tmp_path / "drive.trc"
+    path.write_text(
+        ";$FILEVERSION=2.1\n;$STARTTIME=45196.5\n;$COLUMNS=N,O,T,B,I,d,R,L,D\n"
+        f"      1        0.100 DT 1      00C0 Rx -  2    01 02\n"
+        f"      2        0.200 {event}\n"
+    )
+    assert len(list(read_frames(path))) == 1
