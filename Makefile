@@ -41,7 +41,7 @@ properties: venv ## the property tests with ten times as many inputs, other ones
 	O2_INPUTS=2 $(VENV)/bin/python -m pytest -q -n 2 --dist loadscope --no-loadscope-reorder -m hypothesis
 
 examples: venv ## run every example, also the long ones (ten minutes)
-	@for each in first_verdict listen_on_a_bus train_and_compare find_a_missing_effect; do \
+	@for each in first_verdict listen_on_a_bus fleet_in_dask train_and_compare find_a_missing_effect; do \
 	  echo "== examples/$$each.py"; $(VENV)/bin/python examples/$$each.py || exit 1; done
 
 docs: venv ## the documentation as a site, build/site/index.html; needs no network, fails at a warning

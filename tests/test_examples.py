@@ -1,6 +1,7 @@
 """The examples run as they are; `make examples` runs the long ones, too."""
 
 import importlib.util
+import re
 import subprocess
 import sys
 from types import ModuleType
@@ -10,12 +11,22 @@ import pytest
 
 from monitor import load_model
 from tests.conftest import ROOT
+from training.fleet import fleet_page
 
 EXAMPLES = ROOT / "examples"
 QUICK = {
     "first_verdict.py": ("no fault", "FAULT: P0133 slow_symmetric"),
     "listen_on_a_bus.py": ("P015A delay_symmetric is pending", "bus: FAULT: P015A"),
 }
+
+
+def example(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 @pytest.mark.parametrize("name", QUICK)
@@ -26,13 +37,17 @@ def test_an_example_runs_as_it_is(name: str) -> None:
         assert words in ran.stdout
 
 
-def reader() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("read_model", EXAMPLES / "read_model.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+def test_a_query_finds_a_late_sensor_in_the_results_of_a_fleet(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fleet = example("fleet_in_dask")
+    monkeypatch.setattr(fleet, "FLEET", {"taxi_18": ("delay_rich_to_lean",) * 2})
+    monkeypatch.setattr(fleet_page, "write", lambda *_: ("", ""))  # drawn in tests of its own
+    fleet.main(None)
+    said = capsys.readouterr().out
+    assert "taxi_18 2026-03-02: P015A delay_rich_to_lean, pending" in said
+    assert "taxi_18 2026-03-03: P015A delay_rich_to_lean, confirmed" in said
+    assert re.search(r"taxi_18: \d\d windows, mean [+-]0\.0\d+", said)
 
 
 def test_a_reader_of_twenty_lines_predicts_as_the_monitor_does() -> None:
@@ -45,7 +60,7 @@ def test_a_reader_of_twenty_lines_predicts_as_the_monitor_does() -> None:
     }
     u = np.column_stack([columns[each.name] for each in inputs])
     model.reset(u[0])
-    predicted = reader().predict(str(model.path), columns)
+    predicted = example("read_model").predict(str(model.path), columns)
     np.testing.assert_array_equal(predicted, [model.step(row) for row in u])
 
 

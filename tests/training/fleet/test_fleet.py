@@ -34,7 +34,7 @@ from tests.helpers.fleet_drives import (
     write_piece,
 )
 from training.cli import main
-from training.fleet import columns
+from training.fleet import columns, partitions
 from training.fleet import run as fleet
 from training.fleet.bench import Bench
 from training.fleet.drives import chunks_of, drives_of
@@ -391,8 +391,9 @@ def test_a_query_finds_results_by_vehicle_and_date(folder: Path, tmp_path: Path)
     manifest.write_text("path,vehicle\n" + "".join(rows))
     # WHEN the results are written by vehicle and date
     out, parts = tmp_path / "out.parquet", tmp_path / "parts"
-    call = ["fleet", str(manifest), "--model", MODEL, "--out", str(out), "--jobs", "1"]
-    assert main([*call, "--partitioned", str(parts)]) == 0
+    partitions.check(parts)
+    judged([str(manifest)], out)
+    partitions.write(out, fleet.windows_path(out), parts)
     # THEN the folders are the keys, and a query over all of them gives the tables back
     assert (parts / "recordings/vehicle=a/date=2026-03-01").is_dir()
     for name, table in (("recordings", out), ("windows", fleet.windows_path(out))):
@@ -406,7 +407,8 @@ def test_a_query_finds_results_by_vehicle_and_date(folder: Path, tmp_path: Path)
         }
         assert sum(n for *_, n in found) == pl.read_parquet(table).height
     # AND a second run does not mix its results with them
-    assert main([*call, "--partitioned", str(parts)]) == 2
+    with pytest.raises(UsageError, match="an empty or new folder is wanted"):
+        partitions.check(parts)
 
 
 def test_every_column_is_documented() -> None:
