@@ -33,7 +33,8 @@ import numpy as np
 
 from monitor.base.config import load as load_config
 from monitor.base.errors import O2Error
-from monitor.base.faults import SensorFault, resolve
+from monitor.base.fault_streams import SensorFault
+from monitor.base.faults import resolve
 from monitor.base.signals import OUTPUT
 from monitor.grid.tables import Table, is_table, read_table
 from monitor.report import replay

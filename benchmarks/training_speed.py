@@ -31,8 +31,8 @@ from training.narx.algorithms.lm import Options, minimise
 from training.narx.algorithms.objectives import CHUNK, ClosedLoop, OneStep, Pieces, Samples
 from training.narx.network import Spec, forward, initial_weights, regressors, simulate
 from training.recordings.metrics import rmse
-from training.recordings.preparation import runs
 from training.recordings.recording import Recording, load
+from training.recordings.rows import runs
 
 SIMULATED_INPUTS = (
     "air_mass_mg",

@@ -5,7 +5,7 @@ columns have other names. A file with other columns is read under a profile: a g
 shipped one that its columns fit.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -13,15 +13,11 @@ from typing import Any, Final
 import numpy as np
 
 from monitor.base.errors import RecordingError
-from monitor.base.signals import OUTPUT, plausible_range
+from monitor.base.signals import OUTPUT
 from monitor.base.types import (
     BoolArray,
     FloatArray,
     IntArray,
-    Quality,
-    QualityArray,
-    Sample,
-    SampleBlock,
 )
 from monitor.frames.bounds import open_binary
 from monitor.frames.profiles.profile import (
@@ -37,8 +33,6 @@ from monitor.frames.tables import own
 from monitor.frames.tables.parquet import read_parquet
 from monitor.frames.tables.raw_table import Notes, RawTable, Wanted
 from monitor.frames.tables.readers import is_readable, open_table, suffix_of
-from monitor.grid.assembler import check_grid
-from monitor.grid.block_assembler import assemble_arrays
 from monitor.grid.columns import Column, load_columns
 
 TIME: Final = "time_s"
@@ -280,104 +274,12 @@ def table_period_ns(table: Table, period_ns: int | None = None) -> int:
 
     A table with uneven steps has the period nearest to its middle step, at least 100 ms.
     """
-    return period_ns or uniform_period_ns(table.t_ns) or _round_period_ns(table.t_ns)
+    return period_ns or uniform_period_ns(table.t_ns) or round_period_ns(table.t_ns)
 
 
-def _round_period_ns(t_ns: IntArray) -> int:
+def round_period_ns(t_ns: IntArray) -> int:
+    """Return the round period that is nearest to the middle step of uneven times."""
     if len(t_ns) < 2:
         return DEFAULT_PERIOD_NS
     middle_ns = float(np.median(np.diff(t_ns)))
     return next((p for p in PERIODS_NS if p >= (1.0 - STEP_ABOVE) * middle_ns), PERIODS_NS[-1])
-
-
-def table_block(
-    table: Table,
-    names: Sequence[str],
-    period_ns: int | None = None,
-    timeouts_ns: Sequence[int] | None = None,
-) -> SampleBlock:
-    """Return a table's samples.
-
-    names : columns wanted, in this order
-    period_ns : grid period; None uses a table that is uniform within 1 % sample for sample
-    timeouts_ns : how long each may be held on a grid; default 0.5 s or three rows' time
-    Raises RecordingError if a column is missing or the period is impossible.
-    """
-    missing = [name for name in names if name not in table.names]
-    if missing:
-        raise RecordingError(f"{table.path}: has no column {', '.join(missing)}")
-    places = [table.names.index(name) for name in names]
-    values, quality = in_range(table.values[:, places], names)
-    pinned = None if table.pinned is None else table.pinned[:, places]
-    own_ns = uniform_period_ns(table.t_ns)
-    if own_ns is not None and (period_ns is None or abs(period_ns - own_ns) <= UNIFORM * own_ns):
-        index = np.arange(len(values), dtype=np.int64)
-        block = SampleBlock(index, table.t_ns[0] + index * own_ns, values, quality)
-        return block if pinned is None else _marked(block, pinned)
-    period_ns = period_ns or _round_period_ns(table.t_ns)
-    check_grid(period_ns)
-    if timeouts_ns is None:
-        row_ns = int(np.median(np.diff(table.t_ns))) if len(table.t_ns) > 1 else 0
-        timeouts_ns = [max(500_000_000, 3 * row_ns)] * len(names)
-    cells = np.where(quality == Quality.OUT_OF_RANGE, np.inf, values)
-    series = [(table.t_ns, cells[:, column]) for column in range(len(names))]
-    longest_ns = min(timeouts_ns, default=DEFAULT_PERIOD_NS)  # no row for so long: a pause
-    if pinned is None:
-        return assemble_arrays(
-            table.t_ns,
-            series,
-            names,
-            names,
-            period_ns=period_ns,
-            timeouts_ns=timeouts_ns,
-            longest_ns=longest_ns,
-        )
-    # a tick is pinned if any of its rows is: the marks pass the grid beside the values
-    series += [(table.t_ns, pinned[:, column].astype(np.float64)) for column in range(len(names))]
-    both = (*names, *(f"{name} pinned" for name in names))
-    block = assemble_arrays(
-        table.t_ns,
-        series,
-        both,
-        both,
-        period_ns=period_ns,
-        timeouts_ns=[*timeouts_ns] * 2,
-        longest_ns=longest_ns,
-    )
-    n = len(names)
-    marks = np.asarray(block.values[:, n:] > 0.0)
-    block = SampleBlock(block.index, block.t_ns, block.values[:, :n], block.quality[:, :n])
-    return _marked(block, marks)
-
-
-def _marked(block: SampleBlock, pinned: BoolArray) -> SampleBlock:
-    """Return the block with the quality of pinned values; a plausible one is kept."""
-    quality = block.quality.copy()
-    known = (quality == Quality.GOOD) | (quality == Quality.OUT_OF_RANGE)
-    quality[pinned & known] = Quality.PINNED
-    return block._replace(quality=quality)
-
-
-def table_samples(
-    table: Table,
-    names: Sequence[str],
-    period_ns: int | None = None,
-    timeouts_ns: Sequence[int] | None = None,
-) -> Iterator[Sample]:
-    """Yield a table's samples one by one; see ``table_block``."""
-    block = table_block(table, names, period_ns, timeouts_ns)
-    return map(Sample, block.index.tolist(), block.t_ns.tolist(), block.values, block.quality)
-
-
-def in_range(values: FloatArray, names: Sequence[str]) -> tuple[FloatArray, QualityArray]:
-    """Return values, NaN where not plausible, and their quality; both (n, n_names)."""
-    values = values.copy()
-    quality = np.zeros(values.shape, dtype=np.uint8)
-    for column, name in enumerate(names):
-        cell = values[:, column]
-        low, high = plausible_range(name)
-        outside = (cell < low) | (cell > high) | np.isinf(cell)
-        quality[np.isnan(cell), column] = Quality.INVALID
-        quality[outside, column] = Quality.OUT_OF_RANGE
-        cell[outside] = np.nan
-    return values, quality

@@ -11,7 +11,8 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from monitor.base.errors import SignalMapError
-from monitor.base.faults import DEFAULT_SEVERITY, DropOuts, Fault, Noise, TimedSensorFault, resolve
+from monitor.base.fault_streams import DropOuts, Noise, TimedSensorFault
+from monitor.base.faults import DEFAULT_SEVERITY, Fault, resolve
 from monitor.base.signals import OUTPUT
 from monitor.base.types import Frame
 from monitor.decode.bus_map import BusMap

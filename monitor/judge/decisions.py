@@ -17,12 +17,13 @@ from monitor.base.types import FloatArray
 from monitor.judge.bank import Hypothesis
 from monitor.judge.bias import Bias, BiasRule, paper_failed
 from monitor.judge.catalyst_rule import Claim
+from monitor.judge.claims import Noise
 from monitor.judge.limits import Limits
 from monitor.judge.movement import UNKNOWN, Moved, MovementRule
 from monitor.judge.plausibility import TickResult
 from monitor.judge.rear_circuit import CIRCUIT, HEATER
 from monitor.judge.residual import lambda_of, means_and_stds
-from monitor.judge.response import EDGES, Noise, Outcome, Response, ResponseRule
+from monitor.judge.response import EDGES, Outcome, Response, ResponseRule
 from monitor.judge.rules import RuleClass, opinion
 from monitor.judge.window import Window
 from monitor.memory.codes import CODES, OF_VEHICLE, codes_on

@@ -17,7 +17,6 @@ window, and the weights that follow from it).
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
 from typing import Literal
 
 import numpy as np
@@ -25,25 +24,12 @@ import numpy as np
 from monitor.base.config import ResponseConfig
 from monitor.base.types import BoolArray, FloatArray
 from monitor.judge.bank import Hypothesis
+from monitor.judge.claims import UNRELATED, Noise, claims
 from monitor.judge.residual import means_and_stds
 
 Outcome = Literal["passed", "failed", "inconclusive"]
 EDGES = ("rich_to_lean", "lean_to_rich")
-UNRELATED = "unrelated"  # the prediction says nothing of the measurement: neither sound nor a fault
 _WINDOWS = 8  # regressed at once: what fits into the processor's cache
-
-
-@dataclass(frozen=True, slots=True)
-class Noise:
-    """The healthy residual within windows, oriented like phi, as a first-order process."""
-
-    std: float
-    memory: float  # correlation of neighbouring samples, 0 to below 1
-
-    @property
-    def innovation_var(self) -> float:
-        """Return the variance of what is new in each sample."""
-        return self.std**2 * (1.0 - self.memory**2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,39 +41,6 @@ class Response:
     also: tuple[str, ...]
     column: int  # of the bank: what the likeliest sensor reads
     statistics: dict[str, float | str | None]
-
-
-@dataclass(frozen=True, slots=True)
-class Claim:
-    """A sensor with this lag or dead time and a gain in this range."""
-
-    column: int  # of the bank; behind its last one stands the sensor quicker than the model's
-    hypothesis: Hypothesis
-    gain_low: float
-    gain_high: float
-    fault: str  # "" is a sound sensor, UNRELATED none at all
-
-
-@cache
-def claims(config: ResponseConfig, bank: tuple[Hypothesis, ...]) -> tuple[Claim, ...]:
-    """Return every claim about the sensor, the healthy one first."""
-    least, top = config.gain_least, config.gain_max
-    found = []
-    # a sensor quicker than the training vehicle's; without it a dead time of one period of a
-    # steady modulation explains such a sensor better than none
-    quick = Hypothesis("", "healthy", "symmetric", 0.0, False)
-    for column, each in enumerate((*bank, quick)):
-        if not each.beyond_limit:
-            found.append(Claim(column, each, config.gain_sound_min, top, ""))
-            found.append(Claim(column, each, least, config.gain_weak_max, "gain_low"))
-        elif each.kind == "delay":
-            found.append(Claim(column, each, config.gain_late_min, top, each.fault))
-        else:
-            found.append(Claim(column, each, config.gain_slow_min, top, each.fault))
-            if each.direction == "symmetric":
-                found.append(Claim(column, each, least, config.gain_transient_max, "transient"))
-    found.append(Claim(len(bank), quick, 0.0, 0.0, UNRELATED))
-    return tuple(found)
 
 
 class ResponseRule:

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from monitor.base.config import CyclesConfig, ProfileConfig
 from monitor.base.runs import Thresholds, alike
 from monitor.base.types import FloatArray, IntArray, Quality, SampleBlock
+from monitor.memory.denominator import Denominator, Flags, Span, whole_ns
+from monitor.memory.engine_watch import EngineWatch
 
 SIGNALS: Final = (
     "engine_speed_rpm",
@@ -53,110 +55,6 @@ class Counting(NamedTuple):
     driven: list[tuple[int, Driven]]
 
 
-class EngineWatch:
-    """Tells engine starts within a driving cycle from those that begin the next one."""
-
-    def __init__(self, config: CyclesConfig) -> None:
-        self._off_ns, self._silent_ns = _ns(config.engine_off_s), _ns(config.silent_s)
-        self._has_run = False  # since the first sample
-        self._restart()
-
-    def _restart(self) -> None:
-        self._stopped_ns = 0  # since the engine was last seen running
-        self._silence_ns = 0  # of the ECU, at present
-        self._was_asleep = False  # the ECU was silent for long since then
-        self._stood = False  # and was heard again with the engine standing
-
-    def stand(self, elapsed_ns: int, *, is_silent: bool, is_standing: bool) -> None:
-        """Take samples that are alike and in which the engine does not run."""
-        self._stopped_ns += elapsed_ns
-        self._silence_ns = self._silence_ns + elapsed_ns if is_silent else 0
-        self._was_asleep |= self._silence_ns >= self._silent_ns
-        self._stood |= self._was_asleep and is_standing
-
-    def run(self) -> tuple[bool, bool]:
-        """Take a sample in which it runs; return whether it started, and to a new cycle.
-
-        The very first start belongs to the driving cycle that has begun already.
-        """
-        if self._has_run and self._stopped_ns == 0:
-            return False, False
-        is_next = self._has_run and (self._stood or self._stopped_ns >= self._off_ns)
-        self._has_run = True
-        self._restart()
-        return True, is_next
-
-
-class _Flags(NamedTuple):
-    """What holds on samples that are alike."""
-
-    moves: bool  # fast enough for the general denominator
-    idles: bool
-    fits: bool  # neither too cold nor too high for the general denominator
-    is_warm: bool
-
-
-class _Span:
-    """Samples begin to end of a block, and the time that passes in them."""
-
-    def __init__(self, begin: int, end: int, until_ns: IntArray) -> None:
-        self.begin, self.end, self._until_ns = begin, end, until_ns
-        self._before_ns = until_ns.item(begin)  # until_ns[k + 1] includes sample k
-        self.elapsed_ns = until_ns.item(end) - self._before_ns
-
-    def reached(self, sum_ns: int, least_ns: int) -> int | None:
-        """Return at which sample a sum, so far ``sum_ns``, has come to ``least_ns``."""
-        if sum_ns >= least_ns:
-            return self.begin
-        if sum_ns + self.elapsed_ns < least_ns:
-            return None
-        if self.end - self.begin == 1:
-            return self.begin
-        inside = self._until_ns[self.begin + 1 : self.end + 1]
-        return self.begin + int(np.searchsorted(inside, least_ns - sum_ns + self._before_ns))
-
-
-class _Denominator:
-    """The general denominator of one driving cycle: long enough, fast enough, and one idle."""
-
-    def __init__(self, config: CyclesConfig) -> None:
-        self._run_least_ns, self._moving_least_ns, self._idle_least_ns = map(
-            _ns, (config.denominator_run_s, config.denominator_moving_s, config.denominator_idle_s)
-        )
-        self._run_ns = self._moving_ns = self._idle_ns = 0
-        self._has_idled = False
-
-    def interrupt(self) -> None:
-        """End the idling."""
-        self._idle_ns = 0
-
-    def push(self, span: _Span, flags: _Flags) -> int | None:
-        """Take samples that are alike, the engine running; return where all is reached."""
-        if not flags.fits:
-            self._idle_ns = 0
-            return None
-        moves_ns, idles_ns = (span.elapsed_ns * on for on in (flags.moves, flags.idles))
-        self._idle_ns *= flags.idles
-        at = (
-            span.reached(self._run_ns, self._run_least_ns),
-            self._reached(span, self._moving_ns, self._moving_least_ns, on=flags.moves),
-            span.begin
-            if self._has_idled
-            else self._reached(span, self._idle_ns, self._idle_least_ns, on=flags.idles),
-        )
-        self._run_ns += span.elapsed_ns
-        self._moving_ns += moves_ns
-        self._idle_ns += idles_ns
-        self._has_idled |= at[2] is not None
-        reached = [k for k in at if k is not None]
-        return max(reached) if len(reached) == len(at) else None
-
-    def _reached(self, span: _Span, sum_ns: int, least_ns: int, *, on: bool) -> int | None:
-        if on:
-            return span.reached(sum_ns, least_ns)
-        return span.begin if sum_ns >= least_ns else None
-
-
 class Cycles:
     """Finds the moments at which something is to be counted.
 
@@ -192,14 +90,14 @@ class Cycles:
         self._thresholds = Thresholds(places, [*least, -math.inf, -math.inf, rolls_km_h])
         self.unavailable = tuple(name for name in SIGNALS if name not in at)
         self._engine = EngineWatch(config)
-        self._start_least_ns = _ns(config.start_s)
+        self._start_least_ns = whole_ns(config.start_s)
         self._last_ns: int | None = None
         self._begin()
 
     def _begin(self) -> None:
         """Begin a driving cycle."""
         self._start_ns = 0  # since the engine's last start
-        self._denominator = _Denominator(self._config)
+        self._denominator = Denominator(self._config)
         self._due: frozenset[Moment] = _DUE
         self._first_degc = math.nan  # coolant at the engine's start
         self._run_ns, self._run_km = 0, 0.0  # in the driving cycle
@@ -227,7 +125,7 @@ class Cycles:
             if self._speed is None:
                 runs, stands = heard not in (Quality.STALE, *_UNKNOWN), 0
             if runs:
-                span = _Span(begin, end, until_ns)
+                span = Span(begin, end, until_ns)
                 self._run(
                     span,
                     self._flags(bits),
@@ -250,8 +148,8 @@ class Cycles:
         codes += block.quality[:, self._heard]
         return codes
 
-    def _flags(self, bits: int) -> _Flags:
-        return _Flags(
+    def _flags(self, bits: int) -> Flags:
+        return Flags(
             self._vehicle is not None and bool(bits & _MOVES),
             self._vehicle is not None and bits & (_SPEED_KNOWN | _ROLLS) == _SPEED_KNOWN,
             (self._ambient is None or bool(bits & _MILD))
@@ -261,8 +159,8 @@ class Cycles:
 
     def _run(
         self,
-        span: _Span,
-        flags: _Flags,
+        span: Span,
+        flags: Flags,
         coolant_degc: FloatArray | None,
         speed_km_h: FloatArray | None,
         until_ns: IntArray,
@@ -277,7 +175,7 @@ class Cycles:
         if started:  # the time since the last sample is not driven
             self._start_ns = 0
             self._denominator.interrupt()
-            driven = _Span(span.begin + 1, span.end, until_ns)
+            driven = Span(span.begin + 1, span.end, until_ns)
         reached: dict[Moment, int | None] = {}
         if "ignition_cycle" in self._due:
             is_long = self._start_ns >= self._start_least_ns
@@ -296,7 +194,7 @@ class Cycles:
         if driven.begin < driven.end:
             self._drive(driven, speed_km_h, until_ns, found)
 
-    def _warm_up(self, span: _Span, flags: _Flags, coolant_degc: FloatArray) -> int | None:
+    def _warm_up(self, span: Span, flags: Flags, coolant_degc: FloatArray) -> int | None:
         """Return where the coolant is warm and has risen enough since the engine's start."""
         if not flags.is_warm and not math.isnan(self._first_degc):
             return None
@@ -314,7 +212,7 @@ class Cycles:
         return span.begin + int(np.argmax(inside - self._first_degc >= rise_degc))
 
     def _drive(
-        self, span: _Span, speed_km_h: FloatArray | None, until_ns: IntArray, found: Counting
+        self, span: Span, speed_km_h: FloatArray | None, until_ns: IntArray, found: Counting
     ) -> None:
         """Count running time and distance whenever a whole second has passed."""
         before_ns, self._run_ns = self._run_ns, self._run_ns + span.elapsed_ns
@@ -333,7 +231,7 @@ class Cycles:
             found.driven.append((span.begin + k, driven))
             self._taken_ns, self._taken_km = now_ns, now_km
 
-    def _totals_km(self, span: _Span, speed_km_h: FloatArray, until_ns: IntArray) -> FloatArray:
+    def _totals_km(self, span: Span, speed_km_h: FloatArray, until_ns: IntArray) -> FloatArray:
         """Return the distance of the driving cycle after each sample."""
         if span.end - span.begin == 1:  # the sum of a single addend: no array is needed
             speed = speed_km_h.item(span.begin)
@@ -345,8 +243,3 @@ class Cycles:
         totals_km[0] += self._run_km
         np.add.accumulate(totals_km, out=totals_km)
         return totals_km
-
-
-def _ns(seconds: float) -> int:
-    """Return whole nanoseconds; as many as no drive has for an infinite time."""
-    return round(seconds * 1e9) if math.isfinite(seconds) else 1 << 62

@@ -15,7 +15,8 @@ from monitor.frames.candump_blocks import Parser
 from monitor.frames.log_blocks import read_blocks
 from monitor.grid.block_assembler import BlockAssembler
 from monitor.grid.block_samples import Clearing, log_samples, whole
-from monitor.grid.tables import Table, is_table, read_table, table_block
+from monitor.grid.table_samples import table_block
+from monitor.grid.tables import Table, is_table, read_table
 from monitor.grid.timeline import Timeline
 from monitor.judge.causes import Source
 from monitor.model.card import ModelCard

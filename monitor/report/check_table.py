@@ -12,7 +12,8 @@ from monitor.base.types import FloatArray, Quality, QualityArray
 from monitor.frames.profiles.profile import is_profile, path_of, shipped
 from monitor.frames.profiles.recognition import recognised
 from monitor.frames.tables.readers import is_readable, open_table
-from monitor.grid.tables import Table, in_range, is_logger_table, read_table, table_period_ns
+from monitor.grid.table_samples import in_range
+from monitor.grid.tables import Table, is_logger_table, read_table, table_period_ns
 
 # signals whose absence costs something, and what
 WORTH: Final = {

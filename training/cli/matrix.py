@@ -146,7 +146,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _matrix(args: argparse.Namespace) -> "Matrix":
-    from training.studies.matrix.plan import AMBIENTS, SEVERITIES, Matrix
+    from training.studies.matrix.conditions import AMBIENTS
+    from training.studies.matrix.plan import SEVERITIES, Matrix
 
     chosen = SEVERITIES if args.faults is None else dict(map(_fault, args.faults))
     return Matrix(

@@ -33,7 +33,8 @@ from training.greybox.graph.chain_graph import Greybox, longest_dead_time_s, reg
 from training.greybox.graph.checks import TOLERANCE, contraction, parity, physical_inputs
 from training.narx.model_file import HeldOut, card_of, held_out
 from training.narx.stability import CONTRACTION_SAMPLES
-from training.recordings.preparation import MARGIN, Prepared, Role, prepare
+from training.recordings.preparation import Prepared, Role, prepare
+from training.recordings.scaling import MARGIN
 
 if TYPE_CHECKING:
     from training.recordings.recording import Recording

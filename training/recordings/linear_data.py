@@ -16,8 +16,8 @@ from monitor.base.signals import BY_NAME
 from monitor.base.types import FloatArray
 from monitor.model.step import to_model_units
 from training.recordings.outliers import outlier_mask
-from training.recordings.preparation import runs
 from training.recordings.recording import Recording
+from training.recordings.rows import runs
 
 FILTER_ORDER = 2  # of the Butterworth prototype; a band-stop has twice as many poles
 FILTER_MARGIN_HZ = 0.1  # by which the stop band is wider than the line on both sides

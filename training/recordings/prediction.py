@@ -9,8 +9,8 @@ import numpy as np
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
 from monitor.model.step import Model
-from training.recordings.preparation import hold
 from training.recordings.recording import Recording
+from training.recordings.rows import hold
 
 ROWS: Final = 32  # recordings that run side by side
 

@@ -15,8 +15,10 @@ from monitor.base.errors import RecordingError, UsageError
 from monitor.base.signals import BY_NAME
 from monitor.base.types import BoolArray, FloatArray, Quality
 from monitor.model.card import Channel
-from monitor.model.step import PHI_MAX, to_model_units
+from monitor.model.step import to_model_units
 from training.recordings.outliers import outlier_mask
+from training.recordings.rows import runs
+from training.recordings.scaling import Scaling, channel_of, in_output_units, scaling_of
 from training.recordings.transforms import apply
 
 if TYPE_CHECKING:
@@ -27,7 +29,6 @@ BLOCK_SAMPLES = (200, 2000)  # least and most samples of a block
 GROUP = 7  # of seven blocks one validates and one tests: 71/14/14 percent
 OTHER_WEIGHT = 0.1  # of samples outside the enabled region: cold start, fuel cut, open loop
 ENABLE_COLUMNS = {"closed_loop": 1.0, "sensor_ready": 1.0, "fuel_cut": 0.0}
-MARGIN = {"phi": 0.05, "none": 0.3}  # of the trained range, by which signals may leave it
 
 # The controller is driven by the measured lambda. A network that sees its exact output inverts it
 # and predicts the reading of a faulty sensor. So training adds noise to it, several times as large
@@ -70,37 +71,6 @@ class Segment:
     first: int  # row of the recording
     start: int  # row of the concatenated samples
     stop: int
-
-
-@dataclass(frozen=True, slots=True)
-class Scaling:
-    """Affine maps to zero mean and unit variance; inputs after their transforms."""
-
-    u_mean: FloatArray
-    u_std: FloatArray
-    u_low: FloatArray  # inputs are clipped to this range first
-    u_high: FloatArray
-    y_mean: float
-    y_std: float
-    y_low: float  # model units: phi or the output itself
-    y_high: float
-
-    def scale_u(self, u: FloatArray) -> FloatArray:
-        """Return scaled inputs (n, k)."""
-        return np.asarray((np.clip(u, self.u_low, self.u_high) - self.u_mean) / self.u_std)
-
-    def scale_y(self, y: FloatArray | float) -> FloatArray:
-        """Return scaled model units."""
-        return np.asarray((np.clip(y, self.y_low, self.y_high) - self.y_mean) / self.y_std)
-
-    @property
-    def y_scaled_limits(self) -> tuple[float, float]:
-        """The output's range in scaled units."""
-        return float(self.scale_y(self.y_low)), float(self.scale_y(self.y_high))
-
-    def unscale_y(self, y: FloatArray) -> FloatArray:
-        """Return model units."""
-        return np.asarray(y * self.y_std + self.y_mean)
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,7 +155,7 @@ def prepare(
     if transform == "phi" and CONTROLLER in inputs:
         blur = np.random.default_rng([seed, 1]).standard_normal(len(u)) * (role == Role.TRAIN)
         seen[:, list(inputs).index(CONTROLLER)] += CONTROLLER_NOISE * blur
-    scaling = _scaling(seen[train], y[train], transform, inputs, recordings)
+    scaling = scaling_of(seen[train], y[train], transform, inputs, recordings)
     weight = np.where(on, 1.0, other_weight) * valid
     filled = np.interp(np.arange(len(y)), np.flatnonzero(valid), y[valid])
     return Prepared(
@@ -194,8 +164,8 @@ def prepare(
         role=role,
         enabled=on & valid,
         scaling=scaling,
-        inputs=tuple(_channel(n, u[train, i]) for i, n in enumerate(inputs)),
-        output=_channel(output, _in_output_units(transform, recorded[train])),
+        inputs=tuple(channel_of(n, u[train, i]) for i, n in enumerate(inputs)),
+        output=channel_of(output, in_output_units(transform, recorded[train])),
         transform=transform,
         transforms=tuple(transforms),
         recordings=tuple(recordings),
@@ -275,12 +245,6 @@ def _columns(recording: "Recording", names: Sequence[str], outliers: dict[str, i
     return values
 
 
-def runs(good: np.ndarray) -> list[tuple[int, int]]:
-    """Return (first, stop) of every run of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], good.astype(np.int8), [0]])))
-    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-
-
 def _roles(
     segments: Sequence[Segment],
     period_ns: int,
@@ -313,57 +277,6 @@ def _roles(
     return role
 
 
-def _scaling(
-    u: FloatArray,
-    y: FloatArray,
-    transform: str,
-    inputs: Sequence[str],
-    recordings: Sequence["Recording"],
-) -> Scaling:
-    std = u.std(axis=0)
-    for name, spread, mean in zip(inputs, std, u.mean(axis=0), strict=True):
-        if spread <= 1e-9 * max(1.0, abs(mean)):
-            files = ", ".join(str(r.path) for r in recordings)
-            raise RecordingError(f"{files}: input {name} is constant ({mean:g}); leave it out")
-    if y.std() <= 1e-9:
-        raise RecordingError(f"{recordings[0].path}: the output is constant ({y.mean():g})")
-    low, high = u.min(axis=0), u.max(axis=0)
-    share = MARGIN[transform]
-    margin = share * (high - low)
-    if transform == "phi":
-        y_low, y_high = 0.0, PHI_MAX
-    else:
-        span = float(y.max() - y.min())
-        y_low, y_high = float(y.min()) - share * span, float(y.max()) + share * span
-    return Scaling(
-        u_mean=u.mean(axis=0),
-        u_std=std,
-        u_low=low - margin,
-        u_high=high + margin,
-        y_mean=float(y.mean()),
-        y_std=float(y.std()),
-        y_low=y_low,
-        y_high=y_high,
-    )
-
-
-def _in_output_units(transform: str, y: FloatArray) -> FloatArray:
-    return np.asarray(np.minimum(1.0 / np.maximum(y, 1e-3), 16.0)) if transform == "phi" else y
-
-
-def _channel(name: str, values: FloatArray) -> Channel:
-    unit = BY_NAME[name].unit if name in BY_NAME else ""
-    low, high = np.percentile(values, [0.1, 99.9])
-    return Channel(
-        name=name,
-        unit=unit,
-        minimum=float(values.min()),
-        maximum=float(values.max()),
-        percentile_0_1=float(low),
-        percentile_99_9=float(high),
-    )
-
-
 def _warnings(
     u: FloatArray, y: FloatArray, inputs: Sequence[str], output: str, outliers: dict[str, int]
 ) -> list[str]:
@@ -373,16 +286,3 @@ def _warnings(
         if abs(r) > 0.999:
             warnings.append(f"input {name} nearly duplicates the output {output} (r = {r:.4f})")
     return warnings
-
-
-def hold(values: FloatArray) -> FloatArray:
-    """Return (n,) with every gap filled by the value before it, the first by the one after.
-
-    >>> hold(np.array([np.nan, 1.0, np.nan, 3.0]))
-    array([1., 1., 1., 3.])
-    """
-    finite = np.isfinite(values)
-    if not finite.any():
-        return np.zeros_like(values)
-    last = np.maximum.accumulate(np.where(finite, np.arange(len(values)), -1))
-    return np.asarray(values[np.where(last < 0, int(np.argmax(finite)), last)])

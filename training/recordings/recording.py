@@ -24,15 +24,8 @@ from monitor.frames.log_blocks import read_blocks
 from monitor.grid.arrays import table_of
 from monitor.grid.block_assembler import BlockAssembler, assemble_arrays
 from monitor.grid.block_samples import log_samples, whole
-from monitor.grid.tables import (
-    DEFAULT_PERIOD_NS,
-    Table,
-    in_range,
-    is_table,
-    read_table,
-    table_block,
-    table_period_ns,
-)
+from monitor.grid.table_samples import in_range, table_block
+from monitor.grid.tables import DEFAULT_PERIOD_NS, Table, is_table, read_table, table_period_ns
 from monitor.grid.timeline import Timeline
 from monitor.model.card import TrainingRecording
 from training.recordings.measurement import is_measurement, read_measurement, union_of_times

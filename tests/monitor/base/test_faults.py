@@ -9,15 +9,8 @@ from hypothesis import strategies as st
 
 from monitor.base import config, downstream_faults
 from monitor.base.errors import UsageError
-from monitor.base.faults import (
-    NAMES,
-    TRANSIENT_GAIN,
-    Fault,
-    SensorFault,
-    combine,
-    lag_step,
-    resolve,
-)
+from monitor.base.fault_streams import SensorFault
+from monitor.base.faults import NAMES, TRANSIENT_GAIN, Fault, combine, lag_step, resolve
 from monitor.judge.bank import DIRECTIONS, build
 from monitor.memory.dtc import CODES
 from tests.helpers.bank import readings

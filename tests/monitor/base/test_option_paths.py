@@ -149,7 +149,7 @@ def test_files_without_an_option_of_their_own_are_not_written_over_what_is_read(
 ) -> None:
     (tmp_path / name).write_text("read")
     leaf = leaf_of("o2train", words)
-    is_folder = bool(options(leaf, paths.folder))
+    is_folder = any(a.dest == "out" for a in options(leaf, paths.folder))
     out = tmp_path if is_folder else tmp_path / "model.onnx"
     source = next(a.dest for a in options(leaf, paths.read))
     with pytest.raises(UsageError, match="is read, too"):

@@ -14,7 +14,8 @@ from monitor.base.types import Frame, Quality
 from monitor.decode.bus_map import load_pairs
 from monitor.frames.candump import LogCounters
 from monitor.frames.logs import read_frames
-from monitor.grid.tables import is_table, read_table, table_samples
+from monitor.grid.table_samples import table_samples
+from monitor.grid.tables import is_table, read_table
 from tests.conftest import ROOT
 from training.recordings.can_log import FrameBlock, broadcast, write_log
 

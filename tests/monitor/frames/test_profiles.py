@@ -19,7 +19,8 @@ from monitor.frames.profiles.profile import (
 from monitor.frames.profiles.proposal import proposed
 from monitor.frames.profiles.recognition import recognised
 from monitor.frames.tables.readers import open_table
-from monitor.grid.tables import Table, read_table, table_block, table_period_ns
+from monitor.grid.table_samples import table_block
+from monitor.grid.tables import Table, read_table, table_period_ns
 from monitor.report.check_table import check_table
 from tests.helpers.logger_files import Field, drive, write_mlg, write_text_table
 

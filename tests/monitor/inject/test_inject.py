@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.base.errors import SignalMapError, UsageError
-from monitor.base.faults import DropOuts, Noise, SensorFault, TimedSensorFault, resolve
+from monitor.base.fault_streams import DropOuts, Noise, SensorFault, TimedSensorFault
+from monitor.base.faults import resolve
 from monitor.base.types import Frame
 from monitor.decode.decoder import Decoder
 from monitor.inject.injection import FRAME_FAULTS, NAMES, Injection

@@ -20,7 +20,8 @@ from scipy.signal import lfilter
 from monitor.base import config
 from monitor.base.types import FloatArray
 from monitor.judge.bank import DIRECTIONS, build
-from monitor.judge.response import Noise, Response, ResponseRule
+from monitor.judge.claims import Noise
+from monitor.judge.response import Response, ResponseRule
 from monitor.memory.dtc import CODES
 from tests.helpers.bank import readings
 from tests.helpers.examples import inputs

@@ -17,7 +17,7 @@ from monitor.model.step import Model, from_model_units, to_model_units
 from training.narx.export import Network, build, save, update_card
 from training.narx.network import Spec, initial_weights, simulate
 from training.narx.parity import parity
-from training.recordings.preparation import Scaling
+from training.recordings.scaling import Scaling
 from training.recordings.transforms import apply, fuel_air_ratio
 
 INPUTS = ("air_mass_mg", "fuel_mass_mg", "lambda_controller")

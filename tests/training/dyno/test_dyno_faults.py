@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from monitor.base import faults
-from monitor.base.faults import SensorFault
+from monitor.base.fault_streams import SensorFault
 from tests.helpers.simulated_drives import FAULT_DRIVE, SHORT, WARM, differs, driven, rms
 from training.dyno import cycles, drive, ecu, mixture, vehicle
 from training.dyno.effects import Effects

@@ -10,7 +10,7 @@ import pytest
 
 from monitor.base import config, faults
 from monitor.base.errors import RecordingError, UsageError
-from monitor.base.faults import SensorFault
+from monitor.base.fault_streams import SensorFault
 from monitor.report.replay import shipped_model
 from tests.helpers.matrices import FIRST, SEED, SMALL
 from training.cli import main
@@ -18,9 +18,9 @@ from training.dyno import ecu
 from training.dyno.simulation import Experiment, simulate
 from training.limits.targets import LIMIT_SEVERITY
 from training.studies.matrix import run
+from training.studies.matrix.conditions import AMBIENTS, weather
 from training.studies.matrix.drive import put_on, samples
 from training.studies.matrix.plan import (
-    AMBIENTS,
     ELECTRICAL,
     SEVERITIES,
     Matrix,
@@ -28,7 +28,6 @@ from training.studies.matrix.plan import (
     reference_drives,
     refuse_used,
     trials,
-    weather,
 )
 
 DEVELOPMENT = Matrix(first_vehicle=FIRST, seed=SEED)

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from monitor.base.errors import RecordingError, UsageError
-from monitor.base.faults import SensorFault, resolve
+from monitor.base.fault_streams import SensorFault
+from monitor.base.faults import resolve
 from monitor.base.types import FloatArray, Quality
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment

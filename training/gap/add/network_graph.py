@@ -32,7 +32,7 @@ from training.narx.export import (
     write,
 )
 from training.narx.network import Spec
-from training.recordings.preparation import Scaling
+from training.recordings.scaling import Scaling
 
 DIFFERENCE: Final = "chain_difference"  # the network's last input after a retraining
 BEFORE: Final = "before the network"

@@ -21,8 +21,10 @@ from training.narx.stability import Contraction
 from training.narx.stages import Trained, train
 from training.narx.starts import choose, committees
 from training.narx.structure import FIRST_DECAY
-from training.recordings.preparation import Prepared, Scaling, hold
+from training.recordings.preparation import Prepared
 from training.recordings.recording import Recording
+from training.recordings.rows import hold
+from training.recordings.scaling import Scaling
 
 RANDOM_STARTS = 2
 

@@ -16,8 +16,8 @@ from training.greybox.fit.drive import Drive, from_recording
 from training.greybox.graph.chain_difference import ChainDifference
 from training.greybox.graph.chain_graph import Greybox
 from training.recordings.prediction import predicted_phi
-from training.recordings.preparation import hold
 from training.recordings.recording import Recording
+from training.recordings.rows import hold
 
 GREYBOX: Final = "greybox"
 

@@ -32,7 +32,8 @@ from training.gap.name.verdict import (
 from training.greybox.chain import Constants
 from training.greybox.effects import ALL, Effect
 from training.greybox.fit.drive import Drive
-from training.greybox.fit.joint import Case, Prior, Term, fit, held_out_rmse
+from training.greybox.fit.held_out import held_out_rmse
+from training.greybox.fit.joint import Case, Prior, Term, fit
 from training.greybox.fit.sensor_faults import FAULTS
 from training.jobs.checkpoints import Progress
 

@@ -11,7 +11,8 @@ from monitor.base.types import FloatArray, IntArray
 from training.gap.healthy.behaviour import columns, noise
 from training.greybox.fit import ridge
 from training.greybox.fit.comparison import FOLDS
-from training.greybox.fit.joint import Case, Fit, held_out, plain_errors, predict
+from training.greybox.fit.held_out import held_out
+from training.greybox.fit.joint import Case, Fit, plain_errors, predict
 
 LARGEST: Final = 5.0  # of a whitened error in sigma, beyond which it counts no more
 BOOTSTRAPS: Final = 2000

@@ -21,7 +21,8 @@ from training.gap.name.base_state import base_state
 from training.gap.name.ranking import State
 from training.greybox.chain import Constants, simulate
 from training.greybox.fit.drive import Drive, path_of
-from training.greybox.fit.joint import Term, fit, held_out_rmse
+from training.greybox.fit.held_out import held_out_rmse
+from training.greybox.fit.joint import Term, fit
 from training.greybox.fit.sensor_faults import FAULTS
 from training.jobs.checkpoints import Progress
 

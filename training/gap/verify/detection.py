@@ -11,7 +11,8 @@ import numpy as np
 
 from monitor.base import config
 from monitor.base.config import Config
-from monitor.base.faults import Fault, SensorFault
+from monitor.base.fault_streams import SensorFault
+from monitor.base.faults import Fault
 from monitor.judge.limits import Limits
 from monitor.model.step import Model
 from monitor.pipeline.side_by_side import Judged

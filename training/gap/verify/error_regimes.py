@@ -19,7 +19,7 @@ from training.gap.verify.evidence import Error
 from training.gap.where.bootstrap import draw_counts
 from training.gap.where.drivers import DERIVED
 from training.greybox.fit.comparison import BLOCK_S, Comparison
-from training.recordings.preparation import hold
+from training.recordings.rows import hold
 
 LIMITS: Final = CONFIG.verify
 PARTS: Final = (("low", "medium", "high"), (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0))

@@ -29,7 +29,7 @@ from training.gap.where.splines import (
 )
 from training.gap.where.transport import Transport
 from training.greybox.fit.comparison import Comparison, Stack, gather
-from training.recordings.preparation import hold
+from training.recordings.rows import hold
 
 Point = Literal["before the transport", "at the sensor", "timing", "sensitivity"]
 POINTS: Final[tuple[Point, ...]] = get_args(Point)

@@ -10,7 +10,7 @@ from monitor.base.types import FloatArray
 from training.gap.config import CONFIG
 from training.greybox.fit.comparison import Comparison
 from training.greybox.fit.drive import in_fuel_cut
-from training.recordings.preparation import hold
+from training.recordings.rows import hold
 
 LIMITS: Final = CONFIG.drivers
 

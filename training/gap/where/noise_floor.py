@@ -20,7 +20,7 @@ from training.gap.config import CONFIG
 from training.gap.where.bootstrap import draw_counts
 from training.gap.where.drivers import find_drivers
 from training.greybox.fit.comparison import Comparison, Stack, gather
-from training.recordings.preparation import hold
+from training.recordings.rows import hold
 
 WEIGHTS: Final = (1.0, -3.0, 3.0, -1.0)  # third difference
 LIMITS: Final = CONFIG.noise_floor

@@ -8,7 +8,7 @@ import numpy as np
 
 from monitor.base.types import BoolArray, FloatArray
 from training.greybox.fit.comparison import Comparison, Stack, gather
-from training.recordings.preparation import hold
+from training.recordings.rows import hold
 
 SPEEDS: Final = ("engine_speed_rpm", "vehicle_speed_km_h")
 LOADS: Final = ("air_mass_mg", "manifold_pressure_kpa", "maf_kg_h", "fuel_mass_mg")

@@ -15,7 +15,7 @@ from monitor.base.types import FloatArray, IntArray
 from training.gap.config import CONFIG
 from training.gap.where.drivers import NO_DRIVERS
 from training.greybox.fit.comparison import Comparison
-from training.recordings.preparation import hold
+from training.recordings.rows import hold
 
 LIMITS: Final = CONFIG.bands
 

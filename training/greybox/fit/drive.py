@@ -14,8 +14,8 @@ from training.greybox.chain import RECOVERY_S, Constants, Path, base_path, charg
 from training.greybox.effects import ALL, Effect, Own, along
 from training.greybox.effects.form.air_meter import following
 from training.pages.numbers import percent
-from training.recordings.preparation import hold
 from training.recordings.recording import Recording
+from training.recordings.rows import hold
 
 OUTPUT: Final = "lambda_measured"
 NEEDED: Final = ("air_mass_mg", "fuel_mass_mg")

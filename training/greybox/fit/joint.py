@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 from monitor.base.types import BoolArray, FloatArray, IntArray
 from training.greybox.chain import RANGES, Constants, Path, simulate
 from training.greybox.effects import LIBRARY, Effect
-from training.greybox.fit.comparison import BLOCK_S, FOLDS
+from training.greybox.fit.comparison import BLOCK_S
 from training.greybox.fit.drive import Drive, path_of
 from training.greybox.fit.sensor_faults import FAULTS, SensorFault
 from training.greybox.fit.variation import Shrink
@@ -209,7 +209,7 @@ def _starting_points(terms: Sequence[Term], start: Fit | Constants) -> list[Floa
 
 
 @dataclass(frozen=True, slots=True)
-class _Layout:
+class Layout:
     """The moving constants of a fit in one array."""
 
     case: Case
@@ -243,7 +243,7 @@ class _Layout:
 
 
 def _descend(case: Case, terms: tuple[Term, ...], start: FloatArray, search: Search) -> Fit:
-    layout = _Layout(case, terms)
+    layout = Layout(case, terms)
     low, high = layout.limits
     scale = layout.join(
         search.scale, [[_scale(p.start) for p in term.parameters] for term in terms]
@@ -315,41 +315,3 @@ def _term_rows(terms: Sequence[Term], own: Sequence[FloatArray]) -> FloatArray:
         if p.spread is not None
     ]
     return np.array(rows, dtype=np.float64)
-
-
-def held_out(found: Fit, blocks: IntArray) -> FloatArray:
-    """Return each sample's error (m,) in sigma by the fit without the fold of its block.
-
-    The fit without a fold is one Gauss-Newton step away from the whole fit, which is enough for a
-    dozen constants and thousands of samples.
-    """
-    fold = blocks % FOLDS
-    result = found.residual.copy()
-    for f, step in enumerate(_steps_without(found, fold)):
-        result[fold == f] += found.jacobian[fold == f] @ step
-    return result
-
-
-def held_out_rmse(case: Case, found: Fit) -> float:
-    """Return the RMSE in phi over all blocks, each predicted by the fit without its fold."""
-    fold = case.blocks % FOLDS
-    layout = _Layout(case, found.terms)
-    low, high = layout.limits
-    centre = layout.join(found.base, [own.tolist() for own in found.parameters])
-    squares = 0.0
-    for f, step in enumerate(_steps_without(found, fold)):
-        base, own = layout.split(np.clip(centre + step, low, high))
-        e = plain_errors(case, predict(case, base, found.terms, own))
-        squares += float((e[fold == f] ** 2).sum())
-    return float(np.sqrt(squares / len(fold)))
-
-
-def _steps_without(found: Fit, fold: IntArray) -> list[FloatArray]:
-    """Return the step of the constants (p,) for each fold that is left out."""
-    steps = []
-    for f in range(FOLDS):
-        own = found.jacobian[fold == f]
-        rest = found.hessian - own.T @ own
-        ridge = 1e-9 * np.diag(np.diag(found.hessian) + 1e-12)
-        steps.append(np.linalg.solve(rest + ridge, own.T @ found.residual[fold == f]))
-    return steps

@@ -10,8 +10,9 @@ from training.limits.decision_limits import MANY_WINDOWS
 from training.narx.network import Spec
 from training.recordings.linear_data import output_transform
 from training.recordings.outliers import outlier_mask
-from training.recordings.preparation import BLOCK_S, ENABLE_COLUMNS, GROUP, enabled_rows, runs
+from training.recordings.preparation import BLOCK_S, ENABLE_COLUMNS, GROUP, enabled_rows
 from training.recordings.recording import Recording
+from training.recordings.rows import runs
 
 SHORTEST_STRETCH = 8  # times the lags: training.recordings.preparation drops shorter stretches
 SAMPLES_PER_WEIGHT = 10  # with fewer samples the network overfits

@@ -53,7 +53,7 @@ def samples(trial: Trial, bus_map: BusMap, period_ns: int) -> SampleBlock:
 def put_on(lambda_healthy: FloatArray, fault: Fault) -> FloatArray:
     """Return the lambda readings (n,) of a faulty sensor, clipped like the plant's ECU does.
 
-    The result equals that of ``faults.SensorFault``; this form is compiled.
+    The result equals that of ``fault_streams.SensorFault``; this form is compiled.
     lambda_healthy : (n,) healthy readings at 100 Hz, NaN where not available
     Raises UsageError for ``not_ready`` and a missing signal: they are no readings.
     """

@@ -19,9 +19,10 @@ from training.limits.data_check.check import check
 from training.limits.data_check.findings import verdict
 from training.recordings.preparation import ENABLE_COLUMNS
 from training.studies.paper.narx import study as narx_study
-from training.studies.paper.outcome.choice import choose, contenders, free_structure, ship
+from training.studies.paper.outcome.choice import choose, contenders, free_structure
 from training.studies.paper.outcome.comparison import TITLES, baselines, beside
 from training.studies.paper.outcome.sensor import against_sensor
+from training.studies.paper.outcome.shipment import ship
 from training.studies.paper.outcome.steady_training import steady_against_mixed
 from training.studies.paper.preparation.preparation import preparation
 from training.studies.paper.selection.selection import selection

@@ -22,9 +22,9 @@ from training.recordings.preparation import (
     Segment,
     enabled_rows,
     prepare,
-    runs,
 )
 from training.recordings.recording import Recording
+from training.recordings.rows import runs
 from training.studies.paper.narx.candidates import CANDIDATES, Candidate
 
 LAGS = 5  # samples, from the paper; stretches below 8 times the lags are left out, as in ``fit``

@@ -8,7 +8,8 @@ import pytest
 from scipy.signal import lfilter
 
 from monitor.base import config
-from monitor.base.faults import SensorFault, resolve
+from monitor.base.fault_streams import SensorFault
+from monitor.base.faults import resolve
 from monitor.base.types import FloatArray
 from monitor.model.card import Limit
 from monitor.model.step import Model

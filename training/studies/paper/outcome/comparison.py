@@ -12,7 +12,8 @@ from training.narx.network import Spec
 from training.narx.stages import free_run
 from training.recordings import metrics
 from training.recordings.linear_data import LinearData, Stretch, linear_stretches
-from training.recordings.preparation import Role, runs
+from training.recordings.preparation import Role
+from training.recordings.rows import runs
 from training.studies.paper.linear.baselines import Regime, linear
 from training.studies.paper.linear.regressors import Stretch as Pair
 from training.studies.paper.task import Task, judged_on

@@ -14,15 +14,17 @@ import numpy as np
 
 from monitor.base import manifest
 from monitor.base.errors import UsageError
-from monitor.base.faults import SensorFault, resolve
+from monitor.base.fault_streams import SensorFault
+from monitor.base.faults import resolve
 from monitor.base.types import FloatArray
 from monitor.model.step import from_model_units
 from training.jobs.json_tree import plain
 from training.narx.model_file import measures
 from training.narx.network import Spec
 from training.narx.stages import free_run
-from training.recordings.preparation import Prepared, Role, runs
+from training.recordings.preparation import Prepared, Role
 from training.recordings.recording import Recording
+from training.recordings.rows import runs
 from training.studies.paper.task import Task, as_in_use, scaled_as, source, thinned
 
 WINDOW = 50  # samples, Model Based Diagnosis of Oxygen Sensors, section 2

@@ -19,8 +19,9 @@ from training.recordings.linear_data import (
     output_transform,
 )
 from training.recordings.outliers import outlier_mask
-from training.recordings.preparation import enabled_rows, runs
+from training.recordings.preparation import enabled_rows
 from training.recordings.recording import Recording
+from training.recordings.rows import runs
 from training.recordings.spectrum import (
     Line,
     Spectrum,

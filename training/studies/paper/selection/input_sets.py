@@ -13,8 +13,9 @@ from training.narx.network import Spec
 from training.narx.stages import Trained, free_run, train
 from training.recordings import metrics
 from training.recordings.outliers import outlier_mask
-from training.recordings.preparation import CONTROLLER, Prepared, Role, Samples, prepare, runs
+from training.recordings.preparation import CONTROLLER, Prepared, Role, Samples, prepare
 from training.recordings.recording import Recording
+from training.recordings.rows import runs
 
 LAGS, HIDDEN, HORIZONS, STARTS = 5, (8,), (5, 20, 100), 2  # lags and horizons in samples
 MOST_TRAINING = 24_000  # samples, enough for a few hundred weights; the rest is for testing

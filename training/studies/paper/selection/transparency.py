@@ -17,14 +17,16 @@ from typing import Any
 import numpy as np
 from scipy import linalg, signal
 
-from monitor.base.faults import SensorFault, resolve
+from monitor.base.fault_streams import SensorFault
+from monitor.base.faults import resolve
 from monitor.base.types import FloatArray
 from monitor.model.step import from_model_units, to_model_units
 from training.narx.network import simulate
 from training.narx.stages import measured_history
 from training.recordings.metrics import correlation
-from training.recordings.preparation import CONTROLLER, Role, enabled_rows, runs
+from training.recordings.preparation import CONTROLLER, Role, enabled_rows
 from training.recordings.recording import Recording
+from training.recordings.rows import runs
 from training.studies.paper.selection.input_sets import Tried, exact_inputs
 
 COMMAND = "lambda_target"
