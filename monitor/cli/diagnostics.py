@@ -1,4 +1,4 @@
-"""Options of ``o2mon run`` that answer diagnostic testers on ISO-TP."""
+"""Options of ``o2mon run`` that answer diagnostic testers on ISO-TP and J1939."""
 
 import argparse
 from collections.abc import Callable
@@ -10,6 +10,7 @@ from monitor.cli.options import say
 
 if TYPE_CHECKING:
     from monitor.bus.attachment import Attachment
+    from monitor.bus.diagnostics.state import State
     from monitor.bus.loop import Loop
     from monitor.report.replay import Setup
 
@@ -30,6 +31,12 @@ def add_diagnostics(parser: argparse.ArgumentParser) -> None:
         metavar="MODULE:FUNCTION",
         help="before a tester may clear codes, it must answer a random seed with the key of this "
         "function (UDS 0x27); also the name of an entry point",
+    )
+    parser.add_argument(
+        "--j1939",
+        metavar="HEX",
+        help="on a truck's bus: source address under which active codes are sent (DM1) and "
+        "requests for DM2 and DM3 are answered; needs --transmit",
     )
     parser.add_argument("--vin", help="vehicle identification number that testers read")
     parser.add_argument(
@@ -55,9 +62,21 @@ def diagnostics(
     """
     asked = args.diagnostics_id not in (None, _NONE)
     if not args.transmit:
-        if asked or args.vin or args.clear_while_running or args.security_key or args.obd_on_uds:
+        only = args.vin, args.clear_while_running, args.security_key, args.obd_on_uds
+        if asked or args.j1939 or any(only):
             raise UsageError("diagnostics answers only with --transmit")
         return []
+    return [*_on_isotp(args, setup, loop, tell, asked=asked), *_on_j1939(args, setup, loop, tell)]
+
+
+def _on_isotp(
+    args: argparse.Namespace,
+    setup: "Setup",
+    loop: "Loop",
+    tell: Callable[[str], None],
+    *,
+    asked: bool,
+) -> "list[Attachment]":
     if args.diagnostics_id == _NONE:
         return []
     if find_spec("isotp") is None:
@@ -65,9 +84,25 @@ def diagnostics(
             raise UsageError(_MISSING)
         tell(f"no diagnostics: {_MISSING}")
         return []
+    from monitor.bus.diagnostics.server import DEFAULT_RESPONSE_ID, Address, Diagnostics
+
+    address = Address.parse(args.diagnostics_id or DEFAULT_RESPONSE_ID)
+    return [Diagnostics(_state(args, setup, loop), address)]
+
+
+def _on_j1939(
+    args: argparse.Namespace, setup: "Setup", loop: "Loop", tell: Callable[[str], None]
+) -> "list[Attachment]":
+    if args.j1939 is None:
+        return []
+    from monitor.bus.j1939.node import Node, address
+
+    return [Node(_state(args, setup, loop), address(args.j1939), tell)]
+
+
+def _state(args: argparse.Namespace, setup: "Setup", loop: "Loop") -> "State":
     from monitor import __version__
     from monitor.bus.diagnostics.security import KeyAccess, key_of
-    from monitor.bus.diagnostics.server import DEFAULT_RESPONSE_ID, Address, Diagnostics
     from monitor.bus.diagnostics.state import Identity, State
 
     monitor, config = loop.pipeline.monitor, setup.config
@@ -90,4 +125,4 @@ def diagnostics(
     )
     if args.security_key:
         state.access = KeyAccess(key_of(args.security_key))
-    return [Diagnostics(state, Address.parse(args.diagnostics_id or DEFAULT_RESPONSE_ID))]
+    return state
