@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from monitor.base import option_paths as paths
 from training.cli import catalyst, greybox
 from training.cli.recordings import add_recordings, add_signal_options, inputs_of, load_all
+from training.cli.seeds import add_seed_option, check_seed
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -120,13 +121,7 @@ def _add_network(parser: argparse.ArgumentParser) -> None:
         metavar="MIN",
         help="minutes after which the training stops and keeps its best network (default 10)",
     )
-    parser.add_argument(
-        "--seed",
-        type=int,
-        default=0,
-        metavar="N",
-        help="seed of the initial weights and of the held-out blocks (default 0)",
-    )
+    add_seed_option(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -177,8 +172,7 @@ def _check_fit(args: argparse.Namespace) -> Path:
         raise UsageError("--lags, --starts, --hidden and --budget must be positive")
     if args.out.suffix != ".onnx":
         raise UsageError(f"--out {args.out}: a model file ends in .onnx")
-    if args.seed < 0:
-        raise UsageError("--seed is at least 0")
+    check_seed(args)
     report = _report(args)
     if args.kind == "greybox":
         greybox.check(args)

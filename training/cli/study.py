@@ -12,6 +12,7 @@ from training.cli.recordings import (
     inputs_of,
     load_all,
 )
+from training.cli.seeds import add_seed_option, check_seed
 
 _EXAMPLES = """examples:
   o2train study drives/*.parquet --test wltc.parquet --faulty slow.parquet --out study
@@ -112,13 +113,7 @@ def _add_effort(parser: argparse.ArgumentParser) -> None:
         "(default 10); input selection may take 0.4 of the budget more, the training on steady "
         "against mixed driving 0.6 divided by --jobs",
     )
-    parser.add_argument(
-        "--seed",
-        type=int,
-        default=0,
-        metavar="N",
-        help="seed of the initial weights and of the held-out blocks (default 0)",
-    )
+    add_seed_option(parser)
 
 
 def _add_machines(parser: argparse.ArgumentParser) -> None:
@@ -149,8 +144,7 @@ def run(args: argparse.Namespace) -> int:
 
     if min(args.starts, args.iterations, args.samples, args.jobs) < 1 or not args.budget > 0:
         raise UsageError("--starts, --iterations, --samples, --jobs and --budget must be positive")
-    if args.seed < 0:
-        raise UsageError("--seed is at least 0")
+    check_seed(args)
     settings = Settings(
         starts=args.starts,
         iterations=args.iterations,
