@@ -158,6 +158,9 @@ class CatalystConfig:
     settle_s: float
     segment_s: float
     segment_most: float
+    rest_range_v: float
+    rest_level_v: float
+    rest_weight: float
     memory_s: float
     evidence_weight: float
     evidence_most: float

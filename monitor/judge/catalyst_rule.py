@@ -84,8 +84,16 @@ class CatalystRule:
     def interrupt(self) -> None:
         """Lose track of the filling, after samples that are missing."""
         self._bank.reset()
+        self._begin()
+        self._wait = self._n_settle
+
+    def _begin(self) -> None:
+        """Begin a segment."""
         self._segment[:] = 0.0
-        self._n, self._wait = 0, self._n_settle
+        self._least, self._most = math.inf, -math.inf  # of the measured voltage
+        self._least_of = np.full(self.members.shape, math.inf)  # of each member's
+        self._most_of = np.full(self.members.shape, -math.inf)
+        self._n = 0
 
     def push(
         self, x: FloatArray, air_g_s: FloatArray, volts: FloatArray, counts: BoolArray
@@ -111,6 +119,9 @@ class CatalystRule:
         self._sum_v += volts
         self._n_v += 1
         predicted[self._stuck] = self._sum_v / self._n_v  # such a sensor reads its own mean
+        self._least, self._most = min(self._least, volts), max(self._most, volts)
+        np.minimum(self._least_of, predicted, out=self._least_of)
+        np.maximum(self._most_of, predicted, out=self._most_of)
         z = (volts - predicted) / self._config.voltage_std_v
         nu = self._config.tail
         self._segment -= 0.5 * (nu + 1.0) * np.log1p(z * z / nu)
@@ -118,16 +129,31 @@ class CatalystRule:
 
     def _close(self) -> None:
         most = self._config.segment_most
-        segment = self._segment * self._weight
+        segment = self._fairly() * self._weight
         possible = [self._may_be(fault) for fault in self._faults]
         gained = np.clip(segment - segment[possible].max(), -most, 0.0)
         self._evidence += gained
         self._parts[self.segments // self._config.offset_block % len(self._parts)] += gained
         top = self._evidence[possible].max()
         np.clip(self._evidence, top - self._config.evidence_most, top, out=self._evidence)
-        self._segment[:] = 0.0
-        self._n = 0
+        self._begin()
         self.segments += 1
+
+    def _fairly(self) -> FloatArray:
+        """Return the segment's log likelihoods; those at rest count less for a wrong level.
+
+        The level at which a voltage rests between rich and lean depends on sensor and gas, and each
+        segment at rest tells it anew. So where the measured voltage and a member's both rest, only
+        ``rest_weight`` of a level within ``rest_level_v`` counts.
+        """
+        config = self._config
+        if self._most - self._least > config.rest_range_v:
+            return self._segment
+        rests = self._most_of - self._least_of <= config.rest_range_v
+        nu, z = config.tail, config.rest_level_v / config.voltage_std_v
+        within = -0.5 * (nu + 1.0) * math.log1p(z * z / nu) * self._n
+        eased = self._segment - (1.0 - config.rest_weight) * np.maximum(self._segment, within)
+        return np.where(rests, eased, self._segment)
 
     @property
     def _posterior(self) -> FloatArray:

@@ -1,13 +1,17 @@
 """Simulated vehicles with a sensor behind the catalyst, from the ECU's frames to codes."""
 
+from collections import deque
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from monitor.base import config, downstream_faults, faults
+from monitor.judge.catalyst import CatalystMonitor
 from monitor.report.replay import replay, set_up
+from training.dyno import ecu, effects, vehicle
 from training.dyno.recording_files import write
-from training.dyno.simulation import Experiment
+from training.dyno.simulation import Experiment, simulate
 
 DRIVE = {"vehicle": 21, "seed": 8, "duration_s": 420.0, "downstream": True}
 CIRCUIT = [
@@ -49,3 +53,29 @@ def test_codes_follow_from_the_frames_without_any_memory(
     recording, _ = replay(log, set_up(None, [], config.shipped()))
     assert {dtc["code"] for dtc in recording["dtcs"]} == codes
     assert recording["catalyst"]["segments"] > 30
+
+
+def test_a_voltage_that_mostly_rests_is_no_evidence_of_an_offset() -> None:
+    # GIVEN a sound vehicle in town whose ECU cuts no fuel, so that little moves the voltage
+    signals = simulate(
+        Experiment(
+            cycle="micro_trips",
+            vehicle=1124,
+            seed=1124,
+            duration_s=600.0,
+            downstream=True,
+            effects=effects.from_severities({"ethanol": 0.97}),
+            conditions=vehicle.conditions(1124)._replace(overrun_cut=0.0),
+        )
+    )
+    bus_map = ecu.own_bus()
+    sent = ecu.broadcast(signals, bus_map, np.random.default_rng(1124))
+    block = ecu.samples(sent, bus_map, 100_000_000)
+    # WHEN the catalyst is judged
+    monitor = CatalystMonitor(config.shipped().catalyst, ecu.names_of(sent, bus_map), 0.1)
+    running = np.ones(len(block.values), dtype=np.bool_)
+    deque(monitor.push(block.values, running), maxlen=0)
+    entry = monitor.entry()
+    # THEN it is sound, and so is the upstream sensor
+    assert entry is not None
+    assert (entry["verdict"], entry["balance_verdict"]) == ("passed", "passed")
